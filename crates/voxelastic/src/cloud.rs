@@ -1,0 +1,48 @@
+//! One LiDAR cloud as it enters the system, before any projection.
+
+/// A LiDAR cloud in the lidar frame L, in metres.
+///
+/// Optional channels are either absent or exactly as long as [`Cloud::points`]. A point with a NaN or all-zero
+/// coordinate is "no return"; it is kept so that an organised cloud keeps its pixel grid.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cloud {
+    /// Coordinates x, y, z in the lidar frame, metres.
+    pub points: Vec<[f32; 3]>,
+    /// Columns of an organised cloud; for an unorganised cloud the number of points.
+    pub width: usize,
+    /// Rows (rings) of an organised cloud; 1 for an unorganised cloud. Row-major: point `row * width + column`.
+    pub height: usize,
+    /// Return strength in the sensor's own scale (intensity or reflectivity).
+    pub intensity: Option<Vec<f32>>,
+    /// Ring (row) of each point, 0-based, in the sensor's own order.
+    pub ring: Option<Vec<u16>>,
+    /// Time of each point in seconds, relative to the cloud's time stamp.
+    pub time: Option<Vec<f32>>,
+}
+
+impl Cloud {
+    /// An unorganised cloud of bare points.
+    pub fn from_points(points: Vec<[f32; 3]>) -> Self {
+        Self { width: points.len(), height: 1, points, ..Self::default() }
+    }
+
+    /// Number of points, returns or not.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether the cloud holds no point at all.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Whether the points form a grid of rings x columns.
+    pub fn is_organised(&self) -> bool {
+        self.height > 1 && self.width * self.height == self.points.len()
+    }
+
+    /// Whether `p` is a measured return: finite and not the origin.
+    pub fn is_return(p: &[f32; 3]) -> bool {
+        p.iter().all(|c| c.is_finite()) && *p != [0.0; 3]
+    }
+}

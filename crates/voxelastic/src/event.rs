@@ -1,0 +1,45 @@
+//! The registered cloud list (paper Sec. IV) as a stream of events: one path for live and replayed input.
+
+use crate::{Cloud, Pose};
+
+/// Identifier of a pose-graph node, as the SLAM system numbers it.
+pub type NodeId = u64;
+
+/// What a SLAM system tells the mapper, in the order in which it happens.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// A node and the scan taken there.
+    Scan(Scan),
+    /// Two consecutive nodes, with their measured relative pose.
+    OdometryEdge(Edge),
+    /// Two nodes that saw the same place, with their measured relative pose.
+    LoopEdge(Edge),
+    /// Corrected poses of nodes already seen.
+    PoseUpdate(Vec<(NodeId, Pose)>),
+}
+
+/// A node of the pose graph with its cloud.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    /// The node's identifier.
+    pub node: NodeId,
+    /// Time stamp in seconds.
+    pub time: f64,
+    /// Pose of the lidar frame in the map frame when the scan was taken.
+    pub t_map_lidar: Pose,
+    /// The points, in the lidar frame.
+    pub cloud: Cloud,
+}
+
+/// A constraint of the pose graph between two nodes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Edge {
+    /// Node the constraint is expressed in.
+    pub from: NodeId,
+    /// Node whose pose is measured.
+    pub to: NodeId,
+    /// Pose of `to` in the frame of `from`.
+    pub t_from_to: Pose,
+    /// Information matrix, upper triangle row by row, order x y z roll pitch yaw (as in g2o); absent when unknown.
+    pub information: Option<[f64; 21]>,
+}

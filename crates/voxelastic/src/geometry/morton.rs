@@ -1,0 +1,58 @@
+//! Morton (Z-order) keys of up to 21 bits per axis: sorting by key keeps neighbours in space near each other in memory.
+
+/// Bits per axis that a key can hold.
+pub const AXIS_BITS: u32 = 21;
+
+/// Spreads the low 21 bits of `v` so that two zero bits follow each.
+#[inline(always)]
+const fn spread(v: u32) -> u64 {
+    let mut x = v as u64 & 0x1f_ffff;
+    x = (x | x << 32) & 0x001f_0000_0000_ffff;
+    x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+    x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+    x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+    (x | x << 2) & 0x1249_2492_4924_9249
+}
+
+#[inline(always)]
+const fn gather(v: u64) -> u32 {
+    let mut x = v & 0x1249_2492_4924_9249;
+    x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
+    x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
+    x = (x | x >> 8) & 0x001f_0000_ff00_00ff;
+    x = (x | x >> 16) & 0x001f_0000_0000_ffff;
+    (x | x >> 32) as u32 & 0x1f_ffff
+}
+
+/// Interleaves three unsigned coordinates: bit 0 of the key is bit 0 of x, bit 1 of y, bit 2 of z.
+#[inline(always)]
+pub const fn encode(c: [u32; 3]) -> u64 {
+    spread(c[0]) | spread(c[1]) << 1 | spread(c[2]) << 2
+}
+
+/// The coordinates that [`encode`] interleaved.
+#[inline(always)]
+pub const fn decode(key: u64) -> [u32; 3] {
+    [gather(key), gather(key >> 1), gather(key >> 2)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn decode_inverts_encode(x in 0u32..1 << 21, y in 0u32..1 << 21, z in 0u32..1 << 21) {
+            prop_assert_eq!(decode(encode([x, y, z])), [x, y, z]);
+        }
+
+        #[test]
+        fn encode_interleaves_bit_by_bit(x in 0u32..1 << 21, y in 0u32..1 << 21, z in 0u32..1 << 21) {
+            let slow = (0..21).fold(0u64, |k, b| {
+                k | (u64::from(x >> b & 1) << (3 * b)) | (u64::from(y >> b & 1) << (3 * b + 1)) | (u64::from(z >> b & 1) << (3 * b + 2))
+            });
+            prop_assert_eq!(encode([x, y, z]), slow);
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! Voxelastic turns LiDAR scans, with poses that a SLAM system may correct later, into one dense map that bends with the corrections.
+
+pub mod cloud;
+pub mod event;
+pub mod geometry;
+pub mod sensor;
+
+pub use cloud::Cloud;
+pub use geometry::Pose;

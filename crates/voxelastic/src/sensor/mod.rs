@@ -1,0 +1,1 @@
+//! The sensor (paper Sec. III): beam model, range image, normals, pyramid.
