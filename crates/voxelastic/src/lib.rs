@@ -2,7 +2,10 @@
 
 pub mod cloud;
 pub mod event;
+pub mod field;
 pub mod geometry;
+pub mod integrate;
+pub mod octree;
 pub mod sensor;
 
 pub use cloud::Cloud;

@@ -1,0 +1,169 @@
+//! A TSDF's blocks: an octree of [`Block`] heads over voxel arrays, and the moves between scales.
+//!
+//! A block is integrated at one scale at a time. Going coarser keeps the finer array and remembers what the coarse one
+//! started from ([`Block::past`]); going finer again carries only the difference down, so that detail is never lost.
+
+use super::voxel::Voxel;
+use crate::field::BlockStore;
+use crate::octree::{Cursor, NONE, Octree, Pool, SCALES};
+
+/// One block of 8 x 8 x 8 finest voxels: where it is and which arrays it holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block {
+    /// Morton key of its place, see [`crate::octree::block_key`].
+    pub key: u64,
+    /// The scale at which it is integrated now: the edge of its voxels is 2^scale finest voxels.
+    pub scale: u8,
+    /// The finest scale for which it holds an array.
+    pub finest: u8,
+    /// Slots of the arrays from `finest` to `scale`.
+    pub data: [u32; SCALES],
+    /// Slots of what the arrays from `finest + 1` to `scale` held when the block went up to them.
+    pub past: [u32; SCALES],
+    /// Slots of the intensities belonging to `data`; absent when no scan had any.
+    pub shade: [u32; SCALES],
+}
+
+impl Block {
+    fn new(key: u64) -> Self {
+        Self { key, scale: 0, finest: 0, data: [NONE; SCALES], past: [NONE; SCALES], shade: [NONE; SCALES] }
+    }
+}
+
+/// A TSDF over an octree of blocks, in a submap's frame.
+#[derive(Clone, Debug, Default)]
+pub struct TsdfField {
+    pub(crate) tree: Octree<()>,
+    pub(crate) blocks: Pool<Block>,
+    pub(crate) voxels: BlockStore<Voxel>,
+    pub(crate) shades: BlockStore<u8>,
+}
+
+impl TsdfField {
+    /// Number of blocks.
+    pub fn len(&self) -> usize {
+        self.blocks.live()
+    }
+
+    /// Whether nothing was ever integrated.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The octree over the blocks.
+    pub fn tree(&self) -> &Octree<()> {
+        &self.tree
+    }
+
+    /// The block with id `id`.
+    #[inline(always)]
+    pub fn block(&self, id: u32) -> &Block {
+        &self.blocks[id]
+    }
+
+    /// Ids of all blocks; blocks are never removed from a field, so these are consecutive.
+    pub fn ids(&self) -> std::ops::Range<u32> {
+        0..self.blocks.capacity_used()
+    }
+
+    /// The id of the block with `key`.
+    pub fn find(&self, key: u64) -> Option<u32> {
+        self.tree.block(key)
+    }
+
+    /// The array of `block` at `scale`; the scale lies between the block's `finest` and `scale`.
+    #[inline(always)]
+    pub fn voxels(&self, block: &Block, scale: usize) -> &[Voxel] {
+        self.voxels.get(scale, block.data[scale])
+    }
+
+    /// The array that the block is integrated into.
+    #[inline(always)]
+    pub fn current(&self, block: &Block) -> &[Voxel] {
+        self.voxels(block, usize::from(block.scale))
+    }
+
+    /// Intensities of the current array, 0 to 255, where the scans had any.
+    pub fn shade(&self, block: &Block) -> Option<&[u8]> {
+        let slot = block.shade[usize::from(block.scale)];
+        (slot != NONE).then(|| self.shades.get(usize::from(block.scale), slot))
+    }
+
+    /// Finds block `key` or makes it at `scale`. The tree's root must cover the key.
+    pub(crate) fn make(&mut self, cursor: &mut Cursor, key: u64, scale: u8, shaded: bool) -> (u32, bool) {
+        let (group, place) = cursor.make(&mut self.tree, key);
+        let link = self.tree.siblings(group)[place].link;
+        if link != NONE {
+            return (link, false);
+        }
+        let mut block = Block { scale, finest: scale, ..Block::new(key) };
+        block.data[usize::from(scale)] = self.voxels.insert(usize::from(scale));
+        if shaded {
+            block.shade[usize::from(scale)] = self.shades.insert(usize::from(scale));
+        }
+        let id = self.blocks.insert(block);
+        self.tree.siblings_mut(group)[place].link = id;
+        (id, true)
+    }
+
+    /// Allocates what block `id` needs to be integrated one scale coarser and makes that its scale.
+    pub(crate) fn reserve_coarser(&mut self, id: u32) {
+        let block = &mut self.blocks[id];
+        let scale = usize::from(block.scale) + 1;
+        block.data[scale] = self.voxels.insert(scale);
+        block.past[scale] = self.voxels.insert(scale);
+        if block.shade[scale - 1] != NONE {
+            block.shade[scale] = self.shades.insert(scale);
+        }
+        block.scale = scale as u8;
+    }
+
+    /// Allocates what block `id` needs to be integrated one scale finer and makes that its scale. The coarser arrays
+    /// stay until [`release_coarser`](Self::release_coarser).
+    pub(crate) fn reserve_finer(&mut self, id: u32) {
+        let block = &mut self.blocks[id];
+        let scale = usize::from(block.scale) - 1;
+        if block.data[scale] == NONE {
+            block.data[scale] = self.voxels.insert(scale);
+            block.finest = scale as u8;
+            if block.shade[scale + 1] != NONE {
+                block.shade[scale] = self.shades.insert(scale);
+            }
+        }
+        block.scale = scale as u8;
+    }
+
+    /// Frees the arrays coarser than the block's scale.
+    pub(crate) fn release_coarser(&mut self, id: u32) {
+        let block = &mut self.blocks[id];
+        for scale in usize::from(block.scale) + 1..SCALES {
+            for slot in [&mut block.data[scale], &mut block.past[scale]] {
+                if *slot != NONE {
+                    self.voxels.remove(scale, *slot);
+                    *slot = NONE;
+                }
+            }
+            if block.shade[scale] != NONE {
+                self.shades.remove(scale, block.shade[scale]);
+                block.shade[scale] = NONE;
+            }
+        }
+    }
+
+    /// Arrays in use at each scale, past ones included.
+    pub fn arrays(&self) -> [usize; SCALES] {
+        self.voxels.live()
+    }
+
+    /// Blocks integrated at each scale.
+    pub fn blocks_by_scale(&self) -> [usize; SCALES] {
+        let mut counts = [0; SCALES];
+        self.ids().for_each(|id| counts[usize::from(self.blocks[id].scale)] += 1);
+        counts
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes()
+    }
+}

@@ -1,0 +1,67 @@
+//! One TSDF voxel: 4 bytes.
+//!
+//! A voxel's distance counts voxels *of its own scale*: the truncation band is as many voxels wide at every scale, so
+//! it grows with the integration scale in metres, on both sides of the surface. Positive is in front of the surface.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Steps of [`Voxel::distance`] per voxel edge.
+pub const DISTANCE_STEPS: f32 = 2048.0;
+/// Weight of one full observation.
+pub const WEIGHT_ONE: u16 = 64;
+
+/// One voxel of a TSDF.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Voxel {
+    /// Signed distance from the voxel's centre to the surface, in 1 / [`DISTANCE_STEPS`] of this voxel's edge.
+    pub distance: i16,
+    /// Sum of the weights of the observations, in 1 / [`WEIGHT_ONE`]; 0 means unobserved.
+    pub weight: u16,
+}
+
+impl Voxel {
+    /// Whether anything was ever seen here.
+    #[inline(always)]
+    pub fn is_observed(self) -> bool {
+        self.weight != 0
+    }
+
+    /// Signed distance in edges of this voxel.
+    #[inline(always)]
+    pub fn distance_in_voxels(self) -> f32 {
+        f32::from(self.distance) / DISTANCE_STEPS
+    }
+
+    /// Folds one observation in: the weighted mean, with the weight capped.
+    #[inline(always)]
+    pub fn observe(&mut self, distance_steps: f32, weight: f32, max_weight: f32) {
+        let old = f32::from(self.weight);
+        let sum = old + weight;
+        let distance = f32::from(self.distance);
+        self.distance = round_i16(distance + (distance_steps - distance) * (weight / sum));
+        self.weight = sum.min(max_weight) as i32 as u16;
+    }
+}
+
+/// Rounds to nearest, ties to even, for |x| < 2^15: the sum lands where one unit in the last place is 1.
+#[inline(always)]
+fn round_i16(x: f32) -> i16 {
+    const MAGIC: f32 = 12_582_912.0; // 1.5 * 2^23
+    (x + MAGIC).to_bits() as i16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn observations_average_and_the_weight_is_capped() {
+        let mut voxel = Voxel::default();
+        for i in 0..200 {
+            voxel.observe(if i % 2 == 0 { 1000.0 } else { 1200.0 }, f32::from(WEIGHT_ONE), 100.0 * f32::from(WEIGHT_ONE));
+        }
+        assert!((i32::from(voxel.distance) - 1100).abs() < 30, "{voxel:?}");
+        assert_eq!(voxel.weight, 100 * WEIGHT_ONE);
+    }
+}

@@ -1,0 +1,82 @@
+//! The integration scale (paper Sec. III-A): the largest cube of voxels that fits the beam's cone at the measured range.
+
+use crate::octree::SCALES;
+
+/// Decides at which scale a block is integrated, from its distance to the sensor.
+///
+/// The cone has the smallest angle between adjacent rays. A cube of 2^s voxels fits where its space diagonal is no
+/// longer than the cone is wide. Hysteresis keeps a block at the border from flipping between scans.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScaleRule {
+    /// Distance in metres from which scale 1, 2 and 3 fit the cone.
+    starts: [f32; SCALES - 1],
+    /// A block goes finer only when it is nearer than its scale's start by this much, metres.
+    finer_margin: f32,
+    /// A block goes coarser only beyond the next scale's start times this.
+    coarser_factor: f32,
+}
+
+impl ScaleRule {
+    /// The rule for beams `smallest_angle` radians apart and finest voxels of `voxel` metres. `max_scale` limits the
+    /// scale (0 for a single resolution), `coarser_factor` (at least 1) says how much farther than its cone demands a
+    /// block stays at the finer scale that it already has.
+    pub fn new(smallest_angle: f32, voxel: f32, max_scale: usize, coarser_factor: f32) -> Self {
+        let width_per_metre = 2.0 * (0.5 * smallest_angle).tan();
+        let starts = std::array::from_fn(|i| {
+            let edge = voxel * (2 << i) as f32;
+            if i + 1 > max_scale { f32::INFINITY } else { 3f32.sqrt() * edge / width_per_metre }
+        });
+        Self { starts, finer_margin: 4.0 * voxel, coarser_factor: coarser_factor.max(1.0) }
+    }
+
+    /// The scale that fits at `distance` metres.
+    #[inline(always)]
+    pub fn fitting(&self, distance: f32) -> usize {
+        self.starts.iter().map(|&start| usize::from(distance >= start)).sum()
+    }
+
+    /// The scale at which to integrate a block that is at `current` and whose centre is at `distance` metres: at most
+    /// one step away.
+    #[inline]
+    pub fn next(&self, current: usize, distance: f32) -> usize {
+        if current > 0 && distance < self.starts[current - 1] - self.finer_margin {
+            current - 1
+        } else if current < SCALES - 1 && distance > self.starts[current] * self.coarser_factor + self.finer_margin {
+            current + 1
+        } else {
+            current
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cube_fits_the_cone_and_the_next_larger_does_not() {
+        let (angle, voxel) = (0.3516f32.to_radians(), 0.065);
+        let rule = ScaleRule::new(angle, voxel, 3, 1.0);
+        for i in 1..1200 {
+            let distance = i as f32 * 0.1;
+            let cone = 2.0 * distance * (0.5 * angle).tan();
+            let scale = rule.fitting(distance);
+            let diagonal = |s: usize| 3f32.sqrt() * voxel * (1 << s) as f32;
+            assert!(scale == 0 || diagonal(scale) <= cone * 1.0001);
+            assert!(scale == 3 || diagonal(scale + 1) >= cone * 0.9999);
+        }
+    }
+
+    #[test]
+    fn a_block_at_the_border_does_not_flip() {
+        let rule = ScaleRule::new(0.006, 0.065, 3, 1.2);
+        let start = (1..).map(|i| i as f32 * 0.01).find(|&d| rule.fitting(d) == 1).unwrap_or_default();
+        for jitter in [-0.1f32, 0.1] {
+            assert_eq!(rule.next(0, start + jitter), 0);
+            assert_eq!(rule.next(1, start + jitter), 1);
+        }
+        assert_eq!(rule.next(1, start * 0.5), 0);
+        assert_eq!(rule.next(0, start * 1.5), 1);
+        assert_eq!(rule.next(0, 1e6), 1, "one step at a time");
+    }
+}

@@ -1,0 +1,203 @@
+//! Selection: which blocks each beam's truncation band passes through, grouped by block in Morton order.
+
+use super::radix::sort_by_bits;
+use super::transform::Beam;
+use crate::octree::{BLOCK_EDGE, block_coords, block_key};
+use rayon::prelude::*;
+
+/// Bits of a record that number the beam.
+const BEAM_BITS: u32 = 24;
+/// Most beams that one scan may have.
+pub(crate) const MAX_BEAMS: usize = 1 << BEAM_BITS;
+/// Most bits of a block coordinate that fit a record.
+const MAX_AXIS_BITS: u32 = (u64::BITS - BEAM_BITS) / 3;
+
+/// The beam that a record names.
+#[inline(always)]
+pub(crate) fn beam_of(record: u64) -> usize {
+    record as usize & (MAX_BEAMS - 1)
+}
+
+/// Records of one block: `records[start..end]`, in beam order.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockBeams {
+    pub key: u64,
+    pub start: u32,
+    pub end: u32,
+}
+
+/// Scratch space and result of a selection, reused from scan to scan.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Selection {
+    /// (block, beam) pairs, block in the upper bits.
+    pub records: Vec<u64>,
+    pub blocks: Vec<BlockBeams>,
+    spare: Vec<u64>,
+    chunks: Vec<Vec<u64>>,
+}
+
+/// Block coordinates wrapped to a window around the sensor, each spread over every third bit: a step is an addition.
+#[derive(Clone, Copy)]
+struct Window {
+    bits: u32,
+    mask: u64,
+}
+
+impl Window {
+    fn new(reach: u32) -> Self {
+        let bits = (2 * reach + 1).next_power_of_two().ilog2().max(1);
+        debug_assert!(bits <= MAX_AXIS_BITS);
+        let mask = (0..bits).fold(0u64, |m, b| m | 1 << (3 * b));
+        Self { bits, mask }
+    }
+
+    /// Coordinate + 1 of a spread coordinate.
+    #[inline(always)]
+    fn up(self, spread: u64) -> u64 {
+        spread.wrapping_sub(self.mask) & self.mask
+    }
+
+    /// Coordinate - 1 of a spread coordinate.
+    #[inline(always)]
+    fn down(self, spread: u64) -> u64 {
+        spread.wrapping_sub(1) & self.mask
+    }
+}
+
+/// Largest reach around the sensor, in blocks, that a selection can express.
+pub(crate) const MAX_REACH: u32 = (1 << (MAX_AXIS_BITS - 1)) - 1;
+
+impl Selection {
+    /// Finds the blocks within `truncation` voxels (of the beam's own scale) of each beam's point, along the beam.
+    /// `sensor` is the sensor's position in finest voxels; no point is farther from it than `reach` blocks.
+    pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32, truncation: f32) {
+        const CHUNK: usize = 8192;
+        let window = Window::new(reach);
+        let home = sensor.map(|c| (c / BLOCK_EDGE as f32).floor() as i32);
+        // Block coordinates relative to the corner of the window are never negative, so truncation is floor.
+        let corner = home.map(|c| c - reach as i32);
+        self.chunks.resize(beams.len().div_ceil(CHUNK), Vec::new());
+        self.chunks.par_iter_mut().zip(beams.par_chunks(CHUNK)).enumerate().for_each(|(chunk, (records, beams))| {
+            records.clear();
+            for (i, beam) in beams.iter().enumerate() {
+                walk_blocks(beam, truncation, corner, window, (chunk * CHUNK + i) as u64, records);
+            }
+        });
+        self.records.clear();
+        self.chunks.iter().for_each(|c| self.records.extend_from_slice(c));
+        sort_by_bits(&mut self.records, &mut self.spare, BEAM_BITS, BEAM_BITS + 3 * window.bits);
+        self.group(corner, window);
+    }
+
+    /// Cuts the sorted records into one run per block and recovers each block's full key.
+    fn group(&mut self, corner: [i32; 3], window: Window) {
+        self.blocks.clear();
+        let size = 1i32 << window.bits;
+        let mut start = 0;
+        while start < self.records.len() {
+            let wrapped = self.records[start] >> BEAM_BITS;
+            let length = self.records[start..].iter().take_while(|&&r| r >> BEAM_BITS == wrapped).count();
+            // The key's low bits per axis are those of the block's own key; the corner says which period it is in.
+            let low = block_coords(wrapped);
+            let origin = block_coords(0);
+            let coords = std::array::from_fn(|k| corner[k] + (low[k] - origin[k] - (corner[k] - origin[k])).rem_euclid(size));
+            self.blocks.push(BlockBeams { key: block_key(coords), start: start as u32, end: (start + length) as u32 });
+            start += length;
+        }
+    }
+}
+
+/// Appends a record for every block that the beam's band touches.
+#[inline(always)]
+fn walk_blocks(beam: &Beam, truncation: f32, corner: [i32; 3], window: Window, index: u64, records: &mut Vec<u64>) {
+    const PER_VOXEL: f32 = 1.0 / BLOCK_EDGE as f32;
+    let band = truncation * (1 << beam.scale) as f32 * PER_VOXEL;
+    let mut next = [0f32; 3]; // parameter at which the next block boundary is crossed, per axis
+    let mut step = [0f32; 3]; // parameter between boundaries
+    let mut spread = [0u64; 3];
+    let mut crossings = 0;
+    for k in 0..3 {
+        let (point, direction) = (beam.point[k] * PER_VOXEL - corner[k] as f32, beam.direction[k]);
+        let (from, to) = (point - direction * band, point + direction * band);
+        let (first, last) = (from as i32, to as i32);
+        crossings += (last - first).unsigned_abs();
+        let inverse = 1.0 / direction.abs().max(1e-9);
+        let inside = from - first as f32;
+        next[k] = if direction > 0.0 { 1.0 - inside } else { inside } * inverse;
+        step[k] = inverse;
+        spread[k] = spread_wrapped(first + corner[k], window);
+    }
+    let mut push = |s: &[u64; 3]| records.push((s[0] | s[1] << 1 | s[2] << 2) << BEAM_BITS | index);
+    push(&spread);
+    for _ in 0..crossings {
+        let axis = if next[0] <= next[1] && next[0] <= next[2] {
+            0
+        } else if next[1] <= next[2] {
+            1
+        } else {
+            2
+        };
+        next[axis] += step[axis];
+        spread[axis] = if beam.direction[axis] > 0.0 { window.up(spread[axis]) } else { window.down(spread[axis]) };
+        push(&spread);
+    }
+}
+
+/// One axis of a block's key, wrapped to the window, as every third bit.
+#[inline(always)]
+fn spread_wrapped(coord: i32, window: Window) -> u64 {
+    block_key([coord, 0, 0]) & window.mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    /// Blocks that hold one of many samples along the band.
+    fn sampled(beams: &[Beam], truncation: f32) -> BTreeMap<(u64, usize), f32> {
+        let mut touched = BTreeMap::new();
+        for (i, beam) in beams.iter().enumerate() {
+            let band = truncation * (1 << beam.scale) as f32;
+            for s in 0..=2000 {
+                let t = band * (s as f32 / 1000.0 - 1.0);
+                let at: [f32; 3] = std::array::from_fn(|k| beam.point[k] + t * beam.direction[k]);
+                // Distance to the nearest block face, to forgive rounding on the face itself.
+                let edge = at.iter().map(|c| (c / 8.0 - (c / 8.0).round()).abs()).fold(f32::INFINITY, f32::min);
+                let key = block_key(at.map(|c| (c / 8.0).floor() as i32));
+                let best = touched.entry((key, i)).or_insert(0f32);
+                *best = best.max(edge);
+            }
+        }
+        touched
+    }
+
+    proptest! {
+        #[test]
+        fn selects_the_blocks_that_samples_along_the_beam_touch(
+            sensor in prop::array::uniform3(-3000f32..3000.0),
+            rays in prop::collection::vec((prop::array::uniform3(-1f32..1.0), 5f32..900.0, 0u32..4), 1..20),
+        ) {
+            let beams: Vec<Beam> = rays.iter().filter(|(d, ..)| d.iter().any(|c| c.abs() > 0.01)).map(|&(d, range, scale)| {
+                let length = d.iter().map(|c| c * c).sum::<f32>().sqrt();
+                let direction = d.map(|c| c / length);
+                Beam { point: std::array::from_fn(|k| sensor[k] + range * direction[k]), direction, scale, range, ..Beam::default() }
+            }).collect();
+            let mut selection = Selection::default();
+            selection.select(&beams, sensor, 900 / 8 + 6, 3.0);
+            let mut selected = BTreeMap::new();
+            for run in &selection.blocks {
+                for &record in &selection.records[run.start as usize..run.end as usize] {
+                    prop_assert!(selected.insert((run.key, beam_of(record)), ()).is_none(), "a pair twice");
+                }
+            }
+            let slow = sampled(&beams, 3.0);
+            for (pair, depth) in &slow {
+                prop_assert!(selected.contains_key(pair) || *depth < 2e-3, "missed {:?} depth {}", block_coords(pair.0), depth);
+            }
+            let extra = selected.keys().filter(|p| !slow.contains_key(p)).count();
+            prop_assert!(extra * 50 <= selected.len() + 50, "{extra} of {} pairs are not touched", selected.len());
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! MultiresTSDF integration (paper Sec. III-A, III-B): walk each beam through its truncation band, from the true point.
+//!
+//! A scan goes through five phases: *transform* the beams into the submap, *select* the blocks that their bands touch,
+//! *allocate* what is missing (in bulk, in Morton order, choosing each block's scale), *update* each block's voxels from
+//! its beams in beam order, and *release* what scale changes left over. Blocks are independent in the update, so threads
+//! share nothing and change nothing but the time.
+
+use super::scale::ScaleRule;
+use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
+use super::transform::{Beam, Returns, to_submap};
+use super::walk::{Band, walk_block};
+use crate::field::StoreCells;
+use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
+use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
+use crate::geometry::Rigid;
+use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords};
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// How scans update a TSDF.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TsdfSettings {
+    /// Edge of the finest voxel, metres.
+    pub voxel: f32,
+    /// Largest range that is integrated, metres.
+    pub max_range: f32,
+    /// Half the width of the truncation band in voxels of the integration scale, 1 to 8.
+    pub truncation_voxels: f32,
+    /// Observations after which a voxel's mean becomes a moving one.
+    pub max_weight: f32,
+    /// Coarsest integration scale, 0 to 3.
+    pub max_scale: usize,
+    /// How many times farther than its cone demands a block stays at the finer scale it already has.
+    pub coarser_factor: f32,
+}
+
+impl Default for TsdfSettings {
+    fn default() -> Self {
+        Self { voxel: 0.065, max_range: 60.0, truncation_voxels: 3.0, max_weight: 100.0, max_scale: SCALES - 1, coarser_factor: 1.5 }
+    }
+}
+
+/// Time spent in each phase of one integration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TsdfPhases {
+    /// Beams into the submap frame.
+    pub transform: Duration,
+    /// Blocks touched, grouped.
+    pub select: Duration,
+    /// Octants and arrays made, scales chosen.
+    pub allocate: Duration,
+    /// Voxels updated, propagation between scales included.
+    pub update: Duration,
+}
+
+/// What one integration did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct TsdfStats {
+    /// Beams walked.
+    pub beams: usize,
+    /// Blocks touched.
+    pub blocks: usize,
+    /// Blocks that did not exist before.
+    pub new_blocks: usize,
+    /// Blocks whose scale changed.
+    pub scale_changes: usize,
+    /// Where the time went.
+    pub phases: TsdfPhases,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Change {
+    None,
+    Coarser,
+    /// To an array that was there before.
+    Finer,
+    /// To a new array.
+    FinerNew,
+}
+
+/// A block and the beams that touch it.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    block: u32,
+    start: u32,
+    end: u32,
+    change: Change,
+}
+
+/// Integrates scans into [`TsdfField`]s; holds the scratch memory, so keep one for all scans.
+#[derive(Clone, Debug)]
+pub struct TsdfIntegrator {
+    settings: TsdfSettings,
+    beams: Vec<Beam>,
+    selection: Selection,
+    runs: Vec<Run>,
+}
+
+impl TsdfIntegrator {
+    /// An integrator with the given settings.
+    pub fn new(settings: TsdfSettings) -> Self {
+        Self { settings, beams: Vec::new(), selection: Selection::default(), runs: Vec::new() }
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &TsdfSettings {
+        &self.settings
+    }
+
+    /// Blocks from the sensor to the farthest voxel that a beam can touch.
+    fn reach(&self) -> u32 {
+        let band = self.settings.truncation_voxels * (1 << self.settings.max_scale) as f32;
+        ((self.settings.max_range / self.settings.voxel + band) / BLOCK_EDGE as f32).ceil() as u32 + 2
+    }
+
+    /// Integrates the returns of one scan taken at `t_submap_lidar`. Returns beyond the maximum range, and those beyond
+    /// the 2^24th, are left out.
+    pub fn integrate(&mut self, field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &Returns<'_>) -> TsdfStats {
+        let settings = self.settings.clone();
+        let rule = ScaleRule::new(returns.smallest_angle, settings.voxel, settings.max_scale, settings.coarser_factor);
+        let reach = self.reach().min(MAX_REACH);
+        let count = returns.points.len().min(MAX_BEAMS);
+        let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
+
+        let clock = Instant::now();
+        to_submap(&returns, t_submap_lidar, settings.voxel, |range| rule.fitting(range), &mut self.beams);
+        let limit = settings.max_range / settings.voxel;
+        self.beams.retain(|beam| beam.range <= limit);
+        let transformed = Instant::now();
+
+        let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
+        self.selection.select(&self.beams, sensor, reach, settings.truncation_voxels);
+        let selected = Instant::now();
+
+        let new_blocks = self.allocate(field, &rule, t_submap_lidar.translation, !returns.shades.is_empty());
+        let allocated = Instant::now();
+
+        let changes: Vec<u32> = self.runs.iter().filter(|r| r.change != Change::None).map(|r| r.block).collect();
+        self.update(field);
+        changes.iter().for_each(|&id| field.release_coarser(id));
+        let updated = Instant::now();
+
+        TsdfStats {
+            beams: self.beams.len(),
+            blocks: self.runs.len(),
+            new_blocks,
+            scale_changes: changes.len(),
+            phases: TsdfPhases {
+                transform: transformed - clock,
+                select: selected - transformed,
+                allocate: allocated - selected,
+                update: updated - allocated,
+            },
+        }
+    }
+
+    /// Finds or makes every selected block and moves it towards the scale that fits; returns how many are new.
+    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], shaded: bool) -> usize {
+        let block_edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for run in &self.selection.blocks {
+            let c = block_coords(run.key);
+            low = std::array::from_fn(|k| low[k].min(c[k]));
+            high = std::array::from_fn(|k| high[k].max(c[k]));
+        }
+        if !self.selection.blocks.is_empty() {
+            field.tree.grow_to(crate::octree::block_key(low));
+            field.tree.grow_to(crate::octree::block_key(high));
+        }
+        let mut cursor = Cursor::new(&field.tree);
+        self.runs.clear();
+        let mut new_blocks = 0;
+        for &BlockBeams { key, start, end } in &self.selection.blocks {
+            let c = block_coords(key);
+            let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
+            let (block, is_new) = field.make(&mut cursor, key, rule.fitting(distance) as u8, shaded);
+            let change = if is_new { Change::None } else { adapt_scale(field, block, rule, distance) };
+            new_blocks += usize::from(is_new);
+            self.runs.push(Run { block, start, end, change });
+        }
+        new_blocks
+    }
+
+    fn update(&mut self, field: &mut TsdfField) {
+        /// Few enough that threads share evenly, many enough that handing them out costs nothing.
+        const RUNS_PER_TASK: usize = 64;
+        let band = Band {
+            truncation: self.settings.truncation_voxels,
+            weight: f32::from(WEIGHT_ONE),
+            max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),
+        };
+        let task = BlockUpdate {
+            blocks: &field.blocks,
+            voxels: field.voxels.cells(),
+            shades: field.shades.cells(),
+            beams: &self.beams,
+            records: &self.selection.records,
+            band,
+        };
+        self.runs.par_chunks(RUNS_PER_TASK).for_each(|runs| runs.iter().for_each(|run| task.apply(run)));
+    }
+}
+
+/// Decides whether `block` changes scale and allocates what it needs for that.
+fn adapt_scale(field: &mut TsdfField, id: u32, rule: &ScaleRule, distance: f32) -> Change {
+    let block = &field.blocks[id];
+    let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
+    let next = rule.next(current, distance);
+    if next > current {
+        field.reserve_coarser(id);
+        Change::Coarser
+    } else if next < current {
+        field.reserve_finer(id);
+        if next < finest { Change::FinerNew } else { Change::Finer }
+    } else {
+        Change::None
+    }
+}
+
+/// Everything that a thread needs to update blocks.
+struct BlockUpdate<'a> {
+    blocks: &'a Pool<Block>,
+    voxels: StoreCells<'a, Voxel>,
+    shades: StoreCells<'a, u8>,
+    beams: &'a [Beam],
+    records: &'a [u64],
+    band: Band,
+}
+
+impl BlockUpdate<'_> {
+    /// Moves the block of `run` to its new scale if it changes, then applies its beams.
+    #[allow(unsafe_code)]
+    fn apply(&self, run: &Run) {
+        let block = &self.blocks[run.block];
+        let scale = usize::from(block.scale);
+        // SAFETY: each block occurs in one run only, arrays belong to one block only, and the slots read or written for a
+        // scale change are of other scales or arrays than `voxels`.
+        let (voxels, shades) = unsafe {
+            let voxels = self.voxels.get(scale, block.data[scale]);
+            let has_shade = block.shade[scale] != crate::octree::NONE;
+            (voxels, has_shade.then(|| self.shades.get(scale, block.shade[scale])))
+        };
+        if run.change != Change::None {
+            self.change_scale(block, run.change, voxels);
+        }
+        let records = &self.records[run.start as usize..run.end as usize];
+        let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let beams = records.iter().map(|&r| &self.beams[beam_of(r)]);
+        match scale {
+            0 => walk_block::<0>(voxels, shades, corner, beams, &self.band),
+            1 => walk_block::<1>(voxels, shades, corner, beams, &self.band),
+            2 => walk_block::<2>(voxels, shades, corner, beams, &self.band),
+            _ => walk_block::<3>(voxels, shades, corner, beams, &self.band),
+        }
+    }
+
+    /// Fills the array of the block's new scale from the one that it leaves (paper Sec. III-A, propagation).
+    #[allow(unsafe_code)]
+    fn change_scale(&self, block: &Block, change: Change, voxels: &mut [Voxel]) {
+        /// Observations that an interpolated voxel counts for.
+        const INTERPOLATED_WEIGHT: u16 = 2 * WEIGHT_ONE;
+        let scale = usize::from(block.scale);
+        // SAFETY: these arrays belong to this block alone and are of another scale, or another slot, than `voxels`.
+        unsafe {
+            match change {
+                Change::None => {}
+                Change::Coarser => {
+                    propagate_up(self.voxels.get(scale - 1, block.data[scale - 1]), voxels, scale - 1);
+                    self.voxels.get(scale, block.past[scale]).copy_from_slice(voxels);
+                }
+                Change::Finer => {
+                    let now = self.voxels.get(scale + 1, block.data[scale + 1]);
+                    let past = self.voxels.get(scale + 1, block.past[scale + 1]);
+                    propagate_delta_down(now, past, voxels, scale, self.band.max_weight as u16);
+                }
+                Change::FinerNew => {
+                    propagate_down(self.voxels.get(scale + 1, block.data[scale + 1]), voxels, scale, INTERPOLATED_WEIGHT);
+                }
+            }
+            if block.shade[scale] != crate::octree::NONE {
+                self.change_shade_scale(block, change, self.shades.get(scale, block.shade[scale]));
+            }
+        }
+    }
+
+    /// Intensities move between scales by plain copy and mean.
+    #[allow(unsafe_code)]
+    unsafe fn change_shade_scale(&self, block: &Block, change: Change, shades: &mut [u8]) {
+        use crate::field::tsdf::propagate::children;
+        let scale = usize::from(block.scale);
+        match change {
+            Change::Coarser => {
+                // SAFETY: as in `change_scale`.
+                let fine = unsafe { self.shades.get(scale - 1, block.shade[scale - 1]) };
+                for (i, shade) in shades.iter_mut().enumerate() {
+                    *shade = (children(i, scale - 1).map(|c| u32::from(fine[c])).sum::<u32>() / 8) as u8;
+                }
+            }
+            Change::FinerNew => {
+                // SAFETY: as in `change_scale`.
+                let coarse = unsafe { self.shades.get(scale + 1, block.shade[scale + 1]) };
+                for (i, &shade) in coarse.iter().enumerate() {
+                    children(i, scale).for_each(|c| shades[c] = shade);
+                }
+            }
+            Change::None | Change::Finer => {}
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Mutable access to different items of a [`Pool`] from several threads: the one place where blocks are written in parallel.
+#![allow(unsafe_code)]
+
+use super::Pool;
+use std::marker::PhantomData;
+
+/// A pool opened for writing to disjoint items; the pool itself can neither grow nor be read meanwhile.
+pub struct Cells<'a, T> {
+    pages: *mut Vec<T>,
+    page_count: usize,
+    pool: PhantomData<&'a mut Pool<T>>,
+}
+
+// SAFETY: a `Cells` hands out `&mut T` from `&self`; sharing it between threads is sound exactly when `T` may be sent
+// to them, because callers of `get` promise that no two threads use the same index.
+unsafe impl<T: Send> Sync for Cells<'_, T> {}
+// SAFETY: as above; it stands for a `&mut Pool<T>`.
+unsafe impl<T: Send> Send for Cells<'_, T> {}
+
+impl<'a, T> Cells<'a, T> {
+    /// Opens `pool`.
+    pub fn new(pool: &'a mut Pool<T>) -> Self {
+        let pages = pool.pages_mut();
+        Self { pages: pages.as_mut_ptr(), page_count: pages.len(), pool: PhantomData }
+    }
+
+    /// The item at `index`.
+    ///
+    /// # Safety
+    /// While the returned reference lives, no other reference to the same index may be obtained from this `Cells`.
+    ///
+    /// # Panics
+    /// When `index` was never handed out by the pool.
+    #[inline(always)]
+    #[allow(clippy::mut_from_ref)]
+    pub unsafe fn get(&self, index: u32) -> &mut T {
+        let (page, place) = Pool::<T>::place(index);
+        assert!(page < self.page_count);
+        // SAFETY: `page` is in bounds, pages are never reallocated while `self` borrows the pool, and only shared
+        // references to the page headers are formed here.
+        let page = unsafe { &*self.pages.add(page) };
+        assert!(place < page.len());
+        // SAFETY: `place` is initialised (below `len`); the caller promises that this item is not aliased.
+        unsafe { &mut *page.as_ptr().cast_mut().add(place) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+
+    #[test]
+    fn parallel_writes_equal_sequential_ones() {
+        let mut fast = Pool::<[u32; 64]>::default();
+        let mut slow = Pool::<[u32; 64]>::default();
+        for i in 0..5000 {
+            fast.insert([i; 64]);
+            slow.insert([i; 64]);
+        }
+        let cells = Cells::new(&mut fast);
+        (0..5000u32).into_par_iter().filter(|i| i % 3 != 1).for_each(|i| {
+            // SAFETY: every index occurs once.
+            let item = unsafe { cells.get(i) };
+            item[(i % 64) as usize] = i * 7;
+        });
+        for i in (0..5000u32).filter(|i| i % 3 != 1) {
+            slow[i][(i % 64) as usize] = i * 7;
+        }
+        assert!((0..5000).all(|i| fast[i] == slow[i]));
+    }
+}
