@@ -1,5 +1,6 @@
 //! Voxelastic turns LiDAR scans, with poses that a SLAM system may correct later, into one dense map that bends with the corrections.
 
+pub mod atlas;
 pub mod cloud;
 pub mod event;
 pub mod field;
@@ -7,6 +8,7 @@ pub mod geometry;
 pub mod integrate;
 pub mod octree;
 pub mod sensor;
+pub mod surface;
 
 pub use cloud::Cloud;
 pub use geometry::Pose;

@@ -77,6 +77,11 @@ impl TsdfField {
         self.voxels.get(scale, block.data[scale])
     }
 
+    /// What the array of `block` at `scale` held when the block became that coarse; finer than `scale` an array exists.
+    pub(crate) fn past(&self, block: &Block, scale: usize) -> &[Voxel] {
+        self.voxels.get(scale, block.past[scale])
+    }
+
     /// The array that the block is integrated into.
     #[inline(always)]
     pub fn current(&self, block: &Block) -> &[Voxel] {
