@@ -14,6 +14,17 @@ pub(crate) enum Anchor {
     End,
 }
 
+impl Anchor {
+    /// What to add to the anchor's x to get that of the first letter.
+    pub fn shift(self, width: f32) -> f32 {
+        match self {
+            Self::Start => 0.0,
+            Self::Middle => -width / 2.0,
+            Self::End => -width,
+        }
+    }
+}
+
 /// A picture that can be drawn on. Positions in pixels from the top left.
 pub(crate) struct Canvas {
     pixmap: Pixmap,
@@ -73,14 +84,19 @@ impl Canvas {
         self.turned_text(text, at, capital, anchor, colour, false);
     }
 
+    /// Like [`Canvas::text`], on a soft edge of another colour that keeps it readable over a picture.
+    pub fn haloed_text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, [colour, halo]: [Rgb; 2]) {
+        let (mut strokes, width) = glyphs::strokes(text, capital);
+        let shift = anchor.shift(width);
+        strokes.iter_mut().flatten().for_each(|p| *p = [x + p[0] + shift, y + p[1] - capital]);
+        self.lines(strokes.iter().map(Vec::as_slice), capital * 0.5, halo);
+        self.lines(strokes.iter().map(Vec::as_slice), (capital * 0.14).max(1.0), colour);
+    }
+
     /// Like [`Canvas::text`], optionally read from below.
     pub fn turned_text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb, turned: bool) {
         let (mut strokes, width) = glyphs::strokes(text, capital);
-        let shift = match anchor {
-            Anchor::Start => 0.0,
-            Anchor::Middle => -width / 2.0,
-            Anchor::End => -width,
-        };
+        let shift = anchor.shift(width);
         for p in strokes.iter_mut().flatten() {
             let (dx, dy) = (p[0] + shift, p[1] - capital);
             *p = if turned { [x + dy, y - dx] } else { [x + dx, y + dy] };

@@ -63,7 +63,20 @@ impl Camera {
         let fov_y = fov_deg.clamp(1.0, 150.0).to_radians();
         let tan_y = (fov_y / 2.0).tan() / MARGIN;
         let tan_x = tan_y * aspect.max(1e-3);
-        let distance = corners.iter().map(|c| rotation * (c - centre)).map(|v| (v.x.abs() / tan_x).max(v.y.abs() / tan_y) - v.z).fold(0.1, f64::max);
+        // Near corners reach further out than far ones: shift the view until the margins agree.
+        let (mut shift, mut distance) = (Vector3::zeros(), 0.1f64);
+        for _ in 0..8 {
+            let seen = corners.map(|c| rotation * (c - centre) + shift);
+            distance = seen.iter().map(|v| (v.x.abs() / tan_x).max(v.y.abs() / tan_y) - v.z).fold(0.1, f64::max);
+            for k in 0..2 {
+                let slopes = seen.map(|v| v[k] / (v.z + distance));
+                let (lo, hi) = slopes.iter().fold((f64::MAX, f64::MIN), |(lo, hi), s| (lo.min(*s), hi.max(*s)));
+                shift[k] -= 0.5 * (lo + hi) * distance;
+            }
+        }
+        let seen = corners.map(|c| rotation * (c - centre) + shift);
+        distance = seen.iter().map(|v| (v.x.abs() / tan_x).max(v.y.abs() / tan_y) - v.z).fold(distance * 0.5, f64::max);
+        let centre = centre - rotation.inverse() * shift;
         Self { t_view_map: placed(rotation, centre, distance), projection: Projection::Perspective { fov_y, near: (distance * 1e-3).max(0.02) } }
     }
 

@@ -23,7 +23,7 @@ pub(super) fn draw(picture: &mut Picture, scene: &Scene<'_>, camera: &Camera) {
         colour_bar(&mut canvas, &pen, legend);
     }
     if !style.title.is_empty() {
-        canvas.text(&style.title, [pen.margin, pen.margin + 1.2 * pen.capital], 1.2 * pen.capital, Anchor::Start, pen.ink);
+        canvas.haloed_text(&style.title, [pen.margin, pen.margin + 1.2 * pen.capital], 1.2 * pen.capital, Anchor::Start, pen.colours());
     }
     *picture = canvas.into_picture();
 }
@@ -35,6 +35,7 @@ struct Pen {
     capital: f32,
     margin: f32,
     ink: Rgb,
+    paper: Rgb,
 }
 
 impl Pen {
@@ -43,7 +44,13 @@ impl Pen {
         let capital = (width.min(height) / 72.0).clamp(6.0, 60.0);
         let lightness = background.iter().map(|&c| to_linear(c)).sum::<f32>() / 3.0;
         let ink = if lightness > 0.25 { [34, 36, 42] } else { [232, 232, 228] };
-        Self { width, height, capital, margin: 2.2 * capital, ink }
+        Self { width, height, capital, margin: 2.2 * capital, ink, paper: background }
+    }
+}
+
+impl Pen {
+    fn colours(&self) -> [Rgb; 2] {
+        [self.ink, self.paper]
     }
 }
 
@@ -61,6 +68,7 @@ fn scale_bar(canvas: &mut Canvas, pen: &Pen, pixels_per_metre: f64) {
     let length = (metres * pixels_per_metre) as f32;
     let (x, y, tick) = (pen.margin, pen.height - pen.margin, 0.45 * pen.capital);
     let line = [[x, y - tick], [x, y], [x + length, y], [x + length, y - tick]];
+    canvas.lines([line.as_slice()].into_iter(), 0.5 * pen.capital, pen.paper);
     canvas.lines([line.as_slice()].into_iter(), (0.16 * pen.capital).max(1.2), pen.ink);
     let label = if metres >= 1000.0 {
         format!("{} km", metres / 1000.0)
@@ -71,7 +79,7 @@ fn scale_bar(canvas: &mut Canvas, pen: &Pen, pixels_per_metre: f64) {
     } else {
         format!("{:.2} mm", metres * 1000.0)
     };
-    canvas.text(&label, [x + length / 2.0, y - 0.7 * pen.capital], pen.capital, Anchor::Middle, pen.ink);
+    canvas.haloed_text(&label, [x + length / 2.0, y - 0.7 * pen.capital], pen.capital, Anchor::Middle, pen.colours());
 }
 
 fn colour_bar(canvas: &mut Canvas, pen: &Pen, legend: &Legend) {
@@ -86,9 +94,9 @@ fn colour_bar(canvas: &mut Canvas, pen: &Pen, legend: &Legend) {
         let value = legend.low + (legend.high - legend.low) * t;
         let at = x + length * t;
         canvas.lines([[[at, y], [at, y + 0.4 * pen.capital]].as_slice()].into_iter(), 1.2, pen.ink);
-        canvas.text(&short(value), [at, y + 1.5 * pen.capital], 0.85 * pen.capital, Anchor::Middle, pen.ink);
+        canvas.haloed_text(&short(value), [at, y + 1.5 * pen.capital], 0.85 * pen.capital, Anchor::Middle, pen.colours());
     }
-    canvas.text(&legend.label, [x, y - thick - 0.7 * pen.capital], pen.capital, Anchor::Start, pen.ink);
+    canvas.haloed_text(&legend.label, [x, y - thick - 0.7 * pen.capital], pen.capital, Anchor::Start, pen.colours());
 }
 
 /// A number with about three significant digits and no trailing zeros.
