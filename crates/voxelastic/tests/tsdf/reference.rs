@@ -1,0 +1,60 @@
+//! The obvious TSDF: one resolution, a hash of voxels, beams sampled so densely that every voxel on the line is met.
+
+use std::collections::HashMap;
+use voxelastic::field::tsdf::WEIGHT_ONE;
+use voxelastic::geometry::Rigid;
+use voxelastic::integrate::TsdfSettings;
+
+pub struct DenseTsdf {
+    settings: TsdfSettings,
+    /// Distance in voxels and weight in the field's unit, by voxel coordinates.
+    pub voxels: HashMap<[i32; 3], (f32, f32)>,
+}
+
+impl DenseTsdf {
+    pub fn new(settings: TsdfSettings) -> Self {
+        Self { settings, voxels: HashMap::new() }
+    }
+
+    pub fn integrate(&mut self, pose: &Rigid, points: &[[f32; 3]], normals: &[[f32; 3]]) {
+        let (voxel, band) = (f64::from(self.settings.voxel), f64::from(self.settings.truncation_voxels));
+        for (p, n) in points.iter().zip(normals) {
+            let range = p.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
+            let rotate =
+                |v: [f32; 3]| -> [f64; 3] { std::array::from_fn(|i| (0..3).map(|k| f64::from(pose.rotation[i][k]) * f64::from(v[k])).sum()) };
+            let ray = rotate(*p);
+            let point: [f64; 3] = std::array::from_fn(|k| (ray[k] + f64::from(pose.translation[k])) / voxel);
+            let direction = ray.map(|c| c / range);
+            let normal = if *n == [0.0; 3] { direction.map(|c| -c) } else { rotate(*n) };
+            for c in voxels_on_line(point, direction, band) {
+                let distance: f64 = (0..3).map(|k| normal[k] * (f64::from(c[k]) + 0.5 - point[k])).sum();
+                self.observe(c, distance as f32, band as f32);
+            }
+        }
+    }
+
+    fn observe(&mut self, c: [i32; 3], distance: f32, band: f32) {
+        let weight = f32::from(WEIGHT_ONE) * ((band + distance) / (band - 1.0)).min(1.0);
+        if distance.abs() >= band || weight < 1.0 {
+            return;
+        }
+        let (mean, sum) = self.voxels.entry(c).or_default();
+        *mean += (distance - *mean) * weight / (*sum + weight);
+        // Weights are whole units in the field, so they are here.
+        *sum = (*sum + weight).floor().min(self.settings.max_weight * f32::from(WEIGHT_ONE));
+    }
+}
+
+/// Voxels that the line through `point` meets within `band` of it: cut at every voxel face, take the middle of each piece.
+fn voxels_on_line(point: [f64; 3], direction: [f64; 3], band: f64) -> Vec<[i32; 3]> {
+    let mut cuts = vec![-band, band];
+    for k in 0..3 {
+        let (a, b) = (point[k] - band * direction[k], point[k] + band * direction[k]);
+        for face in a.min(b).ceil() as i64..=a.max(b).floor() as i64 {
+            cuts.push((face as f64 - point[k]) / direction[k]);
+        }
+    }
+    cuts.retain(|t| t.abs() <= band);
+    cuts.sort_by(f64::total_cmp);
+    cuts.windows(2).filter(|w| w[1] > w[0]).map(|w| std::array::from_fn(|k| (point[k] + 0.5 * (w[0] + w[1]) * direction[k]).floor() as i32)).collect()
+}
