@@ -8,6 +8,7 @@ pub mod geometry;
 pub mod integrate;
 pub mod octree;
 pub mod sensor;
+pub mod settings;
 pub mod surface;
 
 pub use cloud::Cloud;

@@ -1,0 +1,381 @@
+//! Every setting of the mapper, defined once: struct field, text key, unit, range, default and help.
+//!
+//! The table below is the only definition. Command-line flags, configuration files, stored maps and the documentation are made from
+//! [`table`], and [`Settings::set`] is the one way in for text.
+//!
+//! ```
+//! use voxelastic::settings::{Settings, table};
+//! let mut settings = Settings::default();
+//! settings.set("voxel", "0.1")?;
+//! assert_eq!(settings.voxel, 0.1);
+//! let refused = settings.set("voxel", "50").unwrap_err().to_string();
+//! assert!(refused.contains("0.005 to 5 m"), "{refused}");
+//! assert!(table().iter().all(|setting| !setting.help.is_empty()));
+//! # Ok::<(), voxelastic::settings::SettingError>(())
+//! ```
+
+use std::fmt;
+use std::sync::LazyLock;
+
+/// Whether a setting is one that most people touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    /// Shown in the short help.
+    Basic,
+    /// Shown in the long help only.
+    Advanced,
+}
+
+/// What a setting is, for help texts and configuration files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Its key in configuration files; as a flag, `_` becomes `-`.
+    pub key: &'static str,
+    /// Unit of its value; empty when it has none.
+    pub unit: &'static str,
+    /// Its default, as text that [`Settings::set`] takes.
+    pub default: String,
+    /// What it may be.
+    pub allowed: Allowed,
+    /// Where it is shown.
+    pub group: Group,
+    /// What it does.
+    pub help: &'static str,
+}
+
+impl Setting {
+    /// What it may be, with the unit: `0.005 to 5 m`.
+    pub fn range(&self) -> String {
+        match self.allowed {
+            Allowed::Between(..) if !self.unit.is_empty() => format!("{} {}", self.allowed, self.unit),
+            _ => self.allowed.to_string(),
+        }
+    }
+
+    /// Whether its values are written as text, and not as numbers, in files that tell the two apart.
+    pub fn is_text(&self) -> bool {
+        !matches!(self.allowed, Allowed::Between(..))
+    }
+}
+
+/// The values that a setting may have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Allowed {
+    /// A number from the first to the second, both included.
+    Between(f64, f64),
+    /// One of these words.
+    OneOf(&'static [&'static str]),
+    /// Text, described here; whoever uses the setting checks it.
+    Text(&'static str),
+}
+
+impl fmt::Display for Allowed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Between(low, high) => write!(f, "{low} to {high}"),
+            Self::OneOf(words) => write!(f, "{}", words.join(" | ")),
+            Self::Text(words) => write!(f, "{words}"),
+        }
+    }
+}
+
+/// Why a setting was refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SettingError {
+    /// There is no setting of that name.
+    #[error("there is no setting `{key}`; did you mean `{nearest}`?")]
+    UnknownKey {
+        /// The name given.
+        key: String,
+        /// The setting whose name is most like it.
+        nearest: &'static str,
+    },
+    /// The value is not of the right kind, or not in its range.
+    #[error("{key} = {value}: must be {allowed}")]
+    BadValue {
+        /// The setting.
+        key: &'static str,
+        /// The value given.
+        value: String,
+        /// What it may be, with the unit.
+        allowed: String,
+    },
+    /// Two settings contradict each other.
+    #[error("{key} = {value}: {reason}")]
+    Contradiction {
+        /// One of the settings.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What is wrong, and what to change.
+        reason: String,
+    },
+}
+
+/// The kinds of values that settings have.
+trait Value: Sized + Clone + PartialEq {
+    fn parse(text: &str) -> Option<Self>;
+    fn text(&self) -> String;
+    fn is_within(&self, allowed: &Allowed) -> bool;
+}
+
+macro_rules! number_values {
+    ($($kind:ty),*) => {$(
+        impl Value for $kind {
+            fn parse(text: &str) -> Option<Self> {
+                text.parse().ok()
+            }
+            fn text(&self) -> String {
+                self.to_string()
+            }
+            fn is_within(&self, allowed: &Allowed) -> bool {
+                // Bounds are compared as the setting's own type, so that 0.005 is not below 0.005.
+                matches!(*allowed, Allowed::Between(low, high) if (low as $kind..=high as $kind).contains(self))
+            }
+        }
+    )*};
+}
+number_values!(f32, f64, usize);
+
+impl Value for String {
+    fn parse(text: &str) -> Option<Self> {
+        Some(text.to_owned())
+    }
+    fn text(&self) -> String {
+        self.clone()
+    }
+    fn is_within(&self, _: &Allowed) -> bool {
+        !self.trim().is_empty()
+    }
+}
+
+/// What a voxel stores.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FieldKind {
+    /// Truncated signed distances: surfaces and meshes (paper: MultiresTSDF).
+    #[default]
+    Tsdf,
+}
+
+impl Value for FieldKind {
+    fn parse(text: &str) -> Option<Self> {
+        match text {
+            "tsdf" => Some(Self::Tsdf),
+            _ => None,
+        }
+    }
+    fn text(&self) -> String {
+        match self {
+            Self::Tsdf => "tsdf".to_owned(),
+        }
+    }
+    fn is_within(&self, allowed: &Allowed) -> bool {
+        matches!(allowed, Allowed::OneOf(words) if words.contains(&self.text().as_str()))
+    }
+}
+
+macro_rules! settings {
+    ($($key:ident : $kind:ty = $default:expr, $unit:literal, $allowed:expr, $group:ident, $help:literal;)*) => {
+        /// All settings of the mapper. [`Settings::default`] suits a 64-beam LiDAR outdoors.
+        #[derive(Clone, Debug, PartialEq)]
+        pub struct Settings {
+            $(#[doc = concat!($help, " Default `", stringify!($default), "`; allowed: `", stringify!($allowed), "` ", $unit, ".")] pub $key: $kind,)*
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Self { $($key: $default,)* }
+            }
+        }
+
+        /// The settings in the order in which they are shown.
+        static TABLE: LazyLock<Vec<Setting>> = LazyLock::new(|| {
+            let defaults = Settings::default();
+            vec![$(Setting {
+                key: stringify!($key),
+                unit: $unit,
+                default: Value::text(&defaults.$key),
+                allowed: $allowed,
+                group: Group::$group,
+                help: $help,
+            },)*]
+        });
+
+        impl Settings {
+            /// Sets `key` from text.
+            ///
+            /// # Errors
+            /// [`SettingError::UnknownKey`] and [`SettingError::BadValue`]; the settings are then unchanged.
+            pub fn set(&mut self, key: &str, text: &str) -> Result<(), SettingError> {
+                match key {
+                    $(stringify!($key) => {
+                        let parsed = <$kind as Value>::parse(text.trim()).filter(|v| v.is_within(&$allowed));
+                        self.$key = parsed.ok_or_else(|| bad_value(stringify!($key), text))?;
+                    })*
+                    _ => return Err(SettingError::UnknownKey { key: key.to_owned(), nearest: nearest_key(key) }),
+                }
+                Ok(())
+            }
+
+            /// The value of `key` as text that [`set`](Self::set) takes back to the same bits; none for an unknown key.
+            pub fn get(&self, key: &str) -> Option<String> {
+                match key {
+                    $(stringify!($key) => Some(Value::text(&self.$key)),)*
+                    _ => None,
+                }
+            }
+
+            fn check_ranges(&self) -> Result<(), SettingError> {
+                $(if !self.$key.is_within(&$allowed) {
+                    return Err(bad_value(stringify!($key), &Value::text(&self.$key)));
+                })*
+                Ok(())
+            }
+        }
+    };
+}
+
+use Allowed::{Between, OneOf, Text};
+
+settings! {
+    field: FieldKind = FieldKind::Tsdf, "", OneOf(&["tsdf"]), Basic,
+        "What the map stores: tsdf (surfaces, meshes).";
+    voxel: f32 = 0.065, "m", Between(0.005, 5.0), Basic,
+        "Edge of the finest voxel.";
+    max_range: f32 = 60.0, "m", Between(0.5, 1000.0), Basic,
+        "Returns farther than this from the sensor are left out.";
+    min_range: f32 = 0.5, "m", Between(0.0, 20.0), Basic,
+        "Returns nearer than this are left out: the vehicle or the person that carries the sensor.";
+    sensor: String = "auto".to_owned(), "", Text("auto | name of a preset, such as os1-64, vlp-16, hdl-64e"), Basic,
+        "Beam model of the sensor; auto measures it from the scans and says what it chose.";
+    lambda_odom: f64 = 30.0, "m", Between(0.1, 100_000.0), Basic,
+        "Distance travelled from a submap's root pose after which the next submap is started.";
+    threads: usize = 0, "", Between(0.0, 1024.0), Basic,
+        "Threads to use; 0 for all cores. The map does not depend on it.";
+    truncation: f32 = 3.0, "voxels", Between(1.0, 8.0), Advanced,
+        "Half the width of the band around surfaces that a TSDF stores, in voxels of the integration scale.";
+    max_weight: f32 = 100.0, "observations", Between(1.0, 1000.0), Advanced,
+        "Observations after which a voxel's mean becomes a moving one, so that changes show.";
+    max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
+        "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
+    coarser_factor: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
+        "How many times farther than the beams' cone demands a block stays at the finer scale that it already has.";
+}
+
+/// What every setting is, basic ones first.
+pub fn table() -> &'static [Setting] {
+    &TABLE
+}
+
+/// Most finest voxels between the sensor and a return that one scan's update can address.
+const MAX_REACH_VOXELS: f32 = 32_000.0;
+
+impl Settings {
+    /// All (key, value as text) pairs in the order of [`table`].
+    pub fn pairs(&self) -> Vec<(&'static str, String)> {
+        table().iter().filter_map(|s| Some((s.key, self.get(s.key)?))).collect()
+    }
+
+    /// Checks every range, and the settings against each other. Settings that were filled field by field need it.
+    ///
+    /// # Errors
+    /// [`SettingError::BadValue`] and [`SettingError::Contradiction`].
+    pub fn validate(&self) -> Result<(), SettingError> {
+        self.check_ranges()?;
+        if self.min_range >= self.max_range {
+            let reason = format!("must be less than max_range, which is {} m", self.max_range);
+            return Err(SettingError::Contradiction { key: "min_range", value: self.min_range.to_string(), reason });
+        }
+        if self.max_range / self.voxel > MAX_REACH_VOXELS {
+            let reason = format!(
+                "at most {MAX_REACH_VOXELS} voxels fit between the sensor and a return, but max_range is {} m; use larger voxels",
+                self.max_range
+            );
+            return Err(SettingError::Contradiction { key: "voxel", value: self.voxel.to_string(), reason });
+        }
+        Ok(())
+    }
+}
+
+fn bad_value(key: &'static str, value: &str) -> SettingError {
+    let allowed = table().iter().find(|s| s.key == key).map(Setting::range).unwrap_or_default();
+    SettingError::BadValue { key, value: value.to_owned(), allowed }
+}
+
+/// The key that shares most letter pairs with `key`.
+fn nearest_key(key: &str) -> &'static str {
+    let pairs = |word: &str| word.as_bytes().windows(2).map(<[u8]>::to_vec).collect::<Vec<_>>();
+    let given = pairs(&key.to_lowercase().replace('-', "_"));
+    let likeness = |candidate: &str| {
+        let own = pairs(candidate);
+        let shared = own.iter().filter(|pair| given.contains(pair)).count();
+        200 * shared / (own.len() + given.len()).max(1)
+    };
+    table().iter().rev().max_by_key(|s| likeness(s.key)).map_or("voxel", |s| s.key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn every_default_is_allowed_and_survives_as_text() {
+        let defaults = Settings::default();
+        defaults.validate().unwrap();
+        let mut again = Settings { voxel: 1.0, max_range: 2.0, threads: 7, sensor: "x".into(), ..Settings::default() };
+        for (key, text) in defaults.pairs() {
+            again.set(key, &text).unwrap();
+        }
+        assert_eq!(again, defaults);
+        assert!(table().iter().zip(defaults.pairs()).all(|(s, (key, text))| s.key == key && s.default == text));
+        assert!(table().is_sorted_by_key(|s| s.group == Group::Advanced), "basic ones first");
+        assert!(table().iter().filter(|s| s.group == Group::Basic).count() <= 9);
+    }
+
+    #[test]
+    fn refusals_name_key_value_and_range() {
+        let mut settings = Settings::default();
+        let message = |settings: &mut Settings, key: &str, text: &str| settings.set(key, text).unwrap_err().to_string();
+        assert_eq!(message(&mut settings, "voxel", "0"), "voxel = 0: must be 0.005 to 5 m");
+        assert_eq!(message(&mut settings, "voxel", "NaN"), "voxel = NaN: must be 0.005 to 5 m");
+        assert_eq!(message(&mut settings, "voxel", "ten"), "voxel = ten: must be 0.005 to 5 m");
+        assert_eq!(message(&mut settings, "threads", "-1"), "threads = -1: must be 0 to 1024");
+        assert_eq!(message(&mut settings, "field", "colour"), "field = colour: must be tsdf");
+        assert_eq!(message(&mut settings, "voxel_size", "1"), "there is no setting `voxel_size`; did you mean `voxel`?");
+        assert_eq!(message(&mut settings, "lambda", "1"), "there is no setting `lambda`; did you mean `lambda_odom`?");
+        assert_eq!(settings, Settings::default(), "refused values change nothing");
+        settings.set("voxel", "0.005").unwrap();
+        assert!(matches!(settings.validate(), Ok(())), "12,000 voxels");
+        settings.set("max_range", "1000").unwrap();
+        assert!(settings.validate().unwrap_err().to_string().contains("use larger voxels"));
+        let crossed = Settings { min_range: 20.0, max_range: 10.0, ..Settings::default() };
+        assert!(crossed.validate().unwrap_err().to_string().contains("less than max_range"));
+        let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
+        assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_come_back_from_text_bit_for_bit(voxel in 0.005f32..=5.0, lambda in 0.1f64..=1e5) {
+            let settings = Settings { voxel, lambda_odom: lambda, ..Settings::default() };
+            let mut again = Settings::default();
+            for (key, text) in settings.pairs() {
+                again.set(key, &text).unwrap();
+            }
+            prop_assert_eq!(again.voxel.to_bits(), voxel.to_bits());
+            prop_assert_eq!(again.lambda_odom.to_bits(), lambda.to_bits());
+        }
+
+        #[test]
+        fn no_text_can_panic(key in "[a-z_-]{0,12}", text in ".{0,12}") {
+            let mut settings = Settings::default();
+            for s in table() {
+                let _ = settings.set(s.key, &text);
+            }
+            let _ = settings.set(&key, &text);
+            prop_assert!(settings.check_ranges().is_ok());
+        }
+    }
+}
