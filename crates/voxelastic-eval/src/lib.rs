@@ -3,6 +3,7 @@
 //! Nothing here knows the map's own structures: inputs are plain arrays (`[f32; 3]` points in metres, [`MeshView`], lists of poses), so that the
 //! same measures serve other people's maps.
 
+pub mod align;
 mod bvh;
 mod canvas;
 pub mod cloud_distance;

@@ -1,0 +1,225 @@
+//! Alignment of two clouds: point-to-plane ICP, robust and coarse to fine.
+//!
+//! Each level thins both clouds to a voxel size, estimates the target's normals, and iterates Gauss-Newton steps on the distances of source points
+//! to the planes of their nearest target points, weighted by a robust kernel whose width follows the residuals. Directions that the geometry
+//! does not determine (along a corridor, on a plane) are left as guessed. After Chen and Medioni 1992.
+
+mod checks;
+mod normals;
+mod solve;
+#[cfg(test)]
+mod tests;
+
+use crate::cloud_distance::{PointIndex, downsample};
+use crate::{EvalError, error::Result};
+use rayon::prelude::*;
+use serde::Serialize;
+use solve::{Normal6, System};
+use voxelastic::Pose;
+use voxelastic::geometry::Rigid;
+
+/// How strongly large residuals count. The width follows the residuals' own spread (1.4826 times their median size).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// Squares: fastest, for clean data.
+    Squares,
+    /// Linear beyond the width.
+    Huber,
+    /// Hardly counts what is far beyond the width: for changed or missing parts.
+    #[default]
+    Cauchy,
+}
+
+/// Settings of [`align`].
+#[derive(Clone, Debug)]
+pub struct AlignSettings {
+    /// Voxel sizes, coarse to fine, metres. Default 1.0, 0.4, 0.15.
+    pub voxels: Vec<f32>,
+    /// Points further apart than this many voxels are not matched. Default 4.
+    pub reach: f32,
+    /// Robust kernel. Default Cauchy.
+    pub kernel: Kernel,
+    /// Steps at each level at most. Default 40.
+    pub max_iterations: usize,
+    /// First guess: maps source to target coordinates. Default identity.
+    pub t_target_source: Pose,
+    /// Least share of source points that must have a match. Default 0.05.
+    pub min_overlap: f64,
+}
+
+impl Default for AlignSettings {
+    fn default() -> Self {
+        let voxels = vec![1.0, 0.4, 0.15];
+        Self { voxels, reach: 4.0, kernel: Kernel::default(), max_iterations: 40, t_target_source: Pose::identity(), min_overlap: 0.05 }
+    }
+}
+
+/// Result of [`align`].
+#[derive(Clone, Debug)]
+pub struct Alignment {
+    /// Maps source to target coordinates.
+    pub t_target_source: Pose,
+    /// How good it is.
+    pub quality: AlignQuality,
+}
+
+/// How good an alignment is, with stable JSON keys.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AlignQuality {
+    /// Share of the source's voxels with a target point within reach at the finest level, 0 to 1.
+    pub overlap: f64,
+    /// Root mean square distance of the matched points to the target's planes at the finest level, metres.
+    pub rms_m: f64,
+    /// Whether the steps at the finest level became smaller than a tenth of a millimetre.
+    pub converged: bool,
+    /// Steps over all levels.
+    pub iterations: usize,
+    /// Directions (of 6) that the geometry did not determine at the last step.
+    pub undetermined: usize,
+}
+
+/// Finds the rigid motion that brings `source` onto `target` (points in metres, each in its own frame; not finite ones are left out). The result
+/// does not depend on the number of threads.
+///
+/// # Errors
+/// [`EvalError::Empty`] for clouds without points; [`EvalError::Units`] when the extents differ by 100 or 1000 times, or by the foot's length where
+/// the clouds do not fit either; [`EvalError::Disjoint`] when less than [`AlignSettings::min_overlap`] of the source is near the target;
+/// [`EvalError::Setting`] for voxel sizes or a reach that are not positive.
+///
+/// ```
+/// use voxelastic_eval::align::{AlignSettings, align};
+/// let target: Vec<[f32; 3]> = (0..8000)
+///     .map(|i| ((i % 20) as f32 * 0.2, (i / 20 % 20) as f32 * 0.2, i / 400))
+///     .map(|(a, b, side)| match side % 3 { 0 => [a, b, 0.0], 1 => [a, 0.0, b], _ => [0.0, a, b] })
+///     .collect();
+/// let source: Vec<[f32; 3]> = target.iter().map(|p| [p[0] + 0.1, p[1] - 0.05, p[2] + 0.02]).collect();
+/// let found = align(&source, &target, &AlignSettings::default())?;
+/// assert!((found.t_target_source.translation.x + 0.1).abs() < 1e-3);
+/// # Ok::<(), voxelastic_eval::EvalError>(())
+/// ```
+pub fn align(source: &[[f32; 3]], target: &[[f32; 3]], settings: &AlignSettings) -> Result<Alignment> {
+    checks::settings(settings)?;
+    let extents = checks::extents(source, target)?;
+    let mut t = settings.t_target_source;
+    let mut quality = AlignQuality { overlap: 0.0, rms_m: 0.0, converged: false, iterations: 0, undetermined: 0 };
+    for (number, &voxel) in settings.voxels.iter().enumerate() {
+        let level = Level::new(source, target, voxel, settings)?;
+        if number == 0 {
+            let overlap = level.overlap(&t);
+            if overlap < settings.min_overlap {
+                return Err(extents.disjoint(overlap, level.reach, &t));
+            }
+        }
+        level.refine(&mut t, &mut quality);
+        tracing::debug!(voxel, overlap = quality.overlap, rms_m = quality.rms_m, iterations = quality.iterations, "alignment level done");
+    }
+    if quality.overlap < settings.min_overlap || quality.overlap < 0.5 && extents.looks_like_feet() {
+        let reach = settings.voxels.last().map_or(0.0, |v| v * settings.reach);
+        return Err(extents.disjoint(quality.overlap, reach, &t));
+    }
+    Ok(Alignment { t_target_source: t, quality })
+}
+
+/// Moves points by a pose.
+pub fn moved(points: &[[f32; 3]], t: &Pose) -> Vec<[f32; 3]> {
+    let rigid = Rigid::from(t);
+    points.par_iter().map(|p| rigid.apply(*p)).collect()
+}
+
+/// Both clouds at one voxel size.
+struct Level<'a> {
+    source: Vec<[f32; 3]>,
+    target: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
+    index: PointIndex,
+    reach: f32,
+    /// Centre and size of the target: rotations are about it and weighed by it.
+    centre: [f64; 3],
+    radius: f64,
+    settings: &'a AlignSettings,
+}
+
+/// Source points that one task handles; fixed, so that sums do not depend on the number of threads.
+const CHUNK: usize = 2048;
+/// Steps shorter than this (metres, at the target's radius) end a level.
+const STEP_M: f64 = 1e-4;
+
+impl<'a> Level<'a> {
+    fn new(source: &[[f32; 3]], target: &[[f32; 3]], voxel: f32, settings: &'a AlignSettings) -> Result<Self> {
+        let (source, target) = (downsample(source, voxel)?, downsample(target, voxel)?);
+        let index = PointIndex::new(&target, "the target cloud")?;
+        let normals = normals::estimate(&target, &index);
+        let bounds = crate::mesh::bounds(&target);
+        let centre = std::array::from_fn(|k| 0.5 * (f64::from(bounds.min[k]) + f64::from(bounds.max[k])));
+        let radius = bounds.size().iter().map(|s| f64::from(*s).powi(2)).sum::<f64>().sqrt().max(f64::from(voxel)) / 2.0;
+        Ok(Self { source, target, normals, index, reach: voxel * settings.reach, centre, radius, settings })
+    }
+
+    /// Share of the source that has a target point within reach.
+    fn overlap(&self, t: &Pose) -> f64 {
+        let near = |p: &&[f32; 3]| self.index.nearest(**p).1 <= self.reach * self.reach;
+        let points = moved(&self.source, t);
+        points.par_iter().filter(near).count() as f64 / points.len().max(1) as f64
+    }
+
+    fn refine(&self, t: &mut Pose, quality: &mut AlignQuality) {
+        quality.converged = false;
+        for _ in 0..self.settings.max_iterations {
+            let matches = self.matches(t);
+            let system = self.system(&matches);
+            quality.overlap = matches.len() as f64 / self.source.len().max(1) as f64;
+            quality.rms_m = system.rms();
+            let Some(step) = system.solve() else { return };
+            quality.undetermined = step.undetermined;
+            *t = step.pose(self.centre, self.radius) * *t;
+            quality.iterations += 1;
+            if step.length() < STEP_M {
+                quality.converged = true;
+                return;
+            }
+        }
+    }
+
+    /// Residual and derivative of each matched point.
+    fn matches(&self, t: &Pose) -> Vec<Normal6> {
+        let points = moved(&self.source, t);
+        let row = |p: &[f32; 3]| {
+            let (i, distance2) = self.index.nearest(*p);
+            let (q, n) = (self.target[i], self.normals[i].map(f64::from));
+            if distance2 > self.reach * self.reach || n == [0.0; 3] {
+                return None;
+            }
+            let gap: [f64; 3] = std::array::from_fn(|k| f64::from(q[k]) - f64::from(p[k]));
+            let arm: [f64; 3] = std::array::from_fn(|k| (f64::from(p[k]) - self.centre[k]) / self.radius);
+            Some(Normal6::new(n, arm, gap))
+        };
+        let parts: Vec<Vec<Normal6>> = points.par_chunks(CHUNK).map(|c| c.iter().filter_map(row).collect()).collect();
+        parts.concat()
+    }
+
+    fn system(&self, matches: &[Normal6]) -> System {
+        let width = match self.settings.kernel {
+            Kernel::Squares => f64::INFINITY,
+            Kernel::Huber => 1.345 * spread(matches),
+            Kernel::Cauchy => 2.385 * spread(matches),
+        };
+        let weight = |r: f64| match self.settings.kernel {
+            Kernel::Squares => 1.0,
+            Kernel::Huber => (width / r.abs().max(1e-12)).min(1.0),
+            Kernel::Cauchy => 1.0 / (1.0 + (r / width).powi(2)),
+        };
+        let parts: Vec<System> = matches.par_chunks(CHUNK).map(|c| System::of(c, weight)).collect();
+        parts.iter().fold(System::default(), |a, b| a.plus(b))
+    }
+}
+
+/// Standard deviation of the residuals, were they normal with outliers; at least a tenth of a millimetre.
+fn spread(matches: &[Normal6]) -> f64 {
+    let mut sizes: Vec<f64> = matches.iter().map(|m| m.residual.abs()).collect();
+    if sizes.is_empty() {
+        return 1.0;
+    }
+    let half = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(half, f64::total_cmp);
+    (1.4826 * *median).max(1e-4)
+}
