@@ -2,6 +2,8 @@
 //! [`integrate`](crate::integrate)'s concern.
 
 mod store;
+mod store_image;
 pub mod tsdf;
 
 pub use store::{BlockStore, StoreCells};
+pub use store_image::{BlockHead, ImageError, TsdfBuilder};
