@@ -48,6 +48,11 @@ impl Ramp {
     }
 }
 
+/// Colours of errors (metres, absolute values taken) on [`Ramp::Error`]: 0 is teal, `worst` and beyond is darkest, what is not a number is grey.
+pub fn error_colours(errors: &[f32], worst: f32) -> Vec<Rgb> {
+    errors.iter().map(|e| Ramp::Error.at(e.abs() / worst.max(1e-9))).collect()
+}
+
 /// A colour for the `i`-th of things to be told apart (submaps, curves): hues a golden angle apart, never repeating soon.
 pub fn palette(i: usize) -> Rgb {
     const FIRST: [Rgb; 8] =
@@ -129,6 +134,13 @@ mod tests {
             let end = ramp.at(f32::INFINITY);
             assert!((0..3).all(|k| end[k].abs_diff(stops[stops.len() - 1][k]) <= 1));
         }
+    }
+
+    #[test]
+    fn errors_run_from_teal_to_dark_and_the_unknown_is_grey() {
+        let colours = error_colours(&[0.0, -0.5, f32::INFINITY, f32::NAN], 0.5);
+        assert_eq!([colours[1], colours[3]], [colours[2], [150; 3]]);
+        assert!((0..3).all(|k| colours[0][k].abs_diff(ERROR[0][k]) <= 1));
     }
 
     #[test]

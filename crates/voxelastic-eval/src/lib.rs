@@ -10,11 +10,14 @@ pub mod cloud_distance;
 pub mod colour;
 mod error;
 mod glyphs;
+pub mod held_out;
 mod mesh;
 pub mod mesh_distance;
+pub mod metrics;
 mod order;
 pub mod render;
 pub mod stats;
+pub mod trajectory;
 mod vec3;
 
 pub use cloud_distance::{PointIndex, cloud_distances, downsample};

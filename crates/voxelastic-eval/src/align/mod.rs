@@ -8,7 +8,7 @@ mod checks;
 mod normals;
 mod solve;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use crate::cloud_distance::{PointIndex, downsample};
 use crate::{EvalError, error::Result};
