@@ -1,6 +1,7 @@
 //! Fields: what a voxel stores, and how a block of voxels changes scale. How scans update a field is
 //! [`integrate`](crate::integrate)'s concern.
 
+pub mod occupancy;
 mod store;
 mod store_image;
 pub mod tsdf;

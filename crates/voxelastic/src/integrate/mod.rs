@@ -1,5 +1,7 @@
 //! Integrating a scan into a submap (paper Sec. III-B, IV-B): select, update, propagate.
 
+mod band;
+pub mod occupancy;
 pub mod radix;
 pub mod scale;
 mod select;
@@ -7,6 +9,7 @@ mod transform;
 pub mod tsdf;
 mod walk;
 
+pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use scale::ScaleRule;
 pub use transform::Returns;
 pub use tsdf::{TsdfIntegrator, TsdfPhases, TsdfSettings, TsdfStats};

@@ -68,9 +68,9 @@ impl Window {
 pub(crate) const MAX_REACH: u32 = (1 << (MAX_AXIS_BITS - 1)) - 1;
 
 impl Selection {
-    /// Finds the blocks within `truncation` voxels (of the beam's own scale) of each beam's point, along the beam.
-    /// `sensor` is the sensor's position in finest voxels; no point is farther from it than `reach` blocks.
-    pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32, truncation: f32) {
+    /// Finds the blocks along each beam from `band(beam).0` finest voxels before its point to `band(beam).1` behind it.
+    /// `sensor` is the sensor's position in finest voxels; no such place is farther from it than `reach` blocks.
+    pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32, band: impl Fn(&Beam) -> (f32, f32) + Sync) {
         const CHUNK: usize = 8192;
         let window = Window::new(reach);
         let home = sensor.map(|c| (c / BLOCK_EDGE as f32).floor() as i32);
@@ -80,7 +80,7 @@ impl Selection {
         self.chunks.par_iter_mut().zip(beams.par_chunks(CHUNK)).enumerate().for_each(|(chunk, (records, beams))| {
             records.clear();
             for (i, beam) in beams.iter().enumerate() {
-                walk_blocks(beam, truncation, corner, window, (chunk * CHUNK + i) as u64, records);
+                walk_blocks(beam, band(beam), corner, window, (chunk * CHUNK + i) as u64, records);
             }
         });
         self.records.clear();
@@ -109,16 +109,16 @@ impl Selection {
 
 /// Appends a record for every block that the beam's band touches.
 #[inline(always)]
-fn walk_blocks(beam: &Beam, truncation: f32, corner: [i32; 3], window: Window, index: u64, records: &mut Vec<u64>) {
+fn walk_blocks(beam: &Beam, band: (f32, f32), corner: [i32; 3], window: Window, index: u64, records: &mut Vec<u64>) {
     const PER_VOXEL: f32 = 1.0 / BLOCK_EDGE as f32;
-    let band = truncation * (1 << beam.scale) as f32 * PER_VOXEL;
+    let (before, behind) = (band.0 * PER_VOXEL, band.1 * PER_VOXEL);
     let mut next = [0f32; 3]; // parameter at which the next block boundary is crossed, per axis
     let mut step = [0f32; 3]; // parameter between boundaries
     let mut spread = [0u64; 3];
     let mut crossings = 0;
     for k in 0..3 {
         let (point, direction) = (beam.point[k] * PER_VOXEL - corner[k] as f32, beam.direction[k]);
-        let (from, to) = (point - direction * band, point + direction * band);
+        let (from, to) = (point - direction * before, point + direction * behind);
         let (first, last) = (from as i32, to as i32);
         crossings += (last - first).unsigned_abs();
         let inverse = 1.0 / direction.abs().max(1e-9);
@@ -156,12 +156,11 @@ mod tests {
     use std::collections::BTreeMap;
 
     /// Blocks that hold one of many samples along the band.
-    fn sampled(beams: &[Beam], truncation: f32) -> BTreeMap<(u64, usize), f32> {
+    fn sampled(beams: &[Beam], before: f32, behind: f32) -> BTreeMap<(u64, usize), f32> {
         let mut touched = BTreeMap::new();
         for (i, beam) in beams.iter().enumerate() {
-            let band = truncation * (1 << beam.scale) as f32;
             for s in 0..=2000 {
-                let t = band * (s as f32 / 1000.0 - 1.0);
+                let t = (1 << beam.scale) as f32 * ((before + behind) * s as f32 / 2000.0 - before);
                 let at: [f32; 3] = std::array::from_fn(|k| beam.point[k] + t * beam.direction[k]);
                 // Distance to the nearest block face, to forgive rounding on the face itself.
                 let edge = at.iter().map(|c| (c / 8.0 - (c / 8.0).round()).abs()).fold(f32::INFINITY, f32::min);
@@ -185,14 +184,14 @@ mod tests {
                 Beam { point: std::array::from_fn(|k| sensor[k] + range * direction[k]), direction, scale, range, ..Beam::default() }
             }).collect();
             let mut selection = Selection::default();
-            selection.select(&beams, sensor, 900 / 8 + 6, 3.0);
+            selection.select(&beams, sensor, 900 / 8 + 6, |beam| (3.0 * (1 << beam.scale) as f32, 2.0 * (1 << beam.scale) as f32));
             let mut selected = BTreeMap::new();
             for run in &selection.blocks {
                 for &record in &selection.records[run.start as usize..run.end as usize] {
                     prop_assert!(selected.insert((run.key, beam_of(record)), ()).is_none(), "a pair twice");
                 }
             }
-            let slow = sampled(&beams, 3.0);
+            let slow = sampled(&beams, 3.0, 2.0);
             for (pair, depth) in &slow {
                 prop_assert!(selected.contains_key(pair) || *depth < 2e-3, "missed {:?} depth {}", block_coords(pair.0), depth);
             }

@@ -5,10 +5,10 @@
 //! its beams in beam order, and *release* what scale changes left over. Blocks are independent in the update, so threads
 //! share nothing and change nothing but the time.
 
+use super::band::Band;
 use super::scale::ScaleRule;
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, to_submap};
-use super::walk::{Band, walk_block};
 use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
@@ -129,7 +129,8 @@ impl TsdfIntegrator {
         let transformed = Instant::now();
 
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        self.selection.select(&self.beams, sensor, reach, settings.truncation_voxels);
+        let band = |beam: &Beam| settings.truncation_voxels * (1 << beam.scale) as f32;
+        self.selection.select(&self.beams, sensor, reach, |beam| (band(beam), band(beam)));
         let selected = Instant::now();
 
         let new_blocks = self.allocate(field, &rule, t_submap_lidar.translation, !returns.shades.is_empty());
@@ -247,10 +248,10 @@ impl BlockUpdate<'_> {
         let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let beams = records.iter().map(|&r| &self.beams[beam_of(r)]);
         match scale {
-            0 => walk_block::<0>(voxels, shades, corner, beams, &self.band),
-            1 => walk_block::<1>(voxels, shades, corner, beams, &self.band),
-            2 => walk_block::<2>(voxels, shades, corner, beams, &self.band),
-            _ => walk_block::<3>(voxels, shades, corner, beams, &self.band),
+            0 => self.band.apply::<0>(voxels, shades, corner, beams),
+            1 => self.band.apply::<1>(voxels, shades, corner, beams),
+            2 => self.band.apply::<2>(voxels, shades, corner, beams),
+            _ => self.band.apply::<3>(voxels, shades, corner, beams),
         }
     }
 

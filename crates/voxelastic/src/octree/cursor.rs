@@ -37,10 +37,16 @@ impl Cursor {
     /// from the octant that they split. The tree's root must cover `key`.
     #[inline]
     pub fn make<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64) -> (u32, usize) {
-        debug_assert!(tree.covers(key) && tree.root_level() == self.top);
-        let mut level = self.shared_level(key);
+        self.make_at(tree, key, 0)
+    }
+
+    /// As [`make`](Self::make), for the octant of `lowest` level (below the root's).
+    #[inline]
+    pub fn make_at<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64, lowest: u32) -> (u32, usize) {
+        debug_assert!(tree.covers(key) && tree.root_level() == self.top && lowest < self.top);
+        let mut level = self.shared_level(key).max(lowest);
         let mut group = self.path[level as usize];
-        while level > 0 {
+        while level > lowest {
             let place = (key >> (3 * level)) as usize & 7;
             let octant = tree.groups[group][place];
             let mut below = octant.link;
@@ -53,8 +59,8 @@ impl Cursor {
             self.path[level as usize] = group;
         }
         self.key = key;
-        self.low = 0;
-        (group, key as usize & 7)
+        self.low = lowest;
+        (group, (key >> (3 * lowest)) as usize & 7)
     }
 
     /// The id of block `key`, if there is one.

@@ -117,6 +117,27 @@ impl<P: Copy + Default> Octree<P> {
         Some((level, octant))
     }
 
+    /// The octant of exactly `level` that holds block `key`, if it exists.
+    pub fn octant_mut(&mut self, key: u64, level: u32) -> Option<&mut Octant<P>> {
+        if !self.covers(key) || level > self.root_level {
+            return None;
+        }
+        if level == self.root_level {
+            return Some(&mut self.root);
+        }
+        let mut group = self.root.link;
+        for above in (level + 1..self.root_level).rev() {
+            if group == NONE {
+                return None;
+            }
+            group = self.groups[group][(key >> (3 * above)) as usize & 7].link;
+        }
+        if group == NONE {
+            return None;
+        }
+        Some(&mut self.groups[group][(key >> (3 * level)) as usize & 7])
+    }
+
     /// The id of block `key`, if there is one.
     pub fn block(&self, key: u64) -> Option<u32> {
         match self.find(key) {

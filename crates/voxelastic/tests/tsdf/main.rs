@@ -1,6 +1,7 @@
 //! The TSDF integrator against the obvious: a dense map updated voxel by voxel, on random rooms.
 
 mod reference;
+#[path = "../common/room.rs"]
 mod room;
 
 use proptest::prelude::*;

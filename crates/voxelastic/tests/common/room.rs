@@ -2,6 +2,7 @@
 
 use voxelastic::geometry::Rigid;
 
+#[allow(dead_code)]
 pub struct Room {
     half: [f32; 3],
     ball: [f32; 3],
@@ -63,6 +64,11 @@ impl Room {
         best
     }
 
+    /// Elevations of the rows of [`Room::scan`], top to bottom.
+    pub fn elevations(rows: usize) -> Vec<f32> {
+        (0..rows).map(|row| 0.6 - 1.2 * (row as f32 + 0.37) / rows as f32).collect()
+    }
+
     /// Scan `index` of a walk through the room: pose, points and normals in the lidar frame.
     pub fn scan(&self, index: usize, rows: usize, columns: usize, noise: f32) -> (Rigid, Vec<[f32; 3]>, Vec<[f32; 3]>) {
         let mut s = self.seed ^ (index as u64 + 1) << 32;
@@ -74,8 +80,7 @@ impl Room {
         };
         let back = |v: [f32; 3]| -> [f32; 3] { std::array::from_fn(|k| (0..3).map(|i| pose.rotation[i][k] * v[i]).sum()) };
         let (mut points, mut normals) = (Vec::new(), Vec::new());
-        for row in 0..rows {
-            let elevation = 0.6 - 1.2 * (row as f32 + 0.37) / rows as f32;
+        for elevation in Self::elevations(rows) {
             for column in 0..columns {
                 let azimuth = std::f32::consts::TAU * (column as f32 + 0.21) / columns as f32;
                 let direction = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];

@@ -1,0 +1,135 @@
+//! An octree whose octants can be uniform at any size, and blocks of voxels where they are not.
+
+use super::value::{State, Summary, UNKNOWN, state_of};
+use crate::field::BlockStore;
+use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, voxel_coords, voxel_index, voxels_at};
+
+/// A block that is not uniform: which voxels it holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OccupancyBlock {
+    /// Morton key of its place.
+    pub key: u64,
+    /// Slot of its array.
+    pub slot: u32,
+    /// Scale of its array: voxel edges of 2^scale finest voxels.
+    pub scale: u8,
+}
+
+/// A cube with one value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Leaf {
+    /// Log-odds in steps, or [`UNKNOWN`].
+    pub value: i8,
+    /// log2 of the cube's edge in finest voxels.
+    pub edge_log2: u32,
+}
+
+/// Occupancy over an octree, in a submap's frame.
+#[derive(Clone, Debug, Default)]
+pub struct OccupancyField {
+    pub(crate) tree: Octree<Summary>,
+    pub(crate) blocks: Pool<OccupancyBlock>,
+    pub(crate) voxels: BlockStore<i8>,
+}
+
+impl OccupancyField {
+    /// Whether nothing was ever integrated.
+    pub fn is_empty(&self) -> bool {
+        self.tree.is_empty()
+    }
+
+    /// The octree. An octant of level 0 links to a block, unless it is uniform.
+    pub fn tree(&self) -> &Octree<Summary> {
+        &self.tree
+    }
+
+    /// Blocks that are not uniform.
+    pub fn len(&self) -> usize {
+        self.blocks.live()
+    }
+
+    /// The block with id `id`.
+    #[inline(always)]
+    pub fn block(&self, id: u32) -> &OccupancyBlock {
+        &self.blocks[id]
+    }
+
+    /// The block's voxels.
+    #[inline(always)]
+    pub fn values(&self, block: &OccupancyBlock) -> &[i8] {
+        self.voxels.get(usize::from(block.scale), block.slot)
+    }
+
+    /// The smallest cube around the finest voxel at `c` (finest voxels, submap frame) for which a value is held, and that
+    /// value; none outside of the tree.
+    pub fn leaf_at(&self, c: [i32; 3]) -> Option<Leaf> {
+        let (level, octant) = self.tree.find(block_key(c.map(|v| v >> BLOCK_SHIFT)))?;
+        if octant.link == NONE {
+            return Some(Leaf { value: octant.payload.value, edge_log2: level + BLOCK_SHIFT });
+        }
+        let block = &self.blocks[octant.link];
+        let local = c.map(|v| (v & 7) as usize >> block.scale);
+        Some(Leaf { value: self.values(block)[voxel_index(local, usize::from(block.scale))], edge_log2: u32::from(block.scale) })
+    }
+
+    /// Value of the finest voxel at `c` (finest voxels, submap frame); [`UNKNOWN`] outside.
+    pub fn value_at(&self, c: [i32; 3]) -> i8 {
+        self.leaf_at(c).map_or(UNKNOWN, |leaf| leaf.value)
+    }
+
+    /// State of the finest voxel at `c`.
+    pub fn state_at(&self, c: [i32; 3]) -> State {
+        state_of(self.value_at(c))
+    }
+
+    /// Finds the block `key`, or makes it from the uniform octant that covers it, and refines it to `scale` if it is
+    /// coarser. The tree's root must cover the key.
+    pub(crate) fn make(&mut self, cursor: &mut Cursor, key: u64, scale: usize) -> u32 {
+        let (group, place) = cursor.make(&mut self.tree, key);
+        let octant = self.tree.siblings(group)[place];
+        if octant.link != NONE {
+            self.refine(octant.link, scale);
+            return octant.link;
+        }
+        let slot = self.voxels.insert(scale);
+        self.voxels.get_mut(scale, slot).fill(octant.payload.value);
+        let id = self.blocks.insert(OccupancyBlock { key, slot, scale: scale as u8 });
+        self.tree.siblings_mut(group)[place].link = id;
+        id
+    }
+
+    /// Gives block `id` an array at `scale` if its own is coarser: children copy their parent's value.
+    fn refine(&mut self, id: u32, scale: usize) {
+        let block = self.blocks[id];
+        let from = usize::from(block.scale);
+        if scale >= from {
+            return;
+        }
+        let slot = self.voxels.insert(scale);
+        let mut fine = [UNKNOWN; voxels_at(0)];
+        let coarse = self.voxels.get(from, block.slot);
+        for (i, value) in fine[..voxels_at(scale)].iter_mut().enumerate() {
+            *value = coarse[voxel_index(voxel_coords(i, scale).map(|c| c >> (from - scale)), from)];
+        }
+        self.voxels.get_mut(scale, slot).copy_from_slice(&fine[..voxels_at(scale)]);
+        self.voxels.remove(from, block.slot);
+        self.blocks[id] = OccupancyBlock { slot, scale: scale as u8, ..block };
+    }
+
+    /// Frees block `id`; its octant has become uniform.
+    pub(crate) fn remove(&mut self, id: u32) {
+        let block = self.blocks[id];
+        self.voxels.remove(usize::from(block.scale), block.slot);
+        self.blocks.remove(id);
+    }
+
+    /// Blocks that hold an array at each scale.
+    pub fn arrays(&self) -> [usize; SCALES] {
+        self.voxels.live()
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes()
+    }
+}

@@ -1,0 +1,283 @@
+//! The integrator: one scan into one occupancy field.
+//!
+//! *See*: build the pyramid. *Descend*: find free space. *Select*: which blocks the beams' hit bands touch. *Allocate*: make
+//! and refine blocks. *Update*: each block on its own, in parallel. *Propagate*: maxima and "observed" up to the root, and
+//! equal siblings merged into their parent.
+
+use super::apply::{FreeVoxels, Outcome, update_block};
+use super::descend::{Descent, Finds, Found};
+use super::model::{Evidence, OccupancySettings, Steps};
+use super::propagate::Touched;
+use super::visibility::{Rows, Visibility};
+use crate::field::StoreCells;
+use crate::field::occupancy::{OccupancyBlock, OccupancyField, Summary};
+use crate::geometry::Rigid;
+use crate::integrate::scale::ScaleRule;
+use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
+use crate::integrate::transform::{Beam, Returns, to_submap};
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
+use rayon::prelude::*;
+use std::time::{Duration, Instant};
+
+/// Time spent in each phase of one integration.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OccupancyPhases {
+    /// The pyramid, and beams into the submap frame.
+    pub see: Duration,
+    /// The descent for free space.
+    pub descend: Duration,
+    /// Blocks touched by beams, grouped.
+    pub select: Duration,
+    /// Octants and blocks made.
+    pub allocate: Duration,
+    /// Voxels updated.
+    pub update: Duration,
+    /// Summaries up to the root, pruning.
+    pub propagate: Duration,
+}
+
+/// What one integration did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OccupancyStats {
+    /// Beams walked.
+    pub beams: usize,
+    /// Cubes held against the pyramid.
+    pub visited: usize,
+    /// Uniform octants found free.
+    pub free_octants: usize,
+    /// Blocks updated.
+    pub blocks: usize,
+    /// Where the time went.
+    pub phases: OccupancyPhases,
+}
+
+/// A block and everything that the scan says about it.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    block: u32,
+    free: Free,
+    start: u32,
+    end: u32,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Free {
+    None,
+    All,
+    Mask(u32),
+}
+
+/// Integrates scans into [`OccupancyField`]s; holds the scratch memory, so keep one for all scans.
+#[derive(Clone, Debug)]
+pub struct OccupancyIntegrator {
+    settings: OccupancySettings,
+    visibility: Visibility,
+    beams: Vec<Beam>,
+    selection: Selection,
+    touches: Vec<Touch>,
+    /// Place in `touches` of each block id touched in this scan.
+    touch_of: Vec<u32>,
+}
+
+/// Blocks finer than this are not coarsened again: detail once seen stays.
+const KEEP_DETAIL: f32 = f32::INFINITY;
+
+impl OccupancyIntegrator {
+    /// An integrator for a sensor with the given rows and columns per turn.
+    pub fn new(settings: OccupancySettings, rows: Rows, columns: usize) -> Self {
+        Self {
+            settings,
+            visibility: Visibility::new(rows, columns),
+            beams: Vec::new(),
+            selection: Selection::default(),
+            touches: Vec::new(),
+            touch_of: Vec::new(),
+        }
+    }
+
+    /// Integrates one scan taken at `t_submap_lidar`. `beyond` holds directions (lidar frame, any length) of beams that are
+    /// known to have passed the maximum range; `fill` says that the points are no grid, so that single empty pixels between
+    /// returns are accidents.
+    pub fn integrate(
+        &mut self,
+        field: &mut OccupancyField,
+        t_submap_lidar: &Rigid,
+        returns: &Returns<'_>,
+        beyond: &[[f32; 3]],
+        fill: bool,
+    ) -> OccupancyStats {
+        let settings = self.settings.clone();
+        let steps = Steps::new(&settings);
+        let rule = ScaleRule::new(returns.smallest_angle, settings.voxel, SCALES - 1, KEEP_DETAIL);
+        let count = returns.points.len().min(MAX_BEAMS);
+        let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
+
+        let start = Instant::now();
+        self.visibility.build(returns.points, beyond, settings.max_range, fill);
+        to_submap(&returns, t_submap_lidar, settings.voxel, |range| rule.fitting(range), &mut self.beams);
+        let limit = settings.max_range / settings.voxel;
+        self.beams.retain(|beam| beam.range <= limit);
+        let seen = Instant::now();
+
+        let reach = self.cover(field, t_submap_lidar.translation);
+        let descent = Descent { field, visibility: &self.visibility, settings: &settings, steps, t_submap_lidar: *t_submap_lidar };
+        let finds = descent.run();
+        let descended = Instant::now();
+
+        let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
+        self.selection.select(&self.beams, sensor, reach, |beam| {
+            let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
+            let local = (1 << beam.scale) as f32;
+            (-before * local, behind * local)
+        });
+        let selected = Instant::now();
+
+        let mut touched = Touched::default();
+        self.allocate(field, &finds, &rule, t_submap_lidar.translation, &steps, &mut touched);
+        let allocated = Instant::now();
+
+        let outcomes = self.update(field, &finds, &steps);
+        let updated = Instant::now();
+
+        self.settle(field, &outcomes, &mut touched);
+        touched.propagate(field);
+        let done = Instant::now();
+
+        OccupancyStats {
+            beams: self.beams.len(),
+            visited: finds.visited,
+            free_octants: finds.found.iter().filter(|f| matches!(f, Found::Octant { .. })).count(),
+            blocks: self.touches.len(),
+            phases: OccupancyPhases {
+                see: seen - start,
+                descend: descended - seen,
+                select: selected - descended,
+                allocate: allocated - selected,
+                update: updated - allocated,
+                propagate: done - updated,
+            },
+        }
+    }
+
+    /// Grows the root over everything within reach of the sensor; returns the reach in blocks.
+    fn cover(&self, field: &mut OccupancyField, sensor: [f32; 3]) -> u32 {
+        let edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        // A hit's band at the coarsest scale reaches this many finest voxels beyond its point.
+        let band = self.settings.thickness_voxels.max(3.0) * (1 << (SCALES - 1)) as f32 * self.settings.voxel;
+        let reach = (((self.settings.max_range + band) / edge).ceil() as u32 + 2).min(MAX_REACH);
+        let home = sensor.map(|c| (c / edge).floor() as i32);
+        field.tree.grow_to(block_key(home.map(|c| c - reach as i32)));
+        field.tree.grow_to(block_key(home.map(|c| c + reach as i32)));
+        reach
+    }
+
+    /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels.
+    fn allocate(&mut self, field: &mut OccupancyField, finds: &Finds, rule: &ScaleRule, sensor: [f32; 3], steps: &Steps, touched: &mut Touched) {
+        self.touches.clear();
+        let mut cursor = Cursor::new(&field.tree);
+        for found in &finds.found {
+            match *found {
+                Found::Octant { key, level } => {
+                    let (group, place) = cursor.make_at(&mut field.tree, key, level);
+                    let octant = &mut field.tree.siblings_mut(group)[place];
+                    octant.payload = Summary::uniform(steps.add(octant.payload.value, steps.free));
+                    touched.add(key, level);
+                }
+                Found::Block { key } => {
+                    self.touch(field, &mut cursor, key, SCALES - 1, Free::All);
+                }
+                Found::Voxels { key, mask, scale } => {
+                    self.touch(field, &mut cursor, key, usize::from(scale), Free::Mask(mask));
+                }
+            }
+        }
+        let edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        for i in 0..self.selection.blocks.len() {
+            let run = self.selection.blocks[i];
+            let c = block_coords(run.key);
+            let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
+            let at = self.touch(field, &mut cursor, run.key, rule.fitting(distance), Free::None);
+            (self.touches[at].start, self.touches[at].end) = (run.start, run.end);
+        }
+    }
+
+    /// The place in `touches` of block `key`, which is made or refined to `scale` if need be.
+    fn touch(&mut self, field: &mut OccupancyField, cursor: &mut Cursor, key: u64, scale: usize, free: Free) -> usize {
+        let block = field.make(cursor, key, scale);
+        let id = block as usize;
+        if id >= self.touch_of.len() {
+            self.touch_of.resize(id + 1, NONE);
+        }
+        let known = self.touch_of[id] as usize;
+        if known < self.touches.len() && self.touches[known].block == block {
+            return known;
+        }
+        self.touch_of[id] = self.touches.len() as u32;
+        self.touches.push(Touch { block, free, start: 0, end: 0 });
+        self.touches.len() - 1
+    }
+
+    fn update(&mut self, field: &mut OccupancyField, finds: &Finds, steps: &Steps) -> Vec<Outcome> {
+        const TOUCHES_PER_TASK: usize = 64;
+        let task = BlockUpdate {
+            blocks: &field.blocks,
+            voxels: field.voxels.cells(),
+            beams: &self.beams,
+            records: &self.selection.records,
+            finds,
+            settings: &self.settings,
+            steps,
+        };
+        self.touches.par_iter().with_min_len(TOUCHES_PER_TASK).map(|touch| task.apply(touch)).collect()
+    }
+
+    /// Writes each block's outcome to its octant; a block that became uniform gives its voxels back.
+    fn settle(&self, field: &mut OccupancyField, outcomes: &[Outcome], touched: &mut Touched) {
+        let mut cursor = Cursor::new(&field.tree);
+        for (touch, outcome) in self.touches.iter().zip(outcomes) {
+            let key = field.blocks[touch.block].key;
+            let (group, place) = cursor.make(&mut field.tree, key);
+            if let Some(value) = outcome.uniform {
+                field.remove(touch.block);
+                field.tree.siblings_mut(group)[place] = crate::octree::Octant { link: NONE, payload: Summary::uniform(value) };
+            } else {
+                field.tree.siblings_mut(group)[place].payload = outcome.summary;
+            }
+            touched.add(key, 0);
+        }
+    }
+}
+
+/// Everything that a thread needs to update blocks.
+struct BlockUpdate<'a> {
+    blocks: &'a Pool<OccupancyBlock>,
+    voxels: StoreCells<'a, i8>,
+    beams: &'a [Beam],
+    records: &'a [u64],
+    finds: &'a Finds,
+    settings: &'a OccupancySettings,
+    steps: &'a Steps,
+}
+
+impl BlockUpdate<'_> {
+    #[allow(unsafe_code)]
+    fn apply(&self, touch: &Touch) -> Outcome {
+        let block = &self.blocks[touch.block];
+        let scale = usize::from(block.scale);
+        // SAFETY: each block occurs in one touch only, and an array belongs to one block only.
+        let values = unsafe { self.voxels.get(scale, block.slot) };
+        let free = match touch.free {
+            Free::None => FreeVoxels::None,
+            Free::All => FreeVoxels::All,
+            Free::Mask(i) => FreeVoxels::Some(&self.finds.masks[i as usize]),
+        };
+        let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let beams = self.records[touch.start as usize..touch.end as usize].iter().map(|&r| &self.beams[beam_of(r)]);
+        match scale {
+            0 => update_block::<0>(values, free, corner, beams, self.settings, self.steps),
+            1 => update_block::<1>(values, free, corner, beams, self.settings, self.steps),
+            2 => update_block::<2>(values, free, corner, beams, self.settings, self.steps),
+            _ => update_block::<3>(values, free, corner, beams, self.settings, self.steps),
+        }
+    }
+}

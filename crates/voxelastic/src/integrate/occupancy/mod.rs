@@ -1,0 +1,12 @@
+//! MultiresOFusion integration (paper Sec. III-A, III-B): descend for free space, walk beams for surfaces.
+
+mod apply;
+mod descend;
+mod integrator;
+mod model;
+mod propagate;
+mod visibility;
+
+pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};
+pub use model::OccupancySettings;
+pub use visibility::{Rows, Visibility};

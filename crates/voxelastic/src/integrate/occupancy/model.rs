@@ -1,0 +1,142 @@
+//! The inverse sensor model: log-odds as a piecewise linear function of the distance to the return.
+
+use crate::field::occupancy::steps;
+
+/// How scans update occupancy. Lengths in metres, evidence in log-odds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OccupancySettings {
+    /// Edge of the finest voxel, metres.
+    pub voxel: f32,
+    /// Largest range that is integrated, metres.
+    pub max_range: f32,
+    /// Evidence of one scan that a voxel is free (negative).
+    pub free: f32,
+    /// Evidence of one scan that a voxel is occupied.
+    pub hit: f32,
+    /// Least log-odds; a voxel there is saturated free.
+    pub min: f32,
+    /// Largest log-odds.
+    pub max: f32,
+    /// Range noise, 1 sigma: at least this, metres ...
+    pub sigma: f32,
+    /// ... and this share of the range.
+    pub sigma_per_metre: f32,
+    /// Thickness that a surface is assumed to have behind its return, in voxels of the integration scale.
+    pub thickness_voxels: f32,
+    /// Whether a beam without return clears the space up to the maximum range.
+    pub clear_no_return: bool,
+}
+
+impl Default for OccupancySettings {
+    fn default() -> Self {
+        Self {
+            voxel: 0.065,
+            max_range: 60.0,
+            free: -0.5,
+            hit: 0.85,
+            min: -2.0,
+            max: 3.5,
+            sigma: 0.02,
+            sigma_per_metre: 0.0005,
+            thickness_voxels: 1.5,
+            clear_no_return: false,
+        }
+    }
+}
+
+/// The model at one range and scale: evidence by distance behind the return.
+///
+/// ```text
+///   hit            ________
+///                 /        \
+///   0            /          \___
+///          _____/
+///   free        |-3s -s  t/2  t   distance behind the return
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Evidence {
+    free: f32,
+    hit: f32,
+    sigma: f32,
+    thickness: f32,
+}
+
+impl Evidence {
+    /// The model for a return at `range` metres, in voxels of `scale`.
+    #[inline(always)]
+    pub fn new(settings: &OccupancySettings, range: f32, scale: usize) -> Self {
+        let local = settings.voxel * (1 << scale) as f32;
+        // Half a local voxel: the voxel that holds the return counts as hit wherever in it the return lies.
+        let sigma = (settings.sigma + settings.sigma_per_metre * range).max(0.5 * local) / local;
+        Self { free: settings.free, hit: settings.hit, sigma, thickness: settings.thickness_voxels }
+    }
+
+    /// Distances before and behind the return between which the model says something else than "free" or nothing.
+    #[inline(always)]
+    pub fn reach(&self) -> (f32, f32) {
+        (-3.0 * self.sigma, self.thickness)
+    }
+
+    /// Evidence at `distance` local voxels behind the return.
+    #[inline(always)]
+    pub fn at(&self, distance: f32) -> f32 {
+        let rise = (distance + 3.0 * self.sigma) / (2.0 * self.sigma);
+        let fall = (self.thickness - distance) / (0.5 * self.thickness);
+        let front = self.free + (self.hit - self.free) * rise.clamp(0.0, 1.0);
+        front.min(self.hit * fall.clamp(0.0, 1.0))
+    }
+}
+
+/// Distance in metres before a return from which on a voxel counts as free.
+#[inline(always)]
+pub(super) fn free_margin(settings: &OccupancySettings, range: f32) -> f32 {
+    3.0 * (settings.sigma + settings.sigma_per_metre * range).max(0.5 * settings.voxel)
+}
+
+/// The evidence and the limits in steps of the field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Steps {
+    pub free: i8,
+    pub min: i8,
+    pub max: i8,
+}
+
+impl Steps {
+    pub fn new(settings: &OccupancySettings) -> Self {
+        Self { free: steps(settings.free).min(-1), min: steps(settings.min), max: steps(settings.max) }
+    }
+
+    /// `value` after evidence of `update` steps.
+    #[inline(always)]
+    pub fn add(&self, value: i8, update: i8) -> i8 {
+        let before = if value == crate::field::occupancy::UNKNOWN { 0 } else { i16::from(value) };
+        (before + i16::from(update)).clamp(i16::from(self.min), i16::from(self.max)) as i8
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn evidence_is_free_before_hit_at_and_nothing_behind_the_return() {
+        let settings = OccupancySettings::default();
+        for scale in 0..4 {
+            for range in [1.0, 20.0, 60.0] {
+                let e = Evidence::new(&settings, range, scale);
+                let (before, behind) = e.reach();
+                assert!((e.at(before) - settings.free).abs() < 1e-6);
+                assert!((e.at(-0.5) - settings.hit).abs() < 1e-4 || e.sigma > 0.5);
+                assert!((e.at(0.0) - settings.hit).abs() < 1e-6);
+                assert!(e.at(behind).abs() < 1e-6);
+                let mut last = e.at(before);
+                for i in 1..100 {
+                    let d = before + (behind - before) * i as f32 / 100.0;
+                    let here = e.at(d);
+                    assert!((here - last).abs() < 0.2, "continuous");
+                    last = here;
+                }
+            }
+        }
+    }
+}

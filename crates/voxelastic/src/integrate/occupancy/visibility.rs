@@ -1,0 +1,297 @@
+//! How far the sensor saw in every direction, at every angular size: the pyramid that octants are held against.
+//!
+//! A texel of level L covers a *window* of 2 x 2 cells of 2^L x 2^L pixels, so that any patch no larger than such a cell
+//! lies within one texel: classifying an octant reads one texel, whatever its size (DESIGN, core 4). The field of view's
+//! rim and beams without return count as "saw nothing".
+
+use std::f32::consts::{PI, TAU};
+
+/// Most levels of the pyramid: cells of 64 x 64 pixels.
+pub(super) const LEVELS: usize = 7;
+
+/// Maps directions to rows and columns of the image.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// Row (fractional) by sine of the elevation, evenly spaced from `lowest`; rows count from the top.
+    table: Vec<f32>,
+    per_sine: f32,
+    /// Sines of the field of view's lower and upper rim, a row beyond the last beams.
+    pub lowest: f32,
+    /// See [`Rows::lowest`].
+    pub highest: f32,
+    /// Rows.
+    pub count: usize,
+    /// Most rows that fit a radian anywhere in the field of view.
+    pub per_radian: f32,
+}
+
+impl Rows {
+    const BINS: usize = 2048;
+
+    /// From the elevations of the rows, radians, top to bottom (strictly descending), at least two.
+    pub fn new(elevations: &[f32]) -> Self {
+        let count = elevations.len();
+        let gap = |i: usize| (elevations[i] - elevations[i + 1]).max(1e-5);
+        let (top, bottom) = (elevations[0] + gap(0), elevations[count - 1] - gap(count - 2));
+        let (lowest, highest) = (bottom.max(-PI / 2.0).sin(), top.min(PI / 2.0).sin());
+        let per_sine = Self::BINS as f32 / (highest - lowest);
+        let mut row = count - 2;
+        let table = (0..=Self::BINS)
+            .map(|bin| {
+                let elevation = (lowest + bin as f32 / per_sine).clamp(-1.0, 1.0).asin();
+                // Bins go up, rows go down.
+                while row > 0 && elevation > elevations[row] {
+                    row -= 1;
+                }
+                row as f32 + (elevations[row] - elevation) / gap(row)
+            })
+            .collect();
+        let per_radian = 1.0 / (0..count - 1).map(gap).fold(f32::INFINITY, f32::min);
+        Self { table, per_sine, lowest, highest, count, per_radian }
+    }
+
+    /// Fractional row at a sine of elevation: 0 is the centre of the top row. Beyond the rim by at most a row; NaN never.
+    #[inline(always)]
+    pub fn row(&self, sine: f32) -> f32 {
+        let at = ((sine - self.lowest) * self.per_sine).clamp(0.0, Self::BINS as f32 - 1.0);
+        let bin = at as usize;
+        self.table[bin] + (self.table[bin + 1] - self.table[bin]) * (at - bin as f32)
+    }
+}
+
+/// Azimuth in radians, -pi to pi, to 2e-6: a polynomial without branches, so that loops over it become SIMD.
+#[inline(always)]
+pub fn fast_atan2(y: f32, x: f32) -> f32 {
+    let (ax, ay) = (x.abs(), y.abs());
+    let (small, large) = (ax.min(ay), ax.max(ay));
+    let t = small / large.max(1e-30);
+    let s = t * t;
+    // Minimax polynomial of atan on 0..1, odd powers up to 11.
+    let p = ((((-0.011_719_135 * s + 0.052_647_35) * s - 0.116_432_87) * s + 0.193_543_46) * s - 0.332_623_47) * s + 0.999_977_26;
+    let mut angle = p * t;
+    angle = if ay > ax { PI / 2.0 - angle } else { angle };
+    angle = if x < 0.0 { PI - angle } else { angle };
+    if y < 0.0 { -angle } else { angle }
+}
+
+/// Nearest and farthest that any pixel of a texel saw, metres; nearest is 0 where a pixel saw nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub(super) struct Texel {
+    pub near: f32,
+    pub far: f32,
+}
+
+/// The pyramid of one scan.
+#[derive(Clone, Debug)]
+pub struct Visibility {
+    rows: Rows,
+    columns: usize,
+    /// Windows by level: `(rows >> level) + 1` x `columns >> level`, the first row reaching over the top rim.
+    levels: [Vec<Texel>; LEVELS],
+    cells: Vec<Texel>,
+    spare: Vec<Texel>,
+}
+
+/// A pixel before anything is known of it.
+const BLANK: Texel = Texel { near: f32::INFINITY, far: -1.0 };
+const NOTHING: Texel = Texel { near: 0.0, far: 0.0 };
+
+impl Visibility {
+    /// For a sensor with these rows and `columns` per turn (used as the next smaller power of two).
+    pub fn new(rows: Rows, columns: usize) -> Self {
+        let columns = 1 << columns.max(64).ilog2();
+        Self { rows, columns, levels: std::array::from_fn(|_| Vec::new()), cells: Vec::new(), spare: Vec::new() }
+    }
+
+    /// Rows padded so that every level divides them.
+    fn padded_rows(&self) -> usize {
+        self.rows.count.next_multiple_of(1 << (LEVELS - 1))
+    }
+
+    /// Column (fractional) of an azimuth; the centre of column c is at c + 0.5.
+    #[inline(always)]
+    pub fn column(&self, azimuth: f32) -> f32 {
+        (azimuth + PI) * (self.columns as f32 / TAU)
+    }
+
+    /// Builds the pyramid from the scan's returns (lidar frame, metres) and from the directions of beams that saw nothing
+    /// up to `max_range`. Where several returns share a pixel the nearest counts. `fill` closes single empty pixels
+    /// between returns, for clouds that were not a grid.
+    pub fn build(&mut self, points: &[[f32; 3]], beyond: &[[f32; 3]], max_range: f32, fill: bool) {
+        let (rows, columns) = (self.padded_rows(), self.columns);
+        self.cells.clear();
+        self.cells.resize(rows * columns, BLANK);
+        for (set, limit) in [(points, f32::INFINITY), (beyond, max_range)] {
+            for p in set {
+                let range = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
+                let row = self.rows.row(p[2] / range) + 0.5;
+                let column = self.column(fast_atan2(p[1], p[0])) as usize % columns;
+                if row >= 0.0 && (row as usize) < self.rows.count {
+                    let cell = &mut self.cells[row as usize * columns + column];
+                    let seen = range.min(limit).min(max_range);
+                    *cell = Texel { near: cell.near.min(seen), far: cell.far.max(seen) };
+                }
+            }
+        }
+        if fill {
+            self.fill_gaps();
+        }
+        for cell in &mut self.cells {
+            if cell.far < 0.0 {
+                *cell = NOTHING;
+            }
+        }
+        self.build_levels(rows);
+    }
+
+    /// An empty pixel with returns on both sides of it in its row takes the nearer of them.
+    fn fill_gaps(&mut self) {
+        /// Empty pixels in a row that are bridged.
+        const GAP: usize = 2;
+        let columns = self.columns;
+        self.spare.clone_from(&self.cells);
+        for row in 0..self.rows.count {
+            let line = &self.spare[row * columns..(row + 1) * columns];
+            let seen = |c: usize| (line[c % columns].far >= 0.0).then_some(line[c % columns]);
+            for c in (0..columns).filter(|&c| line[c].far < 0.0) {
+                let left = (1..=GAP).find_map(|d| seen(c + columns - d));
+                let right = (1..=GAP).find_map(|d| seen(c + d));
+                if let (Some(a), Some(b)) = (left, right) {
+                    self.cells[row * columns + c] = Texel { near: a.near.min(b.near), far: a.far.max(b.far) };
+                }
+            }
+        }
+    }
+
+    /// Halves the cells level by level, and for each level joins windows of 2 x 2 cells.
+    fn build_levels(&mut self, rows: usize) {
+        let (mut height, mut width) = (rows, self.columns);
+        for level in 0..LEVELS {
+            let windows = &mut self.levels[level];
+            windows.clear();
+            for top in 0..=height {
+                // Rows beyond the image are blind.
+                let upper = top.checked_sub(1).map(|r| &self.cells[r * width..(r + 1) * width]);
+                let lower = (top < height).then(|| &self.cells[top * width..(top + 1) * width]);
+                match (upper, lower) {
+                    (Some(a), Some(b)) => windows.extend((0..width).map(|c| {
+                        let d = (c + 1) & (width - 1);
+                        join([a[c], a[d], b[c], b[d]])
+                    })),
+                    (None, Some(one)) | (Some(one), None) => {
+                        windows.extend((0..width).map(|c| Texel { near: 0.0, ..join([one[c], one[(c + 1) & (width - 1)], one[c], one[c]]) }));
+                    }
+                    (None, None) => {}
+                }
+            }
+            if level + 1 < LEVELS {
+                self.spare.clear();
+                for row in 0..height / 2 {
+                    let (a, b) = (&self.cells[2 * row * width..], &self.cells[(2 * row + 1) * width..]);
+                    self.spare.extend((0..width / 2).map(|c| join([a[2 * c], a[2 * c + 1], b[2 * c], b[2 * c + 1]])));
+                }
+                std::mem::swap(&mut self.cells, &mut self.spare);
+                (height, width) = (height / 2, width / 2);
+            }
+        }
+    }
+
+    /// The texel that covers the patch within `row_radius` and `column_radius` pixels of a direction; none when the patch
+    /// is larger than any texel.
+    #[inline(always)]
+    pub(super) fn texel(&self, row: f32, column: f32, row_radius: f32, column_radius: f32) -> Option<Texel> {
+        let size = 2.0 * row_radius.max(column_radius);
+        // Level: the smallest with 2^level >= size, from the exponent bits.
+        let level = ((size.max(1.0).to_bits() + 0x007f_ffff) >> 23) as usize - 127;
+        if level >= LEVELS {
+            return None;
+        }
+        let shrink = 1.0 / (1u32 << level) as f32;
+        // Row r is the cell from r - 0.5 to r + 0.5; window 0 reaches from one cell above the image.
+        let top = ((row + 0.5 - row_radius) * shrink + 1.0).max(0.0) as usize;
+        let width = self.columns >> level;
+        let left = ((column - column_radius + self.columns as f32) * shrink) as usize & (width - 1);
+        let last = self.padded_rows() >> level;
+        Some(if top > last { NOTHING } else { self.levels[level][top * width + left] })
+    }
+
+    /// Rows of the sensor.
+    pub(super) fn rows(&self) -> &Rows {
+        &self.rows
+    }
+
+    /// Columns per radian.
+    pub(super) fn columns_per_radian(&self) -> f32 {
+        self.columns as f32 / TAU
+    }
+}
+
+#[inline(always)]
+fn join(t: [Texel; 4]) -> Texel {
+    Texel { near: t[0].near.min(t[1].near).min(t[2].near.min(t[3].near)), far: t[0].far.max(t[1].far).max(t[2].far.max(t[3].far)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn fast_atan2_is_accurate_all_around() {
+        for i in 0..100_000 {
+            let a = (f64::from(i) / 100_000.0 - 0.5) * std::f64::consts::TAU * 0.999_999;
+            let (y, x) = ((a.sin() * 7.0) as f32, (a.cos() * 7.0) as f32);
+            let error = (f64::from(fast_atan2(y, x)) - f64::from(y).atan2(f64::from(x))).abs();
+            assert!(error < 1e-4 || (error - std::f64::consts::TAU).abs() < 1e-4, "{a}: {error}");
+        }
+    }
+
+    #[test]
+    fn rows_follow_uneven_elevations() {
+        let elevations: Vec<f32> = [17.0f32, 12.0, 10.0, 9.0, 5.0, -1.0, -12.0].map(f32::to_radians).into();
+        let rows = Rows::new(&elevations);
+        for (i, e) in elevations.iter().enumerate() {
+            assert!((rows.row(e.sin()) - i as f32).abs() < 0.02, "row {i} at {}", rows.row(e.sin()));
+        }
+        for w in 0..elevations.len() - 1 {
+            let middle = 0.5 * (elevations[w] + elevations[w + 1]);
+            assert!((rows.row(middle.sin()) - w as f32 - 0.5).abs() < 0.02);
+        }
+    }
+
+    fn even_rows() -> Rows {
+        Rows::new(&(0..16).map(|i| 0.3 - 0.04 * i as f32).collect::<Vec<_>>())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn texels_bound_every_pixel_of_the_patch(
+            ranges in prop::collection::vec(prop_oneof![3 => 1f32..50.0, 1 => Just(0f32)], 16 * 64),
+            row in -2f32..18.0, column in 0f32..64.0, row_radius in 0f32..9.0, column_radius in 0f32..20.0,
+        ) {
+            let mut image = Visibility::new(even_rows(), 64);
+            let points: Vec<[f32; 3]> = ranges.iter().enumerate().filter(|(_, r)| **r > 0.0).map(|(i, r)| {
+                let elevation = 0.3 - 0.04 * (i / 64) as f32;
+                let azimuth = ((i % 64) as f32 + 0.5) * TAU / 64.0 - PI;
+                [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()].map(|c| c * r)
+            }).collect();
+            image.build(&points, &[], 60.0, false);
+            let Some(texel) = image.texel(row, column, row_radius, column_radius) else {
+                prop_assert!(2.0 * row_radius.max(column_radius) > 64.0);
+                return Ok(());
+            };
+            let mut near = f32::INFINITY;
+            let mut far = 0f32;
+            for r in (row + 0.5 - row_radius).floor() as i32..=(row + 0.5 + row_radius).floor() as i32 {
+                for c in (column - column_radius).floor() as i32..=(column + column_radius).floor() as i32 {
+                    let seen = if (0..16).contains(&r) { ranges[r as usize * 64 + c.rem_euclid(64) as usize] } else { 0.0 };
+                    near = near.min(seen);
+                    far = far.max(seen);
+                }
+            }
+            prop_assert!(texel.near <= near + 1e-3 && texel.far >= far - 1e-3, "{texel:?} against {near} {far}");
+        }
+    }
+}

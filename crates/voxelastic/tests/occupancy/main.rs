@@ -1,0 +1,172 @@
+//! The occupancy integrator against the obvious: a dense map, and the truth of random rooms.
+
+mod reference;
+#[path = "../common/room.rs"]
+mod room;
+
+use proptest::prelude::*;
+use reference::DenseOccupancy;
+use room::Room;
+use voxelastic::field::occupancy::{OccupancyField, State, state_of};
+use voxelastic::geometry::Rigid;
+use voxelastic::integrate::occupancy::Rows;
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns};
+
+const ROWS: usize = 48;
+const COLUMNS: usize = 256;
+
+type Scan = (Rigid, Vec<[f32; 3]>);
+
+fn scans_of(room: &Room, count: usize) -> Vec<Scan> {
+    (0..count).map(|i| room.scan(i, ROWS, COLUMNS, 0.01)).map(|(pose, points, _)| (pose, points)).collect()
+}
+
+fn integrate(scans: &[Scan], settings: &OccupancySettings, smallest_angle: f32) -> OccupancyField {
+    let mut field = OccupancyField::default();
+    let mut integrator = OccupancyIntegrator::new(settings.clone(), Rows::new(&Room::elevations(ROWS)), COLUMNS);
+    for (pose, points) in scans {
+        let normals = vec![[0.0; 3]; points.len()];
+        let returns = Returns { points, normals: &normals, shades: &[], smallest_angle };
+        integrator.integrate(&mut field, pose, &returns, &[], false);
+    }
+    field
+}
+
+/// Corners of the box that holds the room, in voxels.
+fn bounds(voxel: f32) -> ([i32; 3], [i32; 3]) {
+    let reach = [9.5, 7.5, 3.0].map(|c: f32| (c / voxel).ceil() as i32);
+    (reach.map(|c| -c), reach)
+}
+
+fn voxels_of(voxel: f32) -> impl Iterator<Item = [i32; 3]> {
+    let (low, high) = bounds(voxel);
+    (low[2]..=high[2]).flat_map(move |z| (low[1]..=high[1]).flat_map(move |y| (low[0]..=high[0]).map(move |x| [x, y, z])))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4))]
+    #[test]
+    fn agrees_with_the_dense_reference(seed in any::<u64>(), voxel in 0.13f32..0.2) {
+        let room = Room::random(seed);
+        let scans = scans_of(&room, 4);
+        let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
+        // One scale for surfaces, so that both maps have the same voxels to talk about.
+        let field = integrate(&scans, &settings, 1e-6);
+        let (low, high) = bounds(voxel);
+        let mut dense = DenseOccupancy::new(settings.clone(), &Room::elevations(ROWS), COLUMNS);
+        scans.iter().for_each(|(pose, points)| dense.integrate(pose, points, low, high));
+        let (mut same, mut different, mut only_dense, mut only_fast) = (0usize, Vec::new(), 0usize, 0usize);
+        for c in voxels_of(voxel) {
+            let fast = field.state_at(c);
+            let slow = match dense.voxels.get(&c) {
+                Some(v) if *v < -0.01 => State::Free,
+                Some(v) if *v > 0.01 => State::Occupied,
+                _ => State::Unknown,
+            };
+            match (fast, slow) {
+                (State::Unknown, State::Unknown) => {}
+                (State::Unknown, _) => only_dense += 1,
+                (_, State::Unknown) => only_fast += 1,
+                (a, b) if a == b => same += 1,
+                _ => different.push(c),
+            }
+        }
+        prop_assert!(same > 10_000);
+        prop_assert!(different.len() * 200 <= same, "{} of {} differ", different.len(), same);
+        for c in &different {
+            let centre: [f32; 3] = c.map(|v| (v as f32 + 0.5) * voxel);
+            prop_assert!(room.distance(centre).abs() < 1.8 * voxel, "{c:?} differs {} m from a surface", room.distance(centre));
+        }
+        // A texel may be wider than the voxel's own patch, so the descent leaves some free voxels for a later scan.
+        prop_assert!(only_fast * 200 <= same, "{only_fast} known only to the fast map, {same} to both");
+        prop_assert!(only_dense * 7 <= same, "{only_dense} known only to the dense map, {same} to both");
+    }
+
+    #[test]
+    fn nothing_behind_a_surface_is_free(seed in any::<u64>(), voxel in 0.05f32..0.2) {
+        let room = Room::random(seed);
+        let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
+        let field = integrate(&scans_of(&room, 5), &settings, std::f32::consts::TAU / COLUMNS as f32);
+        let mut free = 0usize;
+        for c in voxels_of(voxel) {
+            let Some(leaf) = field.leaf_at(c).filter(|leaf| state_of(leaf.value) == State::Free) else { continue };
+            free += 1;
+            let local = voxel * (1 << leaf.edge_log2.min(3)) as f32;
+            let depth = -room.distance(c.map(|v| (v as f32 + 0.5) * voxel));
+            // A local voxel that reaches into the air may be free: its corners are half its diagonal from its centre.
+            prop_assert!(depth < 0.87 * local, "{c:?} of a leaf of {local} m is free {depth} m behind a surface");
+        }
+        prop_assert!(free > 10_000);
+    }
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_voxel() {
+    let room = Room::random(3);
+    let scans = scans_of(&room, 5);
+    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let fields: Vec<OccupancyField> = [1, 2, 5]
+        .map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads").install(|| integrate(&scans, &settings, 0.02)))
+        .into();
+    for other in &fields[1..] {
+        assert_eq!((fields[0].len(), fields[0].tree().octants()), (other.len(), other.tree().octants()));
+        assert!(voxels_of(0.1).all(|c| fields[0].value_at(c) == other.value_at(c)));
+    }
+}
+
+#[test]
+fn ancestors_know_the_largest_value_below_and_whether_all_was_seen() {
+    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let field = integrate(&scans_of(&Room::random(11), 4), &settings, 0.02);
+    let tree = field.tree();
+    let mut checked = 0;
+    tree.for_each(|_, level, octant| {
+        if octant.link == voxelastic::octree::NONE {
+            assert_eq!((octant.payload.max, octant.payload.observed), (octant.payload.value, octant.payload.value != i8::MIN));
+        } else if level == 0 {
+            let values = field.values(field.block(octant.link));
+            assert_eq!(octant.payload.max, *values.iter().max().expect("voxels"));
+            assert_eq!(octant.payload.observed, !values.contains(&i8::MIN));
+            assert!(values.iter().any(|v| *v != values[0]), "a uniform block was not given back");
+        } else {
+            let below = tree.siblings(octant.link);
+            assert_eq!(octant.payload.max, below.iter().map(|o| o.payload.max).max().expect("siblings"));
+            assert_eq!(octant.payload.observed, below.iter().all(|o| o.payload.observed));
+            checked += 1;
+        }
+    });
+    assert!(checked > 100);
+}
+
+#[test]
+fn an_object_arrives_and_leaves_within_a_few_scans() {
+    let room = Room::random(21);
+    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let mut field = OccupancyField::default();
+    let mut integrator = OccupancyIntegrator::new(settings, Rows::new(&Room::elevations(ROWS)), COLUMNS);
+    let (pose, empty, _) = room.scan(0, ROWS, COLUMNS, 0.0);
+    // A ball of 0.4 m, 2 m in front of the sensor.
+    let ball = [2.0f32, 0.0, 0.0];
+    let full: Vec<[f32; 3]> = empty
+        .iter()
+        .map(|p| {
+            let range = p.iter().map(|c| c * c).sum::<f32>().sqrt();
+            let ray = p.map(|c| c / range);
+            let along: f32 = (0..3).map(|k| ray[k] * ball[k]).sum();
+            let aside = 4.0 - along * along;
+            if along > 0.0 && aside < 0.16 { ray.map(|c| c * (along - (0.16 - aside).sqrt())) } else { *p }
+        })
+        .collect();
+    let front = pose.apply([1.62, 0.02, 0.02]).map(|c| (c / 0.1).floor() as i32);
+    let mut run = |points: &[[f32; 3]], scans: usize| {
+        let normals = vec![[0.0; 3]; points.len()];
+        for _ in 0..scans {
+            integrator.integrate(&mut field, &pose, &Returns { points, normals: &normals, shades: &[], smallest_angle: 0.02 }, &[], false);
+        }
+        field.state_at(front)
+    };
+    assert_eq!(run(&empty, 20), State::Free);
+    assert_eq!(run(&full, 4), State::Occupied, "an object that arrives shows within four scans");
+    run(&full, 20);
+    assert_eq!(run(&empty, 8), State::Free, "an object that leaves is gone within eight scans");
+}

@@ -1,0 +1,120 @@
+//! The obvious occupancy map: one resolution, every voxel held against every beam of every scan.
+
+use std::collections::HashMap;
+use std::f64::consts::{PI, TAU};
+use voxelastic::geometry::Rigid;
+use voxelastic::integrate::OccupancySettings;
+
+pub struct DenseOccupancy {
+    settings: OccupancySettings,
+    elevations: Vec<f64>,
+    columns: usize,
+    /// Log-odds by voxel coordinates; absent means unknown.
+    pub voxels: HashMap<[i32; 3], f32>,
+}
+
+/// One scan as an image: range of each pixel, 0 where nothing was seen.
+struct Image {
+    ranges: Vec<f64>,
+}
+
+impl DenseOccupancy {
+    pub fn new(settings: OccupancySettings, elevations: &[f32], columns: usize) -> Self {
+        Self { settings, elevations: elevations.iter().map(|&e| f64::from(e)).collect(), columns, voxels: HashMap::new() }
+    }
+
+    /// Integrates a scan into all voxels of the box from `low` to `high`.
+    pub fn integrate(&mut self, pose: &Rigid, points: &[[f32; 3]], low: [i32; 3], high: [i32; 3]) {
+        let mut updates: HashMap<[i32; 3], f32> = HashMap::new();
+        let image = self.image(points);
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    if self.is_free([x, y, z], pose, &image) {
+                        updates.insert([x, y, z], self.settings.free);
+                    }
+                }
+            }
+        }
+        for p in points {
+            self.walk(*p, pose, &mut updates);
+        }
+        for (c, update) in updates {
+            let value = self.voxels.entry(c).or_insert(0.0);
+            *value = (*value + update).clamp(self.settings.min, self.settings.max);
+        }
+    }
+
+    fn image(&self, points: &[[f32; 3]]) -> Image {
+        let mut ranges = vec![0f64; self.elevations.len() * self.columns];
+        for p in points {
+            let p = p.map(f64::from);
+            let range = p.iter().map(|c| c * c).sum::<f64>().sqrt();
+            let row = self.row((p[2] / range).asin()).round() as usize;
+            let column = ((p[1].atan2(p[0]) + PI) / TAU * self.columns as f64) as usize % self.columns;
+            let pixel = &mut ranges[row * self.columns + column];
+            *pixel = if *pixel == 0.0 { range } else { pixel.min(range) };
+        }
+        Image { ranges }
+    }
+
+    fn row(&self, elevation: f64) -> f64 {
+        let gap = self.elevations[0] - self.elevations[1];
+        (self.elevations[0] - elevation) / gap
+    }
+
+    /// Whether every pixel that the voxel's bounding sphere overlaps saw beyond it.
+    fn is_free(&self, c: [i32; 3], pose: &Rigid, image: &Image) -> bool {
+        let voxel = f64::from(self.settings.voxel);
+        let offset: [f64; 3] = std::array::from_fn(|k| (f64::from(c[k]) + 0.5) * voxel - f64::from(pose.translation[k]));
+        let p: [f64; 3] = std::array::from_fn(|j| (0..3).map(|i| f64::from(pose.rotation[i][j]) * offset[i]).sum());
+        let flat = p[0].hypot(p[1]);
+        let (range, radius) = (flat.hypot(p[2]), 0.5 * 3f64.sqrt() * voxel);
+        if radius > 0.5 * flat {
+            return false;
+        }
+        let (row, row_radius) = (self.row((p[2] / range).asin()) + 0.5, (radius / range).asin() / (self.elevations[0] - self.elevations[1]));
+        let per_radian = self.columns as f64 / TAU;
+        let (column, column_radius) = ((p[1].atan2(p[0]) + PI) * per_radian, (radius / flat).asin() * per_radian);
+        let margin = 3.0 * f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel);
+        for r in (row - row_radius).floor() as i64..=(row + row_radius).floor() as i64 {
+            for k in (column - column_radius).floor() as i64..=(column + column_radius).floor() as i64 {
+                if r < 0 || r >= self.elevations.len() as i64 {
+                    return false;
+                }
+                let seen = image.ranges[r as usize * self.columns + k.rem_euclid(self.columns as i64) as usize];
+                if range + radius + margin >= seen {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// The evidence of one beam, largest per voxel; the line is cut at voxel faces.
+    fn walk(&self, p: [f32; 3], pose: &Rigid, updates: &mut HashMap<[i32; 3], f32>) {
+        let voxel = f64::from(self.settings.voxel);
+        let world = pose.apply(p).map(|c| f64::from(c) / voxel);
+        let ray = pose.rotate(p).map(f64::from);
+        let range = ray.iter().map(|c| c * c).sum::<f64>().sqrt();
+        let direction = ray.map(|c| c / range);
+        let sigma = f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel) / voxel;
+        let thickness = f64::from(self.settings.thickness_voxels);
+        let (free, hit) = (f64::from(self.settings.free), f64::from(self.settings.hit));
+        let (before, behind) = (-3.0 * sigma, thickness);
+        let mut cuts = vec![before, behind];
+        for k in 0..3 {
+            let (a, b) = (world[k] + before * direction[k], world[k] + behind * direction[k]);
+            cuts.extend((a.min(b).ceil() as i64..=a.max(b).floor() as i64).map(|face| (face as f64 - world[k]) / direction[k]));
+        }
+        cuts.retain(|t| (before..=behind).contains(t));
+        cuts.sort_by(f64::total_cmp);
+        for w in cuts.windows(2).filter(|w| w[1] > w[0]) {
+            let c: [i32; 3] = std::array::from_fn(|k| (world[k] + 0.5 * (w[0] + w[1]) * direction[k]).floor() as i32);
+            let d = (0..3).map(|k| direction[k] * (f64::from(c[k]) + 0.5 - world[k])).sum::<f64>().clamp(before, behind);
+            let rise = free + (hit - free) * ((d + 3.0 * sigma) / (2.0 * sigma)).clamp(0.0, 1.0);
+            let update = rise.min(hit * ((thickness - d) / (0.5 * thickness)).clamp(0.0, 1.0)) as f32;
+            updates.entry(c).and_modify(|u| *u = u.max(update)).or_insert(update);
+        }
+    }
+}
