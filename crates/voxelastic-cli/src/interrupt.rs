@@ -1,0 +1,25 @@
+//! Ctrl-C: the first one asks the work to end well, the second one ends it at once.
+
+use crate::failure::INTERRUPTED;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+static REQUESTED: AtomicBool = AtomicBool::new(false);
+
+/// Takes over Ctrl-C, termination requests and hang-ups. `promise` is printed at the first one: what happens next.
+pub fn install(promise: &'static str) {
+    let handler = move || {
+        if REQUESTED.swap(true, Ordering::SeqCst) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        tracing::warn!("interrupted: {promise} (interrupt again to stop at once)");
+    };
+    // Without a handler, Ctrl-C ends the program at once: worse, but no reason not to work.
+    if let Err(error) = ctrlc::set_handler(handler) {
+        tracing::warn!("Ctrl-C will end the program without saving: {error}");
+    }
+}
+
+/// Whether the user asked to stop.
+pub fn requested() -> bool {
+    REQUESTED.load(Ordering::SeqCst)
+}

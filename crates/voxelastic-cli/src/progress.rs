@@ -1,0 +1,113 @@
+//! Progress of long work on stderr: a bar on a terminal, otherwise a line every few seconds.
+
+use crate::usage;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{self, IsTerminal, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Time between two lines where there is no terminal.
+const LINE_PERIOD: Duration = Duration::from_secs(5);
+
+/// The bar on the screen, which log lines must not tear.
+static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Progress over a known number of items.
+pub struct Progress {
+    bar: Option<ProgressBar>,
+    lines: bool,
+    what: &'static str,
+    total: u64,
+    done: u64,
+    started: Instant,
+    last_line: Instant,
+}
+
+impl Progress {
+    /// Progress over `total` items named `what`; `quiet` shows nothing.
+    pub fn new(what: &'static str, total: u64, quiet: bool) -> Self {
+        let terminal = io::stderr().is_terminal();
+        let bar = (terminal && !quiet).then(|| bar(what, total));
+        *BAR.lock().unwrap_or_else(PoisonError::into_inner) = bar.clone();
+        let now = Instant::now();
+        Self { bar, lines: !terminal && !quiet, what, total, done: 0, started: now, last_line: now }
+    }
+
+    /// One more item is done; `note` is shown behind the rate.
+    pub fn step(&mut self, note: impl FnOnce() -> String) {
+        self.done += 1;
+        if let Some(bar) = &self.bar {
+            bar.set_message(format!("{}, {}", memory(), note()));
+            bar.inc(1);
+        } else if self.lines && self.last_line.elapsed() >= LINE_PERIOD {
+            self.last_line = Instant::now();
+            let rate = self.done as f64 / self.started.elapsed().as_secs_f64().max(1e-9);
+            let left = Duration::from_secs_f64(self.total.saturating_sub(self.done) as f64 / rate.max(1e-9));
+            let Self { what, total, done, .. } = self;
+            eprintln!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}", clock(left), memory(), note());
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+        *BAR.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
+
+fn bar(what: &str, total: u64) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left, {{msg}}");
+    if let Ok(style) = ProgressStyle::with_template(&template) {
+        bar.set_style(style.with_key("per_sec", |s: &indicatif::ProgressState, w: &mut dyn std::fmt::Write| {
+            let _ = write!(w, "{:.1}/s", s.per_sec());
+        }));
+    }
+    bar
+}
+
+fn memory() -> String {
+    usage::resident_bytes().map_or_else(|| "memory unknown".to_owned(), |b| format!("{:.0} MB", usage::megabytes(b)))
+}
+
+/// `75 s` as `1:15`.
+fn clock(time: Duration) -> String {
+    let seconds = time.as_secs();
+    if seconds < 3600 {
+        format!("{}:{:02}", seconds / 60, seconds % 60)
+    } else {
+        format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+    }
+}
+
+/// Where log lines go: stderr, with a bar moved out of the way.
+#[derive(Clone, Copy, Debug)]
+pub struct LogWriter;
+
+impl Write for LogWriter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let bar = BAR.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        match bar {
+            Some(bar) => bar.suspend(|| io::stderr().write(bytes)),
+            None => io::stderr().write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_read_like_a_clock() {
+        assert_eq!(clock(Duration::from_secs(75)), "1:15");
+        assert_eq!(clock(Duration::from_secs(3 * 3600 + 62)), "3:01:02");
+    }
+}
