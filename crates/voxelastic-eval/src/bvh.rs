@@ -26,12 +26,8 @@ impl Node {
     /// Squared distance from a point to the box.
     #[inline(always)]
     fn distance2(&self, p: [f32; 3]) -> f32 {
-        let mut sum = 0.0;
-        for k in 0..3 {
-            let d = (self.min[k] - p[k]).max(p[k] - self.max[k]).max(0.0);
-            sum += d * d;
-        }
-        sum
+        let d: [f32; 3] = std::array::from_fn(|k| (self.min[k] - p[k]).max(p[k] - self.max[k]).max(0.0));
+        vec3::dot(d, d)
     }
 }
 

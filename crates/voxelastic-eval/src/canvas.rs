@@ -4,7 +4,7 @@ use crate::colour::Rgb;
 use crate::render::{Picture, Size};
 use crate::{EvalError, error::Result, glyphs};
 use std::path::Path;
-use tiny_skia::{Color, FillRule, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform};
+use tiny_skia::{Color, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform};
 
 /// Where a text stands relative to its anchor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,13 +64,6 @@ impl Canvas {
         }
     }
 
-    /// Fills a polygon.
-    pub fn polygon(&mut self, corners: &[[f32; 2]], colour: Rgb, alpha: u8) {
-        if let Some(path) = path([corners].into_iter()) {
-            self.pixmap.fill_path(&path, &paint(colour, alpha), FillRule::Winding, Transform::identity(), None);
-        }
-    }
-
     /// Draws lines through points.
     pub fn lines<'a>(&mut self, lines: impl Iterator<Item = &'a [[f32; 2]]>, width: f32, colour: Rgb) {
         let stroke = Stroke { width, line_cap: LineCap::Round, line_join: LineJoin::Round, ..Stroke::default() };
@@ -79,12 +72,7 @@ impl Canvas {
         }
     }
 
-    /// Writes a text with capitals `capital` pixels high whose base line stands at `at`.
-    pub fn text(&mut self, text: &str, at: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb) {
-        self.turned_text(text, at, capital, anchor, colour, false);
-    }
-
-    /// Like [`Canvas::text`], on a soft edge of another colour that keeps it readable over a picture.
+    /// Like an unturned [`Canvas::text`], on a soft edge of another colour that keeps it readable over a picture.
     pub fn haloed_text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, [colour, halo]: [Rgb; 2]) {
         let (mut strokes, width) = glyphs::strokes(text, capital);
         let shift = anchor.shift(width);
@@ -93,8 +81,8 @@ impl Canvas {
         self.lines(strokes.iter().map(Vec::as_slice), (capital * 0.14).max(1.0), colour);
     }
 
-    /// Like [`Canvas::text`], optionally read from below.
-    pub fn turned_text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb, turned: bool) {
+    /// Writes a text with capitals `capital` pixels high whose base line stands at the given place, read from below when `turned`.
+    pub fn text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb, turned: bool) {
         let (mut strokes, width) = glyphs::strokes(text, capital);
         let shift = anchor.shift(width);
         for p in strokes.iter_mut().flatten() {

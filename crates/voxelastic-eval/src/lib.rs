@@ -15,6 +15,7 @@ mod mesh;
 pub mod mesh_distance;
 pub mod metrics;
 mod order;
+pub mod plot;
 pub mod render;
 pub mod stats;
 pub mod trajectory;

@@ -21,7 +21,7 @@ where
         .collect();
     keyed.par_sort_unstable();
     let indices: Vec<u32> = keyed.into_iter().map(|(_, i)| i).collect();
-    let values: Vec<Vec<f32>> = indices.par_chunks(RUN).map(|r| run(r)).collect();
+    let values: Vec<Vec<f32>> = indices.par_chunks(RUN).map(&run).collect();
     let mut out = vec![f32::NAN; points.len()];
     for (i, v) in indices.iter().zip(values.iter().flatten()) {
         out[*i as usize] = *v;

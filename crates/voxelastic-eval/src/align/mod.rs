@@ -11,7 +11,7 @@ mod solve;
 pub(crate) mod tests;
 
 use crate::cloud_distance::{PointIndex, downsample};
-use crate::{EvalError, error::Result};
+use crate::error::Result;
 use rayon::prelude::*;
 use serde::Serialize;
 use solve::{Normal6, System};
@@ -82,9 +82,9 @@ pub struct AlignQuality {
 /// does not depend on the number of threads.
 ///
 /// # Errors
-/// [`EvalError::Empty`] for clouds without points; [`EvalError::Units`] when the extents differ by 100 or 1000 times, or by the foot's length where
-/// the clouds do not fit either; [`EvalError::Disjoint`] when less than [`AlignSettings::min_overlap`] of the source is near the target;
-/// [`EvalError::Setting`] for voxel sizes or a reach that are not positive.
+/// [`EvalError::Empty`](crate::EvalError::Empty) for clouds without points; [`EvalError::Units`](crate::EvalError::Units) when the extents differ by 100 or 1000 times, or by the foot's length where
+/// the clouds do not fit either; [`EvalError::Disjoint`](crate::EvalError::Disjoint) when less than [`AlignSettings::min_overlap`] of the source is near the target;
+/// [`EvalError::Setting`](crate::EvalError::Setting) for voxel sizes or a reach that are not positive.
 ///
 /// ```
 /// use voxelastic_eval::align::{AlignSettings, align};

@@ -33,7 +33,7 @@ fn normal(points: &[[f32; 3]], near: &[usize]) -> [f32; 3] {
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
     let (thin, wide) = (eigen.eigenvalues[order[0]].max(0.0), eigen.eigenvalues[order[1]]);
     // Also no plane: neighbours in a line, where any normal across it would do.
-    if !(wide > 1e-12) || thin > ROUGHEST * wide || wide < 1e-3 * eigen.eigenvalues[order[2]] {
+    if wide.is_nan() || wide <= 1e-12 || thin > ROUGHEST * wide || wide < 1e-3 * eigen.eigenvalues[order[2]] {
         return [0.0; 3];
     }
     eigen.eigenvectors.column(order[0]).map(|c| c as f32).into()

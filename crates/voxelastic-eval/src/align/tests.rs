@@ -1,6 +1,7 @@
 //! Alignment against known motions, and its answers to bad input.
 
 use super::*;
+use crate::EvalError;
 use nalgebra::{Translation3, UnitQuaternion};
 use voxelastic::geometry::PoseExt;
 

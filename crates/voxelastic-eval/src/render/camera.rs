@@ -148,7 +148,7 @@ impl Lens {
 
     /// Unit vector from a view point to the viewer.
     #[inline(always)]
-    pub fn to_viewer(&self, v: [f32; 3]) -> [f32; 3] {
+    pub fn viewer_direction(&self, v: [f32; 3]) -> [f32; 3] {
         if self.near.is_none() { [0.0, 0.0, -1.0] } else { crate::vec3::unit([-v[0], -v[1], -v[2]]) }
     }
 }

@@ -156,7 +156,7 @@ fn triangle(scene: &Scene<'_>, view: &ViewSpace, lens: &Lens, (mesh, i): (usize,
     if !v.iter().flatten().all(|c| c.is_finite()) {
         return;
     }
-    if scene.style.faces == Faces::Front && vec3::dot(vec3::cross(vec3::sub(v[1], v[0]), vec3::sub(v[2], v[0])), lens.to_viewer(v[0])) <= 0.0 {
+    if scene.style.faces == Faces::Front && vec3::dot(vec3::cross(vec3::sub(v[1], v[0]), vec3::sub(v[2], v[0])), lens.viewer_direction(v[0])) <= 0.0 {
         return;
     }
     let id = view.mesh_first[mesh] + i as u32;

@@ -31,6 +31,8 @@ mod tests;
 pub use camera::{Camera, Projection};
 pub use scene::{CloudItem, Colouring, Faces, Legend, MeshItem, PointSize, Polyline, Scene, Style};
 
+pub(crate) use overlay::round_number;
+
 use crate::colour::{Rgb, from_linear, to_linear};
 use crate::{EvalError, error::Result};
 use geometry::{Bin, Grid, ViewSpace};

@@ -59,7 +59,7 @@ impl<'a> Shader<'a> {
             Part::Point { cloud, point } => {
                 let item = &self.scene.clouds[cloud];
                 let albedo = colour_of(&item.colouring, [(point, 1.0); 1], || height(self.cloud_height[cloud], item.points[point]));
-                Shaded { colour: albedo.map(|c| c * 0.95), normal: self.lens.to_viewer(self.view.clouds[cloud][point]), solid: true }
+                Shaded { colour: albedo.map(|c| c * 0.95), normal: self.lens.viewer_direction(self.view.clouds[cloud][point]), solid: true }
             }
             Part::Triangle { mesh, triangle } => self.surface(mesh, triangle, self.lens.unproject(x, y, q)),
         }
@@ -71,7 +71,7 @@ impl<'a> Shader<'a> {
         let v = t.map(|k| self.view.meshes[mesh][k]);
         let face = vec3::cross(vec3::sub(v[1], v[0]), vec3::sub(v[2], v[0]));
         let weights = barycentric(v, face, at);
-        let to_viewer = self.lens.to_viewer(at);
+        let to_viewer = self.lens.viewer_direction(at);
         let back = vec3::dot(face, to_viewer) < 0.0;
         let mut normal = vec3::unit(face);
         if let Some(normals) = item.mesh.normals() {
