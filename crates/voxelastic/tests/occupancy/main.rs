@@ -7,10 +7,11 @@ mod room;
 use proptest::prelude::*;
 use reference::DenseOccupancy;
 use room::Room;
+use voxelastic::Cloud;
 use voxelastic::field::occupancy::{OccupancyField, State, state_of};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::occupancy::Rows;
 use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns};
+use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
 
 const ROWS: usize = 48;
 const COLUMNS: usize = 256;
@@ -21,15 +22,37 @@ fn scans_of(room: &Room, count: usize) -> Vec<Scan> {
     (0..count).map(|i| room.scan(i, ROWS, COLUMNS, 0.01)).map(|(pose, points, _)| (pose, points)).collect()
 }
 
-fn integrate(scans: &[Scan], settings: &OccupancySettings, smallest_angle: f32) -> OccupancyField {
-    let mut field = OccupancyField::default();
-    let mut integrator = OccupancyIntegrator::new(settings.clone(), Rows::new(&Room::elevations(ROWS)), COLUMNS);
-    for (pose, points) in scans {
-        let normals = vec![[0.0; 3]; points.len()];
-        let returns = Returns { points, normals: &normals, shades: &[], smallest_angle };
-        integrator.integrate(&mut field, pose, &returns, &[], false);
+/// The sensor of [`Room::scan`].
+fn model() -> BeamModel {
+    let elevations = Room::elevations(ROWS);
+    BeamModel::even(ROWS, COLUMNS, elevations[0], elevations[ROWS - 1]).expect("a valid model")
+}
+
+/// Integrates scans one by one.
+struct Integration {
+    preparer: Preparer,
+    integrator: OccupancyIntegrator,
+    field: OccupancyField,
+    smallest_angle: f32,
+}
+
+impl Integration {
+    fn new(settings: &OccupancySettings, smallest_angle: f32) -> Self {
+        let preparer = Preparer::new(model(), Layout::Projected, Limits { near: 0.0, max: settings.max_range });
+        Self { preparer, integrator: OccupancyIntegrator::new(settings.clone(), &model()), field: OccupancyField::default(), smallest_angle }
     }
-    field
+
+    fn add(&mut self, pose: &Rigid, points: &[[f32; 3]]) {
+        let scan = self.preparer.prepare(&Cloud::from_points(points.to_vec()));
+        let returns = Returns { points: &scan.beams.points, normals: &scan.beams.normals, shades: &[], smallest_angle: self.smallest_angle };
+        self.integrator.integrate(&mut self.field, pose, &scan.image, &returns, false);
+    }
+}
+
+fn integrate(scans: &[Scan], settings: &OccupancySettings, smallest_angle: f32) -> OccupancyField {
+    let mut integration = Integration::new(settings, smallest_angle);
+    scans.iter().for_each(|(pose, points)| integration.add(pose, points));
+    integration.field
 }
 
 /// Corners of the box that holds the room, in voxels.
@@ -142,8 +165,7 @@ fn ancestors_know_the_largest_value_below_and_whether_all_was_seen() {
 fn an_object_arrives_and_leaves_within_a_few_scans() {
     let room = Room::random(21);
     let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
-    let mut field = OccupancyField::default();
-    let mut integrator = OccupancyIntegrator::new(settings, Rows::new(&Room::elevations(ROWS)), COLUMNS);
+    let mut integration = Integration::new(&settings, 0.02);
     let (pose, empty, _) = room.scan(0, ROWS, COLUMNS, 0.0);
     // A ball of 0.4 m, 2 m in front of the sensor.
     let ball = [2.0f32, 0.0, 0.0];
@@ -159,11 +181,8 @@ fn an_object_arrives_and_leaves_within_a_few_scans() {
         .collect();
     let front = pose.apply([1.62, 0.02, 0.02]).map(|c| (c / 0.1).floor() as i32);
     let mut run = |points: &[[f32; 3]], scans: usize| {
-        let normals = vec![[0.0; 3]; points.len()];
-        for _ in 0..scans {
-            integrator.integrate(&mut field, &pose, &Returns { points, normals: &normals, shades: &[], smallest_angle: 0.02 }, &[], false);
-        }
-        field.state_at(front)
+        (0..scans).for_each(|_| integration.add(&pose, points));
+        integration.field.state_at(front)
     };
     assert_eq!(run(&empty, 20), State::Free);
     assert_eq!(run(&full, 4), State::Occupied, "an object that arrives shows within four scans");

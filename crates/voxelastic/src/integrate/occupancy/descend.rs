@@ -5,10 +5,11 @@
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
 use super::model::{OccupancySettings, Steps, free_margin};
-use super::visibility::{Visibility, fast_atan2};
+use super::visibility::Visibility;
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, NONE, block_coords};
+use crate::sensor::atan2;
 use rayon::prelude::*;
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
@@ -233,7 +234,7 @@ impl Descent<'_> {
             lanes.range[lane] = (flat + p[2] * p[2]).sqrt();
             lanes.flat[lane] = flat.sqrt();
             lanes.sine[lane] = p[2] / lanes.range[lane].max(1e-6);
-            lanes.azimuth[lane] = fast_atan2(p[1], p[0]);
+            lanes.azimuth[lane] = atan2(p[1], p[0]);
         }
         let rows = self.visibility.rows();
         std::array::from_fn(|lane| {

@@ -8,7 +8,7 @@ use super::apply::{FreeVoxels, Outcome, update_block};
 use super::descend::{Descent, Finds, Found};
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
-use super::visibility::{Rows, Visibility};
+use super::visibility::Visibility;
 use crate::field::StoreCells;
 use crate::field::occupancy::{OccupancyBlock, OccupancyField, Summary};
 use crate::geometry::Rigid;
@@ -16,6 +16,7 @@ use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use crate::integrate::transform::{Beam, Returns, to_submap};
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
+use crate::sensor::{BeamModel, RangeImage};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -83,11 +84,11 @@ pub struct OccupancyIntegrator {
 const KEEP_DETAIL: f32 = f32::INFINITY;
 
 impl OccupancyIntegrator {
-    /// An integrator for a sensor with the given rows and columns per turn.
-    pub fn new(settings: OccupancySettings, rows: Rows, columns: usize) -> Self {
+    /// An integrator for scans of `model`.
+    pub fn new(settings: OccupancySettings, model: &BeamModel) -> Self {
         Self {
             settings,
-            visibility: Visibility::new(rows, columns),
+            visibility: Visibility::new(model),
             beams: Vec::new(),
             selection: Selection::default(),
             touches: Vec::new(),
@@ -95,15 +96,14 @@ impl OccupancyIntegrator {
         }
     }
 
-    /// Integrates one scan taken at `t_submap_lidar`. `beyond` holds directions (lidar frame, any length) of beams that are
-    /// known to have passed the maximum range; `fill` says that the points are no grid, so that single empty pixels between
-    /// returns are accidents.
+    /// Integrates one scan taken at `t_submap_lidar`: free space from its image, surfaces from its returns. `fill` says that
+    /// the points were no grid, so that single empty pixels between returns are accidents.
     pub fn integrate(
         &mut self,
         field: &mut OccupancyField,
         t_submap_lidar: &Rigid,
+        image: &RangeImage,
         returns: &Returns<'_>,
-        beyond: &[[f32; 3]],
         fill: bool,
     ) -> OccupancyStats {
         let settings = self.settings.clone();
@@ -113,7 +113,7 @@ impl OccupancyIntegrator {
         let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
 
         let start = Instant::now();
-        self.visibility.build(returns.points, beyond, settings.max_range, fill);
+        self.visibility.build(image, settings.max_range, settings.clear_no_return, fill);
         to_submap(&returns, t_submap_lidar, settings.voxel, |range| rule.fitting(range), &mut self.beams);
         let limit = settings.max_range / settings.voxel;
         self.beams.retain(|beam| beam.range <= limit);

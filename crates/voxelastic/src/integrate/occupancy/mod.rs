@@ -9,4 +9,3 @@ mod visibility;
 
 pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};
 pub use model::OccupancySettings;
-pub use visibility::{Rows, Visibility};

@@ -4,6 +4,7 @@
 //! lies within one texel: classifying an octant reads one texel, whatever its size (DESIGN, core 4). The field of view's
 //! rim and beams without return count as "saw nothing".
 
+use crate::sensor::{BeamModel, RangeImage};
 use std::f32::consts::{PI, TAU};
 
 /// Most levels of the pyramid: cells of 64 x 64 pixels.
@@ -11,7 +12,7 @@ pub(super) const LEVELS: usize = 7;
 
 /// Maps directions to rows and columns of the image.
 #[derive(Clone, Debug)]
-pub struct Rows {
+pub(super) struct Rows {
     /// Row (fractional) by sine of the elevation, evenly spaced from `lowest`; rows count from the top.
     table: Vec<f32>,
     per_sine: f32,
@@ -59,21 +60,6 @@ impl Rows {
     }
 }
 
-/// Azimuth in radians, -pi to pi, to 2e-6: a polynomial without branches, so that loops over it become SIMD.
-#[inline(always)]
-pub fn fast_atan2(y: f32, x: f32) -> f32 {
-    let (ax, ay) = (x.abs(), y.abs());
-    let (small, large) = (ax.min(ay), ax.max(ay));
-    let t = small / large.max(1e-30);
-    let s = t * t;
-    // Minimax polynomial of atan on 0..1, odd powers up to 11.
-    let p = ((((-0.011_719_135 * s + 0.052_647_35) * s - 0.116_432_87) * s + 0.193_543_46) * s - 0.332_623_47) * s + 0.999_977_26;
-    let mut angle = p * t;
-    angle = if ay > ax { PI / 2.0 - angle } else { angle };
-    angle = if x < 0.0 { PI - angle } else { angle };
-    if y < 0.0 { -angle } else { angle }
-}
-
 /// Nearest and farthest that any pixel of a texel saw, metres; nearest is 0 where a pixel saw nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
@@ -87,6 +73,9 @@ pub(super) struct Texel {
 pub struct Visibility {
     rows: Rows,
     columns: usize,
+    /// Azimuth of the left rim of column 0 and columns per radian, negative when columns run clockwise.
+    first_azimuth: f32,
+    per_radian: f32,
     /// Windows by level: `(rows >> level) + 1` x `columns >> level`, the first row reaching over the top rim.
     levels: [Vec<Texel>; LEVELS],
     cells: Vec<Texel>,
@@ -98,10 +87,20 @@ const BLANK: Texel = Texel { near: f32::INFINITY, far: -1.0 };
 const NOTHING: Texel = Texel { near: 0.0, far: 0.0 };
 
 impl Visibility {
-    /// For a sensor with these rows and `columns` per turn (used as the next smaller power of two).
-    pub fn new(rows: Rows, columns: usize) -> Self {
-        let columns = 1 << columns.max(64).ilog2();
-        Self { rows, columns, levels: std::array::from_fn(|_| Vec::new()), cells: Vec::new(), spare: Vec::new() }
+    /// For images of `model`; its columns are reduced to the next smaller power of two.
+    pub fn new(model: &BeamModel) -> Self {
+        let columns = 1usize << model.columns().max(1).ilog2();
+        let mean_azimuth = |column: f32| (0..model.rows()).map(|row| model.azimuth(row as f32, column)).sum::<f32>() / model.rows() as f32;
+        let per_radian = (columns as f32 / TAU).copysign(mean_azimuth(1.0) - mean_azimuth(0.0));
+        Self {
+            rows: Rows::new(model.elevations()),
+            columns,
+            first_azimuth: mean_azimuth(-0.5),
+            per_radian,
+            levels: std::array::from_fn(|_| Vec::new()),
+            cells: Vec::new(),
+            spare: Vec::new(),
+        }
     }
 
     /// Rows padded so that every level divides them.
@@ -109,28 +108,27 @@ impl Visibility {
         self.rows.count.next_multiple_of(1 << (LEVELS - 1))
     }
 
-    /// Column (fractional) of an azimuth; the centre of column c is at c + 0.5.
+    /// Column (fractional) of an azimuth in -pi to pi, not wrapped; the centre of column c is at c + 0.5.
     #[inline(always)]
-    pub fn column(&self, azimuth: f32) -> f32 {
-        (azimuth + PI) * (self.columns as f32 / TAU)
+    pub(super) fn column(&self, azimuth: f32) -> f32 {
+        (azimuth - self.first_azimuth) * self.per_radian
     }
 
-    /// Builds the pyramid from the scan's returns (lidar frame, metres) and from the directions of beams that saw nothing
-    /// up to `max_range`. Where several returns share a pixel the nearest counts. `fill` closes single empty pixels
-    /// between returns, for clouds that were not a grid.
-    pub fn build(&mut self, points: &[[f32; 3]], beyond: &[[f32; 3]], max_range: f32, fill: bool) {
+    /// Builds the pyramid from a scan's image. A range of infinity saw up to `max_range`; 0 saw nothing, or up to
+    /// `max_range` if `clear_no_return`. `fill` closes gaps of a pixel or two between returns, for clouds that were no grid.
+    pub fn build(&mut self, image: &RangeImage, max_range: f32, clear_no_return: bool, fill: bool) {
         let (rows, columns) = (self.padded_rows(), self.columns);
         self.cells.clear();
         self.cells.resize(rows * columns, BLANK);
-        for (set, limit) in [(points, f32::INFINITY), (beyond, max_range)] {
-            for p in set {
-                let range = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
-                let row = self.rows.row(p[2] / range) + 0.5;
-                let column = self.column(fast_atan2(p[1], p[0])) as usize % columns;
-                if row >= 0.0 && (row as usize) < self.rows.count {
-                    let cell = &mut self.cells[row as usize * columns + column];
-                    let seen = range.min(limit).min(max_range);
+        for row in 0..image.rows.min(self.rows.count) {
+            let line = &mut self.cells[row * columns..(row + 1) * columns];
+            for (column, &range) in image.ranges[row * image.columns..(row + 1) * image.columns].iter().enumerate() {
+                let cell = &mut line[column * columns / image.columns];
+                if range > 0.0 || clear_no_return {
+                    let seen = if range > 0.0 { range.min(max_range) } else { max_range };
                     *cell = Texel { near: cell.near.min(seen), far: cell.far.max(seen) };
+                } else if !fill {
+                    cell.near = 0.0;
                 }
             }
         }
@@ -211,7 +209,8 @@ impl Visibility {
         // Row r is the cell from r - 0.5 to r + 0.5; window 0 reaches from one cell above the image.
         let top = ((row + 0.5 - row_radius) * shrink + 1.0).max(0.0) as usize;
         let width = self.columns >> level;
-        let left = ((column - column_radius + self.columns as f32) * shrink) as usize & (width - 1);
+        // An azimuth is at most a turn and a bit off the first column.
+        let left = ((column - column_radius + 4.0 * self.columns as f32) * shrink) as usize & (width - 1);
         let last = self.padded_rows() >> level;
         Some(if top > last { NOTHING } else { self.levels[level][top * width + left] })
     }
@@ -222,8 +221,9 @@ impl Visibility {
     }
 
     /// Columns per radian.
+    #[inline(always)]
     pub(super) fn columns_per_radian(&self) -> f32 {
-        self.columns as f32 / TAU
+        self.per_radian.abs()
     }
 }
 
@@ -238,16 +238,6 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn fast_atan2_is_accurate_all_around() {
-        for i in 0..100_000 {
-            let a = (f64::from(i) / 100_000.0 - 0.5) * std::f64::consts::TAU * 0.999_999;
-            let (y, x) = ((a.sin() * 7.0) as f32, (a.cos() * 7.0) as f32);
-            let error = (f64::from(fast_atan2(y, x)) - f64::from(y).atan2(f64::from(x))).abs();
-            assert!(error < 1e-4 || (error - std::f64::consts::TAU).abs() < 1e-4, "{a}: {error}");
-        }
-    }
-
-    #[test]
     fn rows_follow_uneven_elevations() {
         let elevations: Vec<f32> = [17.0f32, 12.0, 10.0, 9.0, 5.0, -1.0, -12.0].map(f32::to_radians).into();
         let rows = Rows::new(&elevations);
@@ -260,10 +250,6 @@ mod tests {
         }
     }
 
-    fn even_rows() -> Rows {
-        Rows::new(&(0..16).map(|i| 0.3 - 0.04 * i as f32).collect::<Vec<_>>())
-    }
-
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
@@ -271,13 +257,9 @@ mod tests {
             ranges in prop::collection::vec(prop_oneof![3 => 1f32..50.0, 1 => Just(0f32)], 16 * 64),
             row in -2f32..18.0, column in 0f32..64.0, row_radius in 0f32..9.0, column_radius in 0f32..20.0,
         ) {
-            let mut image = Visibility::new(even_rows(), 64);
-            let points: Vec<[f32; 3]> = ranges.iter().enumerate().filter(|(_, r)| **r > 0.0).map(|(i, r)| {
-                let elevation = 0.3 - 0.04 * (i / 64) as f32;
-                let azimuth = ((i % 64) as f32 + 0.5) * TAU / 64.0 - PI;
-                [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()].map(|c| c * r)
-            }).collect();
-            image.build(&points, &[], 60.0, false);
+            let model = BeamModel::even(16, 64, 0.3, -0.3).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let mut image = Visibility::new(&model);
+            image.build(&RangeImage { rows: 16, columns: 64, ranges: ranges.clone(), points: Vec::new() }, 60.0, false, false);
             let Some(texel) = image.texel(row, column, row_radius, column_radius) else {
                 prop_assert!(2.0 * row_radius.max(column_radius) > 64.0);
                 return Ok(());
