@@ -6,6 +6,7 @@ pub mod event;
 pub mod field;
 pub mod geometry;
 pub mod integrate;
+pub mod mapper;
 pub mod octree;
 pub mod sensor;
 pub mod settings;
@@ -13,3 +14,5 @@ pub mod surface;
 
 pub use cloud::Cloud;
 pub use geometry::Pose;
+pub use mapper::Mapper;
+pub use settings::Settings;

@@ -156,18 +156,38 @@ pub enum FieldKind {
     /// Truncated signed distances: surfaces and meshes (paper: MultiresTSDF).
     #[default]
     Tsdf,
+    /// Free, occupied and unknown space (paper: MultiresOFusion).
+    Occupancy,
+    /// Both, side by side, in one pass over the scans.
+    Both,
+}
+
+impl FieldKind {
+    /// Whether the map holds signed distances.
+    pub fn has_tsdf(self) -> bool {
+        self != Self::Occupancy
+    }
+
+    /// Whether the map holds occupancy.
+    pub fn has_occupancy(self) -> bool {
+        self != Self::Tsdf
+    }
 }
 
 impl Value for FieldKind {
     fn parse(text: &str) -> Option<Self> {
         match text {
             "tsdf" => Some(Self::Tsdf),
+            "occupancy" => Some(Self::Occupancy),
+            "both" => Some(Self::Both),
             _ => None,
         }
     }
     fn text(&self) -> String {
         match self {
             Self::Tsdf => "tsdf".to_owned(),
+            Self::Occupancy => "occupancy".to_owned(),
+            Self::Both => "both".to_owned(),
         }
     }
     fn is_within(&self, allowed: &Allowed) -> bool {
@@ -239,8 +259,8 @@ macro_rules! settings {
 use Allowed::{Between, OneOf, Text};
 
 settings! {
-    field: FieldKind = FieldKind::Tsdf, "", OneOf(&["tsdf"]), Basic,
-        "What the map stores: tsdf (surfaces, meshes).";
+    field: FieldKind = FieldKind::Tsdf, "", OneOf(&["tsdf", "occupancy", "both"]), Basic,
+        "What the map stores: tsdf (surfaces, meshes), occupancy (free, occupied and unknown space), or both.";
     voxel: f32 = 0.065, "m", Between(0.005, 5.0), Basic,
         "Edge of the finest voxel.";
     max_range: f32 = 60.0, "m", Between(0.5, 1000.0), Basic,
@@ -342,7 +362,7 @@ mod tests {
         assert_eq!(message(&mut settings, "voxel", "NaN"), "voxel = NaN: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "voxel", "ten"), "voxel = ten: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "threads", "-1"), "threads = -1: must be 0 to 1024");
-        assert_eq!(message(&mut settings, "field", "colour"), "field = colour: must be tsdf");
+        assert_eq!(message(&mut settings, "field", "colour"), "field = colour: must be tsdf | occupancy | both");
         assert_eq!(message(&mut settings, "voxel_size", "1"), "there is no setting `voxel_size`; did you mean `voxel`?");
         assert_eq!(message(&mut settings, "lambda", "1"), "there is no setting `lambda`; did you mean `lambda_odom`?");
         assert_eq!(settings, Settings::default(), "refused values change nothing");

@@ -1,6 +1,7 @@
 //! A submap: its fields, its root pose and the scans it was made from.
 
 use crate::event::NodeId;
+use crate::field::occupancy::OccupancyField;
 use crate::field::tsdf::TsdfField;
 use crate::geometry::{Pose, PoseExt};
 
@@ -27,6 +28,8 @@ pub struct Submap {
     pub scans: Vec<SubmapScan>,
     /// The TSDF, if the map has that field.
     pub tsdf: TsdfField,
+    /// Free, occupied and unknown space, if the map has that field.
+    pub occupancy: OccupancyField,
     /// Path length from the root pose to the last scan, metres.
     pub travelled: f64,
 }
@@ -34,11 +37,12 @@ pub struct Submap {
 impl Submap {
     /// An empty submap at `t_map_submap`.
     pub fn new(id: SubmapId, t_map_submap: Pose) -> Self {
-        Self { id, t_map_submap, scans: Vec::new(), tsdf: TsdfField::default(), travelled: 0.0 }
+        Self { id, t_map_submap, scans: Vec::new(), tsdf: TsdfField::default(), occupancy: OccupancyField::default(), travelled: 0.0 }
     }
 
     /// Notes that the scan of `node`, taken at `t_map_lidar`, was integrated; returns its pose in the submap.
     pub fn add_scan(&mut self, node: NodeId, t_map_lidar: &Pose) -> Pose {
+        self.travelled = self.travelled_to(t_map_lidar);
         let t_submap_lidar = self.t_map_submap.inv_mul(t_map_lidar);
         self.scans.push(SubmapScan { node, t_submap_lidar });
         t_submap_lidar
@@ -52,6 +56,6 @@ impl Submap {
 
     /// Bytes that the fields hold.
     pub fn bytes(&self) -> usize {
-        self.tsdf.bytes()
+        self.tsdf.bytes() + self.occupancy.bytes()
     }
 }

@@ -1,0 +1,79 @@
+//! The way from a cloud to beams: which sensor it is, and the strengths of its returns on one scale.
+
+use crate::Cloud;
+use crate::sensor::{BeamModel, Layout, Limits, PreparedScan, Preparer, SensorError, preset};
+use crate::settings::Settings;
+
+/// Prepares the scans of one sensor.
+#[derive(Debug)]
+pub struct Front {
+    preparer: Preparer,
+    description: String,
+    shade_scale: Option<f32>,
+    shades: Vec<u8>,
+}
+
+impl Front {
+    /// Recognises the sensor from its first cloud, or takes the one that the settings name.
+    ///
+    /// # Errors
+    /// An unknown name, or a cloud from which no sensor can be made out.
+    pub fn open(settings: &Settings, first: &Cloud) -> Result<Self, SensorError> {
+        let limits = Limits { near: settings.min_range, max: settings.max_range };
+        let (model, layout, description) = if settings.sensor == "auto" {
+            let model = preset("os0-64")?;
+            (model, Layout::Projected, String::new())
+        } else {
+            let model = preset(&settings.sensor)?;
+            let description = format!("{}: {} rows x {} columns, as told; points are projected", model.name(), model.rows(), model.columns());
+            (model, Layout::Projected, description)
+        };
+        let shade_scale = first.intensity.as_deref().and_then(scale_of);
+        Ok(Self { preparer: Preparer::new(model, layout, limits), description, shade_scale, shades: Vec::new() })
+    }
+
+    /// Prepares `cloud`; [`scan`](Self::scan) and [`shades`](Self::shades) then speak of it.
+    pub fn prepare(&mut self, cloud: &Cloud) {
+        let scan = self.preparer.prepare(cloud);
+        self.shades.clear();
+        if let (Some(scale), Some(intensity)) = (self.shade_scale, &cloud.intensity) {
+            self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(0.0, 255.0) as u8));
+        }
+    }
+
+    /// The scan prepared last.
+    pub fn scan(&self) -> &PreparedScan {
+        self.preparer.scan()
+    }
+
+    /// Strength of each beam's return, 0 to 255; empty when the scan has none.
+    pub fn shades(&self) -> &[u8] {
+        &self.shades
+    }
+
+    /// The sensor.
+    pub fn model(&self) -> &BeamModel {
+        self.preparer.model()
+    }
+
+    /// What the sensor was taken for, in words.
+    pub fn description(&self) -> &str {
+        &self.description
+    }
+
+    /// Whether single empty pixels are accidents of projection and not beams without return.
+    pub fn fills_gaps(&self) -> bool {
+        !matches!(self.preparer.layout(), Layout::Grid(_))
+    }
+}
+
+/// Factor that brings all but the brightest fiftieth of the returns below 255; none when all are dark.
+fn scale_of(intensity: &[f32]) -> Option<f32> {
+    let mut seen: Vec<f32> = intensity.iter().copied().filter(|i| i.is_finite() && *i > 0.0).collect();
+    if seen.is_empty() {
+        return None;
+    }
+    let place = (seen.len() - 1) * 49 / 50;
+    let (_, bright, _) = seen.select_nth_unstable_by(place, f32::total_cmp);
+    Some(255.0 / *bright)
+}
