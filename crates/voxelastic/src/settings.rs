@@ -14,6 +14,7 @@
 //! # Ok::<(), voxelastic::settings::SettingError>(())
 //! ```
 
+use Allowed::{Between, OneOf, Text};
 use std::fmt;
 use std::sync::LazyLock;
 
@@ -47,14 +48,14 @@ impl Setting {
     /// What it may be, with the unit: `0.005 to 5 m`.
     pub fn range(&self) -> String {
         match self.allowed {
-            Allowed::Between(..) if !self.unit.is_empty() => format!("{} {}", self.allowed, self.unit),
+            Between(..) if !self.unit.is_empty() => format!("{} {}", self.allowed, self.unit),
             _ => self.allowed.to_string(),
         }
     }
 
     /// Whether its values are written as text, and not as numbers, in files that tell the two apart.
     pub fn is_text(&self) -> bool {
-        !matches!(self.allowed, Allowed::Between(..))
+        !matches!(self.allowed, Between(..))
     }
 }
 
@@ -131,7 +132,7 @@ macro_rules! number_values {
             }
             fn is_within(&self, allowed: &Allowed) -> bool {
                 // Bounds are compared as the setting's own type, so that 0.005 is not below 0.005.
-                matches!(*allowed, Allowed::Between(low, high) if (low as $kind..=high as $kind).contains(self))
+                matches!(*allowed, Between(low, high) if (low as $kind..=high as $kind).contains(self))
             }
         }
     )*};
@@ -150,7 +151,7 @@ impl Value for String {
     }
 }
 
-/// What a voxel stores.
+/// What a map stores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FieldKind {
     /// Truncated signed distances: surfaces and meshes (paper: MultiresTSDF).
@@ -163,35 +164,33 @@ pub enum FieldKind {
 }
 
 impl FieldKind {
-    /// Whether the map holds signed distances.
+    const ALL: [(&'static str, Self); 3] = [("tsdf", Self::Tsdf), ("occupancy", Self::Occupancy), ("both", Self::Both)];
+
+    /// Whether the map has signed distances.
     pub fn has_tsdf(self) -> bool {
-        self != Self::Occupancy
+        matches!(self, Self::Tsdf | Self::Both)
     }
 
-    /// Whether the map holds occupancy.
+    /// Whether the map has occupancy.
     pub fn has_occupancy(self) -> bool {
-        self != Self::Tsdf
+        matches!(self, Self::Occupancy | Self::Both)
+    }
+
+    /// Its name, as settings and files have it.
+    pub fn name(self) -> &'static str {
+        Self::ALL[self as usize].0
     }
 }
 
 impl Value for FieldKind {
     fn parse(text: &str) -> Option<Self> {
-        match text {
-            "tsdf" => Some(Self::Tsdf),
-            "occupancy" => Some(Self::Occupancy),
-            "both" => Some(Self::Both),
-            _ => None,
-        }
+        Self::ALL.iter().find(|(name, _)| *name == text).map(|(_, kind)| *kind)
     }
     fn text(&self) -> String {
-        match self {
-            Self::Tsdf => "tsdf".to_owned(),
-            Self::Occupancy => "occupancy".to_owned(),
-            Self::Both => "both".to_owned(),
-        }
+        self.name().to_owned()
     }
     fn is_within(&self, allowed: &Allowed) -> bool {
-        matches!(allowed, Allowed::OneOf(words) if words.contains(&self.text().as_str()))
+        matches!(allowed, OneOf(words) if words.contains(&self.name()))
     }
 }
 
@@ -255,8 +254,6 @@ macro_rules! settings {
         }
     };
 }
-
-use Allowed::{Between, OneOf, Text};
 
 settings! {
     field: FieldKind = FieldKind::Tsdf, "", OneOf(&["tsdf", "occupancy", "both"]), Basic,
@@ -374,6 +371,16 @@ mod tests {
         assert!(crossed.validate().unwrap_err().to_string().contains("less than max_range"));
         let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
         assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
+    }
+
+    #[test]
+    fn fields_go_by_their_names() {
+        for (name, kind) in FieldKind::ALL {
+            let mut settings = Settings::default();
+            settings.set("field", name).unwrap();
+            assert_eq!((settings.field, kind.name()), (kind, name));
+            assert!(kind.has_tsdf() || kind.has_occupancy());
+        }
     }
 
     proptest! {
