@@ -47,7 +47,12 @@ fn score(scene: &Scene, model: &BeamModel, select: impl Fn(usize, f32, [f32; 3])
 fn report(what: &str, s: &Score) {
     println!(
         "{what:<44} median {:5.2} 90% {:5.2} 99% {:6.2} deg, given {:5.1} %, over 15 deg {:5.2} %, of {}",
-        s.quantile(0.5), s.quantile(0.9), s.quantile(0.99), 100.0 * s.given(), 100.0 * s.wrong(15.0), s.errors.len() + s.none
+        s.quantile(0.5),
+        s.quantile(0.9),
+        s.quantile(0.99),
+        100.0 * s.given(),
+        100.0 * s.wrong(15.0),
+        s.errors.len() + s.none
     );
 }
 

@@ -1,0 +1,247 @@
+//! The range image in the coordinates of the plane fit, and where its surfaces end.
+
+use super::super::dispatch::{Kernel, dispatch};
+use super::super::image::{NO_POINT, RangeImage};
+use super::super::model::BeamModel;
+
+/// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
+/// the differences at its ends.
+pub(crate) const PAD: usize = 16;
+
+/// Differences against the trend of more than this many standard deviations of the range noise end a surface.
+const JUMP_SIGMAS: f32 = 5.0;
+
+/// Per pixel, with `PAD` wrapped columns on both sides of each row: the point in the frame of its column (X along the
+/// column's azimuth, Y to the left, Z up from the beams' origin).
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Grid {
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
+    pub(crate) stride: usize,
+    /// 1 / X; 0 where there is no point.
+    pub(crate) inverse: Vec<f32>,
+    /// Y / X.
+    pub(crate) across: Vec<f32>,
+    /// Z / X.
+    pub(crate) rise: Vec<f32>,
+    /// 1 where the pixel and the next in the row lie on one surface, else 0.
+    pub(crate) link_right: Vec<f32>,
+    /// 1 where the pixel and the one below lie on one surface, else 0.
+    pub(crate) link_down: Vec<f32>,
+    /// Cosine and sine of each column's azimuth.
+    pub(crate) axes: Vec<[f32; 2]>,
+    pub(crate) height: f32,
+    /// Tangent of each row's elevation.
+    pub(crate) row_rise: Vec<f32>,
+}
+
+impl Grid {
+    pub(crate) fn new(model: &BeamModel) -> Self {
+        let first = model.azimuth(0.0, 0.0) as f64;
+        let step = (model.azimuth(0.0, 1.0) - model.azimuth(0.0, 0.0)) as f64;
+        let step = step.signum() * std::f64::consts::TAU / model.columns() as f64;
+        let axes = (0..model.columns()).map(|c| (first + c as f64 * step).sin_cos()).map(|(s, c)| [c as f32, s as f32]).collect();
+        let row_rise = model.elevations().iter().map(|e| e.clamp(-1.55, 1.55).tan()).collect();
+        let (rows, columns) = (model.rows(), model.columns());
+        let stride = columns + 2 * PAD;
+        let plane = || vec![0f32; rows * stride];
+        Self {
+            rows,
+            columns,
+            stride,
+            inverse: plane(),
+            across: plane(),
+            rise: plane(),
+            link_right: plane(),
+            link_down: plane(),
+            axes,
+            height: model.origin_height(),
+            row_rise,
+        }
+    }
+
+    /// Position of a pixel in the padded planes.
+    #[inline(always)]
+    pub(crate) fn at(&self, row: usize, column: usize) -> usize {
+        row * self.stride + PAD + column
+    }
+
+    /// Takes over the points that the pixels of `image` show.
+    pub(crate) fn fill(&mut self, points: &[[f32; 3]], image: &RangeImage) {
+        let (columns, stride) = (self.columns, self.stride);
+        let mut shown = vec![[0f32; 3]; columns];
+        for row in 0..self.rows {
+            let indices = &image.points[row * columns..(row + 1) * columns];
+            for (p, &index) in shown.iter_mut().zip(indices) {
+                *p = if index == NO_POINT { [0.0; 3] } else { points[index as usize] };
+            }
+            let at = row * stride + PAD;
+            dispatch(Fill {
+                points: &shown,
+                axes: &self.axes,
+                height: self.height,
+                inverse: &mut self.inverse[at..at + columns],
+                across: &mut self.across[at..at + columns],
+                rise: &mut self.rise[at..at + columns],
+            });
+            for plane in [&mut self.inverse, &mut self.across, &mut self.rise] {
+                wrap(&mut plane[row * stride..(row + 1) * stride], columns);
+            }
+        }
+    }
+
+    /// Standard deviation of the range, metres: from second differences along the rows, of which the median forgets edges.
+    pub(crate) fn range_noise(&self) -> f32 {
+        /// Enough samples for a few per cent, few enough to cost nothing.
+        const SAMPLES: usize = 4096;
+        /// What is worse than this is no noise but a rough world.
+        const WORST: f32 = 0.03;
+        let pixels = self.rows * self.columns;
+        let stride = (pixels / SAMPLES).max(1) | 1;
+        let mut deviations: Vec<f32> = (0..pixels).step_by(stride).filter_map(|pixel| self.deviation(pixel)).collect();
+        if deviations.len() < 32 {
+            return WORST;
+        }
+        let middle = deviations.len() / 2;
+        let (_, median, _) = deviations.select_nth_unstable_by(middle, f32::total_cmp);
+        // Median of |x| of a normal distribution, and the variance of the sum 1 - 2 + 1 over 2.
+        (*median / (0.6745 * 1.5f32.sqrt())).min(WORST)
+    }
+
+    /// How far a pixel's range is from the straight line through its two neighbours in the row, metres.
+    fn deviation(&self, pixel: usize) -> Option<f32> {
+        let i = self.at(pixel / self.columns, pixel % self.columns);
+        let [before, here, after] = [i - 1, i, i + 1].map(|k| self.inverse[k]);
+        if before == 0.0 || here == 0.0 || after == 0.0 {
+            return None;
+        }
+        let ray = (1.0 + self.across[i] * self.across[i] + self.rise[i] * self.rise[i]).sqrt();
+        Some((0.5 * (before + after) - here).abs() / (here * here) * ray)
+    }
+
+    /// Finds where surfaces end, for a range noise in metres.
+    pub(crate) fn link(&mut self, noise: f32) {
+        let (columns, stride) = (self.columns, self.stride);
+        for row in 0..self.rows {
+            let at = row * stride;
+            let link = &mut self.link_right[at..at + stride];
+            dispatch(LinkRight { inverse: &self.inverse[at..at + stride], noise, link });
+        }
+        let row = |r: isize| {
+            let r = r.clamp(0, self.rows as isize - 1) as usize;
+            r * stride + PAD..r * stride + PAD + columns
+        };
+        for r in 0..self.rows.saturating_sub(1) as isize {
+            let inverse = [-1, 0, 1, 2].map(|k| &self.inverse[row(r + k)]);
+            let rise = [-1, 0, 1, 2].map(|k| &self.rise[row(r + k)]);
+            let link = &mut self.link_down[row(r)];
+            dispatch(LinkDown { inverse, rise, noise, link });
+        }
+        for row in self.link_down.chunks_exact_mut(stride) {
+            wrap(row, columns);
+        }
+    }
+}
+
+/// Repeats the ends of a padded row.
+fn wrap(row: &mut [f32], columns: usize) {
+    for i in 0..PAD {
+        row[PAD - 1 - i] = row[PAD + columns - 1 - i % columns];
+        row[PAD + columns + i] = row[PAD + i % columns];
+    }
+}
+
+struct Fill<'a> {
+    points: &'a [[f32; 3]],
+    axes: &'a [[f32; 2]],
+    height: f32,
+    inverse: &'a mut [f32],
+    across: &'a mut [f32],
+    rise: &'a mut [f32],
+}
+
+impl Kernel for Fill<'_> {
+    #[inline(always)]
+    fn run(self) {
+        /// Points nearer to the axis than this are behind or beside their pixel.
+        const NEAREST: f32 = 1e-3;
+        let count = self.points.len().min(self.axes.len()).min(self.inverse.len()).min(self.across.len()).min(self.rise.len());
+        for i in 0..count {
+            let (p, [cos, sin]) = (self.points[i], self.axes[i]);
+            let x = p[0] * cos + p[1] * sin;
+            let y = p[1] * cos - p[0] * sin;
+            let seen = x > NEAREST;
+            let inverse = 1.0 / if seen { x } else { 1.0 };
+            self.inverse[i] = if seen { inverse } else { 0.0 };
+            self.across[i] = if seen { y * inverse } else { 0.0 };
+            self.rise[i] = if seen { (p[2] - self.height) * inverse } else { 0.0 };
+        }
+    }
+}
+
+/// The middle one of three.
+#[inline(always)]
+fn median(a: f32, b: f32, c: f32) -> f32 {
+    a.min(b).max(a.max(b).min(c))
+}
+
+/// 1 when the step from `here` to `next` does not stand out of the steps before and after it by more than the noise.
+///
+/// On a plane the steps of the inverse depth are equal, at a crease they change once and the median is one of them; only at
+/// a jump is the middle step unlike both.
+#[inline(always)]
+fn linked(here: f32, next: f32, steps: [f32; 3], noise: f32) -> f32 {
+    let nearer = here.max(next);
+    let jump = (steps[1] - median(steps[0], steps[1], steps[2])).abs();
+    let both = (here > 0.0) & (next > 0.0);
+    if both & (jump <= JUMP_SIGMAS * noise * nearer * nearer) { 1.0 } else { 0.0 }
+}
+
+#[inline(always)]
+fn step(from: f32, to: f32) -> f32 {
+    if (from > 0.0) & (to > 0.0) { to - from } else { 0.0 }
+}
+
+struct LinkRight<'a> {
+    inverse: &'a [f32],
+    noise: f32,
+    link: &'a mut [f32],
+}
+
+impl Kernel for LinkRight<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let (w, n) = (self.inverse, self.inverse.len());
+        let link = &mut self.link[1..n - 2];
+        let (before, here, next, after) = (&w[..n - 3], &w[1..n - 2], &w[2..n - 1], &w[3..n]);
+        for i in 0..link.len() {
+            let steps = [step(before[i], here[i]), step(here[i], next[i]), step(next[i], after[i])];
+            link[i] = linked(here[i], next[i], steps, self.noise);
+        }
+    }
+}
+
+struct LinkDown<'a> {
+    inverse: [&'a [f32]; 4],
+    rise: [&'a [f32]; 4],
+    noise: f32,
+    link: &'a mut [f32],
+}
+
+impl Kernel for LinkDown<'_> {
+    #[inline(always)]
+    fn run(self) {
+        /// Rows that noise has brought closer than this are not divided by.
+        const LEAST_FALL: f32 = 1e-4;
+        let count = self.link.len();
+        let [before, here, next, after] = self.inverse.map(|w| &w[..count]);
+        let [rise_before, rise_here, rise_next, rise_after] = self.rise.map(|t| &t[..count]);
+        for i in 0..count {
+            let fall = (rise_here[i] - rise_next[i]).max(LEAST_FALL);
+            let fall_before = (rise_before[i] - rise_here[i]).max(LEAST_FALL);
+            let fall_after = (rise_next[i] - rise_after[i]).max(LEAST_FALL);
+            let steps = [step(before[i], here[i]) * (fall / fall_before), step(here[i], next[i]), step(next[i], after[i]) * (fall / fall_after)];
+            self.link[i] = linked(here[i], next[i], steps, self.noise);
+        }
+    }
+}
