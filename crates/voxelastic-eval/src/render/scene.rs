@@ -4,7 +4,10 @@ use crate::colour::{Ramp, Rgb};
 use crate::mesh::{MeshView, bounds};
 use nalgebra::Point3;
 use voxelastic::Pose;
-use voxelastic::geometry::Aabb;
+use voxelastic::geometry::{Aabb, Rigid};
+
+/// Points of an item that are looked at for its bulk.
+const SAMPLE: usize = 200_000;
 
 /// How a mesh or cloud is coloured.
 #[derive(Clone, Copy, Debug)]
@@ -150,8 +153,8 @@ pub struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Box around everything in the map frame (for [`Camera::top`](super::Camera::top) and its like). Moved boxes, so a little large for
-    /// rotated items; cut at [`Style::cut_above`].
+    /// Box around everything in the map frame; cut at [`Style::cut_above`]. The corners of each item's box are moved, so that the result is a little
+    /// large for turned items.
     pub fn bounds(&self) -> Aabb {
         let mut all = Aabb::default();
         let items = self.meshes.iter().map(|m| (m.mesh.bounds(), m.t_map_mesh));
@@ -167,6 +170,38 @@ impl Scene<'_> {
         }
         if let Some(cut) = self.style.cut_above.filter(|_| !all.is_empty()) {
             all.max[2] = all.max[2].min(cut as f32).max(all.min[2]);
+        }
+        all
+    }
+
+    /// Box that holds the bulk of the scene in the map frame: along each axis all but the outermost `outliers` (0 to 0.4) of the vertices and points at
+    /// either end, then a tenth more. A few stray returns do not make the picture small. Lines are always inside. Also gives heights for a ramp.
+    pub fn main_bounds(&self, outliers: f64) -> Aabb {
+        let mut values: [Vec<f32>; 3] = Default::default();
+        let meshes = self.meshes.iter().map(|m| (m.mesh.vertices(), m.t_map_mesh));
+        for (points, t) in meshes.chain(self.clouds.iter().map(|c| (c.points, c.t_map_cloud))) {
+            let rigid = Rigid::from(&t);
+            // A fixed sample is as good as all of a large item.
+            for p in points.iter().step_by(points.len() / SAMPLE + 1).map(|p| rigid.apply(*p)) {
+                let shown = self.style.cut_above.is_none_or(|cut| f64::from(p[2]) <= cut);
+                if shown && p.iter().all(|c| c.is_finite()) {
+                    (0..3).for_each(|k| values[k].push(p[k]));
+                }
+            }
+        }
+        let mut all = Aabb::default();
+        if !values[0].is_empty() {
+            let last = values[0].len() - 1;
+            let skip = ((last as f64 * outliers.clamp(0.0, 0.4)) as usize).min(last / 2);
+            let ends = values.each_mut().map(|v| {
+                let lo = *v.select_nth_unstable_by(skip, f32::total_cmp).1;
+                let hi = *v.select_nth_unstable_by(last - skip, f32::total_cmp).1;
+                (lo - 0.05 * (hi - lo), hi + 0.05 * (hi - lo))
+            });
+            all = Aabb { min: ends.map(|e| e.0), max: ends.map(|e| e.1) };
+        }
+        for p in self.polylines.iter().flat_map(|l| &l.points).filter(|p| p.iter().all(|c| c.is_finite())) {
+            all.add(p.map(|c| c as f32));
         }
         all
     }

@@ -111,6 +111,19 @@ fn pictures_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
+fn the_bulk_of_a_scene_forgets_strays_and_keeps_lines() {
+    let mut points: Vec<[f32; 3]> = (0..10_000).map(|i| [(i % 100) as f32 * 0.1, (i / 100) as f32 * 0.2, (i % 7) as f32 * 0.1]).collect();
+    points.extend([[500.0, -900.0, 80.0], [f32::NAN; 3]]);
+    let mut scene = Scene::default();
+    scene.clouds.push(CloudItem { points: &points, t_map_cloud: Pose::identity(), colouring: Colouring::Flat([0; 3]), size: PointSize::Pixels(1.0) });
+    let b = scene.main_bounds(0.005);
+    assert!(b.max[0] < 12.0 && b.max[1] < 23.0 && b.min[1] > -3.0 && b.max[2] < 1.0, "{b:?}");
+    assert_eq!(scene.bounds().max[0], 500.0);
+    scene.polylines.push(Polyline { points: vec![[30.0, 0.0, 0.0]], colour: [0; 3], width: 1.0, on_top: false });
+    assert_eq!(scene.main_bounds(0.005).max[0], 30.0);
+}
+
+#[test]
 fn odd_scenes_and_sizes_are_refused_or_drawn_but_never_panic() {
     let vertices = [[f32::NAN, 0.0, 0.0], [1e30, 0.0, 0.0], [0.0, 1e30, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let triangles = [[0, 1, 2], [1, 2, 3], [3, 4, 5], [3, 3, 3]];
