@@ -14,6 +14,7 @@
 //! # Ok::<(), voxelastic::settings::SettingError>(())
 //! ```
 
+use crate::sensor::{preset, preset_names};
 use Allowed::{Between, OneOf, Text};
 use std::fmt;
 use std::sync::LazyLock;
@@ -300,6 +301,10 @@ impl Settings {
     /// [`SettingError::BadValue`] and [`SettingError::Contradiction`].
     pub fn validate(&self) -> Result<(), SettingError> {
         self.check_ranges()?;
+        if self.sensor != "auto" && preset(&self.sensor).is_err() {
+            let allowed = format!("auto, or one of {}", preset_names().collect::<Vec<_>>().join(", "));
+            return Err(SettingError::BadValue { key: "sensor", value: self.sensor.clone(), allowed });
+        }
         if self.min_range >= self.max_range {
             let reason = format!("must be less than max_range, which is {} m", self.max_range);
             return Err(SettingError::Contradiction { key: "min_range", value: self.min_range.to_string(), reason });
@@ -369,6 +374,8 @@ mod tests {
         assert!(settings.validate().unwrap_err().to_string().contains("use larger voxels"));
         let crossed = Settings { min_range: 20.0, max_range: 10.0, ..Settings::default() };
         assert!(crossed.validate().unwrap_err().to_string().contains("less than max_range"));
+        let unknown = Settings { sensor: "os1-63".into(), ..Settings::default() };
+        assert!(unknown.validate().unwrap_err().to_string().contains("os1-64"));
         let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
         assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
     }
