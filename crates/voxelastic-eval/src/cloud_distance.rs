@@ -161,6 +161,15 @@ mod tests {
     }
 
     #[test]
+    fn coordinates_beyond_all_reason_do_not_panic() {
+        let index = PointIndex::new(&[[1e30; 3], [-3e38, 0.0, 3e38]], "a cloud").unwrap();
+        let d = index.distances(&[[0.0; 3], [1e30; 3], [3e38; 3]], 10.0);
+        assert_eq!(d[1], 0.0);
+        assert!(d[0].is_infinite() && d[2].is_infinite());
+        assert!(!index.nearest_k([0.0; 3], NonZero::<usize>::MIN).iter().any(|i| *i > 1));
+    }
+
+    #[test]
     fn empty_clouds_and_bad_voxels_are_refused() {
         assert!(matches!(cloud_distances(&[], &[[0.0; 3]], 1.0), Err(EvalError::Empty { what: "the first cloud", .. })));
         for voxel in [0.0, -1.0, f32::NAN, 1e-12] {

@@ -16,6 +16,10 @@ pub(super) fn settings(s: &AlignSettings) -> Result<()> {
         let value = s.voxels.iter().copied().find(|v| bad(*v)).map_or(0.0, f64::from);
         return Err(EvalError::Setting { setting: "voxel size of the alignment", value, must: "positive, one per level" });
     }
+    let guess = &s.t_target_source;
+    if !guess.translation.vector.iter().chain(guess.rotation.coords.iter()).all(|v| v.is_finite()) {
+        return Err(EvalError::Setting { setting: "first guess of the alignment", value: f64::NAN, must: "a pose of finite numbers" });
+    }
     if bad(s.reach) {
         return Err(EvalError::Setting { setting: "reach", value: f64::from(s.reach), must: "positive" });
     }

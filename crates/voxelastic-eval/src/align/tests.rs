@@ -85,6 +85,8 @@ fn empty_disjoint_and_other_units_are_named() {
     }
     let settings = AlignSettings { voxels: vec![1.0, -1.0], ..AlignSettings::default() };
     assert!(matches!(align(&cloud, &cloud, &settings), Err(EvalError::Setting { .. })));
+    let settings = AlignSettings { t_target_source: motion(f64::NAN, 0.0, 0.0, 0.0, 0.0, 0.0), ..AlignSettings::default() };
+    assert!(matches!(align(&cloud, &cloud, &settings), Err(EvalError::Setting { .. })));
 }
 
 #[test]
