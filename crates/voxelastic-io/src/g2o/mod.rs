@@ -1,0 +1,5 @@
+//! Pose graphs in the text format of g2o: `VERTEX_SE3:QUAT`, `EDGE_SE3:QUAT`, `FIX`.
+
+mod write;
+
+pub use write::write;

@@ -1,0 +1,5 @@
+//! Point clouds in the PCD format of the Point Cloud Library.
+
+mod write;
+
+pub use write::write;

@@ -1,0 +1,73 @@
+//! Writing PCD.
+
+use crate::file::write_atomically;
+use crate::{Error, Result};
+use std::io::Write;
+use std::path::Path;
+use voxelastic::Cloud;
+
+/// Writes a cloud as binary PCD 0.7, atomically.
+///
+/// Fields are `x y z` (f32, metres) and, where the cloud has them, `intensity` (f32), `time` (f32, seconds, the name and
+/// unit of Velodyne drivers) and `ring` (u16). An organised cloud keeps its width and height, no-returns included.
+///
+/// # Errors
+/// [`Error::Unwritable`] if a channel differs in length from the points or the grid does not match them;
+/// [`Error::Io`] if the disk refuses.
+pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
+    let path = path.as_ref();
+    let n = cloud.len();
+    let lengths = [
+        ("intensity", cloud.intensity.as_ref().map(Vec::len)),
+        ("time", cloud.time.as_ref().map(Vec::len)),
+        ("ring", cloud.ring.as_ref().map(Vec::len)),
+    ];
+    for (name, length) in lengths {
+        if let Some(length) = length.filter(|&l| l != n) {
+            return Err(Error::unwritable(path, format!("{length} values of {name} for {n} points")));
+        }
+    }
+    if cloud.width.checked_mul(cloud.height) != Some(n) {
+        return Err(Error::unwritable(path, format!("a grid of {} x {} for {n} points", cloud.width, cloud.height)));
+    }
+    write_atomically(path, |w| {
+        w.write_all(header(cloud).as_bytes())?;
+        let mut record = Vec::with_capacity(22);
+        for i in 0..n {
+            record.clear();
+            cloud.points[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
+            if let Some(v) = &cloud.intensity {
+                record.extend_from_slice(&v[i].to_le_bytes());
+            }
+            if let Some(v) = &cloud.time {
+                record.extend_from_slice(&v[i].to_le_bytes());
+            }
+            if let Some(v) = &cloud.ring {
+                record.extend_from_slice(&v[i].to_le_bytes());
+            }
+            w.write_all(&record)?;
+        }
+        Ok(())
+    })
+}
+
+fn header(cloud: &Cloud) -> String {
+    let (mut fields, mut sizes, mut types, mut counts) = ("x y z".to_owned(), "4 4 4".to_owned(), "F F F".to_owned(), "1 1 1".to_owned());
+    let mut add = |present: bool, field: &str, size: &str, kind: &str| {
+        if present {
+            for (list, word) in [(&mut fields, field), (&mut sizes, size), (&mut types, kind), (&mut counts, "1")] {
+                list.push(' ');
+                list.push_str(word);
+            }
+        }
+    };
+    add(cloud.intensity.is_some(), "intensity", "4", "F");
+    add(cloud.time.is_some(), "time", "4", "F");
+    add(cloud.ring.is_some(), "ring", "2", "U");
+    format!(
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {fields}\nSIZE {sizes}\nTYPE {types}\nCOUNT {counts}\nWIDTH {}\nHEIGHT {}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {}\nDATA binary\n",
+        cloud.width,
+        cloud.height,
+        cloud.len()
+    )
+}
