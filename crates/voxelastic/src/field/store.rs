@@ -91,6 +91,17 @@ pub struct StoreCells<'a, V> {
 
 #[allow(unsafe_code)]
 impl<V> StoreCells<'_, V> {
+    /// Asks for the array in `slot` at `scale` to be brought near, for use soon.
+    #[inline(always)]
+    pub fn prefetch(&self, scale: usize, slot: u32) {
+        match scale {
+            0 => self.fine.prefetch(slot),
+            1 => self.half.prefetch(slot),
+            2 => self.quarter.prefetch(slot),
+            _ => self.single.prefetch(slot),
+        }
+    }
+
     /// The array in `slot` at `scale`.
     ///
     /// # Safety

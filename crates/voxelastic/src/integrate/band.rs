@@ -21,7 +21,7 @@ impl Band {
     #[inline(always)]
     fn weight_at(&self, distance: f32) -> f32 {
         let fade = (self.truncation + distance) / (self.truncation - 1.0).max(0.5);
-        self.weight * fade.min(1.0)
+        self.weight * if fade < 1.0 { fade } else { 1.0 }
     }
 
     /// Updates a block at `SCALE` whose smallest corner is at `corner` (finest voxels, submap frame) from each beam.

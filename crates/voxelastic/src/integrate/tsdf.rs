@@ -14,6 +14,7 @@ use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propag
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords};
+use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -198,7 +199,7 @@ impl TsdfIntegrator {
             records: &self.selection.records,
             band,
         };
-        self.runs.par_chunks(RUNS_PER_TASK).for_each(|runs| runs.iter().for_each(|run| task.apply(run)));
+        self.runs.par_chunks(RUNS_PER_TASK).for_each(|runs| dispatch(Runs { runs, task: &task }));
     }
 }
 
@@ -228,8 +229,29 @@ struct BlockUpdate<'a> {
     band: Band,
 }
 
+/// A share of the blocks.
+struct Runs<'a> {
+    runs: &'a [Run],
+    task: &'a BlockUpdate<'a>,
+}
+
+impl Kernel for Runs<'_> {
+    #[inline(always)]
+    fn run(self) {
+        // A loop, because a closure would not be inlined and then not be compiled for the wide instructions.
+        for (i, run) in self.runs.iter().enumerate() {
+            if let Some(next) = self.runs.get(i + 1) {
+                let block = &self.task.blocks[next.block];
+                self.task.voxels.prefetch(usize::from(block.scale), block.data[usize::from(block.scale)]);
+            }
+            self.task.apply(run);
+        }
+    }
+}
+
 impl BlockUpdate<'_> {
     /// Moves the block of `run` to its new scale if it changes, then applies its beams.
+    #[inline(always)]
     #[allow(unsafe_code)]
     fn apply(&self, run: &Run) {
         let block = &self.blocks[run.block];

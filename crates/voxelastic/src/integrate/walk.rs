@@ -25,45 +25,61 @@ pub(crate) fn walk_line<const SCALE: usize>(line: &Line, mut enter: f32, mut lea
         let d = line.direction[k];
         inverse[k] = 1.0 / if d.abs() < 1e-9 { 1e-9f32.copysign(d) } else { d };
         let (a, b) = (-line.point[k] * inverse[k], (size - line.point[k]) * inverse[k]);
-        enter = enter.max(a.min(b));
-        leave = leave.min(a.max(b));
+        let (near, far) = if a < b { (a, b) } else { (b, a) };
+        enter = if near > enter { near } else { enter };
+        leave = if far < leave { far } else { leave };
     }
+    // The last step must not leave the block through rounding: a line within this of a face does not count as beyond it.
+    leave -= 1e-4;
     if enter >= leave {
         return;
     }
-    let mut cell = [0i32; 3];
-    let mut step = [0i32; 3];
+    let mut index = 0;
+    let mut stride = [0i32; 3];
     let mut next = [0f32; 3];
+    let mut slope = [0f32; 3];
     let mut quantity = 0.0;
     for k in 0..3 {
         let at = line.point[k] + enter * line.direction[k];
-        cell[k] = (at as i32).clamp(0, edge - 1);
+        let cell = (at as i32).clamp(0, edge - 1);
         let ahead = line.direction[k] > 0.0;
-        step[k] = if ahead { 1 } else { -1 };
-        next[k] = ((cell[k] + i32::from(ahead)) as f32 - line.point[k]) * inverse[k];
-        quantity += line.gradient[k] * (cell[k] as f32 + 0.5 - line.point[k]);
+        index += cell << (k * shift);
+        stride[k] = if ahead { 1 } else { -1 } << (k * shift);
+        next[k] = ((cell + i32::from(ahead)) as f32 - line.point[k]) * inverse[k];
+        slope[k] = line.gradient[k] * if ahead { 1.0 } else { -1.0 };
+        quantity += line.gradient[k] * (cell as f32 + 0.5 - line.point[k]);
     }
     let crossing = inverse.map(f32::abs);
-    let slope: [f32; 3] = std::array::from_fn(|k| line.gradient[k] * step[k] as f32);
     loop {
-        visit((cell[0] | cell[1] << shift | cell[2] << (2 * shift)) as usize, quantity);
-        let axis = if next[0] <= next[1] && next[0] <= next[2] {
-            0
-        } else if next[1] <= next[2] {
-            1
-        } else {
-            2
-        };
-        if next[axis] >= leave {
+        visit(index as usize & (edge as usize * edge as usize * edge as usize - 1), quantity);
+        // Not `min`, which would also care for NaN.
+        let nearest = if next[0] < next[1] { next[0] } else { next[1] };
+        let nearest = if nearest < next[2] { nearest } else { next[2] };
+        if nearest >= leave {
             break;
         }
-        cell[axis] += step[axis];
-        if cell[axis] as u32 >= edge as u32 {
-            break;
-        }
-        next[axis] += crossing[axis];
-        quantity += slope[axis];
+        // Which face is crossed is as good as random: masks, because a branch would be mispredicted at every other voxel.
+        let x = mask(next[0] <= nearest);
+        let y = mask(next[1] <= nearest) & !x;
+        let z = !(x | y);
+        index += (stride[0] & x as i32) + (stride[1] & y as i32) + (stride[2] & z as i32);
+        quantity += select(slope[0], x) + select(slope[1], y) + select(slope[2], z);
+        next[0] += select(crossing[0], x);
+        next[1] += select(crossing[1], y);
+        next[2] += select(crossing[2], z);
     }
+}
+
+/// All bits set for true.
+#[inline(always)]
+fn mask(condition: bool) -> u32 {
+    u32::from(condition).wrapping_neg()
+}
+
+/// `value` where the mask is set, zero elsewhere.
+#[inline(always)]
+fn select(value: f32, mask: u32) -> f32 {
+    f32::from_bits(value.to_bits() & mask)
 }
 
 /// A point in finest voxels of the submap, in voxels of a block at `SCALE` relative to the block's smallest corner.

@@ -17,6 +17,7 @@ mod presets;
 mod rows;
 mod trig;
 
+pub(crate) use dispatch::{Kernel, dispatch};
 pub use error::SensorError;
 pub use image::{NO_POINT, RangeImage};
 pub use layout::{Grid, Layout};

@@ -41,7 +41,7 @@ impl DenseTsdf {
         let (mean, sum) = self.voxels.entry(c).or_default();
         *mean += (distance - *mean) * weight / (*sum + weight);
         // Weights are whole units in the field, so they are here.
-        *sum = (*sum + weight).floor().min(self.settings.max_weight * f32::from(WEIGHT_ONE));
+        *sum = (*sum + weight).round_ties_even().min(self.settings.max_weight * f32::from(WEIGHT_ONE));
     }
 }
 

@@ -33,22 +33,23 @@ impl Voxel {
         f32::from(self.distance) / DISTANCE_STEPS
     }
 
-    /// Folds one observation in: the weighted mean, with the weight capped.
+    /// Folds one observation in: the weighted mean, with the weight capped. Both are rounded to whole steps.
     #[inline(always)]
     pub fn observe(&mut self, distance_steps: f32, weight: f32, max_weight: f32) {
-        let old = f32::from(self.weight);
-        let sum = old + weight;
+        let sum = f32::from(self.weight) + weight;
         let distance = f32::from(self.distance);
-        self.distance = round_i16(distance + (distance_steps - distance) * (weight / sum));
-        self.weight = sum.min(max_weight) as i32 as u16;
+        self.distance = low_bits(distance + (distance_steps - distance) * (weight / sum)) as i16;
+        // Not `min`, which would also care for NaN.
+        self.weight = low_bits(if sum < max_weight { sum } else { max_weight });
     }
 }
 
-/// Rounds to nearest, ties to even, for |x| < 2^15: the sum lands where one unit in the last place is 1.
+/// The low 16 bits of `x` rounded to nearest, ties to even, for |x| < 2^22: the sum lands where the last place counts ones.
+/// A cast would saturate and care for NaN, at several times the cost.
 #[inline(always)]
-fn round_i16(x: f32) -> i16 {
+fn low_bits(x: f32) -> u16 {
     const MAGIC: f32 = 12_582_912.0; // 1.5 * 2^23
-    (x + MAGIC).to_bits() as i16
+    (x + MAGIC).to_bits() as u16
 }
 
 #[cfg(test)]
