@@ -1,0 +1,105 @@
+//! Pictures of worlds and scans, to look at before believing them.
+
+use crate::{Hit, SimError, World};
+use rayon::prelude::*;
+use tiny_skia::{Pixmap, PremultipliedColorU8};
+use voxelastic::Cloud;
+
+/// Colours from near to far, or low to high.
+const RAMP: [[f64; 3]; 5] = [[68.0, 30.0, 90.0], [50.0, 100.0, 150.0], [40.0, 165.0, 130.0], [150.0, 205.0, 80.0], [250.0, 230.0, 60.0]];
+
+fn ramp(t: f64) -> [f64; 3] {
+    let place = t.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
+    let k = (place as usize).min(RAMP.len() - 2);
+    std::array::from_fn(|c| RAMP[k][c] + (RAMP[k + 1][c] - RAMP[k][c]) * (place - k as f64))
+}
+
+/// A PNG of `width` x `height` pixels from their colours (0 to 255), row by row from the top.
+fn png(width: usize, height: usize, colours: &[[f64; 3]]) -> Result<Vec<u8>, SimError> {
+    let mut pixmap =
+        Pixmap::new(width as u32, height as u32).ok_or_else(|| SimError::Write(format!("a picture of {width} x {height} pixels cannot be made")))?;
+    for (pixel, colour) in pixmap.pixels_mut().iter_mut().zip(colours) {
+        let [r, g, b] = colour.map(|c| c.clamp(0.0, 255.0) as u8);
+        *pixel = PremultipliedColorU8::from_rgba(r, g, b, 255).unwrap_or(PremultipliedColorU8::TRANSPARENT);
+    }
+    pixmap.encode_png().map_err(|e| SimError::Write(format!("the picture cannot be encoded: {e}")))
+}
+
+/// What a picture from above shows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FromAbove {
+    /// Corner with the smallest x and y, map frame, metres.
+    pub low: [f64; 2],
+    /// Opposite corner.
+    pub high: [f64; 2],
+    /// Height from which is looked down: below a ceiling shows the room, metres.
+    pub from: f64,
+    /// Edge of a pixel, metres.
+    pub pixel: f64,
+}
+
+impl World {
+    /// A PNG of the world from above, x to the right and y up: coloured by height, shaded by slope, with `path` in red.
+    /// Where the eye is inside a solid the picture is black.
+    ///
+    /// # Errors
+    /// [`SimError::Write`] for a picture without pixels or beyond memory.
+    pub fn picture_from_above(&self, view: &FromAbove, path: &[[f64; 2]]) -> Result<Vec<u8>, SimError> {
+        let size = |k: usize| ((view.high[k] - view.low[k]) / view.pixel.max(1e-3)).ceil().clamp(0.0, 20_000.0) as usize;
+        let (width, height) = (size(0), size(1));
+        let spread = (view.from.min(20.0)).max(1.0);
+        let mut colours: Vec<[f64; 3]> = (0..height)
+            .into_par_iter()
+            .flat_map_iter(|row| {
+                let eye = move |column: usize| {
+                    [view.low[0] + (column as f64 + 0.5) * view.pixel, view.high[1] - (row as f64 + 0.5) * view.pixel, view.from]
+                };
+                (0..width).map(move |column| {
+                    let eye = eye(column);
+                    let hit = self.cast(eye, [0.0, 0.0, -1.0], 1e4).filter(|h| h.range > 0.0);
+                    hit.map_or([0.0; 3], |h| self.shade(eye, &h, spread))
+                })
+            })
+            .collect();
+        for p in path {
+            let (column, row) = (((p[0] - view.low[0]) / view.pixel) as usize, ((view.high[1] - p[1]) / view.pixel) as usize);
+            if column < width && row < height {
+                colours[row * width + column] = [255.0, 40.0, 40.0];
+            }
+        }
+        png(width, height, &colours)
+    }
+
+    fn shade(&self, eye: [f64; 3], hit: &Hit, spread: f64) -> [f64; 3] {
+        let p = [eye[0], eye[1], eye[2] - hit.range];
+        let n = self.normal(hit.solid, p);
+        let light = 0.45 + 0.55 * (0.5 * n[0] + 0.3 * n[1] + 0.81 * n[2]).max(0.0);
+        ramp(p[2] / spread).map(|c| c * light)
+    }
+}
+
+/// A PNG of an organised cloud as the sensor sees it: above the ranges (logarithmic, near is dark), below the intensities;
+/// each row of the scan `scale` pixels high. No return is black.
+///
+/// # Errors
+/// [`SimError::Write`] for a cloud without points.
+pub fn picture_of_scan(cloud: &Cloud, scale: usize) -> Result<Vec<u8>, SimError> {
+    let (width, rows, scale) = (cloud.width, cloud.height, scale.max(1));
+    let mut colours = Vec::with_capacity(2 * width * rows * scale);
+    for part in 0..2 {
+        for row in 0..rows * scale {
+            for column in 0..width {
+                let index = row / scale * width + column;
+                let p = cloud.points[index];
+                let range = f64::from(p[0]).hypot(f64::from(p[1])).hypot(f64::from(p[2]));
+                let strength = cloud.intensity.as_ref().map_or(0.0, |i| f64::from(i[index]));
+                colours.push(match (range.is_finite(), part) {
+                    (false, _) => [0.0; 3],
+                    (true, 0) => ramp((range / 1.0).ln() / 100f64.ln()),
+                    (true, _) => [strength; 3],
+                });
+            }
+        }
+    }
+    png(width, 2 * rows * scale, &colours)
+}
