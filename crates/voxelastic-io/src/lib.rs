@@ -6,6 +6,7 @@ pub mod g2o;
 mod graph;
 pub mod pcd;
 pub mod poses;
+pub mod store;
 
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;

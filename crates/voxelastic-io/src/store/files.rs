@@ -1,0 +1,159 @@
+//! Files in a map directory: their names, and writing them so that they are there wholly or not at all.
+
+use super::error::{Result, StoreError};
+use std::fmt;
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::Path;
+use voxelastic::atlas::SubmapId;
+
+/// Name of the manifest.
+pub(super) const MANIFEST: &str = "manifest.json";
+/// Name of the file that a writer holds locked. It stays when the writer goes: removing it would race with the next.
+pub(super) const LOCK: &str = ".lock";
+
+/// Name of a submap file: the same name is always the same content.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct SubmapName {
+    pub id: SubmapId,
+    pub digest: u64,
+}
+
+impl fmt::Display for SubmapName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "submap-{:06}-{:016x}.vxs", self.id, self.digest)
+    }
+}
+
+impl SubmapName {
+    /// Reads a name; anything that is not exactly what [`Display`](fmt::Display) writes is no name. So no path to elsewhere is one.
+    pub fn parse(name: &str) -> Option<Self> {
+        let (id, digest) = name.strip_prefix("submap-")?.strip_suffix(".vxs")?.split_once('-')?;
+        let parsed = Self { id: id.parse().ok()?, digest: u64::from_str_radix(digest, 16).ok()? };
+        (parsed.to_string() == name).then_some(parsed)
+    }
+}
+
+/// Name under which `name` is written before it is complete.
+fn temporary(name: &str) -> String {
+    format!(".{name}.tmp")
+}
+
+/// Whether a map writer makes files of this name that may be removed when no manifest names them.
+pub(super) fn is_disposable(name: &str) -> bool {
+    let whole = name.strip_prefix('.').and_then(|n| n.strip_suffix(".tmp"));
+    SubmapName::parse(whole.unwrap_or(name)).is_some() || whole == Some(MANIFEST)
+}
+
+/// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.
+pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut File) -> io::Result<T>) -> Result<T> {
+    let (path, temporary) = (dir.join(name), dir.join(temporary(name)));
+    let write = || {
+        let mut file = File::create(&temporary)?;
+        let value = fill(&mut file)?;
+        file.sync_all()?;
+        drop(file);
+        fs::rename(&temporary, &path)?;
+        Ok(value)
+    };
+    write().map_err(|source| {
+        // The half-written file only takes space, often the very space that ran out; the error to report is the first.
+        let _ = fs::remove_file(&temporary);
+        StoreError::io("write", &path)(source)
+    })
+}
+
+/// Makes renames in `dir` durable.
+pub(super) fn sync_dir(dir: &Path) -> Result<()> {
+    // Elsewhere directories cannot be opened as files, and renames are durable by the file system's own means.
+    if cfg!(unix) {
+        File::open(dir).and_then(|d| d.sync_all()).map_err(StoreError::io("make durable", dir))?;
+    }
+    Ok(())
+}
+
+/// Reads the file at `path`, which has `expected` bytes if that is known.
+pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
+    let metadata = match fs::metadata(path) {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(StoreError::Missing { path: path.to_owned() }),
+        other => other.map_err(StoreError::io("read", path))?,
+    };
+    // Opening anything else, a pipe for one, could wait forever.
+    if !metadata.is_file() {
+        return Err(StoreError::damaged(path, "length", 0, "it is not a regular file"));
+    }
+    let length = metadata.len();
+    let expected = expected.unwrap_or(length);
+    let differs = |length: u64| StoreError::damaged(path, "length", length.min(expected), format!("it has {length} bytes instead of {expected}"));
+    if length != expected {
+        return Err(differs(length));
+    }
+    let too_large = || StoreError::OutOfMemory { path: path.to_owned(), bytes: length };
+    let mut bytes = Vec::new();
+    bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
+    File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(StoreError::io("read", path))?;
+    if bytes.len() as u64 != expected { Err(differs(bytes.len() as u64)) } else { Ok(bytes) }
+}
+
+/// Names of everything in `dir`, sorted.
+pub(super) fn names(dir: &Path) -> Result<Vec<String>> {
+    let entries = fs::read_dir(dir).and_then(|entries| entries.collect::<io::Result<Vec<_>>>());
+    let mut names: Vec<String> =
+        entries.map_err(StoreError::io("list", dir))?.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    Ok(names)
+}
+
+/// Removes regular files of our own naming that `keep` does not want, and returns how many. What cannot be removed is
+/// left for the next time.
+pub(super) fn remove_others(dir: &Path, keep: impl Fn(&str) -> bool) -> Result<usize> {
+    let mut removed = 0;
+    for name in names(dir)?.iter().filter(|name| is_disposable(name) && !keep(name)) {
+        let path = dir.join(name);
+        if !fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
+            continue;
+        }
+        match fs::remove_file(&path) {
+            Ok(()) => removed += 1,
+            Err(error) => tracing::warn!(path = %path.display(), %error, "cannot remove a file that the map no longer needs"),
+        }
+    }
+    Ok(removed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn names_come_back(id in any::<u32>(), digest in any::<u64>()) {
+            let name = SubmapName { id, digest };
+            prop_assert_eq!(SubmapName::parse(&name.to_string()), Some(name));
+            let temporary = temporary(&name.to_string());
+            prop_assert!(is_disposable(&temporary) && is_disposable(&name.to_string()) && SubmapName::parse(&temporary).is_none());
+        }
+    }
+
+    #[test]
+    fn other_peoples_files_are_not_ours() {
+        for name in [
+            "manifest.json",
+            ".lock",
+            "notes.txt",
+            "submap-000001.vxs",
+            "submap-1-00000000000000aa.vxs",
+            "submap-000001-AA.vxs",
+            "submap-000001-00000000000000AA.vxs",
+            "../submap-000001-00000000000000aa.vxs",
+            "submap-+00001-00000000000000aa.vxs",
+            ".submap-000001-00000000000000aa.vxs",
+            "submap-000001-00000000000000aa.vxs.tmp",
+            ".notes.tmp",
+        ] {
+            assert!(!is_disposable(name), "{name}");
+        }
+        assert!(is_disposable(".manifest.json.tmp"));
+    }
+}

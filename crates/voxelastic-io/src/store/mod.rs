@@ -1,0 +1,39 @@
+//! The map directory: one manifest and one immutable, checksummed file per submap.
+//!
+//! ```text
+//! hall.vox/
+//!   manifest.json                           what the map is made of; replaced last, atomically
+//!   submap-000000-5d0ef1b2c3a49687.vxs      the fields of submap 0; the name holds a hash of its content
+//!   submap-000001-0a1b2c3d4e5f6071.vxs
+//!   .lock                                   held by the one process that writes
+//! ```
+//!
+//! [`MapStore`] reads: opening costs the manifest only, submaps are loaded when asked for. [`MapWriter`] saves: it writes
+//! the submaps whose content changed, makes them durable, then replaces the manifest, then removes the files that no
+//! manifest names any more. A process that dies at any moment leaves the old map or the new one.
+//!
+//! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
+//! [`StoreError`] that names the file, the place in it and the remedy.
+//!
+//! Submap files (module `submap_file`) are sequences of tagged sections, one per field; the TSDF's (module
+//! `tsdf_section`) is a sequence of compressed pages of blocks in Morton order.
+
+mod bytes;
+mod error;
+mod files;
+mod lock;
+mod manifest;
+mod manifest_text;
+mod page;
+mod reader;
+mod submap_file;
+mod tsdf_section;
+mod writer;
+
+pub use error::{Result, StoreError};
+pub use manifest::{Manifest, MapDetails, ScanEntry, SubmapEntry, TsdfSummary};
+pub use reader::MapStore;
+pub use writer::{MapWriter, SaveReport};
+
+/// Version of the map directory's format that this program writes, and the newest that it reads.
+pub const FORMAT_VERSION: u32 = 1;

@@ -1,0 +1,101 @@
+//! Reading a map directory.
+
+use super::error::{Result, StoreError};
+use super::files::{self, MANIFEST};
+use super::manifest::{Manifest, SubmapEntry};
+use super::{manifest_text, submap_file};
+use rayon::prelude::*;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
+
+/// A stored map. Opening reads the manifest only.
+///
+/// Reading takes no lock: a map may be read while it is saved again. A submap that was replaced meanwhile is
+/// [`StoreError::Missing`]; open the map again.
+#[derive(Clone, Debug)]
+pub struct MapStore {
+    dir: PathBuf,
+    manifest: Manifest,
+}
+
+impl MapStore {
+    /// Opens the map directory `path`.
+    ///
+    /// # Errors
+    /// [`StoreError::NotAMap`] when something else or nothing is there, [`StoreError::Newer`], [`StoreError::Damaged`], and
+    /// [`StoreError::Io`] when the manifest may not be read.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let dir = path.as_ref();
+        let not_a_map = |reason| StoreError::NotAMap { path: dir.to_owned(), reason };
+        match dir.metadata() {
+            Err(e) if e.kind() == ErrorKind::NotFound => return Err(not_a_map("there is nothing of this name")),
+            Err(e) => return Err(StoreError::io("open", dir)(e)),
+            Ok(metadata) if !metadata.is_dir() => return Err(not_a_map("it is a file; a map is a directory with a manifest.json")),
+            Ok(_) => {}
+        }
+        let path = dir.join(MANIFEST);
+        let text = match files::read(&path, None) {
+            Err(StoreError::Missing { .. }) => return Err(not_a_map("it has no manifest.json; if it was being mapped, nothing was saved yet")),
+            other => other?,
+        };
+        Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)? })
+    }
+
+    /// A map without anything, not yet written.
+    pub(super) fn empty(dir: &Path) -> Self {
+        Self { dir: dir.to_owned(), manifest: Manifest::default() }
+    }
+
+    pub(super) fn set_manifest(&mut self, manifest: Manifest) {
+        self.manifest = manifest;
+    }
+
+    /// The directory.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// What the map is made of.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Size of the submap files, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.manifest.submaps.iter().map(|entry| entry.bytes).sum()
+    }
+
+    /// The manifest's entry for submap `id`.
+    pub fn entry(&self, id: SubmapId) -> Option<&SubmapEntry> {
+        self.manifest.submaps.binary_search_by_key(&id, |entry| entry.id).ok().map(|i| &self.manifest.submaps[i])
+    }
+
+    /// Loads submap `id`.
+    ///
+    /// # Errors
+    /// [`StoreError::NoSuchSubmap`]; [`StoreError::Missing`], [`StoreError::Damaged`], [`StoreError::Newer`],
+    /// [`StoreError::UnknownSection`] and [`StoreError::Io`] for its file.
+    pub fn load_submap(&self, id: SubmapId) -> Result<Submap> {
+        self.entry(id).ok_or_else(|| StoreError::NoSuchSubmap { path: self.dir.clone(), id }).and_then(|entry| self.load(entry))
+    }
+
+    fn load(&self, entry: &SubmapEntry) -> Result<Submap> {
+        let fields = submap_file::read(&self.dir.join(&entry.file), &entry.expected())?;
+        Ok(entry.submap(fields))
+    }
+
+    /// Loads all submaps.
+    ///
+    /// # Errors
+    /// As for [`load_submap`](Self::load_submap), for the first submap that cannot be loaded.
+    pub fn load_atlas(&self) -> Result<Atlas> {
+        let submaps: Vec<Result<Submap>> = self.manifest.submaps.par_iter().map(|entry| self.load(entry)).collect();
+        Ok(Atlas::from_submaps(submaps.into_iter().collect::<Result<_>>()?))
+    }
+
+    /// Checks every submap file against its checksums and returns what is wrong, ordered by submap.
+    pub fn check(&self) -> Vec<StoreError> {
+        self.manifest.submaps.par_iter().filter_map(|entry| submap_file::check(&self.dir.join(&entry.file), &entry.expected()).err()).collect()
+    }
+}

@@ -1,0 +1,221 @@
+//! A submap file: a head, then one section per field.
+//!
+//! The head: magic (8 bytes), format version (u32), submap id (u32), number of sections (u32); for each section its tag
+//! (4 bytes), CRC-32 (u32), offset in the file (u64) and length (u64); CRC-32 of all this (u32). Sections follow each
+//! other without gaps up to the file's end. All numbers little endian. The head keeps this form in all versions.
+//!
+//! Where the submap lies and which scans it was made from is the manifest's knowledge: a pose correction rewrites no
+//! submap file.
+
+use super::bytes::Bytes;
+use super::error::{Result, StoreError};
+use super::tsdf_section::{self, Section};
+use super::{FORMAT_VERSION, files};
+use crc32fast::Hasher;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::Path;
+use voxelastic::atlas::{Submap, SubmapId};
+use voxelastic::field::tsdf::TsdfField;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// As in PNG, a byte that is no text and a line end that text tools would change.
+const MAGIC: [u8; 8] = *b"\x89VXSUB\r\n";
+const TAG_TSDF: [u8; 4] = *b"tsdf";
+/// More sections than there will ever be fields.
+const MAX_SECTIONS: usize = 64;
+/// Bytes of the head before the section table, of one section in it, and of the checksum after it.
+const HEAD: usize = 20;
+const TABLE_ROW: usize = 24;
+const HEAD_CRC: usize = 4;
+
+const fn head_length(sections: usize) -> usize {
+    HEAD + sections * TABLE_ROW + HEAD_CRC
+}
+
+/// What a submap file holds: the fields of a submap.
+#[derive(Debug, Default)]
+pub(super) struct Fields {
+    pub tsdf: TsdfField,
+}
+
+/// Tags of the fields that `submap` has anything in.
+fn tags(submap: &Submap) -> Vec<[u8; 4]> {
+    if submap.tsdf.is_empty() { Vec::new() } else { vec![TAG_TSDF] }
+}
+
+/// A hash of everything that the file of `submap` would hold.
+pub(super) fn digest(submap: &Submap) -> u64 {
+    let mut all = Vec::new();
+    for tag in tags(submap) {
+        all.extend(tag);
+        all.extend(tsdf_section::digest(&submap.tsdf).to_le_bytes());
+    }
+    xxh3_64(&all)
+}
+
+/// Size and checksum of a file that was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Written {
+    pub bytes: u64,
+    pub crc32: u32,
+}
+
+/// One row of the section table, and the running checksum of the section.
+struct Row {
+    tag: [u8; 4],
+    offset: u64,
+    length: u64,
+    crc: Hasher,
+}
+
+/// Passes bytes on and keeps their count and checksum.
+struct Tally<W> {
+    inner: W,
+    row: Row,
+}
+
+impl<W: Write> Write for Tally<W> {
+    fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
+        let count = self.inner.write(buffer)?;
+        self.row.crc.update(&buffer[..count]);
+        self.row.length += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.inner.flush()
+    }
+}
+
+/// Writes the fields of `submap` to a new file. Sections stream; the head is put before them at the end.
+pub(super) fn write(file: &mut File, submap: &Submap) -> io::Result<Written> {
+    let tags = tags(submap);
+    let mut offset = head_length(tags.len()) as u64;
+    file.write_all(&vec![0; offset as usize])?;
+    let mut body = BufWriter::with_capacity(1 << 18, &mut *file);
+    let mut rows = Vec::new();
+    for tag in tags {
+        let mut tally = Tally { inner: &mut body, row: Row { tag, offset, length: 0, crc: Hasher::new() } };
+        tsdf_section::write(&submap.tsdf, &mut tally)?;
+        offset += tally.row.length;
+        rows.push(tally.row);
+    }
+    body.flush()?;
+    drop(body);
+    let head = head(submap.id, &rows);
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(&head)?;
+    let mut crc = Hasher::new();
+    crc.update(&head);
+    rows.iter().for_each(|row| crc.combine(&row.crc));
+    Ok(Written { bytes: offset, crc32: crc.finalize() })
+}
+
+fn head(id: SubmapId, rows: &[Row]) -> Vec<u8> {
+    let mut head = MAGIC.to_vec();
+    for number in [FORMAT_VERSION, id, rows.len() as u32] {
+        head.extend(number.to_le_bytes());
+    }
+    for row in rows {
+        head.extend(row.tag);
+        head.extend(row.crc.clone().finalize().to_le_bytes());
+        head.extend(row.offset.to_le_bytes());
+        head.extend(row.length.to_le_bytes());
+    }
+    let crc32 = crc32fast::hash(&head);
+    head.extend(crc32.to_le_bytes());
+    head
+}
+
+/// What the manifest says about a file.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Expected {
+    pub id: SubmapId,
+    pub bytes: u64,
+    pub crc32: u32,
+}
+
+/// Reads the submap file at `path`.
+pub(super) fn read(path: &Path, expected: &Expected) -> Result<Fields> {
+    let bytes = files::read(path, Some(expected.bytes))?;
+    let mut fields = Fields::default();
+    for (_, section) in verified(path, &bytes, expected)? {
+        fields.tsdf = tsdf_section::read(&section)?;
+    }
+    Ok(fields)
+}
+
+/// Checks the file at `path` against all of its checksums, without unpacking it.
+pub(super) fn check(path: &Path, expected: &Expected) -> Result<()> {
+    let bytes = files::read(path, Some(expected.bytes))?;
+    verified(path, &bytes, expected).map(drop)
+}
+
+/// The sections of a file in which every byte is what was written.
+fn verified<'a>(path: &'a Path, bytes: &'a [u8], expected: &Expected) -> Result<Vec<([u8; 4], Section<'a>)>> {
+    let (id, sections) = parse(path, bytes)?;
+    if id != expected.id {
+        return Err(StoreError::damaged(path, "header", 12, format!("it is submap {id}, the manifest says {}", expected.id)));
+    }
+    if crc32fast::hash(bytes) != expected.crc32 {
+        let what = "the checksum differs from the manifest's: another file of the same length is in its place";
+        return Err(StoreError::damaged(path, "content", 0, what));
+    }
+    Ok(sections)
+}
+
+/// Takes a file apart and checks the checksums of its head and sections.
+fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<([u8; 4], Section<'a>)>)> {
+    let damaged = |offset: usize, what: String| StoreError::damaged(path, "header", offset as u64, what);
+    let mut head = Bytes::new(bytes);
+    if head.take(MAGIC.len()) != Ok(&MAGIC[..]) {
+        return Err(damaged(0, "it does not start like a submap file".to_owned()));
+    }
+    let mut number = || head.u32().map_err(|e| damaged(8, e));
+    let (version, id, count) = (number()?, number()?, number()? as usize);
+    if count > MAX_SECTIONS {
+        return Err(damaged(16, format!("it claims {count} sections")));
+    }
+    let table = head.take(count * TABLE_ROW).map_err(|e| damaged(HEAD, e))?;
+    let crc32 = head.u32().map_err(|e| damaged(HEAD + table.len(), e))?;
+    if crc32fast::hash(&bytes[..HEAD + table.len()]) != crc32 {
+        return Err(damaged(0, "the header does not match its checksum".to_owned()));
+    }
+    if version > FORMAT_VERSION {
+        return Err(StoreError::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+    }
+    let mut rows = Bytes::new(table);
+    let mut sections: Vec<([u8; 4], Section<'_>)> = Vec::new();
+    let mut end = head_length(count) as u64;
+    for _ in 0..count {
+        let (tag, section) = row(path, bytes, &mut rows, end)?;
+        if sections.iter().any(|(other, _)| *other == tag) {
+            return Err(damaged(HEAD, format!("two sections {:?}", tag.escape_ascii().to_string())));
+        }
+        end += section.bytes.len() as u64;
+        sections.push((tag, section));
+    }
+    if end != bytes.len() as u64 {
+        return Err(StoreError::damaged(path, "length", end, format!("{} bytes follow the last section", bytes.len() as u64 - end)));
+    }
+    Ok((id, sections))
+}
+
+/// Reads the next row of the section table and checks its section, which starts where the one before ended.
+fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<([u8; 4], Section<'a>)> {
+    let damaged = |what: String| StoreError::damaged(path, "section table", HEAD as u64, what);
+    let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
+    let (tag, crc32, offset, length) = fields().map_err(damaged)?;
+    let place = usize::try_from(offset).ok().zip(usize::try_from(length).ok()).filter(|_| offset == start);
+    let content = place.and_then(|(offset, length)| bytes.get(offset..)?.get(..length));
+    let content = content.ok_or_else(|| damaged(format!("a section of {length} bytes at byte {offset} does not fit the file")))?;
+    let section = Section { path, offset, bytes: content };
+    if tag != TAG_TSDF {
+        return Err(StoreError::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
+    }
+    if crc32fast::hash(content) != crc32 {
+        return Err(tsdf_section::find_damage(&section));
+    }
+    Ok((tag, section))
+}

@@ -1,0 +1,137 @@
+//! Saving an atlas to a map directory.
+
+use super::error::{Result, StoreError};
+use super::files::{self, LOCK, MANIFEST, SubmapName};
+use super::lock::Lock;
+use super::manifest::{Manifest, MapDetails, SubmapEntry, check_storable};
+use super::manifest_text;
+use super::reader::MapStore;
+use super::submap_file::{self, Written};
+use rayon::prelude::*;
+use std::io::Write;
+use std::path::Path;
+use voxelastic::atlas::{Atlas, Submap};
+
+/// The one writer of a map directory, from when it is made until it is dropped.
+#[derive(Debug)]
+pub struct MapWriter {
+    store: MapStore,
+    _lock: Lock,
+}
+
+/// What a save did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SaveReport {
+    /// Submaps written because their content was new.
+    pub written: usize,
+    /// Submaps whose files were kept.
+    pub kept: usize,
+    /// Bytes of the files written, the manifest included.
+    pub bytes_written: u64,
+    /// Bytes of the whole map.
+    pub bytes: u64,
+    /// Files removed because the map no longer needs them.
+    pub removed: usize,
+}
+
+impl MapWriter {
+    /// Makes `path` a map directory to write to, with its parents. A map that is already there stays until the first
+    /// [`save`](Self::save) replaces it.
+    ///
+    /// # Errors
+    /// [`StoreError::WouldOverwrite`] when the directory holds anything else, [`StoreError::NotAMap`] when `path` is a file,
+    /// [`StoreError::Locked`], what [`MapStore::open`] says about a map that is there, and [`StoreError::Io`].
+    pub fn create(path: impl AsRef<Path>) -> Result<Self> {
+        let dir = path.as_ref();
+        if dir.is_file() {
+            return Err(StoreError::NotAMap { path: dir.to_owned(), reason: "it is a file; choose a directory" });
+        }
+        std::fs::create_dir_all(dir).map_err(StoreError::io("create", dir))?;
+        // Looked at before the lock is made, so that nothing is left in a directory that is not ours.
+        check_is_ours(dir)?;
+        let lock = Lock::take(dir)?;
+        let is_map = check_is_ours(dir)?;
+        let store = if is_map { MapStore::open(dir)? } else { MapStore::empty(dir) };
+        Ok(Self { store, _lock: lock })
+    }
+
+    /// Opens the map at `path` to save to it again.
+    ///
+    /// # Errors
+    /// As for [`MapStore::open`], and [`StoreError::Locked`].
+    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+        let dir = path.as_ref();
+        MapStore::open(dir)?;
+        let lock = Lock::take(dir)?;
+        // Once more: another writer may have saved before the lock was ours.
+        Ok(Self { store: MapStore::open(dir)?, _lock: lock })
+    }
+
+    /// The map as it was last saved.
+    pub fn store(&self) -> &MapStore {
+        &self.store
+    }
+
+    /// Saves `atlas`. Submaps whose content is that of their file are not written again. When this returns, the map is
+    /// durable; when it fails or the process dies, the map is the one saved before.
+    ///
+    /// # Errors
+    /// [`StoreError::Unstorable`] when a pose is not finite, [`StoreError::Io`] when the file system refuses.
+    pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
+        atlas.submaps().iter().try_for_each(check_storable)?;
+        let saved: Vec<Result<(SubmapEntry, bool)>> = atlas.submaps().par_iter().map(|submap| self.save_submap(submap)).collect();
+        let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
+        let dir = self.store.dir();
+        if saved.iter().any(|(_, is_new)| *is_new) {
+            files::sync_dir(dir)?;
+        }
+        let mut report = SaveReport::default();
+        for (entry, is_new) in &saved {
+            report.bytes += entry.bytes;
+            report.bytes_written += if *is_new { entry.bytes } else { 0 };
+            *if *is_new { &mut report.written } else { &mut report.kept } += 1;
+        }
+        let manifest = Manifest { details: details.clone(), submaps: saved.into_iter().map(|(entry, _)| entry).collect() };
+        let path = dir.join(MANIFEST);
+        let text = manifest_text::write(&manifest).map_err(|e| StoreError::io("write", &path)(e.into()))?;
+        files::write_atomically(dir, MANIFEST, |file| file.write_all(text.as_bytes()))?;
+        files::sync_dir(dir)?;
+        self.store.set_manifest(manifest);
+        report.bytes += text.len() as u64;
+        report.bytes_written += text.len() as u64;
+        report.removed = files::remove_others(self.store.dir(), |name| self.names(name))?;
+        Ok(report)
+    }
+
+    /// Whether the manifest names the file `name`.
+    fn names(&self, name: &str) -> bool {
+        SubmapName::parse(name).and_then(|name| self.store.entry(name.id)).is_some_and(|entry| entry.file == name)
+    }
+
+    /// Writes the file of `submap` unless the map has one of the same content; says whether it did.
+    fn save_submap(&self, submap: &Submap) -> Result<(SubmapEntry, bool)> {
+        let name = SubmapName { id: submap.id, digest: submap_file::digest(submap) };
+        let file = name.to_string();
+        let dir = self.store.dir();
+        if let Some(entry) = self.store.entry(submap.id).filter(|entry| entry.file == file)
+            && dir.join(&file).metadata().is_ok_and(|m| m.is_file() && m.len() == entry.bytes)
+        {
+            let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
+            return Ok((SubmapEntry::new(submap, name, written), false));
+        }
+        let written = files::write_atomically(dir, &file, |file| submap_file::write(file, submap))?;
+        Ok((SubmapEntry::new(submap, name, written), true))
+    }
+}
+
+/// Whether `dir` holds a map; fails when it holds anything that no map writer made.
+fn check_is_ours(dir: &Path) -> Result<bool> {
+    let names = files::names(dir)?;
+    if names.iter().any(|name| name == MANIFEST) {
+        return MapStore::open(dir).map(|_| true);
+    }
+    match names.into_iter().find(|name| name != LOCK && !files::is_disposable(name)) {
+        Some(found) => Err(StoreError::WouldOverwrite { path: dir.to_owned(), found }),
+        None => Ok(false),
+    }
+}

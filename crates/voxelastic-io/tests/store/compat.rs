@@ -1,0 +1,53 @@
+//! Maps written by earlier versions: one tiny map per format version, kept as it was written.
+//!
+//! After a change of the format, write the next one with
+//! `VOXELASTIC_WRITE_FIXTURE=1 cargo test -p voxelastic-io --test store compat` and keep those before.
+
+use crate::world::{details, made_up_atlas, same_atlas};
+use std::path::{Path, PathBuf};
+use voxelastic::atlas::Atlas;
+use voxelastic_io::store::{FORMAT_VERSION, MapDetails, MapStore, MapWriter};
+
+fn fixture(version: u32) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/map-v{version}"))
+}
+
+/// What every fixture holds.
+fn content() -> (Atlas, MapDetails) {
+    (made_up_atlas(20, 2, 4), details("compat"))
+}
+
+#[test]
+fn compat_every_version_is_read() {
+    let (atlas, details) = content();
+    for version in 1..=FORMAT_VERSION {
+        let store = MapStore::open(fixture(version)).unwrap();
+        assert_eq!(store.manifest().details, details, "version {version}");
+        assert!(same_atlas(&store.load_atlas().unwrap(), &atlas), "version {version}");
+    }
+}
+
+#[test]
+fn compat_the_current_version_is_written() {
+    let (atlas, details) = content();
+    if std::env::var_os("VOXELASTIC_WRITE_FIXTURE").is_some() {
+        let path = fixture(FORMAT_VERSION);
+        MapWriter::create(&path).unwrap().save(&atlas, &details).unwrap();
+        std::fs::remove_file(path.join(".lock")).unwrap();
+    }
+    let dir = tempfile::tempdir().unwrap();
+    MapWriter::create(dir.path()).unwrap().save(&atlas, &details).unwrap();
+    let (written, kept) = (MapStore::open(dir.path()).unwrap(), MapStore::open(fixture(FORMAT_VERSION)).unwrap());
+    // Sizes and checksums of files may change with the compressor; names may not, they are hashes of the content.
+    let content = |store: &MapStore| {
+        let mut manifest = store.manifest().clone();
+        manifest.submaps.iter_mut().for_each(|entry| (entry.bytes, entry.crc32) = (0, 0));
+        manifest
+    };
+    let mut written = content(&written);
+    for (entry, kept) in written.submaps.iter_mut().zip(&kept.manifest().submaps) {
+        // How much memory a field takes is no part of the format.
+        entry.tsdf.clone_from(&kept.tsdf);
+    }
+    assert_eq!(written, content(&kept));
+}

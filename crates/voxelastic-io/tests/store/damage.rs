@@ -1,0 +1,223 @@
+//! Damaged, foreign and malicious maps: each gets an error that says what is wrong, none a panic.
+
+use crate::world::{details, made_up_atlas, same_atlas};
+use std::fs;
+use std::path::{Path, PathBuf};
+use voxelastic::atlas::Atlas;
+use voxelastic_io::store::{MapStore, MapWriter, Result, StoreError};
+
+/// A small map and where its files are.
+struct Map {
+    dir: tempfile::TempDir,
+    atlas: Atlas,
+    manifest: PathBuf,
+    submap: PathBuf,
+}
+
+fn map() -> Map {
+    let dir = tempfile::tempdir().unwrap();
+    let atlas = made_up_atlas(3, 2, 12);
+    let mut writer = MapWriter::create(dir.path()).unwrap();
+    writer.save(&atlas, &details("damage")).unwrap();
+    let submap = dir.path().join(&writer.store().manifest().submaps[1].file);
+    Map { manifest: dir.path().join("manifest.json"), submap, atlas, dir }
+}
+
+fn load(dir: &Path) -> Result<Atlas> {
+    MapStore::open(dir)?.load_atlas()
+}
+
+/// Runs `change` on the bytes of `file` and puts them back afterwards.
+fn with_changed(file: &Path, change: impl FnOnce(&mut Vec<u8>), then: impl FnOnce()) {
+    let original = fs::read(file).unwrap();
+    let mut bytes = original.clone();
+    change(&mut bytes);
+    fs::write(file, bytes).unwrap();
+    then();
+    fs::write(file, original).unwrap();
+}
+
+/// Replaces `from` by `to` in the manifest and mends its checksum.
+fn rewrite_manifest(map: &Map, from: &str, to: &str) {
+    let text = fs::read_to_string(&map.manifest).unwrap();
+    assert!(text.contains(from), "{text}");
+    fs::write(&map.manifest, mended(&text.replace(from, to))).unwrap();
+}
+
+fn mended(text: &str) -> String {
+    let at = text.find("\"crc32\": \"").unwrap() + 10;
+    let zeros = format!("{}00000000{}", &text[..at], &text[at + 8..]);
+    format!("{}{:08x}{}", &text[..at], crc32fast::hash(zeros.as_bytes()), &text[at + 8..])
+}
+
+#[test]
+fn every_flipped_bit_is_noticed() {
+    let map = map();
+    let mut noticed = 0;
+    for file in [&map.manifest, &map.submap] {
+        let length = fs::metadata(file).unwrap().len() as usize;
+        for at in (0..length).step_by(1 + length / 1500) {
+            with_changed(
+                file,
+                |bytes| bytes[at] ^= 1 << (at * 5 % 8),
+                || match load(map.dir.path()) {
+                    Ok(atlas) => assert!(same_atlas(&atlas, &map.atlas), "byte {at} of {}", file.display()),
+                    Err(error) => {
+                        noticed += 1;
+                        let file_name = file.file_name().unwrap().to_str().unwrap();
+                        assert!(error.to_string().contains(file_name), "{error}");
+                    }
+                },
+            );
+        }
+    }
+    assert!(noticed > 2000, "{noticed}");
+    assert!(same_atlas(&load(map.dir.path()).unwrap(), &map.atlas));
+}
+
+#[test]
+fn every_truncation_and_every_tail_is_noticed() {
+    let map = map();
+    for file in [&map.manifest, &map.submap] {
+        let length = fs::metadata(file).unwrap().len() as usize;
+        for keep in (0..length).step_by(1 + length / 200) {
+            with_changed(file, |bytes| bytes.truncate(keep), || assert!(load(map.dir.path()).is_err(), "{keep} of {length} bytes"));
+        }
+        with_changed(file, |bytes| bytes.push(b'x'), || assert!(load(map.dir.path()).is_err()));
+        with_changed(file, |bytes| bytes.fill(0), || assert!(load(map.dir.path()).is_err()));
+    }
+    with_changed(
+        &map.submap,
+        |bytes| bytes.truncate(100),
+        || {
+            let error = load(map.dir.path()).unwrap_err();
+            assert!(matches!(&error, StoreError::Damaged { section, offset: 100, .. } if section == "length"), "{error}");
+        },
+    );
+}
+
+#[test]
+fn the_damaged_page_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = MapWriter::create(dir.path()).unwrap();
+    writer.save(&made_up_atlas(5, 1, 5000), &details("pages")).unwrap();
+    let path = dir.path().join(&writer.store().manifest().submaps[0].file);
+    let mut bytes = fs::read(&path).unwrap();
+    let at = bytes.len() - 10;
+    bytes[at] ^= 4;
+    fs::write(&path, &bytes).unwrap();
+    for error in [load(dir.path()).unwrap_err(), writer.store().check().remove(0)] {
+        let StoreError::Damaged { section, offset, what, .. } = &error else { panic!("{error}") };
+        assert!(section == "tsdf section" && *offset > 1000 && *offset < at as u64 && what.starts_with("page "), "{error}");
+    }
+}
+
+#[test]
+fn files_that_are_missing_or_not_files_are_named() {
+    let map = map();
+    let aside = map.submap.with_extension("aside");
+    fs::rename(&map.submap, &aside).unwrap();
+    let error = load(map.dir.path()).unwrap_err();
+    assert!(matches!(&error, StoreError::Missing { path } if *path == map.submap), "{error}");
+    assert!(MapStore::open(map.dir.path()).unwrap().load_submap(0).is_ok(), "the other submap is still there");
+    fs::create_dir(&map.submap).unwrap();
+    assert!(matches!(load(map.dir.path()).unwrap_err(), StoreError::Damaged { path, .. } if path == map.submap));
+    fs::remove_dir(&map.submap).unwrap();
+    fs::rename(&aside, &map.submap).unwrap();
+    assert!(load(map.dir.path()).is_ok());
+    fs::remove_file(&map.manifest).unwrap();
+    assert!(matches!(MapStore::open(map.dir.path()), Err(StoreError::NotAMap { .. })));
+}
+
+#[test]
+fn a_submap_in_the_place_of_another_is_noticed() {
+    // Equal in every length, so that only identity differs.
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = MapWriter::create(dir.path()).unwrap();
+    let mut atlas = made_up_atlas(3, 2, 12);
+    let field = atlas.submaps()[0].tsdf.clone();
+    atlas.submap_mut(1).unwrap().tsdf = field;
+    writer.save(&atlas, &details("swap")).unwrap();
+    let files: Vec<PathBuf> = writer.store().manifest().submaps.iter().map(|e| dir.path().join(&e.file)).collect();
+    fs::copy(&files[0], &files[1]).unwrap();
+    let error = load(dir.path()).unwrap_err();
+    assert!(error.to_string().contains("it is submap 0, the manifest says 1"), "{error}");
+}
+
+#[test]
+fn manifests_that_name_files_elsewhere_are_refused() {
+    let map = map();
+    let name = map.submap.file_name().unwrap().to_str().unwrap().to_owned();
+    let original = fs::read_to_string(&map.manifest).unwrap();
+    for evil in ["../secret.vxs", "/etc/passwd", "submap-000001-../../x.vxs", "", ".lock", "manifest.json", "submap-000000-00000000000000aa.vxs"] {
+        rewrite_manifest(&map, &name, evil);
+        let error = MapStore::open(map.dir.path()).unwrap_err();
+        assert!(matches!(&error, StoreError::Damaged { section, offset, .. } if section == "submap table" && *offset > 0), "{error}");
+        fs::write(&map.manifest, &original).unwrap();
+    }
+}
+
+#[test]
+fn newer_versions_are_refused_and_unknown_keys_are_not() {
+    let map = map();
+    let original = fs::read_to_string(&map.manifest).unwrap();
+    for (version, found) in [("2", 2), ("99999999999999999999", u32::MAX)] {
+        rewrite_manifest(&map, "\"version\": 1", &format!("\"version\": {version}"));
+        let error = MapStore::open(map.dir.path()).unwrap_err();
+        assert!(matches!(error, StoreError::Newer { found: f, supported: 1, .. } if f == found), "{error}");
+        assert!(matches!(MapWriter::create(map.dir.path()), Err(StoreError::Newer { .. })), "a newer map is not replaced");
+        fs::write(&map.manifest, &original).unwrap();
+    }
+    rewrite_manifest(&map, "\"submaps\": [", "\"weather\": \"fine\",\n\"submaps\": [");
+    assert!(same_atlas(&load(map.dir.path()).unwrap(), &map.atlas));
+}
+
+#[test]
+fn manifests_with_impossible_content_are_refused() {
+    let map = map();
+    let original = fs::read_to_string(&map.manifest).unwrap();
+    for (from, to) in [
+        ("{\"id\":1,", "{\"id\":0,"),
+        ("{\"id\":1,", "{\"id\":-1,"),
+        ("{\"id\":1,", "{\"id\":4294967296,"),
+        ("\"t_map_submap\":[", "\"t_map_submap\":[7.0,"),
+        ("\"t_map_submap\":[", "\"t_map_submap\":[1e999,"),
+        ("\"travelled\":", "\"travelled\":null,\"x\":"),
+        ("\"settings\":", "\"setting\":"),
+        ("\"scans\":[{", "\"scans\":[[[[[[[[{"),
+    ] {
+        rewrite_manifest(&map, from, to);
+        let error = MapStore::open(map.dir.path()).unwrap_err();
+        assert!(matches!(&error, StoreError::Damaged { offset, .. } if *offset > 0), "{from} -> {to}: {error}");
+        fs::write(&map.manifest, &original).unwrap();
+    }
+}
+
+#[test]
+fn newer_submap_files_and_unknown_sections_are_refused() {
+    let map = map();
+    // Mends all checksums: of the submap file's head, and those that the manifest holds.
+    let load_changed = |change: &dyn Fn(&mut Vec<u8>)| {
+        let (manifest, submap) = (fs::read_to_string(&map.manifest).unwrap(), fs::read(&map.submap).unwrap());
+        let mut bytes = submap.clone();
+        change(&mut bytes);
+        let crc32 = crc32fast::hash(&bytes[..44]);
+        bytes[44..48].copy_from_slice(&crc32.to_le_bytes());
+        fs::write(&map.submap, &bytes).unwrap();
+        rewrite_manifest(&map, &crc32fast::hash(&submap).to_string(), &crc32fast::hash(&bytes).to_string());
+        let error = load(map.dir.path()).unwrap_err();
+        fs::write(&map.manifest, manifest).unwrap();
+        fs::write(&map.submap, submap).unwrap();
+        error
+    };
+    let error = load_changed(&|bytes| bytes[8] = 2);
+    assert!(matches!(error, StoreError::Newer { found: 2, .. }), "{error}");
+    let error = load_changed(&|bytes| bytes[20..24].copy_from_slice(b"heat"));
+    assert!(matches!(&error, StoreError::UnknownSection { tag, offset: 48, .. } if tag == "heat"), "{error}");
+    let error = load_changed(&|bytes| bytes[16] = 65);
+    assert!(error.to_string().contains("claims 65 sections"), "{error}");
+    for (what, at) in [("offset", 28), ("length", 36)] {
+        let error = load_changed(&|bytes| bytes[at..at + 8].fill(0xff));
+        assert!(matches!(&error, StoreError::Damaged { section, .. } if section == "section table"), "{what}: {error}");
+    }
+}

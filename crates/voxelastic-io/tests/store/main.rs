@@ -1,0 +1,8 @@
+//! The map store: what comes back, what is refused, and what is left in the directory.
+
+mod compat;
+mod damage;
+mod directory;
+mod roundtrip;
+mod speed;
+mod world;

@@ -1,0 +1,85 @@
+//! Reopening gives the same map, bit for bit, and the same future.
+
+use crate::world::{Walk, details, image, made_up_atlas, same_atlas};
+use proptest::prelude::*;
+use voxelastic::Pose;
+use voxelastic::atlas::Atlas;
+use voxelastic::surface::{MeshOptions, extract};
+use voxelastic_io::store::{MapStore, MapWriter, StoreError};
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn any_atlas_comes_back(seed in any::<u64>(), submaps in 0usize..5, blocks in 0usize..400) {
+        let dir = tempfile::tempdir().unwrap();
+        let atlas = made_up_atlas(seed, submaps, blocks);
+        let mut writer = MapWriter::create(dir.path()).unwrap();
+        let report = writer.save(&atlas, &details("roundtrip")).unwrap();
+        prop_assert_eq!(report.written, submaps);
+        let store = MapStore::open(dir.path()).unwrap();
+        prop_assert_eq!(&store.manifest().details, &details("roundtrip"));
+        prop_assert_eq!(store.manifest(), writer.store().manifest());
+        prop_assert!(same_atlas(&store.load_atlas().unwrap(), &atlas));
+        prop_assert!(store.check().is_empty());
+    }
+}
+
+#[test]
+fn a_field_of_many_pages_comes_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let atlas = made_up_atlas(5, 1, 20_000);
+    assert!(atlas.bytes() > 10 << 20);
+    MapWriter::create(dir.path()).unwrap().save(&atlas, &details("pages")).unwrap();
+    for threads in [1, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (other, loaded) = pool.install(|| {
+            let other = tempfile::tempdir().unwrap();
+            MapWriter::create(other.path()).unwrap().save(&atlas, &details("pages")).unwrap();
+            (other, MapStore::open(dir.path()).unwrap().load_atlas().unwrap())
+        });
+        assert!(same_atlas(&loaded, &atlas));
+        // The files are the same too, whatever the number of threads.
+        assert_eq!(MapStore::open(other.path()).unwrap().manifest(), MapStore::open(dir.path()).unwrap().manifest());
+    }
+}
+
+#[test]
+fn whatever_is_integrated_next_gives_the_same_map_and_mesh() {
+    for shaded in [false, true] {
+        let mut kept = Atlas::default();
+        let id = kept.spawn(Pose::identity());
+        let mut walk = Walk::new(shaded);
+        let mut past_arrays = 0;
+        for round in 0..12 {
+            let dir = tempfile::tempdir().unwrap();
+            MapWriter::create(dir.path()).unwrap().save(&kept, &details("future")).unwrap();
+            let mut reopened = MapStore::open(dir.path()).unwrap().load_atlas().unwrap();
+            assert!(same_atlas(&kept, &reopened), "round {round}");
+            let mut other_walk = walk.again();
+            for _ in 0..2 {
+                walk.scan_into(&mut kept.submap_mut(id).unwrap().tsdf);
+                other_walk.scan_into(&mut reopened.submap_mut(id).unwrap().tsdf);
+            }
+            let (a, b) = (&kept.submaps()[0].tsdf, &reopened.submaps()[0].tsdf);
+            assert!(image(a) == image(b), "round {round}");
+            assert!(extract(a, 0.1, &MeshOptions::default()) == extract(b, 0.1, &MeshOptions::default()), "round {round}");
+            past_arrays += a.arrays().iter().sum::<usize>() - a.len();
+        }
+        let field = &kept.submaps()[0].tsdf;
+        assert!(
+            past_arrays > 100 && field.blocks_by_scale()[..3].iter().all(|&n| n > 10),
+            "the walk must change scales: {:?}",
+            field.blocks_by_scale()
+        );
+    }
+}
+
+#[test]
+fn one_submap_is_loaded_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let atlas = made_up_atlas(9, 3, 20);
+    MapWriter::create(dir.path()).unwrap().save(&atlas, &details("one")).unwrap();
+    let store = MapStore::open(dir.path()).unwrap();
+    assert!(crate::world::same_submap(&store.load_submap(1).unwrap(), &atlas.submaps()[1]));
+    assert!(matches!(store.load_submap(7), Err(StoreError::NoSuchSubmap { id: 7, .. })));
+}

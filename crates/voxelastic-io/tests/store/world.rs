@@ -1,0 +1,150 @@
+//! Small atlases to store: integrated from scans of a box-shaped room, and made up block by block.
+
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::field::tsdf::{TsdfField, Voxel};
+use voxelastic::field::{BlockHead, TsdfBuilder};
+use voxelastic::geometry::Rigid;
+use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic_io::store::MapDetails;
+
+/// A sequence of numbers that is the same everywhere.
+pub struct Numbers(pub u64);
+
+impl Numbers {
+    pub fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    /// A number in 0..1.
+    pub fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Integrates scans of a room in a walk back and forth, so that blocks change scale in both directions.
+pub struct Walk {
+    pub integrator: TsdfIntegrator,
+    step: usize,
+    shaded: bool,
+    /// Rows and columns of a scan.
+    rays: [usize; 2],
+}
+
+impl Walk {
+    pub fn new(shaded: bool) -> Self {
+        let settings = TsdfSettings { voxel: 0.1, coarser_factor: 1.0, ..TsdfSettings::default() };
+        Self { integrator: TsdfIntegrator::new(settings), step: 0, shaded, rays: [64, 160] }
+    }
+
+    /// A walk that fills large maps quickly.
+    pub fn fine() -> Self {
+        let settings = TsdfSettings { voxel: 0.02, ..TsdfSettings::default() };
+        Self { integrator: TsdfIntegrator::new(settings), step: 0, shaded: true, rays: [128, 2048] }
+    }
+
+    /// The same walk, from the same place on.
+    pub fn again(&self) -> Self {
+        Self { integrator: TsdfIntegrator::new(self.integrator.settings().clone()), ..*self }
+    }
+
+    pub fn scan_into(&mut self, field: &mut TsdfField) {
+        const HALF: [f32; 3] = [14.0, 6.0, 2.0];
+        let away = [0.0, 4.0, 8.0, 11.0, 8.0, 4.0, 0.0, -5.0][self.step % 8];
+        self.step += 1;
+        let origin = [away, 0.3 * self.step as f32 % 2.0, 0.1];
+        let [rows, columns] = self.rays;
+        let (mut points, mut shades) = (Vec::new(), Vec::new());
+        for ray in 0..rows * columns {
+            let elevation = 0.5 - (ray / columns) as f32 / rows as f32;
+            let azimuth = std::f32::consts::TAU * (ray % columns) as f32 / columns as f32 + 0.01 * self.step as f32;
+            let d = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+            let range = (0..3).map(|k| (HALF[k].copysign(d[k]) - origin[k]) / d[k]).fold(f32::INFINITY, f32::min);
+            points.push(d.map(|c| c * range));
+            shades.push((ray % 251) as u8);
+        }
+        let normals = vec![[0.0; 3]; points.len()];
+        let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: origin };
+        let shades = if self.shaded { &shades[..] } else { &[] };
+        self.integrator.integrate(field, &pose, &Returns { points: &points, normals: &normals, shades, smallest_angle: 6.4 / columns as f32 });
+    }
+}
+
+/// A pose with crooked numbers, the same on any machine: square roots are exact everywhere, sines are not.
+pub fn pose(numbers: &mut Numbers) -> Pose {
+    let mut within = |a: f64| a * (2.0 * numbers.unit() - 1.0);
+    let translation = nalgebra::Translation3::new(within(1e4), within(1e-3), within(10.0));
+    let rotation = nalgebra::Quaternion::new(within(1.0), within(1.0), within(1e-9), within(0.1));
+    Pose::from_parts(translation, nalgebra::UnitQuaternion::new_normalize(rotation))
+}
+
+/// A field of `blocks` blocks with made-up content that depends on `seed` only, on any machine.
+pub fn made_up_field(seed: u64, blocks: usize) -> TsdfField {
+    let mut numbers = Numbers(seed);
+    let mut builder = TsdfBuilder::default();
+    let mut key = numbers.next() >> 24;
+    for _ in 0..blocks {
+        key += 1 + (numbers.next() >> 60).pow(2);
+        let (a, b) = ((numbers.next() % 4) as u8, (numbers.next() % 4) as u8);
+        let head = BlockHead { key, scale: a.max(b), finest: a.min(b), shaded: numbers.next() & 1 == 0 };
+        let mut voxel = |_| match numbers.next() {
+            n if n % 3 == 0 => Voxel { distance: (n >> 16) as i16, weight: (n >> 40) as u16 % 6400 },
+            _ => Voxel::default(),
+        };
+        let voxels: Vec<Voxel> = (0..head.voxel_count()).map(&mut voxel).collect();
+        let shades: Vec<u8> = (0..head.shade_count()).map(|_| (numbers.next() >> 50) as u8).collect();
+        builder.push(head, &voxels, &shades).expect("a possible block");
+    }
+    builder.finish()
+}
+
+/// An atlas of `submaps` submaps with made-up content that depends on `seed` only.
+pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
+    let mut numbers = Numbers(seed);
+    let mut atlas = Atlas::default();
+    for _ in 0..submaps {
+        let id = atlas.spawn(pose(&mut numbers));
+        let field_seed = numbers.next();
+        let submap = atlas.submap_mut(id).expect("just made");
+        submap.tsdf = made_up_field(field_seed, blocks);
+        for _ in 0..3 {
+            let t_map_lidar = pose(&mut numbers);
+            submap.add_scan(numbers.next(), &t_map_lidar);
+        }
+        submap.travelled = 100.0 * numbers.unit();
+    }
+    atlas
+}
+
+pub fn details(words: &str) -> MapDetails {
+    let pairs = |key: &str| [(key.to_owned(), words.to_owned()), ("quote \" and \u{1F5FA}".to_owned(), "line\nbreak".to_owned())].into();
+    MapDetails { generator: format!("tests of {words}"), settings: pairs("voxel"), sensor: pairs("model") }
+}
+
+/// Everything that a field is, without ids and slots.
+pub fn image(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
+    let block = |id| (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_shades(id).collect::<Vec<_>>().concat());
+    field.ids_in_morton_order().into_iter().map(block).collect()
+}
+
+fn pose_bits(pose: &Pose) -> [u64; 7] {
+    let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w].map(f64::to_bits)
+}
+
+pub fn same_submap(a: &Submap, b: &Submap) -> bool {
+    let scans = |s: &Submap| s.scans.iter().map(|s| (s.node, pose_bits(&s.t_submap_lidar))).collect::<Vec<_>>();
+    a.id == b.id
+        && pose_bits(&a.t_map_submap) == pose_bits(&b.t_map_submap)
+        && a.travelled.to_bits() == b.travelled.to_bits()
+        && scans(a) == scans(b)
+        && image(&a.tsdf) == image(&b.tsdf)
+}
+
+pub fn same_atlas(a: &Atlas, b: &Atlas) -> bool {
+    a.submaps().len() == b.submaps().len() && a.submaps().iter().zip(b.submaps()).all(|(a, b)| same_submap(a, b))
+}
