@@ -59,9 +59,9 @@ fn report(what: &str, s: &Score) {
 #[test]
 fn table() {
     let all = |_: usize, _: f32, _: [f32; 3]| true;
-    for name in ["os1-64", "os0-64", "os1-128", "hdl-64e", "vlp-16"] {
+    for name in ["os1-64", "os0-64", "hdl-64e"] {
         let model = preset(name).unwrap_or_else(|e| panic!("{e}"));
-        for noise in [0.0, 0.01, 0.02, 0.03] {
+        for noise in [0.0, 0.01, 0.02] {
             report(&format!("{name} room {noise}"), &score(&Scene::room(noise), &model, all));
             report(&format!("{name} room cylinder"), &score(&Scene::room(noise), &model, |s, _, _| s == 6));
             report(&format!("{name} room sphere"), &score(&Scene::room(noise), &model, |s, _, _| s == 7));

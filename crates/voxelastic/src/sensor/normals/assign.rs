@@ -1,8 +1,9 @@
 //! Which plane a return lies on.
 
+use super::super::image::RangeImage;
 use super::super::prepare::Beams;
 use super::grid::Grid;
-use super::moments::WindowRule;
+use super::moments::{Width, WindowRule};
 use super::plane::{Plane, Planes};
 use rayon::prelude::*;
 
@@ -11,39 +12,57 @@ const CHUNK: usize = 4096;
 
 /// Gives every beam the plane of its pixel, or, where that is not believed or not met, the nearest fitting plane of the
 /// pixels around: at an edge or a crease the windows of the neighbours on one side hold one surface only.
-pub(crate) fn assign(planes: &Planes, grid: &Grid, rule: &WindowRule, noise: f32, beams: &mut Beams) {
+pub(crate) fn assign(shared: &Shared<'_>, image: &RangeImage, beams: &mut Beams) {
+    let Shared { planes, grid, .. } = *shared;
     let count = beams.points.len();
     beams.normals.resize(count, [0.0; 3]);
     beams.roughness.resize(count, 0.0);
-    let (points, pixels) = (&beams.points, &beams.pixel);
+    let (points, pixels, source) = (&beams.points, &beams.pixel, &beams.source);
     let chunks = beams.normals.par_chunks_mut(CHUNK).zip(beams.roughness.par_chunks_mut(CHUNK));
     chunks.enumerate().for_each(|(chunk, (normals, roughness))| {
         let first = chunk * CHUNK;
+        let mut row = Row::of(pixels[first] as usize, grid.columns);
         for (i, (normal, roughness)) in normals.iter_mut().zip(roughness).enumerate() {
-            let (p, pixel) = (points[first + i], pixels[first + i] as usize);
-            let p = [p[0], p[1], p[2] - grid.height];
-            let found = own(planes, grid, p, pixel, noise).or_else(|| around(planes, grid, rule, p, pixel, noise));
-            (*normal, *roughness) = found.map_or(([0.0; 3], 0.0), |plane| (plane.normal(), plane.roughness));
+            let pixel = pixels[first + i] as usize;
+            if pixel >= row.end {
+                row = Row::of(pixel, grid.columns);
+            }
+            let at = (row.index, pixel - row.start);
+            let (lanes, l) = planes.lanes(at.0, at.1);
+            // Most beams end here, without the detour through a `Plane` in memory.
+            if image.points[pixel] == source[first + i] && lanes.roughness[l] >= 0.0 && lanes.misfit[l] <= ON_PLANE {
+                *normal = [lanes.normal[0][l], lanes.normal[1][l], lanes.normal[2][l]];
+                *roughness = lanes.roughness[l];
+            } else {
+                (*normal, *roughness) = shared.search(points[first + i], at).map_or(([0.0; 3], 0.0), |plane| (plane.normal, plane.roughness));
+            }
         }
     });
 }
 
-impl Plane {
-    /// Unit normal towards the sensor.
-    #[inline(always)]
-    fn normal(&self) -> [f32; 3] {
-        let per_length = -1.0 / dot(self.a, self.a).sqrt();
-        self.a.map(|c| c * per_length)
-    }
+/// A row and its pixels.
+struct Row {
+    index: usize,
+    start: usize,
+    end: usize,
+}
 
-    /// Distance of `p` from the plane, in units of what noise along the ray and the plane's roughness explain.
+impl Row {
+    fn of(pixel: usize, columns: usize) -> Self {
+        let index = pixel / columns;
+        Self { index, start: index * columns, end: (index + 1) * columns }
+    }
+}
+
+impl Plane {
+    /// Distance of `p` (above the beams' origin) from the plane, in units of what noise along the ray and the plane's
+    /// roughness explain.
     #[inline(always)]
-    fn misfit(&self, p: [f32; 3], noise: f32) -> f32 {
-        let length = dot(self.a, self.a).sqrt();
-        let distance = (dot(self.a, p) - 1.0).abs() / length;
-        // 1 / (length |p|) is the cosine of the incidence.
-        let along_normal = noise / (length * dot(p, p).sqrt());
-        distance / along_normal.max(self.roughness).max(1e-4)
+    fn misfit_of(&self, p: [f32; 3], noise: f32) -> f32 {
+        let off = (dot(self.normal, p) + self.distance).abs();
+        // distance / |p| is the cosine of the incidence.
+        let along_normal = noise * self.distance / dot(p, p).sqrt();
+        off / along_normal.max(self.roughness).max(1e-4)
     }
 }
 
@@ -57,37 +76,51 @@ const ON_PLANE: f32 = 3.0;
 /// A plane of a neighbour must fit better: it was not made from this point.
 const ON_NEIGHBOUR: f32 = 2.0;
 
-#[inline(always)]
-fn own(planes: &Planes, grid: &Grid, p: [f32; 3], pixel: usize, noise: f32) -> Option<Plane> {
-    planes.get(pixel / grid.columns, pixel % grid.columns).filter(|plane| plane.misfit(p, noise) <= ON_PLANE)
+/// What every search looks at.
+pub(crate) struct Shared<'a> {
+    pub(crate) planes: &'a Planes,
+    pub(crate) grid: &'a Grid,
+    pub(crate) rule: &'a WindowRule,
+    /// Range noise, or the roughness that is allowed where that is more, metres.
+    pub(crate) noise: f32,
 }
 
-/// The best plane among the pixels half a window and a window away.
-fn around(planes: &Planes, grid: &Grid, rule: &WindowRule, p: [f32; 3], pixel: usize, noise: f32) -> Option<Plane> {
-    let (row, column) = ((pixel / grid.columns) as isize, (pixel % grid.columns) as isize);
-    let inverse = 1.0 / (p[0] * p[0] + p[1] * p[1]).sqrt().max(1e-3);
-    let reach = rule.reach(row as usize, inverse).map(|r| r.round() as isize);
-    let mut best: Option<(f32, Plane)> = None;
-    for (down, along) in [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)] {
-        for halves in [1, 2] {
-            let (r, c) = (row + down * ((reach[1] * halves + 1) / 2), column + along * ((reach[0] * halves + 1) / 2));
-            if r < 0 || r >= grid.rows as isize {
+impl Shared<'_> {
+    /// The plane of the pixel if the point is on it, else the best among the pixels around.
+    #[inline(never)]
+    fn search(&self, point: [f32; 3], (row, column): (usize, usize)) -> Option<Plane> {
+        let p = [point[0], point[1], point[2] - self.grid.height];
+        let own = self.planes.get(row, column).filter(|plane| plane.misfit_of(p, self.noise) <= ON_PLANE);
+        own.or_else(|| self.around(p, (row as isize, column as isize)))
+    }
+
+    /// The best plane among the pixels half a window away, else a window away.
+    fn around(&self, p: [f32; 3], (row, column): (isize, isize)) -> Option<Plane> {
+        let depth = (p[0] * p[0] + p[1] * p[1]).sqrt();
+        let reach = self.rule.reach(row as usize, Width::Narrow).map(|r| (r.at(1.0 / depth.max(1e-3)) + 0.5) as isize);
+        [1, 2].iter().find_map(|far| self.best(p, depth, (row, column), reach.map(|r| r * far)))
+    }
+
+    /// The best plane among the eight pixels `reach` away (along the row, down the column).
+    fn best(&self, p: [f32; 3], depth: f32, (row, column): (isize, isize), reach: [isize; 2]) -> Option<Plane> {
+        let mut best: Option<(f32, Plane)> = None;
+        for (down, along) in [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)] {
+            let (r, c) = (row + down * reach[1], column + along * reach[0]);
+            if r < 0 || r >= self.grid.rows as isize {
                 continue;
             }
-            let c = c.rem_euclid(grid.columns as isize);
-            let Some(plane) = planes.get(r as usize, c as usize) else { continue };
-            let misfit = plane.misfit(p, noise);
-            if misfit <= ON_NEIGHBOUR && best.is_none_or(|(least, _)| misfit < least) && is_near(grid, p, (r as usize, c as usize)) {
+            let (r, c) = (r as usize, c.rem_euclid(self.grid.columns as isize) as usize);
+            let Some(plane) = self.planes.get(r, c) else { continue };
+            let misfit = plane.misfit_of(p, self.noise);
+            if misfit <= ON_NEIGHBOUR && best.is_none_or(|(least, _)| misfit < least) && self.is_near(depth, (r, c)) {
                 best = Some((misfit, plane));
             }
         }
+        best.map(|(_, plane)| plane)
     }
-    best.map(|(_, plane)| plane)
-}
 
-/// Whether a pixel's depth is like that of `p`: far beyond a gap a plane may pass by chance.
-fn is_near(grid: &Grid, p: [f32; 3], (row, column): (usize, usize)) -> bool {
-    let depth = (p[0] * p[0] + p[1] * p[1]).sqrt();
-    let inverse = grid.inverse[grid.at(row, column)];
-    (depth * inverse - 1.0).abs() < 0.25
+    /// Whether a pixel's depth is like `depth`: far beyond a gap a plane may pass by chance.
+    fn is_near(&self, depth: f32, (row, column): (usize, usize)) -> bool {
+        (depth * self.grid.inverse[self.grid.at(row, column)] - 1.0).abs() < 0.25
+    }
 }

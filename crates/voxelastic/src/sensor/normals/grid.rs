@@ -3,6 +3,7 @@
 use super::super::dispatch::{Kernel, dispatch};
 use super::super::image::{NO_POINT, RangeImage};
 use super::super::model::BeamModel;
+use super::STRIP;
 
 /// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
 /// the differences at its ends.
@@ -11,7 +12,7 @@ pub(crate) const PAD: usize = 16;
 /// Differences against the trend of more than this many standard deviations of the range noise end a surface.
 const JUMP_SIGMAS: f32 = 5.0;
 
-/// Per pixel, with `PAD` wrapped columns on both sides of each row: the point in the frame of its column (X along the
+/// Per pixel, with `PAD` wrapped columns on both sides of each row (and zeros up to whole strips): the point in the frame of its column (X along the
 /// column's azimuth, Y to the left, Z up from the beams' origin).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Grid {
@@ -24,6 +25,8 @@ pub(crate) struct Grid {
     pub(crate) across: Vec<f32>,
     /// Z / X.
     pub(crate) rise: Vec<f32>,
+    /// `inverse` as the pixel's centre would see it: rows are staggered, and projected points fall beside the centre.
+    centred: Vec<f32>,
     /// 1 where the pixel and the next in the row lie on one surface, else 0.
     pub(crate) link_right: Vec<f32>,
     /// 1 where the pixel and the one below lie on one surface, else 0.
@@ -31,6 +34,8 @@ pub(crate) struct Grid {
     /// Cosine and sine of each column's azimuth.
     pub(crate) axes: Vec<[f32; 2]>,
     pub(crate) height: f32,
+    /// 1 / (signed angle between columns).
+    per_step: f32,
     /// Tangent of each row's elevation.
     pub(crate) row_rise: Vec<f32>,
 }
@@ -40,10 +45,11 @@ impl Grid {
         let first = model.azimuth(0.0, 0.0) as f64;
         let step = (model.azimuth(0.0, 1.0) - model.azimuth(0.0, 0.0)) as f64;
         let step = step.signum() * std::f64::consts::TAU / model.columns() as f64;
-        let axes = (0..model.columns()).map(|c| (first + c as f64 * step).sin_cos()).map(|(s, c)| [c as f32, s as f32]).collect();
+        let whole_strips = model.columns().next_multiple_of(STRIP);
+        let axes = (0..whole_strips).map(|c| (first + c as f64 * step).sin_cos()).map(|(s, c)| [c as f32, s as f32]).collect();
         let row_rise = model.elevations().iter().map(|e| e.clamp(-1.55, 1.55).tan()).collect();
         let (rows, columns) = (model.rows(), model.columns());
-        let stride = columns + 2 * PAD;
+        let stride = whole_strips + 2 * PAD;
         let plane = || vec![0f32; rows * stride];
         Self {
             rows,
@@ -52,10 +58,12 @@ impl Grid {
             inverse: plane(),
             across: plane(),
             rise: plane(),
+            centred: plane(),
             link_right: plane(),
             link_down: plane(),
             axes,
             height: model.origin_height(),
+            per_step: (1.0 / step) as f32,
             row_rise,
         }
     }
@@ -78,7 +86,7 @@ impl Grid {
             let at = row * stride + PAD;
             dispatch(Fill {
                 points: &shown,
-                axes: &self.axes,
+                axes: &self.axes[..columns],
                 height: self.height,
                 inverse: &mut self.inverse[at..at + columns],
                 across: &mut self.across[at..at + columns],
@@ -121,21 +129,20 @@ impl Grid {
 
     /// Finds where surfaces end, for a range noise in metres.
     pub(crate) fn link(&mut self, noise: f32) {
-        let (columns, stride) = (self.columns, self.stride);
-        for row in 0..self.rows {
-            let at = row * stride;
-            let link = &mut self.link_right[at..at + stride];
-            dispatch(LinkRight { inverse: &self.inverse[at..at + stride], noise, link });
+        let (columns, stride, per_step) = (self.columns, self.stride, self.per_step);
+        for at in (0..self.rows).map(|row| row * stride) {
+            let inverse = &self.inverse[at..at + stride];
+            dispatch(LinkRight { inverse, noise, link: &mut self.link_right[at..at + stride] });
+            dispatch(Centre { inverse, across: &self.across[at..at + stride], per_step, centred: &mut self.centred[at..at + stride] });
         }
         let row = |r: isize| {
             let r = r.clamp(0, self.rows as isize - 1) as usize;
             r * stride + PAD..r * stride + PAD + columns
         };
         for r in 0..self.rows.saturating_sub(1) as isize {
-            let inverse = [-1, 0, 1, 2].map(|k| &self.inverse[row(r + k)]);
+            let inverse = [-1, 0, 1, 2].map(|k| &self.centred[row(r + k)]);
             let rise = [-1, 0, 1, 2].map(|k| &self.rise[row(r + k)]);
-            let link = &mut self.link_down[row(r)];
-            dispatch(LinkDown { inverse, rise, noise, link });
+            dispatch(LinkDown { inverse, rise, noise, link: &mut self.link_down[row(r)] });
         }
         for row in self.link_down.chunks_exact_mut(stride) {
             wrap(row, columns);
@@ -217,6 +224,29 @@ impl Kernel for LinkRight<'_> {
         for i in 0..link.len() {
             let steps = [step(before[i], here[i]), step(here[i], next[i]), step(next[i], after[i])];
             link[i] = linked(here[i], next[i], steps, self.noise);
+        }
+    }
+}
+
+struct Centre<'a> {
+    inverse: &'a [f32],
+    across: &'a [f32],
+    per_step: f32,
+    centred: &'a mut [f32],
+}
+
+impl Kernel for Centre<'_> {
+    /// Moves each inverse depth to its pixel's centre by the gentler of the slopes to both sides.
+    #[inline(always)]
+    fn run(self) {
+        let n = self.inverse.len();
+        let (before, here, after) = (&self.inverse[..n - 2], &self.inverse[1..n - 1], &self.inverse[2..n]);
+        let across = &self.across[1..n - 1];
+        let centred = &mut self.centred[1..n - 1];
+        for i in 0..centred.len() {
+            let (left, right) = (step(before[i], here[i]), step(here[i], after[i]));
+            let gentle = median(left, right, 0.0) * self.per_step;
+            centred[i] = (here[i] - gentle * across[i]).max(0.0);
         }
     }
 }

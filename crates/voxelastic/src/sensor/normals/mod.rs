@@ -15,16 +15,18 @@ mod grid;
 mod moments;
 mod plane;
 
+use super::dispatch::dispatch;
 use super::image::RangeImage;
 use super::model::BeamModel;
 use super::prepare::Beams;
+use assign::Shared;
 use grid::Grid;
-use moments::{Scratch, WindowRule};
-use plane::Planes;
+use moments::{Scratch, Width, WindowRule};
+use plane::{PlaneRow, Planes, Solve};
 use rayon::prelude::*;
 
 /// Columns that are worked on together: the sums of a strip stay in the second-level cache.
-pub(crate) const STRIP: usize = 64;
+pub(crate) const STRIP: usize = 32;
 
 /// Settings of the plane fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,14 +76,44 @@ impl PlaneFitter {
         self.scratch.resize_with(tasks, Scratch::default);
         let per_task = strips.div_ceil(tasks);
         let (grid, rule, settings) = (&self.grid, &self.rule, self.settings);
-        let chunks = self.planes.strips_mut().par_chunks_mut(per_task).zip(&mut self.scratch);
-        chunks.enumerate().for_each(|(task, (strips, scratch))| {
-            for (i, strip) in strips.iter_mut().enumerate() {
-                let first_column = (task * per_task + i) * STRIP;
-                scratch.sum_rows(grid, rule, first_column);
-                scratch.fit(grid, rule, &settings, noise, (first_column, strip));
+        let parts = self.planes.split(per_task);
+        parts.into_par_iter().zip(&mut self.scratch).enumerate().for_each(|(task, (mut rows, scratch))| {
+            let mut work = StripFit { grid, rule, settings: &settings, noise, scratch };
+            let strips = rows.first().map_or(0, |row| row.len());
+            for strip in 0..strips {
+                work.fit((task * per_task + strip) * STRIP, rows.iter_mut().map(|row| &mut row[strip]));
             }
         });
-        assign::assign(&self.planes, &self.grid, &self.rule, noise.max(self.settings.roughness), beams);
+        let shared = Shared { planes: &self.planes, grid: &self.grid, rule: &self.rule, noise: noise.max(self.settings.roughness) };
+        assign::assign(&shared, image, beams);
+    }
+}
+
+/// All that fitting a strip needs.
+struct StripFit<'a> {
+    grid: &'a Grid,
+    rule: &'a WindowRule,
+    settings: &'a NormalSettings,
+    noise: f32,
+    scratch: &'a mut Scratch,
+}
+
+impl StripFit<'_> {
+    /// Wide windows for all pixels of the strip that starts at `first_column`, narrow ones for those left without a plane.
+    fn fit<'p>(&mut self, first_column: usize, rows: impl Iterator<Item = &'p mut PlaneRow>) {
+        self.scratch.start(self.grid, self.rule, first_column);
+        for (row, planes) in rows.enumerate() {
+            self.solve(Width::Wide, (row, first_column), planes);
+            let at = self.grid.at(row, first_column);
+            if planes.has_gaps(&self.grid.inverse[at..at + STRIP]) {
+                self.solve(Width::Narrow, (row, first_column), planes);
+            }
+        }
+    }
+
+    fn solve(&mut self, width: Width, (row, first_column): (usize, usize), planes: &mut PlaneRow) {
+        let Self { grid, rule, settings, noise, .. } = *self;
+        let sums = self.scratch.window(grid, rule, width, (row, first_column));
+        dispatch(Solve { sums: &sums, grid, row, first_column, width, settings, noise, planes });
     }
 }

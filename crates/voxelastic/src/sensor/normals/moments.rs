@@ -2,13 +2,24 @@
 
 use super::super::dispatch::{Kernel, dispatch};
 use super::super::model::BeamModel;
+use super::STRIP;
 use super::grid::{Grid, PAD};
-use super::{NormalSettings, STRIP};
 
 /// Largest window: pixels on each side of the centre, along the row and down the column.
 pub(crate) const MAX_REACH: [usize; 2] = [8, 5];
 /// Smallest window: fewer pixels could not be told from chance.
-pub(crate) const MIN_REACH: f32 = 2.0;
+const MIN_REACH: f32 = 2.0;
+/// Smallest narrow window.
+const MIN_NARROW: f32 = 1.0;
+
+/// Which window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Width {
+    /// The usual one.
+    Wide,
+    /// Half of it, for surfaces that bend.
+    Narrow,
+}
 
 /// How many pixels a window spans.
 #[derive(Clone, Debug)]
@@ -43,10 +54,33 @@ impl WindowRule {
         Self { along: half_window / step, down, turn }
     }
 
-    /// Pixels on each side of a pixel whose 1 / X is `inverse`, not rounded.
+    /// The reach of the windows of a row: along the row, and down the column.
     #[inline(always)]
-    pub(crate) fn reach(&self, row: usize, inverse: f32) -> [f32; 2] {
-        [(self.along * inverse).clamp(MIN_REACH, MAX_REACH[0] as f32), (self.down[row] * inverse).clamp(MIN_REACH, MAX_REACH[1] as f32)]
+    pub(crate) fn reach(&self, row: usize, width: Width) -> [Reach; 2] {
+        let (factor, least) = match width {
+            Width::Wide => (1.0, MIN_REACH),
+            Width::Narrow => (0.5, MIN_NARROW),
+        };
+        let reach = |pixels, most: usize| Reach { pixels, most: most as f32, factor, least };
+        [reach(self.along, MAX_REACH[0]), reach(self.down[row], MAX_REACH[1])]
+    }
+}
+
+/// How far a window reaches to each side of its pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Reach {
+    pixels: f32,
+    most: f32,
+    factor: f32,
+    least: f32,
+}
+
+impl Reach {
+    /// Pixels, not rounded, around a pixel whose 1 / X is `inverse`.
+    #[inline(always)]
+    pub(crate) fn at(&self, inverse: f32) -> f32 {
+        // Not `clamp`, whose check of its bounds would keep the loop from being vectorised.
+        ((self.pixels * inverse).max(MIN_REACH).min(self.most) * self.factor).max(self.least)
     }
 }
 
@@ -74,48 +108,57 @@ impl Moments {
     };
 }
 
-/// The sums of one strip of columns.
+/// The row sums of one strip of columns, for both widths; the narrow ones only where they were asked for.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
-    pub(crate) rows: Vec<Moments>,
+    wide: Vec<Moments>,
+    narrow: Vec<Moments>,
+    has_narrow: Vec<bool>,
 }
 
 impl Scratch {
     /// Sums along the rows of the strip that starts at `first_column`.
-    pub(crate) fn sum_rows(&mut self, grid: &Grid, rule: &WindowRule, first_column: usize) {
-        self.rows.resize(grid.rows, Moments::ZERO);
-        for (row, sums) in self.rows.iter_mut().enumerate() {
-            let at = grid.at(row, first_column);
-            dispatch(RowSums {
-                inverse: &grid.inverse[at - PAD..],
-                across: &grid.across[at - PAD..],
-                rise: &grid.rise[at - PAD..],
-                link: &grid.link_right[at - PAD..],
-                row_rise: grid.row_rise[row],
-                rule,
-                row,
-                lanes: STRIP.min(grid.columns - first_column),
-                sums,
-            });
+    pub(crate) fn start(&mut self, grid: &Grid, rule: &WindowRule, first_column: usize) {
+        self.wide.resize(grid.rows, Moments::ZERO);
+        self.narrow.resize(grid.rows, Moments::ZERO);
+        self.has_narrow.clear();
+        self.has_narrow.resize(grid.rows, false);
+        for (row, sums) in self.wide.iter_mut().enumerate() {
+            sum_row(grid, rule, Width::Wide, (row, first_column), sums);
         }
     }
 
-    /// Sums down the columns and fits the planes of the strip.
-    pub(crate) fn fit(
-        &self,
-        grid: &Grid,
-        rule: &WindowRule,
-        settings: &NormalSettings,
-        noise: f32,
-        (first_column, strip): (usize, &mut super::plane::Strip),
-    ) {
-        let lanes = STRIP.min(grid.columns - first_column);
-        for row in 0..grid.rows {
-            let mut sums = self.rows[row];
-            dispatch(ColumnSums { rows: &self.rows, grid, rule, row, first_column, lanes, sums: &mut sums });
-            dispatch(super::plane::Solve { sums: &sums, grid, row, first_column, lanes, settings, noise, planes: &mut strip.rows[row] });
+    /// Sums over the windows around the pixels of a row.
+    pub(crate) fn window(&mut self, grid: &Grid, rule: &WindowRule, width: Width, (row, first_column): (usize, usize)) -> Moments {
+        if width == Width::Narrow {
+            let reach = MAX_REACH[1].div_ceil(2);
+            for near in row.saturating_sub(reach)..(row + reach + 1).min(grid.rows) {
+                if !std::mem::replace(&mut self.has_narrow[near], true) {
+                    sum_row(grid, rule, width, (near, first_column), &mut self.narrow[near]);
+                }
+            }
         }
+        let rows = if width == Width::Wide { &self.wide } else { &self.narrow };
+        let mut sums = Moments::ZERO;
+        dispatch(ColumnSums { rows, grid, rule, width, row, first_column, sums: &mut sums });
+        sums
     }
+}
+
+fn sum_row(grid: &Grid, rule: &WindowRule, width: Width, (row, first_column): (usize, usize), sums: &mut Moments) {
+    let at = grid.at(row, first_column) - PAD;
+    let end = at + STRIP + 2 * PAD;
+    dispatch(RowSums {
+        inverse: &grid.inverse[at..end],
+        across: &grid.across[at..end],
+        rise: &grid.rise[at..end],
+        link: &grid.link_right[at..end],
+        row_rise: grid.row_rise[row],
+        rule,
+        width,
+        row,
+        sums,
+    });
 }
 
 /// Adds up a row's pixels around each lane. The planes start `PAD` columns before the strip.
@@ -126,59 +169,62 @@ struct RowSums<'a> {
     link: &'a [f32],
     row_rise: f32,
     rule: &'a WindowRule,
+    width: Width,
     row: usize,
-    lanes: usize,
     sums: &'a mut Moments,
 }
 
-/// A strip's part of a plane, `offset` columns from the strip's first column; the planes are padded so that it exists.
+/// The strip's part of a plane that starts `PAD` columns before the strip, `offset` columns further on.
 #[inline(always)]
-fn lanes(plane: &[f32], offset: isize, count: usize) -> [f32; STRIP] {
-    let start = (PAD as isize + offset) as usize;
-    let mut out = [0.0; STRIP];
-    out[..count].copy_from_slice(&plane[start..start + count]);
-    out
+fn lanes(plane: &[f32], offset: isize) -> &[f32; STRIP] {
+    const NOTHING: [f32; STRIP] = [0.0; STRIP];
+    plane[(PAD as isize + offset) as usize..].first_chunk().unwrap_or(&NOTHING)
 }
 
 impl Kernel for RowSums<'_> {
     #[inline(always)]
     fn run(self) {
-        let count = self.lanes;
-        let centre = lanes(self.inverse, 0, count);
-        let (across, rise) = (lanes(self.across, 0, count), lanes(self.rise, 0, count));
-        let sums = self.sums;
+        let centre = lanes(self.inverse, 0);
+        let (across, rise) = (lanes(self.across, 0), lanes(self.rise, 0));
+        // Summed up in a copy, so that nothing read can be what is written: only then do the loops vectorise.
+        let mut sums = Moments::ZERO;
         let (mut reach, mut right, mut left) = ([0f32; STRIP], [0f32; STRIP], [0f32; STRIP]);
-        let mut farthest = 0f32;
+        let window = self.rule.reach(self.row, self.width)[0];
+        let row_rise = self.row_rise;
         for l in 0..STRIP {
             let valid = if centre[l] > 0.0 { 1.0 } else { 0.0 };
-            let (x, t) = (across[l], rise[l] - self.row_rise);
-            (reach[l], right[l], left[l]) = (self.rule.reach(self.row, centre[l])[0] * valid, valid, valid);
-            farthest = farthest.max(reach[l]);
-            let (x, t) = (x * valid, t * valid);
-            (sums.n[l], sums.x[l], sums.t[l], sums.u[l]) = (valid, x, t, 0.0);
-            (sums.xx[l], sums.xt[l], sums.tt[l]) = (x * x, x * t, t * t);
-            (sums.xu[l], sums.tu[l], sums.uu[l]) = (0.0, 0.0, 0.0);
+            (reach[l], right[l], left[l]) = (window.at(centre[l]) * valid, valid, valid);
+            add(&mut sums, l, valid, [across[l], rise[l] - row_rise, 0.0]);
         }
-        for k in 1..=(farthest + 0.5) as usize {
+        for k in 1..=farthest(&reach) {
             let [tan, sec] = self.rule.turn[k];
             let wanted = k as f32 - 0.5;
             for (side, alive, link) in [(1isize, &mut right, k as isize - 1), (-1, &mut left, -(k as isize))] {
                 let at = side * k as isize;
-                let link = lanes(self.link, link, count);
-                let (w, f, z) = (lanes(self.inverse, at, count), lanes(self.across, at, count), lanes(self.rise, at, count));
+                let link = lanes(self.link, link);
+                let (w, f, z) = (lanes(self.inverse, at), lanes(self.across, at), lanes(self.rise, at));
                 let tan = tan * side as f32;
                 for l in 0..STRIP {
                     alive[l] *= link[l];
                     let m = if reach[l] >= wanted { alive[l] } else { 0.0 };
                     let turn = sec + f[l] * (sec * tan);
                     let x = tan + f[l] * (sec * sec);
-                    let t = z[l] * turn - self.row_rise;
+                    let t = z[l] * turn - row_rise;
                     let u = w[l] * turn - centre[l];
-                    add(sums, l, m, [x, t, u]);
+                    add(&mut sums, l, m, [x, t, u]);
                 }
             }
         }
+        *self.sums = sums;
     }
+}
+
+/// Pixels in the longest of the reaches, rounded. Positive floats are ordered like their bits, which the compiler can
+/// compare eight at a time.
+#[inline(always)]
+fn farthest(reach: &[f32; STRIP]) -> usize {
+    let longest = reach.iter().fold(0, |most: u32, r| most.max(r.to_bits()));
+    (f32::from_bits(longest) + 0.5) as usize
 }
 
 /// Adds one sample of weight `m` to lane `l`.
@@ -202,43 +248,44 @@ struct ColumnSums<'a> {
     rows: &'a [Moments],
     grid: &'a Grid,
     rule: &'a WindowRule,
+    width: Width,
     row: usize,
     first_column: usize,
-    lanes: usize,
     sums: &'a mut Moments,
 }
 
 impl Kernel for ColumnSums<'_> {
     #[inline(always)]
     fn run(self) {
-        let (grid, row, count) = (self.grid, self.row, self.lanes);
-        let part = |plane: &[f32], row: usize| lanes(&plane[grid.at(row, self.first_column) - PAD..], 0, count);
-        let centre = part(&grid.inverse, row);
+        let (grid, row) = (self.grid, self.row);
+        let part = |row: usize| grid.at(row, self.first_column) - PAD;
+        let centre = lanes(&grid.inverse[part(row)..], 0);
         let mut reach = [0f32; STRIP];
-        let mut farthest = 0f32;
+        let window = self.rule.reach(row, self.width)[1];
         for l in 0..STRIP {
-            reach[l] = if centre[l] > 0.0 { self.rule.reach(row, centre[l])[1] } else { 0.0 };
-            farthest = farthest.max(reach[l]);
+            reach[l] = if centre[l] > 0.0 { window.at(centre[l]) } else { 0.0 };
         }
+        let mut sums = self.rows[row];
         for side in [1isize, -1] {
             let mut alive = [1f32; STRIP];
-            for k in 1..=(farthest + 0.5) as isize {
+            for k in 1..=farthest(&reach) as isize {
                 let other = row as isize + side * k;
                 if other < 0 || other >= grid.rows as isize {
                     break;
                 }
                 let other = other as usize;
-                let link = part(&grid.link_down, if side > 0 { other - 1 } else { other });
-                let inverse = part(&grid.inverse, other);
+                let link = lanes(&grid.link_down[part(if side > 0 { other - 1 } else { other })..], 0);
+                let inverse = lanes(&grid.inverse[part(other)..], 0);
                 let fall = grid.row_rise[other] - grid.row_rise[row];
                 let wanted = k as f32 - 0.5;
                 for l in 0..STRIP {
                     alive[l] *= link[l];
                     let m = if reach[l] >= wanted { alive[l] } else { 0.0 };
-                    add_shifted(self.sums, &self.rows[other], l, m, [fall, inverse[l] - centre[l]]);
+                    add_shifted(&mut sums, &self.rows[other], l, m, [fall, inverse[l] - centre[l]]);
                 }
             }
         }
+        *self.sums = sums;
     }
 }
 

@@ -1,57 +1,71 @@
 //! From sums to planes, and which of them to believe.
 
 use super::super::dispatch::Kernel;
-use super::grid::{Grid, PAD};
-use super::moments::Moments;
+use super::grid::Grid;
+use super::moments::{Moments, Width};
 use super::{NormalSettings, STRIP};
 
-/// Planes of one row of a strip: points p (lidar frame, above the beams' origin) on the plane satisfy a . p = 1.
+/// Planes of one row of a strip.
 #[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
 pub(crate) struct PlaneRow {
-    pub(crate) a: [[f32; STRIP]; 3],
-    /// Standard deviation of the neighbours along the normal, metres; negative where there is no plane.
+    /// Unit normal towards the sensor, lidar frame.
+    pub(crate) normal: [[f32; STRIP]; 3],
+    /// Distance of the plane from the beams' origin, metres.
+    pub(crate) distance: [f32; STRIP],
+    /// Standard deviation of the neighbours along the normal, metres; negative where no plane is believed.
     pub(crate) roughness: [f32; STRIP],
+    /// How far off the plane the pixel's own point is, in standard deviations.
+    pub(crate) misfit: [f32; STRIP],
 }
 
 impl PlaneRow {
-    const NONE: Self = Self { a: [[0.0; STRIP]; 3], roughness: [-1.0; STRIP] };
+    const NONE: Self = Self { normal: [[0.0; STRIP]; 3], distance: [0.0; STRIP], roughness: [-1.0; STRIP], misfit: [0.0; STRIP] };
 }
 
-/// Planes of a strip of columns.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Strip {
-    pub(crate) rows: Vec<PlaneRow>,
-}
-
-/// Planes of all pixels, strip by strip.
+/// Planes of all pixels: row by row, and within a row strip by strip.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Planes {
-    strips: Vec<Strip>,
+    strips: usize,
+    rows: Vec<PlaneRow>,
 }
 
 /// A plane that is believed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Plane {
-    pub(crate) a: [f32; 3],
+    pub(crate) normal: [f32; 3],
+    pub(crate) distance: f32,
     pub(crate) roughness: f32,
 }
 
 impl Planes {
     pub(crate) fn reset(&mut self, rows: usize, strips: usize) {
-        self.strips.resize_with(strips, Strip::default);
-        self.strips.iter_mut().for_each(|strip| strip.rows.resize(rows, PlaneRow::NONE));
+        self.strips = strips;
+        self.rows.resize(rows * strips, PlaneRow::NONE);
     }
 
-    pub(crate) fn strips_mut(&mut self) -> &mut [Strip] {
-        &mut self.strips
+    /// The planes of `per_task` neighbouring strips for each task, a slice for each row.
+    pub(crate) fn split(&mut self, per_task: usize) -> Vec<Vec<&mut [PlaneRow]>> {
+        let mut tasks: Vec<Vec<&mut [PlaneRow]>> = (0..self.strips.div_ceil(per_task)).map(|_| Vec::new()).collect();
+        for row in self.rows.chunks_exact_mut(self.strips) {
+            row.chunks_mut(per_task).zip(&mut tasks).for_each(|(part, task)| task.push(part));
+        }
+        tasks
+    }
+
+    /// The planes around a pixel, and its lane among them.
+    #[inline(always)]
+    pub(crate) fn lanes(&self, row: usize, column: usize) -> (&PlaneRow, usize) {
+        (&self.rows[row * self.strips + column / STRIP], column % STRIP)
     }
 
     /// The plane at a pixel, if one is believed.
     #[inline(always)]
     pub(crate) fn get(&self, row: usize, column: usize) -> Option<Plane> {
-        let planes = &self.strips[column / STRIP].rows[row];
-        let l = column % STRIP;
-        (planes.roughness[l] >= 0.0).then(|| Plane { a: [planes.a[0][l], planes.a[1][l], planes.a[2][l]], roughness: planes.roughness[l] })
+        let (planes, l) = self.lanes(row, column);
+        let roughness = planes.roughness[l];
+        let normal = planes.normal.map(|n| n[l]);
+        (roughness >= 0.0).then(|| Plane { normal, distance: planes.distance[l], roughness })
     }
 }
 
@@ -61,26 +75,32 @@ pub(crate) struct Solve<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) row: usize,
     pub(crate) first_column: usize,
-    pub(crate) lanes: usize,
+    pub(crate) width: Width,
     pub(crate) settings: &'a NormalSettings,
     pub(crate) noise: f32,
     pub(crate) planes: &'a mut PlaneRow,
 }
 
 impl Kernel for Solve<'_> {
+    /// A wide window must be as flat as the range noise allows; a narrow one, which replaces only what the wide one left
+    /// open, may also be as rough as the settings allow.
     #[inline(always)]
     fn run(self) {
         /// A plane and its residual need this many samples.
         const LEAST_SAMPLES: f32 = 6.0;
-        let Self { sums, grid, row, .. } = self;
-        let at = grid.at(row, self.first_column);
-        let mut centre = [0f32; STRIP];
-        centre[..self.lanes].copy_from_slice(&grid.inverse[at..at + self.lanes]);
-        let mut axes = [[0f32; 2]; STRIP];
-        axes[..self.lanes].copy_from_slice(&grid.axes[self.first_column..self.first_column + self.lanes]);
-        let row_rise = grid.row_rise[row];
-        let ray = (1.0 + row_rise * row_rise).sqrt();
-        let most = self.settings.max_uncertainty * self.settings.max_uncertainty;
+        /// Noise differs over a scan: this much more variance than its median is still noise.
+        const SLACK: f32 = 1.5;
+        let grid = self.grid;
+        let at = grid.at(self.row, self.first_column);
+        // Copies, so that nothing read can be what is written: only then does the loop vectorise.
+        let sums = *self.sums;
+        let (centre, across, rise) = (chunk(&grid.inverse[at..]), chunk(&grid.across[at..]), chunk(&grid.rise[at..]));
+        let axes = chunk(&grid.axes[self.first_column..]);
+        let mut out = PlaneRow::NONE;
+        let row_rise = grid.row_rise[self.row];
+        let ray2 = 1.0 + row_rise * row_rise;
+        let (most, noise) = (self.settings.max_uncertainty, self.noise);
+        let most_rough = if self.width == Width::Narrow { self.settings.roughness } else { 0.0 };
         for l in 0..STRIP {
             let n = sums.n[l];
             let per_n = 1.0 / n.max(1.0);
@@ -92,27 +112,62 @@ impl Kernel for Solve<'_> {
             let per_det = 1.0 / if solvable { determinant } else { 1.0 };
             let b = (xu * tt - tu * xt) * per_det;
             let c = (tu * xx - xu * xt) * per_det;
-            let a = centre[l] + mu - b * mx - c * (mt + row_rise);
-            let length2 = a * a + b * b + c * c;
+            let level = mu - b * mx - c * mt;
+            let a = centre[l] + level - c * row_rise;
+            let length2 = (a * a + b * b + c * c).max(f32::MIN_POSITIVE);
+            let per_length = 1.0 / length2.sqrt();
             let freedom = (n - 3.0).max(1.0);
             let variance = (uu - b * xu - c * tu).max(0.0) / freedom;
             // What the range noise alone would leave, in inverse depth.
             let inverse = centre[l] + mu;
-            let sigma = self.noise * inverse * inverse / ray;
-            let expected = sigma * sigma;
+            let expected = noise * noise * inverse * inverse * inverse * inverse / ray2;
             // Three standard deviations of the sample variance.
-            let spread = 1.0 + 3.0 * (2.0 / freedom).sqrt();
-            let along_normal = variance / (inverse * inverse * length2).max(f32::MIN_POSITIVE);
-            let rough = self.settings.roughness;
-            let flat = (variance <= expected * spread) | (along_normal <= rough * rough);
-            let doubt = expected.max(variance) * per_det * (tt + xx * ray * ray) / length2.max(f32::MIN_POSITIVE);
-            let believed = solvable & flat & (doubt <= most) & (centre[l] > 0.0);
+            let spread = SLACK + 3.0 * (2.0 / freedom).sqrt();
+            let to_normal = per_length / inverse.max(f32::MIN_POSITIVE);
+            let along_normal = variance * to_normal * to_normal;
+            let flat = (variance <= expected * spread) | (along_normal <= most_rough * most_rough);
+            let doubt = expected.max(variance) * per_det * (tt + xx * ray2) / length2;
+            let believed = solvable & flat & (doubt <= most * most) & (centre[l] > 0.0);
+            let off = level + b * across[l] + c * (rise[l] - row_rise);
             let [cos, sin] = axes[l];
-            self.planes.a[0][l] = a * cos - b * sin;
-            self.planes.a[1][l] = a * sin + b * cos;
-            self.planes.a[2][l] = c;
-            self.planes.roughness[l] = if believed { along_normal.sqrt() } else { -1.0 };
+            out.normal[0][l] = (b * sin - a * cos) * per_length;
+            out.normal[1][l] = -(a * sin + b * cos) * per_length;
+            out.normal[2][l] = -c * per_length;
+            out.distance[l] = per_length;
+            out.misfit[l] = off.abs() / expected.max(variance).max(f32::MIN_POSITIVE).sqrt();
+            out.roughness[l] = if believed { along_normal.sqrt() } else { -1.0 };
         }
-        debug_assert!(PAD > 0);
+        match self.width {
+            Width::Wide => *self.planes = out,
+            Width::Narrow => self.planes.fill_gaps(&out),
+        }
+    }
+}
+
+/// The first lanes of a slice.
+#[inline(always)]
+fn chunk<T: Copy + Default>(slice: &[T]) -> [T; STRIP] {
+    slice.first_chunk().copied().unwrap_or([T::default(); STRIP])
+}
+
+impl PlaneRow {
+    /// Takes over the planes of `other` where this row has none.
+    #[inline(always)]
+    fn fill_gaps(&mut self, other: &Self) {
+        for l in 0..STRIP {
+            let gap = self.roughness[l] < 0.0;
+            let pick = |mine: &mut f32, theirs: f32| *mine = if gap { theirs } else { *mine };
+            for k in 0..3 {
+                pick(&mut self.normal[k][l], other.normal[k][l]);
+            }
+            pick(&mut self.distance[l], other.distance[l]);
+            pick(&mut self.misfit[l], other.misfit[l]);
+            pick(&mut self.roughness[l], other.roughness[l]);
+        }
+    }
+
+    /// Whether a pixel with a point has no plane yet.
+    pub(crate) fn has_gaps(&self, centre: &[f32]) -> bool {
+        self.roughness.iter().zip(centre).fold(false, |any, (&r, &c)| any | ((r < 0.0) & (c > 0.0)))
     }
 }
