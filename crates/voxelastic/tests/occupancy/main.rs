@@ -82,9 +82,11 @@ proptest! {
         for c in voxels_of(voxel) {
             let fast = field.state_at(c);
             let slow = match dense.voxels.get(&c) {
-                Some(v) if *v < -0.01 => State::Free,
-                Some(v) if *v > 0.01 => State::Occupied,
-                _ => State::Unknown,
+                // A step of the field is 1/32: four scans' rounding leaves values this near zero too close to call.
+                Some(v) if v.abs() < 0.1 => continue,
+                Some(v) if *v < 0.0 => State::Free,
+                Some(_) => State::Occupied,
+                None => State::Unknown,
             };
             match (fast, slow) {
                 (State::Unknown, State::Unknown) => {}
@@ -100,9 +102,9 @@ proptest! {
             let centre: [f32; 3] = c.map(|v| (v as f32 + 0.5) * voxel);
             prop_assert!(room.distance(centre).abs() < 1.8 * voxel, "{c:?} differs {} m from a surface", room.distance(centre));
         }
-        // A texel may be wider than the voxel's own patch, so the descent leaves some free voxels for a later scan.
+        // A texel may be wider than the patch of a near voxel, so the descent leaves a few free voxels for a later scan.
         prop_assert!(only_fast * 200 <= same, "{only_fast} known only to the fast map, {same} to both");
-        prop_assert!(only_dense * 7 <= same, "{only_dense} known only to the dense map, {same} to both");
+        prop_assert!(only_dense * 20 <= same, "{only_dense} known only to the dense map, {same} to both");
     }
 
     #[test]

@@ -23,7 +23,7 @@ pub(super) enum FreeVoxels<'a> {
 }
 
 /// A block's voxels after an update.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Outcome {
     pub summary: Summary,
     /// The value of all voxels, if they are equal.

@@ -8,6 +8,7 @@ use super::apply::{FreeVoxels, Outcome, update_block};
 use super::descend::{Descent, Finds, Found};
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
+use super::sight::Sight;
 use super::visibility::Visibility;
 use crate::field::StoreCells;
 use crate::field::occupancy::{OccupancyBlock, OccupancyField, Summary};
@@ -16,7 +17,7 @@ use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use crate::integrate::transform::{Beam, Returns, to_submap};
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
-use crate::sensor::{BeamModel, RangeImage};
+use crate::sensor::{BeamModel, Kernel, RangeImage, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -120,7 +121,8 @@ impl OccupancyIntegrator {
         let seen = Instant::now();
 
         let reach = self.cover(field, t_submap_lidar.translation);
-        let descent = Descent { field, visibility: &self.visibility, settings: &settings, steps, t_submap_lidar: *t_submap_lidar };
+        let sight = Sight::new(&self.visibility, &settings, t_submap_lidar);
+        let descent = Descent { field, sight, settings: &settings, steps };
         let finds = descent.run();
         let descended = Instant::now();
 
@@ -228,7 +230,10 @@ impl OccupancyIntegrator {
             settings: &self.settings,
             steps,
         };
-        self.touches.par_iter().with_min_len(TOUCHES_PER_TASK).map(|touch| task.apply(touch)).collect()
+        let mut outcomes = vec![Outcome::default(); self.touches.len()];
+        let shares = self.touches.par_chunks(TOUCHES_PER_TASK).zip(outcomes.par_chunks_mut(TOUCHES_PER_TASK));
+        shares.for_each(|(touches, outcomes)| dispatch(Share { touches, outcomes, task: &task }));
+        outcomes
     }
 
     /// Writes each block's outcome to its octant; a block that became uniform gives its voxels back.
@@ -259,7 +264,24 @@ struct BlockUpdate<'a> {
     steps: &'a Steps,
 }
 
+/// A share of the blocks.
+struct Share<'a> {
+    touches: &'a [Touch],
+    outcomes: &'a mut [Outcome],
+    task: &'a BlockUpdate<'a>,
+}
+
+impl Kernel for Share<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for (touch, outcome) in self.touches.iter().zip(self.outcomes) {
+            *outcome = self.task.apply(touch);
+        }
+    }
+}
+
 impl BlockUpdate<'_> {
+    #[inline(always)]
     #[allow(unsafe_code)]
     fn apply(&self, touch: &Touch) -> Outcome {
         let block = &self.blocks[touch.block];

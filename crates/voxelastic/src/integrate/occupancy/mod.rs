@@ -5,6 +5,7 @@ mod descend;
 mod integrator;
 mod model;
 mod propagate;
+mod sight;
 mod visibility;
 
 pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};

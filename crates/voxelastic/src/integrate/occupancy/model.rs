@@ -87,10 +87,10 @@ impl Evidence {
     }
 }
 
-/// Distance in metres before a return from which on a voxel counts as free.
-#[inline(always)]
-pub(super) fn free_margin(settings: &OccupancySettings, range: f32) -> f32 {
-    3.0 * (settings.sigma + settings.sigma_per_metre * range).max(0.5 * settings.voxel)
+/// How far before a return a voxel must lie to count as free, metres: at least the first, and by range the line
+/// `second[0] + second[1] * range`. Nearer voxels are the beam walks' business.
+pub(super) fn free_margin_terms(settings: &OccupancySettings) -> (f32, [f32; 2]) {
+    (1.5 * settings.voxel, [3.0 * settings.sigma, 3.0 * settings.sigma_per_metre])
 }
 
 /// The evidence and the limits in steps of the field.

@@ -68,6 +68,28 @@ pub(super) struct Texel {
     pub far: f32,
 }
 
+/// A patch of the image: a direction and how far around it, all in pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Patch {
+    pub row: f32,
+    pub column: f32,
+    pub row_radius: f32,
+    pub column_radius: f32,
+}
+
+impl Patch {
+    /// The smallest level whose cells are as large as the patch, by the exponent's bits.
+    #[inline(always)]
+    fn level(&self) -> Option<usize> {
+        let size = 2.0 * if self.row_radius > self.column_radius { self.row_radius } else { self.column_radius };
+        if size > (1 << (LEVELS - 1)) as f32 {
+            return None;
+        }
+        let size = if size > 1.0 { size } else { 1.0 };
+        Some(((size.to_bits() + 0x007f_ffff) >> 23) as usize - 127)
+    }
+}
+
 /// The pyramid of one scan.
 #[derive(Clone, Debug)]
 pub struct Visibility {
@@ -198,21 +220,46 @@ impl Visibility {
     /// The texel that covers the patch within `row_radius` and `column_radius` pixels of a direction; none when the patch
     /// is larger than any texel.
     #[inline(always)]
-    pub(super) fn texel(&self, row: f32, column: f32, row_radius: f32, column_radius: f32) -> Option<Texel> {
-        let size = 2.0 * row_radius.max(column_radius);
-        // Level: the smallest with 2^level >= size, from the exponent bits.
-        let level = ((size.max(1.0).to_bits() + 0x007f_ffff) >> 23) as usize - 127;
-        if level >= LEVELS {
-            return None;
-        }
+    pub(super) fn texel(&self, patch: &Patch) -> Option<Texel> {
+        let level = patch.level()?;
+        let (top, left) = self.cell(patch.row - patch.row_radius, patch.column - patch.column_radius, level);
+        Some(self.window(level, top, left))
+    }
+
+    /// As [`texel`](Self::texel), with less around the patch: four texels of half the size, exactly the patch's own pixels
+    /// when it is small.
+    #[inline(always)]
+    pub(super) fn close_texel(&self, patch: &Patch) -> Option<Texel> {
+        let level = patch.level()?.saturating_sub(1);
+        let (top, left) = self.cell(patch.row - patch.row_radius, patch.column - patch.column_radius, level);
+        let (bottom, right) = self.cell(patch.row + patch.row_radius, patch.column + patch.column_radius, level);
+        // A window reaches one cell further: the last ones start a cell early.
+        let (bottom, right) = ((bottom - 1).max(top), (right - 1).max(left));
+        Some(join([
+            self.window(level, top, left),
+            self.window(level, top, right),
+            self.window(level, bottom, left),
+            self.window(level, bottom, right),
+        ]))
+    }
+
+    /// The cell of `level` at a row and column (fractional, see [`Rows::row`] and [`column`](Self::column)); not wrapped.
+    #[inline(always)]
+    fn cell(&self, row: f32, column: f32, level: usize) -> (i32, i32) {
         let shrink = 1.0 / (1u32 << level) as f32;
-        // Row r is the cell from r - 0.5 to r + 0.5; window 0 reaches from one cell above the image.
-        let top = ((row + 0.5 - row_radius) * shrink + 1.0).max(0.0) as usize;
+        // Row r is the pixel from r - 0.5 to r + 0.5. Rows above the image all count as row -1 of their level. An azimuth is
+        // at most a turn and a bit off the first column.
+        let top = ((row + 0.5) * shrink + 1.0).max(0.0) as i32 - 1;
+        (top, ((column + 4.0 * self.columns as f32) * shrink) as i32)
+    }
+
+    /// The window of `level` that starts at a cell; nothing was seen below the image.
+    #[inline(always)]
+    fn window(&self, level: usize, top: i32, left: i32) -> Texel {
         let width = self.columns >> level;
-        // An azimuth is at most a turn and a bit off the first column.
-        let left = ((column - column_radius + 4.0 * self.columns as f32) * shrink) as usize & (width - 1);
         let last = self.padded_rows() >> level;
-        Some(if top > last { NOTHING } else { self.levels[level][top * width + left] })
+        let row = (top + 1) as usize;
+        if row > last { NOTHING } else { self.levels[level][row * width + (left as usize & (width - 1))] }
     }
 
     /// Rows of the sensor.
@@ -260,7 +307,8 @@ mod tests {
             let model = BeamModel::even(16, 64, 0.3, -0.3).map_err(|e| TestCaseError::fail(e.to_string()))?;
             let mut image = Visibility::new(&model);
             image.build(&RangeImage { rows: 16, columns: 64, ranges: ranges.clone(), points: Vec::new() }, 60.0, false, false);
-            let Some(texel) = image.texel(row, column, row_radius, column_radius) else {
+            let patch = Patch { row, column, row_radius, column_radius };
+            let (Some(texel), Some(close)) = (image.texel(&patch), image.close_texel(&patch)) else {
                 prop_assert!(2.0 * row_radius.max(column_radius) > 64.0);
                 return Ok(());
             };
@@ -274,6 +322,10 @@ mod tests {
                 }
             }
             prop_assert!(texel.near <= near + 1e-3 && texel.far >= far - 1e-3, "{texel:?} against {near} {far}");
+            prop_assert!(close.near <= near + 1e-3 && close.far >= far - 1e-3, "{close:?} against {near} {far}");
+            if row_radius.max(column_radius) <= 1.0 {
+                prop_assert!(close.near >= near && close.far <= far, "exact for small patches: {close:?} against {near} {far}");
+            }
         }
     }
 }
