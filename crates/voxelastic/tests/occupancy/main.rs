@@ -76,7 +76,7 @@ proptest! {
         // One scale for surfaces, so that both maps have the same voxels to talk about.
         let field = integrate(&scans, &settings, 1e-6);
         let (low, high) = bounds(voxel);
-        let mut dense = DenseOccupancy::new(settings.clone(), &Room::elevations(ROWS), COLUMNS);
+        let mut dense = DenseOccupancy::new(settings.clone(), &model());
         scans.iter().for_each(|(pose, points)| dense.integrate(pose, points, low, high));
         let (mut same, mut different, mut only_dense, mut only_fast) = (0usize, Vec::new(), 0usize, 0usize);
         for c in voxels_of(voxel) {

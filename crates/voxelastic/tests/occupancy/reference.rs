@@ -1,14 +1,16 @@
 //! The obvious occupancy map: one resolution, every voxel held against every beam of every scan.
 
 use std::collections::HashMap;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::OccupancySettings;
+use voxelastic::sensor::BeamModel;
 
 pub struct DenseOccupancy {
     settings: OccupancySettings,
     elevations: Vec<f64>,
     columns: usize,
+    first_azimuth: f64,
     /// Log-odds by voxel coordinates; absent means unknown.
     pub voxels: HashMap<[i32; 3], f32>,
 }
@@ -19,8 +21,19 @@ struct Image {
 }
 
 impl DenseOccupancy {
-    pub fn new(settings: OccupancySettings, elevations: &[f32], columns: usize) -> Self {
-        Self { settings, elevations: elevations.iter().map(|&e| f64::from(e)).collect(), columns, voxels: HashMap::new() }
+    pub fn new(settings: OccupancySettings, model: &BeamModel) -> Self {
+        Self {
+            settings,
+            elevations: model.elevations().iter().map(|&e| f64::from(e)).collect(),
+            columns: model.columns(),
+            first_azimuth: f64::from(model.azimuth(0.0, -0.5)),
+            voxels: HashMap::new(),
+        }
+    }
+
+    /// Column of an azimuth; the first pixel reaches from 0 to 1.
+    fn column(&self, azimuth: f64) -> f64 {
+        (azimuth - self.first_azimuth).rem_euclid(TAU) * self.columns as f64 / TAU
     }
 
     /// Integrates a scan into all voxels of the box from `low` to `high`.
@@ -51,7 +64,7 @@ impl DenseOccupancy {
             let p = p.map(f64::from);
             let range = p.iter().map(|c| c * c).sum::<f64>().sqrt();
             let row = self.row((p[2] / range).asin()).round() as usize;
-            let column = ((p[1].atan2(p[0]) + PI) / TAU * self.columns as f64) as usize % self.columns;
+            let column = self.column(p[1].atan2(p[0])) as usize % self.columns;
             let pixel = &mut ranges[row * self.columns + column];
             *pixel = if *pixel == 0.0 { range } else { pixel.min(range) };
         }
@@ -75,7 +88,7 @@ impl DenseOccupancy {
         }
         let (row, row_radius) = (self.row((p[2] / range).asin()) + 0.5, (radius / range).asin() / (self.elevations[0] - self.elevations[1]));
         let per_radian = self.columns as f64 / TAU;
-        let (column, column_radius) = ((p[1].atan2(p[0]) + PI) * per_radian, (radius / flat).asin() * per_radian);
+        let (column, column_radius) = (self.column(p[1].atan2(p[0])), (radius / flat).asin() * per_radian);
         let margin = 3.0 * f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel);
         for r in (row - row_radius).floor() as i64..=(row + row_radius).floor() as i64 {
             for k in (column - column_radius).floor() as i64..=(column + column_radius).floor() as i64 {
