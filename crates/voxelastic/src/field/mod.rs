@@ -7,4 +7,4 @@ mod store_image;
 pub mod tsdf;
 
 pub use store::{BlockStore, StoreCells};
-pub use store_image::{BlockHead, ImageError, TsdfBuilder};
+pub use store_image::{BlockHead, ImageError, OccupancyBuilder, OctantRecord, TsdfBuilder};

@@ -34,6 +34,11 @@ impl<P: Copy + Default> Default for Octree<P> {
 }
 
 impl<P: Copy + Default> Octree<P> {
+    /// A tree of the root cube alone: the one of `level`, 1 to 21, that holds block `key`.
+    pub fn with_root(key: u64, level: u32, payload: P) -> Self {
+        Self { groups: Pool::default(), root: Octant { link: NONE, payload }, root_level: level, root_prefix: key >> (3 * level) }
+    }
+
     /// Whether no octant exists.
     pub fn is_empty(&self) -> bool {
         self.root_level == 0

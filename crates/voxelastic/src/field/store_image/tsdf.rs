@@ -1,9 +1,7 @@
-//! A TSDF as a map store sees it: its blocks in Morton order, each with the arrays that it holds.
-//!
-//! Nothing else is state: the octree follows from the keys, and ids and slots only say where things lie in memory. A
-//! field rebuilt from its image therefore behaves like the original, bit for bit, in whatever is integrated next.
+//! The TSDF's image: its blocks in Morton order, each with the arrays that it holds. The octree follows from the keys.
 
-use super::tsdf::{Block, TsdfField, Voxel};
+use super::ImageError;
+use crate::field::tsdf::{Block, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
 use crate::octree::{Cursor, NONE, SCALES, voxels_at};
 use std::ops::RangeInclusive;
@@ -53,48 +51,6 @@ impl BlockHead {
         }
         Ok(())
     }
-}
-
-/// Why an image is not that of a field.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ImageError {
-    /// A key that no block can have.
-    #[error("block key {key:#x} is outside of the octree's range")]
-    Key {
-        /// The key.
-        key: u64,
-    },
-    /// Blocks that are not in Morton order, or one that comes twice.
-    #[error("block key {key:#x} follows {last:#x}, but keys must ascend")]
-    Order {
-        /// The key.
-        key: u64,
-        /// The key before it.
-        last: u64,
-    },
-    /// Scales that contradict each other.
-    #[error("block {key:#x} has scale {scale} and finest scale {finest}; the first must be 0 to 3, the second no larger")]
-    Scale {
-        /// The block's key.
-        key: u64,
-        /// Its scale.
-        scale: u8,
-        /// Its finest scale.
-        finest: u8,
-    },
-    /// Arrays that are longer or shorter than the block's scales demand.
-    #[error("block {key:#x} has {got} {of}, but its scales demand {expected}")]
-    Length {
-        /// The block's key.
-        key: u64,
-        /// `voxels` or `intensities`.
-        of: &'static str,
-        /// How many there are.
-        got: usize,
-        /// How many there should be.
-        expected: usize,
-    },
 }
 
 impl TsdfField {
