@@ -1,6 +1,7 @@
 //! Integrating a scan into a submap (paper Sec. III-B, IV-B): select, update, propagate.
 
 mod band;
+mod bridge;
 pub mod occupancy;
 pub mod radix;
 pub mod scale;
@@ -9,6 +10,7 @@ mod transform;
 pub mod tsdf;
 mod walk;
 
+pub use bridge::{Bridge, BridgeSettings};
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use scale::ScaleRule;
 pub use transform::Returns;

@@ -108,6 +108,11 @@ impl TsdfIntegrator {
         &self.settings
     }
 
+    /// The rule that chooses integration scales for beams `smallest_angle` radians apart.
+    pub fn scale_rule(&self, smallest_angle: f32) -> ScaleRule {
+        ScaleRule::new(smallest_angle, self.settings.voxel, self.settings.max_scale, self.settings.coarser_factor)
+    }
+
     /// Blocks from the sensor to the farthest voxel that a beam can touch.
     fn reach(&self) -> u32 {
         let band = self.settings.truncation_voxels * (1 << self.settings.max_scale) as f32;
@@ -118,7 +123,7 @@ impl TsdfIntegrator {
     /// the 2^24th, are left out.
     pub fn integrate(&mut self, field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &Returns<'_>) -> TsdfStats {
         let settings = self.settings.clone();
-        let rule = ScaleRule::new(returns.smallest_angle, settings.voxel, settings.max_scale, settings.coarser_factor);
+        let rule = self.scale_rule(returns.smallest_angle);
         let reach = self.reach().min(MAX_REACH);
         let count = returns.points.len().min(MAX_BEAMS);
         let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
