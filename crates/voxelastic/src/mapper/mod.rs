@@ -12,7 +12,7 @@ pub use report::{MapError, ScanReport};
 use crate::atlas::{Atlas, SubmapId};
 use crate::event::{Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
-use crate::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
+use crate::integrate::{Bridge, BridgeSettings, OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
 use crate::settings::{SettingError, Settings};
 use std::collections::HashMap;
 use std::time::Instant;
@@ -25,6 +25,7 @@ pub struct Mapper {
     front: Option<Front>,
     tsdf: TsdfIntegrator,
     occupancy: Option<OccupancyIntegrator>,
+    bridge: Bridge,
     /// The submap that the odometry chain is in.
     current: Option<SubmapId>,
     submap_of_node: HashMap<NodeId, SubmapId>,
@@ -45,7 +46,7 @@ impl Mapper {
             max_scale: settings.max_scale,
             coarser_factor: settings.coarser_factor,
         });
-        Ok(Self { settings, atlas: Atlas::default(), front: None, tsdf, occupancy: None, current: None, submap_of_node: HashMap::new() })
+        Ok(Self { settings, atlas: Atlas::default(), front: None, tsdf, occupancy: None, bridge: Bridge::default(), current: None, submap_of_node: HashMap::new() })
     }
 
     /// The settings.
@@ -106,7 +107,11 @@ impl Mapper {
         let beams = &prepared.beams;
         let returns = Returns { points: &beams.points, normals: &beams.normals, shades: front.shades(), smallest_angle: beams.smallest_angle };
         let kind = self.settings.field;
-        let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns));
+        let tsdf = kind.has_tsdf().then(|| {
+            let rule = self.tsdf.scale_rule(beams.smallest_angle);
+            self.bridge.span(prepared, front.shades(), self.settings.voxel, &rule, &BridgeSettings { most: self.settings.bridge, ..BridgeSettings::default() });
+            self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &self.bridge.returns())
+        });
         let occupancy = kind.has_occupancy().then(|| {
             let integrator = self.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(occupancy_settings(&self.settings), front.model()));
             integrator.integrate(&mut submap.occupancy, &t_submap_lidar, &prepared.image, &returns, front.fills_gaps())
