@@ -2,6 +2,7 @@
 
 mod channels;
 pub mod clouds;
+pub mod dataset;
 mod error;
 mod file;
 pub mod g2o;
@@ -17,6 +18,7 @@ mod text;
 mod text_table;
 
 pub use clouds::{CloudFormat, StampedCloud};
+pub use dataset::{Dataset, OpenOptions};
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;
 pub use poses::{PoseFormat, Trajectory};

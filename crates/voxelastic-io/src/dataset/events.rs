@@ -1,0 +1,135 @@
+//! The registered cloud list as a stream, decoded ahead on a thread of its own.
+
+use super::folder::Snapshot;
+use super::{Dataset, ScanEntry, snapshot};
+use crate::{Error, Result, StampedCloud, clouds};
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::io;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use voxelastic::Cloud;
+use voxelastic::event::{Event, NodeId, Scan};
+
+/// Clouds that wait decoded for their turn.
+const AHEAD: usize = 2;
+/// A cloud's own stamp this far from the time of its scan is of another clock, seconds.
+const SAME_CLOCK_S: f64 = 1.0;
+
+/// Iterator over the events of a [`Dataset`], made by [`Dataset::events`].
+#[derive(Debug)]
+pub struct Events {
+    scans: Arc<[ScanEntry]>,
+    edges: Arc<super::Edges>,
+    context: Arc<snapshot::Context>,
+    /// Snapshots not yet read, in the order of their scans.
+    snapshots: VecDeque<Snapshot>,
+    /// Numbers of the loop edges at each node.
+    loops_at: HashMap<NodeId, Vec<usize>>,
+    decoded: Receiver<Result<StampedCloud>>,
+    /// The scan that comes next.
+    next: usize,
+    /// The last scan that was delivered.
+    previous: Option<usize>,
+    seen: HashSet<NodeId>,
+    ready: VecDeque<Result<Event>>,
+}
+
+impl Events {
+    pub(super) fn new(dataset: &Dataset) -> Self {
+        let (sender, decoded) = sync_channel(AHEAD);
+        let scans = Arc::clone(&dataset.scans);
+        let decoder = thread::Builder::new().name("voxelastic-decode".into());
+        let mut ready = VecDeque::new();
+        if let Err(error) = decoder.spawn(move || decode(&scans, &sender)) {
+            ready.push_back(Err(Error::io(&dataset.path, "start decoding", error)));
+        }
+        let mut loops_at: HashMap<NodeId, Vec<usize>> = HashMap::new();
+        for (k, edge) in dataset.edges.loops.iter().enumerate() {
+            loops_at.entry(edge.from).or_default().push(k);
+            loops_at.entry(edge.to).or_default().push(k);
+        }
+        Self {
+            scans: Arc::clone(&dataset.scans),
+            edges: Arc::clone(&dataset.edges),
+            context: Arc::clone(&dataset.context),
+            snapshots: dataset.snapshots.iter().cloned().collect(),
+            loops_at,
+            decoded,
+            next: 0,
+            previous: None,
+            seen: HashSet::new(),
+            ready,
+        }
+    }
+
+    /// Queues a scan and what becomes known with it.
+    fn arrive(&mut self, k: usize, decoded: StampedCloud) {
+        let scans = Arc::clone(&self.scans);
+        let entry = &scans[k];
+        let cloud = in_scan_time(decoded, entry.time);
+        self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar: entry.t_map_lidar, cloud })));
+        if let Some(previous) = self.previous {
+            let odometry = self.edges.odometry(&scans[previous], entry);
+            self.ready.extend(odometry.into_iter().map(|e| Ok(Event::OdometryEdge(e))));
+        }
+        self.previous = Some(k);
+        self.seen.insert(entry.node);
+        for k in self.loops_at.get(&entry.node).into_iter().flatten() {
+            let edge = &self.edges.loops[*k];
+            if self.seen.contains(&edge.from) && self.seen.contains(&edge.to) {
+                self.ready.push_back(Ok(Event::LoopEdge(edge.clone())));
+            }
+        }
+    }
+
+    /// Queues the snapshots that were taken before the scan that comes next.
+    fn update_poses(&mut self) {
+        let coming = self.scans.get(self.next).map(|s| s.node);
+        while let Some(snapshot) = self.snapshots.pop_front_if(|s| coming.is_none_or(|node| s.after < node)) {
+            self.ready.push_back(snapshot::read(&snapshot, &self.context, &self.seen).map(Event::PoseUpdate));
+        }
+    }
+}
+
+impl Iterator for Events {
+    type Item = Result<Event>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while self.ready.is_empty() && self.next < self.scans.len() {
+            let k = self.next;
+            match self.decoded.recv() {
+                Ok(Ok(cloud)) => self.arrive(k, cloud),
+                Ok(Err(error)) => self.ready.push_back(Err(error)),
+                Err(_) => {
+                    let error = Error::io(&self.scans[k].path, "read", io::Error::other("the decoding thread has stopped"));
+                    self.ready.push_back(Err(error));
+                    self.next = self.scans.len();
+                    break;
+                }
+            }
+            self.next += 1;
+            if !self.seen.is_empty() {
+                self.update_poses();
+            }
+        }
+        self.ready.pop_front()
+    }
+}
+
+fn decode(scans: &[ScanEntry], sender: &SyncSender<Result<StampedCloud>>) {
+    for scan in scans {
+        if sender.send(clouds::read(&scan.path)).is_err() {
+            return; // nobody listens any more
+        }
+    }
+}
+
+/// The cloud with its times counted from the scan's time, if the cloud's own stamp is of the same clock.
+fn in_scan_time(decoded: StampedCloud, time: f64) -> Cloud {
+    let StampedCloud { mut cloud, stamp } = decoded;
+    if let (Some(times), Some(shift)) = (&mut cloud.time, stamp.map(|s| s - time).filter(|d| d.abs() <= SAME_CLOCK_S)) {
+        times.iter_mut().for_each(|t| *t += shift as f32);
+    }
+    cloud
+}
