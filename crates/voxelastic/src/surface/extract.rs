@@ -28,7 +28,7 @@ impl Default for MeshOptions {
 
 /// A distance between neighbouring voxels that changes faster than this many times their spacing is no surface, but the
 /// place where the band in front of one surface meets the band behind another.
-const MAX_SLOPE: f32 = 2.0;
+const MAX_SLOPE: f32 = 4.0;
 
 /// Vertices owned by one block.
 #[derive(Default)]
