@@ -6,6 +6,7 @@
 //! take. A [`Pyramid`] over the image answers what a box of pixels sees in a constant number of steps.
 
 mod assign;
+mod detect;
 mod dispatch;
 mod error;
 mod image;
@@ -17,6 +18,7 @@ mod presets;
 mod rows;
 mod trig;
 
+pub use detect::{Detected, Fit, detect, layout_for};
 pub(crate) use dispatch::{Kernel, dispatch};
 pub use error::SensorError;
 pub use image::{NO_POINT, RangeImage};

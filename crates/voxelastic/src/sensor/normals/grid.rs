@@ -27,7 +27,8 @@ pub(crate) struct Grid {
     pub(crate) rise: Vec<f32>,
     /// `inverse` as the pixel's centre would see it: rows are staggered, and projected points fall beside the centre.
     centred: Vec<f32>,
-    /// 1 where the pixel and the next in the row lie on one surface, else 0.
+    /// 1 where the pixel and the next in the row lie on one surface, else 0. A single pixel without a point is part of the
+    /// surface that goes on beyond it; the same holds down the column.
     pub(crate) link_right: Vec<f32>,
     /// 1 where the pixel and the one below lie on one surface, else 0.
     pub(crate) link_down: Vec<f32>,
@@ -140,8 +141,8 @@ impl Grid {
             r * stride + PAD..r * stride + PAD + columns
         };
         for r in 0..self.rows.saturating_sub(1) as isize {
-            let inverse = [-1, 0, 1, 2].map(|k| &self.centred[row(r + k)]);
-            let rise = [-1, 0, 1, 2].map(|k| &self.rise[row(r + k)]);
+            let inverse = [-2, -1, 0, 1, 2, 3].map(|k| &self.centred[row(r + k)]);
+            let rise = [-2, -1, 0, 1, 2, 3].map(|k| &self.rise[row(r + k)]);
             dispatch(LinkDown { inverse, rise, noise, link: &mut self.link_down[row(r)] });
         }
         for row in self.link_down.chunks_exact_mut(stride) {
@@ -209,6 +210,13 @@ fn step(from: f32, to: f32) -> f32 {
     if (from > 0.0) & (to > 0.0) { to - from } else { 0.0 }
 }
 
+/// As [`linked`] for the pixels before and after an empty one: 1 when the surface goes on beyond it.
+#[inline(always)]
+fn bridged(w: [f32; 5], noise: f32) -> f32 {
+    let [first, before, here, after, last] = w;
+    if here > 0.0 { 0.0 } else { linked(before, after, [2.0 * step(first, before), step(before, after), 2.0 * step(after, last)], noise) }
+}
+
 struct LinkRight<'a> {
     inverse: &'a [f32],
     noise: f32,
@@ -218,12 +226,15 @@ struct LinkRight<'a> {
 impl Kernel for LinkRight<'_> {
     #[inline(always)]
     fn run(self) {
-        let (w, n) = (self.inverse, self.inverse.len());
-        let link = &mut self.link[1..n - 2];
-        let (before, here, next, after) = (&w[..n - 3], &w[1..n - 2], &w[2..n - 1], &w[3..n]);
+        let (w, n, noise) = (self.inverse, self.inverse.len(), self.noise);
+        let link = &mut self.link[2..n - 3];
+        let [a, b, c, d, e, f] = [0, 1, 2, 3, 4, 5].map(|k| &w[k..n - 5 + k]);
         for i in 0..link.len() {
-            let steps = [step(before[i], here[i]), step(here[i], next[i]), step(next[i], after[i])];
-            link[i] = linked(here[i], next[i], steps, self.noise);
+            let steps = [step(b[i], c[i]), step(c[i], d[i]), step(d[i], e[i])];
+            let direct = linked(c[i], d[i], steps, noise);
+            let over_this = bridged([a[i], b[i], c[i], d[i], e[i]], noise);
+            let over_next = bridged([b[i], c[i], d[i], e[i], f[i]], noise);
+            link[i] = direct.max(over_this).max(over_next);
         }
     }
 }
@@ -252,8 +263,9 @@ impl Kernel for Centre<'_> {
 }
 
 struct LinkDown<'a> {
-    inverse: [&'a [f32]; 4],
-    rise: [&'a [f32]; 4],
+    /// The rows from two above to three below.
+    inverse: [&'a [f32]; 6],
+    rise: [&'a [f32]; 6],
     noise: f32,
     link: &'a mut [f32],
 }
@@ -261,17 +273,27 @@ struct LinkDown<'a> {
 impl Kernel for LinkDown<'_> {
     #[inline(always)]
     fn run(self) {
-        /// Rows that noise has brought closer than this are not divided by.
-        const LEAST_FALL: f32 = 1e-4;
-        let count = self.link.len();
-        let [before, here, next, after] = self.inverse.map(|w| &w[..count]);
-        let [rise_before, rise_here, rise_next, rise_after] = self.rise.map(|t| &t[..count]);
+        let (count, noise) = (self.link.len(), self.noise);
+        let w = self.inverse.map(|w| &w[..count]);
+        let t = self.rise.map(|t| &t[..count]);
         for i in 0..count {
-            let fall = (rise_here[i] - rise_next[i]).max(LEAST_FALL);
-            let fall_before = (rise_before[i] - rise_here[i]).max(LEAST_FALL);
-            let fall_after = (rise_next[i] - rise_after[i]).max(LEAST_FALL);
-            let steps = [step(before[i], here[i]) * (fall / fall_before), step(here[i], next[i]), step(next[i], after[i]) * (fall / fall_after)];
-            self.link[i] = linked(here[i], next[i], steps, self.noise);
+            let at = |k: usize| (w[k][i], t[k][i]);
+            let direct = linked_down([at(1), at(2), at(3), at(4)], noise);
+            // Over an empty pixel, as the neighbours of the gap see it.
+            let over_this = if w[2][i] > 0.0 { 0.0 } else { linked_down([at(0), at(1), at(3), at(4)], noise) };
+            let over_next = if w[3][i] > 0.0 { 0.0 } else { linked_down([at(1), at(2), at(4), at(5)], noise) };
+            self.link[i] = direct.max(over_this).max(over_next);
         }
     }
+}
+
+/// As [`linked`], for rows that are not evenly spaced: pairs of inverse depth and rise, of which the middle two are linked.
+#[inline(always)]
+fn linked_down([before, here, next, after]: [(f32, f32); 4], noise: f32) -> f32 {
+    /// Rows that noise has brought closer than this are not divided by.
+    const LEAST_FALL: f32 = 1e-4;
+    let fall = |a: (f32, f32), b: (f32, f32)| (a.1 - b.1).max(LEAST_FALL);
+    let middle = fall(here, next);
+    let steps = [step(before.0, here.0) * (middle / fall(before, here)), step(here.0, next.0), step(next.0, after.0) * (middle / fall(next, after))];
+    linked(here.0, next.0, steps, noise)
 }

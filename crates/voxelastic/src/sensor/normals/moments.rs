@@ -206,7 +206,7 @@ impl Kernel for RowSums<'_> {
                 let tan = tan * side as f32;
                 for l in 0..STRIP {
                     alive[l] *= link[l];
-                    let m = if reach[l] >= wanted { alive[l] } else { 0.0 };
+                    let m = if (reach[l] >= wanted) & (w[l] > 0.0) { alive[l] } else { 0.0 };
                     let turn = sec + f[l] * (sec * tan);
                     let x = tan + f[l] * (sec * sec);
                     let t = z[l] * turn - row_rise;

@@ -1,0 +1,165 @@
+//! Recognising a sensor from its clouds (`--sensor auto`).
+//!
+//! In the order of how much a cloud tells: an organised cloud is the sensor's grid ([`grid`]); a ring channel, or points that
+//! come ring by ring, give the rows ([`rings`]); otherwise rows and columns show in the angles between neighbouring points
+//! ([`lattice`]). What was found is put to the test on the clouds themselves, and told in words.
+
+mod angles;
+mod grid;
+mod lattice;
+mod rings;
+
+use super::error::SensorError;
+use super::layout::Layout;
+use super::model::BeamModel;
+use super::prepare::{Limits, PreparedScan, Preparer};
+use crate::Cloud;
+
+/// Fewer returns than this say nothing.
+const LEAST_RETURNS: usize = 200;
+/// Points that are looked at; more would not change the answer.
+const MOST_POINTS: usize = 2_000_000;
+
+/// A recognised sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Detected {
+    /// Its beams.
+    pub model: BeamModel,
+    /// How its clouds are to be read.
+    pub layout: Layout,
+    /// What was chosen and how well it fits, in one line for people.
+    pub description: String,
+    /// How well it fits the clouds that it was made from.
+    pub fit: Fit,
+}
+
+/// How returns fall into the pixels of a model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fit {
+    /// Share of the returns that show in the image: the nearest of their pixel.
+    pub shown: f32,
+    /// Share of the returns that no row looks at.
+    pub outside: f32,
+    /// Share of the pixels that show a return.
+    pub filled: f32,
+    /// Share of the empty pixels whose left and right neighbours show returns: accidents of projection, or dropouts.
+    pub gaps: f32,
+}
+
+/// Recognises the sensor that took `clouds`: one will do, a few from different places are better.
+///
+/// # Errors
+/// [`SensorError::TooFewReturns`] or [`SensorError::NoSpread`] when the clouds hold no scan.
+pub fn detect(clouds: &[&Cloud]) -> Result<Detected, SensorError> {
+    let returns: usize = clouds.iter().map(|c| c.points.iter().filter(|p| Cloud::is_return(p)).count()).sum();
+    if returns < LEAST_RETURNS {
+        return Err(SensorError::TooFewReturns { returns, clouds: clouds.len(), needed: LEAST_RETURNS });
+    }
+    let mut taken = 0;
+    let is_wanted = |cloud: &&Cloud| {
+        let is_wanted = taken < MOST_POINTS;
+        taken += cloud.len();
+        is_wanted
+    };
+    let few: Vec<&Cloud> = clouds.iter().copied().take_while(is_wanted).collect();
+    let found = grid::recognise(&few).or_else(|| rings::recognise_field(&few)).or_else(|| rings::recognise_order(&few));
+    let (model, layout) = match found {
+        Some(found) => found,
+        None => (lattice::recognise(&few)?, Layout::Projected),
+    };
+    let fit = Fit::of(&model, &layout, &few);
+    let description = describe(&model, &layout, &fit);
+    Ok(Detected { model, layout, description, fit })
+}
+
+/// How clouds of a sensor that is known already are laid out: taken as the model's grid, or by their rings, where that
+/// agrees with the model's angles, and projected otherwise.
+pub fn layout_for(model: &BeamModel, cloud: &Cloud) -> Layout {
+    /// Share of the returns that must be within a pixel and a half of where a layout puts them.
+    const AGREES: f32 = 0.9;
+    let rows = 0..model.rows() as u16;
+    let candidates = [
+        Some(Layout::grid_of(model)),
+        grid::recognise(&[cloud]).map(|(_, layout)| layout),
+        Some(Layout::Rings { row_of_ring: model.row_of_ring().to_vec() }),
+        Some(Layout::Rings { row_of_ring: rows.clone().collect() }),
+        Some(Layout::Rings { row_of_ring: rows.rev().collect() }),
+    ];
+    let agreeing = candidates.into_iter().flatten().find(|layout| agreement(model, layout, cloud) >= AGREES);
+    agreeing.unwrap_or(Layout::Projected)
+}
+
+/// Share of a cloud's returns that a layout puts where the model sees them; 0 for a cloud that the layout does not apply to.
+fn agreement(model: &BeamModel, layout: &Layout, cloud: &Cloud) -> f32 {
+    let applies = match layout {
+        Layout::Grid(grid) => grid.size_in(cloud, model).is_some(),
+        Layout::Rings { .. } => cloud.ring.as_ref().is_some_and(|ring| ring.len() == cloud.len()),
+        _ => false,
+    };
+    if !applies {
+        return 0.0;
+    }
+    let mut preparer = Preparer::new(model.clone(), layout.clone(), Limits { near: 0.0, max: f32::MAX });
+    let scan = preparer.prepare(cloud);
+    let columns = model.columns() as f32;
+    let near = |(p, &pixel): (&[f32; 3], &u32)| {
+        let (row, column) = (pixel / model.columns() as u32, pixel % model.columns() as u32);
+        model.project(*p).is_some_and(|q| {
+            let off = (q.column - column as f32).abs();
+            (q.row - row as f32).abs() < 1.5 && off.min(columns - off) < 1.5
+        })
+    };
+    let hits = scan.beams.points.iter().zip(&scan.beams.pixel).filter(|&pair| near(pair)).count();
+    hits as f32 / (scan.counts.usable + scan.counts.outside).max(1) as f32
+}
+
+impl Fit {
+    fn of(model: &BeamModel, layout: &Layout, clouds: &[&Cloud]) -> Self {
+        let mut preparer = Preparer::new(model.clone(), layout.clone(), Limits { near: 0.0, max: f32::MAX });
+        let (mut usable, mut hidden, mut outside, mut filled, mut gaps, mut empty) = (0, 0, 0, 0, 0, 0);
+        for cloud in clouds.iter().take(5) {
+            let scan = preparer.prepare(cloud);
+            usable += scan.counts.usable;
+            hidden += scan.counts.hidden;
+            outside += scan.counts.outside;
+            let (f, g) = filled_and_gaps(scan);
+            filled += f;
+            gaps += g;
+            empty += scan.image.ranges.len() - f;
+        }
+        let share = |part: usize, whole: usize| part as f32 / whole.max(1) as f32;
+        Self {
+            shown: share(usable - hidden, usable + outside),
+            outside: share(outside, usable + outside),
+            filled: share(filled, filled + empty),
+            gaps: share(gaps, empty),
+        }
+    }
+}
+
+/// Pixels with a return, and empty ones between two with a return.
+fn filled_and_gaps(scan: &PreparedScan) -> (usize, usize) {
+    let columns = scan.image.columns;
+    scan.image.ranges.chunks_exact(columns).fold((0, 0), |(filled, gaps), row| {
+        let seen = |c: usize| row[c % columns] > 0.0;
+        let f = (0..columns).filter(|&c| seen(c)).count();
+        let g = (0..columns).filter(|&c| !seen(c) && seen(c + 1) && seen(c + columns - 1)).count();
+        (filled + f, gaps + g)
+    })
+}
+
+fn describe(model: &BeamModel, layout: &Layout, fit: &Fit) -> String {
+    let elevations = model.elevations();
+    let (top, bottom) = (elevations[0].to_degrees(), elevations[elevations.len() - 1].to_degrees());
+    let origin = if model.origin_radius() + model.origin_height().abs() > 0.0 {
+        format!(", beams from {:.0} mm off the axis and {:.0} mm up", 1e3 * model.origin_radius(), 1e3 * model.origin_height())
+    } else {
+        String::new()
+    };
+    format!(
+        "{} rows from {top:+.1} to {bottom:+.1} degrees x {} columns{origin}; {layout}; {:.0} % of the returns have a pixel of their own",
+        model.rows(),
+        model.columns(),
+        100.0 * fit.shown,
+    )
+}
