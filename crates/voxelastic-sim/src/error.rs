@@ -30,6 +30,9 @@ pub enum SimError {
         /// Place in the list given.
         index: usize,
     },
+    /// The sensor is unknown or impossible.
+    #[error(transparent)]
+    Sensor(#[from] voxelastic::sensor::SensorError),
     /// A file or folder could not be read or written.
     #[error("{}: {source}", path.display())]
     File {
@@ -65,8 +68,11 @@ pub enum SimError {
         built: String,
     },
     /// A cloud, trajectory or graph could not be written.
-    #[error("{0}")]
-    Write(String),
+    #[error(transparent)]
+    Write(#[from] voxelastic_io::Error),
+    /// A picture could not be made.
+    #[error("the picture cannot be made: {0}")]
+    Picture(String),
 }
 
 impl SimError {

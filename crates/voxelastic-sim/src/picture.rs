@@ -16,13 +16,20 @@ fn ramp(t: f64) -> [f64; 3] {
 
 /// A PNG of `width` x `height` pixels from their colours (0 to 255), row by row from the top.
 fn png(width: usize, height: usize, colours: &[[f64; 3]]) -> Result<Vec<u8>, SimError> {
-    let mut pixmap =
-        Pixmap::new(width as u32, height as u32).ok_or_else(|| SimError::Write(format!("a picture of {width} x {height} pixels cannot be made")))?;
+    let mut pixmap = Pixmap::new(width as u32, height as u32).ok_or_else(|| SimError::Picture(format!("{width} x {height} pixels")))?;
     for (pixel, colour) in pixmap.pixels_mut().iter_mut().zip(colours) {
         let [r, g, b] = colour.map(|c| c.clamp(0.0, 255.0) as u8);
         *pixel = PremultipliedColorU8::from_rgba(r, g, b, 255).unwrap_or(PremultipliedColorU8::TRANSPARENT);
     }
-    pixmap.encode_png().map_err(|e| SimError::Write(format!("the picture cannot be encoded: {e}")))
+    pixmap.encode_png().map_err(|e| SimError::Picture(e.to_string()))
+}
+
+/// Most pixels of a picture.
+const MOST_PIXELS: usize = 50_000_000;
+
+fn check_size(width: usize, height: usize) -> Result<(), SimError> {
+    let sound = width > 0 && height > 0 && width.saturating_mul(height) <= MOST_PIXELS;
+    if sound { Ok(()) } else { Err(SimError::Picture(format!("{width} x {height} pixels: it needs some, and at most {MOST_PIXELS}"))) }
 }
 
 /// What a picture from above shows.
@@ -43,11 +50,12 @@ impl World {
     /// Where the eye is inside a solid the picture is black.
     ///
     /// # Errors
-    /// [`SimError::Write`] for a picture without pixels or beyond memory.
+    /// [`SimError::Picture`] for a picture without pixels or beyond memory.
     pub fn picture_from_above(&self, view: &FromAbove, path: &[[f64; 2]]) -> Result<Vec<u8>, SimError> {
         let size = |k: usize| ((view.high[k] - view.low[k]) / view.pixel.max(1e-3)).ceil().clamp(0.0, 20_000.0) as usize;
         let (width, height) = (size(0), size(1));
-        let spread = (view.from.min(20.0)).max(1.0);
+        check_size(width, height)?;
+        let spread = view.from.clamp(1.0, 20.0);
         let mut colours: Vec<[f64; 3]> = (0..height)
             .into_par_iter()
             .flat_map_iter(|row| {
@@ -63,7 +71,8 @@ impl World {
             .collect();
         for p in path {
             let (column, row) = (((p[0] - view.low[0]) / view.pixel) as usize, ((view.high[1] - p[1]) / view.pixel) as usize);
-            if column < width && row < height {
+            let inside = p[0] >= view.low[0] && p[1] <= view.high[1] && column < width && row < height;
+            if inside {
                 colours[row * width + column] = [255.0, 40.0, 40.0];
             }
         }
@@ -82,9 +91,13 @@ impl World {
 /// each row of the scan `scale` pixels high. No return is black.
 ///
 /// # Errors
-/// [`SimError::Write`] for a cloud without points.
+/// [`SimError::Picture`] for a cloud without points.
 pub fn picture_of_scan(cloud: &Cloud, scale: usize) -> Result<Vec<u8>, SimError> {
     let (width, rows, scale) = (cloud.width, cloud.height, scale.max(1));
+    check_size(width, 2 * rows.saturating_mul(scale))?;
+    if width * rows != cloud.len() {
+        return Err(SimError::Picture(format!("a grid of {width} x {rows} for {} points", cloud.len())));
+    }
     let mut colours = Vec::with_capacity(2 * width * rows * scale);
     for part in 0..2 {
         for row in 0..rows * scale {
@@ -92,7 +105,7 @@ pub fn picture_of_scan(cloud: &Cloud, scale: usize) -> Result<Vec<u8>, SimError>
                 let index = row / scale * width + column;
                 let p = cloud.points[index];
                 let range = f64::from(p[0]).hypot(f64::from(p[1])).hypot(f64::from(p[2]));
-                let strength = cloud.intensity.as_ref().map_or(0.0, |i| f64::from(i[index]));
+                let strength = cloud.intensity.as_ref().and_then(|i| i.get(index)).map_or(0.0, |&i| f64::from(i));
                 colours.push(match (range.is_finite(), part) {
                     (false, _) => [0.0; 3],
                     (true, 0) => ramp((range / 1.0).ln() / 100f64.ln()),
@@ -102,4 +115,46 @@ pub fn picture_of_scan(cloud: &Cloud, scale: usize) -> Result<Vec<u8>, SimError>
         }
     }
     png(width, 2 * rows * scale, &colours)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Scene, SimOptions, Simulation};
+
+    fn decode(png: &[u8]) -> Result<Pixmap, SimError> {
+        Pixmap::decode_png(png).map_err(|e| SimError::Picture(e.to_string()))
+    }
+
+    #[test]
+    fn the_room_from_above_shows_its_walls_and_its_crate() -> Result<(), SimError> {
+        let scene = Scene::named("room", 1)?;
+        let view = FromAbove { low: [-6.0, -5.0], high: [6.0, 5.0], from: 2.9, pixel: 0.1 };
+        let picture = decode(&scene.world.picture_from_above(&view, &[[0.0, 0.0]])?)?;
+        assert_eq!((picture.width(), picture.height()), (120, 100));
+        let colour = |x: f64, y: f64| {
+            let pixel = picture.pixel(((x + 6.0) / 0.1) as u32, ((5.0 - y) / 0.1) as u32);
+            pixel.map_or([0; 3], |p| [p.red(), p.green(), p.blue()])
+        };
+        assert_eq!(colour(-5.5, 0.0), [0; 3], "inside the wall");
+        assert_eq!(colour(0.05, -0.05), [255, 40, 40], "the path");
+        assert!(colour(3.4, 2.6)[1] > colour(1.0, 1.0)[1], "the crate is higher than the floor");
+        Ok(())
+    }
+
+    #[test]
+    fn pictures_that_cannot_be_are_refused() -> Result<(), SimError> {
+        let world = Scene::named("room", 1)?.world;
+        for (high, pixel) in [([0.0, 0.0], 0.1), ([f64::NAN, 1.0], 0.1), ([1e9, 1e9], 0.1), ([1.0, 1.0], f64::NAN)] {
+            let view = FromAbove { low: [0.0, 0.0], high, from: 2.0, pixel };
+            let outcome = world.picture_from_above(&view, &[[f64::NAN, 0.0], [-1.0, -1.0]]);
+            assert!(pixel.is_nan() || matches!(outcome, Err(SimError::Picture(_))));
+        }
+        let simulation = Simulation::new(SimOptions { columns: Some(64), scans: Some(1), ..SimOptions::of("room") })?;
+        let mut cloud = simulation.cloud(0).unwrap_or_default();
+        assert_eq!(decode(&picture_of_scan(&cloud, 2)?)?.height(), 2 * 2 * 64);
+        cloud.points.pop();
+        assert!(picture_of_scan(&cloud, 2).is_err() && picture_of_scan(&Cloud::default(), 2).is_err());
+        Ok(())
+    }
 }

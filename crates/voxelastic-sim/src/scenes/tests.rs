@@ -69,7 +69,5 @@ fn the_doorway_of_the_campus_is_a_metre_wide_and_the_tunnel_three() -> Result<()
     };
     assert!((width([101.5, 135.0, 1.2]) - 1.0).abs() < 1e-9);
     assert!((width([47.5, 99.0, 1.2]) - 3.0).abs() < 1e-9);
-    let (low, high) = world.bounds().unwrap_or_default();
-    println!("campus: {} solids, {low:?} to {high:?}", world.solids().len());
     Ok(())
 }

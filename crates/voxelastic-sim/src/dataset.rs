@@ -1,0 +1,147 @@
+//! A simulation as a folder that `voxelastic map` reads, and back.
+//!
+//! | file | what |
+//! | --- | --- |
+//! | `scans/NNNNNN.pcd` | the cloud of node N: organised, `x y z intensity time ring`, no return is NaN |
+//! | `poses.tum` | the drifting odometry, which a map is built from if nothing else is said |
+//! | `poses@NNNNNN.txt` | TUM, the poses of the nodes 0 to N as corrected when a loop closed at node N |
+//! | `groundtruth.tum` | the true poses |
+//! | `graph.g2o` | nodes with odometry poses, odometry edges, loop edges |
+//! | `world.toml` | all that the simulation was made from |
+
+use crate::options::SimOptions;
+use crate::{SimError, Simulation, World};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::fs;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use voxelastic::Pose;
+use voxelastic::event::NodeId;
+use voxelastic_io::{PoseGraph, g2o, pcd, poses};
+
+/// Name of the file that tells the world.
+pub const WORLD_FILE: &str = "world.toml";
+
+/// Version of the world file.
+const FORMAT: u32 = 1;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WorldFile {
+    format: u32,
+    /// Of the world's solids, in hexadecimal.
+    fingerprint: String,
+    simulation: SimOptions,
+}
+
+/// Called after each few scans with the number written and the number of all; `Break` ends the writing.
+pub type Progress<'a> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'a;
+
+impl Simulation {
+    /// Writes the simulation into the folder `dir`, which must be empty or not exist yet; returns the number of scans
+    /// written. When `progress` breaks off, the scans so far are kept, and poses and graph are those of these.
+    ///
+    /// # Errors
+    /// [`SimError::NotEmpty`], [`SimError::File`] or [`SimError::Write`].
+    pub fn write(&self, dir: impl AsRef<Path>, progress: &mut Progress<'_>) -> Result<usize, SimError> {
+        let dir = dir.as_ref();
+        let scans = dir.join("scans");
+        let occupied = dir.is_dir() && fs::read_dir(dir).map_err(SimError::file(dir))?.next().is_some();
+        if occupied {
+            return Err(SimError::NotEmpty { path: dir.into() });
+        }
+        fs::create_dir_all(&scans).map_err(SimError::file(&scans))?;
+        let mut written = 0;
+        // A batch for all threads: while one encodes and writes, the others cast.
+        let batch = 2 * rayon::current_num_threads();
+        while written < self.len() {
+            let end = (written + batch).min(self.len());
+            (written..end).into_par_iter().try_for_each(|k| {
+                let cloud = self.cloud(k).unwrap_or_default();
+                pcd::write(scans.join(format!("{k:06}.pcd")), &cloud)
+            })?;
+            written = end;
+            if progress(written, self.len()).is_break() {
+                break;
+            }
+        }
+        self.write_poses(dir, written)?;
+        self.write_world(dir)?;
+        Ok(written)
+    }
+
+    fn write_poses(&self, dir: &Path, count: usize) -> Result<(), SimError> {
+        let timed = |poses: &[Pose]| self.times().iter().copied().zip(poses.iter().copied()).take(count).collect::<Vec<_>>();
+        poses::write_tum(dir.join("poses.tum"), &timed(self.odometry()))?;
+        poses::write_tum(dir.join("groundtruth.tum"), &timed(self.ground_truth()))?;
+        for correction in self.corrections().iter().filter(|c| (c.node as usize) < count) {
+            poses::write_tum(dir.join(format!("poses@{:06}.txt", correction.node)), &timed(&correction.poses))?;
+        }
+        let known = |node: NodeId| (node as usize) < count;
+        let edges = self.odometry_edges().iter().chain(self.loop_edges()).filter(|e| known(e.from) && known(e.to));
+        let nodes = (0..).zip(self.odometry().iter().copied()).take(count).collect();
+        g2o::write(dir.join("graph.g2o"), &PoseGraph { nodes, edges: edges.cloned().collect(), fixed: vec![0] })?;
+        Ok(())
+    }
+
+    fn write_world(&self, dir: &Path) -> Result<(), SimError> {
+        let path = dir.join(WORLD_FILE);
+        let file = WorldFile { format: FORMAT, fingerprint: hexadecimal(self.world()), simulation: self.options().clone() };
+        let text = toml::to_string(&file).map_err(|e| SimError::WorldFile { path: path.clone(), message: e.to_string() })?;
+        let text = format!("# A simulated world: the truth that maps of the scans beside this file are measured against.\n{text}");
+        let part = dir.join("world.toml.part");
+        fs::write(&part, text).map_err(SimError::file(&part))?;
+        fs::rename(&part, &path).map_err(SimError::file(&path))
+    }
+
+    /// The simulation that a `world.toml`, or the folder that holds one, tells of: the same scans again.
+    ///
+    /// # Errors
+    /// [`SimError::File`], [`SimError::WorldFile`], [`SimError::WorldChanged`], and those of [`Simulation::new`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, SimError> {
+        let (path, file) = read(path.as_ref())?;
+        let simulation = Self::new(file.simulation)?;
+        check(&path, &file.fingerprint, simulation.world())?;
+        Ok(simulation)
+    }
+}
+
+impl World {
+    /// The world of a `world.toml`, or of the folder that holds one: what maps of its scans are measured against.
+    ///
+    /// # Errors
+    /// As [`Simulation::load`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, SimError> {
+        let (path, file) = read(path.as_ref())?;
+        let world = Self::named(&file.simulation.world, file.simulation.seed)?;
+        check(&path, &file.fingerprint, &world)?;
+        Ok(world)
+    }
+}
+
+fn hexadecimal(world: &World) -> String {
+    format!("{:016x}", world.fingerprint())
+}
+
+fn read(path: &Path) -> Result<(PathBuf, WorldFile), SimError> {
+    let path = if path.is_dir() { path.join(WORLD_FILE) } else { path.to_path_buf() };
+    let text = fs::read_to_string(&path).map_err(SimError::file(&path))?;
+    let bad = |message: String| SimError::WorldFile { path: path.clone(), message };
+    let file: WorldFile = toml::from_str(&text).map_err(|e| bad(e.to_string().trim_end().to_owned()))?;
+    if file.format != FORMAT {
+        return Err(bad(format!("format {} is not known to this version, which reads format {FORMAT}", file.format)));
+    }
+    Ok((path, file))
+}
+
+fn check(path: &Path, found: &str, world: &World) -> Result<(), SimError> {
+    let built = hexadecimal(world);
+    if found == built {
+        return Ok(());
+    }
+    Err(SimError::WorldChanged { path: path.into(), name: world.name().into(), found: found.into(), built })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,79 @@
+//! Places seen again.
+
+use super::odometry::path_lengths;
+use super::{information, jolt};
+use crate::random::Stream;
+use crate::{SimError, World};
+use serde::{Deserialize, Serialize};
+use voxelastic::Pose;
+use voxelastic::event::{Edge, NodeId};
+
+/// When a place counts as seen again.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LoopSettings {
+    /// Farthest distance between two nodes of a loop edge, metres. Zero: no loop edges.
+    pub radius: f64,
+    /// Least path between them, metres.
+    pub least_path: f64,
+    /// Least path between two loop edges, metres.
+    pub spacing: f64,
+    /// Standard deviation of the measured translation for each axis, metres.
+    pub sigma: f64,
+    /// Standard deviation of the measured rotation about each axis, radians.
+    pub sigma_turn: f64,
+}
+
+impl Default for LoopSettings {
+    fn default() -> Self {
+        Self { radius: 5.0, least_path: 40.0, spacing: 10.0, sigma: 0.03, sigma_turn: 0.0015 }
+    }
+}
+
+impl LoopSettings {
+    pub(crate) fn check(&self) -> Result<(), SimError> {
+        let settings = [
+            ("loops.radius", self.radius),
+            ("loops.least_path", self.least_path),
+            ("loops.spacing", self.spacing),
+            ("loops.sigma", self.sigma),
+            ("loops.sigma_turn", self.sigma_turn),
+        ];
+        let bad = settings.into_iter().find(|(_, value)| !(0.0..=1e6).contains(value));
+        bad.map_or(Ok(()), |(setting, value)| Err(SimError::Setting { setting, value, allowed: "from 0 to 1000000" }))
+    }
+}
+
+/// Loop edges in the order in which they close, from the older node to the newer: the nearest earlier node within reach, where
+/// one can see the other (a place behind a wall is not seen again).
+pub(crate) fn find(world: &World, truth: &[Pose], settings: &LoopSettings, random: &Stream) -> Vec<Edge> {
+    let travelled = path_lengths(truth);
+    let mut edges = Vec::new();
+    let mut last = f64::NEG_INFINITY;
+    for (j, pose) in truth.iter().enumerate() {
+        if travelled[j] - last < settings.spacing {
+            continue;
+        }
+        let old = truth.iter().enumerate().take_while(|(i, _)| travelled[j] - travelled[*i] >= settings.least_path);
+        let near = old.map(|(i, p)| ((p.translation.vector - pose.translation.vector).norm(), i));
+        let nearest = near.filter(|&(d, i)| d < settings.radius && is_seen(world, pose, &truth[i])).min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((_, i)) = nearest {
+            let noise = jolt(&mut random.fork(j as u64), settings.sigma, settings.sigma_turn);
+            let (place, turn) = (settings.sigma.max(1e-4), settings.sigma_turn.max(1e-5));
+            edges.push(Edge {
+                from: i as NodeId,
+                to: j as NodeId,
+                t_from_to: truth[i].inv_mul(pose) * noise,
+                information: Some(information([place, place, place, turn, turn, turn])),
+            });
+            last = travelled[j];
+        }
+    }
+    edges
+}
+
+fn is_seen(world: &World, from: &Pose, to: &Pose) -> bool {
+    let way = to.translation.vector - from.translation.vector;
+    let Some(direction) = way.try_normalize(1e-9) else { return true };
+    world.cast(from.translation.vector.into(), direction.into(), way.norm()).is_none()
+}

@@ -1,0 +1,217 @@
+//! Taking scans.
+
+use super::Noise;
+use super::noise::Neighbours;
+use crate::random::Stream;
+use crate::solid::Vec3;
+use crate::{Hit, Ray, SimError, SurfacePoint, World};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use voxelastic::sensor::BeamModel;
+use voxelastic::{Cloud, Pose};
+
+/// How a sensor is run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LidarSettings {
+    /// Farthest return, metres.
+    pub max_range: f64,
+    /// Nearest return, metres.
+    pub min_range: f64,
+    /// Whether the sensor moves while it turns; otherwise the whole sweep is taken at one instant.
+    pub moving: bool,
+    /// Duration of a turn, seconds.
+    pub period: f64,
+    /// Noise.
+    pub noise: Noise,
+}
+
+impl Default for LidarSettings {
+    fn default() -> Self {
+        Self { max_range: 120.0, min_range: 0.3, moving: false, period: 0.1, noise: Noise::default() }
+    }
+}
+
+impl LidarSettings {
+    fn check(&self) -> Result<(), SimError> {
+        let range = 0.0..=1e5;
+        if !(range.contains(&self.min_range) && range.contains(&self.max_range) && self.max_range > self.min_range) {
+            return Err(SimError::Setting { setting: "max_range", value: self.max_range, allowed: "above min_range, which is not below 0" });
+        }
+        if !(1e-4..=100.0).contains(&self.period) {
+            return Err(SimError::Setting { setting: "period", value: self.period, allowed: "from 0.0001 to 100 seconds" });
+        }
+        self.noise.check()
+    }
+}
+
+/// What a beam truly meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Range along the beam, metres; infinite for no return.
+    pub range: f64,
+    /// Cosine of the angle of incidence.
+    pub cosine: f32,
+    /// Albedo of the surface.
+    pub albedo: f32,
+}
+
+/// Nothing within range.
+const NOTHING: Sample = Sample { range: f64::INFINITY, cosine: 0.0, albedo: 0.0 };
+
+/// A simulated sensor.
+#[derive(Clone, Debug)]
+pub struct Lidar {
+    model: BeamModel,
+    settings: LidarSettings,
+    /// Origin and direction of each beam, lidar frame, column by column.
+    beams: Vec<Ray>,
+    ring_of_row: Vec<u16>,
+}
+
+impl Lidar {
+    /// A sensor with the beams of `model`.
+    ///
+    /// # Errors
+    /// [`SimError::Setting`] for settings out of range.
+    pub fn new(model: BeamModel, settings: LidarSettings) -> Result<Self, SimError> {
+        settings.check()?;
+        let (rows, columns) = (model.rows(), model.columns());
+        let beams = (0..columns).flat_map(|column| (0..rows).map(move |row| (row, column)));
+        let beams = beams
+            .map(|(row, column)| {
+                let vector = |v: [f32; 3]| Vec3::from(v.map(f64::from));
+                (vector(model.origin(row as f32, column as f32)), vector(model.direction(row as f32, column as f32)).normalize())
+            })
+            .collect();
+        let mut ring_of_row = vec![0u16; rows];
+        for (ring, &row) in (0u16..).zip(model.row_of_ring()) {
+            ring_of_row[usize::from(row)] = ring;
+        }
+        Ok(Self { model, settings, beams, ring_of_row })
+    }
+
+    /// The sensor's beams.
+    pub fn model(&self) -> &BeamModel {
+        &self.model
+    }
+
+    /// How it is run.
+    pub fn settings(&self) -> &LidarSettings {
+        &self.settings
+    }
+
+    /// What every beam truly meets within the sensor's range, column by column (`column * rows + row`). `pose_at` gives the pose
+    /// of the lidar frame so many seconds after the sweep began.
+    pub fn sample(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<Sample> {
+        self.cast(world, pose_at, self.settings.max_range, NOTHING, |(_, direction), hit, _, normal| {
+            // Rounding at a silhouette may show a surface from behind by a hair.
+            let cosine = (-normal.dot(direction)).clamp(0.0, 1.0) as f32;
+            Sample { range: hit.range, cosine, albedo: world.albedo(hit.solid) }
+        })
+    }
+
+    /// The points of the surface that the beams truly meet within `max_range` metres, map frame, column by column.
+    pub(crate) fn true_points(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, max_range: f64) -> Vec<Option<SurfacePoint>> {
+        let max_range = max_range.min(self.settings.max_range);
+        self.cast(world, pose_at, max_range, None, |_, hit, point, normal| {
+            Some(SurfacePoint { point: point.into(), normal: normal.into(), solid: hit.solid })
+        })
+    }
+
+    /// Casts all beams and makes a `T` of each hit (ray, hit, point, normal), or leaves `nothing`.
+    fn cast<T: Clone + Send + Sync>(
+        &self,
+        world: &World,
+        pose_at: impl Fn(f64) -> Pose + Sync,
+        max_range: f64,
+        nothing: T,
+        seen: impl Fn(&Ray, &Hit, Vec3, Vec3) -> T + Sync,
+    ) -> Vec<T> {
+        let (rows, columns) = (self.model.rows(), self.model.columns());
+        let mut results = vec![nothing; rows * columns];
+        let poses = self.poses(pose_at);
+        results.par_chunks_mut(rows).enumerate().with_min_len(8).for_each_init(
+            || (Vec::with_capacity(rows), vec![None; rows]),
+            |(rays, hits): &mut (Vec<Ray>, Vec<Option<Hit>>), (column, results)| {
+                rays.clear();
+                rays.extend((0..rows).map(|row| {
+                    let (origin, direction) = &self.beams[column * rows + row];
+                    let pose = &poses[if poses.len() > 1 { self.model.firing_column(row, column) } else { 0 }];
+                    (pose.1 * origin + pose.0, pose.1 * direction)
+                }));
+                world.cast_all(rays, max_range, hits);
+                for ((result, ray), hit) in results.iter_mut().zip(rays.iter()).zip(hits.iter()) {
+                    if let Some(hit) = hit.filter(|h| h.range >= self.settings.min_range) {
+                        let point = ray.0 + ray.1 * hit.range;
+                        *result = seen(ray, &hit, point, world.normal(hit.solid, point.into()).into());
+                    }
+                }
+            },
+        );
+        results
+    }
+
+    /// Where the sensor is when each column is fired: translation and rotation; a single one when it stands still.
+    fn poses(&self, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<(Vec3, nalgebra::Matrix3<f64>)> {
+        let count = if self.settings.moving { self.model.columns() } else { 1 };
+        let split = |pose: Pose| (pose.translation.vector, *pose.rotation.to_rotation_matrix().matrix());
+        (0..count).map(|firing| split(pose_at(self.offset(firing)))).collect()
+    }
+
+    /// Seconds from the beginning of the sweep to a firing; 0 when the sensor stands still.
+    fn offset(&self, firing: usize) -> f64 {
+        if self.settings.moving { self.settings.period * firing as f64 / self.model.columns() as f64 } else { 0.0 }
+    }
+
+    /// Takes a scan: an organised cloud of rows x columns, in the pixels of the beam model (upright columns), with
+    /// intensity, ring and time. Each point is in the lidar frame of the instant of its own firing, as sensors report them;
+    /// beams without return are NaN. `random` makes the noise, the same whatever the number of threads.
+    pub fn scan(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, random: &Stream) -> Cloud {
+        let (rows, columns) = (self.model.rows(), self.model.columns());
+        let samples = self.sample(world, pose_at);
+        let mut points = vec![[f32::NAN; 3]; rows * columns];
+        let mut intensity = vec![0.0f32; rows * columns];
+        let lines = points.par_chunks_mut(columns).zip(intensity.par_chunks_mut(columns));
+        lines.enumerate().for_each(|(row, (points, intensity))| {
+            for column in 0..columns {
+                let index = column * rows + row;
+                let sample = &samples[index];
+                if sample.range.is_infinite() {
+                    continue;
+                }
+                let mut random = random.fork(index as u64);
+                let beside = self.neighbours(&samples, row, column);
+                let Some(range) = self.settings.noise.measure(sample, beside, &mut random) else { continue };
+                let (origin, direction) = &self.beams[index];
+                let p = origin + direction * range.max(1e-3);
+                points[column] = [p.x as f32, p.y as f32, p.z as f32];
+                let strength = 255.0 * f64::from(sample.albedo) * (0.3 + 0.7 * f64::from(sample.cosine));
+                intensity[column] = (strength * (1.0 + self.settings.noise.intensity_sigma * random.normal())).clamp(0.0, 255.0) as f32;
+            }
+        });
+        let pixels = || (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+        Cloud {
+            points,
+            width: columns,
+            height: rows,
+            intensity: Some(intensity),
+            ring: Some(pixels().map(|(row, _)| self.ring_of_row[row]).collect()),
+            time: Some(pixels().map(|(row, column)| self.offset(self.model.firing_column(row, column)) as f32).collect()),
+        }
+    }
+
+    /// True ranges beside a pixel: left and right, above and below.
+    fn neighbours(&self, samples: &[Sample], row: usize, column: usize) -> [Neighbours; 2] {
+        let (rows, columns) = (self.model.rows(), self.model.columns());
+        let at = |row: usize, column: usize| Some(samples[column * rows + row].range).filter(|r| r.is_finite());
+        let left = at(row, (column + columns - 1) % columns);
+        let right = at(row, (column + 1) % columns);
+        let above = row.checked_sub(1).and_then(|r| at(r, column));
+        let below = Some(row + 1).filter(|&r| r < rows).and_then(|r| at(r, column));
+        [[left, right], [above, below]]
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,222 @@
+//! A ride through a world with a sensor: scans, poses true and drifting, loop edges, corrections.
+
+use crate::drift::{self, Correction};
+use crate::options::SimOptions;
+use crate::random::Stream;
+use crate::sensor::Lidar;
+use crate::{Scene, SimError, SurfacePoint, World};
+use hashbrown::HashSet;
+use rayon::prelude::*;
+use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::sensor::{preset, preset_with_columns};
+use voxelastic::{Cloud, Pose};
+
+/// Which poses the scans come with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PoseSource {
+    /// The true ones.
+    Truth,
+    /// Those of the drifting odometry.
+    Odometry,
+    /// What a SLAM system knows when the scan is taken: odometry on top of the last correction.
+    Online,
+}
+
+/// A simulation. Poses and edges are there at once; scans are taken when asked for, in any order.
+///
+/// The map frame is that of the world: with true poses, [`World::distance`] applies to the map as it is.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    options: SimOptions,
+    scene: Scene,
+    lidar: Lidar,
+    times: Vec<f64>,
+    truth: Vec<Pose>,
+    odometry: Vec<Pose>,
+    online: Vec<Pose>,
+    odometry_edges: Vec<Edge>,
+    loop_edges: Vec<Edge>,
+    corrections: Vec<Correction>,
+    noise: Stream,
+}
+
+impl Simulation {
+    /// Builds the world and everything but the scans.
+    ///
+    /// # Errors
+    /// Unknown worlds or sensors, settings out of range.
+    pub fn new(options: SimOptions) -> Result<Self, SimError> {
+        options.check()?;
+        let scene = Scene::named(&options.world, options.seed)?;
+        let model = match options.columns {
+            Some(columns) => preset_with_columns(&options.sensor, columns),
+            None => preset(&options.sensor),
+        }?;
+        let lidar = Lidar::new(model, options.lidar)?;
+        let step = options.rate.map_or(options.spacing / scene.ride.gait.speed, |rate| 1.0 / rate);
+        let times: Vec<f64> = (0..options.scans.unwrap_or(scene.usual_scans)).map(|k| k as f64 * step).collect();
+        let truth: Vec<Pose> = times.iter().map(|&t| scene.ride.pose(t)).collect();
+        let random = |purpose| Stream::new(options.seed, &[0xd1, purpose]);
+        let odometry = drift::drifted(&truth, options.drift, &random(0));
+        let loop_edges = drift::find_loops(&scene.world, &truth, &options.loops, &random(1));
+        let corrections = drift::corrections(&truth, &loop_edges, &random(2));
+        let online = online(&odometry, &corrections);
+        let odometry_edges = drift::odometry_edges(&odometry, options.drift);
+        let noise = random(3);
+        Ok(Self { options, scene, lidar, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise })
+    }
+
+    /// What the simulation was made from.
+    pub fn options(&self) -> &SimOptions {
+        &self.options
+    }
+
+    /// The world.
+    pub fn world(&self) -> &World {
+        &self.scene.world
+    }
+
+    /// The world and the ride through it.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The sensor.
+    pub fn lidar(&self) -> &Lidar {
+        &self.lidar
+    }
+
+    /// Number of scans, which is that of nodes; nodes are numbered from 0.
+    pub fn len(&self) -> usize {
+        self.times.len()
+    }
+
+    /// Whether there is no scan; never, since at least one is asked for.
+    pub fn is_empty(&self) -> bool {
+        self.times.is_empty()
+    }
+
+    /// Time of each node, seconds from the start: when its sweep begins.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// True pose of the lidar frame in the map frame at each node's time.
+    pub fn ground_truth(&self) -> &[Pose] {
+        &self.truth
+    }
+
+    /// Poses of the drifting odometry; the first is the true one.
+    pub fn odometry(&self) -> &[Pose] {
+        &self.odometry
+    }
+
+    /// Edges between neighbouring nodes, as the odometry measured them.
+    pub fn odometry_edges(&self) -> &[Edge] {
+        &self.odometry_edges
+    }
+
+    /// Edges between places seen twice, in the order in which they close.
+    pub fn loop_edges(&self) -> &[Edge] {
+        &self.loop_edges
+    }
+
+    /// Corrected poses after each loop edge: a stand-in for a SLAM system's back end, see [`Correction`].
+    pub fn corrections(&self) -> &[Correction] {
+        &self.corrections
+    }
+
+    /// The poses of one kind for all nodes.
+    pub fn poses(&self, source: PoseSource) -> &[Pose] {
+        match source {
+            PoseSource::Truth => &self.truth,
+            PoseSource::Odometry => &self.odometry,
+            PoseSource::Online => &self.online,
+        }
+    }
+
+    /// The cloud of node `k`, lidar frame; `None` beyond the last. The same each time, for any number of threads.
+    pub fn cloud(&self, k: usize) -> Option<Cloud> {
+        let time = *self.times.get(k)?;
+        let ride = &self.scene.ride;
+        Some(self.lidar.scan(&self.scene.world, |offset| ride.pose(time + offset), &self.noise.fork(k as u64)))
+    }
+
+    /// The scan of node `k` with a pose of the kind wanted; `None` beyond the last.
+    pub fn scan(&self, k: usize, source: PoseSource) -> Option<Scan> {
+        let cloud = self.cloud(k)?;
+        Some(Scan { node: k as NodeId, time: self.times[k], t_map_lidar: self.poses(source)[k], cloud })
+    }
+
+    /// All scans in order, each taken when it is asked for.
+    pub fn scans(&self, source: PoseSource) -> impl Iterator<Item = Scan> + '_ {
+        (0..self.len()).filter_map(move |k| self.scan(k, source))
+    }
+
+    /// What a SLAM system would tell, as it happens: each scan with the pose known at its time, the odometry edge to it, and when
+    /// a loop closes, the loop edge and the corrected poses of all nodes so far.
+    pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
+        (0..self.len()).flat_map(move |k| {
+            let scan = self.scan(k, PoseSource::Online).map(Event::Scan);
+            let edge = k.checked_sub(1).map(|before| Event::OdometryEdge(self.odometry_edges[before].clone()));
+            let closing = self.loop_edges.binary_search_by_key(&(k as NodeId), |e| e.to).ok();
+            let closed = closing.map(|at| [Event::LoopEdge(self.loop_edges[at].clone()), self.update(at)]);
+            scan.into_iter().chain(edge).chain(closed.into_iter().flatten())
+        })
+    }
+
+    fn update(&self, closing: usize) -> Event {
+        Event::PoseUpdate((0..).zip(self.corrections[closing].poses.iter().copied()).collect())
+    }
+
+    /// The true surface that the sensor saw within `max_range` metres: where noiseless beams of all scans meet it, thinned to
+    /// one point in each cube of `spacing` metres. In the order of the scans. This is what completeness is measured against.
+    pub fn visible_surface(&self, spacing: f64, max_range: f64) -> Vec<SurfacePoint> {
+        let spacing = spacing.max(1e-3);
+        let mut seen: HashSet<[i32; 3]> = HashSet::new();
+        let mut surface = Vec::new();
+        let rows = self.lidar.model().rows();
+        for &time in &self.times {
+            let pose_at = |offset| self.scene.ride.pose(time + offset);
+            let columns = self.lidar.true_points(&self.scene.world, pose_at, max_range);
+            // Neighbours in a column often share a cube: drop them before the common set is asked.
+            let thinned: Vec<Vec<([i32; 3], SurfacePoint)>> = columns
+                .par_chunks(rows)
+                .map(|column| {
+                    let mut kept: Vec<([i32; 3], SurfacePoint)> = Vec::new();
+                    for point in column.iter().flatten() {
+                        let key = point.point.map(|c| (c / spacing).floor() as i32);
+                        if kept.last().is_none_or(|(last, _)| *last != key) {
+                            kept.push((key, *point));
+                        }
+                    }
+                    kept
+                })
+                .collect();
+            surface.extend(thinned.into_iter().flatten().filter(|(key, _)| seen.insert(*key)).map(|(_, point)| point));
+        }
+        surface
+    }
+}
+
+/// The poses known when each scan is taken: odometry from the last corrected node.
+fn online(odometry: &[Pose], corrections: &[Correction]) -> Vec<Pose> {
+    let mut next = 0;
+    let mut shift = Pose::identity();
+    odometry
+        .iter()
+        .enumerate()
+        .map(|(k, pose)| {
+            // A correction is known from the node after the one that closed the loop.
+            while let Some(done) = corrections.get(next).filter(|c| (c.node as usize) < k) {
+                let node = done.node as usize;
+                shift = done.poses.last().map_or(shift, |corrected| corrected * odometry[node].inverse());
+                next += 1;
+            }
+            shift * pose
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;
