@@ -15,6 +15,7 @@ pub mod model;
 mod normals;
 mod prepare;
 mod presets;
+mod pyramid;
 mod rows;
 mod trig;
 
@@ -27,4 +28,5 @@ pub use model::{BeamModel, BeamTables, Projection};
 pub use normals::NormalSettings;
 pub use prepare::{Beams, Counts, Limits, PreparedScan, Preparer};
 pub use presets::{names as preset_names, preset, preset_with_columns};
+pub use pyramid::{Coverage, Pyramid, View};
 pub use trig::atan2;

@@ -2,6 +2,18 @@
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
+/// The larger of two numbers that are not NaN: one instruction, where `f32::max` takes three to honour NaN.
+#[inline(always)]
+pub(crate) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller of two numbers that are not NaN.
+#[inline(always)]
+pub(crate) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// `atan(t)` for `t` in 0..=1: an odd minimax polynomial (own fit, maximum error 1.3e-7 rad).
 #[inline(always)]
 fn atan_unit(t: f32) -> f32 {
@@ -22,8 +34,8 @@ fn atan_unit(t: f32) -> f32 {
 #[inline(always)]
 pub fn atan2(y: f32, x: f32) -> f32 {
     let (ax, ay) = (x.abs(), y.abs());
-    let (low, high) = (ax.min(ay), ax.max(ay));
-    let t = atan_unit(low / high.max(f32::MIN_POSITIVE));
+    let (low, high) = (smaller(ax, ay), larger(ax, ay));
+    let t = atan_unit(low / larger(high, f32::MIN_POSITIVE));
     let t = if ay > ax { FRAC_PI_2 - t } else { t };
     let t = if x < 0.0 { PI - t } else { t };
     t.copysign(y)

@@ -3,6 +3,7 @@
 use super::super::dispatch::{Kernel, dispatch};
 use super::super::image::{NO_POINT, RangeImage};
 use super::super::model::BeamModel;
+use super::super::trig::{larger, smaller};
 use super::STRIP;
 
 /// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
@@ -138,7 +139,7 @@ impl Grid {
         }
         let row = |r: isize| {
             let r = r.clamp(0, self.rows as isize - 1) as usize;
-            r * stride + PAD..r * stride + PAD + columns
+            r * stride + PAD..(r + 1) * stride - PAD
         };
         for r in 0..self.rows.saturating_sub(1) as isize {
             let inverse = [-2, -1, 0, 1, 2, 3].map(|k| &self.centred[row(r + k)]);
@@ -190,7 +191,7 @@ impl Kernel for Fill<'_> {
 /// The middle one of three.
 #[inline(always)]
 fn median(a: f32, b: f32, c: f32) -> f32 {
-    a.min(b).max(a.max(b).min(c))
+    larger(smaller(a, b), smaller(larger(a, b), c))
 }
 
 /// 1 when the step from `here` to `next` does not stand out of the steps before and after it by more than the noise.
@@ -199,7 +200,7 @@ fn median(a: f32, b: f32, c: f32) -> f32 {
 /// a jump is the middle step unlike both.
 #[inline(always)]
 fn linked(here: f32, next: f32, steps: [f32; 3], noise: f32) -> f32 {
-    let nearer = here.max(next);
+    let nearer = larger(here, next);
     let jump = (steps[1] - median(steps[0], steps[1], steps[2])).abs();
     let both = (here > 0.0) & (next > 0.0);
     if both & (jump <= JUMP_SIGMAS * noise * nearer * nearer) { 1.0 } else { 0.0 }
@@ -234,7 +235,7 @@ impl Kernel for LinkRight<'_> {
             let direct = linked(c[i], d[i], steps, noise);
             let over_this = bridged([a[i], b[i], c[i], d[i], e[i]], noise);
             let over_next = bridged([b[i], c[i], d[i], e[i], f[i]], noise);
-            link[i] = direct.max(over_this).max(over_next);
+            link[i] = larger(direct, larger(over_this, over_next));
         }
     }
 }
@@ -257,7 +258,7 @@ impl Kernel for Centre<'_> {
         for i in 0..centred.len() {
             let (left, right) = (step(before[i], here[i]), step(here[i], after[i]));
             let gentle = median(left, right, 0.0) * self.per_step;
-            centred[i] = (here[i] - gentle * across[i]).max(0.0);
+            centred[i] = larger(here[i] - gentle * across[i], 0.0);
         }
     }
 }
@@ -270,19 +271,27 @@ struct LinkDown<'a> {
     link: &'a mut [f32],
 }
 
-impl Kernel for LinkDown<'_> {
+impl<'a> Kernel for LinkDown<'a> {
     #[inline(always)]
     fn run(self) {
-        let (count, noise) = (self.link.len(), self.noise);
-        let w = self.inverse.map(|w| &w[..count]);
-        let t = self.rise.map(|t| &t[..count]);
-        for i in 0..count {
-            let at = |k: usize| (w[k][i], t[k][i]);
-            let direct = linked_down([at(1), at(2), at(3), at(4)], noise);
-            // Over an empty pixel, as the neighbours of the gap see it.
-            let over_this = if w[2][i] > 0.0 { 0.0 } else { linked_down([at(0), at(1), at(3), at(4)], noise) };
-            let over_next = if w[3][i] > 0.0 { 0.0 } else { linked_down([at(1), at(2), at(4), at(5)], noise) };
-            self.link[i] = direct.max(over_this).max(over_next);
+        let noise = self.noise;
+        for (strip, link) in self.link.chunks_exact_mut(STRIP).enumerate() {
+            let chunk = |row: usize, planes: &[&'a [f32]; 6]| planes[row][strip * STRIP..].first_chunk::<STRIP>();
+            let six =
+                |planes| Some([chunk(0, planes)?, chunk(1, planes)?, chunk(2, planes)?, chunk(3, planes)?, chunk(4, planes)?, chunk(5, planes)?]);
+            let (Some(w), Some(t)) = (six(&self.inverse), six(&self.rise)) else { return };
+            // In a copy: nothing read can then be what is written, and the loop vectorises.
+            let mut links = [0f32; STRIP];
+            for i in 0..STRIP {
+                let at = |k: usize| (w[k][i], t[k][i]);
+                let direct = linked_down([at(1), at(2), at(3), at(4)], noise);
+                // Over an empty pixel, as the neighbours of the gap see it.
+                let over_this = linked_down([at(0), at(1), at(3), at(4)], noise);
+                let over_next = linked_down([at(1), at(2), at(4), at(5)], noise);
+                let over = if w[2][i] > 0.0 { over_next } else { over_this };
+                links[i] = if (w[2][i] > 0.0) & (w[3][i] > 0.0) { direct } else { over };
+            }
+            link.copy_from_slice(&links);
         }
     }
 }
@@ -292,7 +301,7 @@ impl Kernel for LinkDown<'_> {
 fn linked_down([before, here, next, after]: [(f32, f32); 4], noise: f32) -> f32 {
     /// Rows that noise has brought closer than this are not divided by.
     const LEAST_FALL: f32 = 1e-4;
-    let fall = |a: (f32, f32), b: (f32, f32)| (a.1 - b.1).max(LEAST_FALL);
+    let fall = |a: (f32, f32), b: (f32, f32)| larger(a.1 - b.1, LEAST_FALL);
     let middle = fall(here, next);
     let steps = [step(before.0, here.0) * (middle / fall(before, here)), step(here.0, next.0), step(next.0, after.0) * (middle / fall(next, after))];
     linked(here.0, next.0, steps, noise)

@@ -2,6 +2,7 @@
 
 use super::super::dispatch::{Kernel, dispatch};
 use super::super::model::BeamModel;
+use super::super::trig::{larger, smaller};
 use super::STRIP;
 use super::grid::{Grid, PAD};
 
@@ -80,7 +81,7 @@ impl Reach {
     #[inline(always)]
     pub(crate) fn at(&self, inverse: f32) -> f32 {
         // Not `clamp`, whose check of its bounds would keep the loop from being vectorised.
-        ((self.pixels * inverse).max(MIN_REACH).min(self.most) * self.factor).max(self.least)
+        larger(smaller(larger(self.pixels * inverse, MIN_REACH), self.most) * self.factor, self.least)
     }
 }
 

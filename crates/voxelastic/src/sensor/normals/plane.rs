@@ -1,6 +1,7 @@
 //! From sums to planes, and which of them to believe.
 
 use super::super::dispatch::Kernel;
+use super::super::trig::larger;
 use super::grid::Grid;
 use super::moments::{Moments, Width};
 use super::{NormalSettings, STRIP};
@@ -103,7 +104,7 @@ impl Kernel for Solve<'_> {
         let most_rough = if self.width == Width::Narrow { self.settings.roughness } else { 0.0 };
         for l in 0..STRIP {
             let n = sums.n[l];
-            let per_n = 1.0 / n.max(1.0);
+            let per_n = 1.0 / larger(n, 1.0);
             let (mx, mt, mu) = (sums.x[l] * per_n, sums.t[l] * per_n, sums.u[l] * per_n);
             let (xx, xt, tt) = (sums.xx[l] - sums.x[l] * mx, sums.xt[l] - sums.x[l] * mt, sums.tt[l] - sums.t[l] * mt);
             let (xu, tu, uu) = (sums.xu[l] - sums.x[l] * mu, sums.tu[l] - sums.t[l] * mu, sums.uu[l] - sums.u[l] * mu);
@@ -114,19 +115,19 @@ impl Kernel for Solve<'_> {
             let c = (tu * xx - xu * xt) * per_det;
             let level = mu - b * mx - c * mt;
             let a = centre[l] + level - c * row_rise;
-            let length2 = (a * a + b * b + c * c).max(f32::MIN_POSITIVE);
+            let length2 = larger(a * a + b * b + c * c, f32::MIN_POSITIVE);
             let per_length = 1.0 / length2.sqrt();
-            let freedom = (n - 3.0).max(1.0);
-            let variance = (uu - b * xu - c * tu).max(0.0) / freedom;
+            let freedom = larger(n - 3.0, 1.0);
+            let variance = larger(uu - b * xu - c * tu, 0.0) / freedom;
             // What the range noise alone would leave, in inverse depth.
             let inverse = centre[l] + mu;
             let expected = noise * noise * inverse * inverse * inverse * inverse / ray2;
             // Three standard deviations of the sample variance.
             let spread = SLACK + 3.0 * (2.0 / freedom).sqrt();
-            let to_normal = per_length / inverse.max(f32::MIN_POSITIVE);
+            let to_normal = per_length / larger(inverse, f32::MIN_POSITIVE);
             let along_normal = variance * to_normal * to_normal;
             let flat = (variance <= expected * spread) | (along_normal <= most_rough * most_rough);
-            let doubt = expected.max(variance) * per_det * (tt + xx * ray2) / length2;
+            let doubt = larger(expected, variance) * per_det * (tt + xx * ray2) / length2;
             let believed = solvable & flat & (doubt <= most * most) & (centre[l] > 0.0);
             let off = level + b * across[l] + c * (rise[l] - row_rise);
             let [cos, sin] = axes[l];
@@ -134,7 +135,7 @@ impl Kernel for Solve<'_> {
             out.normal[1][l] = -(a * sin + b * cos) * per_length;
             out.normal[2][l] = -c * per_length;
             out.distance[l] = per_length;
-            out.misfit[l] = off.abs() / expected.max(variance).max(f32::MIN_POSITIVE).sqrt();
+            out.misfit[l] = off.abs() / larger(larger(expected, variance), f32::MIN_POSITIVE).sqrt();
             out.roughness[l] = if believed { along_normal.sqrt() } else { -1.0 };
         }
         match self.width {
