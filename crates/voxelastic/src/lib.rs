@@ -8,6 +8,7 @@ pub mod geometry;
 pub mod integrate;
 pub mod mapper;
 pub mod octree;
+pub mod query;
 pub mod sensor;
 pub mod settings;
 pub mod surface;

@@ -8,9 +8,11 @@ mod cases;
 mod cells;
 mod extract;
 mod mesh;
+pub mod occupied;
 #[cfg(test)]
 mod tests;
-mod view;
+pub(crate) mod view;
 
 pub use extract::{MeshOptions, extract};
 pub use mesh::Mesh;
+pub use occupied::{OccupancySurface, extract_occupancy};

@@ -1,0 +1,183 @@
+//! Questions to one field, in its submap's frame: points and cubes.
+
+use super::UnknownAs;
+use crate::field::occupancy::{OccupancyField, State, Summary, UNKNOWN, log_odds, state_of};
+use crate::geometry::Aabb;
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, block_key, voxel_coords};
+
+/// Asks one occupancy field. Coordinates are metres in the submap frame.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldQuery<'a> {
+    pub(super) field: &'a OccupancyField,
+    pub(super) voxel: f64,
+    pub(super) per_metre: f64,
+}
+
+/// What is known of a cube of space.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Largest value (in steps of log-odds) anywhere in the cube; [`UNKNOWN`] when nothing of it was observed.
+    pub max: i8,
+    /// Whether all of the cube was observed.
+    pub observed: bool,
+}
+
+impl Region {
+    /// A cube that nothing is known of.
+    pub const UNSEEN: Self = Self { max: UNKNOWN, observed: false };
+
+    /// Occupied if anything in the cube is, free if all of it is.
+    pub fn state(&self) -> State {
+        if self.max > 0 {
+            State::Occupied
+        } else if self.observed && self.max < 0 {
+            State::Free
+        } else {
+            State::Unknown
+        }
+    }
+
+    /// Largest log-odds anywhere in the cube; none when nothing of it was observed.
+    pub fn log_odds(&self) -> Option<f32> {
+        log_odds(self.max)
+    }
+
+    fn add(&mut self, value: i8) {
+        self.max = self.max.max(value);
+        self.observed &= value != UNKNOWN;
+    }
+}
+
+impl From<Summary> for Region {
+    fn from(summary: Summary) -> Self {
+        Self { max: summary.max, observed: summary.observed }
+    }
+}
+
+/// Whether a voxel of this value stops robots and rays.
+#[inline(always)]
+pub(super) fn blocks(value: i8, unknown: UnknownAs) -> bool {
+    match unknown {
+        UnknownAs::Blocked => state_of(value) != State::Free,
+        UnknownAs::Free => state_of(value) == State::Occupied,
+    }
+}
+
+/// Whether nothing below an octant stops robots and rays.
+#[inline(always)]
+pub(super) fn is_clear(summary: &Summary, unknown: UnknownAs) -> bool {
+    match unknown {
+        UnknownAs::Blocked => summary.observed && summary.max < 0,
+        UnknownAs::Free => summary.max <= 0,
+    }
+}
+
+impl<'a> FieldQuery<'a> {
+    /// Asks `field`, whose finest voxels have edges of `voxel` metres.
+    pub fn new(field: &'a OccupancyField, voxel: f32) -> Self {
+        let voxel = f64::from(voxel);
+        Self { field, voxel, per_metre: 1.0 / voxel }
+    }
+
+    /// Coordinates of the finest voxel that holds `p`; none far outside of what a field can hold, or when not finite.
+    pub(super) fn voxel_of(&self, p: [f64; 3]) -> Option<[i32; 3]> {
+        const LIMIT: f64 = ((crate::octree::MAX_BLOCK_COORD as i64) << BLOCK_SHIFT) as f64;
+        let c = p.map(|c| (c * self.per_metre).floor());
+        c.iter().all(|v| v.abs() <= LIMIT).then(|| c.map(|v| v as i32))
+    }
+
+    /// Value at `p` in steps; [`UNKNOWN`] outside of the field.
+    pub(super) fn value(&self, p: [f64; 3]) -> i8 {
+        self.voxel_of(p).map_or(UNKNOWN, |c| self.field.value_at(c))
+    }
+
+    /// State of the voxel at `p`.
+    pub fn state(&self, p: [f64; 3]) -> State {
+        state_of(self.value(p))
+    }
+
+    /// Log-odds of being occupied of the voxel at `p`; none where nothing was observed.
+    pub fn log_odds(&self, p: [f64; 3]) -> Option<f32> {
+        log_odds(self.value(p))
+    }
+
+    /// What is known of the cube of 2^level finest voxels around `p`: cubes of one level tile the submap frame, as octants do.
+    pub fn at_level(&self, p: [f64; 3], level: u32) -> Region {
+        let Some(c) = self.voxel_of(p) else { return Region::UNSEEN };
+        let tree = self.field.tree();
+        let key = block_key(c.map(|v| v >> BLOCK_SHIFT));
+        let lowest = level.saturating_sub(BLOCK_SHIFT);
+        if lowest > tree.root_level() {
+            // A cube larger than the root cube holds all of it or nothing, and space that was never seen.
+            let above = (3 * lowest).min(u64::BITS - 1);
+            let holds_root = !tree.is_empty() && key >> above == tree.root_key() >> above;
+            return if holds_root { Region { observed: false, ..tree.root().payload.into() } } else { Region::UNSEEN };
+        }
+        match self.octant(key, lowest) {
+            Some((0, octant)) if octant.link != NONE && level < BLOCK_SHIFT => self.region_in_block(octant.link, c, level as usize),
+            Some((_, octant)) => octant.payload.into(),
+            None => Region::UNSEEN,
+        }
+    }
+
+    /// What a block knows of the cube of 2^level voxels, smaller than itself, that holds voxel `c`.
+    fn region_in_block(&self, link: u32, c: [i32; 3], level: usize) -> Region {
+        let block = self.field.block(link);
+        let (values, scale) = (self.field.values(block), usize::from(block.scale));
+        let cube = |c: [usize; 3]| c.map(|v| v >> level);
+        let at = cube(c.map(|v| v as usize & (BLOCK_EDGE - 1)));
+        let mut region = Region { max: UNKNOWN, observed: true };
+        for (i, &value) in values.iter().enumerate() {
+            let low = voxel_coords(i, scale).map(|v| v << scale);
+            let is_in = cube(low) == at || (scale > level && (0..3).all(|k| at[k] << level >> scale == low[k] >> scale));
+            if is_in {
+                region.add(value);
+            }
+        }
+        region
+    }
+
+    /// The smallest existing octant of at least `lowest` level that holds block `key`, and its level.
+    pub(super) fn octant(&self, key: u64, lowest: u32) -> Option<(u32, Octant<Summary>)> {
+        let tree = self.field.tree();
+        if !tree.covers(key) {
+            return None;
+        }
+        let (mut level, mut octant) = (tree.root_level(), *tree.root());
+        while level > lowest && octant.link != NONE {
+            level -= 1;
+            octant = tree.siblings(octant.link)[(key >> (3 * level)) as usize & 7];
+        }
+        Some((level, octant))
+    }
+
+    /// Box around everything that was observed, metres in the submap frame; empty when nothing was.
+    pub fn bounds(&self) -> Aabb {
+        let tree = self.field.tree();
+        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        if tree.is_empty() {
+            return Aabb::default();
+        }
+        let mut stack = vec![(tree.root_key(), tree.root_level(), *tree.root())];
+        while let Some((key, level, octant)) = stack.pop() {
+            let first = block_coords(key);
+            let last = first.map(|c| c + (1 << level));
+            let is_inside = (0..3).all(|k| first[k] >= low[k] && last[k] <= high[k]);
+            if octant.payload.max == UNKNOWN || is_inside {
+                continue;
+            }
+            if level > 0 && octant.link != NONE {
+                let children = tree.siblings(octant.link).iter().enumerate();
+                stack.extend(children.map(|(i, child)| (key | (i as u64) << (3 * (level - 1)), level - 1, *child)));
+            } else {
+                low = std::array::from_fn(|k| low[k].min(first[k]));
+                high = std::array::from_fn(|k| high[k].max(last[k]));
+            }
+        }
+        if low[0] > high[0] {
+            return Aabb::default();
+        }
+        let metres = |c: i32| (f64::from(c) * BLOCK_EDGE as f64 * self.voxel) as f32;
+        Aabb { min: low.map(metres), max: high.map(metres) }
+    }
+}
