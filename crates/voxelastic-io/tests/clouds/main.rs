@@ -1,0 +1,6 @@
+//! Clouds of every format, good and bad.
+
+mod bad;
+mod drivers;
+mod encode;
+mod formats;
