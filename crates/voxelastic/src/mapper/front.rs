@@ -1,7 +1,7 @@
 //! The way from a cloud to beams: which sensor it is, and the strengths of its returns on one scale.
 
 use crate::Cloud;
-use crate::sensor::{BeamModel, Layout, Limits, PreparedScan, Preparer, SensorError, preset};
+use crate::sensor::{BeamModel, Layout, Limits, PreparedScan, Preparer, SensorError, detect, layout_for, preset};
 use crate::settings::Settings;
 
 /// Prepares the scans of one sensor.
@@ -21,12 +21,13 @@ impl Front {
     pub fn open(settings: &Settings, first: &Cloud) -> Result<Self, SensorError> {
         let limits = Limits { near: settings.min_range, max: settings.max_range };
         let (model, layout, description) = if settings.sensor == "auto" {
-            let model = preset("os0-64")?;
-            (model, Layout::Projected, String::new())
+            let found = detect(&[first])?;
+            (found.model, found.layout, found.description)
         } else {
             let model = preset(&settings.sensor)?;
-            let description = format!("{}: {} rows x {} columns, as told; points are projected", model.name(), model.rows(), model.columns());
-            (model, Layout::Projected, description)
+            let layout = layout_for(&model, first);
+            let description = format!("{}: {} rows x {} columns, as told; {layout}", model.name(), model.rows(), model.columns());
+            (model, layout, description)
         };
         let shade_scale = first.intensity.as_deref().and_then(scale_of);
         Ok(Self { preparer: Preparer::new(model, layout, limits), description, shade_scale, shades: Vec::new() })
