@@ -39,7 +39,7 @@ fn flag(setting: &'static Setting) -> Arg {
     Arg::new(setting.key)
         .long(setting.key.replace('_', "-"))
         .value_name(value_name)
-        .help(format!("{} [default: {}; {}]", setting.help, setting.default, setting.range()))
+        .help(format!("{} [{}; default {}]", setting.help, setting.range(), setting.default))
         .help_heading(if advanced { "Advanced settings" } else { "Settings" })
         .hide_short_help(advanced)
         .allow_negative_numbers(true)

@@ -9,8 +9,6 @@ pub const DONE: u8 = 0;
 pub const FAILED: u8 = 1;
 /// The command line or the configuration file is wrong. Argument parsing itself ends with the same code.
 pub const USAGE: u8 = 2;
-/// A bug: the program panicked.
-pub const BUG: u8 = 101;
 /// Interrupted by Ctrl-C or a request to terminate; what was done until then is kept.
 pub const INTERRUPTED: u8 = 130;
 

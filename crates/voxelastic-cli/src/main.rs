@@ -2,16 +2,26 @@
 
 mod commands;
 mod config;
+mod data;
 mod failure;
 mod interrupt;
+mod map_files;
+mod mapping;
+mod meshing;
 mod output;
 mod progress;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
-use commands::config as config_command;
+use commands::{config as config_command, heldout, info, map, mesh, render};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
+
+const EXAMPLES: &str = "\
+Examples:
+  voxelastic map hall                      map the folder hall: makes hall.vox
+  voxelastic mesh hall.vox -o hall.ply     make a mesh of it
+  voxelastic render hall.vox -o hall.png   look at it";
 
 /// Elastic LiDAR maps: registered scans in, one dense map that bends with pose corrections out.
 ///
@@ -23,11 +33,8 @@ use tracing_subscriber::EnvFilter;
     version,
     arg_required_else_help = true,
     subcommand_required = true,
-    after_help = "Examples:
-  voxelastic map DATA -o hall.vox          map a folder of scans and poses
-  voxelastic mesh hall.vox -o hall.ply     make a mesh of it
-  voxelastic render hall.vox -o hall.png   look at it",
-    after_long_help = failure::EXIT_CODES
+    after_help = EXAMPLES,
+    after_long_help = format!("{EXAMPLES}\n\n{}", failure::EXIT_CODES)
 )]
 struct Cli {
     #[command(subcommand)]
@@ -38,6 +45,11 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Map(map::MapArgs),
+    Mesh(mesh::MeshArgs),
+    Info(info::InfoArgs),
+    Render(render::RenderArgs),
+    Heldout(heldout::HeldoutArgs),
     Config(config_command::ConfigArgs),
 }
 
@@ -80,6 +92,11 @@ fn main() -> ExitCode {
     cli.logging.install();
     let quiet = cli.logging.quiet;
     let done = match &cli.command {
+        Command::Map(args) => map::run(args, quiet),
+        Command::Mesh(args) => mesh::run(args),
+        Command::Info(args) => info::run(args),
+        Command::Render(args) => render::run(args),
+        Command::Heldout(args) => heldout::run(args, quiet),
         Command::Config(args) => config_command::run(args),
     };
     match done {

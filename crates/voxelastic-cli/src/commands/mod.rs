@@ -1,3 +1,8 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod config;
+pub mod heldout;
+pub mod info;
+pub mod map;
+pub mod mesh;
+pub mod render;

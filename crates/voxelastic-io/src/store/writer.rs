@@ -67,6 +67,17 @@ impl MapWriter {
         Ok(Self { store: MapStore::open(dir)?, _lock: lock })
     }
 
+    /// Gives up. A directory that holds nothing but the lock, because nothing was ever saved to it, goes again.
+    pub fn abandon(self) {
+        let dir = self.store.dir().to_owned();
+        let is_bare = files::names(&dir).is_ok_and(|names| names.iter().all(|name| name == LOCK));
+        if is_bare && std::fs::remove_file(dir.join(LOCK)).is_ok() {
+            drop(self);
+            // Fails, and does no harm, where another process has begun a map here meanwhile.
+            let _ = std::fs::remove_dir(dir);
+        }
+    }
+
     /// The map as it was last saved.
     pub fn store(&self) -> &MapStore {
         &self.store

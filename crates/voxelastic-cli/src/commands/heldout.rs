@@ -1,0 +1,119 @@
+//! `voxelastic heldout`: how well a map explains scans that it was not made from.
+
+use crate::data::{DataArgs, HoldOut};
+use crate::failure::{self, Failure};
+use crate::meshing::{SurfaceArgs, map_mesh};
+use crate::progress::Progress;
+use crate::{interrupt, map_files, output};
+use clap::Args;
+use serde::Serialize;
+use std::path::PathBuf;
+use voxelastic::event::{Event, NodeId};
+use voxelastic_eval::MeshView;
+use voxelastic_eval::held_out::{HeldOut, HeldOutReport, HeldOutSettings};
+
+/// Measure a map with the scans that were held out of it
+///
+/// Distances of the held-out scans' points, at the poses of the data, to the map's mesh. It needs no survey, but it is only as good as the poses:
+/// an error in them counts as an error of the map.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic map hall -o hall.vox --hold-out 10
+  voxelastic heldout hall.vox hall --hold-out 10
+  voxelastic heldout hall.vox hall --hold-out 10 --max-range 40 --json")]
+pub struct HeldoutArgs {
+    /// The map, made with --hold-out
+    #[arg(value_name = "MAP.vox")]
+    map: PathBuf,
+    #[command(flatten)]
+    data: DataArgs,
+    /// The N that the map was made with: every Nth scan is measured
+    #[arg(long, value_name = "N", default_value = "10", value_parser = HoldOut::parse)]
+    hold_out: HoldOut,
+    /// Points farther from the sensor than this are left out, metres
+    #[arg(long, value_name = "M", default_value_t = 20.0)]
+    max_range: f32,
+    /// Print one JSON object on stdout
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+}
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+struct Summary {
+    map: PathBuf,
+    /// Node of each scan under `scans`.
+    nodes: Vec<NodeId>,
+    #[serde(flatten)]
+    report: HeldOutReport,
+}
+
+/// Measures the map.
+pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
+    let pool = args.surface.pool()?;
+    let mut held = args.data.open(false)?;
+    args.hold_out.keep_held(&mut held);
+    let map = pool.install(|| map_files::load(&args.map))?;
+    let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans.iter().map(|scan| scan.node)).collect();
+    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel, &args.surface))?.mesh;
+    let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
+    let settings = HeldOutSettings { max_range: args.max_range, min_range: map.settings.min_range, ..HeldOutSettings::default() };
+    let mut measure = pool.install(|| HeldOut::new(&view, settings))?;
+    interrupt::install("reporting the scans measured so far");
+
+    let mut nodes = Vec::new();
+    let mut progress = Progress::new("scans", held.scans().len() as u64, quiet);
+    for event in held.events() {
+        match event {
+            Ok(Event::Scan(scan)) if mapped.contains(&scan.node) => {
+                let remedy = "map with the same --hold-out as here, and from the same data";
+                let what = format!("{}: scan {} is part of the map, so it cannot measure it", args.map.display(), scan.node);
+                return Err(Failure::new(what, remedy).into());
+            }
+            Ok(Event::Scan(scan)) => {
+                pool.install(|| measure.add(&scan.cloud, &scan.t_map_lidar));
+                nodes.push(scan.node);
+                progress.step(|| format!("{} triangles", mesh.triangles.len()));
+            }
+            Ok(_) => {}
+            Err(problem) => tracing::warn!("scan skipped: {problem}"),
+        }
+        if interrupt::requested() {
+            break;
+        }
+    }
+    drop(progress);
+    let report = measure.report();
+    if report.distances.count == 0 {
+        let remedy = "hold out more scans (a smaller --hold-out), or raise --max-range";
+        return Err(Failure::new("no point of a held-out scan is in range", remedy).into());
+    }
+    if args.json {
+        output::print_json(&Summary { map: args.map.clone(), nodes, report })?;
+    } else {
+        output::print(&table(&report))?;
+    }
+    Ok(if interrupt::requested() { failure::INTERRUPTED } else { failure::DONE })
+}
+
+/// The report as a small table.
+fn table(report: &HeldOutReport) -> String {
+    let d = &report.distances;
+    let cm = |metres: Option<f64>| metres.map_or_else(|| "beyond".to_owned(), |m| format!("{:.2} cm", m * 100.0));
+    let share = |part: Option<f64>| part.map_or_else(|| "-".to_owned(), |p| format!("{:.1} %", p * 100.0));
+    let rows = [
+        ("scans", report.scans.len().to_string()),
+        ("points to the mesh", d.count.to_string()),
+        ("up to range", format!("{} m", report.max_range_m)),
+        ("median", cm(d.median)),
+        ("90 % within", cm(d.p90)),
+        ("95 % within", cm(d.p95)),
+        ("mean", cm(d.mean)),
+        ("under 5 cm", share(d.fraction_under_5cm)),
+        ("under 10 cm", share(d.fraction_under_10cm)),
+        ("under 20 cm", share(d.fraction_under_20cm)),
+    ];
+    rows.iter().map(|(name, value)| format!("{name:<20}{value:>12}\n")).collect()
+}

@@ -1,0 +1,144 @@
+//! What is in a map.
+
+use super::{Bounds, row};
+use crate::map_files::settings_of;
+use crate::usage::megabytes;
+use nalgebra::Point3;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use voxelastic::atlas::{Submap, SubmapId};
+use voxelastic::geometry::Aabb;
+use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
+use voxelastic_io::store::{MapStore, SubmapEntry};
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+pub struct MapInfo {
+    kind: &'static str,
+    generator: String,
+    settings: BTreeMap<String, String>,
+    sensor: BTreeMap<String, String>,
+    scans: usize,
+    blocks: u64,
+    /// Blocks integrated at scales 0 to 3.
+    blocks_by_scale: [u64; SCALES],
+    /// Memory that the map needs when loaded, megabytes.
+    map_mb: f64,
+    /// Size on disk, megabytes.
+    file_mb: f64,
+    /// Box around the positions of the scans in the map frame.
+    path_bounds_m: Option<Bounds>,
+    /// Box around all blocks in the map frame; only with `--check`.
+    bounds_m: Option<Bounds>,
+    submaps: Vec<SubmapInfo>,
+}
+
+#[derive(Debug, Serialize)]
+struct SubmapInfo {
+    id: SubmapId,
+    file: String,
+    bytes: u64,
+    scans: usize,
+    first_node: Option<u64>,
+    last_node: Option<u64>,
+    travelled_m: f64,
+    /// Position of the root pose in the map frame.
+    root_m: [f64; 3],
+    blocks_by_scale: [u64; SCALES],
+}
+
+/// Looks into a map; `check` reads all of it.
+pub fn look(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
+    let store = MapStore::open(path)?;
+    let manifest = store.manifest();
+    let mut blocks_by_scale = [0; SCALES];
+    let mut path_bounds = Aabb::default();
+    let mut memory = 0;
+    for entry in &manifest.submaps {
+        (0..SCALES).for_each(|s| blocks_by_scale[s] += entry.tsdf.as_ref().map_or(0, |t| t.blocks_by_scale[s]));
+        memory += entry.tsdf.as_ref().map_or(0, |t| t.memory_bytes);
+        for scan in &entry.scans {
+            path_bounds.add((entry.t_map_submap * scan.t_submap_lidar).translation.vector.map(|c| c as f32).into());
+        }
+    }
+    Ok(MapInfo {
+        kind: "map",
+        generator: manifest.details.generator.clone(),
+        settings: manifest.details.settings.clone(),
+        sensor: manifest.details.sensor.clone(),
+        scans: manifest.submaps.iter().map(|s| s.scans.len()).sum(),
+        blocks: blocks_by_scale.iter().sum(),
+        blocks_by_scale,
+        map_mb: megabytes(memory),
+        file_mb: megabytes(store.bytes()),
+        path_bounds_m: Bounds::of(&path_bounds),
+        bounds_m: if check { Bounds::of(&bounds(&store)?) } else { None },
+        submaps: manifest.submaps.iter().map(submap_info).collect(),
+    })
+}
+
+fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
+    SubmapInfo {
+        id: entry.id,
+        file: entry.file.clone(),
+        bytes: entry.bytes,
+        scans: entry.scans.len(),
+        first_node: entry.scans.first().map(|s| s.node),
+        last_node: entry.scans.last().map(|s| s.node),
+        travelled_m: entry.travelled,
+        root_m: entry.t_map_submap.translation.vector.into(),
+        blocks_by_scale: entry.tsdf.as_ref().map_or([0; SCALES], |t| t.blocks_by_scale),
+    }
+}
+
+/// Box around all blocks, map frame; reads, and so verifies, one submap after the other.
+fn bounds(store: &MapStore) -> anyhow::Result<Aabb> {
+    let voxel = settings_of(store)?.voxel;
+    let mut all = Aabb::default();
+    for entry in &store.manifest().submaps {
+        add_blocks(&mut all, &store.load_submap(entry.id)?, voxel);
+    }
+    Ok(all)
+}
+
+fn add_blocks(all: &mut Aabb, submap: &Submap, voxel: f32) {
+    let edge = BLOCK_EDGE as f64 * f64::from(voxel);
+    for id in submap.tsdf.ids() {
+        let c = block_coords(submap.tsdf.block(id).key);
+        for corner in 0..8 {
+            let p = Point3::from(std::array::from_fn::<f64, 3, _>(|k| f64::from(c[k] + (corner >> k & 1)) * edge));
+            all.add((submap.t_map_submap * p).coords.map(|c| c as f32).into());
+        }
+    }
+}
+
+/// The same for people.
+pub fn table(info: &MapInfo) -> Vec<(String, String)> {
+    let mut rows = vec![
+        row("map by", &info.generator),
+        row("scans", info.scans),
+        row("submaps", info.submaps.len()),
+        row("blocks", format!("{} ({} at scales 0 to 3)", info.blocks, info.blocks_by_scale.map(|n| n.to_string()).join(" + "))),
+        row("in memory", format!("{:.1} MB", info.map_mb)),
+        row("on disk", format!("{:.1} MB", info.file_mb)),
+    ];
+    rows.extend(info.path_bounds_m.map(|b| row("path of the sensor", b)));
+    rows.extend(info.bounds_m.map(|b| row("extent", b)));
+    rows.extend(info.sensor.values().map(|words| row("sensor", words)));
+    let settings: Vec<String> = info.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    rows.push(row("settings", settings.join(", ")));
+    for s in &info.submaps {
+        let [x, y, z] = s.root_m;
+        let nodes = s.first_node.zip(s.last_node).map_or_else(String::new, |(a, b)| format!(" (nodes {a} to {b})"));
+        let blocks: u64 = s.blocks_by_scale.iter().sum();
+        let text = format!(
+            "{} scans{nodes}, {:.1} m, root at ({x:.2}, {y:.2}, {z:.2}), {blocks} blocks, {:.1} MB",
+            s.scans,
+            s.travelled_m,
+            megabytes(s.bytes)
+        );
+        rows.push(row(&format!("submap {}", s.id), text));
+    }
+    rows
+}

@@ -1,0 +1,256 @@
+//! `voxelastic map`: a folder of scans and poses into a map.
+
+use crate::config::SettingFlags;
+use crate::data::{DataArgs, HoldOut};
+use crate::failure::{self, Failure};
+use crate::mapping::{Session, TimeSummary};
+use crate::progress::Progress;
+use crate::{interrupt, map_files, meshing, output, usage};
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use voxelastic::event::Event;
+use voxelastic::mapper::Mapper;
+use voxelastic_io::dataset::Dataset;
+use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
+
+/// Map a folder of scans and poses
+///
+/// Scans (PCD, PLY, KITTI .bin) are looked for in scans/, Scans/, velodyne/, clouds/ or the folder itself; poses are found by name and content
+/// (TUM, KITTI 3x4 rows, Newer College CSV, g2o). Where several could be meant, the choices are listed. A scan that cannot be used is skipped,
+/// counted and reported. The map is saved when all scans are done, or after the current one on Ctrl-C; a map of that name is then replaced.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic map hall                                   makes hall.vox here
+  voxelastic map hall -o maps/hall.vox --voxel 0.05
+  voxelastic map kitti00 --poses groundtruth            where there are several pose files
+  voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   poses are those of the vehicle
+  voxelastic map DATA --config mapping.toml --json      settings from a file, figures on stdout")]
+pub struct MapArgs {
+    #[command(flatten)]
+    data: DataArgs,
+    /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
+    #[arg(short, long, value_name = "MAP.vox")]
+    output: Option<PathBuf>,
+    /// Leave out every Nth scan, so that `voxelastic heldout` can measure the map with them
+    #[arg(long, value_name = "N", value_parser = HoldOut::parse)]
+    hold_out: Option<HoldOut>,
+    /// Stop after this many scans
+    #[arg(long, value_name = "N")]
+    max_scans: Option<usize>,
+    /// Fail on the first scan that cannot be used, instead of skipping it
+    #[arg(long)]
+    strict: bool,
+    /// Print one JSON object with the figures on stdout
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    settings: SettingFlags,
+}
+
+/// The figures of a run: the keys of `--json`.
+#[derive(Debug, Serialize)]
+struct Summary {
+    /// The map.
+    output: PathBuf,
+    /// Scans integrated.
+    scans: usize,
+    /// Scans that could not be used.
+    scans_skipped: usize,
+    /// Scans left out with `--hold-out`.
+    scans_held_out: usize,
+    /// Whether the run was ended by Ctrl-C or a termination request.
+    interrupted: bool,
+    /// Submaps in the map.
+    submaps: usize,
+    /// What the map stores: `tsdf`, `occupancy`, `both`.
+    field: &'static str,
+    /// Edge of the finest voxel, metres.
+    voxel_m: f32,
+    /// Largest range integrated, metres.
+    max_range_m: f32,
+    /// What the sensor was taken for.
+    sensor: String,
+    /// Threads of the mapper.
+    threads: usize,
+    #[serde(flatten)]
+    times: TimeSummary,
+    /// From start to saved map, seconds.
+    total_s: f64,
+    /// Most memory the process ever held, megabytes (10^6 bytes); `null` where the system does not tell.
+    peak_rss_mb: Option<f64>,
+    /// Memory that the map's fields hold, megabytes.
+    map_mb: f64,
+    /// Size of the map on disk, megabytes.
+    file_mb: f64,
+    /// Blocks of 8 x 8 x 8 finest voxels over all submaps (TSDF).
+    blocks: usize,
+}
+
+/// What became of the scans.
+#[derive(Debug, Default)]
+struct Tally {
+    skipped: usize,
+    held_out: usize,
+    interrupted: bool,
+}
+
+/// Maps the data.
+pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
+    let clock = Instant::now();
+    let settings = args.settings.resolve()?;
+    let output = output_path(args)?;
+    let selection = Selection::open(args)?;
+    let pool = meshing::pool(settings.threads)?;
+    let mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
+    let mut target = Target::create(&output)?;
+    interrupt::install("finishing this scan and saving the map");
+
+    let mut session = Session::new(mapper, pool);
+    let tally = integrate(&selection, args.strict, &mut session, quiet)?;
+    if session.scans() == 0 {
+        let (what, remedy) = if tally.interrupted {
+            ("interrupted before the first scan was integrated", "")
+        } else {
+            ("no scan could be integrated", "look at the warnings above: each says why its scan was left out")
+        };
+        return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
+    }
+    let details = map_files::details(&settings, session.mapper().sensor());
+    let saved = target.save(&session, &details)?;
+    let summary = summarise(&session, &tally, saved, &output, clock);
+    tell(&summary);
+    if args.json {
+        output::print_json(&summary)?;
+    }
+    Ok(if tally.interrupted { failure::INTERRUPTED } else { failure::DONE })
+}
+
+/// The scans to map, and how many are not among them.
+struct Selection {
+    dataset: Dataset,
+    held_out: usize,
+}
+
+impl Selection {
+    /// Opens the data, says what was found, and leaves out what is to be left out.
+    fn open(args: &MapArgs) -> anyhow::Result<Self> {
+        let mut dataset = args.data.open(args.strict)?;
+        dataset.description().to_string().lines().for_each(|line| tracing::info!("{line}"));
+        if let Some(most) = args.max_scans {
+            let mut place = 0..;
+            dataset.retain(|_| place.next().is_some_and(|i| i < most));
+        }
+        let held_out = args.hold_out.map_or(0, |hold_out| hold_out.drop_held(&mut dataset));
+        Ok(Self { dataset, held_out })
+    }
+}
+
+/// Feeds the events to the mapper until they end or the user has enough.
+fn integrate(selection: &Selection, strict: bool, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
+    let Selection { dataset, held_out } = selection;
+    let without_pose = dataset.description().without_pose.len();
+    let mut tally = Tally { held_out: *held_out, skipped: without_pose, ..Tally::default() };
+    let mut progress = Progress::new("scans", dataset.scans().len() as u64, quiet);
+    let mut skip = |problem: anyhow::Error| -> anyhow::Result<()> {
+        if strict {
+            return Err(problem.context("a scan cannot be used (--strict); no map was written"));
+        }
+        tracing::warn!("scan skipped: {problem:#}");
+        tally.skipped += 1;
+        Ok(())
+    };
+    for event in dataset.events() {
+        let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
+        let first = session.scans() == 0;
+        match event.map_err(anyhow::Error::from).and_then(|event| Ok(session.take(event)?)) {
+            Ok(_) => {}
+            Err(problem) => skip(problem)?,
+        }
+        if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
+            tracing::info!("sensor: {sensor}");
+        }
+        if is_scan {
+            progress.step(|| format!("{} submaps", session.mapper().atlas().submaps().len()));
+        }
+        if interrupt::requested() {
+            tally.interrupted = true;
+            break;
+        }
+    }
+    Ok(tally)
+}
+
+fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
+    let mapper = session.mapper();
+    let (settings, atlas) = (mapper.settings(), mapper.atlas());
+    Summary {
+        output: output.to_owned(),
+        scans: session.scans(),
+        scans_skipped: tally.skipped,
+        scans_held_out: tally.held_out,
+        interrupted: tally.interrupted,
+        submaps: atlas.submaps().len(),
+        field: settings.field.name(),
+        voxel_m: settings.voxel,
+        max_range_m: settings.max_range,
+        sensor: mapper.sensor().unwrap_or_default().to_owned(),
+        threads: session.threads(),
+        times: session.times(),
+        total_s: clock.elapsed().as_secs_f64(),
+        peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
+        map_mb: usage::megabytes(atlas.bytes() as u64),
+        file_mb: usage::megabytes(saved.bytes),
+        blocks: atlas.submaps().iter().map(|s| s.tsdf.len()).sum(),
+    }
+}
+
+/// The outcome in three lines.
+fn tell(s: &Summary) {
+    let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
+    let held_out = if s.scans_held_out > 0 { format!(", {} held out", s.scans_held_out) } else { String::new() };
+    tracing::info!("{} scans{skipped}{held_out} in {:.1} s; {} submaps, {:.0} MB in memory", s.scans, s.total_s, s.submaps, s.map_mb);
+    let spread = &s.times.integrate_ms;
+    if let (Some(median), Some(p95)) = (spread.median, spread.p95) {
+        tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
+    }
+    tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
+}
+
+/// The map directory while it is being made. A run that fails leaves what was there before, which may be nothing.
+struct Target(Option<MapWriter>);
+
+impl Target {
+    fn create(path: &Path) -> anyhow::Result<Self> {
+        Ok(Self(Some(MapWriter::create(path).context("cannot write the map there")?)))
+    }
+
+    fn save(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+        let writer = self.0.as_mut().context("the map was given up before it was saved")?;
+        let atlas = session.mapper().atlas();
+        session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
+    }
+}
+
+impl Drop for Target {
+    fn drop(&mut self) {
+        if let Some(writer) = self.0.take() {
+            writer.abandon();
+        }
+    }
+}
+
+/// Where the map goes: what the user said, or the name of the data with `.vox` in the current directory.
+fn output_path(args: &MapArgs) -> anyhow::Result<PathBuf> {
+    if let Some(path) = &args.output {
+        return Ok(path.clone());
+    }
+    let data = args.data.path();
+    let named = data.file_name().map(|_| data.to_owned()).or_else(|| data.canonicalize().ok());
+    match named.as_deref().and_then(Path::file_name) {
+        Some(name) => Ok(PathBuf::from(format!("{}.vox", name.to_string_lossy()))),
+        None => Err(Failure::usage(format!("{}: no name to call the map after", data.display()), "give one with -o MAP.vox").into()),
+    }
+}

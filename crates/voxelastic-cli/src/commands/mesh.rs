@@ -1,0 +1,151 @@
+//! `voxelastic mesh`: the surface of a map as a triangle mesh.
+
+use crate::failure::Failure;
+use crate::map_files;
+use crate::meshing::{Colour, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
+use crate::{failure, output};
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
+
+/// Make a triangle mesh of a map
+///
+/// The mesh is in the map frame, in metres, free of cracks across resolutions, with shared vertices, a normal per vertex and, where the scans
+/// have it, intensity. Its triangles face free space.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic mesh hall.vox -o hall.ply
+  voxelastic mesh hall.vox -o hall.glb --colour intensity     for viewers in a browser
+  voxelastic mesh hall.vox -o coarse.ply --lod 2              a sixteenth of the triangles
+  voxelastic mesh hall.vox -o clean.ply --min-weight 3        only what was seen three times
+  voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..")]
+pub struct MeshArgs {
+    /// The map
+    #[arg(value_name = "MAP.vox")]
+    map: PathBuf,
+    /// The mesh to write; its ending says the format: .ply (binary) or .glb
+    #[arg(short, long, value_name = "FILE.ply|.glb")]
+    output: PathBuf,
+    /// What the vertices are coloured by
+    #[arg(long, value_enum, default_value_t = Colour::Height)]
+    colour: Colour,
+    /// Write one file per submap instead of one for the map
+    #[arg(long)]
+    separate: bool,
+    /// Print one JSON object on stdout: files, vertices, triangles, seconds, ..
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+}
+
+/// A mesh file's format.
+#[derive(Clone, Copy)]
+enum Format {
+    Ply,
+    Glb,
+}
+
+/// What was made.
+#[derive(Debug, Serialize)]
+struct Summary {
+    files: Vec<PathBuf>,
+    vertices: usize,
+    triangles: usize,
+    submaps: usize,
+    load_s: f64,
+    extract_s: f64,
+    write_s: f64,
+}
+
+/// Makes the mesh.
+pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
+    let format = format_of(&args.output)?;
+    let pool = args.surface.pool()?;
+    let clock = Instant::now();
+    let map = pool.install(|| map_files::load(&args.map))?;
+    let load_s = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    let (meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
+        if args.separate {
+            let parts = submap_meshes(&map.atlas, map.settings.voxel, &args.surface)?;
+            let submaps = parts.len();
+            Ok((parts.into_iter().map(|(id, mesh)| (numbered(&args.output, id), mesh)).collect(), submaps))
+        } else {
+            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel, &args.surface)?)], map.atlas.submaps().len()))
+        }
+    })?;
+    let extract_s = clock.elapsed().as_secs_f64();
+    let clock = Instant::now();
+    for (path, mesh) in &meshes {
+        write(path, format, mesh, args.colour)?;
+    }
+    let summary = Summary {
+        vertices: meshes.iter().map(|(_, m)| m.mesh.positions.len()).sum(),
+        triangles: meshes.iter().map(|(_, m)| m.mesh.triangles.len()).sum(),
+        files: meshes.into_iter().map(|(path, _)| path).collect(),
+        submaps,
+        load_s,
+        extract_s,
+        write_s: clock.elapsed().as_secs_f64(),
+    };
+    let Summary { vertices, triangles, .. } = summary;
+    tracing::info!("{vertices} vertices, {triangles} triangles in {}", list(&summary.files));
+    if args.json {
+        output::print_json(&summary)?;
+    }
+    Ok(failure::DONE)
+}
+
+fn list(files: &[PathBuf]) -> String {
+    match files {
+        [one] => one.display().to_string(),
+        many => format!("{} files", many.len()),
+    }
+}
+
+fn format_of(path: &Path) -> anyhow::Result<Format> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("ply") => Ok(Format::Ply),
+        Some("glb") => Ok(Format::Glb),
+        _ => Err(Failure::usage(format!("{}: no mesh format of that name", path.display()), "end the name with .ply or .glb").into()),
+    }
+}
+
+/// `parts.ply` and 7 to `parts-000007.ply`.
+fn numbered(path: &Path, id: u32) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{id:06}.{ending}"))
+}
+
+fn write(path: &Path, format: Format, mesh: &MapMesh, colour: Colour) -> anyhow::Result<()> {
+    let colours = mesh.colours(colour)?;
+    let intensity: Vec<f32> = mesh.mesh.shades.iter().map(|&s| f32::from(s)).collect();
+    let file = MeshRef {
+        positions: &mesh.mesh.positions,
+        normals: &mesh.mesh.normals,
+        colours: colours.as_deref(),
+        intensity: (!intensity.is_empty()).then_some(&intensity),
+        triangles: &mesh.mesh.triangles,
+    };
+    match format {
+        Format::Ply => write_ply(path, &file),
+        Format::Glb => write_glb(path, &file),
+    }
+    .with_context(|| format!("cannot write the mesh {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_submaps_are_numbered() {
+        assert_eq!(numbered(Path::new("out/parts.v2.ply"), 7), Path::new("out/parts.v2-000007.ply"));
+    }
+}

@@ -1,0 +1,210 @@
+//! `voxelastic render`: a picture of a map or a mesh.
+
+use crate::failure::Failure;
+use crate::map_files;
+use crate::meshing::{Colour, MapMesh, SurfaceArgs, height_range, map_mesh};
+use crate::{failure, output};
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use voxelastic::Pose;
+use voxelastic::surface::Mesh;
+use voxelastic_eval::MeshView;
+use voxelastic_eval::colour::Ramp;
+use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render_png};
+
+/// Draw a picture of a map or a mesh
+///
+/// Needs no graphics card and no window, and gives the same pixels everywhere.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic render hall.vox -o hall.png                               from above, without ceilings
+  voxelastic render hall.vox -o hall.png --view orbit --yaw 30         from the side
+  voxelastic render hall.vox -o in.png --eye 1,2,1.7 --target 9,2,1    as someone standing there sees it
+  voxelastic render street.ply -o street.png --size 3840x2160 --dark
+  voxelastic render hall.vox -o submaps.png --colour submap")]
+pub struct RenderArgs {
+    /// A map, or a mesh in a PLY file
+    #[arg(value_name = "MAP.vox|MESH.ply")]
+    input: PathBuf,
+    /// The picture to write
+    #[arg(short, long, value_name = "FILE.png")]
+    output: PathBuf,
+    /// Where it is seen from
+    #[arg(long, value_enum, default_value_t = View::Top)]
+    view: View,
+    /// Turns the viewer counter-clockwise about the vertical, degrees; 0 looks along map y
+    #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_negative_numbers = true)]
+    yaw: f64,
+    /// Height of the viewer above the horizon for --view orbit and perspective, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 35.0, allow_negative_numbers = true)]
+    pitch: f64,
+    /// Look from this point of the map frame, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "target", allow_negative_numbers = true, conflicts_with = "view")]
+    eye: Option<[f64; 3]>,
+    /// Look to this point of the map frame, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "eye", allow_negative_numbers = true)]
+    target: Option<[f64; 3]>,
+    /// Vertical opening angle of views in perspective, degrees
+    #[arg(long, value_name = "DEG", default_value_t = 45.0, value_parser = angle)]
+    fov: f64,
+    /// Pixels of the picture
+    #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1600x1200", value_parser = size)]
+    size: Size,
+    /// What surfaces are coloured by
+    #[arg(long, value_enum, default_value_t = Colour::Height)]
+    colour: Colour,
+    /// Cut away everything above this height of the map frame, metres
+    #[arg(long, value_name = "Z", allow_negative_numbers = true)]
+    cut_above: Option<f64>,
+    /// Draw the backs of surfaces too (from above, ceilings then hide rooms)
+    #[arg(long)]
+    both_sides: bool,
+    /// Draw the path of the sensor
+    #[arg(long)]
+    path: bool,
+    /// Light on dark
+    #[arg(long)]
+    dark: bool,
+    /// A line of text at the top left
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    title: String,
+    /// Print one JSON object on stdout: file, width, height, triangles
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+}
+
+/// Kinds of views that fit the whole map into the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum View {
+    /// From above, map y up; lengths can be measured
+    Top,
+    /// From the side and above; parallel rays
+    Orbit,
+    /// From the side and above, in perspective
+    Perspective,
+}
+
+/// What was drawn.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    file: &'a Path,
+    width: u32,
+    height: u32,
+    triangles: usize,
+}
+
+/// What is to be drawn.
+struct Subject {
+    mesh: MapMesh,
+    /// Colours that the file itself has.
+    own_colours: Option<Vec<[u8; 3]>>,
+    path: Vec<[f64; 3]>,
+}
+
+/// Draws the picture.
+pub fn run(args: &RenderArgs) -> anyhow::Result<u8> {
+    let pool = args.surface.pool()?;
+    pool.install(|| draw(args))
+}
+
+fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
+    let subject = load(args)?;
+    let mesh = &subject.mesh.mesh;
+    let colours = match subject.own_colours {
+        Some(own) if args.colour == Colour::Height => Some(own),
+        _ if args.colour == Colour::Height => None,
+        _ => subject.mesh.colours(args.colour)?,
+    };
+    let (low, high) = height_range(&mesh.positions);
+    let colouring = match &colours {
+        Some(colours) => Colouring::Vertex(colours),
+        None if args.colour == Colour::Height => Colouring::Height { ramp: Ramp::Land, low, high },
+        None => Colouring::Flat([190, 192, 198]),
+    };
+    let legend = matches!(colouring, Colouring::Height { .. }).then(|| Legend { ramp: Ramp::Land, low, high, label: "height [m]".to_owned() });
+    let mut style = if args.dark { Style::dark() } else { Style::default() };
+    style.faces = if args.both_sides { Faces::Both } else { Faces::Front };
+    (style.cut_above, style.legend, style.title) = (args.cut_above, legend, args.title.clone());
+    let view = MeshView::new(&mesh.positions, &mesh.triangles)?.with_normals(&mesh.normals)?;
+    let line = Polyline { points: subject.path, colour: [214, 60, 48], width: 2.5, on_top: true };
+    let polylines = if args.path { vec![line] } else { Vec::new() };
+    let scene = Scene { meshes: vec![MeshItem { mesh: view, t_map_mesh: Pose::identity(), colouring }], polylines, style, ..Scene::default() };
+    let camera = camera(args, &scene);
+    render_png(&args.output, &scene, &camera, args.size).with_context(|| format!("cannot draw {}", args.output.display()))?;
+    tracing::info!("{} triangles drawn in {}", mesh.triangles.len(), args.output.display());
+    if args.json {
+        let Size { width, height } = args.size;
+        output::print_json(&Summary { file: &args.output, width, height, triangles: mesh.triangles.len() })?;
+    }
+    Ok(failure::DONE)
+}
+
+fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
+    if args.input.is_dir() || map_files::looks_like_map(&args.input) {
+        let map = map_files::load(&args.input)?;
+        let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap * t).translation.vector.into();
+        let mut path: Vec<(u64, [f64; 3])> =
+            map.atlas.submaps().iter().flat_map(|s| s.scans.iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
+        path.sort_unstable_by_key(|(node, _)| *node);
+        let mesh = map_mesh(&map.atlas, map.settings.voxel, &args.surface)?;
+        return Ok(Subject { mesh, own_colours: None, path: path.into_iter().map(|(_, p)| p).collect() });
+    }
+    let read = voxelastic_io::ply::read_mesh(&args.input)?;
+    if read.triangles.is_empty() {
+        let remedy = "give a mesh or a map; `voxelastic info` shows what a file holds";
+        return Err(Failure::new(format!("{}: there are no triangles in it", args.input.display()), remedy).into());
+    }
+    let view = MeshView::new(&read.positions, &read.triangles)?;
+    let normals = read.normals.unwrap_or_else(|| voxelastic_eval::vertex_normals(&view));
+    let mesh = Mesh { positions: read.positions, normals, triangles: read.triangles, ..Mesh::default() };
+    if matches!(args.colour, Colour::Submap | Colour::Scale | Colour::Intensity) {
+        return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or give the map").into());
+    }
+    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new() }, own_colours: read.colours, path: Vec::new() })
+}
+
+fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {
+    let bounds = scene.bounds();
+    let aspect = f64::from(args.size.width) / f64::from(args.size.height);
+    match (args.eye, args.target) {
+        (Some(eye), Some(target)) => Camera::look_at(eye, target, args.fov),
+        _ => match args.view {
+            View::Top => Camera::top(&bounds),
+            View::Orbit => Camera::orbit(&bounds, args.yaw, args.pitch),
+            View::Perspective => Camera::perspective_orbit(&bounds, args.yaw, args.pitch, args.fov, aspect),
+        },
+    }
+}
+
+fn size(text: &str) -> Result<Size, String> {
+    let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some(Size { width: w.trim().parse().ok()?, height: h.trim().parse().ok()? }));
+    parsed
+        .filter(|s| (16..=16384).contains(&s.width) && (16..=16384).contains(&s.height))
+        .ok_or_else(|| "must be like 1600x1200, each side 16 to 16384".to_owned())
+}
+
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| "must be three numbers like 1.5,-2,0.7".to_owned())
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|a| (1.0..=150.0).contains(a)).ok_or_else(|| "must be 1 to 150 degrees".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_points_are_read_or_refused() {
+        assert_eq!(size("640x480"), Ok(Size { width: 640, height: 480 }));
+        assert!(["640", "0x10", "axb", "99999x10"].iter().all(|t| size(t).is_err()));
+        assert_eq!(point("1, -2,3.5"), Ok([1.0, -2.0, 3.5]));
+        assert!(["1,2", "1,2,3,4", "1,2,x", "1,2,inf"].iter().all(|t| point(t).is_err()));
+    }
+}

@@ -1,0 +1,128 @@
+//! Meshes of whole maps, and what their vertices are coloured by.
+
+use crate::failure::Failure;
+use clap::{Args, ValueEnum};
+use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::geometry::Rigid;
+use voxelastic::surface::{Mesh, MeshOptions, extract};
+use voxelastic_eval::colour::{Ramp, Rgb, palette};
+
+/// What surfaces are extracted.
+#[derive(Clone, Debug, Args)]
+pub struct SurfaceArgs {
+    /// Level of detail: 0 for all detail, up to 3 for voxels eight times as large
+    #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
+    lod: u8,
+    /// Observations that a voxel needs before it takes part in the surface
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = observations)]
+    min_weight: f32,
+    /// Threads to use; 0 for all cores. The result does not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+}
+
+fn observations(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|w| (0.0..=1000.0).contains(w)).ok_or_else(|| "must be a number from 0 to 1000".to_owned())
+}
+
+impl SurfaceArgs {
+    fn options(&self) -> MeshOptions {
+        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod) }
+    }
+
+    /// The pool to work in.
+    pub fn pool(&self) -> anyhow::Result<rayon::ThreadPool> {
+        pool(self.threads)
+    }
+}
+
+/// A pool of `threads` threads, 0 for all cores.
+pub fn pool(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
+    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("worker {i}")).build();
+    built.map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}"), "ask for fewer with --threads").into())
+}
+
+/// What vertices are coloured by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Colour {
+    /// Height in the map frame
+    Height,
+    /// Strength of the return, where the scans have it
+    Intensity,
+    /// The submap that a vertex belongs to
+    Submap,
+    /// The integration scale: how coarse the map is there
+    Scale,
+    /// Nothing
+    None,
+}
+
+/// The mesh of a submap or of a map, in the map frame.
+#[derive(Debug, Default)]
+pub struct MapMesh {
+    /// The surface, metres.
+    pub mesh: Mesh,
+    /// Submap of each vertex.
+    pub submaps: Vec<SubmapId>,
+}
+
+/// Meshes of all submaps that have a surface, in the map frame, by submap.
+pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
+    let mut meshes = Vec::new();
+    for submap in atlas.submaps() {
+        let found = extract(&submap.tsdf, voxel, &surface.options());
+        if !found.triangles.is_empty() {
+            let mut mesh = Mesh::default();
+            mesh.append(&found, &Rigid::from(&submap.t_map_submap));
+            let submaps = vec![submap.id; mesh.positions.len()];
+            meshes.push((submap.id, MapMesh { mesh, submaps }));
+        }
+    }
+    if meshes.is_empty() {
+        let remedy = "lower --min-weight, or map more scans: `voxelastic info` shows what is in a map";
+        return Err(Failure::new(format!("the map has no surface seen {} times or more", surface.min_weight), remedy).into());
+    }
+    Ok(meshes)
+}
+
+/// The mesh of the whole map, in the map frame.
+pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
+    let mut all = MapMesh::default();
+    for (_, part) in submap_meshes(atlas, voxel, surface)? {
+        all.mesh.append(&part.mesh, &Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] });
+        all.submaps.extend(part.submaps);
+    }
+    Ok(all)
+}
+
+/// Heights between which the height colours run, metres: the 1st and the 99th percentile, so that a stray vertex changes nothing.
+pub fn height_range(positions: &[[f32; 3]]) -> (f32, f32) {
+    let mut heights: Vec<f32> = positions.iter().map(|p| p[2]).filter(|z| z.is_finite()).collect();
+    heights.sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| heights.get(((heights.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(0.0);
+    let (low, high) = (at(0.01), at(0.99));
+    (low, high.max(low + 0.01))
+}
+
+impl MapMesh {
+    /// A colour for each vertex; none for [`Colour::None`].
+    ///
+    /// # Errors
+    /// When the map has no intensity and is to be coloured by it.
+    pub fn colours(&self, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> {
+        let mesh = &self.mesh;
+        Ok(match by {
+            Colour::None => None,
+            Colour::Height => {
+                let (low, high) = height_range(&mesh.positions);
+                Some(mesh.positions.iter().map(|p| Ramp::Land.at((p[2] - low) / (high - low))).collect())
+            }
+            Colour::Intensity if mesh.shades.is_empty() => {
+                return Err(Failure::new("the map has no intensity: its scans had none", "choose another --colour, such as height").into());
+            }
+            Colour::Intensity => Some(mesh.shades.iter().map(|&s| Ramp::Grey.at(f32::from(s) / 255.0)).collect()),
+            Colour::Submap => Some(self.submaps.iter().map(|&id| palette(id as usize)).collect()),
+            Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
+        })
+    }
+}
