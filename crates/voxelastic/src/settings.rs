@@ -271,6 +271,18 @@ settings! {
         "Distance travelled from a submap's root pose after which the next submap is started.";
     threads: usize = 0, "", Between(0.0, 1024.0), Basic,
         "Threads to use; 0 for all cores. The map does not depend on it.";
+    lambda_cluster: f64 = 15.0, "m", Between(0.0, 100_000.0), Advanced,
+        "Distance along the pose graph from a loop edge's nodes within which submaps are fused. No node of a submap is ever farther than lambda_odom + lambda_cluster from its root.";
+    loop_tolerance: f64 = 3.0, "voxels", Between(0.1, 100.0), Advanced,
+        "A loop edge counts as closed, and may fuse submaps, when the poses of its nodes agree with it this well (and within update_angle).";
+    min_overlap: f64 = 0.6, "", Between(0.0, 1.0), Advanced,
+        "Instead of starting a submap, a scan goes into an older one near it that knows at least this share of its returns already; 1 for never.";
+    update_distance: f64 = 0.1, "m", Between(0.0, 100.0), Advanced,
+        "A submap follows a correction of its root pose that is larger than this, or than update_angle.";
+    update_angle: f64 = 2.5, "degrees", Between(0.0, 180.0), Advanced,
+        "A submap follows a correction of its root pose that turns it by more than this.";
+    deform_tolerance: f64 = 2.0, "voxels", Between(0.0, 1000.0), Advanced,
+        "A submap counts as deformed when a correction moves one of its scans against its root by more than this, or turns it by update_angle.";
     truncation: f32 = 3.0, "voxels", Between(1.0, 8.0), Advanced,
         "Half the width of the band around surfaces that a TSDF stores, in voxels of the integration scale.";
     max_weight: f32 = 100.0, "observations", Between(1.0, 1000.0), Advanced,

@@ -1,16 +1,47 @@
 //! Submaps and elasticity (paper Sec. IV): an atlas of rigid submaps whose root poses follow the pose graph.
+//!
+//! [`graph`] knows nodes and distances along the graph, [`cluster`] which of them share a submap (IV-A), [`fusion`] makes one submap of
+//! two (IV-C), [`overlap`] tells what a scan would add to a submap, and [`MeshCache`] keeps surfaces in their submap's frame, so that a
+//! pose correction (IV-D) costs a matrix. Who decides when what happens is the [`mapper`](crate::mapper).
 
+pub mod cluster;
+pub mod fusion;
+pub mod graph;
+mod members;
+mod mesh_cache;
+pub mod overlap;
 mod submap;
 
+pub use members::Members;
+pub use mesh_cache::MeshCache;
 pub use submap::{Submap, SubmapId, SubmapScan};
 
 use crate::geometry::Pose;
+use std::sync::Arc;
 
 /// The set of all submaps.
 #[derive(Clone, Debug, Default)]
 pub struct Atlas {
     submaps: Vec<Submap>,
     next_id: SubmapId,
+    retiring: Option<Retired>,
+}
+
+/// A submap on its way into another one.
+#[derive(Clone, Debug)]
+struct Retired {
+    submap: Arc<Submap>,
+    target: SubmapId,
+    t_target_submap: Pose,
+}
+
+/// A submap that is being fused into another one right now.
+#[derive(Clone, Copy, Debug)]
+pub struct Retiring<'a> {
+    /// The submap; nothing changes it any more. Its own root pose is out of date.
+    pub submap: &'a Submap,
+    /// Where it lies in the map: it follows the submap that it goes into.
+    pub t_map_submap: Pose,
 }
 
 impl Atlas {
@@ -18,12 +49,33 @@ impl Atlas {
     pub fn from_submaps(mut submaps: Vec<Submap>) -> Self {
         submaps.sort_by_key(|s| s.id);
         let next_id = submaps.last().map_or(0, |s| s.id + 1);
-        Self { submaps, next_id }
+        Self { submaps, next_id, retiring: None }
     }
 
     /// All submaps, ordered by id.
     pub fn submaps(&self) -> &[Submap] {
         &self.submaps
+    }
+
+    /// The submap that is being fused into another one right now: until that is done, part of the map is here only. None in a map whose
+    /// mapper has [finished](crate::Mapper::finish).
+    pub fn retiring(&self) -> Option<Retiring<'_>> {
+        let retired = self.retiring.as_ref()?;
+        let target = self.submap(retired.target)?;
+        Some(Retiring { submap: &retired.submap, t_map_submap: target.t_map_submap * retired.t_target_submap })
+    }
+
+    /// Takes submap `id` out of the list to be fused into `target`, in which it lies at `t_target_submap`.
+    pub(crate) fn retire(&mut self, id: SubmapId, target: SubmapId, t_target_submap: Pose) -> Option<Arc<Submap>> {
+        let place = self.submaps.binary_search_by_key(&id, |s| s.id).ok()?;
+        let submap = Arc::new(self.submaps.remove(place));
+        self.retiring = Some(Retired { submap: Arc::clone(&submap), target, t_target_submap });
+        Some(submap)
+    }
+
+    /// Forgets the retiring submap: it has become part of another one.
+    pub(crate) fn forget_retiring(&mut self) {
+        self.retiring = None;
     }
 
     /// All submaps, ordered by id.
@@ -51,11 +103,11 @@ impl Atlas {
 
     /// Scans integrated over all submaps.
     pub fn scan_count(&self) -> usize {
-        self.submaps.iter().map(|s| s.scans.len()).sum()
+        self.submaps.iter().chain(self.retiring.iter().map(|r| &*r.submap)).map(|s| s.scans.len()).sum()
     }
 
     /// Bytes that the submaps' fields hold.
     pub fn bytes(&self) -> usize {
-        self.submaps.iter().map(Submap::bytes).sum()
+        self.submaps.iter().chain(self.retiring.iter().map(|r| &*r.submap)).map(Submap::bytes).sum()
     }
 }

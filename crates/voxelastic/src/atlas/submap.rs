@@ -32,26 +32,34 @@ pub struct Submap {
     pub occupancy: OccupancyField,
     /// Path length from the root pose to the last scan, metres.
     pub travelled: f64,
+    /// Counts the changes of the fields, so that whatever was made from them knows whether it is out of date. Not stored.
+    pub revision: u64,
 }
 
 impl Submap {
     /// An empty submap at `t_map_submap`.
     pub fn new(id: SubmapId, t_map_submap: Pose) -> Self {
-        Self { id, t_map_submap, scans: Vec::new(), tsdf: TsdfField::default(), occupancy: OccupancyField::default(), travelled: 0.0 }
+        let (tsdf, occupancy) = (TsdfField::default(), OccupancyField::default());
+        Self { id, t_map_submap, scans: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
     }
 
     /// Notes that the scan of `node`, taken at `t_map_lidar`, was integrated; returns its pose in the submap.
     pub fn add_scan(&mut self, node: NodeId, t_map_lidar: &Pose) -> Pose {
-        self.travelled = self.travelled_to(t_map_lidar);
         let t_submap_lidar = self.t_map_submap.inv_mul(t_map_lidar);
-        self.scans.push(SubmapScan { node, t_submap_lidar });
+        self.place_scan(node, t_submap_lidar);
         t_submap_lidar
     }
 
-    /// Path length from the root pose if the next scan of the odometry chain were taken at `t_map_lidar`, metres.
-    pub fn travelled_to(&self, t_map_lidar: &Pose) -> f64 {
-        let t_submap_lidar = self.t_map_submap.inv_mul(t_map_lidar);
-        self.scans.last().map_or(0.0, |last| self.travelled + last.t_submap_lidar.translation_distance(&t_submap_lidar))
+    /// Notes that the scan of `node` was integrated at `t_submap_lidar`.
+    pub fn place_scan(&mut self, node: NodeId, t_submap_lidar: Pose) {
+        self.travelled += self.scans.last().map_or(0.0, |last| last.t_submap_lidar.translation_distance(&t_submap_lidar));
+        self.scans.push(SubmapScan { node, t_submap_lidar });
+        self.revision += 1;
+    }
+
+    /// The node whose pose is the root pose; none before the first scan.
+    pub fn root_node(&self) -> Option<NodeId> {
+        self.scans.first().map(|s| s.node)
     }
 
     /// Bytes that the fields hold.

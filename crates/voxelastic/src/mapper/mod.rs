@@ -1,34 +1,46 @@
 //! The mapper: events in, an elastic atlas out. One path for live and replayed input (paper Fig. 4).
 //!
-//! [`Mapper::handle`] takes each [`Event`] as it happens. A scan is prepared (range image, local planes), assigned to a
-//! submap, and integrated into the submap's fields in the submap's frame.
+//! [`Mapper::handle`] takes each [`Event`] as it happens. A scan is prepared (range image, local planes), assigned to a submap (`assign`,
+//! Sec. IV-A), and integrated into the submap's fields in the submap's frame (Sec. IV-B). Loops that close start fusions, which run
+//! beside integration (`fusing`, Sec. IV-C). Corrected poses move root poses and nothing else (`correct`, Sec. IV-D); a submap that a
+//! correction bent inside is reported and can be made anew from its scans (`rebuild`).
 
+mod assign;
+mod correct;
 mod front;
+mod fusing;
+mod rebuild;
 mod report;
 
+pub use correct::Deformation;
 pub use front::Front;
-pub use report::{MapError, ScanReport};
+pub use rebuild::{RebuildError, RebuildReport, ScanSource};
+pub use report::{ElasticCounts, MapError, Placed, ScanReport};
 
-use crate::atlas::{Atlas, SubmapId};
-use crate::event::{Event, NodeId, Scan};
+use crate::atlas::cluster::ClusterRule;
+use crate::atlas::graph::{Agreement, EdgeOutcome, GraphCounts, LinkKind, PoseGraph, is_rigid};
+use crate::atlas::{Atlas, Members, Submap};
+use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
-use crate::integrate::{Bridge, BridgeSettings, OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
+use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats};
 use crate::settings::{SettingError, Settings};
-use std::collections::HashMap;
-use std::time::Instant;
+use fusing::Fusing;
+use std::time::{Duration, Instant};
 
 /// Turns a stream of events into an [`Atlas`].
 #[derive(Debug)]
 pub struct Mapper {
     settings: Settings,
+    rule: ClusterRule,
     atlas: Atlas,
+    graph: PoseGraph,
+    members: Members,
+    fusing: Fusing,
     front: Option<Front>,
-    tsdf: TsdfIntegrator,
-    occupancy: Option<OccupancyIntegrator>,
-    bridge: Bridge,
-    /// The submap that the odometry chain is in.
-    current: Option<SubmapId>,
-    submap_of_node: HashMap<NodeId, SubmapId>,
+    integrators: Integrators,
+    /// The node that came last, whether its scan could be used or not.
+    last_node: Option<NodeId>,
+    counts: ElasticCounts,
 }
 
 impl Mapper {
@@ -38,15 +50,20 @@ impl Mapper {
     /// Settings out of range, or that contradict each other.
     pub fn new(settings: Settings) -> Result<Self, SettingError> {
         settings.validate()?;
-        let tsdf = TsdfIntegrator::new(TsdfSettings {
-            voxel: settings.voxel,
-            max_range: settings.max_range,
-            truncation_voxels: settings.truncation,
-            max_weight: settings.max_weight,
-            max_scale: settings.max_scale,
-            coarser_factor: settings.coarser_factor,
-        });
-        Ok(Self { settings, atlas: Atlas::default(), front: None, tsdf, occupancy: None, bridge: Bridge::default(), current: None, submap_of_node: HashMap::new() })
+        let distance = settings.loop_tolerance * f64::from(settings.voxel);
+        let agreement = Agreement { distance, angle: settings.update_angle.to_radians() };
+        Ok(Self {
+            rule: ClusterRule { lambda_odom: settings.lambda_odom, lambda_cluster: settings.lambda_cluster },
+            atlas: Atlas::default(),
+            graph: PoseGraph::new(agreement),
+            members: Members::default(),
+            fusing: Fusing::new((&settings).into()),
+            front: None,
+            integrators: Integrators::new(&settings),
+            last_node: None,
+            counts: ElasticCounts::default(),
+            settings,
+        })
     }
 
     /// The settings.
@@ -54,19 +71,35 @@ impl Mapper {
         &self.settings
     }
 
-    /// The map so far.
+    /// The map so far. A fusion may be under way: see [`Atlas::retiring`] and [`finish`](Self::finish).
     pub fn atlas(&self) -> &Atlas {
         &self.atlas
     }
 
-    /// The map, without the mapper.
-    pub fn into_atlas(self) -> Atlas {
+    /// The map, without the mapper; fusions under way are finished first.
+    pub fn into_atlas(mut self) -> Atlas {
+        self.finish();
         self.atlas
+    }
+
+    /// Does all fusions that are under way or due. To be called before the map is stored; more events may follow.
+    pub fn finish(&mut self) {
+        self.fusing.finish(&mut self.atlas, &self.graph);
     }
 
     /// What was found out about the sensor; none before the first scan.
     pub fn sensor(&self) -> Option<&str> {
         self.front.as_ref().map(Front::description)
+    }
+
+    /// What the elastic part did so far.
+    pub fn elastic_counts(&self) -> ElasticCounts {
+        ElasticCounts { fusions: self.fusing.done(), fusions_due: self.fusing.due(), ..self.counts }
+    }
+
+    /// What is in the pose graph.
+    pub fn graph_counts(&self) -> GraphCounts {
+        self.graph.counts()
     }
 
     /// Takes the next event. A scan gives a report of what was done with it.
@@ -76,62 +109,114 @@ impl Mapper {
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         match event {
             Event::Scan(scan) => self.integrate(&scan).map(Some),
-            // Edges and corrections take part from the pose graph on (Sec. IV-A); odometry alone cuts submaps by distance.
-            Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_) => Ok(None),
+            Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
+            Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
+            Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),
+        }
+    }
+
+    fn add_edge(&mut self, kind: LinkKind, edge: &Edge) -> Result<(), MapError> {
+        let outcome = self.graph.add_edge(kind, edge)?;
+        self.counts.edges_replaced += usize::from(outcome == EdgeOutcome::Replaced);
+        self.cluster();
+        Ok(())
+    }
+
+    /// Lets the loops that closed ask for fusions (Sec. IV-A, IV-C).
+    fn cluster(&mut self) {
+        for ends in self.graph.take_closed() {
+            let fusions = self.rule.fusions(&self.graph, &mut self.members, ends);
+            self.fusing.ask(fusions);
         }
     }
 
     fn integrate(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
-        if self.submap_of_node.contains_key(&scan.node) {
+        if self.members.submap_of(scan.node).is_some() {
             return Err(MapError::DuplicateNode { node: scan.node });
         }
-        check_pose(scan.node, &scan.t_map_lidar)?;
-        let start = Instant::now();
-        let front = match &mut self.front {
-            Some(front) => front,
-            None => self.front.insert(Front::open(&self.settings, &scan.cloud).map_err(|source| MapError::Sensor { node: scan.node, source })?),
-        };
-        front.prepare(&scan.cloud);
-        let prepared = front.scan();
-        if prepared.beams.is_empty() {
-            return Err(MapError::NoReturns { node: scan.node, counts: prepared.counts });
+        if !is_rigid(&scan.t_map_lidar) {
+            return Err(MapError::BadPose { node: scan.node });
         }
+        let mut front = match self.front.take() {
+            Some(front) => front,
+            None => Front::open(&self.settings, &scan.cloud).map_err(|source| MapError::Sensor { node: scan.node, source })?,
+        };
+        let start = Instant::now();
+        front.prepare(&scan.cloud);
         let prepare = start.elapsed();
+        // The node is part of the graph even if its scan cannot be used: edges lead through it.
+        self.graph.add_node(scan.node, &scan.t_map_lidar);
+        if let Some(last) = self.last_node.replace(scan.node) {
+            self.graph.assume_odometry(last, scan.node);
+        }
+        let result = self.integrate_prepared(scan, &front, prepare);
+        self.front = Some(front);
+        let clock = Instant::now();
+        self.cluster();
+        self.fusing.advance(&mut self.atlas, &self.graph);
+        result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
+    }
 
-        let id = submap_for(&mut self.atlas, self.current, self.settings.lambda_odom, &scan.t_map_lidar);
-        let is_new_submap = self.current != Some(id);
-        self.current = Some(id);
-        self.submap_of_node.insert(scan.node, id);
-        let Some(submap) = self.atlas.submap_mut(id) else { return Err(MapError::LostSubmap { node: scan.node, submap: id }) };
-        let t_submap_lidar = Rigid::from(&submap.add_scan(scan.node, &scan.t_map_lidar));
+    fn integrate_prepared(&mut self, scan: &Scan, front: &Front, prepare: Duration) -> Result<ScanReport, MapError> {
+        let (node, prepared) = (scan.node, front.scan());
+        if prepared.beams.is_empty() {
+            return Err(MapError::NoReturns { node, counts: prepared.counts });
+        }
+        let clock = Instant::now();
+        let (id, placed) = self.assign(node, &scan.t_map_lidar, prepared);
+        let elastic = clock.elapsed();
+        // The root's pose in the graph, not the submap's: that one may lag behind by `update_distance`.
+        let root = self.members.root(id).and_then(|root| self.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
+        let Some(submap) = self.atlas.submap_mut(id) else { return Err(MapError::LostSubmap { node, submap: id }) };
+        self.members.add(node, id);
+        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
+        submap.place_scan(node, t_submap_lidar);
+        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings);
+        let is_new_submap = placed == Placed::NewSubmap;
+        self.counts.note(placed);
+        Ok(ScanReport { node, submap: id, is_new_submap, placed, counts: prepared.counts, prepare, elastic, tsdf, occupancy })
+    }
+}
+
+/// The integrators of both fields: they hold scratch memory, so there is one of each for all submaps.
+#[derive(Debug)]
+struct Integrators {
+    tsdf: TsdfIntegrator,
+    occupancy: Option<OccupancyIntegrator>,
+}
+
+impl Integrators {
+    fn new(settings: &Settings) -> Self {
+        let tsdf = TsdfIntegrator::new(TsdfSettings {
+            voxel: settings.voxel,
+            max_range: settings.max_range,
+            truncation_voxels: settings.truncation,
+            max_weight: settings.max_weight,
+            max_scale: settings.max_scale,
+            coarser_factor: settings.coarser_factor,
+        });
+        Self { tsdf, occupancy: None }
+    }
+
+    /// Integrates the scan that `front` prepared last.
+    fn integrate(
+        &mut self,
+        submap: &mut Submap,
+        t_submap_lidar: &Pose,
+        front: &Front,
+        settings: &Settings,
+    ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
+        let (t_submap_lidar, prepared) = (Rigid::from(t_submap_lidar), front.scan());
         let beams = &prepared.beams;
         let returns = Returns { points: &beams.points, normals: &beams.normals, shades: front.shades(), smallest_angle: beams.smallest_angle };
-        let kind = self.settings.field;
-        let tsdf = kind.has_tsdf().then(|| {
-            let rule = self.tsdf.scale_rule(beams.smallest_angle);
-            self.bridge.span(prepared, front.shades(), self.settings.voxel, &rule, &BridgeSettings { most: self.settings.bridge, ..BridgeSettings::default() });
-            self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &self.bridge.returns())
-        });
+        let kind = settings.field;
+        let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns));
         let occupancy = kind.has_occupancy().then(|| {
-            let integrator = self.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(occupancy_settings(&self.settings), front.model()));
+            let integrator = self.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(occupancy_settings(settings), front.model()));
             integrator.integrate(&mut submap.occupancy, &t_submap_lidar, &prepared.image, &returns, front.fills_gaps())
         });
-        Ok(ScanReport { node: scan.node, submap: id, is_new_submap, counts: prepared.counts, prepare, tsdf, occupancy })
+        (tsdf, occupancy)
     }
-}
-
-/// The submap that a scan at `t_map_lidar` goes into: the current one until `lambda_odom` metres were travelled from its
-/// root pose, then a new one with this scan's pose as its root (paper Sec. IV-A, without loops).
-fn submap_for(atlas: &mut Atlas, current: Option<SubmapId>, lambda_odom: f64, t_map_lidar: &Pose) -> SubmapId {
-    match current.and_then(|id| atlas.submap(id)) {
-        Some(submap) if submap.travelled_to(t_map_lidar) <= lambda_odom => submap.id,
-        _ => atlas.spawn(*t_map_lidar),
-    }
-}
-
-fn check_pose(node: NodeId, pose: &Pose) -> Result<(), MapError> {
-    let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
-    if numbers.clone().all(|c| c.is_finite()) && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6 { Ok(()) } else { Err(MapError::BadPose { node }) }
 }
 
 fn occupancy_settings(settings: &Settings) -> OccupancySettings {

@@ -6,7 +6,7 @@ use crate::octree::{SCALES, voxels_at};
 use rayon::prelude::*;
 
 /// A field seen at the finest scale that each block holds, but not finer than a chosen one.
-pub(super) struct View<'a> {
+pub(crate) struct View<'a> {
     pub field: &'a TsdfField,
     /// Scale of each block, by id.
     scales: Vec<u8>,
@@ -46,7 +46,7 @@ impl<'a> View<'a> {
 }
 
 /// The scale at which block `id` is seen, and its voxels there unless its current array is just that.
-fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Box<[Voxel]>>) {
+pub(crate) fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Box<[Voxel]>>) {
     let block = field.block(id);
     let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
     let target = finest.max(least.min(SCALES - 1));

@@ -4,7 +4,7 @@ mod apply;
 mod descend;
 mod integrator;
 mod model;
-mod propagate;
+pub(crate) mod propagate;
 mod sight;
 mod visibility;
 

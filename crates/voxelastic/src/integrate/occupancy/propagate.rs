@@ -5,7 +5,7 @@ use crate::octree::{NONE, Octant};
 
 /// Octants that a scan changed, by level.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Touched {
+pub(crate) struct Touched {
     /// Prefixes of the changed octants' parents: `parents[l]` at level l + 1.
     parents: Vec<Vec<u64>>,
 }

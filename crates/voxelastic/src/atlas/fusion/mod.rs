@@ -1,0 +1,147 @@
+//! Submap fusion (paper Sec. IV-C): one submap becomes part of another.
+//!
+//! The paper moves every voxel of the source into the target. Scattering voxels forward leaves holes, so this works backward: for every
+//! block of the target's lattice that the source reaches, the source is *sampled* at the centres of the target's voxels. That happens in
+//! two steps. [`Resampled::new`] depends on the source and the transform alone, so it can run beside integration; its result lies in the
+//! target's lattice, and [`Merge`] adds it voxel by voxel, a few blocks at a time if integration must not wait:
+//!
+//! - TSDF: trilinear samples, weighted mean of the distances, weights add up to the cap;
+//! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
+
+mod occupancy;
+mod tsdf;
+
+use super::Submap;
+use crate::field::tsdf::WEIGHT_ONE;
+use crate::geometry::{Pose, Rigid};
+use crate::settings::Settings;
+use occupancy::OccupancyPatch;
+use tsdf::TsdfPatch;
+
+/// What fusion must know about the fields.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FusionSettings {
+    /// Edge of the finest voxel, metres.
+    pub voxel: f32,
+    /// Cap of a TSDF voxel's weight, observations.
+    pub max_weight: f32,
+    /// Least log-odds of an occupancy voxel.
+    pub min_log_odds: f32,
+    /// Largest log-odds of an occupancy voxel.
+    pub max_log_odds: f32,
+}
+
+impl From<&Settings> for FusionSettings {
+    fn from(settings: &Settings) -> Self {
+        let occupancy = crate::integrate::OccupancySettings::default();
+        Self { voxel: settings.voxel, max_weight: settings.max_weight, min_log_odds: occupancy.min, max_log_odds: occupancy.max }
+    }
+}
+
+impl FusionSettings {
+    fn weight_cap(&self) -> u16 {
+        (self.max_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16
+    }
+}
+
+/// A submap's fields in the lattice of another one.
+#[derive(Debug)]
+pub struct Resampled {
+    tsdf: TsdfPatch,
+    occupancy: OccupancyPatch,
+}
+
+impl Resampled {
+    /// Samples `source` at the voxels of a submap in which it lies at `t_target_source`. Parallel; the result does not depend on how.
+    pub fn new(source: &Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
+        let placement = Placement::new(t_target_source, settings.voxel);
+        Self { tsdf: TsdfPatch::sample(&source.tsdf, &placement), occupancy: OccupancyPatch::sample(&source.occupancy, &placement) }
+    }
+
+    /// Blocks and octants to be merged.
+    pub fn len(&self) -> usize {
+        self.tsdf.len() + self.occupancy.len()
+    }
+
+    /// Whether there is nothing to merge.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A merge under way: which of the resampled blocks are in the target.
+#[derive(Debug)]
+pub struct Merge {
+    resampled: Resampled,
+    settings: FusionSettings,
+    done: usize,
+}
+
+impl Merge {
+    /// Nothing merged yet.
+    pub fn new(resampled: Resampled, settings: FusionSettings) -> Self {
+        Self { resampled, settings, done: 0 }
+    }
+
+    /// Merges the next `blocks` blocks into `target`, always the same one; returns whether all are merged now.
+    pub fn step(&mut self, target: &mut Submap, blocks: usize) -> bool {
+        let end = self.done.saturating_add(blocks).min(self.resampled.len());
+        let border = self.resampled.tsdf.len();
+        if self.done < border {
+            self.resampled.tsdf.merge(self.done..end.min(border), &mut target.tsdf, self.settings.weight_cap());
+        }
+        if end > border {
+            let steps = |log_odds| crate::field::occupancy::steps(log_odds);
+            let limits = [steps(self.settings.min_log_odds), steps(self.settings.max_log_odds)];
+            self.resampled.occupancy.merge(self.done.max(border) - border..end - border, &mut target.occupancy, limits);
+        }
+        self.done = end;
+        target.revision += 1;
+        end == self.resampled.len()
+    }
+}
+
+/// Fuses the fields and the scans of `source`, which lies at `t_target_source`, into `target` at once.
+pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
+    Merge::new(Resampled::new(source, t_target_source, settings), *settings).step(target, usize::MAX);
+    move_scans(target, source, t_target_source);
+}
+
+/// Notes the scans of `source` as scans of `target`.
+pub fn move_scans(target: &mut Submap, source: &Submap, t_target_source: &Pose) {
+    let moved = source.scans.iter().map(|s| super::SubmapScan { node: s.node, t_submap_lidar: t_target_source * s.t_submap_lidar });
+    target.scans.extend(moved);
+    target.revision += 1;
+}
+
+/// Where the source lies in the target, both in finest voxels.
+#[derive(Clone, Copy, Debug)]
+struct Placement {
+    t_target_source: Rigid,
+    t_source_target: Rigid,
+}
+
+impl Placement {
+    fn new(t_target_source: &Pose, voxel: f32) -> Self {
+        let in_voxels = |pose: &Pose| {
+            let mut pose = *pose;
+            pose.translation.vector /= f64::from(voxel);
+            Rigid::from(&pose)
+        };
+        Self { t_target_source: in_voxels(t_target_source), t_source_target: in_voxels(&t_target_source.inverse()) }
+    }
+
+    /// The axis-aligned box around a cube of the source, in the target: centre and half extents.
+    fn box_in_target(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+        turned_box(&self.t_target_source, centre, half)
+    }
+
+    /// The axis-aligned box around a cube of the target, in the source: centre and half extents.
+    fn box_in_source(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+        turned_box(&self.t_source_target, centre, half)
+    }
+}
+
+fn turned_box(t: &Rigid, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+    (t.apply(centre), std::array::from_fn(|i| t.rotation[i].iter().map(|r| r.abs()).sum::<f32>() * half))
+}

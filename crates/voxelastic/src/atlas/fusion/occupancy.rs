@@ -1,0 +1,311 @@
+//! Occupancy fusion: evidence of the source at the target's voxels is added; free space stays as coarse as the source knows it.
+
+use super::Placement;
+use crate::field::BlockStore;
+use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN, state_of};
+use crate::geometry::morton;
+use crate::integrate::occupancy::propagate::Touched;
+use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Subtrees up to this level (32 blocks) are sampled in parallel.
+const TASK_LEVEL: u32 = 5;
+
+/// A piece of the target's lattice.
+#[derive(Clone, Copy, Debug)]
+enum Piece {
+    /// A cube with one value: its smallest block's key, its level.
+    Uniform { key: u64, level: u32, value: i8 },
+    /// A block with voxels.
+    Block { key: u64, scale: u8, slot: u32 },
+}
+
+/// The source in the target's lattice, in Morton order.
+#[derive(Debug, Default)]
+pub(super) struct OccupancyPatch {
+    pieces: Vec<Piece>,
+    voxels: BlockStore<i8>,
+}
+
+/// What one task found: pieces whose slots number its own arrays.
+#[derive(Default)]
+struct Found {
+    pieces: Vec<Piece>,
+    arrays: Vec<Vec<i8>>,
+}
+
+/// What the source holds in a box.
+enum Content {
+    /// One value.
+    Uniform(i8),
+    /// Several, as fine as this scale, or coarser than any voxel; and whether some of it is free and some is not.
+    Mixed { finest: usize, is_border: bool },
+}
+
+impl OccupancyPatch {
+    pub fn len(&self) -> usize {
+        self.pieces.len()
+    }
+
+    /// Samples `source` wherever something was observed.
+    pub fn sample(source: &OccupancyField, placement: &Placement) -> Self {
+        if source.is_empty() {
+            return Self::default();
+        }
+        let sampler = Sampler { source, placement };
+        let mut cubes = sampler.top();
+        while cubes.first().is_some_and(|c| c.1 > TASK_LEVEL) {
+            cubes = cubes.into_par_iter().flat_map_iter(|cube| sampler.open(cube)).collect();
+        }
+        let parts: Vec<Found> = cubes
+            .into_par_iter()
+            .map(|(key, level)| {
+                let mut found = Found::default();
+                sampler.descend(key, level, &mut found);
+                found
+            })
+            .collect();
+        let mut patch = Self::default();
+        for part in parts {
+            for piece in part.pieces {
+                patch.pieces.push(match piece {
+                    Piece::Block { key, scale, slot } => {
+                        let stored = patch.voxels.insert(usize::from(scale));
+                        patch.voxels.get_mut(usize::from(scale), stored).copy_from_slice(&part.arrays[slot as usize]);
+                        Piece::Block { key, scale, slot: stored }
+                    }
+                    uniform => uniform,
+                });
+            }
+        }
+        patch
+    }
+
+    /// Adds the pieces numbered `range` to `target`; sums stay within `limits`.
+    pub fn merge(&self, range: Range<usize>, target: &mut OccupancyField, limits: [i8; 2]) {
+        for piece in &self.pieces[range.clone()] {
+            let (key, last) = match *piece {
+                Piece::Uniform { key, level, .. } => (key, key | ((1u64 << (3 * level)) - 1)),
+                Piece::Block { key, .. } => (key, key),
+            };
+            target.tree.grow_to(key);
+            target.tree.grow_to(last);
+        }
+        let mut adder = Adder { cursor: Cursor::new(&target.tree), limits, touched: Touched::default() };
+        for piece in &self.pieces[range] {
+            match *piece {
+                Piece::Uniform { key, level, value } => adder.add_cube(target, key, level, value),
+                Piece::Block { key, scale, slot } => {
+                    adder.add_block(target, key, usize::from(scale), self.voxels.get(usize::from(scale), slot));
+                }
+            }
+        }
+        adder.touched.propagate(target);
+    }
+}
+
+struct Sampler<'a> {
+    source: &'a OccupancyField,
+    placement: &'a Placement,
+}
+
+/// A cube of the target: the key of its smallest block and its level.
+type Cube = (u64, u32);
+
+impl Sampler<'_> {
+    /// The cubes of the source root's size that the source reaches.
+    fn top(&self) -> Vec<Cube> {
+        let tree = self.source.tree();
+        let level = tree.root_level();
+        let half = 0.5 * (BLOCK_EDGE << level) as f32;
+        let centre = block_coords(tree.root_key()).map(|c| c as f32 * BLOCK_EDGE as f32 + half);
+        let (middle, extent) = self.placement.box_in_target(centre, half);
+        let corner = |sign: f32| {
+            let c: [i32; 3] = std::array::from_fn(|k| ((middle[k] + sign * extent[k]) / BLOCK_EDGE as f32).floor() as i32);
+            morton::decode(block_key(c.map(|v| v.clamp(-MAX_BLOCK_COORD, MAX_BLOCK_COORD)))).map(|v| v >> level)
+        };
+        let (low, high) = (corner(-1.0), corner(1.0));
+        let mut cubes = Vec::new();
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    cubes.push((morton::encode([x, y, z]) << (3 * level), level));
+                }
+            }
+        }
+        cubes.sort_unstable();
+        cubes
+    }
+
+    fn open(&self, (key, level): Cube) -> Vec<Cube> {
+        match self.content(key, level) {
+            Content::Uniform(UNKNOWN) => Vec::new(),
+            // A large uniform cube is cut here and grows together again in the target.
+            _ => (0..8).map(|i| (key | i << (3 * (level - 1)), level - 1)).collect(),
+        }
+    }
+
+    fn descend(&self, key: u64, level: u32, found: &mut Found) {
+        match self.content(key, level) {
+            Content::Uniform(UNKNOWN) => {}
+            Content::Uniform(value) => found.pieces.push(Piece::Uniform { key, level, value }),
+            Content::Mixed { .. } if level > 0 => (0..8).for_each(|i| self.descend(key | i << (3 * (level - 1)), level - 1, found)),
+            Content::Mixed { finest, is_border } => self.block(key, finest, is_border, found),
+        }
+    }
+
+    /// Samples a block. At the border of free space it is sampled no coarser than scale 1, so that free space does not creep outward.
+    fn block(&self, key: u64, finest: usize, is_border: bool, found: &mut Found) {
+        let scale = if is_border { finest.min(1) } else { finest };
+        let edge = (1 << scale) as f32;
+        let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let values: Vec<i8> = (0..voxels_at(scale))
+            .map(|i| {
+                let c = voxel_coords(i, scale);
+                let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
+                self.source.value_at(self.placement.t_source_target.apply(centre).map(|v| v.floor() as i32))
+            })
+            .collect();
+        if values.iter().any(|v| *v != values[0]) {
+            found.pieces.push(Piece::Block { key, scale: scale as u8, slot: found.arrays.len() as u32 });
+            found.arrays.push(values);
+        } else if values[0] != UNKNOWN {
+            found.pieces.push(Piece::Uniform { key, level: 0, value: values[0] });
+        }
+    }
+
+    /// What the source holds in the box around a cube of the target.
+    fn content(&self, key: u64, level: u32) -> Content {
+        let half = 0.5 * (BLOCK_EDGE << level) as f32;
+        let centre = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32 + half);
+        let (middle, extent) = self.placement.box_in_source(centre, half);
+        let search_box = [std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k])];
+        let tree = self.source.tree();
+        let mut search = Search { source: self.source, search_box, is_exhaustive: level == 0, value: None, content: None };
+        let root_half = 0.5 * (BLOCK_EDGE << tree.root_level()) as f32;
+        let root_corner = block_coords(tree.root_key()).map(|c| c as f32 * BLOCK_EDGE as f32);
+        if (0..3).any(|k| search_box[0][k] < root_corner[k] || search_box[1][k] > root_corner[k] + 2.0 * root_half) {
+            search.meet(UNKNOWN, SCALES - 1);
+        }
+        search.visit(tree.root_key(), tree.root_level(), tree.root());
+        match (search.content, search.value) {
+            (Some((finest, is_border)), _) => Content::Mixed { finest, is_border },
+            (None, value) => Content::Uniform(value.unwrap_or(UNKNOWN)),
+        }
+    }
+}
+
+/// Looks for different values in a box of the source.
+struct Search<'a> {
+    source: &'a OccupancyField,
+    /// Smallest and largest corner, finest voxels of the source.
+    search_box: [[f32; 3]; 2],
+    /// Whether to go on when the box is known to be mixed.
+    is_exhaustive: bool,
+    /// The first value met.
+    value: Option<i8>,
+    /// Once several were met: the finest scale, and whether free and other space meet.
+    content: Option<(usize, bool)>,
+}
+
+impl Search<'_> {
+    fn meet(&mut self, value: i8, scale: usize) {
+        let first = *self.value.get_or_insert(value);
+        if first != value || scale < SCALES - 1 {
+            let (finest, is_border) = self.content.unwrap_or((SCALES - 1, false));
+            self.content = Some((finest.min(scale), is_border || state_of(first) != state_of(value)));
+        }
+    }
+
+    fn visit(&mut self, key: u64, level: u32, octant: &Octant<Summary>) {
+        if self.content.is_some() && !self.is_exhaustive {
+            return;
+        }
+        let corner = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32);
+        let edge = (BLOCK_EDGE << level) as f32;
+        if (0..3).any(|k| corner[k] + edge <= self.search_box[0][k] || corner[k] >= self.search_box[1][k]) {
+            return;
+        }
+        if octant.link == NONE {
+            self.meet(octant.payload.value, SCALES - 1);
+        } else if level == 0 {
+            let block = self.source.block(octant.link);
+            let scale = usize::from(block.scale);
+            // A block is never uniform, even if the few voxels of it that are in the box are.
+            let (finest, is_border) = self.content.unwrap_or((scale, false));
+            self.content = Some((finest.min(scale), is_border));
+        } else {
+            for (i, child) in self.source.tree().siblings(octant.link).iter().enumerate() {
+                self.visit(key | (i as u64) << (3 * (level - 1)), level - 1, child);
+            }
+        }
+    }
+}
+
+/// Adds evidence to a field.
+struct Adder {
+    cursor: Cursor,
+    limits: [i8; 2],
+    touched: Touched,
+}
+
+impl Adder {
+    fn sum(&self, value: i8, more: i8) -> i8 {
+        match (value, more) {
+            (value, UNKNOWN) => value,
+            (UNKNOWN, more) => more.clamp(self.limits[0], self.limits[1]),
+            (value, more) => (i16::from(value) + i16::from(more)).clamp(i16::from(self.limits[0]), i16::from(self.limits[1])) as i8,
+        }
+    }
+
+    /// Adds `more` everywhere in a cube.
+    fn add_cube(&mut self, field: &mut OccupancyField, key: u64, level: u32, more: i8) {
+        if level >= field.tree.root_level() {
+            (0..8).for_each(|i| self.add_cube(field, key | i << (3 * (level - 1)), level - 1, more));
+            return;
+        }
+        let (group, place) = self.cursor.make_at(&mut field.tree, key, level);
+        self.add_below(field, key, level, (group, place), more);
+    }
+
+    fn add_below(&mut self, field: &mut OccupancyField, key: u64, level: u32, (group, place): (u32, usize), more: i8) {
+        let octant = field.tree.siblings(group)[place];
+        if octant.link == NONE {
+            field.tree.siblings_mut(group)[place].payload = Summary::uniform(self.sum(octant.payload.value, more));
+            self.touched.add(key, level);
+        } else if level == 0 {
+            self.update(field, octant.link, |_| more);
+        } else {
+            for i in 0..8 {
+                self.add_below(field, key | (i as u64) << (3 * (level - 1)), level - 1, (octant.link, i), more);
+            }
+        }
+    }
+
+    /// Adds a block's voxels.
+    fn add_block(&mut self, field: &mut OccupancyField, key: u64, scale: usize, values: &[i8]) {
+        let id = field.make(&mut self.cursor, key, scale);
+        let own = usize::from(field.block(id).scale);
+        self.update(field, id, |i| values[voxel_index(voxel_coords(i, own).map(|c| c >> (scale - own)), scale)]);
+    }
+
+    /// Adds `more(voxel)` to each voxel of block `id`, which gives its array back if that makes it uniform.
+    fn update(&mut self, field: &mut OccupancyField, id: u32, more: impl Fn(usize) -> i8) {
+        let block = *field.block(id);
+        let (mut low, mut high) = (i8::MAX, i8::MIN);
+        for (i, value) in field.voxels.get_mut(usize::from(block.scale), block.slot).iter_mut().enumerate() {
+            *value = self.sum(*value, more(i));
+            low = low.min(*value);
+            high = high.max(*value);
+        }
+        let (group, place) = self.cursor.make(&mut field.tree, block.key);
+        if low == high {
+            field.remove(id);
+            field.tree.siblings_mut(group)[place] = Octant { link: NONE, payload: Summary::uniform(low) };
+        } else {
+            field.tree.siblings_mut(group)[place].payload = Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN };
+        }
+        self.touched.add(block.key, 0);
+    }
+}

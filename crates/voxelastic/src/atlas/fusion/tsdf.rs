@@ -1,0 +1,370 @@
+//! TSDF fusion: the source sampled at the target's voxels, then weighted means.
+
+use super::Placement;
+use crate::field::BlockStore;
+use crate::field::tsdf::propagate::propagate_down;
+use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
+use crate::octree::{
+    BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
+};
+use crate::surface::view::{View, settle};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Blocks sampled before their arrays are stored: bounds the memory that lies about in pieces.
+const BATCH: usize = 4096;
+/// Neighbouring samples that differ by more than this many voxels are not of one surface: between the band in front of one and the band
+/// behind another there is nothing to interpolate. A distance changes by at most the diagonal, 1.73, within a cell.
+const ONE_SURFACE: f32 = 2.5;
+
+/// A block of the target's lattice.
+#[derive(Clone, Copy, Debug)]
+struct PatchBlock {
+    key: u64,
+    scale: u8,
+    slot: u32,
+    shade: u32,
+}
+
+/// The source in the target's lattice, blocks in Morton order.
+#[derive(Debug, Default)]
+pub(super) struct TsdfPatch {
+    blocks: Vec<PatchBlock>,
+    voxels: BlockStore<Voxel>,
+    shades: BlockStore<u8>,
+}
+
+/// Voxels of one block, and their intensities.
+type Arrays = (Vec<Voxel>, Option<Vec<u8>>);
+
+impl TsdfPatch {
+    pub fn len(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// Samples `source` wherever it reaches.
+    pub fn sample(source: &TsdfField, placement: &Placement) -> Self {
+        if source.is_empty() {
+            return Self::default();
+        }
+        let sampler = Sampler { placement, views: std::array::from_fn(|scale| View::new(source, scale)) };
+        let mut patch = Self::default();
+        for batch in sampler.reached().chunks(BATCH) {
+            let sampled: Vec<Option<Arrays>> = batch
+                .par_iter()
+                .with_min_len(32)
+                .map_init(|| Cursor::new(source.tree()), |cursor, &(key, scale)| sampler.block(cursor, key, usize::from(scale)))
+                .collect();
+            for (&(key, scale), arrays) in batch.iter().zip(sampled) {
+                if let Some((voxels, shades)) = arrays {
+                    let slot = store(&mut patch.voxels, usize::from(scale), &voxels);
+                    let shade = shades.map_or(NONE, |s| store(&mut patch.shades, usize::from(scale), &s));
+                    patch.blocks.push(PatchBlock { key, scale, slot, shade });
+                }
+            }
+        }
+        patch
+    }
+
+    /// Adds the blocks numbered `range` to `target`.
+    pub fn merge(&self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
+        for block in &self.blocks[range.clone()] {
+            if !target.tree.covers(block.key) {
+                target.tree.grow_to(block.key);
+            }
+        }
+        let mut cursor = Cursor::new(&target.tree);
+        for block in &self.blocks[range] {
+            let scale = usize::from(block.scale);
+            let voxels = self.voxels.get(scale, block.slot);
+            let shades = (block.shade != NONE).then(|| self.shades.get(scale, block.shade));
+            merge_block(target, &mut cursor, block, voxels, shades, max_weight);
+        }
+    }
+}
+
+fn store<V: Copy + Default>(pool: &mut BlockStore<V>, scale: usize, values: &[V]) -> u32 {
+    let slot = pool.insert(scale);
+    pool.get_mut(scale, slot).copy_from_slice(values);
+    slot
+}
+
+/// Reads a field at any point and scale.
+struct Sampler<'a> {
+    placement: &'a Placement,
+    /// The field seen no finer than each scale.
+    views: [View<'a>; SCALES],
+}
+
+/// A sample: distance in finest voxels, weight, and where the intensity comes from.
+struct Sample {
+    distance: f32,
+    weight: f32,
+    shade: Option<u8>,
+}
+
+impl Sampler<'_> {
+    /// The target's blocks that the source reaches, in Morton order, each with the scale to sample at: that of the source's block in its
+    /// middle, or the coarsest of those that only touch it.
+    fn reached(&self) -> Vec<(u64, u8)> {
+        let field = self.views[0].field;
+        let half = 0.5 * BLOCK_EDGE as f32;
+        let touching = |&id: &u32| {
+            let scale = self.views[0].scale(id) as u8;
+            let home = block_coords(field.block(id).key);
+            let centre = home.map(|c| c as f32 * BLOCK_EDGE as f32 + half);
+            let (middle, extent) = self.placement.box_in_target(centre, half);
+            let low: [i32; 3] = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32);
+            let high: [i32; 3] = std::array::from_fn(|k| ((middle[k] + extent[k]) / BLOCK_EDGE as f32).floor() as i32);
+            let mut found = Vec::new();
+            for z in low[2]..=high[2] {
+                for y in low[1]..=high[1] {
+                    for x in low[0]..=high[0] {
+                        let c = [x, y, z];
+                        let (at, reach) = self.placement.box_in_source(c.map(|v| v as f32 * BLOCK_EDGE as f32 + half), half);
+                        let apart = (0..3).any(|k| (at[k] - centre[k]).abs() > reach[k] + half);
+                        if !apart && c.iter().all(|v| v.abs() < MAX_BLOCK_COORD) {
+                            let is_middle = at.map(|v| (v / BLOCK_EDGE as f32).floor() as i32) == home;
+                            // Sorts the block in the middle first, then the coarsest.
+                            let rank = if is_middle { 0 } else { SCALES as u8 - scale };
+                            found.push((block_key(c), rank, scale));
+                        }
+                    }
+                }
+            }
+            found
+        };
+        let ids: Vec<u32> = field.ids().collect();
+        let mut reached: Vec<(u64, u8, u8)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
+        reached.par_sort_unstable();
+        reached.dedup_by_key(|r| r.0);
+        reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
+    }
+
+    /// The arrays of the target's block `key` at `scale`; none when nothing of it was observed.
+    fn block(&self, cursor: &mut Cursor, key: u64, scale: usize) -> Option<Arrays> {
+        let edge = (1 << scale) as f32;
+        let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let mut voxels = vec![Voxel::default(); voxels_at(scale)];
+        let mut shades: Option<Vec<u8>> = None;
+        let mut is_observed = false;
+        for (i, voxel) in voxels.iter_mut().enumerate() {
+            let c = voxel_coords(i, scale);
+            let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
+            let Some(sample) = self.sample(cursor, self.placement.t_source_target.apply(centre), scale) else { continue };
+            let steps = (sample.distance / edge * DISTANCE_STEPS).round().clamp(f32::from(i16::MIN), f32::from(i16::MAX));
+            *voxel = Voxel { distance: steps as i16, weight: sample.weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 };
+            is_observed = true;
+            if let Some(shade) = sample.shade {
+                shades.get_or_insert_with(|| vec![0; voxels_at(scale)])[i] = shade;
+            }
+        }
+        is_observed.then_some((voxels, shades))
+    }
+
+    /// The field at `point` (finest voxels, source frame), at `scale` or, beside coarser blocks, at theirs: so all samples that are
+    /// interpolated are of one scale, finer ones as means. Observed is what lies in an observed voxel.
+    fn sample(&self, cursor: &mut Cursor, point: [f32; 3], scale: usize) -> Option<Sample> {
+        (scale..SCALES).find_map(|scale| match self.cell(cursor, point, scale) {
+            Cell::Coarser => None,
+            Cell::Unobserved => Some(None),
+            Cell::Of(corners) => Some(Some(self.interpolate(&corners, scale))),
+        })?
+    }
+
+    /// The eight voxels of `scale` around `point`.
+    fn cell(&self, cursor: &mut Cursor, point: [f32; 3], scale: usize) -> Cell {
+        let (view, shift) = (&self.views[scale], BLOCK_SHIFT as usize - scale);
+        let at = point.map(|v| v / (1 << scale) as f32 - 0.5);
+        let base = at.map(|v| v.floor() as i32);
+        let fraction: [f32; 3] = std::array::from_fn(|k| at[k] - base[k] as f32);
+        let nearest = (0..3).fold(0, |i, k| i | usize::from(fraction[k] >= 0.5) << k);
+        let mut corners = Corners { voxels: [Voxel::default(); 8], fraction, nearest, block: NONE, index: 0 };
+        let mut last = ([i32::MAX; 3], None);
+        for i in (0..8).map(|i| i ^ nearest) {
+            let c: [i32; 3] = std::array::from_fn(|k| base[k] + (i >> k & 1) as i32);
+            let home = c.map(|v| v >> shift);
+            if last.0 != home {
+                last = (home, cursor.block(view.field.tree(), block_key(home)));
+            }
+            let Some(id) = last.1 else {
+                if i == nearest {
+                    return Cell::Unobserved;
+                }
+                continue;
+            };
+            if view.scale(id) > scale {
+                return Cell::Coarser;
+            }
+            let index = voxel_index(c.map(|v| v as usize & (edge_at(scale) - 1)), scale);
+            corners.voxels[i] = view.voxels(id)[index];
+            if i == nearest {
+                if !corners.voxels[i].is_observed() {
+                    return Cell::Unobserved;
+                }
+                (corners.block, corners.index) = (id, index);
+            }
+        }
+        Cell::Of(corners)
+    }
+
+    fn interpolate(&self, corners: &Corners, scale: usize) -> Sample {
+        let (distance, weight) = corners.interpolate();
+        let shade = self.views[scale].shade(corners.block, corners.index);
+        Sample { distance: distance * (1 << scale) as f32, weight, shade }
+    }
+}
+
+/// What there is around a point at one scale.
+enum Cell {
+    /// A block there is coarser.
+    Coarser,
+    /// The voxel that holds the point was never observed.
+    Unobserved,
+    Of(Corners),
+}
+
+/// Eight neighbouring voxels of one scale.
+struct Corners {
+    /// Bit k of the index is the side along axis k.
+    voxels: [Voxel; 8],
+    /// Place of the point between them, 0 to 1.
+    fraction: [f32; 3],
+    /// The voxel that holds the point.
+    nearest: usize,
+    /// Block and index of that voxel.
+    block: u32,
+    index: usize,
+}
+
+impl Corners {
+    /// Distance in voxels of this scale, and weight. With all eight observed, trilinear; with fewer, the observed ones are continued to
+    /// the point along the gradient between them, so that a plane stays where it is.
+    fn interpolate(&self) -> (f32, f32) {
+        let observed: [bool; 8] = std::array::from_fn(|i| self.voxels[i].is_observed());
+        let values = self.voxels.map(Voxel::distance_in_voxels);
+        let nearest = (values[self.nearest], f32::from(self.voxels[self.nearest].weight));
+        let (low, high) = (0..8).filter(|&i| observed[i]).fold((f32::MAX, f32::MIN), |(l, h), i| (l.min(values[i]), h.max(values[i])));
+        if high - low > ONE_SURFACE {
+            return nearest;
+        }
+        let gradient: [f32; 3] = std::array::from_fn(|k| {
+            let pairs = (0..8).filter(|i| i >> k & 1 == 0 && observed[*i] && observed[i | 1 << k]);
+            let (sum, count) = pairs.fold((0.0, 0), |(sum, count), i| (sum + values[i | 1 << k] - values[i], count + 1));
+            if count == 0 { 0.0 } else { sum / count as f32 }
+        });
+        let is_complete = observed.iter().all(|o| *o);
+        let (mut distance, mut weight, mut total) = (0.0, 0.0, 0.0);
+        for i in (0..8).filter(|&i| observed[i]) {
+            let share: f32 = (0..3).map(|k| if i >> k & 1 == 1 { self.fraction[k] } else { 1.0 - self.fraction[k] }).product();
+            let onward: f32 = (0..3).map(|k| gradient[k] * (self.fraction[k] - (i >> k & 1) as f32)).sum();
+            distance += share * (values[i] + if is_complete { 0.0 } else { onward });
+            weight += share * f32::from(self.voxels[i].weight);
+            total += share;
+        }
+        if total > 0.0 { (distance / total, weight / total) } else { nearest }
+    }
+}
+
+/// Adds one block: the target's block, brought to the finer of both scales, takes the weighted means.
+fn merge_block(target: &mut TsdfField, cursor: &mut Cursor, patch: &PatchBlock, voxels: &[Voxel], shades: Option<&[u8]>, max_weight: u16) {
+    let scale = usize::from(patch.scale);
+    let (id, is_new) = target.make(cursor, patch.key, patch.scale, shades.is_some());
+    if is_new {
+        let block = *target.block(id);
+        target.voxels.get_mut(scale, block.data[scale]).copy_from_slice(voxels);
+        if let Some(shades) = shades {
+            target.shades.get_mut(scale, block.shade[scale]).copy_from_slice(shades);
+        }
+        return;
+    }
+    let (seen_at, settled) = settle(target, id, 0);
+    let seen_at = usize::from(seen_at);
+    let own = settled.map_or_else(|| target.current(target.block(id)).to_vec(), Vec::from);
+    let own_shades = target.shade(target.block(id)).map(|s| resize_shades(s, usize::from(target.block(id).scale), seen_at.min(scale)));
+    let finest = seen_at.min(scale);
+    let mut sum = refine(own, seen_at, finest);
+    let other = refine(voxels.to_vec(), scale, finest);
+    let shades = merge_shades(own_shades, shades.map(|s| resize_shades(s, scale, finest)), &sum, &other);
+    for (voxel, other) in sum.iter_mut().zip(&other) {
+        *voxel = mean(*voxel, *other, max_weight);
+    }
+    install(target, id, finest, &sum, shades.as_deref());
+}
+
+/// The weighted mean of two voxels of one scale.
+fn mean(a: Voxel, b: Voxel, max_weight: u16) -> Voxel {
+    let (wa, wb) = (i64::from(a.weight), i64::from(b.weight));
+    match wa + wb {
+        0 => Voxel::default(),
+        sum => {
+            let total = i64::from(a.distance) * wa + i64::from(b.distance) * wb;
+            // Rounded to nearest: truncation would pull surfaces towards the sensor with every fusion.
+            let distance = (2 * total + sum * total.signum()) / (2 * sum);
+            Voxel { distance: distance as i16, weight: sum.min(i64::from(max_weight)) as u16 }
+        }
+    }
+}
+
+/// `voxels` of scale `from` at the finer scale `to`.
+fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
+    for scale in (to..from).rev() {
+        let mut fine = vec![Voxel::default(); voxels_at(scale)];
+        propagate_down(&voxels, &mut fine, scale, u16::MAX);
+        voxels = fine;
+    }
+    voxels
+}
+
+/// Intensities of scale `from` at scale `to`, each from the voxel that holds its place.
+fn resize_shades(shades: &[u8], from: usize, to: usize) -> Vec<u8> {
+    let place = |v: usize| if from >= to { v >> (from - to) } else { v << (to - from) };
+    (0..voxels_at(to)).map(|i| shades[voxel_index(voxel_coords(i, to).map(place), from)]).collect()
+}
+
+/// Means of intensities by the weights of their voxels.
+fn merge_shades(own: Option<Vec<u8>>, other: Option<Vec<u8>>, weights: &[Voxel], others: &[Voxel]) -> Option<Vec<u8>> {
+    match (own, other) {
+        (Some(a), Some(b)) => {
+            let mix = |i: usize| {
+                let (wa, wb) = (u32::from(weights[i].weight), u32::from(others[i].weight));
+                ((u32::from(a[i]) * wa + u32::from(b[i]) * wb) / (wa + wb).max(1)) as u8
+            };
+            Some((0..a.len()).map(mix).collect())
+        }
+        (one, None) | (None, one) => one,
+    }
+}
+
+/// Makes `voxels` at `scale` the only array of block `id`: what it held at other scales is part of them.
+fn install(target: &mut TsdfField, id: u32, scale: usize, voxels: &[Voxel], shades: Option<&[u8]>) {
+    let mut block = *target.block(id);
+    for other in (0..SCALES).filter(|&s| s != scale) {
+        for slot in [&mut block.data[other], &mut block.past[other]] {
+            if *slot != NONE {
+                target.voxels.remove(other, *slot);
+                *slot = NONE;
+            }
+        }
+        if block.shade[other] != NONE {
+            target.shades.remove(other, block.shade[other]);
+            block.shade[other] = NONE;
+        }
+    }
+    if block.past[scale] != NONE {
+        target.voxels.remove(scale, block.past[scale]);
+        block.past[scale] = NONE;
+    }
+    if block.data[scale] == NONE {
+        block.data[scale] = target.voxels.insert(scale);
+    }
+    target.voxels.get_mut(scale, block.data[scale]).copy_from_slice(voxels);
+    if let Some(shades) = shades {
+        if block.shade[scale] == NONE {
+            block.shade[scale] = target.shades.insert(scale);
+        }
+        target.shades.get_mut(scale, block.shade[scale]).copy_from_slice(shades);
+    }
+    (block.scale, block.finest) = (scale as u8, scale as u8);
+    target.blocks[id] = block;
+}

@@ -1,0 +1,441 @@
+//! The pose graph as the map needs it (paper Sec. IV): nodes with their current poses, links with lengths, distances along them.
+//!
+//! The paper measures "the distance travelled along the pose graph" because drift grows with it. Along the odometry chain that is the
+//! path length. Where a loop closure has tied two ends of a long path together, their relative pose is as good as the shortest way
+//! between them, so distances here are shortest paths over odometry *and* closed loops. It matters in two places: a revisit is near the
+//! root of the submap that it revisits, and a cluster reaches across the loop edge from one traversal to the other.
+//!
+//! A loop edge takes part only while it is *closed*: while the current poses of its nodes agree with its measurement. Before the SLAM
+//! system has corrected the poses, and for ever if the edge is an outlier that its robust kernel switched off, the edge is open and
+//! guides nothing: fusing along it would weld surfaces together that do not belong together.
+
+use crate::event::{Edge, NodeId};
+use crate::geometry::{Pose, PoseExt};
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
+
+/// What a link of the graph stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LinkKind {
+    /// A measured odometry edge.
+    Odometry,
+    /// No odometry edge was given (yet) for consecutive scans; the difference of their poses stands in.
+    Assumed,
+    /// A loop edge of the SLAM system.
+    Loop,
+    /// A scan was found to agree with the surfaces of an older submap: its node is linked to that submap's nearest one.
+    Overlap,
+}
+
+impl LinkKind {
+    /// Whether the link is only as good as the poses that confirm it.
+    fn needs_agreement(self) -> bool {
+        matches!(self, Self::Loop | Self::Overlap)
+    }
+}
+
+/// How far the poses may be from a loop's measurement for the loop to count as closed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agreement {
+    /// Metres.
+    pub distance: f64,
+    /// Radians.
+    pub angle: f64,
+}
+
+/// What became of an edge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EdgeOutcome {
+    /// It is part of the graph.
+    Added,
+    /// One of its nodes is not known yet; it is kept until it is.
+    Waiting,
+    /// An edge of that kind between these nodes was there; the new measurement replaces it.
+    Replaced,
+}
+
+/// Why an edge was refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum EdgeError {
+    /// Both ends are the same node.
+    #[error("an edge from node {node} to itself says nothing")]
+    SelfEdge {
+        /// The node.
+        node: NodeId,
+    },
+    /// The measured pose has a number that is not finite, or a quaternion that is not of unit length.
+    #[error("the edge from node {from} to node {to} is not a rigid transform: a number is not finite or the quaternion is not of unit length")]
+    BadEdge {
+        /// Its first node.
+        from: NodeId,
+        /// Its second node.
+        to: NodeId,
+    },
+}
+
+/// A link between two known nodes.
+#[derive(Clone, Debug)]
+struct Link {
+    from: NodeId,
+    to: NodeId,
+    kind: LinkKind,
+    t_from_to: Pose,
+    /// Metres.
+    length: f64,
+    /// Whether it can be walked: always for odometry, while the poses agree for loops.
+    walkable: bool,
+}
+
+impl Link {
+    fn joins(&self, a: NodeId, b: NodeId) -> bool {
+        (self.from, self.to) == (a, b) || (self.from, self.to) == (b, a)
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    t_map_lidar: Pose,
+    links: Vec<u32>,
+}
+
+/// Counts of what is in the graph.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GraphCounts {
+    /// Nodes.
+    pub nodes: usize,
+    /// Odometry edges between known nodes.
+    pub odometry_edges: usize,
+    /// Consecutive scans without an odometry edge.
+    pub assumed_links: usize,
+    /// Loop edges between known nodes.
+    pub loop_edges: usize,
+    /// Loop edges that the current poses do not agree with: not optimised yet, or outliers.
+    pub open_loops: usize,
+    /// Links found by overlap.
+    pub overlap_links: usize,
+    /// Edges that wait for a node.
+    pub waiting_edges: usize,
+}
+
+/// The pose graph. Everything it returns is in an order that depends on nothing but the events.
+#[derive(Clone, Debug)]
+pub struct PoseGraph {
+    agreement: Agreement,
+    nodes: HashMap<NodeId, Node>,
+    links: Vec<Link>,
+    /// Links that need agreement, in the order in which they came.
+    loops: Vec<u32>,
+    /// Edges by a node that they wait for.
+    waiting: HashMap<NodeId, Vec<(LinkKind, Edge)>>,
+    /// Ends of loops that closed since they were last asked for.
+    closed: Vec<[NodeId; 2]>,
+}
+
+impl PoseGraph {
+    /// An empty graph.
+    pub fn new(agreement: Agreement) -> Self {
+        Self { agreement, nodes: HashMap::new(), links: Vec::new(), loops: Vec::new(), waiting: HashMap::new(), closed: Vec::new() }
+    }
+
+    /// Whether there is such a node.
+    pub fn contains(&self, node: NodeId) -> bool {
+        self.nodes.contains_key(&node)
+    }
+
+    /// Current pose of the lidar at `node` in the map frame.
+    pub fn pose(&self, node: NodeId) -> Option<&Pose> {
+        self.nodes.get(&node).map(|n| &n.t_map_lidar)
+    }
+
+    /// Adds a node, or moves the one that is there; edges that waited for it become links.
+    pub fn add_node(&mut self, node: NodeId, t_map_lidar: &Pose) {
+        match self.nodes.get_mut(&node) {
+            Some(known) => known.t_map_lidar = *t_map_lidar,
+            None => {
+                self.nodes.insert(node, Node { t_map_lidar: *t_map_lidar, links: Vec::new() });
+                for (kind, edge) in self.waiting.remove(&node).unwrap_or_default() {
+                    self.link_or_wait(kind, edge);
+                }
+            }
+        }
+    }
+
+    /// Stands in for a missing odometry edge from `last` to `node`: the difference of their poses. Nothing happens if `node` has
+    /// odometry to a known node already.
+    pub fn assume_odometry(&mut self, last: NodeId, node: NodeId) {
+        let (Some(a), Some(b)) = (self.nodes.get(&last), self.nodes.get(&node)) else { return };
+        let has_odometry = b.links.iter().any(|&l| self.links[l as usize].kind == LinkKind::Odometry);
+        if last != node && !has_odometry {
+            let t_from_to = a.t_map_lidar.inv_mul(&b.t_map_lidar);
+            self.link_or_wait(LinkKind::Assumed, Edge { from: last, to: node, t_from_to, information: None });
+        }
+    }
+
+    /// Adds a measured edge; it may come before its nodes.
+    ///
+    /// # Errors
+    /// [`EdgeError`]; the graph is as before.
+    pub fn add_edge(&mut self, kind: LinkKind, edge: &Edge) -> Result<EdgeOutcome, EdgeError> {
+        let &Edge { from, to, .. } = edge;
+        if from == to {
+            return Err(EdgeError::SelfEdge { node: from });
+        }
+        if !is_rigid(&edge.t_from_to) {
+            return Err(EdgeError::BadEdge { from, to });
+        }
+        Ok(self.link_or_wait(kind, edge.clone()))
+    }
+
+    fn link_or_wait(&mut self, kind: LinkKind, edge: Edge) -> EdgeOutcome {
+        let Edge { from, to, t_from_to, .. } = edge;
+        if let Some(&missing) = [from, to].iter().find(|n| !self.contains(**n)) {
+            self.waiting.entry(missing).or_default().push((kind, edge));
+            return EdgeOutcome::Waiting;
+        }
+        let length = t_from_to.translation.vector.norm();
+        let known = self.nodes.get(&from).and_then(|n| n.links.iter().copied().find(|&l| self.replaces(kind, from, to, l)));
+        let (index, outcome) = match known {
+            Some(index) => (index, EdgeOutcome::Replaced),
+            None => {
+                let index = self.links.len() as u32;
+                self.links.push(Link { from, to, kind, t_from_to, length, walkable: false });
+                for node in [from, to] {
+                    if let Some(node) = self.nodes.get_mut(&node) {
+                        node.links.push(index);
+                    }
+                }
+                if kind.needs_agreement() {
+                    self.loops.push(index);
+                }
+                (index, EdgeOutcome::Added)
+            }
+        };
+        let was_assumed = self.links[index as usize].kind == LinkKind::Assumed && kind != LinkKind::Assumed;
+        let walkable = self.links[index as usize].walkable;
+        self.links[index as usize] = Link { from, to, kind, t_from_to, length, walkable };
+        if kind == LinkKind::Odometry {
+            self.drop_assumed(to, index);
+        }
+        self.refresh(index);
+        if was_assumed { EdgeOutcome::Added } else { outcome }
+    }
+
+    /// Whether a new edge takes the place of `link`: one of its kind, or an assumption that it makes good.
+    fn replaces(&self, kind: LinkKind, from: NodeId, to: NodeId, link: u32) -> bool {
+        let link = &self.links[link as usize];
+        link.joins(from, to) && (link.kind == kind || (kind == LinkKind::Odometry && link.kind == LinkKind::Assumed))
+    }
+
+    /// A node whose odometry is known needs no assumption about where it came from.
+    fn drop_assumed(&mut self, to: NodeId, odometry: u32) {
+        let Some(node) = self.nodes.get(&to) else { return };
+        let assumed: Vec<u32> = node.links.iter().copied().filter(|&l| l != odometry).filter(|&l| self.is_assumed_to(l, to)).collect();
+        for link in assumed {
+            let Link { from, to, .. } = self.links[link as usize];
+            self.links[link as usize].walkable = false;
+            for node in [from, to] {
+                if let Some(node) = self.nodes.get_mut(&node) {
+                    node.links.retain(|&l| l != link);
+                }
+            }
+        }
+    }
+
+    fn is_assumed_to(&self, link: u32, node: NodeId) -> bool {
+        let link = &self.links[link as usize];
+        link.kind == LinkKind::Assumed && link.to == node
+    }
+
+    /// Decides anew whether `link` can be walked, and notes a loop that closes.
+    fn refresh(&mut self, index: u32) {
+        let link = &self.links[index as usize];
+        let walkable = !link.kind.needs_agreement() || self.agrees(link);
+        if walkable && !link.walkable && link.kind.needs_agreement() {
+            self.closed.push([link.from, link.to]);
+        }
+        self.links[index as usize].walkable = walkable;
+    }
+
+    fn agrees(&self, link: &Link) -> bool {
+        let (Some(from), Some(to)) = (self.pose(link.from), self.pose(link.to)) else { return false };
+        let now = from.inv_mul(to);
+        now.translation_distance(&link.t_from_to) <= self.agreement.distance && now.rotation_distance(&link.t_from_to) <= self.agreement.angle
+    }
+
+    /// Moves known nodes and returns how many of `poses` belong to unknown ones. Call [`refresh_loops`](Self::refresh_loops) after.
+    pub fn update_poses(&mut self, poses: &[(NodeId, Pose)]) -> usize {
+        let mut unknown = 0;
+        for (node, pose) in poses {
+            match self.nodes.get_mut(node) {
+                Some(known) => known.t_map_lidar = *pose,
+                None => unknown += 1,
+            }
+        }
+        unknown
+    }
+
+    /// Decides for every loop edge whether the current poses agree with it.
+    pub fn refresh_loops(&mut self) {
+        for i in 0..self.loops.len() {
+            self.refresh(self.loops[i]);
+        }
+    }
+
+    /// Ends of the loops that closed since the last call, in the order in which they did.
+    pub fn take_closed(&mut self) -> Vec<[NodeId; 2]> {
+        std::mem::take(&mut self.closed)
+    }
+
+    /// Nodes that odometry, measured or assumed, ties to `node`.
+    pub fn odometry_neighbours(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
+        let links = self.nodes.get(&node).map_or(&[][..], |n| &n.links);
+        links.iter().map(|&l| &self.links[l as usize]).filter(|l| !l.kind.needs_agreement()).map(move |l| if l.from == node { l.to } else { l.from })
+    }
+
+    /// All nodes within `limit` metres of any of `starts` along the graph, with their distances, nearest first, ties by node.
+    /// Unknown starts reach nothing.
+    pub fn within(&self, starts: &[NodeId], limit: f64) -> Vec<(NodeId, f64)> {
+        let mut heap: BinaryHeap<Reverse<(u64, NodeId)>> = starts.iter().filter(|n| self.contains(**n)).map(|&n| Reverse((0, n))).collect();
+        let mut settled: HashMap<NodeId, ()> = HashMap::new();
+        let mut reached = Vec::new();
+        while let Some(Reverse((bits, node))) = heap.pop() {
+            if settled.insert(node, ()).is_some() {
+                continue;
+            }
+            // Bits of numbers that are not negative sort like the numbers.
+            let distance = f64::from_bits(bits);
+            reached.push((node, distance));
+            for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| l.walkable) {
+                let other = if link.from == node { link.to } else { link.from };
+                let further = distance + link.length;
+                if further <= limit && !settled.contains_key(&other) {
+                    heap.push(Reverse((further.to_bits(), other)));
+                }
+            }
+        }
+        reached
+    }
+
+    /// What is in the graph.
+    pub fn counts(&self) -> GraphCounts {
+        let mut counts = GraphCounts { nodes: self.nodes.len(), waiting_edges: self.waiting.values().map(Vec::len).sum(), ..GraphCounts::default() };
+        for link in &self.links {
+            match link.kind {
+                LinkKind::Odometry => counts.odometry_edges += 1,
+                LinkKind::Assumed => counts.assumed_links += usize::from(link.walkable),
+                LinkKind::Loop => {
+                    counts.loop_edges += 1;
+                    counts.open_loops += usize::from(!link.walkable);
+                }
+                LinkKind::Overlap => counts.overlap_links += 1,
+            }
+        }
+        counts
+    }
+}
+
+/// Whether every number is finite and the quaternion has unit length.
+pub fn is_rigid(pose: &Pose) -> bool {
+    let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
+    numbers.clone().all(|c| c.is_finite()) && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    const AGREEMENT: Agreement = Agreement { distance: 0.2, angle: 0.05 };
+
+    fn at(x: f64) -> Pose {
+        Pose::translation(x, 0.0, 0.0)
+    }
+
+    fn edge(from: NodeId, to: NodeId, length: f64) -> Edge {
+        Edge { from, to, t_from_to: at(length), information: None }
+    }
+
+    #[test]
+    fn edges_may_come_before_their_nodes_and_assumptions_give_way_to_measurements() {
+        let mut graph = PoseGraph::new(AGREEMENT);
+        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(0, 1, 2.0)), Ok(EdgeOutcome::Waiting));
+        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(2, 0, -5.0)), Ok(EdgeOutcome::Waiting));
+        graph.add_node(0, &at(0.0));
+        graph.add_node(1, &at(2.5));
+        graph.assume_odometry(0, 1);
+        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0)], "the measured edge counts");
+        graph.add_node(2, &at(5.0));
+        graph.assume_odometry(1, 2);
+        assert_eq!(graph.take_closed(), [[2, 0]], "the loop closed as its second node came");
+        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.5)]);
+        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(1, 2, 2.0)), Ok(EdgeOutcome::Added));
+        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.0)]);
+        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(1, 2, 1.0)), Ok(EdgeOutcome::Replaced));
+        let expected = GraphCounts { nodes: 3, odometry_edges: 2, loop_edges: 1, ..GraphCounts::default() };
+        assert_eq!(graph.counts(), expected);
+    }
+
+    #[test]
+    fn a_loop_opens_and_closes_with_the_poses() {
+        let mut graph = PoseGraph::new(AGREEMENT);
+        (0..3).for_each(|i| graph.add_node(i, &at(10.0 * i as f64)));
+        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(0, 2, 0.1)), Ok(EdgeOutcome::Added));
+        assert!(graph.take_closed().is_empty() && graph.within(&[0], 5.0).len() == 1, "off by 20 m");
+        assert_eq!(graph.update_poses(&[(2, at(0.2)), (77, at(0.0))]), 1);
+        graph.refresh_loops();
+        assert_eq!((graph.take_closed(), graph.within(&[0], 5.0)), (vec![[0, 2]], vec![(0, 0.0), (2, 0.1)]));
+        graph.update_poses(&[(2, at(0.5))]);
+        graph.refresh_loops();
+        assert!(graph.within(&[0], 5.0).len() == 1 && graph.counts().open_loops == 1);
+    }
+
+    #[test]
+    fn impossible_edges_are_refused_and_unknown_starts_reach_nothing() {
+        let mut graph = PoseGraph::new(AGREEMENT);
+        graph.add_node(3, &at(0.0));
+        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(3, 3, 0.0)), Err(EdgeError::SelfEdge { node: 3 }));
+        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(3, 4, f64::NAN)), Err(EdgeError::BadEdge { from: 3, to: 4 }));
+        assert!(graph.within(&[9], 100.0).is_empty() && graph.counts().waiting_edges == 0);
+    }
+
+    proptest! {
+        #[test]
+        fn distances_equal_floyd_warshall(links in prop::collection::vec((0u64..12, 0u64..12, 0.0f64..5.0), 0..30), limit in 0.0f64..15.0) {
+            let mut graph = PoseGraph::new(AGREEMENT);
+            (0..12).for_each(|i| graph.add_node(i, &at(0.0)));
+            let mut slow = [[f64::INFINITY; 12]; 12];
+            (0..12).for_each(|i| slow[i][i] = 0.0);
+            for &(a, b, length) in links.iter().filter(|(a, b, _)| a != b) {
+                let t = Pose::from(Vector3::new(length, 0.0, 0.0));
+                if graph.add_edge(LinkKind::Odometry, &Edge { from: a, to: b, t_from_to: t, information: None }) == Ok(EdgeOutcome::Added) {
+                    for (i, j) in [(a, b), (b, a)] {
+                        slow[i as usize][j as usize] = length;
+                    }
+                } else {
+                    for (i, j) in [(a, b), (b, a)] {
+                        slow[i as usize][j as usize] = length; // a repeated edge replaces the first
+                    }
+                }
+            }
+            for k in 0..12 {
+                for i in 0..12 {
+                    for j in 0..12 {
+                        slow[i][j] = slow[i][j].min(slow[i][k] + slow[k][j]);
+                    }
+                }
+            }
+            let reached = graph.within(&[4], limit);
+            prop_assert!(reached.windows(2).all(|w| w[0].1 <= w[1].1));
+            for j in 0..12u64 {
+                let fast = reached.iter().find(|r| r.0 == j).map(|r| r.1);
+                let exact = slow[4][j as usize];
+                if (exact - limit).abs() > 1e-9 {
+                    prop_assert_eq!(fast.is_some(), exact <= limit);
+                    prop_assert!(fast.is_none_or(|d| (d - exact).abs() < 1e-9));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Drift, a loop, a correction: submaps move, fuse, bend and are rebuilt.
+
+use crate::settings;
+use crate::town::{LAP, Town};
+use std::error::Error;
+use std::time::Instant;
+use voxelastic::atlas::{Atlas, MeshCache, Submap};
+use voxelastic::event::{Edge, Event, NodeId};
+use voxelastic::geometry::PoseExt;
+use voxelastic::mapper::ScanSource;
+use voxelastic::surface::MeshOptions;
+use voxelastic::{Cloud, Mapper, Pose, Settings};
+
+const STEP: f64 = 2.0;
+
+/// True poses and drifted ones of one and a half laps.
+fn drive() -> Vec<(Pose, Pose)> {
+    let truth: Vec<Pose> = (0..(1.5 * LAP / STEP) as usize).map(|i| Town::pose(i as f64 * STEP)).collect();
+    // The drift is one in the map frame: over a lap, one in the lidar frame would cancel itself.
+    let told: Vec<Pose> = truth.iter().enumerate().map(|(i, pose)| Pose::translation(0.03 * i as f64, 0.02 * i as f64, 0.0) * pose).collect();
+    truth.into_iter().zip(told).collect()
+}
+
+struct Again<'a>(&'a Town, &'a [(Pose, Pose)]);
+
+impl ScanSource for Again<'_> {
+    fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
+        let (truth, _) = self.1.get(node as usize).ok_or("no such scan")?;
+        Ok(self.0.cloud(truth, node + 1))
+    }
+}
+
+fn mean_height_error(atlas: &Atlas) -> f64 {
+    // Ground and walls are at whole known places: x or y of +-30 and +-15, z of 0.
+    let mut cache = MeshCache::new(0.2, MeshOptions::default());
+    let (mut sum, mut count) = (0.0, 0);
+    for submap in atlas.submaps() {
+        for p in &cache.mesh(submap).positions {
+            let p = submap.t_map_submap * nalgebra::Point3::from(p.map(f64::from));
+            let walls = [p.x.abs(), p.y.abs()].into_iter().flat_map(|c| [(c - 30.0).abs(), (c - 15.0).abs()]).fold(p.z.abs(), f64::min);
+            if walls < 1.5 {
+                sum += walls;
+                count += 1;
+            }
+        }
+    }
+    sum / f64::from(count)
+}
+
+#[test]
+fn a_correction_moves_submaps_fuses_them_and_rebuilding_removes_what_bent() {
+    let (town, poses) = (Town::new(), drive());
+    let mut mapper = Mapper::new(Settings { min_overlap: 1.0, ..settings() }).unwrap();
+    let (mut loop_nodes, per_lap) = (Vec::new(), (LAP / STEP) as usize);
+    for (i, (truth, told)) in poses.iter().enumerate() {
+        mapper.handle(town.scan(i as NodeId, truth, told)).unwrap();
+        if i >= per_lap && i % 8 == 0 {
+            loop_nodes.push(i);
+        }
+    }
+    for &i in &loop_nodes {
+        let t_from_to = poses[i - per_lap].0.inv_mul(&poses[i].0);
+        let edge = Edge { from: (i - per_lap) as NodeId, to: i as NodeId, t_from_to, information: None };
+        mapper.handle(Event::LoopEdge(edge)).unwrap();
+    }
+    mapper.finish();
+    assert_eq!(mapper.elastic_counts().fusions, 0, "the loops are open: poses are off by {:.2} m", off(&poses));
+    assert_eq!(mapper.graph_counts().open_loops, loop_nodes.len());
+    let (submaps, bytes, error) = (mapper.atlas().submaps().len(), mapper.atlas().bytes(), mean_height_error(mapper.atlas()));
+
+    mapper.handle(Event::PoseUpdate(poses.iter().enumerate().map(|(i, p)| (i as NodeId, p.0)).collect())).unwrap();
+    mapper.finish();
+    let counts = mapper.elastic_counts();
+    assert!(counts.submap_moves > 5 && counts.fusions > 2, "{counts:?}");
+    assert_eq!(mapper.atlas().submaps().len() + counts.fusions, submaps);
+    assert_eq!(mapper.atlas().scan_count(), poses.len(), "scans move with their submap");
+    assert!((mapper.atlas().bytes() as f64) < 0.9 * bytes as f64, "memory falls: {} of {bytes}", mapper.atlas().bytes());
+    let elastic = mean_height_error(mapper.atlas());
+    assert!(elastic < 0.6 * error, "{elastic} against {error}");
+    for submap in mapper.atlas().submaps() {
+        assert!(submap.t_map_submap.translation_distance(&poses[submap.root_node().unwrap() as usize].0) < 1e-9);
+    }
+
+    let deformed = mapper.deformations();
+    assert!(deformed.iter().any(|d| d.distance > 0.1), "{deformed:?}");
+    let mut source = Again(&town, &poses);
+    for d in deformed {
+        mapper.rebuild(d.submap, &mut source).unwrap();
+    }
+    assert!(mapper.deformed().is_empty() && mapper.deformations().iter().all(|d| d.distance < 1e-9));
+    let rebuilt = mean_height_error(mapper.atlas());
+    println!("error {error:.3} m with drift, {elastic:.3} elastic, {rebuilt:.3} rebuilt; {submaps} -> {} submaps", mapper.atlas().submaps().len());
+    assert!(rebuilt <= elastic * 1.02 && mapper.atlas().scan_count() == poses.len());
+}
+
+fn off(poses: &[(Pose, Pose)]) -> f64 {
+    poses.last().map_or(0.0, |(a, b)| a.translation_distance(b))
+}
+
+#[test]
+fn small_corrections_are_left_alone() {
+    let town = Town::new();
+    let mut mapper = Mapper::new(settings()).unwrap();
+    let pose = Town::pose(0.0);
+    mapper.handle(town.scan(5, &pose, &pose)).unwrap();
+    let moved = |t: f64, yaw: f64| pose * Pose::new(nalgebra::Vector3::new(t, 0.0, 0.0), nalgebra::Vector3::new(0.0, 0.0, yaw));
+    for (correction, follows) in [(moved(0.09, 0.0), false), (moved(0.0, 0.04), false), (moved(0.11, 0.0), true), (moved(0.11, 0.05), true)] {
+        mapper.handle(Event::PoseUpdate(vec![(5, correction)])).unwrap();
+        assert_eq!(mapper.atlas().submaps()[0].t_map_submap == correction, follows);
+    }
+    assert_eq!(mapper.elastic_counts().submap_moves, 2);
+}
+
+#[test]
+fn a_mesh_is_extracted_once_whatever_the_pose_does() {
+    let town = Town::new();
+    let mut mapper = Mapper::new(settings()).unwrap();
+    let pose = Town::pose(0.0);
+    mapper.handle(town.scan(0, &pose, &pose)).unwrap();
+    let mut cache = MeshCache::new(0.2, MeshOptions::default());
+    let first = cache.mesh(&mapper.atlas().submaps()[0]);
+    mapper.handle(Event::PoseUpdate(vec![(0, Pose::translation(50.0, 0.0, 0.0))])).unwrap();
+    assert!(std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])), "the correction is a matrix");
+    let next = Pose::translation(50.0, 1.0, 0.0);
+    mapper.handle(town.scan(1, &Town::pose(1.0), &next)).unwrap();
+    assert!(!std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])));
+    cache.keep(&[] as &[Submap]);
+    assert!(cache.is_empty());
+}
+
+#[test]
+fn correcting_a_thousand_submaps_takes_no_time() {
+    let point = || Cloud::from_points((0..50).map(|i| [2.0, 0.01 * i as f32, 0.0]).collect());
+    let mut mapper = Mapper::new(Settings { lambda_odom: 1.0, lambda_cluster: 0.0, min_overlap: 1.0, ..settings() }).unwrap();
+    for node in 0..1000 {
+        let scan = voxelastic::event::Scan { node, time: 0.0, t_map_lidar: Pose::translation(3.0 * node as f64, 0.0, 0.0), cloud: point() };
+        mapper.handle(Event::Scan(scan)).unwrap();
+    }
+    assert_eq!(mapper.atlas().submaps().len(), 1000);
+    let poses: Vec<(NodeId, Pose)> = (0..1000).map(|node| (node, Pose::translation(3.0 * node as f64, 1.0, 0.0))).collect();
+    let mut best = f64::INFINITY;
+    for i in 0..20 {
+        let shifted = poses.iter().map(|(n, p)| (*n, p * Pose::translation(0.0, f64::from(i), 0.0))).collect();
+        let event = Event::PoseUpdate(shifted);
+        let clock = Instant::now();
+        mapper.handle(event).unwrap();
+        best = best.min(clock.elapsed().as_secs_f64() * 1e3);
+    }
+    println!("1,000 submaps corrected in {best:.3} ms");
+    assert_eq!(mapper.elastic_counts().submap_moves, 20_000);
+    assert!(best <= 1.0, "{best} ms");
+}

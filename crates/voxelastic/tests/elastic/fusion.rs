@@ -1,0 +1,159 @@
+//! Fusion against integrating everything into one frame.
+
+use crate::room::Room;
+use nalgebra::{Translation3, UnitQuaternion};
+use proptest::prelude::*;
+use voxelastic::Pose;
+use voxelastic::atlas::Submap;
+use voxelastic::atlas::fusion::{FusionSettings, fuse};
+use voxelastic::event::NodeId;
+use voxelastic::field::occupancy::{OccupancyField, State};
+use voxelastic::field::tsdf::TsdfField;
+use voxelastic::geometry::Rigid;
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic::octree::{BLOCK_EDGE, block_coords, voxel_coords};
+use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
+
+const ROWS: usize = 48;
+const COLUMNS: usize = 360;
+const VOXEL: f32 = 0.08;
+
+fn pose_of(rigid: &Rigid) -> Pose {
+    let r = rigid.rotation;
+    let matrix = nalgebra::Matrix3::from_fn(|i, k| f64::from(r[i][k]));
+    let t = rigid.translation.map(f64::from);
+    Pose::from_parts(Translation3::new(t[0], t[1], t[2]), UnitQuaternion::from_matrix(&matrix))
+}
+
+/// Integrates scans of a room into submaps.
+struct Bench {
+    room: Room,
+    tsdf: TsdfIntegrator,
+    occupancy: OccupancyIntegrator,
+    preparer: Preparer,
+}
+
+impl Bench {
+    fn new(seed: u64, max_scale: usize) -> Self {
+        let limits = Limits { near: 0.3, max: 30.0 };
+        let elevations = Room::elevations(ROWS);
+        let model = BeamModel::even(ROWS, COLUMNS, elevations[0], elevations[ROWS - 1]).unwrap();
+        let occupancy = OccupancySettings { voxel: VOXEL, max_range: 30.0, ..OccupancySettings::default() };
+        let tsdf = TsdfSettings { voxel: VOXEL, max_range: 30.0, truncation_voxels: 3.0, max_weight: 100.0, max_scale, coarser_factor: 1.5 };
+        Self {
+            room: Room::random(seed),
+            tsdf: TsdfIntegrator::new(tsdf),
+            occupancy: OccupancyIntegrator::new(occupancy, &model),
+            preparer: Preparer::new(model, Layout::Projected, limits),
+        }
+    }
+
+    fn integrate(&mut self, submap: &mut Submap, index: usize) {
+        let (t_map_lidar, points, _) = self.room.scan(index, ROWS, COLUMNS, 0.01);
+        let t_submap_lidar = submap.add_scan(index as NodeId, &pose_of(&t_map_lidar));
+        let t_submap_lidar = Rigid::from(&t_submap_lidar);
+        let scan = self.preparer.prepare(&voxelastic::Cloud::from_points(points));
+        let beams = &scan.beams;
+        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], smallest_angle: beams.smallest_angle };
+        self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns);
+        self.occupancy.integrate(&mut submap.occupancy, &t_submap_lidar, &scan.image, &returns, true);
+    }
+}
+
+/// Mean difference of the distances near the surface, finest voxels, and how many voxels of `b` there `a` has not.
+fn compare_tsdf(a: &TsdfField, b: &TsdfField) -> (f64, f64) {
+    let (mut sum, mut count, mut missing, mut all) = (0.0, 0usize, 0usize, 0usize);
+    for id in b.ids() {
+        let block = b.block(id);
+        let other = a.find(block.key).map(|id| a.block(id));
+        for (i, voxel) in b.current(block).iter().enumerate() {
+            if !voxel.is_observed() || voxel.distance_in_voxels().abs() > 1.0 {
+                continue;
+            }
+            all += 1;
+            let edge = f64::from(1u32 << block.scale);
+            match other {
+                Some(other) if other.scale == block.scale && a.current(other)[i].is_observed() => {
+                    sum += f64::from((voxel.distance_in_voxels() - a.current(other)[i].distance_in_voxels()).abs()) * edge;
+                    count += 1;
+                }
+                Some(other) if other.scale != block.scale => all -= 1,
+                _ => missing += 1,
+            }
+        }
+    }
+    (sum / count as f64, missing as f64 / all as f64)
+}
+
+/// Share of the voxels known to `b` that are in another state in `a`: unknown, or the opposite.
+fn compare_occupancy(a: &OccupancyField, b: &OccupancyField) -> (f64, f64) {
+    let (mut unknown, mut opposite, mut all) = (0usize, 0usize, 0usize);
+    b.tree().for_each(|key, level, octant| {
+        if level > 0 {
+            return;
+        }
+        let corner = block_coords(key).map(|c| c * BLOCK_EDGE as i32);
+        for i in (0..512).step_by(if octant.link == u32::MAX { 37 } else { 1 }) {
+            let c = voxel_coords(i, 0);
+            let at = std::array::from_fn(|k| corner[k] + c[k] as i32);
+            let (mine, theirs) = (a.state_at(at), b.state_at(at));
+            if theirs != State::Unknown {
+                all += 1;
+                unknown += usize::from(mine == State::Unknown);
+                opposite += usize::from(mine != State::Unknown && mine != theirs);
+            }
+        }
+    });
+    (unknown as f64 / all as f64, opposite as f64 / all as f64)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 6, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn fused_equals_integrated_directly(
+        seed in 0u64..1000, angles in prop::array::uniform3(-0.5f64..0.5), yaw in -3.1f64..3.1, t in prop::array::uniform3(-8.0f64..8.0),
+        max_scale in 0usize..3,
+    ) {
+        let mut bench = Bench::new(seed, max_scale);
+        let root = Pose::from_parts(Translation3::new(t[0], t[1], t[2]), UnitQuaternion::from_euler_angles(angles[0], angles[1], yaw));
+        let (mut target, mut source, mut direct) = (Submap::new(0, Pose::identity()), Submap::new(1, root), Submap::new(2, Pose::identity()));
+        for i in 0..6 {
+            bench.integrate(if i < 3 { &mut target } else { &mut source }, i);
+            bench.integrate(&mut direct, i);
+        }
+        let weight = FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+        fuse(&mut target, &source, &root, &weight);
+        prop_assert_eq!(target.scans.len(), 6);
+        for (fused, direct) in target.scans.iter().zip(&direct.scans) {
+            prop_assert!((fused.t_submap_lidar.translation.vector - direct.t_submap_lidar.translation.vector).norm() < 1e-9);
+        }
+        let (difference, missing) = compare_tsdf(&target.tsdf, &direct.tsdf);
+        let (unknown, opposite) = compare_occupancy(&target.occupancy, &direct.occupancy);
+        println!("scale {max_scale}: {difference:.3} voxels, {:.1} % missing; {:.1} % unknown, {:.1} % opposite", 100.0 * missing, 100.0 * unknown, 100.0 * opposite);
+        prop_assert!(difference <= 0.15, "zero crossings differ by {difference} voxels");
+        prop_assert!(missing <= 0.05, "{missing} of the surface is missing");
+        prop_assert!(unknown <= 0.05 && opposite <= 0.03, "{unknown} unknown, {opposite} opposite");
+    }
+}
+
+#[test]
+fn fusing_by_whole_voxels_loses_nothing() {
+    let mut bench = Bench::new(3, 0);
+    // 16 voxels along x: both lattices coincide.
+    let root = Pose::translation(f64::from(VOXEL) * 16.0, 0.0, 0.0);
+    let (mut empty, mut source) = (Submap::new(0, Pose::identity()), Submap::new(1, root));
+    bench.integrate(&mut source, 0);
+    fuse(&mut empty, &source, &root, &FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 });
+    let mut compared = 0;
+    for id in source.tsdf.ids() {
+        let block = source.tsdf.block(id);
+        let c = block_coords(block.key);
+        let moved = empty.tsdf.find(voxelastic::octree::block_key([c[0] + 2, c[1], c[2]]));
+        for (i, voxel) in source.tsdf.current(block).iter().enumerate().filter(|(_, v)| v.is_observed()) {
+            let there = empty.tsdf.current(empty.tsdf.block(moved.unwrap()))[i];
+            assert!((there.distance - voxel.distance).abs() <= 2 && there.weight.abs_diff(voxel.weight) <= 1, "{there:?} {voxel:?}");
+            compared += 1;
+        }
+    }
+    assert!(compared > 10_000);
+}
