@@ -170,13 +170,14 @@ impl Descent<'_> {
         finds.visited += 8;
         bits(quarters.free).for_each(|i| mask[i] = u64::MAX);
         if finest < 2 {
-            for i in bits(quarters.mixed) {
+            // Where nothing was seen nearby there is no surface to be told apart from: the rim stays coarse.
+            for i in bits(quarters.mixed & !quarters.rim) {
                 let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
                 let pairs = self.sight.classify(centre, half);
                 finds.visited += 8;
                 bits(pairs.free).for_each(|j| mask[i] |= 0xff << (8 * j));
                 if finest < 1 {
-                    for j in bits(pairs.mixed) {
+                    for j in bits(pairs.mixed & !pairs.rim) {
                         let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
                         finds.visited += 8;
                         mask[i] |= u64::from(voxels.free) << (8 * j);

@@ -13,6 +13,8 @@ pub(super) struct Classes {
     pub free: u8,
     /// Some part may be free.
     pub mixed: u8,
+    /// The mixed cubes at the rim of what was seen: beams without return, or outside of the field of view, pass there too.
+    pub rim: u8,
 }
 
 /// Looks at cubes of the submap from where a scan was taken.
@@ -108,6 +110,7 @@ impl<'a> Sight<'a> {
             {
                 classes.free |= u8::from(farthest < close.near) << lane;
                 classes.mixed |= u8::from(nearest < close.far) << lane;
+                classes.rim |= u8::from(close.near == 0.0) << lane;
             }
         }
         classes.mixed &= !classes.free;

@@ -106,6 +106,8 @@ pub struct Visibility {
 
 /// A pixel before anything is known of it.
 const BLANK: Texel = Texel { near: f32::INFINITY, far: -1.0 };
+/// Ranges of beams on both sides of a gap differ by no more than this factor where the gap is on one surface.
+const SAME_SURFACE: f32 = 1.1;
 const NOTHING: Texel = Texel { near: 0.0, far: 0.0 };
 
 impl Visibility {
@@ -137,7 +139,8 @@ impl Visibility {
     }
 
     /// Builds the pyramid from a scan's image. A range of infinity saw up to `max_range`; 0 saw nothing, or up to
-    /// `max_range` if `clear_no_return`. `fill` closes gaps of a pixel or two between returns, for clouds that were no grid.
+    /// `max_range` if `clear_no_return`. Gaps of a pixel or two between returns are
+    /// closed: all of them with `fill`, for clouds that were no grid, otherwise those on one surface.
     pub fn build(&mut self, image: &RangeImage, max_range: f32, clear_no_return: bool, fill: bool) {
         let (rows, columns) = (self.padded_rows(), self.columns);
         self.cells.clear();
@@ -149,14 +152,10 @@ impl Visibility {
                 if range > 0.0 || clear_no_return {
                     let seen = if range > 0.0 { range.min(max_range) } else { max_range };
                     *cell = Texel { near: cell.near.min(seen), far: cell.far.max(seen) };
-                } else if !fill {
-                    cell.near = 0.0;
                 }
             }
         }
-        if fill {
-            self.fill_gaps();
-        }
+        self.fill_gaps(if fill { f32::INFINITY } else { SAME_SURFACE });
         for cell in &mut self.cells {
             if cell.far < 0.0 {
                 *cell = NOTHING;
@@ -165,8 +164,9 @@ impl Visibility {
         self.build_levels(rows);
     }
 
-    /// An empty pixel with returns on both sides of it in its row takes the nearer of them.
-    fn fill_gaps(&mut self) {
+    /// Empty pixels between two returns of a row take the nearer of them. A gap in a grid is a beam that found nothing, so
+    /// there the two must see the same surface: `similar` is how much farther the farther one may be.
+    fn fill_gaps(&mut self, similar: f32) {
         /// Empty pixels in a row that are bridged.
         const GAP: usize = 2;
         let columns = self.columns;
@@ -177,7 +177,9 @@ impl Visibility {
             for c in (0..columns).filter(|&c| line[c].far < 0.0) {
                 let left = (1..=GAP).find_map(|d| seen(c + columns - d));
                 let right = (1..=GAP).find_map(|d| seen(c + d));
-                if let (Some(a), Some(b)) = (left, right) {
+                if let (Some(a), Some(b)) = (left, right)
+                    && a.far.max(b.far) <= similar * a.near.min(b.near)
+                {
                     self.cells[row * columns + c] = Texel { near: a.near.min(b.near), far: a.far.max(b.far) };
                 }
             }
