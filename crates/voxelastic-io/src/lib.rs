@@ -42,6 +42,7 @@ pub mod g2o;
 mod graph;
 pub mod kitti_bin;
 pub mod mesh_io;
+pub mod octomap;
 pub mod pcd;
 pub mod ply;
 pub mod poses;
