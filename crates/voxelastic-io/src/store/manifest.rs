@@ -49,6 +49,9 @@ pub struct SubmapEntry {
     /// Content of the TSDF, for information; absent when the submap has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tsdf: Option<TsdfSummary>,
+    /// Content of the occupancy field, for information; absent when the submap has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub occupancy: Option<OccupancySummary>,
     /// The scans that it was made from, in the order in which they were integrated.
     pub scans: Vec<ScanEntry>,
 }
@@ -57,6 +60,17 @@ pub struct SubmapEntry {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TsdfSummary {
     /// Blocks integrated at scales 0 to 3.
+    pub blocks_by_scale: [u64; SCALES],
+    /// Bytes in memory when the map was saved.
+    pub memory_bytes: u64,
+}
+
+/// Size of a submap's occupancy field.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OccupancySummary {
+    /// Octants of the tree.
+    pub octants: u64,
+    /// Blocks that hold voxels at scales 0 to 3.
     pub blocks_by_scale: [u64; SCALES],
     /// Bytes in memory when the map was saved.
     pub memory_bytes: u64,
@@ -72,19 +86,33 @@ pub struct ScanEntry {
     pub t_submap_lidar: Pose,
 }
 
+/// A submap, and where it lies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece<'a> {
+    pub submap: &'a Submap,
+    pub t_map_submap: Pose,
+}
+
 impl SubmapEntry {
-    /// The entry of `submap`, whose file is `name`.
-    pub(super) fn new(submap: &Submap, name: SubmapName, written: Written) -> Self {
-        let tsdf = &submap.tsdf;
-        let summary = || TsdfSummary { blocks_by_scale: tsdf.blocks_by_scale().map(|n| n as u64), memory_bytes: tsdf.bytes() as u64 };
+    /// The entry of a submap whose file is `name`.
+    pub(super) fn new(piece: &Piece<'_>, name: SubmapName, written: Written) -> Self {
+        let submap = piece.submap;
+        let (tsdf, occupancy) = (&submap.tsdf, &submap.occupancy);
+        let of_tsdf = || TsdfSummary { blocks_by_scale: tsdf.blocks_by_scale().map(|n| n as u64), memory_bytes: tsdf.bytes() as u64 };
+        let of_occupancy = || OccupancySummary {
+            octants: occupancy.tree().octants() as u64,
+            blocks_by_scale: occupancy.arrays().map(|n| n as u64),
+            memory_bytes: occupancy.bytes() as u64,
+        };
         Self {
             id: submap.id,
             file: name.to_string(),
             bytes: written.bytes,
             crc32: written.crc32,
-            t_map_submap: submap.t_map_submap,
+            t_map_submap: piece.t_map_submap,
             travelled: submap.travelled,
-            tsdf: (!tsdf.is_empty()).then(summary),
+            tsdf: (!tsdf.is_empty()).then(of_tsdf),
+            occupancy: (!occupancy.is_empty()).then(of_occupancy),
             scans: submap.scans.iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect(),
         }
     }
@@ -100,14 +128,16 @@ impl SubmapEntry {
         submap.travelled = self.travelled;
         submap.scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
         submap.tsdf = fields.tsdf;
+        submap.occupancy = fields.occupancy;
         submap
     }
 }
 
 /// Refuses a submap whose numbers a manifest cannot hold.
-pub(super) fn check_storable(submap: &Submap) -> Result<()> {
+pub(super) fn check_storable(piece: &Piece<'_>) -> Result<()> {
+    let submap = piece.submap;
     let unstorable = |what: String| StoreError::Unstorable { id: submap.id, what };
-    pose_as_numbers::check(&submap.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
+    pose_as_numbers::check(&piece.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
     for scan in &submap.scans {
         pose_as_numbers::check(&scan.t_submap_lidar).map_err(|e| unstorable(format!("the pose of node {} {e}", scan.node)))?;
     }

@@ -15,23 +15,25 @@
 //! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
 //! [`StoreError`] that names the file, the place in it and the remedy.
 //!
-//! Submap files (module `submap_file`) are sequences of tagged sections, one per field; the TSDF's (module
-//! `tsdf_section`) is a sequence of compressed pages of blocks in Morton order.
+//! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
+//! `occupancy_section`), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
 mod error;
 mod files;
+mod frames;
 mod lock;
 mod manifest;
 mod manifest_text;
-mod page;
+mod occupancy_section;
 mod reader;
 mod submap_file;
+mod tsdf_page;
 mod tsdf_section;
 mod writer;
 
 pub use error::{Result, StoreError};
-pub use manifest::{Manifest, MapDetails, ScanEntry, SubmapEntry, TsdfSummary};
+pub use manifest::{Manifest, MapDetails, OccupancySummary, ScanEntry, SubmapEntry, TsdfSummary};
 pub use reader::MapStore;
 pub use writer::{MapWriter, SaveReport};
 

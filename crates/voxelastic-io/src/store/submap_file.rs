@@ -9,19 +9,19 @@
 
 use super::bytes::Bytes;
 use super::error::{Result, StoreError};
-use super::tsdf_section::{self, Section};
-use super::{FORMAT_VERSION, files};
+use super::frames::Section;
+use super::{FORMAT_VERSION, files, occupancy_section, tsdf_section};
 use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 use voxelastic::atlas::{Submap, SubmapId};
+use voxelastic::field::occupancy::OccupancyField;
 use voxelastic::field::tsdf::TsdfField;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// As in PNG, a byte that is no text and a line end that text tools would change.
 const MAGIC: [u8; 8] = *b"\x89VXSUB\r\n";
-const TAG_TSDF: [u8; 4] = *b"tsdf";
 /// More sections than there will ever be fields.
 const MAX_SECTIONS: usize = 64;
 /// Bytes of the head before the section table, of one section in it, and of the checksum after it.
@@ -37,19 +37,83 @@ const fn head_length(sections: usize) -> usize {
 #[derive(Debug, Default)]
 pub(super) struct Fields {
     pub tsdf: TsdfField,
+    pub occupancy: OccupancyField,
 }
 
-/// Tags of the fields that `submap` has anything in.
-fn tags(submap: &Submap) -> Vec<[u8; 4]> {
-    if submap.tsdf.is_empty() { Vec::new() } else { vec![TAG_TSDF] }
+/// The fields that this program can store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Tsdf,
+    Occupancy,
+}
+
+impl Kind {
+    const ALL: [Self; 2] = [Self::Tsdf, Self::Occupancy];
+
+    fn tag(self) -> [u8; 4] {
+        match self {
+            Self::Tsdf => *b"tsdf",
+            Self::Occupancy => *b"occu",
+        }
+    }
+
+    /// The section in words.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Tsdf => "tsdf section",
+            Self::Occupancy => "occupancy section",
+        }
+    }
+
+    /// Bytes before the section's frames.
+    fn head(self) -> usize {
+        match self {
+            Self::Tsdf => tsdf_section::HEAD,
+            Self::Occupancy => occupancy_section::HEAD,
+        }
+    }
+
+    fn is_in(self, submap: &Submap) -> bool {
+        match self {
+            Self::Tsdf => !submap.tsdf.is_empty(),
+            Self::Occupancy => !submap.occupancy.is_empty(),
+        }
+    }
+
+    fn digest(self, submap: &Submap) -> u64 {
+        match self {
+            Self::Tsdf => tsdf_section::digest(&submap.tsdf),
+            Self::Occupancy => occupancy_section::digest(&submap.occupancy),
+        }
+    }
+
+    fn write(self, submap: &Submap, out: &mut (impl Write + Send)) -> io::Result<()> {
+        match self {
+            Self::Tsdf => tsdf_section::write(&submap.tsdf, out),
+            Self::Occupancy => occupancy_section::write(&submap.occupancy, out),
+        }
+    }
+
+    fn read(self, section: &Section<'_>, fields: &mut Fields) -> Result<()> {
+        match self {
+            Self::Tsdf => fields.tsdf = tsdf_section::read(section)?,
+            Self::Occupancy => fields.occupancy = occupancy_section::read(section)?,
+        }
+        Ok(())
+    }
+}
+
+/// The fields that `submap` has anything in.
+fn kinds(submap: &Submap) -> impl Iterator<Item = Kind> {
+    Kind::ALL.into_iter().filter(|kind| kind.is_in(submap))
 }
 
 /// A hash of everything that the file of `submap` would hold.
 pub(super) fn digest(submap: &Submap) -> u64 {
     let mut all = Vec::new();
-    for tag in tags(submap) {
-        all.extend(tag);
-        all.extend(tsdf_section::digest(&submap.tsdf).to_le_bytes());
+    for kind in kinds(submap) {
+        all.extend(kind.tag());
+        all.extend(kind.digest(submap).to_le_bytes());
     }
     xxh3_64(&all)
 }
@@ -63,7 +127,7 @@ pub(super) struct Written {
 
 /// One row of the section table, and the running checksum of the section.
 struct Row {
-    tag: [u8; 4],
+    kind: Kind,
     offset: u64,
     length: u64,
     crc: Hasher,
@@ -90,14 +154,13 @@ impl<W: Write> Write for Tally<W> {
 
 /// Writes the fields of `submap` to a new file. Sections stream; the head is put before them at the end.
 pub(super) fn write(file: &mut File, submap: &Submap) -> io::Result<Written> {
-    let tags = tags(submap);
-    let mut offset = head_length(tags.len()) as u64;
+    let mut offset = head_length(kinds(submap).count()) as u64;
     file.write_all(&vec![0; offset as usize])?;
     let mut body = BufWriter::with_capacity(1 << 18, &mut *file);
     let mut rows = Vec::new();
-    for tag in tags {
-        let mut tally = Tally { inner: &mut body, row: Row { tag, offset, length: 0, crc: Hasher::new() } };
-        tsdf_section::write(&submap.tsdf, &mut tally)?;
+    for kind in kinds(submap) {
+        let mut tally = Tally { inner: &mut body, row: Row { kind, offset, length: 0, crc: Hasher::new() } };
+        kind.write(submap, &mut tally)?;
         offset += tally.row.length;
         rows.push(tally.row);
     }
@@ -118,7 +181,7 @@ fn head(id: SubmapId, rows: &[Row]) -> Vec<u8> {
         head.extend(number.to_le_bytes());
     }
     for row in rows {
-        head.extend(row.tag);
+        head.extend(row.kind.tag());
         head.extend(row.crc.clone().finalize().to_le_bytes());
         head.extend(row.offset.to_le_bytes());
         head.extend(row.length.to_le_bytes());
@@ -140,8 +203,8 @@ pub(super) struct Expected {
 pub(super) fn read(path: &Path, expected: &Expected) -> Result<Fields> {
     let bytes = files::read(path, Some(expected.bytes))?;
     let mut fields = Fields::default();
-    for (_, section) in verified(path, &bytes, expected)? {
-        fields.tsdf = tsdf_section::read(&section)?;
+    for (kind, section) in verified(path, &bytes, expected)? {
+        kind.read(&section, &mut fields)?;
     }
     Ok(fields)
 }
@@ -153,7 +216,7 @@ pub(super) fn check(path: &Path, expected: &Expected) -> Result<()> {
 }
 
 /// The sections of a file in which every byte is what was written.
-fn verified<'a>(path: &'a Path, bytes: &'a [u8], expected: &Expected) -> Result<Vec<([u8; 4], Section<'a>)>> {
+fn verified<'a>(path: &'a Path, bytes: &'a [u8], expected: &Expected) -> Result<Vec<(Kind, Section<'a>)>> {
     let (id, sections) = parse(path, bytes)?;
     if id != expected.id {
         return Err(StoreError::damaged(path, "header", 12, format!("it is submap {id}, the manifest says {}", expected.id)));
@@ -166,7 +229,7 @@ fn verified<'a>(path: &'a Path, bytes: &'a [u8], expected: &Expected) -> Result<
 }
 
 /// Takes a file apart and checks the checksums of its head and sections.
-fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<([u8; 4], Section<'a>)>)> {
+fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Section<'a>)>)> {
     let damaged = |offset: usize, what: String| StoreError::damaged(path, "header", offset as u64, what);
     let mut head = Bytes::new(bytes);
     if head.take(MAGIC.len()) != Ok(&MAGIC[..]) {
@@ -186,15 +249,15 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<([u8; 4],
         return Err(StoreError::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let mut rows = Bytes::new(table);
-    let mut sections: Vec<([u8; 4], Section<'_>)> = Vec::new();
+    let mut sections: Vec<(Kind, Section<'_>)> = Vec::new();
     let mut end = head_length(count) as u64;
     for _ in 0..count {
-        let (tag, section) = row(path, bytes, &mut rows, end)?;
-        if sections.iter().any(|(other, _)| *other == tag) {
-            return Err(damaged(HEAD, format!("two sections {:?}", tag.escape_ascii().to_string())));
+        let (kind, section) = row(path, bytes, &mut rows, end)?;
+        if sections.iter().any(|(other, _)| *other == kind) {
+            return Err(damaged(HEAD, format!("it has two {}s", kind.name())));
         }
         end += section.bytes.len() as u64;
-        sections.push((tag, section));
+        sections.push((kind, section));
     }
     if end != bytes.len() as u64 {
         return Err(StoreError::damaged(path, "length", end, format!("{} bytes follow the last section", bytes.len() as u64 - end)));
@@ -203,19 +266,16 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<([u8; 4],
 }
 
 /// Reads the next row of the section table and checks its section, which starts where the one before ended.
-fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<([u8; 4], Section<'a>)> {
+fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
     let damaged = |what: String| StoreError::damaged(path, "section table", HEAD as u64, what);
     let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
     let (tag, crc32, offset, length) = fields().map_err(damaged)?;
     let place = usize::try_from(offset).ok().zip(usize::try_from(length).ok()).filter(|_| offset == start);
     let content = place.and_then(|(offset, length)| bytes.get(offset..)?.get(..length));
     let content = content.ok_or_else(|| damaged(format!("a section of {length} bytes at byte {offset} does not fit the file")))?;
-    let section = Section { path, offset, bytes: content };
-    if tag != TAG_TSDF {
+    let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.tag() == tag) else {
         return Err(StoreError::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
-    }
-    if crc32fast::hash(content) != crc32 {
-        return Err(tsdf_section::find_damage(&section));
-    }
-    Ok((tag, section))
+    };
+    let section = Section { path, name: kind.name(), offset, bytes: content };
+    if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(section.find_damage(kind.head())) }
 }

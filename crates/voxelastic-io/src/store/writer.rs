@@ -3,14 +3,14 @@
 use super::error::{Result, StoreError};
 use super::files::{self, LOCK, MANIFEST, SubmapName};
 use super::lock::Lock;
-use super::manifest::{Manifest, MapDetails, SubmapEntry, check_storable};
+use super::manifest::{Manifest, MapDetails, Piece, SubmapEntry, check_storable};
 use super::manifest_text;
 use super::reader::MapStore;
 use super::submap_file::{self, Written};
 use rayon::prelude::*;
 use std::io::Write;
 use std::path::Path;
-use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::atlas::Atlas;
 
 /// The one writer of a map directory, from when it is made until it is dropped.
 #[derive(Debug)]
@@ -89,8 +89,9 @@ impl MapWriter {
     /// # Errors
     /// [`StoreError::Unstorable`] when a pose is not finite, [`StoreError::Io`] when the file system refuses.
     pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
-        atlas.submaps().iter().try_for_each(check_storable)?;
-        let saved: Vec<Result<(SubmapEntry, bool)>> = atlas.submaps().par_iter().map(|submap| self.save_submap(submap)).collect();
+        let pieces = pieces(atlas);
+        pieces.iter().try_for_each(check_storable)?;
+        let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece)).collect();
         let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
         let dir = self.store.dir();
         if saved.iter().any(|(_, is_new)| *is_new) {
@@ -119,8 +120,9 @@ impl MapWriter {
         SubmapName::parse(name).and_then(|name| self.store.entry(name.id)).is_some_and(|entry| entry.file == name)
     }
 
-    /// Writes the file of `submap` unless the map has one of the same content; says whether it did.
-    fn save_submap(&self, submap: &Submap) -> Result<(SubmapEntry, bool)> {
+    /// Writes the file of a submap unless the map has one of the same content; says whether it did.
+    fn save_piece(&self, piece: &Piece<'_>) -> Result<(SubmapEntry, bool)> {
+        let submap = piece.submap;
         let name = SubmapName { id: submap.id, digest: submap_file::digest(submap) };
         let file = name.to_string();
         let dir = self.store.dir();
@@ -128,11 +130,21 @@ impl MapWriter {
             && dir.join(&file).metadata().is_ok_and(|m| m.is_file() && m.len() == entry.bytes)
         {
             let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
-            return Ok((SubmapEntry::new(submap, name, written), false));
+            return Ok((SubmapEntry::new(piece, name, written), false));
         }
         let written = files::write_atomically(dir, &file, |file| submap_file::write(file, submap))?;
-        Ok((SubmapEntry::new(submap, name, written), true))
+        Ok((SubmapEntry::new(piece, name, written), true))
     }
+}
+
+/// Everything that the map of `atlas` is made of, ordered by id. A submap that is being fused into another one is still the
+/// only place where its part of the map is.
+fn pieces(atlas: &Atlas) -> Vec<Piece<'_>> {
+    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap };
+    let mut pieces: Vec<Piece<'_>> = atlas.submaps().iter().map(of_submap).collect();
+    pieces.extend(atlas.retiring().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap }));
+    pieces.sort_by_key(|piece| piece.submap.id);
+    pieces
 }
 
 /// Whether `dir` holds a map; fails when it holds anything that no map writer made.

@@ -11,6 +11,9 @@ struct Map {
     dir: tempfile::TempDir,
     atlas: Atlas,
     manifest: PathBuf,
+    /// The file of submap 0, which has all fields.
+    whole: PathBuf,
+    /// The file of submap 1, which has a TSDF only.
     submap: PathBuf,
 }
 
@@ -19,8 +22,8 @@ fn map() -> Map {
     let atlas = made_up_atlas(3, 2, 12);
     let mut writer = MapWriter::create(dir.path()).unwrap();
     writer.save(&atlas, &details("damage")).unwrap();
-    let submap = dir.path().join(&writer.store().manifest().submaps[1].file);
-    Map { manifest: dir.path().join("manifest.json"), submap, atlas, dir }
+    let file = |id: usize| dir.path().join(&writer.store().manifest().submaps[id].file);
+    Map { manifest: dir.path().join("manifest.json"), whole: file(0), submap: file(1), atlas, dir }
 }
 
 fn load(dir: &Path) -> Result<Atlas> {
@@ -29,12 +32,14 @@ fn load(dir: &Path) -> Result<Atlas> {
 
 /// Runs `change` on the bytes of `file` and puts them back afterwards.
 fn with_changed(file: &Path, change: impl FnOnce(&mut Vec<u8>), then: impl FnOnce()) {
+    // Some file systems wait for the disk when a file is overwritten, but not when it is new.
+    let put = |bytes: Vec<u8>| fs::remove_file(file).and_then(|()| fs::write(file, bytes)).unwrap();
     let original = fs::read(file).unwrap();
     let mut bytes = original.clone();
     change(&mut bytes);
-    fs::write(file, bytes).unwrap();
+    put(bytes);
     then();
-    fs::write(file, original).unwrap();
+    put(original);
 }
 
 /// Replaces `from` by `to` in the manifest and mends its checksum.
@@ -54,9 +59,9 @@ fn mended(text: &str) -> String {
 fn every_flipped_bit_is_noticed() {
     let map = map();
     let mut noticed = 0;
-    for file in [&map.manifest, &map.submap] {
+    for file in [&map.manifest, &map.whole, &map.submap] {
         let length = fs::metadata(file).unwrap().len() as usize;
-        for at in (0..length).step_by(1 + length / 1500) {
+        for at in (0..length).step_by(1 + length / 1000) {
             with_changed(
                 file,
                 |bytes| bytes[at] ^= 1 << (at * 5 % 8),
@@ -78,7 +83,7 @@ fn every_flipped_bit_is_noticed() {
 #[test]
 fn every_truncation_and_every_tail_is_noticed() {
     let map = map();
-    for file in [&map.manifest, &map.submap] {
+    for file in [&map.manifest, &map.whole, &map.submap] {
         let length = fs::metadata(file).unwrap().len() as usize;
         for keep in (0..length).step_by(1 + length / 200) {
             with_changed(file, |bytes| bytes.truncate(keep), || assert!(load(map.dir.path()).is_err(), "{keep} of {length} bytes"));
@@ -100,16 +105,19 @@ fn every_truncation_and_every_tail_is_noticed() {
 fn the_damaged_page_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = MapWriter::create(dir.path()).unwrap();
-    writer.save(&made_up_atlas(5, 1, 5000), &details("pages")).unwrap();
-    let path = dir.path().join(&writer.store().manifest().submaps[0].file);
-    let mut bytes = fs::read(&path).unwrap();
-    let at = bytes.len() - 10;
-    bytes[at] ^= 4;
-    fs::write(&path, &bytes).unwrap();
-    for error in [load(dir.path()).unwrap_err(), writer.store().check().remove(0)] {
-        let StoreError::Damaged { section, offset, what, .. } = &error else { panic!("{error}") };
-        assert!(section == "tsdf section" && *offset > 1000 && *offset < at as u64 && what.starts_with("page "), "{error}");
+    writer.save(&made_up_atlas(5, 3, 5000), &details("pages")).unwrap();
+    for (id, field) in [(1, "tsdf section"), (2, "occupancy section")] {
+        let path = dir.path().join(&writer.store().manifest().submaps[id as usize].file);
+        let mut bytes = fs::read(&path).unwrap();
+        let at = bytes.len() - 10;
+        bytes[at] ^= 4;
+        fs::write(&path, &bytes).unwrap();
+        for error in [writer.store().load_submap(id).unwrap_err(), writer.store().check().pop().unwrap()] {
+            let StoreError::Damaged { section, offset, what, .. } = &error else { panic!("{error}") };
+            assert!(section == field && *offset > 1000 && *offset < at as u64 && what.starts_with("page "), "{error}");
+        }
     }
+    assert!(matches!(load(dir.path()), Err(StoreError::Damaged { section, .. }) if section == "tsdf section"), "the first is reported");
 }
 
 #[test]
@@ -135,8 +143,9 @@ fn a_submap_in_the_place_of_another_is_noticed() {
     let dir = tempfile::tempdir().unwrap();
     let mut writer = MapWriter::create(dir.path()).unwrap();
     let mut atlas = made_up_atlas(3, 2, 12);
-    let field = atlas.submaps()[0].tsdf.clone();
-    atlas.submap_mut(1).unwrap().tsdf = field;
+    let first = atlas.submaps()[0].clone();
+    let second = atlas.submap_mut(1).unwrap();
+    (second.tsdf, second.occupancy) = (first.tsdf, first.occupancy);
     writer.save(&atlas, &details("swap")).unwrap();
     let files: Vec<PathBuf> = writer.store().manifest().submaps.iter().map(|e| dir.path().join(&e.file)).collect();
     fs::copy(&files[0], &files[1]).unwrap();

@@ -3,6 +3,6 @@
 mod compat;
 mod damage;
 mod directory;
+mod hall;
 mod roundtrip;
-mod speed;
 mod world;

@@ -50,7 +50,7 @@ fn whatever_is_integrated_next_gives_the_same_map_and_mesh() {
         let id = kept.spawn(Pose::identity());
         let mut walk = Walk::new(shaded);
         let mut past_arrays = 0;
-        for round in 0..12 {
+        for round in 0..8 {
             let dir = tempfile::tempdir().unwrap();
             MapWriter::create(dir.path()).unwrap().save(&kept, &details("future")).unwrap();
             let mut reopened = MapStore::open(dir.path()).unwrap().load_atlas().unwrap();

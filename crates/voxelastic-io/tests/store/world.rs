@@ -1,11 +1,13 @@
 //! Small atlases to store: integrated from scans of a box-shaped room, and made up block by block.
 
 use voxelastic::Pose;
-use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::atlas::{Atlas, Submap, SubmapScan};
+use voxelastic::field::occupancy::{OccupancyField, Summary};
 use voxelastic::field::tsdf::{TsdfField, Voxel};
-use voxelastic::field::{BlockHead, TsdfBuilder};
+use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic::octree::voxels_at;
 use voxelastic_io::store::MapDetails;
 
 /// A sequence of numbers that is the same everywhere.
@@ -39,12 +41,6 @@ impl Walk {
     pub fn new(shaded: bool) -> Self {
         let settings = TsdfSettings { voxel: 0.1, coarser_factor: 1.0, ..TsdfSettings::default() };
         Self { integrator: TsdfIntegrator::new(settings), step: 0, shaded, rays: [64, 160] }
-    }
-
-    /// A walk that fills large maps quickly.
-    pub fn fine() -> Self {
-        let settings = TsdfSettings { voxel: 0.02, ..TsdfSettings::default() };
-        Self { integrator: TsdfIntegrator::new(settings), step: 0, shaded: true, rays: [128, 2048] }
     }
 
     /// The same walk, from the same place on.
@@ -102,6 +98,39 @@ pub fn made_up_field(seed: u64, blocks: usize) -> TsdfField {
     builder.finish()
 }
 
+/// An occupancy field with about `octants` octants and made-up content that depends on `seed` only, on any machine.
+pub fn made_up_occupancy(seed: u64, octants: usize) -> OccupancyField {
+    let mut numbers = Numbers(seed);
+    let mut octant = |linked: bool| {
+        let n = numbers.next();
+        OctantRecord { linked, summary: Summary { value: n as i8, max: (n >> 8) as i8, observed: n >> 16 & 1 == 1 } }
+    };
+    let level = 4;
+    let mut builder = OccupancyBuilder::new(7 << 12, level, octant(octants > 0)).expect("a possible root");
+    // Levels of the octants that are to come, the next one last.
+    let mut levels = vec![level - 1; if octants > 0 { 8 } else { 0 }];
+    let (mut made, mut blocks) = (levels.len(), 0);
+    while let Some(level) = levels.pop() {
+        let linked = made < octants && octant(false).summary.value % 3 != 0;
+        builder.push_octant(octant(linked)).expect("an announced octant");
+        match (linked, level) {
+            (true, 0) => blocks += 1,
+            (true, _) => {
+                levels.extend([level - 1; 8]);
+                made += 8;
+            }
+            (false, _) => {}
+        }
+    }
+    let mut numbers = Numbers(seed ^ 1);
+    for _ in 0..blocks {
+        let scale = (numbers.next() % 4) as u8;
+        let values: Vec<i8> = (0..voxels_at(usize::from(scale))).map(|_| (numbers.next() % 5) as i8 - 2).collect();
+        builder.push_block(scale, &values).expect("an announced block");
+    }
+    builder.finish().expect("a whole field")
+}
+
 /// An atlas of `submaps` submaps with made-up content that depends on `seed` only.
 pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
     let mut numbers = Numbers(seed);
@@ -110,10 +139,16 @@ pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
         let id = atlas.spawn(pose(&mut numbers));
         let field_seed = numbers.next();
         let submap = atlas.submap_mut(id).expect("just made");
-        submap.tsdf = made_up_field(field_seed, blocks);
+        // Every second and third of four has one field only.
+        if id % 4 != 2 {
+            submap.tsdf = made_up_field(field_seed, blocks);
+        }
+        if id % 4 != 1 {
+            submap.occupancy = made_up_occupancy(field_seed, 4 * blocks);
+        }
         for _ in 0..3 {
-            let t_map_lidar = pose(&mut numbers);
-            submap.add_scan(numbers.next(), &t_map_lidar);
+            let t_submap_lidar = pose(&mut numbers);
+            submap.scans.push(SubmapScan { node: numbers.next(), t_submap_lidar });
         }
         submap.travelled = 100.0 * numbers.unit();
     }
@@ -131,6 +166,13 @@ pub fn image(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
     field.ids_in_morton_order().into_iter().map(block).collect()
 }
 
+/// Everything that an occupancy field is, without ids and slots.
+pub fn occupancy_image(field: &OccupancyField) -> (u32, u64, Vec<OctantRecord>, Vec<(u64, u8, Vec<i8>)>) {
+    let block = |id| (field.block(id).key, field.block(id).scale, field.values(field.block(id)).to_vec());
+    let blocks = field.ids_in_morton_order().into_iter().map(block).collect();
+    (field.tree().root_level(), field.tree().root_key(), field.octants_in_order(), blocks)
+}
+
 fn pose_bits(pose: &Pose) -> [u64; 7] {
     let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w].map(f64::to_bits)
@@ -143,6 +185,7 @@ pub fn same_submap(a: &Submap, b: &Submap) -> bool {
         && a.travelled.to_bits() == b.travelled.to_bits()
         && scans(a) == scans(b)
         && image(&a.tsdf) == image(&b.tsdf)
+        && occupancy_image(&a.occupancy) == occupancy_image(&b.occupancy)
 }
 
 pub fn same_atlas(a: &Atlas, b: &Atlas) -> bool {

@@ -1,6 +1,5 @@
-//! A page: some hundred blocks of a TSDF, packed on their own so that pages can be packed and unpacked in parallel.
+//! A page of a TSDF: some hundred blocks, as a sequence of streams (numbers little endian):
 //!
-//! Unpacked, a page is a sequence of streams (numbers little endian):
 //! 1. one byte per block: scale in bits 0-1, finest scale in bits 2-3, whether it has intensities in bit 4;
 //! 2. the blocks' keys as differences to the key before (the first to 0), in base 128;
 //! 3. a bit per voxel of all blocks' arrays, end to end, least bit first: whether the voxel is anything but zero;
@@ -13,15 +12,9 @@
 //! bytes by their place makes the result a sixth smaller than packing the voxels as they lie in memory.
 
 use super::bytes::{Bytes, push_varint};
+use super::frames::{FULL, LARGEST};
 use voxelastic::field::tsdf::{TsdfField, Voxel};
 use voxelastic::field::{BlockHead, TsdfBuilder};
-
-/// Bytes of blocks after which a page ends; see [`cost`].
-const FULL: usize = 1 << 20;
-/// Most bytes that a page takes, unpacked or as blocks: one block more than [`FULL`], and room for the keys.
-pub(super) const LARGEST: usize = 2 * FULL;
-/// zstd level: 3 is half as fast and saves 2 %.
-const LEVEL: i32 = 1;
 
 /// Bytes that a block counts for: its arrays and more than its head takes.
 fn cost(head: &BlockHead) -> usize {
@@ -40,52 +33,26 @@ pub(super) fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
     .collect()
 }
 
-/// A packed page.
-pub(super) struct Packed {
-    pub blocks: u32,
-    /// Length before packing, bytes.
-    pub raw: u32,
-    pub bytes: Vec<u8>,
-}
-
-/// Packs pages; keep one per thread.
-pub(super) struct Packer {
-    compressor: zstd::bulk::Compressor<'static>,
-    raw: Vec<u8>,
-    voxels: Vec<Voxel>,
-    shades: Vec<u8>,
-}
-
-impl Packer {
-    pub fn new() -> std::io::Result<Self> {
-        Ok(Self { compressor: zstd::bulk::Compressor::new(LEVEL)?, raw: Vec::new(), voxels: Vec::new(), shades: Vec::new() })
+/// Appends the page of the blocks `ids` to `raw` and returns how many blocks it has.
+pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
+    let (mut voxels, mut shades, mut keys) = (Vec::new(), Vec::new(), Vec::with_capacity(2 * ids.len()));
+    let mut last = 0;
+    for &id in ids {
+        let head = field.head(id);
+        raw.push(head.scale | head.finest << 2 | u8::from(head.shaded) << 4);
+        push_varint(&mut keys, head.key - last);
+        last = head.key;
+        field.stored_voxels(id).for_each(|array| voxels.extend_from_slice(array));
+        field.stored_shades(id).for_each(|array| shades.extend_from_slice(array));
     }
-
-    /// Packs the blocks `ids` of `field`.
-    pub fn pack(&mut self, field: &TsdfField, ids: &[u32]) -> std::io::Result<Packed> {
-        let Self { raw, voxels, shades, .. } = self;
-        raw.clear();
-        voxels.clear();
-        shades.clear();
-        let mut keys = Vec::with_capacity(2 * ids.len());
-        let mut last = 0;
-        for &id in ids {
-            let head = field.head(id);
-            raw.push(head.scale | head.finest << 2 | u8::from(head.shaded) << 4);
-            push_varint(&mut keys, head.key - last);
-            last = head.key;
-            field.stored_voxels(id).for_each(|array| voxels.extend(array.iter().copied()));
-            field.stored_shades(id).for_each(|array| shades.extend_from_slice(array));
-        }
-        raw.extend_from_slice(&keys);
-        push_mask(raw, voxels);
-        voxels.retain(|v| *v != Voxel::default());
-        push_voxels(raw, voxels);
-        push_mask(raw, shades);
-        shades.retain(|&s| s != 0);
-        raw.extend_from_slice(shades);
-        Ok(Packed { blocks: ids.len() as u32, raw: raw.len() as u32, bytes: self.compressor.compress(raw)? })
-    }
+    raw.extend_from_slice(&keys);
+    push_mask(raw, &voxels);
+    voxels.retain(|v| *v != Voxel::default());
+    push_voxels(raw, &voxels);
+    push_mask(raw, &shades);
+    shades.retain(|&s| s != 0);
+    raw.extend_from_slice(&shades);
+    ids.len()
 }
 
 /// Appends a bit per value: whether it is anything but the default.
@@ -114,7 +81,7 @@ fn push_voxels(out: &mut Vec<u8>, voxels: &[Voxel]) {
 /// The blocks of a page, unpacked.
 #[derive(Debug)]
 pub(super) struct Unpacked {
-    pub heads: Vec<BlockHead>,
+    heads: Vec<BlockHead>,
     voxels: Vec<Voxel>,
     shades: Vec<u8>,
 }
@@ -133,35 +100,16 @@ impl Unpacked {
     }
 }
 
-/// Unpacks pages; keep one per thread.
-pub(super) struct Unpacker {
-    decompressor: zstd::bulk::Decompressor<'static>,
-}
-
-impl Unpacker {
-    pub fn new() -> std::io::Result<Self> {
-        Ok(Self { decompressor: zstd::bulk::Decompressor::new()? })
+/// Reads a page of `blocks` blocks; says in words what is wrong with it.
+pub(super) fn parse(mut bytes: Bytes<'_>, blocks: usize) -> Result<Unpacked, String> {
+    let heads = heads(&mut bytes, blocks)?;
+    if heads.iter().map(cost).sum::<usize>() > LARGEST {
+        return Err("a page holds more blocks than any may".to_owned());
     }
-
-    /// Unpacks a page of `blocks` blocks that was `raw` bytes long; says in words what is wrong with it.
-    pub fn unpack(&mut self, packed: &[u8], raw: usize, blocks: usize) -> Result<Unpacked, String> {
-        if raw > LARGEST || blocks > raw {
-            return Err(format!("a page claims {raw} bytes and {blocks} blocks"));
-        }
-        let unpacked = self.decompressor.decompress(packed, raw).map_err(|e| format!("a page does not decompress ({e})"))?;
-        if unpacked.len() != raw {
-            return Err(format!("a page is {} bytes long instead of {raw}", unpacked.len()));
-        }
-        let mut bytes = Bytes::new(&unpacked);
-        let heads = heads(&mut bytes, blocks)?;
-        if heads.iter().map(cost).sum::<usize>() > LARGEST {
-            return Err("a page holds more blocks than any may".to_owned());
-        }
-        let voxels = voxels(&mut bytes, heads.iter().map(BlockHead::voxel_count).sum())?;
-        let shades = shades(&mut bytes, heads.iter().map(BlockHead::shade_count).sum())?;
-        bytes.end()?;
-        Ok(Unpacked { heads, voxels, shades })
-    }
+    let voxels = voxels(&mut bytes, heads.iter().map(BlockHead::voxel_count).sum())?;
+    let shades = shades(&mut bytes, heads.iter().map(BlockHead::shade_count).sum())?;
+    bytes.end()?;
+    Ok(Unpacked { heads, voxels, shades })
 }
 
 fn heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String> {
