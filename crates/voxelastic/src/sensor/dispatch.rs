@@ -1,8 +1,8 @@
 //! Runs a kernel with the widest vector instructions that the machine has.
 //!
-//! A kernel is plain, branch-free code that the compiler vectorises. It is compiled twice: for the target's baseline (SSE2,
-//! NEON) and, on x86-64, for AVX2; which one runs is decided where the program runs. Both give the same bits: the compiler
-//! never contracts a product and a sum into one rounding, and no kernel asks for it.
+//! A kernel is plain, branch-free code that the compiler vectorises. It is compiled three times: for the target's baseline
+//! (SSE2, NEON) and, on x86-64, for AVX2 and for AVX-512; which one runs is decided where the program runs. All give the same
+//! bits: the compiler never contracts a product and a sum into one rounding, and no kernel asks for it.
 #![allow(unsafe_code)]
 
 /// A piece of work worth vectorising. Write `run` with `#[inline(always)]`, and everything it calls too.
@@ -11,19 +11,32 @@ pub(crate) trait Kernel {
     fn run(self);
 }
 
-/// Runs `kernel` with AVX2 where the machine has it.
+/// Runs `kernel` with AVX-512 or AVX2 where the machine has it.
 #[inline]
 pub(crate) fn dispatch(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
-        // SAFETY: the machine has the features that the function is compiled for, as just tested.
-        return unsafe { with_avx2(kernel) };
+    {
+        use std::arch::is_x86_feature_detected as has;
+        if has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
+            // SAFETY: the machine has the features that the function is compiled for, as just tested.
+            return unsafe { with_avx512(kernel) };
+        }
+        if has!("avx2") {
+            // SAFETY: as above.
+            return unsafe { with_avx2(kernel) };
+        }
     }
     kernel.run();
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+fn with_avx512(kernel: impl Kernel) {
+    kernel.run();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
 fn with_avx2(kernel: impl Kernel) {
     kernel.run();
 }
@@ -49,10 +62,18 @@ mod tests {
     proptest! {
         #[test]
         fn wide_and_narrow_give_the_same_bits(points in prop::collection::vec(prop::array::uniform2(-100f32..100.0), 0..200)) {
-            let (mut wide, mut narrow) = (vec![0f32; points.len()], vec![0f32; points.len()]);
-            dispatch(Angles { points: &points, angles: &mut wide });
-            Angles { points: &points, angles: &mut narrow }.run();
-            prop_assert!(wide.iter().zip(&narrow).all(|(a, b)| a.to_bits() == b.to_bits()));
+            let angles = |run: &dyn Fn(Angles<'_>)| {
+                let mut angles = vec![0f32; points.len()];
+                run(Angles { points: &points, angles: &mut angles });
+                angles.iter().map(|a| a.to_bits()).collect::<Vec<u32>>()
+            };
+            let narrow = angles(&|kernel| kernel.run());
+            prop_assert_eq!(&angles(&|kernel| dispatch(kernel)), &narrow);
+            #[cfg(target_arch = "x86_64")]
+            if std::arch::is_x86_feature_detected!("avx2") {
+                // SAFETY: the machine has the feature, as just tested.
+                prop_assert_eq!(&angles(&|kernel| unsafe { with_avx2(kernel) }), &narrow);
+            }
         }
     }
 }

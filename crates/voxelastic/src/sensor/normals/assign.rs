@@ -2,6 +2,7 @@
 
 use super::super::image::RangeImage;
 use super::super::prepare::Beams;
+use super::super::trig::larger;
 use super::grid::Grid;
 use super::moments::{Width, WindowRule};
 use super::plane::{Plane, Planes};
@@ -28,14 +29,10 @@ pub(crate) fn assign(shared: &Shared<'_>, image: &RangeImage, beams: &mut Beams)
                 row = Row::of(pixel, grid.columns);
             }
             let at = (row.index, pixel - row.start);
-            let (lanes, l) = planes.lanes(at.0, at.1);
-            // Most beams end here, without the detour through a `Plane` in memory.
-            if image.points[pixel] == source[first + i] && lanes.roughness[l] >= 0.0 && lanes.misfit[l] <= ON_PLANE {
-                *normal = [lanes.normal[0][l], lanes.normal[1][l], lanes.normal[2][l]];
-                *roughness = lanes.roughness[l];
-            } else {
-                (*normal, *roughness) = shared.search(points[first + i], at).map_or(([0.0; 3], 0.0), |plane| (plane.normal, plane.roughness));
-            }
+            let own = planes.at(at.0, at.1);
+            let is_shown = image.points[pixel] == source[first + i];
+            let plane = if is_shown && own.is_believed() && own.misfit() <= ON_PLANE { Some(own) } else { shared.search(points[first + i], at) };
+            (*normal, *roughness) = plane.map_or(([0.0; 3], 0.0), |plane| (plane.normal(), plane.roughness()));
         }
     });
 }
@@ -51,18 +48,6 @@ impl Row {
     fn of(pixel: usize, columns: usize) -> Self {
         let index = pixel / columns;
         Self { index, start: index * columns, end: (index + 1) * columns }
-    }
-}
-
-impl Plane {
-    /// Distance of `p` (above the beams' origin) from the plane, in units of what noise along the ray and the plane's
-    /// roughness explain.
-    #[inline(always)]
-    fn misfit_of(&self, p: [f32; 3], noise: f32) -> f32 {
-        let off = (dot(self.normal, p) + self.distance).abs();
-        // distance / |p| is the cosine of the incidence.
-        let along_normal = noise * self.distance / dot(p, p).sqrt();
-        off / along_normal.max(self.roughness).max(1e-4)
     }
 }
 
@@ -85,41 +70,69 @@ pub(crate) struct Shared<'a> {
     pub(crate) noise: f32,
 }
 
-impl Shared<'_> {
+/// A point whose plane is looked for.
+#[derive(Clone, Copy)]
+struct Wanted {
+    /// Above the beams' origin.
+    point: [f32; 3],
+    /// Distance from the axis.
+    depth: f32,
+    /// Range noise over the range: times a plane's distance it is the noise along the plane's normal.
+    noise_per_metre: f32,
+}
+
+impl Wanted {
+    /// Distance from the plane, in units of what noise along the ray and the plane's roughness explain.
+    #[inline(always)]
+    fn misfit(&self, plane: &Plane<'_>) -> f32 {
+        let off = (dot(plane.normal(), self.point) + plane.distance()).abs();
+        off / larger(larger(self.noise_per_metre * plane.distance(), plane.roughness()), 1e-4)
+    }
+}
+
+impl<'a> Shared<'a> {
     /// The plane of the pixel if the point is on it, else the best among the pixels around.
     #[inline(never)]
-    fn search(&self, point: [f32; 3], (row, column): (usize, usize)) -> Option<Plane> {
-        let p = [point[0], point[1], point[2] - self.grid.height];
-        let own = self.planes.get(row, column).filter(|plane| plane.misfit_of(p, self.noise) <= ON_PLANE);
-        own.or_else(|| self.around(p, (row as isize, column as isize)))
+    fn search(&self, point: [f32; 3], (row, column): (usize, usize)) -> Option<Plane<'a>> {
+        let point = [point[0], point[1], point[2] - self.grid.height];
+        let depth = (point[0] * point[0] + point[1] * point[1]).sqrt();
+        let wanted = Wanted { point, depth, noise_per_metre: self.noise / dot(point, point).sqrt() };
+        let own = self.planes.at(row, column);
+        if own.is_believed() && wanted.misfit(&own) <= ON_PLANE {
+            return Some(own);
+        }
+        // Half a window away, else a window away.
+        let reach = self.rule.reach(row, Width::Narrow).map(|r| (r.at(1.0 / larger(depth, 1e-3)) + 0.5) as isize);
+        let at = (row as isize, column as isize);
+        self.best(&wanted, at, reach).or_else(|| self.best(&wanted, at, reach.map(|r| 2 * r)))
     }
 
-    /// The best plane among the pixels half a window away, else a window away.
-    fn around(&self, p: [f32; 3], (row, column): (isize, isize)) -> Option<Plane> {
-        let depth = (p[0] * p[0] + p[1] * p[1]).sqrt();
-        let reach = self.rule.reach(row as usize, Width::Narrow).map(|r| (r.at(1.0 / depth.max(1e-3)) + 0.5) as isize);
-        [1, 2].iter().find_map(|far| self.best(p, depth, (row, column), reach.map(|r| r * far)))
-    }
-
-    /// The best plane among the eight pixels `reach` away (along the row, down the column).
-    fn best(&self, p: [f32; 3], depth: f32, (row, column): (isize, isize), reach: [isize; 2]) -> Option<Plane> {
-        let mut best: Option<(f32, Plane)> = None;
-        for (down, along) in [(0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)] {
-            let (r, c) = (row + down * reach[1], column + along * reach[0]);
+    /// The best plane among the eight pixels `reach` away (along the row, down the column; less than a turn).
+    fn best(&self, wanted: &Wanted, (row, column): (isize, isize), [along, down]: [isize; 2]) -> Option<Plane<'a>> {
+        let columns = self.grid.columns as isize;
+        let left = if column < along { column - along + columns } else { column - along };
+        let right = if column + along >= columns { column + along - columns } else { column + along };
+        let mut best: (f32, Option<Plane<'a>>) = (ON_NEIGHBOUR, None);
+        for r in [row, row - down, row + down] {
             if r < 0 || r >= self.grid.rows as isize {
                 continue;
             }
-            let (r, c) = (r as usize, c.rem_euclid(self.grid.columns as isize) as usize);
-            let Some(plane) = self.planes.get(r, c) else { continue };
-            let misfit = plane.misfit_of(p, self.noise);
-            if misfit <= ON_NEIGHBOUR && best.is_none_or(|(least, _)| misfit < least) && self.is_near(depth, (r, c)) {
-                best = Some((misfit, plane));
+            for c in [left, right, column] {
+                let (r, c) = (r as usize, c.clamp(0, columns - 1) as usize);
+                let plane = self.planes.at(r, c);
+                if plane.is_believed() {
+                    let misfit = wanted.misfit(&plane);
+                    if misfit < best.0 && self.is_near(wanted.depth, (r, c)) {
+                        best = (misfit, Some(plane));
+                    }
+                }
             }
         }
-        best.map(|(_, plane)| plane)
+        best.1
     }
 
     /// Whether a pixel's depth is like `depth`: far beyond a gap a plane may pass by chance.
+    #[inline(always)]
     fn is_near(&self, depth: f32, (row, column): (usize, usize)) -> bool {
         (depth * self.grid.inverse[self.grid.at(row, column)] - 1.0).abs() < 0.25
     }

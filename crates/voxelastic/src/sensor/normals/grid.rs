@@ -13,6 +13,10 @@ pub(crate) const PAD: usize = 16;
 /// Differences against the trend of more than this many standard deviations of the range noise end a surface.
 const JUMP_SIGMAS: f32 = 5.0;
 
+/// Quantile of the second differences that the range noise is measured by, and where it is in |x| of a normal distribution.
+const QUANTILE: f32 = 0.35;
+const QUANTILE_OF_NORMAL: f32 = 0.4538;
+
 /// Per pixel, with `PAD` wrapped columns on both sides of each row (and zeros up to whole strips): the point in the frame of its column (X along the
 /// column's azimuth, Y to the left, Z up from the beams' origin).
 #[derive(Clone, Debug, Default)]
@@ -94,48 +98,70 @@ impl Grid {
                 across: &mut self.across[at..at + columns],
                 rise: &mut self.rise[at..at + columns],
             });
+            let whole = row * stride..(row + 1) * stride;
             for plane in [&mut self.inverse, &mut self.across, &mut self.rise] {
-                wrap(&mut plane[row * stride..(row + 1) * stride], columns);
+                wrap(&mut plane[whole.clone()], columns);
             }
+            let (inverse, across) = (&self.inverse[whole.clone()], &self.across[whole.clone()]);
+            dispatch(Centre { inverse, across, per_step: self.per_step, centred: &mut self.centred[whole] });
         }
     }
 
-    /// Standard deviation of the range, metres: from second differences along the rows, of which the median forgets edges.
+    /// Standard deviation of the range, metres: from second differences, of which a low quantile forgets edges and rough places.
+    ///
+    /// Along the rows they show the noise of each laser, down the columns also the biases between lasers, and what an imperfect
+    /// undistortion leaves between them. A plane fit meets all of it.
     pub(crate) fn range_noise(&self) -> f32 {
-        /// Enough samples for a few per cent, few enough to cost nothing.
-        const SAMPLES: usize = 4096;
         /// What is worse than this is no noise but a rough world.
         const WORST: f32 = 0.03;
-        let pixels = self.rows * self.columns;
-        let stride = (pixels / SAMPLES).max(1) | 1;
-        let mut deviations: Vec<f32> = (0..pixels).step_by(stride).filter_map(|pixel| self.deviation(pixel)).collect();
-        if deviations.len() < 32 {
-            return WORST;
+        let along = self.quantile_of(|row, column| {
+            let i = self.at(row, column);
+            self.deviation([i - 1, i, i + 1], 0.5)
+        });
+        let down = self.quantile_of(|row, column| {
+            let i = self.at(row, column);
+            let [above, below] = [i.checked_sub(self.stride)?, i + self.stride];
+            let (rise_above, rise_below) = (self.rise[above], *self.rise.get(below)?);
+            let share = (self.rise[i] - rise_below) / (rise_above - rise_below).max(1e-4);
+            self.deviation([above, i, below], share.clamp(0.0, 1.0))
+        });
+        // That quantile of |x| of a normal distribution, and the variance of the sum 1 - 2 + 1 over 2.
+        let to_sigma = 1.0 / (QUANTILE_OF_NORMAL * 1.5f32.sqrt());
+        match (along, down) {
+            (Some(along), Some(down)) => (along.max(down) * to_sigma).min(WORST),
+            (Some(one), None) | (None, Some(one)) => (one * to_sigma).min(WORST),
+            (None, None) => WORST,
         }
-        let middle = deviations.len() / 2;
-        let (_, median, _) = deviations.select_nth_unstable_by(middle, f32::total_cmp);
-        // Median of |x| of a normal distribution, and the variance of the sum 1 - 2 + 1 over 2.
-        (*median / (0.6745 * 1.5f32.sqrt())).min(WORST)
     }
 
-    /// How far a pixel's range is from the straight line through its two neighbours in the row, metres.
-    fn deviation(&self, pixel: usize) -> Option<f32> {
-        let i = self.at(pixel / self.columns, pixel % self.columns);
-        let [before, here, after] = [i - 1, i, i + 1].map(|k| self.inverse[k]);
-        if before == 0.0 || here == 0.0 || after == 0.0 {
+    /// A low quantile of a deviation over pixels spread over the image; `None` of too few.
+    fn quantile_of(&self, deviation: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
+        /// Enough samples for a few per cent, few enough to cost nothing.
+        const SAMPLES: usize = 3072;
+        let pixels = self.rows * self.columns;
+        let stride = (pixels / SAMPLES).max(1) | 1;
+        let mut deviations: Vec<f32> =
+            (0..pixels).step_by(stride).filter_map(|pixel| deviation(pixel / self.columns, pixel % self.columns)).collect();
+        let place = (deviations.len() as f32 * QUANTILE) as usize;
+        (deviations.len() >= 32).then(|| *deviations.select_nth_unstable_by(place, f32::total_cmp).1)
+    }
+
+    /// How far a pixel's range is from the straight line between two neighbours, metres; `share` is the first one's weight.
+    fn deviation(&self, [before, here, after]: [usize; 3], share: f32) -> Option<f32> {
+        let [w_before, w, w_after] = [before, here, after].map(|k| self.centred[k]);
+        if w_before == 0.0 || w == 0.0 || w_after == 0.0 {
             return None;
         }
-        let ray = (1.0 + self.across[i] * self.across[i] + self.rise[i] * self.rise[i]).sqrt();
-        Some((0.5 * (before + after) - here).abs() / (here * here) * ray)
+        let ray = (1.0 + self.across[here] * self.across[here] + self.rise[here] * self.rise[here]).sqrt();
+        Some((share * w_before + (1.0 - share) * w_after - w).abs() / (w * w) * ray)
     }
 
     /// Finds where surfaces end, for a range noise in metres.
     pub(crate) fn link(&mut self, noise: f32) {
-        let (columns, stride, per_step) = (self.columns, self.stride, self.per_step);
+        let (columns, stride) = (self.columns, self.stride);
         for at in (0..self.rows).map(|row| row * stride) {
             let inverse = &self.inverse[at..at + stride];
             dispatch(LinkRight { inverse, noise, link: &mut self.link_right[at..at + stride] });
-            dispatch(Centre { inverse, across: &self.across[at..at + stride], per_step, centred: &mut self.centred[at..at + stride] });
         }
         let row = |r: isize| {
             let r = r.clamp(0, self.rows as isize - 1) as usize;

@@ -113,7 +113,7 @@ impl StripFit<'_> {
 
     fn solve(&mut self, width: Width, (row, first_column): (usize, usize), planes: &mut PlaneRow) {
         let Self { grid, rule, settings, noise, .. } = *self;
-        let sums = self.scratch.window(grid, rule, width, (row, first_column));
-        dispatch(Solve { sums: &sums, grid, row, first_column, width, settings, noise, planes });
+        let windows = self.scratch.window(grid, rule, width, (row, first_column));
+        dispatch(Solve { windows, settings, noise, planes });
     }
 }

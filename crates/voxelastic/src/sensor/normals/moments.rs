@@ -129,8 +129,14 @@ impl Scratch {
         }
     }
 
-    /// Sums over the windows around the pixels of a row.
-    pub(crate) fn window(&mut self, grid: &Grid, rule: &WindowRule, width: Width, (row, first_column): (usize, usize)) -> Moments {
+    /// The windows around the pixels of a row, ready to be summed up.
+    pub(crate) fn window<'a>(
+        &'a mut self,
+        grid: &'a Grid,
+        rule: &'a WindowRule,
+        width: Width,
+        (row, first_column): (usize, usize),
+    ) -> ColumnSums<'a> {
         if width == Width::Narrow {
             let reach = MAX_REACH[1].div_ceil(2);
             for near in row.saturating_sub(reach)..(row + reach + 1).min(grid.rows) {
@@ -140,9 +146,7 @@ impl Scratch {
             }
         }
         let rows = if width == Width::Wide { &self.wide } else { &self.narrow };
-        let mut sums = Moments::ZERO;
-        dispatch(ColumnSums { rows, grid, rule, width, row, first_column, sums: &mut sums });
-        sums
+        ColumnSums { rows, grid, rule, width, row, first_column }
     }
 }
 
@@ -195,25 +199,31 @@ impl Kernel for RowSums<'_> {
         for l in 0..STRIP {
             let valid = if centre[l] > 0.0 { 1.0 } else { 0.0 };
             (reach[l], right[l], left[l]) = (window.at(centre[l]) * valid, valid, valid);
-            add(&mut sums, l, valid, [across[l], rise[l] - row_rise, 0.0]);
+            sums.add(l, Sample::new(valid, [across[l], rise[l] - row_rise, 0.0]));
         }
         for k in 1..=farthest(&reach) {
             let [tan, sec] = self.rule.turn[k];
             let wanted = k as f32 - 0.5;
-            for (side, alive, link) in [(1isize, &mut right, k as isize - 1), (-1, &mut left, -(k as isize))] {
-                let at = side * k as isize;
+            let side = |at: isize, link: isize| {
                 let link = lanes(self.link, link);
-                let (w, f, z) = (lanes(self.inverse, at), lanes(self.across, at), lanes(self.rise, at));
-                let tan = tan * side as f32;
-                for l in 0..STRIP {
-                    alive[l] *= link[l];
-                    let m = if (reach[l] >= wanted) & (w[l] > 0.0) { alive[l] } else { 0.0 };
-                    let turn = sec + f[l] * (sec * tan);
-                    let x = tan + f[l] * (sec * sec);
-                    let t = z[l] * turn - row_rise;
-                    let u = w[l] * turn - centre[l];
-                    add(&mut sums, l, m, [x, t, u]);
-                }
+                (link, lanes(self.inverse, at), lanes(self.across, at), lanes(self.rise, at))
+            };
+            let (to, from) = (k as isize, -(k as isize));
+            let (link_r, w_r, f_r, z_r) = side(to, to - 1);
+            let (link_l, w_l, f_l, z_l) = side(from, from);
+            // A pixel seen from the centre's column, which is turned by k columns.
+            let seen = |tan: f32, w: f32, f: f32, z: f32, w_centre: f32| {
+                let turn = sec + f * (sec * tan);
+                [tan + f * (sec * sec), z * turn - row_rise, w * turn - w_centre]
+            };
+            for l in 0..STRIP {
+                right[l] *= link_r[l];
+                left[l] *= link_l[l];
+                let m_r = if (reach[l] >= wanted) & (w_r[l] > 0.0) { right[l] } else { 0.0 };
+                let m_l = if (reach[l] >= wanted) & (w_l[l] > 0.0) { left[l] } else { 0.0 };
+                let sample_r = Sample::new(m_r, seen(tan, w_r[l], f_r[l], z_r[l], centre[l]));
+                let sample_l = Sample::new(m_l, seen(-tan, w_l[l], f_l[l], z_l[l], centre[l]));
+                sums.add(l, sample_r.plus(sample_l));
             }
         }
         *self.sums = sums;
@@ -228,81 +238,105 @@ fn farthest(reach: &[f32; STRIP]) -> usize {
     (f32::from_bits(longest) + 0.5) as usize
 }
 
-/// Adds one sample of weight `m` to lane `l`.
-#[inline(always)]
-fn add(sums: &mut Moments, l: usize, m: f32, [x, t, u]: [f32; 3]) {
-    let (mx, mt, mu) = (m * x, m * t, m * u);
-    sums.n[l] += m;
-    sums.x[l] += mx;
-    sums.t[l] += mt;
-    sums.u[l] += mu;
-    sums.xx[l] += mx * x;
-    sums.xt[l] += mx * t;
-    sums.tt[l] += mt * t;
-    sums.xu[l] += mx * u;
-    sums.tu[l] += mt * u;
-    sums.uu[l] += mu * u;
-}
+/// What a pixel, or a window, adds to the sums of one lane; in the order of the fields of [`Moments`].
+#[derive(Clone, Copy)]
+struct Sample([f32; 10]);
 
-/// Adds the row sums of the rows above and below.
-struct ColumnSums<'a> {
-    rows: &'a [Moments],
-    grid: &'a Grid,
-    rule: &'a WindowRule,
-    width: Width,
-    row: usize,
-    first_column: usize,
-    sums: &'a mut Moments,
-}
-
-impl Kernel for ColumnSums<'_> {
+impl Sample {
+    /// A pixel of weight `m` at x, t, u.
     #[inline(always)]
-    fn run(self) {
-        let (grid, row) = (self.grid, self.row);
-        let part = |row: usize| grid.at(row, self.first_column) - PAD;
-        let centre = lanes(&grid.inverse[part(row)..], 0);
-        let mut reach = [0f32; STRIP];
-        let window = self.rule.reach(row, self.width)[1];
-        for l in 0..STRIP {
-            reach[l] = if centre[l] > 0.0 { window.at(centre[l]) } else { 0.0 };
-        }
-        let mut sums = self.rows[row];
-        for side in [1isize, -1] {
-            let mut alive = [1f32; STRIP];
-            for k in 1..=farthest(&reach) as isize {
-                let other = row as isize + side * k;
-                if other < 0 || other >= grid.rows as isize {
-                    break;
-                }
-                let other = other as usize;
-                let link = lanes(&grid.link_down[part(if side > 0 { other - 1 } else { other })..], 0);
-                let inverse = lanes(&grid.inverse[part(other)..], 0);
-                let fall = grid.row_rise[other] - grid.row_rise[row];
-                let wanted = k as f32 - 0.5;
-                for l in 0..STRIP {
-                    alive[l] *= link[l];
-                    let m = if reach[l] >= wanted { alive[l] } else { 0.0 };
-                    add_shifted(&mut sums, &self.rows[other], l, m, [fall, inverse[l] - centre[l]]);
-                }
-            }
-        }
-        *self.sums = sums;
+    fn new(m: f32, [x, t, u]: [f32; 3]) -> Self {
+        let (mx, mt, mu) = (m * x, m * t, m * u);
+        Self([m, mx, mt, mu, mx * x, mx * t, mt * t, mx * u, mt * u, mu * u])
+    }
+
+    /// The sums of another centre, which lies `b` higher in t and `a` in u, with weight `m`.
+    #[inline(always)]
+    fn shifted(other: &Moments, l: usize, m: f32, [b, a]: [f32; 2]) -> Self {
+        let (n, x, t, u) = (m * other.n[l], m * other.x[l], m * other.t[l], m * other.u[l]);
+        let (bn, an) = (b * n, a * n);
+        Self([
+            n,
+            x,
+            t + bn,
+            u + an,
+            m * other.xx[l],
+            m * other.xt[l] + b * x,
+            m * other.tt[l] + b * (t + t + bn),
+            m * other.xu[l] + a * x,
+            m * other.tu[l] + a * t + b * (u + an),
+            m * other.uu[l] + a * (u + u + an),
+        ])
+    }
+
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        let (a, b) = (self.0, other.0);
+        Self([a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8], a[9] + b[9]])
     }
 }
 
-/// Adds the sums of another centre, which lies `b` higher in t and `a` in u, with weight `m`.
-#[inline(always)]
-fn add_shifted(sums: &mut Moments, other: &Moments, l: usize, m: f32, [b, a]: [f32; 2]) {
-    let (n, x, t, u) = (m * other.n[l], m * other.x[l], m * other.t[l], m * other.u[l]);
-    let (bn, an) = (b * n, a * n);
-    sums.n[l] += n;
-    sums.x[l] += x;
-    sums.t[l] += t + bn;
-    sums.u[l] += u + an;
-    sums.xx[l] += m * other.xx[l];
-    sums.xt[l] += m * other.xt[l] + b * x;
-    sums.tt[l] += m * other.tt[l] + b * (t + t + bn);
-    sums.xu[l] += m * other.xu[l] + a * x;
-    sums.tu[l] += m * other.tu[l] + a * t + b * (u + an);
-    sums.uu[l] += m * other.uu[l] + a * (u + u + an);
+impl Moments {
+    #[inline(always)]
+    fn add(&mut self, l: usize, Sample([n, x, t, u, xx, xt, tt, xu, tu, uu]): Sample) {
+        self.n[l] += n;
+        self.x[l] += x;
+        self.t[l] += t;
+        self.u[l] += u;
+        self.xx[l] += xx;
+        self.xt[l] += xt;
+        self.tt[l] += tt;
+        self.xu[l] += xu;
+        self.tu[l] += tu;
+        self.uu[l] += uu;
+    }
+}
+
+/// Adds the row sums of the rows above and below.
+#[derive(Clone, Copy)]
+pub(crate) struct ColumnSums<'a> {
+    rows: &'a [Moments],
+    pub(crate) grid: &'a Grid,
+    rule: &'a WindowRule,
+    pub(crate) width: Width,
+    pub(crate) row: usize,
+    pub(crate) first_column: usize,
+}
+
+impl ColumnSums<'_> {
+    #[inline(always)]
+    pub(crate) fn sum(&self) -> Moments {
+        let (grid, row) = (self.grid, self.row as isize);
+        let part = |row: usize| grid.at(row, self.first_column) - PAD;
+        let centre = lanes(&grid.inverse[part(self.row)..], 0);
+        let mut reach = [0f32; STRIP];
+        let window = self.rule.reach(self.row, self.width)[1];
+        for l in 0..STRIP {
+            reach[l] = if centre[l] > 0.0 { window.at(centre[l]) } else { 0.0 };
+        }
+        let mut sums = self.rows[self.row];
+        let (mut down, mut up) = ([1f32; STRIP], [1f32; STRIP]);
+        for k in 1..=farthest(&reach) as isize {
+            let wanted = k as f32 - 0.5;
+            // Beyond the image's rim a side is dead; what it reads then does not matter.
+            let side = |other: isize, link: isize| {
+                let inside = (0..grid.rows as isize).contains(&other);
+                let (other, link) = if inside { (other as usize, link as usize) } else { (self.row, self.row) };
+                let fall = grid.row_rise[other] - grid.row_rise[self.row];
+                let planes = (lanes(&grid.link_down[part(link)..], 0), lanes(&grid.inverse[part(other)..], 0));
+                (if inside { 1.0 } else { 0.0 }, fall, planes, &self.rows[other])
+            };
+            let (inside_d, fall_d, (link_d, w_d), sums_d) = side(row + k, row + k - 1);
+            let (inside_u, fall_u, (link_u, w_u), sums_u) = side(row - k, row - k);
+            for l in 0..STRIP {
+                down[l] *= link_d[l] * inside_d;
+                up[l] *= link_u[l] * inside_u;
+                let (m_d, m_u) = if reach[l] >= wanted { (down[l], up[l]) } else { (0.0, 0.0) };
+                let from_below = Sample::shifted(sums_d, l, m_d, [fall_d, w_d[l] - centre[l]]);
+                let from_above = Sample::shifted(sums_u, l, m_u, [fall_u, w_u[l] - centre[l]]);
+                sums.add(l, from_below.plus(from_above));
+            }
+        }
+        sums
+    }
 }

@@ -2,8 +2,7 @@
 
 use super::super::dispatch::Kernel;
 use super::super::trig::larger;
-use super::grid::Grid;
-use super::moments::{Moments, Width};
+use super::moments::{ColumnSums, Width};
 use super::{NormalSettings, STRIP};
 
 /// Planes of one row of a strip.
@@ -31,12 +30,44 @@ pub(crate) struct Planes {
     rows: Vec<PlaneRow>,
 }
 
-/// A plane that is believed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Plane {
-    pub(crate) normal: [f32; 3],
-    pub(crate) distance: f32,
-    pub(crate) roughness: f32,
+/// The plane at a pixel.
+#[derive(Clone, Copy)]
+pub(crate) struct Plane<'a> {
+    lanes: &'a PlaneRow,
+    l: usize,
+}
+
+impl Plane<'_> {
+    /// Unit normal towards the sensor, lidar frame.
+    #[inline(always)]
+    pub(crate) fn normal(&self) -> [f32; 3] {
+        let n = &self.lanes.normal;
+        [n[0][self.l], n[1][self.l], n[2][self.l]]
+    }
+
+    /// Distance from the beams' origin, metres.
+    #[inline(always)]
+    pub(crate) fn distance(&self) -> f32 {
+        self.lanes.distance[self.l]
+    }
+
+    /// Standard deviation of the neighbours along the normal, metres; negative where no plane is believed.
+    #[inline(always)]
+    pub(crate) fn roughness(&self) -> f32 {
+        self.lanes.roughness[self.l]
+    }
+
+    /// Whether there is a plane.
+    #[inline(always)]
+    pub(crate) fn is_believed(&self) -> bool {
+        self.roughness() >= 0.0
+    }
+
+    /// How far off the plane the pixel's own point is, in standard deviations.
+    #[inline(always)]
+    pub(crate) fn misfit(&self) -> f32 {
+        self.lanes.misfit[self.l]
+    }
 }
 
 impl Planes {
@@ -54,29 +85,16 @@ impl Planes {
         tasks
     }
 
-    /// The planes around a pixel, and its lane among them.
+    /// The plane at a pixel, believed or not.
     #[inline(always)]
-    pub(crate) fn lanes(&self, row: usize, column: usize) -> (&PlaneRow, usize) {
-        (&self.rows[row * self.strips + column / STRIP], column % STRIP)
-    }
-
-    /// The plane at a pixel, if one is believed.
-    #[inline(always)]
-    pub(crate) fn get(&self, row: usize, column: usize) -> Option<Plane> {
-        let (planes, l) = self.lanes(row, column);
-        let roughness = planes.roughness[l];
-        let normal = planes.normal.map(|n| n[l]);
-        (roughness >= 0.0).then(|| Plane { normal, distance: planes.distance[l], roughness })
+    pub(crate) fn at(&self, row: usize, column: usize) -> Plane<'_> {
+        Plane { lanes: &self.rows[row * self.strips + column / STRIP], l: column % STRIP }
     }
 }
 
-/// Solves the systems of one row of a strip.
+/// Sums up and solves the systems of one row of a strip.
 pub(crate) struct Solve<'a> {
-    pub(crate) sums: &'a Moments,
-    pub(crate) grid: &'a Grid,
-    pub(crate) row: usize,
-    pub(crate) first_column: usize,
-    pub(crate) width: Width,
+    pub(crate) windows: ColumnSums<'a>,
     pub(crate) settings: &'a NormalSettings,
     pub(crate) noise: f32,
     pub(crate) planes: &'a mut PlaneRow,
@@ -91,17 +109,18 @@ impl Kernel for Solve<'_> {
         const LEAST_SAMPLES: f32 = 6.0;
         /// Noise differs over a scan: this much more variance than its median is still noise.
         const SLACK: f32 = 1.5;
-        let grid = self.grid;
-        let at = grid.at(self.row, self.first_column);
+        let ColumnSums { grid, row, first_column, width, .. } = self.windows;
+        let sums = self.windows.sum();
+        let at = grid.at(row, first_column);
         // Copies, so that nothing read can be what is written: only then does the loop vectorise.
-        let sums = *self.sums;
         let (centre, across, rise) = (chunk(&grid.inverse[at..]), chunk(&grid.across[at..]), chunk(&grid.rise[at..]));
-        let axes = chunk(&grid.axes[self.first_column..]);
+        let axes = chunk(&grid.axes[first_column..]);
         let mut out = PlaneRow::NONE;
-        let row_rise = grid.row_rise[self.row];
+        let row_rise = grid.row_rise[row];
         let ray2 = 1.0 + row_rise * row_rise;
-        let (most, noise) = (self.settings.max_uncertainty, self.noise);
-        let most_rough = if self.width == Width::Narrow { self.settings.roughness } else { 0.0 };
+        let noise2 = self.noise * self.noise / ray2;
+        let most = self.settings.max_uncertainty;
+        let most_rough = if width == Width::Narrow { self.settings.roughness } else { 0.0 };
         for l in 0..STRIP {
             let n = sums.n[l];
             let per_n = 1.0 / larger(n, 1.0);
@@ -121,7 +140,8 @@ impl Kernel for Solve<'_> {
             let variance = larger(uu - b * xu - c * tu, 0.0) / freedom;
             // What the range noise alone would leave, in inverse depth.
             let inverse = centre[l] + mu;
-            let expected = noise * noise * inverse * inverse * inverse * inverse / ray2;
+            let square = inverse * inverse;
+            let expected = noise2 * square * square;
             // Three standard deviations of the sample variance.
             let spread = SLACK + 3.0 * (2.0 / freedom).sqrt();
             let to_normal = per_length / larger(inverse, f32::MIN_POSITIVE);
@@ -138,7 +158,7 @@ impl Kernel for Solve<'_> {
             out.misfit[l] = off.abs() / larger(larger(expected, variance), f32::MIN_POSITIVE).sqrt();
             out.roughness[l] = if believed { along_normal.sqrt() } else { -1.0 };
         }
-        match self.width {
+        match width {
             Width::Wide => *self.planes = out,
             Width::Narrow => self.planes.fill_gaps(&out),
         }
