@@ -18,10 +18,8 @@ impl Default for Aabb {
 impl Aabb {
     /// Grows the box to hold `p`.
     pub fn add(&mut self, p: [f32; 3]) {
-        for i in 0..3 {
-            self.min[i] = self.min[i].min(p[i]);
-            self.max[i] = self.max[i].max(p[i]);
-        }
+        self.min = std::array::from_fn(|i| self.min[i].min(p[i]));
+        self.max = std::array::from_fn(|i| self.max[i].max(p[i]));
     }
 
     /// Whether no point was ever added.

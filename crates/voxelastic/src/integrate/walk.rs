@@ -16,6 +16,7 @@ pub(crate) struct Line {
 /// Calls `visit(voxel index, quantity at the voxel's centre)` for every voxel of a block at `SCALE` that the line passes
 /// through between the parameters `enter` and `leave`.
 #[inline(always)]
+#[allow(clippy::needless_range_loop)] // An axis is an index into four arrays here.
 pub(crate) fn walk_line<const SCALE: usize>(line: &Line, mut enter: f32, mut leave: f32, mut visit: impl FnMut(usize, f32)) {
     let edge = (BLOCK_EDGE >> SCALE) as i32;
     let shift = 3 - SCALE;

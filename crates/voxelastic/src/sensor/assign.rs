@@ -115,7 +115,7 @@ fn pixel_map(grid: &Grid, (rings, columns): (usize, usize), model: &BeamModel) -
 #[inline(always)]
 fn keep(point: &[f32; 3], pixel: u32, range: f32, limits: Limits, beyond: u32) -> (u32, f32) {
     let sum = point[0] + point[1] + point[2];
-    let is_return = (sum - sum == 0.0) & ((point[0] != 0.0) | (point[1] != 0.0) | (point[2] != 0.0));
+    let is_return = (sum.abs() < f32::INFINITY) & ((point[0] != 0.0) | (point[1] != 0.0) | (point[2] != 0.0));
     let code = if range > limits.max { beyond } else { pixel };
     let code = if range < limits.near { TOO_NEAR } else { code };
     let code = if is_return { code } else { NO_RETURN };

@@ -140,7 +140,7 @@ fn owns(padded: &Padded, here: usize, there: usize, direction: usize) -> bool {
 fn crosses(padded: &Padded, a: usize, b: usize) -> bool {
     let (a, b) = (padded.distances[a], padded.distances[b]);
     // Comparisons with NaN are false, and infinity fails the slope later on.
-    (a < 0.0 && b >= 0.0 && b < f32::INFINITY) || (a >= 0.0 && b < 0.0 && a < f32::INFINITY)
+    (a < 0.0 && (0.0..f32::INFINITY).contains(&b)) || (b < 0.0 && (0.0..f32::INFINITY).contains(&a))
 }
 
 /// The zero crossing between two samples, in finest voxels.

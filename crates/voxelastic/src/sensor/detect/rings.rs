@@ -136,7 +136,7 @@ fn sorted_step(rings: &[Ring]) -> Option<f32> {
 /// A beam from a point `radius` before the axis and `height` up follows up = height + tan(elevation) (out - radius): a straight
 /// line for each ring, whose slope is the beam's and whose intercepts over the slopes give the origin.
 pub(super) fn rows(rings: &[Ring], has_origin: bool) -> Rows {
-    let lines: Vec<Option<[f64; 2]>> = rings.iter().map(|ring| line(ring)).collect();
+    let lines: Vec<Option<[f64; 2]>> = rings.iter().map(line).collect();
     if has_origin && let Some(origin) = origin(&lines) {
         // A beam's slope is surer through the common origin than through its own line.
         let slope = |ring: &Ring| median(ring.iter().filter(|r| r.out > 2.0 * origin[0]).map(|r| (r.up - origin[1]) / (r.out - origin[0])).collect());
