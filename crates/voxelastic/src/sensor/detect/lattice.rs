@@ -6,12 +6,15 @@ use super::angles::{Ray, columns_of, mode};
 use super::rings::{Ring, rows};
 use crate::Cloud;
 
+/// Thickness of a slice of elevations, radians: thinner than the gap between rows, wider than a row's own spread.
+const SLICE: f32 = 0.0015;
 /// Numbers of rows that sensors have.
 const USUAL_ROWS: [usize; 9] = [16, 20, 32, 40, 64, 80, 96, 128, 192];
-/// Pixels of which fewer than this share show a return make no image: the cloud was thinned, and gets larger pixels.
-const LEAST_FILLED: f32 = 0.2;
-/// The share that larger pixels are made for.
-const WELL_FILLED: f32 = 0.35;
+/// Neighbouring returns of a row between which fewer than this share of the columns hold a return: the cloud was thinned,
+/// nothing of the sensor's lattice is left, and larger pixels are needed to make an image of it.
+const LEAST_CONTINUOUS: f32 = 0.5;
+/// Share of the pixels that larger pixels are made to fill.
+const WELL_FILLED: f32 = 0.5;
 
 /// The model whose pixels the returns of `clouds` fill best.
 pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
@@ -29,9 +32,8 @@ pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
     let rows = usual_rows((top - bottom) / gap + 1.0);
     let returns = elevations.len() as f32 / clouds.len() as f32;
     let columns = columns_of(step);
-    let filled = returns / (rows * columns) as f32;
-    if filled < LEAST_FILLED {
-        let coarser = (WELL_FILLED / filled).sqrt();
+    if continuity(&scans, step) < LEAST_CONTINUOUS {
+        let coarser = (WELL_FILLED * (rows * columns) as f32 / returns).sqrt().max(1.0);
         let rows = ((rows as f32 / coarser).round() as usize).max(4);
         let columns = ((columns as f32 / coarser).round() as usize).max(64);
         return even(rows, columns, top, bottom, "thinned cloud");
@@ -84,13 +86,23 @@ fn usual_rows(rows: f32) -> usize {
 
 /// Angle between neighbouring columns: the most frequent step in azimuth within thin slices of elevation.
 fn column_step(scans: &[Vec<Ray>], span: f32) -> Option<f32> {
-    /// Thinner than the gap between the rows of any sensor, wider than a row's own spread.
-    const SLICE: f32 = 0.0015;
     let mut steps = Vec::new();
     for scan in scans {
         steps.extend(steps_in_slices(scan, SLICE, |r| r.elevation, |r| r.azimuth));
     }
     mode(&steps, 5e-4, span.clamp(0.02, 0.2))
+}
+
+/// Share of the columns between neighbouring returns of a row that hold a return, where not more than a few are empty.
+fn continuity(scans: &[Vec<Ray>], step: f32) -> f32 {
+    let (mut kept, mut passed) = (0.0, 0.0);
+    for steps in scans.iter().map(|scan| steps_in_slices(scan, SLICE, |r| r.elevation, |r| r.azimuth)) {
+        for columns in steps.iter().map(|s| (s / step).round()).filter(|c| (1.0..=6.0).contains(c)) {
+            kept += 1.0;
+            passed += columns;
+        }
+    }
+    kept / f32::max(passed, 1.0)
 }
 
 /// Angle between neighbouring rows: the most frequent step in elevation within slices a column wide. Neighbours were

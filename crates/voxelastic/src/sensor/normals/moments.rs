@@ -340,3 +340,55 @@ impl ColumnSums<'_> {
         sums
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::NormalSettings;
+    use super::super::plane::{PlaneRow, Solve};
+    use super::*;
+    use crate::sensor::{RangeImage, preset};
+    use proptest::prelude::*;
+
+    /// A grid of noisy, broken surfaces, in the pixels of a small part of a sensor.
+    fn grid(seed: &[f32]) -> Grid {
+        let model = preset("vlp-16").unwrap_or_else(|e| panic!("{e}"));
+        let range = |row: usize, column: usize| {
+            let s = seed[(row * 31 + column * 17) % seed.len()];
+            if s > 0.95 { 0.0 } else { (4.0 + (column / 40) as f32 * 0.7) * (1.0 + 0.01 * s) }
+        };
+        let (rows, columns) = (model.rows(), model.columns());
+        let points: Vec<[f32; 3]> =
+            (0..rows * columns).map(|i| model.point((i / columns) as f32, (i % columns) as f32, range(i / columns, i % columns))).collect();
+        let ranges = (0..rows * columns).map(|i| range(i / columns, i % columns)).collect();
+        let image = RangeImage { rows, columns, ranges, points: (0..(rows * columns) as u32).collect() };
+        let mut grid = Grid::new(&model);
+        grid.fill(&points, &image);
+        grid.link(0.02);
+        grid
+    }
+
+    fn bits(row: &PlaneRow) -> Vec<u32> {
+        let all = row.normal.iter().flatten().chain(&row.distance).chain(&row.roughness).chain(&row.misfit);
+        all.map(|v| v.to_bits()).collect()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(8))]
+        #[test]
+        fn wide_instructions_give_the_same_planes(seed in prop::collection::vec(-1f32..1.0, 977), first in 0usize..50) {
+            let grid = grid(&seed);
+            let model = preset("vlp-16").map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let rule = WindowRule::new(&model, 0.2);
+            let settings = NormalSettings::default();
+            let mut scratch = Scratch::default();
+            scratch.start(&grid, &rule, first * STRIP);
+            for row in 0..grid.rows {
+                let mut planes = [PlaneRow::NONE; 2];
+                let windows = scratch.window(&grid, &rule, Width::Wide, (row, first * STRIP));
+                dispatch(Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[0] });
+                Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[1] }.run();
+                prop_assert_eq!(bits(&planes[0]), bits(&planes[1]));
+            }
+        }
+    }
+}

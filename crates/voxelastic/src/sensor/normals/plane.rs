@@ -20,7 +20,7 @@ pub(crate) struct PlaneRow {
 }
 
 impl PlaneRow {
-    const NONE: Self = Self { normal: [[0.0; STRIP]; 3], distance: [0.0; STRIP], roughness: [-1.0; STRIP], misfit: [0.0; STRIP] };
+    pub(super) const NONE: Self = Self { normal: [[0.0; STRIP]; 3], distance: [0.0; STRIP], roughness: [-1.0; STRIP], misfit: [0.0; STRIP] };
 }
 
 /// Planes of all pixels: row by row, and within a row strip by strip.
