@@ -56,13 +56,22 @@ impl Bridge {
             }
         }
         let columns = scan.image.columns;
-        for lower in columns..self.beam_of_pixel.len() {
-            let (a, b) = (self.beam_of_pixel[lower - columns], self.beam_of_pixel[lower]);
+        for upper in 0..self.beam_of_pixel.len() - columns {
+            let (a, b) = (self.beam_of_pixel[upper], self.beam_below(upper, columns));
             if a != NO_POINT && b != NO_POINT {
                 let spacing = voxel * (1 << rule.fitting(beams.ranges[a as usize])) as f32;
                 self.span_pair(a as usize, b as usize, spacing, voxel, settings);
             }
         }
+    }
+
+    /// The beam in the pixel below `upper`, or in the one beside that where a projected cloud left a gap.
+    #[inline(always)]
+    fn beam_below(&self, upper: usize, columns: usize) -> u32 {
+        let row = upper - upper % columns + columns;
+        let column = upper % columns;
+        let beside = [column, (column + 1) % columns, (column + columns - 1) % columns];
+        beside.into_iter().map(|c| self.beam_of_pixel[row + c]).find(|&beam| beam != NO_POINT).unwrap_or(NO_POINT)
     }
 
     /// Puts returns between the measured ones `a` and `b` if they lie on one surface.
