@@ -13,7 +13,7 @@ mod progress;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
-use commands::{config as config_command, heldout, info, map, mesh, render};
+use commands::{config as config_command, eval, heldout, info, map, mesh, render, simulate};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -50,6 +50,8 @@ enum Command {
     Info(info::InfoArgs),
     Render(render::RenderArgs),
     Heldout(heldout::HeldoutArgs),
+    Eval(eval::EvalArgs),
+    Simulate(simulate::SimulateArgs),
     Config(config_command::ConfigArgs),
 }
 
@@ -97,6 +99,8 @@ fn main() -> ExitCode {
         Command::Info(args) => info::run(args),
         Command::Render(args) => render::run(args),
         Command::Heldout(args) => heldout::run(args, quiet),
+        Command::Eval(args) => eval::run(args),
+        Command::Simulate(args) => simulate::run(args, quiet),
         Command::Config(args) => config_command::run(args),
     };
     match done {

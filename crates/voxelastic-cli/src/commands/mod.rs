@@ -1,8 +1,10 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod config;
+pub mod eval;
 pub mod heldout;
 pub mod info;
 pub mod map;
 pub mod mesh;
 pub mod render;
+pub mod simulate;

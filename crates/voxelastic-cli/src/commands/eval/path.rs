@@ -1,0 +1,52 @@
+//! Errors of the poses that a map was made with.
+
+use super::truth::Truth;
+use anyhow::Context;
+use serde::Serialize;
+use voxelastic::Pose;
+use voxelastic::atlas::Atlas;
+use voxelastic::event::NodeId;
+use voxelastic_eval::trajectory::{Ate, Delta, Fit, Rpe, ate, by_id, rpe};
+
+/// Path between the poses of which the relative error is taken, metres.
+const STEP_M: f64 = 10.0;
+
+/// Errors of poses.
+#[derive(Debug, Serialize)]
+pub struct TrajectoryErrors {
+    /// Absolute, after the rigid motion that fits best.
+    pub ate: Ate,
+    /// Absolute as they lie, where map and truth have one frame: a simulated world.
+    pub ate_in_place: Option<Ate>,
+    /// Relative, over stretches of 10 m; `null` for a shorter path.
+    pub rpe: Option<Rpe>,
+}
+
+/// Compares the poses of the scans in a map with the true ones, node by node. None where fewer than three belong together.
+pub fn compare(atlas: &Atlas, truth: &Truth) -> anyhow::Result<Option<TrajectoryErrors>> {
+    if truth.poses.is_empty() {
+        return Ok(None);
+    }
+    let pairs = by_id(&truth.poses, &poses(atlas));
+    if pairs.len() < 3 {
+        tracing::warn!("only {} scans of the map have a true pose: the trajectory is not judged", pairs.len());
+        return Ok(None);
+    }
+    let in_place = truth.simulation.is_some().then(|| ate(&pairs, Fit::None)).transpose();
+    Ok(Some(TrajectoryErrors {
+        ate: ate(&pairs, Fit::Rigid).context("cannot compare the trajectories")?,
+        ate_in_place: in_place.context("cannot compare the trajectories")?,
+        rpe: rpe(&pairs, Delta::Metres(STEP_M)).ok(),
+    }))
+}
+
+/// Pose of the lidar in the map at each node, by node.
+fn poses(atlas: &Atlas) -> Vec<(NodeId, Pose)> {
+    let of_submap = |s: &voxelastic::atlas::Submap| {
+        let t_map_submap = s.t_map_submap;
+        s.scans.iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
+    };
+    let mut poses: Vec<(NodeId, Pose)> = atlas.submaps().iter().flat_map(of_submap).collect();
+    poses.sort_by_key(|(node, _)| *node);
+    poses
+}

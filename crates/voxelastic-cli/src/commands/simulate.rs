@@ -1,0 +1,210 @@
+//! `voxelastic simulate`: scans of a world that is known exactly, as a folder to map.
+
+mod folder;
+
+use crate::failure::{self, Failure};
+use crate::meshing::pool;
+use crate::progress::Progress;
+use crate::{interrupt, output};
+use anyhow::Context;
+use clap::Args;
+use folder::{Folder, Outcome};
+use serde::Serialize;
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Instant;
+use voxelastic_sim::drift::LoopSettings;
+use voxelastic_sim::sensor::{LidarSettings, Noise};
+use voxelastic_sim::{Scene, SimError, SimOptions, Simulation};
+
+/// Simulate a LiDAR in a world that is known exactly, as a folder to map and to evaluate against
+///
+/// Worlds: campus (a college quad, a narrow tunnel, a 1 m doorway, a park; 135 x 225 m), mine (rooms and corridors hewn from rock), street (a
+/// block of houses to be driven round), and for tests room, plane and sphere. The sensor follows a closed route, lap after lap.
+///
+/// The folder holds organised scans (PCD), the odometry's drifting poses (poses.tum), the poses corrected when loops close (poses@NNNNNN.txt),
+/// the true poses (groundtruth.tum), the pose graph (graph.g2o), and world.toml, from which `voxelastic eval` builds the world again. The same
+/// options give the same folder. A folder that was simulated before is replaced; any other that is not empty is refused.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic simulate campus -o campus                  drives the route; makes the folder campus
+  voxelastic map campus                                 maps it with drifting poses and their corrections
+  voxelastic eval campus.vox --truth campus             measures the map against the world
+  voxelastic map campus -o true.vox --poses groundtruth
+  voxelastic simulate street -o street --laps 3 --spacing 1 --moving
+  voxelastic simulate mine -o mine --sensor os0-128 --columns 512 --drift 2 --seed 7
+  voxelastic simulate room -o room --scans 10 --columns 256 --noise 0")]
+pub struct SimulateArgs {
+    /// The world
+    #[arg(value_name = "WORLD", value_parser = clap::builder::PossibleValuesParser::new(voxelastic_sim::scenes::names().collect::<Vec<_>>()))]
+    world: String,
+    /// The folder to write
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Number of scans [default: what shows the whole world, and comes back to places seen before]
+    #[arg(long, value_name = "N", conflicts_with = "laps")]
+    scans: Option<usize>,
+    /// Rounds of the world's route, instead of a number of scans; 0.5 for half a round
+    #[arg(long, value_name = "N", value_parser = laps)]
+    laps: Option<f64>,
+    /// Path between two scans, metres
+    #[arg(long, value_name = "M", default_value_t = 2.0)]
+    spacing: f64,
+    /// Scans a second, instead of a path between them
+    #[arg(long, value_name = "HZ", conflicts_with = "spacing")]
+    rate: Option<f64>,
+    /// The sensor, one of those that `voxelastic map --sensor` knows
+    #[arg(long, value_name = "NAME", default_value = "os1-64")]
+    sensor: String,
+    /// Columns to a turn [default: the sensor's usual number, 1024 for os1-64]
+    #[arg(long, value_name = "N")]
+    columns: Option<usize>,
+    /// Farthest return, metres
+    #[arg(long, value_name = "M", default_value_t = 120.0)]
+    max_range: f64,
+    /// Noise of the sensor, times the usual (1 cm near, 3 cm at 100 m, lost returns, mixed pixels at edges); 0 measures the truth
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    noise: f64,
+    /// Let the sensor move while it turns: each column has its own time and pose
+    #[arg(long)]
+    moving: bool,
+    /// Drift of the odometry, metres in 100 m of path; 0 for none
+    #[arg(long, value_name = "M", default_value_t = 1.0)]
+    drift: f64,
+    /// How near a place seen before must be to close a loop, metres; 0 closes none
+    #[arg(long, value_name = "M", default_value_t = 5.0)]
+    loop_radius: f64,
+    /// Seed of all that is random: furniture, noise, drift
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Threads to use; 0 for all cores. The result does not depend on it
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+    /// Print one JSON object on stdout: scans, path, loop closures, seconds, ..
+    #[arg(long)]
+    json: bool,
+}
+
+fn laps(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|n: &f64| *n > 0.0 && *n <= 1e4).ok_or_else(|| "must be a number above 0, at most 10000".to_owned())
+}
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+struct Summary {
+    output: PathBuf,
+    world: String,
+    /// Scans written.
+    scans: usize,
+    interrupted: bool,
+    /// Length of the true path over all scans asked for, metres.
+    path_m: f64,
+    /// Loop closures on it.
+    loop_edges: usize,
+    /// Largest distance between true and odometry pose, metres.
+    largest_drift_m: f64,
+    total_s: f64,
+    scans_per_s: f64,
+}
+
+/// Simulates.
+pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
+    let clock = Instant::now();
+    let pool = pool(args.threads)?;
+    let folder = Folder::claim(&args.output)?;
+    let simulation = pool.install(|| options(args).and_then(Simulation::new)).map_err(explain)?;
+    interrupt::install("finishing the scans under way");
+
+    let mut progress = Progress::new("scans", simulation.len() as u64, quiet);
+    let mut told = 0;
+    let mut tell = |written: usize, _: usize| {
+        (told..written).for_each(|_| progress.step(|| format!("{} loop closures on the way", simulation.loop_edges().len())));
+        told = written;
+        if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let scans = pool.install(|| simulation.write(folder.target(), &mut tell)).context("cannot write the simulation")?;
+    drop(progress);
+    let interrupted = scans < simulation.len();
+    let folder_kept = folder.finish(interrupted)? == Outcome::Kept;
+
+    let total_s = clock.elapsed().as_secs_f64();
+    let summary = summarise(args, &simulation, scans, total_s);
+    let Summary { path_m, loop_edges, largest_drift_m, .. } = summary;
+    tracing::info!("{scans} scans on {path_m:.0} m with {loop_edges} loop closures in {total_s:.1} s; odometry drifts up to {largest_drift_m:.2} m");
+    if folder_kept {
+        tracing::warn!("{}: the simulation of before is kept as it was", args.output.display());
+    } else {
+        tracing::info!("wrote {}", args.output.display());
+    }
+    if args.json {
+        output::print_json(&summary)?;
+    }
+    Ok(if summary.interrupted { failure::INTERRUPTED } else { failure::DONE })
+}
+
+fn summarise(args: &SimulateArgs, simulation: &Simulation, scans: usize, total_s: f64) -> Summary {
+    let (truth, odometry) = (simulation.ground_truth(), simulation.odometry());
+    let apart = |a: &voxelastic::Pose, b: &voxelastic::Pose| (a.translation.vector - b.translation.vector).norm();
+    Summary {
+        output: args.output.clone(),
+        world: args.world.clone(),
+        scans,
+        interrupted: scans < simulation.len(),
+        path_m: truth.windows(2).map(|w| apart(&w[0], &w[1])).sum(),
+        loop_edges: simulation.loop_edges().len(),
+        largest_drift_m: truth.iter().zip(odometry).map(|(a, b)| apart(a, b)).fold(0.0, f64::max),
+        total_s,
+        scans_per_s: scans as f64 / total_s.max(1e-9),
+    }
+}
+
+/// The simulation's options from the flags.
+fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
+    let mut options = SimOptions {
+        seed: args.seed,
+        sensor: args.sensor.clone(),
+        columns: args.columns,
+        scans: args.scans,
+        spacing: args.spacing,
+        rate: args.rate,
+        drift: args.drift,
+        lidar: LidarSettings { max_range: args.max_range, moving: args.moving, noise: noise(args.noise), ..LidarSettings::default() },
+        loops: LoopSettings { radius: args.loop_radius, ..LoopSettings::default() },
+        ..SimOptions::of(&args.world)
+    };
+    if let Some(laps) = args.laps {
+        let ride = Scene::named(&args.world, args.seed)?.ride;
+        let spacing = args.rate.map_or(args.spacing, |rate| ride.gait.speed / rate);
+        // A spacing that makes no sense gives a number that makes none, and is refused with it.
+        options.scans = Some(((laps * ride.route.length() / spacing).ceil() as usize).saturating_add(1));
+    }
+    Ok(options)
+}
+
+/// The usual noise, so many times. Shares stay shares.
+fn noise(factor: f64) -> Noise {
+    if factor == 0.0 {
+        return Noise::none();
+    }
+    let usual = Noise::default();
+    // Not `min`, which would turn what is not a number into a share.
+    let share = |s: f64| if s * factor > 1.0 { 1.0 } else { s * factor };
+    Noise {
+        range_sigma: usual.range_sigma * factor,
+        range_sigma_per_metre: usual.range_sigma_per_metre * factor,
+        dropout: share(usual.dropout),
+        mixed: share(usual.mixed),
+        intensity_sigma: usual.intensity_sigma * factor,
+        ..usual
+    }
+}
+
+/// What is wrong with the options is the command line's fault.
+fn explain(error: SimError) -> anyhow::Error {
+    match error {
+        SimError::Setting { .. } | SimError::UnknownWorld { .. } | SimError::Sensor(_) => {
+            Failure::usage(error.to_string(), "`voxelastic simulate --help` shows what every option means").into()
+        }
+        other => other.into(),
+    }
+}

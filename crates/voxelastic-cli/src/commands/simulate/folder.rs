@@ -1,0 +1,161 @@
+//! The folder that a simulation is written to. One that was simulated before is replaced when the new one is complete; nothing else is touched.
+
+use crate::failure::Failure;
+use anyhow::Context;
+use std::fs;
+use std::path::{Path, PathBuf};
+use voxelastic_sim::dataset::WORLD_FILE;
+
+/// Where a new simulation is written inside of the folder that it will replace.
+const NEW: &str = ".new";
+
+/// What is in the folder in the end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// What was written, whole or, where nothing was before, in part.
+    Written,
+    /// What was there before.
+    Kept,
+}
+
+/// A folder that may be written to.
+pub struct Folder {
+    dir: PathBuf,
+    replaces: bool,
+}
+
+impl Folder {
+    /// Makes sure that `dir` is not there yet, empty, or a simulation of before with nothing else in it.
+    pub fn claim(dir: &Path) -> anyhow::Result<Self> {
+        if dir.exists() && !dir.is_dir() {
+            return Err(Failure::new(format!("{}: a file, not a folder", dir.display()), "name another folder with -o").into());
+        }
+        let found = if dir.is_dir() { entries(dir)? } else { Vec::new() };
+        let replaces = !found.is_empty();
+        if replaces {
+            let not_ours = foreign(dir)?.or_else(|| (!dir.join(WORLD_FILE).is_file() && !only_new(&found)).then(|| found[0].clone()));
+            if let Some(path) = not_ours {
+                let what = format!("{}: not a simulated folder: {} would be lost", dir.display(), path.display());
+                return Err(Failure::new(what, "name another folder with -o, or empty this one first").into());
+            }
+            let new = dir.join(NEW);
+            if new.is_dir() {
+                fs::remove_dir_all(&new).with_context(|| new.display().to_string())?;
+            }
+        }
+        Ok(Self { dir: dir.to_owned(), replaces })
+    }
+
+    /// Where to write to: not there yet, or empty.
+    pub fn target(&self) -> PathBuf {
+        if self.replaces { self.dir.join(NEW) } else { self.dir.clone() }
+    }
+
+    /// What was written takes the place of what was there before, unless it is only a part.
+    pub fn finish(self, is_part: bool) -> anyhow::Result<Outcome> {
+        if !self.replaces {
+            return Ok(Outcome::Written);
+        }
+        let new = self.target();
+        if is_part {
+            fs::remove_dir_all(&new).with_context(|| new.display().to_string())?;
+            return Ok(Outcome::Kept);
+        }
+        for old in entries(&self.dir)?.into_iter().filter(|path| *path != new) {
+            let removed = if old.is_dir() { fs::remove_dir_all(&old) } else { fs::remove_file(&old) };
+            removed.with_context(|| format!("cannot replace {}", old.display()))?;
+        }
+        for path in entries(&new)? {
+            let to = self.dir.join(path.file_name().unwrap_or_default());
+            fs::rename(&path, &to).with_context(|| format!("cannot move {} into place", path.display()))?;
+        }
+        fs::remove_dir(&new).with_context(|| new.display().to_string())?;
+        Ok(Outcome::Written)
+    }
+}
+
+fn entries(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    let listed = fs::read_dir(dir).and_then(|all| all.map(|e| e.map(|e| e.path())).collect::<Result<Vec<_>, _>>());
+    let mut paths = listed.with_context(|| dir.display().to_string())?;
+    paths.sort();
+    Ok(paths)
+}
+
+/// Whether all there is are the leavings of a simulation that was killed.
+fn only_new(found: &[PathBuf]) -> bool {
+    found.iter().all(|path| path.ends_with(NEW))
+}
+
+/// The first thing in `dir` that a simulation does not write.
+fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
+    for path in entries(dir)? {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let numbered = |prefix: &str, ending: &str| {
+            let number = name.strip_prefix(prefix).and_then(|n| n.strip_suffix(ending));
+            number.is_some_and(|n| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let inner = match name.as_str() {
+            NEW if path.is_dir() => foreign(&path)?,
+            "scans" if path.is_dir() => entries(&path)?.into_iter().find(|scan| !is_scan(scan)),
+            "poses.tum" | "groundtruth.tum" | "graph.g2o" | WORLD_FILE if path.is_file() => None,
+            _ if numbered("poses@", ".txt") && path.is_file() => None,
+            _ => Some(path),
+        };
+        if inner.is_some() {
+            return Ok(inner);
+        }
+    }
+    Ok(None)
+}
+
+fn is_scan(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.is_file() && path.extension().is_some_and(|e| e == "pcd") && !stem.is_empty() && stem.bytes().all(|b| b.is_ascii_digit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn simulated() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("scans")).unwrap();
+        for name in ["scans/000000.pcd", "poses.tum", "poses@000012.txt", "groundtruth.tum", "graph.g2o", WORLD_FILE] {
+            fs::write(dir.path().join(name), "old").unwrap();
+        }
+        dir
+    }
+
+    #[test]
+    fn a_simulation_takes_the_place_of_another_when_it_is_complete() {
+        let dir = simulated();
+        let folder = Folder::claim(dir.path()).unwrap();
+        fs::create_dir(folder.target()).unwrap();
+        fs::write(folder.target().join(WORLD_FILE), "new").unwrap();
+        assert_eq!(fs::read_to_string(dir.path().join("poses.tum")).unwrap(), "old");
+        assert_eq!(folder.finish(false).unwrap(), Outcome::Written);
+        assert_eq!(entries(dir.path()).unwrap(), [dir.path().join(WORLD_FILE)]);
+        assert_eq!(fs::read_to_string(dir.path().join(WORLD_FILE)).unwrap(), "new");
+    }
+
+    #[test]
+    fn the_leavings_of_a_killed_run_are_cleared_and_nothing_else() {
+        let dir = simulated();
+        fs::create_dir(dir.path().join(NEW)).unwrap();
+        fs::write(dir.path().join(NEW).join("poses.tum"), "half").unwrap();
+        let folder = Folder::claim(dir.path()).unwrap();
+        assert!(!folder.target().exists());
+        fs::create_dir(folder.target()).unwrap();
+        assert_eq!(folder.finish(true).unwrap(), Outcome::Kept);
+        assert_eq!(entries(dir.path()).unwrap().len(), 5, "a part replaces nothing");
+        for other in ["scans/notes.txt", "scans/a.pcd", "poses@x.txt", "thesis.tex"] {
+            let dir = simulated();
+            fs::write(dir.path().join(other), "precious").unwrap();
+            let refused = Folder::claim(dir.path()).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(refused.contains(other.rsplit('/').next().unwrap()), "{refused}");
+        }
+        let dir = simulated();
+        fs::remove_file(dir.path().join(WORLD_FILE)).unwrap();
+        assert!(Folder::claim(dir.path()).is_err(), "somebody's own data set may look like this");
+    }
+}
