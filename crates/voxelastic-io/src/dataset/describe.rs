@@ -1,7 +1,7 @@
 //! What was found in a folder, in words.
 
 use super::edges::Edges;
-use super::folder::{Folder, PoseFile, name_of};
+use super::folder::{Folder, PoseFile, Snapshot, name_of};
 use super::matching::{Matched, MatchedBy};
 use crate::{CloudFormat, PoseFormat, PoseGraph};
 use std::fmt;
@@ -86,6 +86,15 @@ impl Description {
             matched_by: matched.by,
             is_ground_truth: file.is_ground_truth(),
         });
+    }
+
+    /// The poses are the ground truth, which no snapshot corrects: none of the snapshots is used.
+    pub(super) fn leave_snapshots(&mut self) -> Vec<Snapshot> {
+        if self.snapshots > 0 {
+            self.notes.push(format!("{} pose snapshots are left aside: the poses are the ground truth", self.snapshots));
+            self.snapshots = 0;
+        }
+        Vec::new()
     }
 
     pub(super) fn graph(&mut self, file: &PoseFile, graph: &PoseGraph, edges: &Edges) {

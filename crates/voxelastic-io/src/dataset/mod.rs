@@ -133,11 +133,13 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
         description.graph(file, graph, &edges);
     }
     let context = snapshot::Context { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds };
+    // Corrections of an estimate must not move what the truth has put in its place.
+    let snapshots = if pose_file.is_ground_truth() { description.leave_snapshots() } else { folder.snapshots };
     Ok(Dataset {
         path: path.into(),
         scans: scans.into(),
         edges: Arc::new(edges),
-        snapshots: folder.snapshots.into(),
+        snapshots: snapshots.into(),
         context: Arc::new(context),
         ground_truth,
         description,

@@ -101,6 +101,19 @@ fn snapshots_become_pose_updates() {
 }
 
 #[test]
+fn snapshots_do_not_correct_the_truth() {
+    let folder = Folder::with_scans(3);
+    folder.kitti("poses.txt", 3, 0.0);
+    folder.kitti("groundtruth.txt", 3, 5.0);
+    folder.kitti("poses@000001.txt", 2, 0.5);
+    assert_eq!(story(&folder.open().unwrap()), "S0 S1 O0-1 U2 S2 O1-2");
+    let truth = folder.open_with(with_poses("groundtruth")).unwrap();
+    assert_eq!(story(&truth), "S0 S1 O0-1 S2 O1-2");
+    assert_eq!(truth.description().snapshots, 0);
+    assert!(truth.description().to_string().contains("1 pose snapshots are left aside"));
+}
+
+#[test]
 fn points_are_timed_from_their_scan() {
     let folder = Folder::new();
     let stamp = 1_583_836_591.25;
