@@ -80,10 +80,11 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
         })
         .collect();
     let mut mesh = Mesh { triangles: triangles.concat(), ..Mesh::default() };
-    for (_, mut vertices) in owned {
+    for (_, vertices) in owned {
+        let first = mesh.positions.len();
         mesh.scales.resize(mesh.scales.len() + vertices.slots.len(), vertices.scale);
         mesh.positions.extend(vertices.positions.iter().map(|p| p.map(|c| c * voxel)));
-        mesh.shades.append(&mut vertices.shades);
+        mesh.append_shades(first, &vertices.shades);
     }
     mesh.drop_unused_vertices();
     mesh.compute_normals();

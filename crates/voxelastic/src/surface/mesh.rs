@@ -57,17 +57,22 @@ impl Mesh {
         self.normals = normals;
     }
 
+    /// Adds the shades, if there are any, of the vertices from `first` on. A map may have submaps, and a submap blocks, with and without
+    /// intensity: the latter count as mid grey.
+    pub(super) fn append_shades(&mut self, first: usize, shades: &[u8]) {
+        if !self.shades.is_empty() || !shades.is_empty() {
+            self.shades.resize(first, 128);
+            self.shades.extend_from_slice(shades);
+            self.shades.resize(self.positions.len(), 128);
+        }
+    }
+
     /// Appends `other`, moved by `t`.
     pub fn append(&mut self, other: &Mesh, t: &crate::geometry::Rigid) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions.iter().map(|&p| t.apply(p)));
         self.normals.extend(other.normals.iter().map(|&n| t.rotate(n)));
-        // A map may have submaps with and without intensity: the latter count as mid grey.
-        if !self.shades.is_empty() || !other.shades.is_empty() {
-            self.shades.resize(first as usize, 128);
-            self.shades.extend_from_slice(&other.shades);
-            self.shades.resize(self.positions.len(), 128);
-        }
+        self.append_shades(first as usize, &other.shades);
         self.scales.extend_from_slice(&other.scales);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }

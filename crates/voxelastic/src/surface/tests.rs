@@ -108,3 +108,16 @@ proptest! {
         assert_closed_manifold(&mesh);
     }
 }
+
+#[test]
+fn blocks_without_intensity_among_others_count_as_grey() {
+    let mut field = field_of(4, sphere(20.0), |_| 0);
+    for id in field.ids().filter(|id| id % 3 == 0) {
+        let slot = field.shades.insert(0);
+        field.shades.get_mut(0, slot).fill(9);
+        field.blocks[id].shade[0] = slot;
+    }
+    let mesh = extract(&field, 0.1, &MeshOptions::default());
+    assert_eq!(mesh.shades.len(), mesh.positions.len());
+    assert!(mesh.shades.contains(&9) && mesh.shades.contains(&128));
+}
