@@ -28,6 +28,8 @@ mod manifest_text;
 mod occupancy_section;
 mod reader;
 mod submap_file;
+#[cfg(test)]
+mod tests;
 mod tsdf_page;
 mod tsdf_section;
 mod writer;

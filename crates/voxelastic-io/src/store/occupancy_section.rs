@@ -89,7 +89,7 @@ fn fill_blocks(field: &OccupancyField, ids: &[u32], raw: &mut Vec<u8>) -> usize 
     ids.len()
 }
 
-fn parse_octants(mut bytes: Bytes<'_>, count: usize) -> std::result::Result<Vec<OctantRecord>, String> {
+pub(super) fn parse_octants(mut bytes: Bytes<'_>, count: usize) -> std::result::Result<Vec<OctantRecord>, String> {
     let [linked, observed] = [bytes.take(count.div_ceil(8))?, bytes.take(count.div_ceil(8))?];
     let [values, maxima] = [bytes.take(count)?, bytes.take(count)?];
     bytes.end()?;
@@ -102,9 +102,9 @@ fn parse_octants(mut bytes: Bytes<'_>, count: usize) -> std::result::Result<Vec<
 }
 
 /// Scale and array of each block of a page.
-type Blocks = Vec<(u8, Vec<i8>)>;
+pub(super) type Blocks = Vec<(u8, Vec<i8>)>;
 
-fn parse_blocks(mut bytes: Bytes<'_>, count: usize) -> std::result::Result<Blocks, String> {
+pub(super) fn parse_blocks(mut bytes: Bytes<'_>, count: usize) -> std::result::Result<Blocks, String> {
     let scales = bytes.take(count)?;
     let block = |&scale: &u8| {
         if usize::from(scale) >= SCALES {

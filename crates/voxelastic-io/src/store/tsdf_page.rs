@@ -131,7 +131,7 @@ fn heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String>
 fn mask<'a>(bytes: &mut Bytes<'a>, count: usize) -> Result<(&'a [u8], usize), String> {
     let mask = bytes.take(count.div_ceil(8))?;
     let set = mask.iter().map(|b| b.count_ones() as usize).sum();
-    let tail = mask.last().filter(|_| count % 8 != 0).is_some_and(|b| b >> (count % 8) != 0);
+    let tail = mask.last().filter(|_| !count.is_multiple_of(8)).is_some_and(|b| b >> (count % 8) != 0);
     if tail { Err("a mask is longer than its values".to_owned()) } else { Ok((mask, set)) }
 }
 

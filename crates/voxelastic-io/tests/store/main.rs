@@ -1,5 +1,8 @@
 //! The map store: what comes back, what is refused, and what is left in the directory.
 
+// Tests say what they skipped, measurements what they measured.
+#![allow(clippy::print_stdout)]
+
 mod compat;
 mod damage;
 mod directory;

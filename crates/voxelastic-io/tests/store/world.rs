@@ -167,9 +167,12 @@ pub fn image(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
 }
 
 /// Everything that an occupancy field is, without ids and slots.
-pub fn occupancy_image(field: &OccupancyField) -> (u32, u64, Vec<OctantRecord>, Vec<(u64, u8, Vec<i8>)>) {
-    let block = |id| (field.block(id).key, field.block(id).scale, field.values(field.block(id)).to_vec());
-    let blocks = field.ids_in_morton_order().into_iter().map(block).collect();
+pub fn occupancy_image(field: &OccupancyField) -> (u32, u64, Vec<OctantRecord>, Vec<i64>) {
+    let mut blocks = Vec::new();
+    for block in field.ids_in_morton_order().into_iter().map(|id| field.block(id)) {
+        blocks.extend([block.key as i64, i64::from(block.scale)]);
+        blocks.extend(field.values(block).iter().map(|&v| i64::from(v)));
+    }
     (field.tree().root_level(), field.tree().root_key(), field.octants_in_order(), blocks)
 }
 
