@@ -107,7 +107,7 @@ fn a_file_of_settings_is_as_good_as_flags() {
 #[test]
 fn help_teaches() {
     let dir = tempfile::tempdir().unwrap();
-    for command in ["map", "mesh", "info", "render", "heldout", "config"] {
+    for command in ["map", "mesh", "info", "render", "heldout", "eval", "simulate", "config"] {
         for flag in ["-h", "--help"] {
             let help = works(dir.path(), &format!("{command} {flag}"));
             assert!(help.contains(&format!("voxelastic {command}")) && help.contains("Examples:"), "{help}");

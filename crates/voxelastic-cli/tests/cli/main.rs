@@ -1,8 +1,10 @@
 //! The `voxelastic` command as its users run it: `feature` is what works, `misc` is what goes wrong and how it is said.
 
+mod evaluation;
 mod feature;
 mod misc;
 mod room;
+mod simulation;
 
 use std::path::Path;
 use std::process::{Command, Output};
