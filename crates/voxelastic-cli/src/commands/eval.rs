@@ -186,7 +186,7 @@ fn against(points: &measured::Surface, truth: &TrueSurface, is_world: bool, args
         ..CompareSettings::default()
     };
     tracing::info!("measuring {} {} against {} points of the truth", points.positions.len(), points.what, truth.points.len());
-    Ok(compare(points.as_map()?, &truth.as_truth(), &settings).with_context(who)?)
+    compare(points.as_map()?, &truth.as_truth(), &settings).with_context(who)
 }
 
 fn write_errors(path: &Path, points: &measured::Surface, errors: &[f32], worst: f32) -> anyhow::Result<()> {

@@ -101,7 +101,7 @@ pub fn has_occupancy(atlas: &Atlas) -> bool {
 
 /// The field to be measured, which the map must have.
 fn field(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Field> {
-    let has_tsdf = map.atlas.submaps().iter().any(|s| s.tsdf.len() > 0);
+    let has_tsdf = map.atlas.submaps().iter().any(|s| !s.tsdf.is_empty());
     let missing = match args.field.unwrap_or(if has_tsdf { Field::Tsdf } else { Field::Occupancy }) {
         Field::Tsdf if !has_tsdf => "tsdf",
         Field::Occupancy if !has_occupancy(&map.atlas) => "occupancy",
