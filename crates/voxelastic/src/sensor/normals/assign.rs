@@ -31,7 +31,7 @@ pub(crate) fn assign(shared: &Shared<'_>, image: &RangeImage, beams: &mut Beams)
             let at = (row.index, pixel - row.start);
             let own = planes.at(at.0, at.1);
             let is_shown = image.points[pixel] == source[first + i];
-            let plane = if is_shown && own.is_believed() && own.misfit() <= ON_PLANE { Some(own) } else { shared.search(points[first + i], at) };
+            let plane = if is_shown && planes.has(at.0, at.1) && own.misfit() <= ON_PLANE { Some(own) } else { shared.search(points[first + i], at) };
             (*normal, *roughness) = plane.map_or(([0.0; 3], 0.0), |plane| (plane.normal(), plane.roughness()));
         }
     });
@@ -60,6 +60,9 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 const ON_PLANE: f32 = 3.0;
 /// A plane of a neighbour must fit better: it was not made from this point.
 const ON_NEIGHBOUR: f32 = 2.0;
+
+/// A plane of a neighbour that fits this well need not be improved upon.
+const GOOD_ENOUGH: f32 = 0.5;
 
 /// What every search looks at.
 pub(crate) struct Shared<'a> {
@@ -98,7 +101,7 @@ impl<'a> Shared<'a> {
         let depth = (point[0] * point[0] + point[1] * point[1]).sqrt();
         let wanted = Wanted { point, depth, noise_per_metre: self.noise / dot(point, point).sqrt() };
         let own = self.planes.at(row, column);
-        if own.is_believed() && wanted.misfit(&own) <= ON_PLANE {
+        if self.planes.has(row, column) && wanted.misfit(&own) <= ON_PLANE {
             return Some(own);
         }
         // Half a window away, else a window away.
@@ -119,11 +122,14 @@ impl<'a> Shared<'a> {
             }
             for c in [left, right, column] {
                 let (r, c) = (r as usize, c.clamp(0, columns - 1) as usize);
-                let plane = self.planes.at(r, c);
-                if plane.is_believed() {
+                if self.planes.has(r, c) {
+                    let plane = self.planes.at(r, c);
                     let misfit = wanted.misfit(&plane);
                     if misfit < best.0 && self.is_near(wanted.depth, (r, c)) {
                         best = (misfit, Some(plane));
+                        if misfit < GOOD_ENOUGH {
+                            return best.1;
+                        }
                     }
                 }
             }

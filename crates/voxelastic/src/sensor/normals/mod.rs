@@ -84,6 +84,7 @@ impl PlaneFitter {
                 work.fit((task * per_task + strip) * STRIP, rows.iter_mut().map(|row| &mut row[strip]));
             }
         });
+        self.planes.note();
         let shared = Shared { planes: &self.planes, grid: &self.grid, rule: &self.rule, noise: noise.max(self.settings.roughness) };
         assign::assign(&shared, image, beams);
     }

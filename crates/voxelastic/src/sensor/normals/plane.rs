@@ -28,6 +28,9 @@ impl PlaneRow {
 pub(crate) struct Planes {
     strips: usize,
     rows: Vec<PlaneRow>,
+    /// A bit for each lane of `rows`: whether there is a plane. Small enough for the first-level cache, where the planes are
+    /// not; searches ask here first.
+    believed: Vec<u32>,
 }
 
 /// The plane at a pixel.
@@ -57,12 +60,6 @@ impl Plane<'_> {
         self.lanes.roughness[self.l]
     }
 
-    /// Whether there is a plane.
-    #[inline(always)]
-    pub(crate) fn is_believed(&self) -> bool {
-        self.roughness() >= 0.0
-    }
-
     /// How far off the plane the pixel's own point is, in standard deviations.
     #[inline(always)]
     pub(crate) fn misfit(&self) -> f32 {
@@ -83,6 +80,19 @@ impl Planes {
             row.chunks_mut(per_task).zip(&mut tasks).for_each(|(part, task)| task.push(part));
         }
         tasks
+    }
+
+    /// Notes which pixels have a plane, once all are fitted.
+    pub(crate) fn note(&mut self) {
+        let bits = |row: &PlaneRow| (0..STRIP).fold(0, |bits, l| bits | (u32::from(row.roughness[l] >= 0.0) << l));
+        self.believed.clear();
+        self.believed.extend(self.rows.iter().map(bits));
+    }
+
+    /// Whether a pixel has a plane, as far as noted.
+    #[inline(always)]
+    pub(crate) fn has(&self, row: usize, column: usize) -> bool {
+        self.believed[row * self.strips + column / STRIP] >> (column % STRIP) & 1 == 1
     }
 
     /// The plane at a pixel, believed or not.
