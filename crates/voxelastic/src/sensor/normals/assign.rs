@@ -61,9 +61,6 @@ const ON_PLANE: f32 = 3.0;
 /// A plane of a neighbour must fit better: it was not made from this point.
 const ON_NEIGHBOUR: f32 = 2.0;
 
-/// A plane of a neighbour that fits this well need not be improved upon.
-const GOOD_ENOUGH: f32 = 0.5;
-
 /// What every search looks at.
 pub(crate) struct Shared<'a> {
     pub(crate) planes: &'a Planes,
@@ -127,9 +124,6 @@ impl<'a> Shared<'a> {
                     let misfit = wanted.misfit(&plane);
                     if misfit < best.0 && self.is_near(wanted.depth, (r, c)) {
                         best = (misfit, Some(plane));
-                        if misfit < GOOD_ENOUGH {
-                            return best.1;
-                        }
                     }
                 }
             }
