@@ -147,7 +147,7 @@ mod tests {
         assert!(!folder.target().exists());
         fs::create_dir(folder.target()).unwrap();
         assert_eq!(folder.finish(true).unwrap(), Outcome::Kept);
-        assert_eq!(entries(dir.path()).unwrap().len(), 5, "a part replaces nothing");
+        assert_eq!(entries(dir.path()).unwrap().len(), 6, "a part replaces nothing: five files and the scans");
         for other in ["scans/notes.txt", "scans/a.pcd", "poses@x.txt", "thesis.tex"] {
             let dir = simulated();
             fs::write(dir.path().join(other), "precious").unwrap();
