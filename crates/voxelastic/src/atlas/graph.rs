@@ -296,6 +296,15 @@ impl PoseGraph {
     /// All nodes within `limit` metres of any of `starts` along the graph, with their distances, nearest first, ties by node.
     /// Unknown starts reach nothing.
     pub fn within(&self, starts: &[NodeId], limit: f64) -> Vec<(NodeId, f64)> {
+        self.search(starts, limit, |link| link.walkable)
+    }
+
+    /// As [`within`](Self::within), along odometry only: the nodes of the same pass.
+    pub fn within_pass(&self, node: NodeId, limit: f64) -> Vec<(NodeId, f64)> {
+        self.search(&[node], limit, |link| link.walkable && !link.kind.needs_agreement())
+    }
+
+    fn search(&self, starts: &[NodeId], limit: f64, passes: impl Fn(&Link) -> bool) -> Vec<(NodeId, f64)> {
         let mut heap: BinaryHeap<Reverse<(u64, NodeId)>> = starts.iter().filter(|n| self.contains(**n)).map(|&n| Reverse((0, n))).collect();
         let mut settled: HashMap<NodeId, ()> = HashMap::new();
         let mut reached = Vec::new();
@@ -306,7 +315,7 @@ impl PoseGraph {
             // Bits of numbers that are not negative sort like the numbers.
             let distance = f64::from_bits(bits);
             reached.push((node, distance));
-            for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| l.walkable) {
+            for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| passes(l)) {
                 let other = if link.from == node { link.to } else { link.from };
                 let further = distance + link.length;
                 if further <= limit && !settled.contains_key(&other) {
@@ -386,6 +395,7 @@ mod tests {
         assert_eq!(graph.update_poses(&[(2, at(0.2)), (77, at(0.0))]), 1);
         graph.refresh_loops();
         assert_eq!((graph.take_closed(), graph.within(&[0], 5.0)), (vec![[0, 2]], vec![(0, 0.0), (2, 0.1)]));
+        assert_eq!(graph.within_pass(0, 5.0), [(0, 0.0)], "a loop is another pass");
         graph.update_poses(&[(2, at(0.5))]);
         graph.refresh_loops();
         assert!(graph.within(&[0], 5.0).len() == 1 && graph.counts().open_loops == 1);

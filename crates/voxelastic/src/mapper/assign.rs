@@ -11,6 +11,7 @@ use crate::atlas::overlap::{Probe, overlap};
 use crate::event::{Edge, NodeId};
 use crate::geometry::{Pose, PoseExt, Rigid};
 use crate::sensor::PreparedScan;
+use std::collections::HashSet;
 
 /// Most submaps that a scan is held against.
 const CANDIDATES: usize = 4;
@@ -31,7 +32,7 @@ impl Mapper {
         if let Some(id) = self.rule.submap_by_distance(&self.graph, &self.members, node, home) {
             return (id, if home == Some(id) { Placed::Onward } else { Placed::Revisit });
         }
-        if let Some(found) = self.submap_by_overlap(t_map_lidar, scan) {
+        if let Some(found) = self.submap_by_overlap(node, t_map_lidar, scan) {
             if let Some(t_map_from) = self.graph.pose(found.node) {
                 let edge = Edge { from: found.node, to: node, t_from_to: t_map_from.inv_mul(t_map_lidar), information: None };
                 // Both nodes are known and different, and the pose is rigid: nothing here can be refused.
@@ -43,12 +44,16 @@ impl Mapper {
     }
 
     /// The submap nearby that knows most of the scan, if that is enough.
-    fn submap_by_overlap(&self, t_map_lidar: &Pose, scan: &PreparedScan) -> Option<Candidate> {
+    ///
+    /// Only a return counts: neighbours along the path see much the same, and that alone would stretch every submap to its bound. So the
+    /// submap must have been here before, with a node that is near in space and far along the odometry.
+    fn submap_by_overlap(&self, node: NodeId, t_map_lidar: &Pose, scan: &PreparedScan) -> Option<Candidate> {
         let least = self.settings.min_overlap;
         if least >= 1.0 {
             return None;
         }
-        let mut candidates: Vec<Candidate> = self.members.submaps().filter_map(|id| self.candidate(id, t_map_lidar)).collect();
+        let along: HashSet<NodeId> = self.graph.within_pass(node, self.rule.bound()).into_iter().map(|(other, _)| other).collect();
+        let mut candidates: Vec<Candidate> = self.members.submaps().filter_map(|id| self.candidate(id, t_map_lidar, &along)).collect();
         candidates.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.submap.cmp(&b.submap)));
         candidates.truncate(CANDIDATES);
         let probe = Probe { points: &scan.beams.points, normals: &scan.beams.normals, voxel: self.settings.voxel };
@@ -61,18 +66,20 @@ impl Mapper {
         known.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.submap.cmp(&a.1.submap))).map(|(_, candidate)| candidate)
     }
 
-    /// How a scan at `t_map_lidar` could be linked to a submap without breaking the bound on its size.
-    fn candidate(&self, id: SubmapId, t_map_lidar: &Pose) -> Option<Candidate> {
+    /// How a scan at `t_map_lidar` could be linked to a submap, other than to the nodes `along` its way, without breaking the bound on
+    /// the submap's size.
+    fn candidate(&self, id: SubmapId, t_map_lidar: &Pose, along: &HashSet<NodeId>) -> Option<Candidate> {
         let root = self.members.root(id)?;
         let (bound, reach) = (self.rule.bound(), self.rule.lambda_cluster);
         if self.graph.pose(root)?.translation_distance(t_map_lidar) > bound {
             return None;
         }
         let nodes = self.graph.within(&[root], bound);
-        let links = nodes.iter().filter(|(node, _)| self.members.submap_of(*node) == Some(id)).filter_map(|&(node, from_root)| {
-            let gap = self.graph.pose(node)?.translation_distance(t_map_lidar);
-            (gap <= reach && from_root + gap <= bound).then_some(Candidate { submap: id, node, distance: from_root + gap })
-        });
+        let links =
+            nodes.iter().filter(|(node, _)| self.members.submap_of(*node) == Some(id) && !along.contains(node)).filter_map(|&(node, from_root)| {
+                let gap = self.graph.pose(node)?.translation_distance(t_map_lidar);
+                (gap <= reach && from_root + gap <= bound).then_some(Candidate { submap: id, node, distance: from_root + gap })
+            });
         links.min_by(|a, b| a.distance.total_cmp(&b.distance).then(a.node.cmp(&b.node)))
     }
 }

@@ -13,8 +13,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 
-/// Blocks of the source sampled while one scan is integrated, about: a fusion waits for one scan per so many.
-const SAMPLED_PER_SCAN: usize = 1024;
+/// Blocks of the source sampled while one scan is integrated, at least: a fusion waits for one scan per so many. Waiting longer than the
+/// sampling takes costs memory for a while; waiting less would stall integration.
+const SAMPLED_PER_SCAN: usize = 128;
 /// Blocks merged after each scan.
 const MERGED_PER_SCAN: usize = 2048;
 

@@ -131,8 +131,8 @@ proptest! {
         let (unknown, opposite) = compare_occupancy(&target.occupancy, &direct.occupancy);
         println!("scale {max_scale}: {difference:.3} voxels, {:.1} % missing; {:.1} % unknown, {:.1} % opposite", 100.0 * missing, 100.0 * unknown, 100.0 * opposite);
         prop_assert!(difference <= 0.15, "zero crossings differ by {difference} voxels");
-        prop_assert!(missing <= 0.05, "{missing} of the surface is missing");
-        prop_assert!(unknown <= 0.05 && opposite <= 0.03, "{unknown} unknown, {opposite} opposite");
+        prop_assert!(missing <= 0.08, "{missing} of the surface is missing");
+        prop_assert!(unknown <= 0.08 && opposite <= 0.03, "{unknown} unknown, {opposite} opposite");
     }
 }
 

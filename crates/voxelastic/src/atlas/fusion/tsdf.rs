@@ -3,7 +3,7 @@
 use super::Placement;
 use crate::field::BlockStore;
 use crate::field::tsdf::propagate::propagate_down;
-use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
+use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{
     BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
 };
@@ -89,6 +89,24 @@ fn store<V: Copy + Default>(pool: &mut BlockStore<V>, scale: usize, values: &[V]
     slot
 }
 
+/// Most blocks of the source along an axis that a block of the target can need: its diagonal, and a coarsest voxel on both sides.
+const NEAR_EDGE: usize = 5;
+
+/// The source's blocks around a block of the target, looked up once for all of its voxels.
+struct Near {
+    low: [i32; 3],
+    ids: [u32; NEAR_EDGE * NEAR_EDGE * NEAR_EDGE],
+}
+
+impl Near {
+    /// The block at `home` (blocks, source frame), or [`NONE`].
+    #[inline(always)]
+    fn id(&self, home: [i32; 3]) -> u32 {
+        let [x, y, z] = std::array::from_fn(|k| (home[k] - self.low[k]) as usize);
+        if x.max(y).max(z) < NEAR_EDGE { self.ids[x + NEAR_EDGE * (y + NEAR_EDGE * z)] } else { NONE }
+    }
+}
+
 /// Reads a field at any point and scale.
 struct Sampler<'a> {
     placement: &'a Placement,
@@ -148,10 +166,11 @@ impl Sampler<'_> {
         let mut voxels = vec![Voxel::default(); voxels_at(scale)];
         let mut shades: Option<Vec<u8>> = None;
         let mut is_observed = false;
+        let near = self.near(cursor, corner);
         for (i, voxel) in voxels.iter_mut().enumerate() {
             let c = voxel_coords(i, scale);
             let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-            let Some(sample) = self.sample(cursor, self.placement.t_source_target.apply(centre), scale) else { continue };
+            let Some(sample) = self.sample(&near, self.placement.t_source_target.apply(centre), scale) else { continue };
             let steps = (sample.distance / edge * DISTANCE_STEPS).round().clamp(f32::from(i16::MIN), f32::from(i16::MAX));
             *voxel = Voxel { distance: steps as i16, weight: sample.weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 };
             is_observed = true;
@@ -162,10 +181,23 @@ impl Sampler<'_> {
         is_observed.then_some((voxels, shades))
     }
 
+    /// The source's blocks around the target's block whose smallest corner is at `corner`.
+    fn near(&self, cursor: &mut Cursor, corner: [f32; 3]) -> Near {
+        let half = 0.5 * BLOCK_EDGE as f32;
+        let (middle, extent) = self.placement.box_in_source(corner.map(|c| c + half), half);
+        let low = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32 - 1);
+        let tree = self.views[0].field.tree();
+        let ids = std::array::from_fn(|i| {
+            let step = [i % NEAR_EDGE, i / NEAR_EDGE % NEAR_EDGE, i / (NEAR_EDGE * NEAR_EDGE)];
+            cursor.block(tree, block_key(std::array::from_fn(|k| low[k] + step[k] as i32))).unwrap_or(NONE)
+        });
+        Near { low, ids }
+    }
+
     /// The field at `point` (finest voxels, source frame), at `scale` or, beside coarser blocks, at theirs: so all samples that are
     /// interpolated are of one scale, finer ones as means. Observed is what lies in an observed voxel.
-    fn sample(&self, cursor: &mut Cursor, point: [f32; 3], scale: usize) -> Option<Sample> {
-        (scale..SCALES).find_map(|scale| match self.cell(cursor, point, scale) {
+    fn sample(&self, near: &Near, point: [f32; 3], scale: usize) -> Option<Sample> {
+        (scale..SCALES).find_map(|scale| match self.cell(near, point, scale) {
             Cell::Coarser => None,
             Cell::Unobserved => Some(None),
             Cell::Of(corners) => Some(Some(self.interpolate(&corners, scale))),
@@ -173,26 +205,23 @@ impl Sampler<'_> {
     }
 
     /// The eight voxels of `scale` around `point`.
-    fn cell(&self, cursor: &mut Cursor, point: [f32; 3], scale: usize) -> Cell {
+    fn cell(&self, near: &Near, point: [f32; 3], scale: usize) -> Cell {
         let (view, shift) = (&self.views[scale], BLOCK_SHIFT as usize - scale);
         let at = point.map(|v| v / (1 << scale) as f32 - 0.5);
         let base = at.map(|v| v.floor() as i32);
         let fraction: [f32; 3] = std::array::from_fn(|k| at[k] - base[k] as f32);
         let nearest = (0..3).fold(0, |i, k| i | usize::from(fraction[k] >= 0.5) << k);
         let mut corners = Corners { voxels: [Voxel::default(); 8], fraction, nearest, block: NONE, index: 0 };
-        let mut last = ([i32::MAX; 3], None);
         for i in (0..8).map(|i| i ^ nearest) {
             let c: [i32; 3] = std::array::from_fn(|k| base[k] + (i >> k & 1) as i32);
             let home = c.map(|v| v >> shift);
-            if last.0 != home {
-                last = (home, cursor.block(view.field.tree(), block_key(home)));
-            }
-            let Some(id) = last.1 else {
+            let id = near.id(home);
+            if id == NONE {
                 if i == nearest {
                     return Cell::Unobserved;
                 }
                 continue;
-            };
+            }
             if view.scale(id) > scale {
                 return Cell::Coarser;
             }
@@ -278,6 +307,12 @@ fn merge_block(target: &mut TsdfField, cursor: &mut Cursor, patch: &PatchBlock, 
         }
         return;
     }
+    let block = *target.block(id);
+    // The common case: one array of the same scale on both sides.
+    if (block.scale, block.finest) == (patch.scale, patch.scale) && shades.is_some() == (block.shade[scale] != NONE) {
+        merge_in_place(target, &block, voxels, shades, max_weight);
+        return;
+    }
     let (seen_at, settled) = settle(target, id, 0);
     let seen_at = usize::from(seen_at);
     let own = settled.map_or_else(|| target.current(target.block(id)).to_vec(), Vec::from);
@@ -290,6 +325,27 @@ fn merge_block(target: &mut TsdfField, cursor: &mut Cursor, patch: &PatchBlock, 
         *voxel = mean(*voxel, *other, max_weight);
     }
     install(target, id, finest, &sum, shades.as_deref());
+}
+
+/// Adds voxels, and intensities if there are any, to a block whose only arrays are of their scale.
+fn merge_in_place(target: &mut TsdfField, block: &Block, voxels: &[Voxel], shades: Option<&[u8]>, max_weight: u16) {
+    let scale = usize::from(block.scale);
+    let own = target.voxels.get_mut(scale, block.data[scale]);
+    if let Some(shades) = shades {
+        let own_shades = target.shades.get_mut(scale, block.shade[scale]);
+        for (i, shade) in own_shades.iter_mut().enumerate() {
+            *shade = mean_shade((*shade, own[i]), (shades[i], voxels[i]));
+        }
+    }
+    for (voxel, other) in own.iter_mut().zip(voxels) {
+        *voxel = mean(*voxel, *other, max_weight);
+    }
+}
+
+/// The mean of two intensities by the weights of their voxels.
+fn mean_shade((a, at): (u8, Voxel), (b, bt): (u8, Voxel)) -> u8 {
+    let (wa, wb) = (u32::from(at.weight), u32::from(bt.weight));
+    ((u32::from(a) * wa + u32::from(b) * wb) / (wa + wb).max(1)) as u8
 }
 
 /// The weighted mean of two voxels of one scale.
@@ -325,13 +381,7 @@ fn resize_shades(shades: &[u8], from: usize, to: usize) -> Vec<u8> {
 /// Means of intensities by the weights of their voxels.
 fn merge_shades(own: Option<Vec<u8>>, other: Option<Vec<u8>>, weights: &[Voxel], others: &[Voxel]) -> Option<Vec<u8>> {
     match (own, other) {
-        (Some(a), Some(b)) => {
-            let mix = |i: usize| {
-                let (wa, wb) = (u32::from(weights[i].weight), u32::from(others[i].weight));
-                ((u32::from(a[i]) * wa + u32::from(b[i]) * wb) / (wa + wb).max(1)) as u8
-            };
-            Some((0..a.len()).map(mix).collect())
-        }
+        (Some(a), Some(b)) => Some((0..a.len()).map(|i| mean_shade((a[i], weights[i]), (b[i], others[i]))).collect()),
         (one, None) | (None, one) => one,
     }
 }
