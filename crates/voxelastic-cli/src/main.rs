@@ -3,6 +3,7 @@
 mod commands;
 mod config;
 mod data;
+mod elastic;
 mod failure;
 mod interrupt;
 mod map_files;
@@ -13,6 +14,8 @@ mod progress;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
+#[cfg(feature = "optimize")]
+use commands::optimize;
 use commands::{config as config_command, eval, heldout, info, map, mesh, render, simulate};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -52,6 +55,8 @@ enum Command {
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
+    #[cfg(feature = "optimize")]
+    Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
 }
 
@@ -101,6 +106,8 @@ fn main() -> ExitCode {
         Command::Heldout(args) => heldout::run(args, quiet),
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),
+        #[cfg(feature = "optimize")]
+        Command::Optimize(args) => optimize::run(args),
         Command::Config(args) => config_command::run(args),
     };
     match done {

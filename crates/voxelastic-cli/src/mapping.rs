@@ -5,8 +5,9 @@ use crate::usage;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
+use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
-use voxelastic::mapper::{MapError, Mapper, ScanReport};
+use voxelastic::mapper::{MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
 
 /// A mapper at work.
 pub struct Session {
@@ -57,6 +58,21 @@ impl Session {
         done
     }
 
+    /// Finishes the fusions that are under way.
+    pub fn finish(&mut self) {
+        let mapper = &mut self.mapper;
+        self.pool.install(|| mapper.finish());
+    }
+
+    /// Makes a submap anew from its scans.
+    ///
+    /// # Errors
+    /// When one of them cannot be read again; the submap is as before.
+    pub fn rebuild(&mut self, id: SubmapId, source: &mut (dyn ScanSource + Send)) -> Result<RebuildReport, RebuildError> {
+        let mapper = &mut self.mapper;
+        self.pool.install(|| mapper.rebuild(id, source))
+    }
+
     /// The mapper.
     pub fn mapper(&self) -> &Mapper {
         &self.mapper
@@ -94,6 +110,7 @@ impl Times {
         self.cpu.extend(cpu.map(milliseconds));
         let mut phase = |name: &'static str, time: Duration| self.phases.entry(name).or_default().push(milliseconds(time));
         phase("prepare", report.prepare);
+        phase("elastic", report.elastic);
         if let Some(tsdf) = &report.tsdf {
             phase("tsdf_transform", tsdf.phases.transform);
             phase("tsdf_select", tsdf.phases.select);

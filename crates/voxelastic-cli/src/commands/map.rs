@@ -2,6 +2,7 @@
 
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
+use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::mapping::{Session, TimeSummary};
 use crate::progress::Progress;
@@ -47,6 +48,8 @@ pub struct MapArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    elastic: ElasticArgs,
+    #[command(flatten)]
     settings: SettingFlags,
 }
 
@@ -65,6 +68,12 @@ struct Summary {
     interrupted: bool,
     /// Submaps in the map.
     submaps: usize,
+    /// Submaps that were fused into others.
+    fusions: usize,
+    /// Root poses that corrections moved.
+    submap_moves: usize,
+    /// Submaps made anew from their scans at the end.
+    submaps_rebuilt: usize,
     /// What the map stores: `tsdf`, `occupancy`, `both`.
     field: &'static str,
     /// Edge of the finest voxel, metres.
@@ -94,6 +103,7 @@ struct Summary {
 struct Tally {
     skipped: usize,
     held_out: usize,
+    rebuilt: usize,
     interrupted: bool,
 }
 
@@ -109,7 +119,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     interrupt::install("finishing this scan and saving the map");
 
     let mut session = Session::new(mapper, pool);
-    let tally = integrate(&selection, args.strict, &mut session, quiet)?;
+    let mut tally = integrate(&selection, args, &mut session, quiet)?;
     if session.scans() == 0 {
         let (what, remedy) = if tally.interrupted {
             ("interrupted before the first scan was integrated", "")
@@ -118,6 +128,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
+    tally.rebuilt = args.elastic.finish(&selection.dataset, &mut session, quiet);
     let details = map_files::details(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let summary = summarise(&session, &tally, saved, &output, clock);
@@ -149,24 +160,25 @@ impl Selection {
 }
 
 /// Feeds the events to the mapper until they end or the user has enough.
-fn integrate(selection: &Selection, strict: bool, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
+fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
     let Selection { dataset, held_out } = selection;
     let without_pose = dataset.description().without_pose.len();
     let mut tally = Tally { held_out: *held_out, skipped: without_pose, ..Tally::default() };
     let mut progress = Progress::new("scans", dataset.scans().len() as u64, quiet);
     let mut skip = |problem: anyhow::Error| -> anyhow::Result<()> {
-        if strict {
+        if args.strict {
             return Err(problem.context("a scan cannot be used (--strict); no map was written"));
         }
         tracing::warn!("scan skipped: {problem:#}");
         tally.skipped += 1;
         Ok(())
     };
+    let mut corrector = args.elastic.corrector();
     for event in dataset.events() {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
-        match event.map_err(anyhow::Error::from).and_then(|event| Ok(session.take(event)?)) {
-            Ok(_) => {}
+        match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event)) {
+            Ok(events) => events.into_iter().try_for_each(|event| session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())))?,
             Err(problem) => skip(problem)?,
         }
         if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
@@ -179,6 +191,10 @@ fn integrate(selection: &Selection, strict: bool, session: &mut Session, quiet: 
             tally.interrupted = true;
             break;
         }
+    }
+    let last = corrector.last().and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
+    if let Err(problem) = last {
+        tracing::warn!("the last correction is missing: {problem:#}");
     }
     Ok(tally)
 }
@@ -193,6 +209,9 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         scans_held_out: tally.held_out,
         interrupted: tally.interrupted,
         submaps: atlas.submaps().len(),
+        fusions: mapper.elastic_counts().fusions,
+        submap_moves: mapper.elastic_counts().submap_moves,
+        submaps_rebuilt: tally.rebuilt,
         field: settings.field.name(),
         voxel_m: settings.voxel,
         max_range_m: settings.max_range,

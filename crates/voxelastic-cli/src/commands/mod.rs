@@ -6,5 +6,7 @@ pub mod heldout;
 pub mod info;
 pub mod map;
 pub mod mesh;
+#[cfg(feature = "optimize")]
+pub mod optimize;
 pub mod render;
 pub mod simulate;

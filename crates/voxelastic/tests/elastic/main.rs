@@ -1,4 +1,5 @@
 //! The elastic part as a whole: fusion against direct integration, laps, corrections, bad input (paper Sec. IV).
+#![allow(clippy::print_stdout)]
 
 mod bad_input;
 mod correction;
