@@ -16,7 +16,7 @@ mod usage;
 use clap::{Args, Parser, Subcommand};
 #[cfg(feature = "optimize")]
 use commands::optimize;
-use commands::{config as config_command, eval, heldout, info, map, mesh, render, simulate};
+use commands::{config as config_command, eval, export, heldout, info, map, mesh, render, simulate, slice};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -52,6 +52,8 @@ enum Command {
     Mesh(mesh::MeshArgs),
     Info(info::InfoArgs),
     Render(render::RenderArgs),
+    Slice(slice::SliceArgs),
+    Export(export::ExportArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
@@ -103,6 +105,8 @@ fn main() -> ExitCode {
         Command::Mesh(args) => mesh::run(args),
         Command::Info(args) => info::run(args),
         Command::Render(args) => render::run(args),
+        Command::Slice(args) => slice::run(args),
+        Command::Export(args) => export::run(args),
         Command::Heldout(args) => heldout::run(args, quiet),
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),

@@ -2,14 +2,17 @@
 
 use crate::failure::Failure;
 use clap::{Args, ValueEnum};
-use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
-use voxelastic::surface::{Mesh, MeshOptions, extract};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 
 /// What surfaces are extracted.
 #[derive(Clone, Debug, Args)]
 pub struct SurfaceArgs {
+    /// Which surface: measured (of the TSDF; maps without one show what is occupied), or one of free and occupied space
+    #[arg(long, value_enum, default_value_t = Surface::Measured)]
+    surface: Surface,
     /// Level of detail: 0 for all detail, up to 3 for voxels eight times as large
     #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
     lod: u8,
@@ -21,6 +24,19 @@ pub struct SurfaceArgs {
     threads: usize,
 }
 
+/// Kinds of surfaces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Surface {
+    /// Zero crossings of the TSDF
+    Measured,
+    /// Skin of occupied voxels
+    Occupied,
+    /// Hull of free space, seen from inside
+    FreeHull,
+    /// Where free space meets the unknown
+    Frontier,
+}
+
 fn observations(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|w| (0.0..=1000.0).contains(w)).ok_or_else(|| "must be a number from 0 to 1000".to_owned())
 }
@@ -28,6 +44,18 @@ fn observations(text: &str) -> Result<f32, String> {
 impl SurfaceArgs {
     fn options(&self) -> MeshOptions {
         MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod) }
+    }
+
+    /// The surface of a submap in its frame.
+    fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
+        let kind = match self.surface {
+            Surface::Measured if submap.tsdf.is_empty() => OccupancySurface::Occupied,
+            Surface::Measured => return extract(&submap.tsdf, voxel, &self.options()),
+            Surface::Occupied => OccupancySurface::Occupied,
+            Surface::FreeHull => OccupancySurface::FreeHull,
+            Surface::Frontier => OccupancySurface::Frontier,
+        };
+        extract_occupancy(&submap.occupancy, voxel, kind)
     }
 
     /// The pool to work in.
@@ -70,7 +98,7 @@ pub struct MapMesh {
 pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
     let mut meshes = Vec::new();
     for submap in atlas.submaps() {
-        let found = extract(&submap.tsdf, voxel, &surface.options());
+        let found = surface.extract(submap, voxel);
         if !found.triangles.is_empty() {
             let mut mesh = Mesh::default();
             mesh.append(&found, &Rigid::from(&submap.t_map_submap));

@@ -12,7 +12,7 @@
 //! | How good are the poses? | [`trajectory::ate`], [`trajectory::rpe`] |
 //! | How far are these points from this mesh, or this cloud? | [`MeshIndex`], [`PointIndex`] |
 //! | How do these two clouds fit? | [`align::align`] |
-//! | What does it look like? | [`render::render_png`], [`plot::Plot`] |
+//! | What does it look like? | [`render::render_png`], [`plot::Plot`], [`plan::Plan`] |
 //!
 //! ```
 //! use voxelastic_eval::metrics::{CompareSettings, Map, Truth, compare};
@@ -41,6 +41,7 @@ pub mod mesh_distance;
 pub mod metrics;
 pub mod occupancy;
 mod order;
+pub mod plan;
 pub mod plot;
 pub mod render;
 pub mod stats;

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod config;
+pub mod export;
 pub mod eval;
 pub mod heldout;
 pub mod info;
@@ -10,3 +11,4 @@ pub mod mesh;
 pub mod optimize;
 pub mod render;
 pub mod simulate;
+pub mod slice;

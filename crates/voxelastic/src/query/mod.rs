@@ -50,7 +50,7 @@ pub use frontier::FrontierPoint;
 pub use ray::{Ray, RayHit};
 pub use resample::{Cube, Resampling};
 pub use shape::{Capsule, OrientedBox, Shape, Sphere};
-pub use slice::{Axis, Slice, SliceRequest};
+pub use slice::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
 
 /// What unknown space counts as.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
