@@ -1,8 +1,8 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod config;
-pub mod export;
 pub mod eval;
+pub mod export;
 pub mod heldout;
 pub mod info;
 pub mod map;
