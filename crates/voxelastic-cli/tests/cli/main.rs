@@ -3,7 +3,6 @@
 mod evaluation;
 mod feature;
 mod misc;
-mod occupancy;
 mod room;
 mod simulation;
 
