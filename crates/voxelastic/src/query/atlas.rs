@@ -87,14 +87,13 @@ impl<'a> AtlasQuery<'a> {
         self.parts.is_empty()
     }
 
-    /// Box around everything that any submap observed, map frame (each submap counts with its own box).
+    /// Box around everything that any submap observed, map frame; empty when nothing was.
     pub fn bounds(&self) -> Aabb {
         let mut bounds = Aabb::default();
         for part in &self.parts {
-            for i in 0..8 {
-                let corner = std::array::from_fn(|k| if i >> k & 1 == 1 { part.high[k] } else { part.low[k] });
-                bounds.add(moved(&part.t_map_submap, corner).map(|c| c as f32));
-            }
+            let known = part.query.bounds_in(&part.t_map_submap);
+            bounds.add(known.min);
+            bounds.add(known.max);
         }
         bounds
     }

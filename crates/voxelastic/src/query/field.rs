@@ -1,8 +1,9 @@
 //! Questions to one field, in its submap's frame: points and cubes.
 
 use super::UnknownAs;
+use super::shape::moved;
 use crate::field::occupancy::{OccupancyField, State, Summary, UNKNOWN, log_odds, state_of};
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, Pose};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, block_key, voxel_coords};
 
 /// Asks one occupancy field. Coordinates are metres in the submap frame.
@@ -153,31 +154,39 @@ impl<'a> FieldQuery<'a> {
 
     /// Box around everything that was observed, metres in the submap frame; empty when nothing was.
     pub fn bounds(&self) -> Aabb {
+        self.bounds_in(&Pose::identity())
+    }
+
+    /// Box around all octants that were observed, in the frame that `t_frame_submap` maps to.
+    pub(super) fn bounds_in(&self, t_frame_submap: &Pose) -> Aabb {
         let tree = self.field.tree();
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+        let mut bounds = Aabb::default();
         if tree.is_empty() {
-            return Aabb::default();
+            return bounds;
         }
+        let rotation = t_frame_submap.rotation.to_rotation_matrix();
+        // Half extents of a turned block.
+        let reach: [f64; 3] = std::array::from_fn(|k| (0..3).map(|j| rotation[(k, j)].abs()).sum::<f64>() * 0.5 * BLOCK_EDGE as f64 * self.voxel);
         let mut stack = vec![(tree.root_key(), tree.root_level(), *tree.root())];
         while let Some((key, level, octant)) = stack.pop() {
-            let first = block_coords(key);
-            let last = first.map(|c| c + (1 << level));
-            let is_inside = (0..3).all(|k| first[k] >= low[k] && last[k] <= high[k]);
-            if octant.payload.max == UNKNOWN || is_inside {
+            if octant.payload.max == UNKNOWN {
+                continue;
+            }
+            let blocks = f64::from(1u32 << level);
+            let centre = moved(t_frame_submap, block_coords(key).map(|c| (f64::from(c) + 0.5 * blocks) * BLOCK_EDGE as f64 * self.voxel));
+            let corner = |side: f64| -> [f32; 3] { std::array::from_fn(|k| (centre[k] + side * blocks * reach[k]) as f32) };
+            let (low, high) = (corner(-1.0), corner(1.0));
+            if (0..3).all(|k| low[k] >= bounds.min[k] && high[k] <= bounds.max[k]) {
                 continue;
             }
             if level > 0 && octant.link != NONE {
                 let children = tree.siblings(octant.link).iter().enumerate();
                 stack.extend(children.map(|(i, child)| (key | (i as u64) << (3 * (level - 1)), level - 1, *child)));
             } else {
-                low = std::array::from_fn(|k| low[k].min(first[k]));
-                high = std::array::from_fn(|k| high[k].max(last[k]));
+                bounds.add(low);
+                bounds.add(high);
             }
         }
-        if low[0] > high[0] {
-            return Aabb::default();
-        }
-        let metres = |c: i32| (f64::from(c) * BLOCK_EDGE as f64 * self.voxel) as f32;
-        Aabb { min: low.map(metres), max: high.map(metres) }
+        bounds
     }
 }

@@ -3,6 +3,7 @@
 use super::super::faces::{Boundary, faces};
 use super::super::field::blocks;
 use super::super::free::with_solid;
+use super::super::shape::moved;
 use super::super::solid::Solid;
 use super::*;
 use crate::surface::{OccupancySurface, extract_occupancy};
@@ -58,6 +59,19 @@ proptest! {
                 let into: [f64; 3] = std::array::from_fn(|k| ray.origin[k] + hit.distance * ray.direction[k] - 1e-4 * hit.normal[k]);
                 prop_assert!(early < late || query.state(into) == hit.state);
                 prop_assert!((0..3).map(|k| hit.normal[k] * ray.direction[k]).sum::<f64>() < 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_hold_all_that_was_observed(seed in any::<u64>(), t in pose()) {
+        let field = random_field(seed, 2);
+        let bounds = FieldQuery::new(&field, VOXEL).bounds_in(&t);
+        for leaf in leaves(&field).iter().filter(|l| l.value != UNKNOWN) {
+            for corner in 0..8 {
+                let c = std::array::from_fn(|k| f64::from(leaf.low[k] + (corner >> k & 1) * leaf.edge) * f64::from(VOXEL));
+                let p = moved(&t, c);
+                prop_assert!((0..3).all(|k| p[k] >= f64::from(bounds.min[k]) - 1e-4 && p[k] <= f64::from(bounds.max[k]) + 1e-4));
             }
         }
     }

@@ -1,0 +1,106 @@
+//! Slices, exports and surfaces of free and occupied space.
+
+use crate::{fails, json, room, works};
+use std::path::Path;
+use std::process::Command;
+use voxelastic::field::occupancy::State;
+use voxelastic::query::AtlasQuery;
+use voxelastic_io::store::MapStore;
+
+const QUICK: &str = "--voxel 0.1 --max-range 20 --lambda-odom 2 --min-overlap 1";
+
+fn mapped(field: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 12);
+    works(dir.path(), &format!("map room --field {field} {QUICK}"));
+    dir
+}
+
+fn is_png(path: &Path) -> bool {
+    std::fs::read(path).unwrap().starts_with(b"\x89PNG")
+}
+
+#[test]
+fn slices_show_the_air_of_the_room_within_its_walls() {
+    let dir = mapped("occupancy");
+    let plan = json(dir.path(), "slice room.vox --z 1.2 -o plan.png --json");
+    let (free, occupied, unknown) = (plan["free"].as_f64().unwrap(), plan["occupied"].as_f64().unwrap(), plan["unknown"].as_f64().unwrap());
+    assert!(free > 0.3 && occupied > 0.01 && (free + occupied + unknown - 1.0).abs() < 1e-9, "{plan}");
+    assert!((plan["pixel_m"].as_f64().unwrap() - 0.1).abs() < 1e-6 && plan["file"] == "plan.png", "{plan}");
+    let thick = json(dir.path(), "slice room.vox --z 0.5 --thickness 1.5 -o thick.png --json");
+    assert!(thick["occupied"].as_f64().unwrap() >= occupied, "a thick slice has more in it: {thick}");
+    let part = json(dir.path(), "slice room.vox --x 2 --bounds -1,-2,0,9,2,2 --pixel 0.05 -o part.png --json");
+    assert_eq!((part["width"].as_u64(), part["height"].as_u64()), (Some(80), Some(40)));
+    works(dir.path(), "slice room.vox --y -0.5 -o side.png");
+    assert!(["plan.png", "thick.png", "part.png", "side.png"].iter().all(|f| is_png(&dir.path().join(f))));
+    fails(dir.path(), "slice room.vox -o none.png", 2, &["--z"]);
+    fails(dir.path(), "slice room.vox --z 1 --x 2 -o none.png", 2, &["cannot be used with"]);
+    fails(dir.path(), "slice room.vox --z 1 --bounds 1,2 -o none.png", 2, &["six numbers"]);
+    for (surface, least) in [("occupied", 1000), ("free-hull", 1000), ("frontier", 1), ("measured", 1000)] {
+        let mesh = json(dir.path(), &format!("mesh room.vox --surface {surface} -o {surface}.ply --json"));
+        assert!(mesh["triangles"].as_u64().unwrap() >= least, "{surface}: {mesh}");
+    }
+}
+
+#[test]
+fn maps_without_occupancy_show_distances_and_say_what_to_do() {
+    let dir = mapped("tsdf");
+    let plan = json(dir.path(), "slice room.vox --z 1.2 -o plan.png --json");
+    assert!(is_png(&dir.path().join("plan.png")) && plan.get("free").is_none(), "{plan}");
+    fails(dir.path(), "export room.vox -o room.bt", 1, &["no occupancy", "--field occupancy"]);
+    fails(dir.path(), "export room.vox -o room.txt", 2, &["room.txt", ".bt or .ot"]);
+}
+
+#[test]
+fn an_exported_map_says_in_octomap_what_it_says_here() {
+    let dir = mapped("occupancy");
+    let bt = json(dir.path(), "export room.vox -o room.bt --json");
+    let ot = json(dir.path(), "export room.vox -o room.ot --json --threads 1");
+    assert_eq!(bt["occupied_leaves"], ot["occupied_leaves"]);
+    assert!(bt["leaves"].as_u64() <= ot["leaves"].as_u64() && bt["voxel_m"] == 0.1, "{bt} {ot}");
+    let coarse = json(dir.path(), "export room.vox -o coarse.bt --voxel 0.25 --json");
+    assert!(coarse["leaves"].as_u64() < bt["leaves"].as_u64(), "{coarse}");
+    fails(dir.path(), "export room.vox -o room.bt --voxel 0.05", 2, &["nothing finer than 0.1 m"]);
+    for (file, leaves) in [("room.bt", &bt["leaves"]), ("room.ot", &ot["leaves"])] {
+        let Some(read) = octomap_leaves(&dir.path().join(file)) else { return };
+        assert_eq!(Some(read.len() as u64), leaves.as_u64(), "{file}");
+        compare(&dir.path().join("room.vox"), &read);
+    }
+}
+
+/// x y z of the centre, edge and log-odds of every leaf, as the real OctoMap reads them; none when it is not installed.
+fn octomap_leaves(file: &Path) -> Option<Vec<[f64; 5]>> {
+    let python = std::env::var_os("VOXELASTIC_PYTHON").unwrap_or_else(|| "python3".into());
+    if !Command::new(&python).args(["-c", "import pyoctomap"]).output().is_ok_and(|o| o.status.success()) {
+        println!("skipped: no Python with pyoctomap (pip install pyoctomap; VOXELASTIC_PYTHON names another interpreter)");
+        return None;
+    }
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../voxelastic-io/src/octomap/leaves.py");
+    let output = Command::new(&python).arg(script).arg(file).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let row = |line: &str| line.split_whitespace().map(|n| n.parse().unwrap()).collect::<Vec<f64>>().try_into().unwrap();
+    Some(text.lines().skip(1).map(row).collect())
+}
+
+/// Every free leaf is free here; an occupied one holds the middle of something occupied, so it is not unknown all over.
+fn compare(map: &Path, leaves: &[[f64; 5]]) {
+    let atlas = MapStore::open(map).unwrap().load_atlas().unwrap();
+    assert!(atlas.submaps().len() > 1, "{} submaps", atlas.submaps().len());
+    let query = AtlasQuery::new(&atlas, 0.1);
+    let (mut free, mut occupied, mut agree) = (0, 0, 0);
+    for &[x, y, z, edge, log_odds] in leaves {
+        let n = (edge / 0.1).round().max(1.0);
+        // The middle of the first voxel of the leaf.
+        let p = [x, y, z].map(|c| c - 0.5 * edge + 0.5 * edge / n);
+        let state = query.state(p);
+        if log_odds > 0.0 {
+            occupied += 1;
+            agree += usize::from(state == State::Occupied);
+        } else {
+            free += 1;
+            assert_eq!(state, State::Free, "at {p:?}");
+        }
+    }
+    assert!(free > 500 && occupied > 500 && agree * 2 > occupied, "{free} free, {occupied} occupied of which {agree} here");
+}
