@@ -3,6 +3,7 @@
 mod evaluation;
 mod feature;
 mod misc;
+mod occupancy;
 mod room;
 mod simulation;
 

@@ -1,4 +1,6 @@
 //! What is written, as a reader of ours and as OctoMap itself read it.
+// Tests say when they skip.
+#![allow(clippy::print_stdout)]
 
 use super::*;
 use proptest::prelude::*;
