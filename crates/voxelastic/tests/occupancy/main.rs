@@ -15,11 +15,15 @@ use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
 
 const ROWS: usize = 48;
 const COLUMNS: usize = 256;
+/// Angle between columns, radians: wider than between rows.
+const SPACING: f32 = std::f32::consts::TAU / COLUMNS as f32;
+/// Range noise, 1 sigma, metres.
+const NOISE: f32 = 0.01;
 
 type Scan = (Rigid, Vec<[f32; 3]>);
 
 fn scans_of(room: &Room, count: usize) -> Vec<Scan> {
-    (0..count).map(|i| room.scan(i, ROWS, COLUMNS, 0.01)).map(|(pose, points, _)| (pose, points)).collect()
+    (0..count).map(|i| room.scan(i, ROWS, COLUMNS, NOISE)).map(|(pose, points, _)| (pose, points)).collect()
 }
 
 /// The sensor of [`Room::scan`].
@@ -59,6 +63,17 @@ fn integrate(scans: &[Scan], settings: &OccupancySettings, smallest_angle: f32) 
 fn bounds(voxel: f32) -> ([i32; 3], [i32; 3]) {
     let reach = [9.5, 7.5, 3.0].map(|c: f32| (c / voxel).ceil() as i32);
     (reach.map(|c| -c), reach)
+}
+
+/// Distance from the sensor at `pose` to the centre of voxel `c`, metres.
+fn distance(c: [i32; 3], voxel: f32, pose: &Rigid) -> f32 {
+    (0..3).map(|k| ((c[k] as f32 + 0.5) * voxel - pose.translation[k]).powi(2)).sum::<f32>().sqrt()
+}
+
+/// Whether the descent must tell the free voxel `c` apart from its neighbours.
+fn is_expected(c: [i32; 3], voxel: f32, scans: &[Scan]) -> bool {
+    // Free space is no finer than the beams are spaced.
+    scans.iter().any(|(pose, _)| distance(c, voxel, pose) * SPACING <= voxel) && !scans.iter().any(|(pose, _)| is_at_rim(c, voxel, pose))
 }
 
 /// Whether the four-voxel cube around `c` may reach over the field of view's upper or lower rim: there the descent stays coarse.
@@ -101,7 +116,7 @@ proptest! {
             };
             match (fast, slow) {
                 (State::Unknown, State::Unknown) => {}
-                (State::Unknown, _) => only_dense += usize::from(!scans.iter().any(|(pose, _)| is_at_rim(c, voxel, pose))),
+                (State::Unknown, _) => only_dense += usize::from(is_expected(c, voxel, &scans)),
                 (_, State::Unknown) => only_fast += 1,
                 (a, b) if a == b => same += 1,
                 _ => different.push(c),
@@ -114,23 +129,27 @@ proptest! {
             prop_assert!(room.distance(centre).abs() < 1.8 * voxel, "{c:?} differs {} m from a surface", room.distance(centre));
         }
         // A texel may be wider than the patch of a near voxel, so the descent leaves a few free voxels for a later scan.
-        prop_assert!(only_fast * 200 <= same, "{only_fast} known only to the fast map, {same} to both");
+        prop_assert!(only_fast * 2000 <= same, "{only_fast} known only to the fast map, {same} to both");
         prop_assert!(only_dense * 20 <= same, "{only_dense} known only to the dense map, {same} to both");
     }
 
     #[test]
     fn nothing_behind_a_surface_is_free(seed in any::<u64>(), voxel in 0.05f32..0.2) {
         let room = Room::random(seed);
+        let scans = scans_of(&room, 5);
         let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
-        let field = integrate(&scans_of(&room, 5), &settings, std::f32::consts::TAU / COLUMNS as f32);
+        let field = integrate(&scans, &settings, SPACING);
         let mut free = 0usize;
         for c in voxels_of(voxel) {
             let Some(leaf) = field.leaf_at(c).filter(|leaf| state_of(leaf.value) == State::Free) else { continue };
             free += 1;
-            let local = voxel * (1 << leaf.edge_log2.min(3)) as f32;
+            // A local voxel that reaches into the air may be free: its corners are half its diagonal from its centre. Some
+            // scan may have looked at it from so far that its beams told only larger voxels apart. And range noise lets
+            // beams end behind the surface.
+            let farthest = scans.iter().map(|(pose, _)| distance(c, voxel, pose)).fold(0.0, f32::max);
+            let local = (voxel * (1 << leaf.edge_log2.min(3)) as f32).max(SPACING * farthest);
             let depth = -room.distance(c.map(|v| (v as f32 + 0.5) * voxel));
-            // A local voxel that reaches into the air may be free: its corners are half its diagonal from its centre.
-            prop_assert!(depth < 0.87 * local, "{c:?} of a leaf of {local} m is free {depth} m behind a surface");
+            prop_assert!(depth < 0.87 * local + NOISE, "{c:?} of a leaf of {local} m is free {depth} m behind a surface");
         }
         prop_assert!(free > 10_000);
     }

@@ -76,27 +76,39 @@ impl DenseOccupancy {
         (self.elevations[0] - elevation) / gap
     }
 
-    /// Whether every pixel that the voxel's bounding sphere overlaps saw beyond it.
+    /// Whether every beam that passes through the voxel or next to it, by its corners, saw beyond it.
     fn is_free(&self, c: [i32; 3], pose: &Rigid, image: &Image) -> bool {
         let voxel = f64::from(self.settings.voxel);
-        let offset: [f64; 3] = std::array::from_fn(|k| (f64::from(c[k]) + 0.5) * voxel - f64::from(pose.translation[k]));
-        let p: [f64; 3] = std::array::from_fn(|j| (0..3).map(|i| f64::from(pose.rotation[i][j]) * offset[i]).sum());
+        let seen_from_sensor = |part: [f64; 3]| -> [f64; 3] {
+            let offset: [f64; 3] = std::array::from_fn(|k| (f64::from(c[k]) + part[k]) * voxel - f64::from(pose.translation[k]));
+            std::array::from_fn(|j| (0..3).map(|i| f64::from(pose.rotation[i][j]) * offset[i]).sum())
+        };
+        let p = seen_from_sensor([0.5; 3]);
         let flat = p[0].hypot(p[1]);
         let (range, radius) = (flat.hypot(p[2]), 0.5 * 3f64.sqrt() * voxel);
         if radius > 0.5 * flat {
             return false;
         }
-        let (row, row_radius) = (self.row((p[2] / range).asin()) + 0.5, (radius / range).asin() / (self.elevations[0] - self.elevations[1]));
-        let per_radian = self.columns as f64 / TAU;
-        let (column, column_radius) = (self.column(p[1].atan2(p[0])), (radius / flat).asin() * per_radian);
+        let middle = self.column(p[1].atan2(p[0]));
+        let half = self.columns as f64 / 2.0;
+        let (mut rows, mut columns, mut farthest) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN), 0f64);
+        for corner in 0..8 {
+            let q = seen_from_sensor([0, 1, 2].map(|k| f64::from(corner >> k & 1)));
+            let distance = q[0].hypot(q[1]).hypot(q[2]);
+            let row = self.row((q[2] / distance).asin()) + 0.5;
+            let column = middle + (self.column(q[1].atan2(q[0])) - middle + half).rem_euclid(2.0 * half) - half;
+            rows = (rows.0.min(row), rows.1.max(row));
+            columns = (columns.0.min(column), columns.1.max(column));
+            farthest = farthest.max(distance);
+        }
         let margin = 3.0 * f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel);
-        for r in (row - row_radius).floor() as i64..=(row + row_radius).floor() as i64 {
-            for k in (column - column_radius).floor() as i64..=(column + column_radius).floor() as i64 {
+        for r in (rows.0 - 0.5).floor() as i64..=(rows.1 + 0.5).floor() as i64 {
+            for k in (columns.0 - 0.5).floor() as i64..=(columns.1 + 0.5).floor() as i64 {
                 if r < 0 || r >= self.elevations.len() as i64 {
                     return false;
                 }
                 let seen = image.ranges[r as usize * self.columns + k.rem_euclid(self.columns as i64) as usize];
-                if range + radius + margin >= seen {
+                if farthest + margin >= seen {
                     return false;
                 }
             }

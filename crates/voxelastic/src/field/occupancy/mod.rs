@@ -3,6 +3,8 @@
 
 mod blocks;
 mod value;
+mod volume;
 
 pub use blocks::{Leaf, OccupancyBlock, OccupancyField};
 pub use value::{LOG_ODDS_STEPS, State, Summary, UNKNOWN, log_odds, state_of, steps};
+pub use volume::Volumes;

@@ -5,11 +5,14 @@
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
 use super::model::{OccupancySettings, Steps};
-use super::sight::{Sight, bits};
+use super::sight::{Classes, Sight, bits};
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::octree::{BLOCK_EDGE, NONE, block_coords};
 use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
+
+/// Cubes of blocks at the rim of what was seen are refined while they are wider than this many beams.
+const RIM_BEAMS: f32 = 8.0;
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
@@ -43,6 +46,8 @@ struct Cube {
     summary: Summary,
     /// A larger cube around it was found free.
     free: bool,
+    /// It lies at the rim of what was seen.
+    rim: bool,
 }
 
 /// Everything that a descent reads.
@@ -73,7 +78,8 @@ impl Descent<'_> {
         /// Level of the subtrees that are descended in parallel: 32 blocks along an edge.
         const SPLIT: u32 = 5;
         let tree = &self.field.tree;
-        let root = Cube { key: tree.root_key(), level: tree.root_level(), link: tree.root().link, summary: tree.root().payload, free: false };
+        let root =
+            Cube { key: tree.root_key(), level: tree.root_level(), link: tree.root().link, summary: tree.root().payload, free: false, rim: false };
         let mut subtrees = vec![root];
         while let Some(level) = subtrees.iter().map(|c| c.level).max().filter(|&l| l > SPLIT) {
             subtrees = subtrees.iter().flat_map(|cube| if cube.level == level { self.children(cube).1 } else { vec![*cube] }).collect();
@@ -110,12 +116,11 @@ impl Descent<'_> {
     /// Hands over the children that may hold something free, last in Morton order first; returns how many were looked at.
     #[inline(always)]
     fn open(&self, cube: &Cube, mut push: impl FnMut(Cube)) -> usize {
-        let (free, mixed) = if cube.free {
-            (u8::MAX, 0)
+        let Classes { free, mixed, rim } = if cube.free {
+            Classes { free: u8::MAX, mixed: 0, rim: 0 }
         } else {
             let (centre, half) = self.place(cube);
-            let classes = self.sight.classify(centre, half);
-            (classes.free, classes.mixed)
+            self.sight.classify(centre, half)
         };
         let level = cube.level - 1;
         for i in (0..8usize).rev().filter(|i| (free | mixed) >> i & 1 == 1) {
@@ -126,7 +131,7 @@ impl Descent<'_> {
                 (octant.link, octant.payload)
             };
             if !summary.is_saturated_free(self.steps.min) {
-                push(Cube { key: cube.key | (i as u64) << (3 * level), level, link, summary, free: free >> i & 1 == 1 });
+                push(Cube { key: cube.key | (i as u64) << (3 * level), level, link, summary, free: free >> i & 1 == 1, rim: rim >> i & 1 == 1 });
             }
         }
         if cube.free { 0 } else { 8 }
@@ -138,7 +143,8 @@ impl Descent<'_> {
         let edge = BLOCK_EDGE as f32 * self.settings.voxel;
         let half = 0.5 * (1u32 << cube.level) as f32;
         let corner = block_coords(cube.key);
-        (std::array::from_fn(|k| (corner[k] as f32 + half) * edge), half * edge)
+        let middle = |k: usize| (corner[k] as f32 + half) * edge;
+        ([middle(0), middle(1), middle(2)], half * edge)
     }
 
     #[inline(always)]
@@ -161,23 +167,26 @@ impl Descent<'_> {
     #[inline(always)]
     fn look_into_block(&self, block: &Cube, finds: &mut Finds) {
         let (centre, half) = self.place(block);
-        let finest = self.finest_free_scale(self.sight.range(centre));
-        if finest > 2 {
+        let range = self.sight.range(centre);
+        let finest = self.finest_free_scale(range);
+        // Where nothing was seen nearby there is no surface to be told apart from: the rim stays coarse.
+        let coarse = |edge: f32| edge < RIM_BEAMS * self.sight.spacing() * range;
+        if finest > 2 || block.rim && coarse(2.0 * half) {
             return;
         }
+        let skip_rim = |classes: &Classes, edge: f32| if coarse(edge) { classes.mixed & !classes.rim } else { classes.mixed };
         let mut mask: Mask = [0; 8];
         let quarters = self.sight.classify(centre, half);
         finds.visited += 8;
         bits(quarters.free).for_each(|i| mask[i] = u64::MAX);
         if finest < 2 {
-            // Where nothing was seen nearby there is no surface to be told apart from: the rim stays coarse.
-            for i in bits(quarters.mixed & !quarters.rim) {
+            for i in bits(skip_rim(&quarters, half)) {
                 let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
                 let pairs = self.sight.classify(centre, half);
                 finds.visited += 8;
                 bits(pairs.free).for_each(|j| mask[i] |= 0xff << (8 * j));
                 if finest < 1 {
-                    for j in bits(pairs.mixed & !pairs.rim) {
+                    for j in bits(skip_rim(&pairs, half)) {
                         let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
                         finds.visited += 8;
                         mask[i] |= u64::from(voxels.free) << (8 * j);
@@ -193,18 +202,20 @@ impl Descent<'_> {
         }
     }
 
-    /// The finest scale at which free space is told apart at `range` metres: no finer than the beams are spaced there.
+    /// The finest scale at which free space is told apart at `range` metres: its voxels are no smaller than the beams are
+    /// spaced there, so that a beam went through each.
     #[inline(always)]
     fn finest_free_scale(&self, range: f32) -> usize {
         let voxels = range * self.sight.spacing() / self.settings.voxel;
-        usize::from(voxels >= 2.0) + usize::from(voxels >= 4.0) + usize::from(voxels >= 8.0)
+        usize::from(voxels > 1.0) + usize::from(voxels > 2.0) + usize::from(voxels > 4.0)
     }
 }
 
 /// Centre of the i-th of the eight cubes that make up the cube of edge `2 * half` around `centre`.
 #[inline(always)]
 fn child_centre(centre: [f32; 3], half: f32, i: usize) -> [f32; 3] {
-    std::array::from_fn(|k| centre[k] + if i >> k & 1 == 1 { 0.5 * half } else { -0.5 * half })
+    let step = |k: usize| centre[k] + if i >> k & 1 == 1 { 0.5 * half } else { -0.5 * half };
+    [step(0), step(1), step(2)]
 }
 
 /// The coarsest scale at which every voxel of a mask is wholly set or wholly clear.
