@@ -11,8 +11,36 @@ use crate::octree::{BLOCK_EDGE, NONE, block_coords};
 use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 
-/// Cubes of blocks at the rim of what was seen are refined while they are wider than this many beams.
+// Where nothing was seen nearby there is no surface to be told apart from, so free space may end roughly there.
+/// Cubes of blocks at the rim of the field of view are refined while they are wider than this many beams ...
 const RIM_BEAMS: f32 = 8.0;
+/// ... and cubes beside beams without return while they are wider than this many.
+const HOLE_BEAMS: f32 = 2.0;
+
+/// How many beams a mixed cube must be wide to be refined.
+#[inline(always)]
+fn coarse(classes: &Classes, i: usize) -> f32 {
+    if classes.rim >> i & 1 == 1 {
+        RIM_BEAMS
+    } else if classes.holed >> i & 1 == 1 {
+        HOLE_BEAMS
+    } else {
+        0.0
+    }
+}
+
+/// The mixed cubes that are to be refined when each is `beams` wide.
+#[inline(always)]
+fn worth_a_look(classes: &Classes, beams: f32) -> u8 {
+    let mut mixed = classes.mixed;
+    if beams < RIM_BEAMS {
+        mixed &= !classes.rim;
+    }
+    if beams < HOLE_BEAMS {
+        mixed &= !classes.holed;
+    }
+    mixed
+}
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
@@ -46,8 +74,8 @@ struct Cube {
     summary: Summary,
     /// A larger cube around it was found free.
     free: bool,
-    /// It lies at the rim of what was seen.
-    rim: bool,
+    /// How small it may be left alone, in beams across: more than 0 at the rim of what was seen.
+    coarse: f32,
 }
 
 /// Everything that a descent reads.
@@ -79,7 +107,7 @@ impl Descent<'_> {
         const SPLIT: u32 = 5;
         let tree = &self.field.tree;
         let root =
-            Cube { key: tree.root_key(), level: tree.root_level(), link: tree.root().link, summary: tree.root().payload, free: false, rim: false };
+            Cube { key: tree.root_key(), level: tree.root_level(), link: tree.root().link, summary: tree.root().payload, free: false, coarse: 0.0 };
         let mut subtrees = vec![root];
         while let Some(level) = subtrees.iter().map(|c| c.level).max().filter(|&l| l > SPLIT) {
             subtrees = subtrees.iter().flat_map(|cube| if cube.level == level { self.children(cube).1 } else { vec![*cube] }).collect();
@@ -116,12 +144,13 @@ impl Descent<'_> {
     /// Hands over the children that may hold something free, last in Morton order first; returns how many were looked at.
     #[inline(always)]
     fn open(&self, cube: &Cube, mut push: impl FnMut(Cube)) -> usize {
-        let Classes { free, mixed, rim } = if cube.free {
-            Classes { free: u8::MAX, mixed: 0, rim: 0 }
+        let classes = if cube.free {
+            Classes { free: u8::MAX, ..Classes::default() }
         } else {
             let (centre, half) = self.place(cube);
             self.sight.classify(centre, half)
         };
+        let (free, mixed) = (classes.free, classes.mixed);
         let level = cube.level - 1;
         for i in (0..8usize).rev().filter(|i| (free | mixed) >> i & 1 == 1) {
             let (link, summary) = if cube.link == NONE {
@@ -131,7 +160,7 @@ impl Descent<'_> {
                 (octant.link, octant.payload)
             };
             if !summary.is_saturated_free(self.steps.min) {
-                push(Cube { key: cube.key | (i as u64) << (3 * level), level, link, summary, free: free >> i & 1 == 1, rim: rim >> i & 1 == 1 });
+                push(Cube { key: cube.key | (i as u64) << (3 * level), level, link, summary, free: free >> i & 1 == 1, coarse: coarse(&classes, i) });
             }
         }
         if cube.free { 0 } else { 8 }
@@ -169,24 +198,23 @@ impl Descent<'_> {
         let (centre, half) = self.place(block);
         let range = self.sight.range(centre);
         let finest = self.finest_free_scale(range);
-        // Where nothing was seen nearby there is no surface to be told apart from: the rim stays coarse.
-        let coarse = |edge: f32| edge < RIM_BEAMS * self.sight.spacing() * range;
-        if finest > 2 || block.rim && coarse(2.0 * half) {
+        // Beams across a cube of half the block's edge, of a quarter, of an eighth.
+        let beams = half / (self.sight.spacing() * range);
+        if finest > 2 || 2.0 * beams < block.coarse {
             return;
         }
-        let skip_rim = |classes: &Classes, edge: f32| if coarse(edge) { classes.mixed & !classes.rim } else { classes.mixed };
         let mut mask: Mask = [0; 8];
         let quarters = self.sight.classify(centre, half);
         finds.visited += 8;
         bits(quarters.free).for_each(|i| mask[i] = u64::MAX);
         if finest < 2 {
-            for i in bits(skip_rim(&quarters, half)) {
+            for i in bits(worth_a_look(&quarters, beams)) {
                 let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
                 let pairs = self.sight.classify(centre, half);
                 finds.visited += 8;
                 bits(pairs.free).for_each(|j| mask[i] |= 0xff << (8 * j));
                 if finest < 1 {
-                    for j in bits(skip_rim(&pairs, half)) {
+                    for j in bits(worth_a_look(&pairs, 0.5 * beams)) {
                         let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
                         finds.visited += 8;
                         mask[i] |= u64::from(voxels.free) << (8 * j);

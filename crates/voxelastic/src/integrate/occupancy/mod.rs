@@ -2,9 +2,11 @@
 
 mod apply;
 mod descend;
+mod gaps;
 mod integrator;
 mod model;
 pub(crate) mod propagate;
+mod rows;
 mod sight;
 mod visibility;
 

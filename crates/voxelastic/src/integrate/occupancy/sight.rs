@@ -13,8 +13,10 @@ pub(super) struct Classes {
     pub free: u8,
     /// Some part may be free.
     pub mixed: u8,
-    /// The mixed cubes at the rim of what was seen: beams without return, or outside of the field of view, pass there too.
+    /// The mixed cubes of which a part lies outside of the field of view.
     pub rim: u8,
+    /// The mixed cubes through which, or beside which, beams without return pass.
+    pub holed: u8,
 }
 
 /// Looks at cubes of the submap from where a scan was taken.
@@ -172,15 +174,18 @@ impl<'a> Sight<'a> {
             return classes;
         }
         let close = self.visibility.close_texels(&window, &row, &column);
-        let (mut mixed, mut blind) = ([false; 8], [false; 8]);
+        let (mut mixed, mut rim, mut holed) = ([false; 8], [false; 8], [false; 8]);
+        let hole = self.visibility.hole();
         for lane in 0..8 {
             flags[lane] = farthest[lane] < close.near[lane];
             mixed[lane] = nearest[lane] < close.far[lane];
-            blind[lane] = close.near[lane] == 0.0;
+            rim[lane] = close.near[lane] == 0.0;
+            holed[lane] = close.near[lane] <= hole;
         }
         classes.free |= unsettled & to_bits(flags);
         classes.mixed = unsettled & to_bits(mixed);
-        classes.rim = unsettled & to_bits(blind);
+        classes.rim = unsettled & to_bits(rim);
+        classes.holed = unsettled & to_bits(holed);
         classes.mixed &= !classes.free;
         classes
     }

@@ -4,76 +4,13 @@
 //! lies within one texel: classifying an octant reads one texel, whatever its size (DESIGN, core 4). The field of view's
 //! rim and beams without return count as "saw nothing".
 
+use super::gaps::{BLANK, fill_gaps};
+use super::rows::Rows;
 use crate::sensor::{BeamModel, RangeImage};
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::TAU;
 
 /// Most levels of the pyramid: cells of 64 x 64 pixels.
 pub(super) const LEVELS: usize = 7;
-
-/// Maps directions to rows and columns of the image.
-#[derive(Clone, Debug)]
-pub(super) struct Rows {
-    /// Row (fractional) by sine of the elevation, evenly spaced from `lowest`; rows count from the top.
-    table: Vec<f32>,
-    per_sine: f32,
-    /// Sines of the field of view's lower and upper rim, a row beyond the last beams.
-    pub lowest: f32,
-    /// See [`Rows::lowest`].
-    pub highest: f32,
-    /// Rows.
-    pub count: usize,
-    /// Most rows that fit a radian anywhere in the field of view.
-    pub per_radian: f32,
-}
-
-impl Rows {
-    const BINS: usize = 2048;
-
-    /// From the elevations of the rows, radians, top to bottom (strictly descending), at least two.
-    pub fn new(elevations: &[f32]) -> Self {
-        let count = elevations.len();
-        let gap = |i: usize| (elevations[i] - elevations[i + 1]).max(1e-5);
-        let (top, bottom) = (elevations[0] + gap(0), elevations[count - 1] - gap(count - 2));
-        let (lowest, highest) = (bottom.max(-PI / 2.0).sin(), top.min(PI / 2.0).sin());
-        let per_sine = Self::BINS as f32 / (highest - lowest);
-        let mut row = count - 2;
-        let table = (0..=Self::BINS)
-            .map(|bin| {
-                let elevation = (lowest + bin as f32 / per_sine).clamp(-1.0, 1.0).asin();
-                // Bins go up, rows go down.
-                while row > 0 && elevation > elevations[row] {
-                    row -= 1;
-                }
-                row as f32 + (elevations[row] - elevation) / gap(row)
-            })
-            .collect();
-        let per_radian = 1.0 / (0..count - 1).map(gap).fold(f32::INFINITY, f32::min);
-        Self { table, per_sine, lowest, highest, count, per_radian }
-    }
-
-    /// Fractional rows at sines of elevation: 0 is the centre of the top row. Beyond the rim by at most a row; NaN never.
-    #[inline(always)]
-    pub fn rows(&self, sines: &[f32; 8]) -> [f32; 8] {
-        let (lowest, per_sine) = (self.lowest, self.per_sine);
-        let (mut bin, mut rest, mut low, mut high) = ([0u32; 8], [0f32; 8], [0f32; 8], [0f32; 8]);
-        for i in 0..8 {
-            let at = (sines[i] - lowest) * per_sine;
-            let at = if at > 0.0 { at } else { 0.0 };
-            let at = if at < Self::BINS as f32 - 1.0 { at } else { Self::BINS as f32 - 1.0 };
-            bin[i] = at as u32;
-            rest[i] = at - bin[i] as f32;
-        }
-        for i in 0..8 {
-            let bin = bin[i] as usize;
-            (low[i], high[i]) = (self.table[bin], self.table[bin + 1]);
-        }
-        let mut rows = [0f32; 8];
-        for i in 0..8 {
-            rows[i] = low[i] + (high[i] - low[i]) * rest[i];
-        }
-        rows
-    }
-}
 
 /// Nearest and farthest that any pixel of a texel saw, metres; nearest is 0 where a pixel saw nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,11 +62,14 @@ pub struct Visibility {
     coarser: Vec<Packed>,
 }
 
-/// A pixel that saw nothing.
-const BLANK: Texel = Texel { near: f32::INFINITY, far: -1.0 };
 /// Ranges of beams on both sides of a gap differ by no more than this factor where the gap is on one surface.
 const SAME_SURFACE: f32 = 1.1;
+/// Gaps in a row are bridged up to this many times the angle between rows.
+const GAP_SPACINGS: f32 = 1.5;
+/// Outside of the field of view.
 const NOTHING: Packed = 0;
+/// A beam without return: it saw no farther than a step.
+const HOLE: Packed = 1 << 16 | 1;
 /// Steps from 0 to the maximum range, of which the pyramid's bounds are whole numbers.
 const STEPS: f32 = 65_000.0;
 
@@ -166,7 +106,7 @@ impl Visibility {
     }
 
     /// Builds the pyramid from a scan's image. A range of infinity saw up to `max_range`; 0 saw nothing, or up to
-    /// `max_range` if `clear_no_return`. Gaps of a pixel or two between returns are
+    /// `max_range` if `clear_no_return`. Small gaps between returns are
     /// closed: all of them with `fill`, for clouds that were no grid, otherwise those on one surface.
     pub fn build(&mut self, image: &RangeImage, max_range: f32, clear_no_return: bool, fill: bool) {
         let (rows, columns) = (self.padded_rows(), self.columns);
@@ -182,34 +122,16 @@ impl Visibility {
                 }
             }
         }
-        self.fill_gaps(if fill { f32::INFINITY } else { SAME_SURFACE });
+        let widest = (GAP_SPACINGS * self.columns_per_radian() / self.rows.per_radian) as usize;
+        let similar = if fill { f32::INFINITY } else { SAME_SURFACE };
+        let seen = &mut self.pixels[..self.rows.count * columns];
+        fill_gaps(seen, &mut self.unfilled, columns, widest.clamp(2, columns / 8 + 2), similar);
         self.metres_per_step = max_range / STEPS;
         let per_metre = STEPS / max_range;
         self.cells.clear();
-        self.cells.extend(self.pixels.iter().map(|pixel| pack(pixel, per_metre)));
+        self.cells.extend(self.pixels[..self.rows.count * columns].iter().map(|pixel| pack(pixel, per_metre)));
+        self.cells.resize(rows * columns, NOTHING);
         self.build_levels(rows);
-    }
-
-    /// Empty pixels between two returns of a row take the nearer of them. A gap in a grid is a beam that found nothing, so
-    /// there the two must see the same surface: `similar` is how much farther the farther one may be.
-    fn fill_gaps(&mut self, similar: f32) {
-        /// Empty pixels in a row that are bridged.
-        const GAP: usize = 2;
-        let columns = self.columns;
-        self.unfilled.clone_from(&self.pixels);
-        for row in 0..self.rows.count {
-            let line = &self.unfilled[row * columns..(row + 1) * columns];
-            let seen = |c: usize| (line[c % columns].far >= 0.0).then_some(line[c % columns]);
-            for c in (0..columns).filter(|&c| line[c].far < 0.0) {
-                let left = (1..=GAP).find_map(|d| seen(c + columns - d));
-                let right = (1..=GAP).find_map(|d| seen(c + d));
-                if let (Some(a), Some(b)) = (left, right)
-                    && a.far.max(b.far) <= similar * a.near.min(b.near)
-                {
-                    self.pixels[row * columns + c] = Texel { near: a.near.min(b.near), far: a.far.max(b.far) };
-                }
-            }
-        }
     }
 
     /// Halves the cells level by level, and for each level joins windows of 2 x 2 cells.
@@ -330,6 +252,12 @@ impl Visibility {
         }
     }
 
+    /// What a beam without return saw at most, metres.
+    #[inline(always)]
+    pub(super) fn hole(&self) -> f32 {
+        self.metres_per_step
+    }
+
     /// Rows of the sensor.
     pub(super) fn rows(&self) -> &Rows {
         &self.rows
@@ -388,7 +316,7 @@ fn join(t: [Packed; 4]) -> Packed {
 #[inline(always)]
 fn pack(pixel: &Texel, per_metre: f32) -> Packed {
     if pixel.far < 0.0 {
-        return NOTHING;
+        return HOLE;
     }
     // The products' rounding must not push a bound inwards.
     let near = pixel.near * per_metre * (1.0 - 2.0 * f32::EPSILON);
@@ -400,19 +328,6 @@ fn pack(pixel: &Texel, per_metre: f32) -> Packed {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn rows_follow_uneven_elevations() {
-        let elevations: Vec<f32> = [17.0f32, 12.0, 10.0, 9.0, 5.0, -1.0, -12.0].map(f32::to_radians).into();
-        let rows = Rows::new(&elevations);
-        for (i, e) in elevations.iter().enumerate() {
-            assert!((rows.rows(&[e.sin(); 8])[i % 8] - i as f32).abs() < 0.02, "row {i} at {}", rows.rows(&[e.sin(); 8])[i % 8]);
-        }
-        for w in 0..elevations.len() - 1 {
-            let middle = 0.5 * (elevations[w] + elevations[w + 1]);
-            assert!((rows.rows(&[middle.sin(); 8])[0] - w as f32 - 0.5).abs() < 0.02);
-        }
-    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
@@ -432,23 +347,22 @@ mod tests {
             let texel = Texel { near: texels.near[3], far: texels.far[3] };
             let close = image.close_texels(&window, &[row; 8], &[column; 8]);
             let close = Texel { near: close.near[5], far: close.far[5] };
-            // A gap between two beams that saw the same surface shows that surface.
+            let mut filled: Vec<Texel> = ranges.iter().map(|&r| if r > 0.0 { Texel { near: r, far: r } } else { BLANK }).collect();
+            fill_gaps(&mut filled, &mut Vec::new(), 64, 2, SAME_SURFACE);
+            // A hole counts as seen up to the least that the pyramid can tell from nothing.
+            let hole = Texel { near: image.hole(), far: image.hole() };
             let pixel = |row: usize, column: i32| {
-                let at = |c: i32| ranges[row * 64 + c.rem_euclid(64) as usize];
-                let beside = |step: i32| (1..=2).map(|d| at(column + d * step)).find(|&r| r > 0.0);
-                match (at(column), beside(-1), beside(1)) {
-                    (0.0, Some(a), Some(b)) if a.max(b) <= SAME_SURFACE * a.min(b) => (a.min(b), a.max(b)),
-                    (range, ..) => (range, range),
-                }
+                let pixel = filled[row * 64 + column.rem_euclid(64) as usize];
+                if pixel.far < 0.0 { hole } else { pixel }
             };
             // What is above the image counts as the row above it.
             let bounds = |more: i32| {
                 let (mut near, mut far) = (f32::INFINITY, 0f32);
                 for r in (row + 0.5 - row_radius).floor() as i32..=((row + 0.5 + row_radius).floor() as i32).max(-1) + more {
                     for c in (column - column_radius).floor() as i32..=(column + column_radius).floor() as i32 + more {
-                        let seen = if (0..16).contains(&r) { pixel(r as usize, c) } else { (0.0, 0.0) };
-                        near = near.min(seen.0);
-                        far = far.max(seen.1);
+                        let seen = if (0..16).contains(&r) { pixel(r as usize, c) } else { Texel { near: 0.0, far: 0.0 } };
+                        near = near.min(seen.near);
+                        far = far.max(seen.far);
                     }
                 }
                 (near, far)
