@@ -91,14 +91,14 @@ pub struct StoreCells<'a, V> {
 
 #[allow(unsafe_code)]
 impl<V> StoreCells<'_, V> {
-    /// Asks for the array in `slot` at `scale` to be brought near, for use soon.
+    /// Where the array in `slot` at `scale` begins, for [`prefetch`](crate::octree::prefetch).
     #[inline(always)]
-    pub fn prefetch(&self, scale: usize, slot: u32) {
+    pub fn address(&self, scale: usize, slot: u32) -> *const V {
         match scale {
-            0 => self.fine.prefetch(slot),
-            1 => self.half.prefetch(slot),
-            2 => self.quarter.prefetch(slot),
-            _ => self.single.prefetch(slot),
+            0 => self.fine.address(slot).cast(),
+            1 => self.half.address(slot).cast(),
+            2 => self.quarter.address(slot).cast(),
+            _ => self.single.address(slot).cast(),
         }
     }
 

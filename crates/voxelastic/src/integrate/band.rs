@@ -1,7 +1,7 @@
 //! What a beam tells the voxels of its truncation band.
+#![allow(clippy::needless_range_loop)] // A lane is an index into many arrays here.
 
-use super::transform::Beam;
-use super::walk::{Line, local, walk_line};
+use super::walk::{LANES, MAX_STEPS, Trace};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 
 /// The truncation band and the weights of a TSDF update.
@@ -24,30 +24,54 @@ impl Band {
         self.weight * if fade < 1.0 { fade } else { 1.0 }
     }
 
-    /// Updates a block at `SCALE` whose smallest corner is at `corner` (finest voxels, submap frame) from each beam.
+    /// What lines tell the voxels that they pass: distances in steps of [`Voxel::distance`], and weights, 0 for nothing.
+    #[inline(always)]
+    pub fn observations(&self, trace: &Trace, observations: &mut Observations) {
+        for step in 0..trace.longest {
+            let (quantity, distance, weight) = (&trace.quantity[step], &mut observations.distance[step], &mut observations.weight[step]);
+            for lane in 0..LANES {
+                let d = quantity[lane];
+                let w = self.weight_at(d);
+                distance[lane] = d * DISTANCE_STEPS;
+                weight[lane] = if d.abs() < self.truncation && w >= 1.0 { w } else { 0.0 };
+            }
+        }
+    }
+
+    /// Folds what the line of `lane` says into its block's voxels.
     ///
     /// A voxel that the beam's line passes through within the band sees the distance from its centre to the local plane
     /// at the beam's point, not the distance along the beam: the centre is rarely on the line.
     #[inline(always)]
-    pub fn apply<'a, const SCALE: usize>(
-        &self,
-        voxels: &mut [Voxel],
-        mut shades: Option<&mut [u8]>,
-        corner: [f32; 3],
-        beams: impl Iterator<Item = &'a Beam>,
-    ) {
-        for beam in beams {
-            let line = Line { point: local::<SCALE>(beam.point, corner), direction: beam.direction, gradient: beam.normal };
-            walk_line::<SCALE>(&line, -self.truncation, self.truncation, |index, distance| {
-                let weight = self.weight_at(distance);
-                if distance.abs() < self.truncation && weight >= 1.0 {
-                    if let Some(shades) = &mut shades {
-                        observe_shade(&mut shades[index], beam.shade, voxels[index].weight == 0);
-                    }
-                    voxels[index].observe(distance * DISTANCE_STEPS, weight, self.max_weight);
+    pub fn apply(&self, trace: &Trace, observations: &Observations, lane: usize, voxels: &mut [Voxel], shades: Option<&mut [u8]>, shade: f32) {
+        let steps = trace.steps[lane] as usize;
+        if let Some(shades) = shades {
+            for step in 0..steps {
+                let index = trace.index[step][lane] as usize;
+                if observations.weight[step][lane] > 0.0 {
+                    observe_shade(&mut shades[index], shade, voxels[index].weight == 0);
                 }
-            });
+            }
         }
+        for step in 0..steps {
+            let weight = observations.weight[step][lane];
+            if weight > 0.0 {
+                voxels[trace.index[step][lane] as usize].observe(observations.distance[step][lane], weight, self.max_weight);
+            }
+        }
+    }
+}
+
+/// See [`Band::observations`].
+#[derive(Clone, Debug)]
+pub(crate) struct Observations {
+    distance: [[f32; LANES]; MAX_STEPS],
+    weight: [[f32; LANES]; MAX_STEPS],
+}
+
+impl Observations {
+    pub fn new() -> Self {
+        Self { distance: [[0.0; LANES]; MAX_STEPS], weight: [[0.0; LANES]; MAX_STEPS] }
     }
 }
 

@@ -5,15 +5,16 @@
 //! its beams in beam order, and *release* what scale changes left over. Blocks are independent in the update, so threads
 //! share nothing and change nothing but the time.
 
-use super::band::Band;
+use super::band::{Band, Observations};
 use super::scale::ScaleRule;
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, to_submap};
+use super::walk::{LANES, Line, Lines, Trace};
 use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords};
+use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords, prefetch};
 use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -241,55 +242,114 @@ struct Runs<'a> {
 }
 
 impl Kernel for Runs<'_> {
+    /// Lines fly in formation through whatever blocks come next; while one formation's voxels are on their way from memory,
+    /// the one before is applied.
     #[inline(always)]
     fn run(self) {
-        // A loop, because a closure would not be inlined and then not be compiled for the wide instructions.
+        let mut formations = [Formation::new(), Formation::new()];
+        let mut next = 0;
+        // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
         for (i, run) in self.runs.iter().enumerate() {
-            if let Some(next) = self.runs.get(i + 1) {
-                let block = &self.task.blocks[next.block];
-                self.task.voxels.prefetch(usize::from(block.scale), block.data[usize::from(block.scale)]);
+            if let Some(later) = self.runs.get(i + 6) {
+                prefetch(&raw const self.task.blocks[later.block]);
             }
-            self.task.apply(run);
+            let block = &self.task.blocks[run.block];
+            if run.change != Change::None {
+                self.task.change_scale(block, run.change);
+            }
+            for &record in &self.task.records[run.start as usize..run.end as usize] {
+                formations[next].push(run.block, block, &self.task.beams[beam_of(record)], self.task.band.truncation);
+                if formations[next].lines.len() == LANES {
+                    self.task.ask_for(&mut formations[next]);
+                    next = 1 - next;
+                    self.task.apply(&mut formations[next]);
+                }
+            }
         }
+        self.task.ask_for(&mut formations[next]);
+        self.task.apply(&mut formations[1 - next]);
+        self.task.apply(&mut formations[next]);
+    }
+}
+
+/// Beams that are walked together, each through a block of its own or one that it shares.
+struct Formation {
+    lines: Lines,
+    trace: Trace,
+    observations: Observations,
+    block: [u32; LANES],
+    shade: [f32; LANES],
+}
+
+impl Formation {
+    fn new() -> Self {
+        Self { lines: Lines::new(), trace: Trace::new(), observations: Observations::new(), block: [0; LANES], shade: [0.0; LANES] }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, id: u32, block: &Block, beam: &Beam, truncation: f32) {
+        let lane = self.lines.len() % LANES;
+        (self.block[lane], self.shade[lane]) = (id, beam.shade);
+        let c = block_coords(block.key);
+        let edge = BLOCK_EDGE as i32;
+        self.lines.push(&Line {
+            point: beam.point,
+            direction: beam.direction,
+            gradient: beam.normal,
+            corner: [(c[0] * edge) as f32, (c[1] * edge) as f32, (c[2] * edge) as f32],
+            scale: u32::from(block.scale),
+            reach: [-truncation, truncation],
+        });
     }
 }
 
 impl BlockUpdate<'_> {
-    /// Moves the block of `run` to its new scale if it changes, then applies its beams.
+    /// Finds out what the formation passes, and asks for it to be brought near.
+    #[inline(always)]
+    fn ask_for(&self, formation: &mut Formation) {
+        let Formation { lines, trace, observations, block, .. } = formation;
+        trace.walk(lines);
+        for lane in 0..lines.len() {
+            let block = &self.blocks[block[lane]];
+            let scale = usize::from(block.scale);
+            let voxels = self.voxels.address(scale, block.data[scale]);
+            let shades = self.shades.address(scale, block.shade[scale]);
+            for step in 0..trace.steps[lane] as usize {
+                prefetch(voxels.wrapping_add(trace.index[step][lane] as usize));
+                prefetch(shades.wrapping_add(trace.index[step][lane] as usize));
+            }
+        }
+        self.band.observations(trace, observations);
+    }
+
+    /// Updates the voxels that the formation passes, and disbands it.
     #[inline(always)]
     #[allow(unsafe_code)]
-    fn apply(&self, run: &Run) {
-        let block = &self.blocks[run.block];
-        let scale = usize::from(block.scale);
-        // SAFETY: each block occurs in one run only, arrays belong to one block only, and the slots read or written for a
-        // scale change are of other scales or arrays than `voxels`.
-        let (voxels, shades) = unsafe {
-            let voxels = self.voxels.get(scale, block.data[scale]);
-            let has_shade = block.shade[scale] != crate::octree::NONE;
-            (voxels, has_shade.then(|| self.shades.get(scale, block.shade[scale])))
-        };
-        if run.change != Change::None {
-            self.change_scale(block, run.change, voxels);
+    fn apply(&self, formation: &mut Formation) {
+        for lane in 0..formation.lines.len() {
+            let block = &self.blocks[formation.block[lane]];
+            let scale = usize::from(block.scale);
+            // SAFETY: each block occurs in one run only, so in one thread only, and arrays belong to one block only; the
+            // references end with this step of the loop.
+            let (voxels, shades) = unsafe {
+                let voxels = self.voxels.get(scale, block.data[scale]);
+                let has_shade = block.shade[scale] != crate::octree::NONE;
+                (voxels, has_shade.then(|| self.shades.get(scale, block.shade[scale])))
+            };
+            self.band.apply(&formation.trace, &formation.observations, lane, voxels, shades, formation.shade[lane]);
         }
-        let records = &self.records[run.start as usize..run.end as usize];
-        let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
-        let beams = records.iter().map(|&r| &self.beams[beam_of(r)]);
-        match scale {
-            0 => self.band.apply::<0>(voxels, shades, corner, beams),
-            1 => self.band.apply::<1>(voxels, shades, corner, beams),
-            2 => self.band.apply::<2>(voxels, shades, corner, beams),
-            _ => self.band.apply::<3>(voxels, shades, corner, beams),
-        }
+        formation.lines.clear();
     }
 
     /// Fills the array of the block's new scale from the one that it leaves (paper Sec. III-A, propagation).
     #[allow(unsafe_code)]
-    fn change_scale(&self, block: &Block, change: Change, voxels: &mut [Voxel]) {
+    fn change_scale(&self, block: &Block, change: Change) {
         /// Observations that an interpolated voxel counts for.
         const INTERPOLATED_WEIGHT: u16 = 2 * WEIGHT_ONE;
         let scale = usize::from(block.scale);
-        // SAFETY: these arrays belong to this block alone and are of another scale, or another slot, than `voxels`.
+        // SAFETY: these arrays belong to this block alone, which no other thread touches, and differ in scale or slot.
         unsafe {
+            let voxels = self.voxels.get(scale, block.data[scale]);
             match change {
                 Change::None => {}
                 Change::Coarser => {

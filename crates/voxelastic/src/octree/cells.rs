@@ -46,24 +46,29 @@ impl<'a, T> Cells<'a, T> {
 }
 
 impl<T> Cells<'_, T> {
-    /// Asks for the item at `index` to be brought near, for use soon. Does nothing for an index never handed out.
+    /// Where the item at `index` lies, for [`prefetch`]; null for an index never handed out.
     #[inline(always)]
-    pub fn prefetch(&self, index: u32) {
+    pub fn address(&self, index: u32) -> *const T {
         let (page, place) = Pool::<T>::place(index);
         if page >= self.page_count {
-            return;
+            return std::ptr::null();
         }
-        // SAFETY: `page` is in bounds, as in `get`; the address is only hinted at, never read.
-        let item = unsafe { (*self.pages.add(page)).as_ptr().wrapping_add(place) };
-        #[cfg(target_arch = "x86_64")]
-        for line in 0..size_of::<T>().div_ceil(64) {
-            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-            // SAFETY: a prefetch never faults, whatever the address.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(item.cast::<i8>().wrapping_add(64 * line)) };
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        let _ = item;
+        // SAFETY: `page` is in bounds, as in `get`; the address is not read here.
+        unsafe { (*self.pages.add(page)).as_ptr().wrapping_add(place) }
     }
+}
+
+/// Asks for the cache line at `address` to be brought near, for use soon. Any address will do: it is never read.
+#[inline(always)]
+pub fn prefetch<T>(address: *const T) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        // SAFETY: a prefetch never faults, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast::<i8>()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = address;
 }
 
 #[cfg(test)]

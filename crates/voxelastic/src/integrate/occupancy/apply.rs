@@ -8,7 +8,7 @@ use super::model::{Evidence, OccupancySettings, Steps};
 use crate::field::occupancy::{LOG_ODDS_STEPS, Summary, UNKNOWN};
 use crate::geometry::morton;
 use crate::integrate::transform::Beam;
-use crate::integrate::walk::{Line, local, walk_line};
+use crate::integrate::walk::{LANES, Line, Lines, Trace};
 use crate::octree::{voxel_coords, voxels_at};
 
 /// "No evidence" among updates: less than any evidence.
@@ -30,41 +30,139 @@ pub(super) struct Outcome {
     pub uniform: Option<i8>,
 }
 
-/// Applies free space, then beams, to a block's `values` at `SCALE`; `corner` is its smallest corner in finest voxels.
-#[inline(always)]
-pub(super) fn update_block<'a, const SCALE: usize>(
-    values: &mut [i8],
-    free: FreeVoxels<'_>,
-    corner: [f32; 3],
-    beams: impl Iterator<Item = &'a Beam>,
-    settings: &OccupancySettings,
-    steps: &Steps,
-) -> Outcome {
-    let mut updates = [NO_UPDATE; voxels_at(0)];
-    let updates = &mut updates[..voxels_at(SCALE)];
-    match free {
-        FreeVoxels::None => {}
-        FreeVoxels::All => updates.fill(steps.free),
-        FreeVoxels::Some(mask) => spread_mask::<SCALE>(mask, steps.free, updates),
+/// A block to update.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    /// Its smallest corner, finest voxels of the submap.
+    pub corner: [f32; 3],
+    /// Its scale.
+    pub scale: usize,
+}
+
+/// Beams that are walked together through the blocks that come next.
+pub(super) struct Formation<'a> {
+    settings: &'a OccupancySettings,
+    lines: Lines,
+    trace: Trace,
+    /// Which block each line passes, by the caller's number.
+    owner: [u32; LANES],
+    evidence: [Evidence; LANES],
+}
+
+impl<'a> Formation<'a> {
+    pub fn new(settings: &'a OccupancySettings) -> Self {
+        Self { settings, lines: Lines::new(), trace: Trace::new(), owner: [0; LANES], evidence: [Evidence::new(settings, 0.0, 0); LANES] }
     }
-    for beam in beams {
-        let evidence = Evidence::new(settings, beam.range * settings.voxel, SCALE);
+
+    pub fn is_full(&self) -> bool {
+        self.lines.len() == LANES
+    }
+
+    /// Adds the part of a beam that lies in a block.
+    #[inline(always)]
+    pub fn push(&mut self, owner: u32, place: Place, beam: &Beam) {
+        let lane = self.lines.len() % LANES;
+        let evidence = Evidence::new(self.settings, beam.range * self.settings.voxel, place.scale);
         let (before, behind) = evidence.reach();
-        let line = Line { point: local::<SCALE>(beam.point, corner), direction: beam.direction, gradient: beam.direction };
-        walk_line::<SCALE>(&line, before, behind, |index, distance| {
-            // The centre of a voxel may lie a little outside of the model's reach although the line is inside.
-            let update = (evidence.at(distance.clamp(before, behind)) * LOG_ODDS_STEPS) as i8;
-            updates[index] = updates[index].max(update);
+        (self.owner[lane], self.evidence[lane]) = (owner, evidence);
+        self.lines.push(&Line {
+            point: beam.point,
+            direction: beam.direction,
+            gradient: beam.direction,
+            corner: place.corner,
+            scale: place.scale as u32,
+            reach: [before, behind],
         });
     }
-    let (mut low, mut high) = (i8::MAX, i8::MIN);
-    for (value, &update) in values.iter_mut().zip(updates.iter()) {
-        let changed = steps.add(*value, update);
-        *value = if update == NO_UPDATE { *value } else { changed };
-        low = low.min(*value);
-        high = high.max(*value);
+
+    /// Walks all lines and forgets them; returns how many there were. The voxels passed can be read until the next walk.
+    #[inline(always)]
+    pub fn walk(&mut self) -> usize {
+        self.trace.walk(&self.lines);
+        let lines = self.lines.len();
+        self.lines.clear();
+        lines
     }
-    Outcome { summary: Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN }, uniform: (low == high).then_some(low) }
+
+    /// The block that line `lane` passes.
+    #[inline(always)]
+    pub fn owner(&self, lane: usize) -> u32 {
+        self.owner[lane]
+    }
+}
+
+/// What a scan says about the voxels of one block.
+pub(super) struct Updates<'a> {
+    steps: &'a Steps,
+    updates: [i8; voxels_at(0)],
+}
+
+impl<'a> Updates<'a> {
+    pub fn new(steps: &'a Steps) -> Self {
+        Self { steps, updates: [NO_UPDATE; voxels_at(0)] }
+    }
+
+    /// Begins a block at `scale` with what the descent found.
+    #[inline(always)]
+    pub fn begin(&mut self, scale: usize, free: FreeVoxels<'_>) {
+        match scale {
+            0 => self.begin_at::<0>(free),
+            1 => self.begin_at::<1>(free),
+            2 => self.begin_at::<2>(free),
+            _ => self.begin_at::<3>(free),
+        }
+    }
+
+    #[inline(always)]
+    fn begin_at<const SCALE: usize>(&mut self, free: FreeVoxels<'_>) {
+        let updates = &mut self.updates[..voxels_at(SCALE)];
+        match free {
+            FreeVoxels::None => updates.fill(NO_UPDATE),
+            FreeVoxels::All => updates.fill(self.steps.free),
+            FreeVoxels::Some(mask) => {
+                updates.fill(NO_UPDATE);
+                spread_mask::<SCALE>(mask, self.steps.free, updates);
+            }
+        }
+    }
+
+    /// Notes the evidence of line `lane` where it is the largest so far.
+    #[inline(always)]
+    pub fn note(&mut self, formation: &Formation<'_>, lane: usize) {
+        let (evidence, trace) = (formation.evidence[lane], &formation.trace);
+        let (before, behind) = evidence.reach();
+        for step in 0..trace.steps[lane] as usize {
+            // The centre of a voxel may lie a little outside of the model's reach although the line is inside.
+            let distance = trace.quantity[step][lane].clamp(before, behind);
+            let update = (evidence.at(distance) * LOG_ODDS_STEPS) as i8;
+            let known = &mut self.updates[trace.index[step][lane] as usize];
+            *known = (*known).max(update);
+        }
+    }
+
+    /// Folds the updates into the values of the block at `scale`.
+    #[inline(always)]
+    pub fn fold(&self, scale: usize, values: &mut [i8]) -> Outcome {
+        match scale {
+            0 => self.fold_at::<0>(values),
+            1 => self.fold_at::<1>(values),
+            2 => self.fold_at::<2>(values),
+            _ => self.fold_at::<3>(values),
+        }
+    }
+
+    #[inline(always)]
+    fn fold_at<const SCALE: usize>(&self, values: &mut [i8]) -> Outcome {
+        let steps = *self.steps;
+        let (mut low, mut high) = (i8::MAX, i8::MIN);
+        for (value, &update) in values[..voxels_at(SCALE)].iter_mut().zip(&self.updates[..voxels_at(SCALE)]) {
+            let changed = steps.add(*value, update);
+            *value = if update == NO_UPDATE { *value } else { changed };
+            low = low.min(*value);
+            high = high.max(*value);
+        }
+        Outcome { summary: Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN }, uniform: (low == high).then_some(low) }
+    }
 }
 
 /// Writes `value` for every voxel at `SCALE` whose bit is set. The mask tells no finer voxels apart than `SCALE`.

@@ -4,7 +4,7 @@
 //! and refine blocks. *Update*: each block on its own, in parallel. *Propagate*: maxima and "observed" up to the root, and
 //! equal siblings merged into their parent.
 
-use super::apply::{FreeVoxels, Outcome, update_block};
+use super::apply::{Formation, FreeVoxels, Outcome, Place, Updates};
 use super::descend::{Descent, Finds, Found};
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
@@ -274,32 +274,73 @@ struct Share<'a> {
 impl Kernel for Share<'_> {
     #[inline(always)]
     fn run(self) {
-        for (touch, outcome) in self.touches.iter().zip(self.outcomes) {
-            *outcome = self.task.apply(touch);
+        let task = self.task;
+        let (mut updates, mut formation) = (Updates::new(task.steps), Formation::new(task.settings));
+        let mut open = None;
+        // Beams walk in formation through one block after the other; blocks without beams are done on the way.
+        for (number, touch) in self.touches.iter().enumerate() {
+            if touch.start == touch.end {
+                let mut free_only = Updates::new(task.steps);
+                task.begin(touch, &mut free_only);
+                self.outcomes[number] = task.fold(touch, &free_only);
+                continue;
+            }
+            let place = task.place(touch);
+            for &record in &task.records[touch.start as usize..touch.end as usize] {
+                formation.push(number as u32, place, &task.beams[beam_of(record)]);
+                if formation.is_full() {
+                    task.land(&mut formation, &mut updates, &mut open, self.touches, self.outcomes);
+                }
+            }
+        }
+        task.land(&mut formation, &mut updates, &mut open, self.touches, self.outcomes);
+        if let Some(last) = open {
+            self.outcomes[last as usize] = task.fold(&self.touches[last as usize], &updates);
         }
     }
 }
 
 impl BlockUpdate<'_> {
     #[inline(always)]
-    #[allow(unsafe_code)]
-    fn apply(&self, touch: &Touch) -> Outcome {
+    fn place(&self, touch: &Touch) -> Place {
         let block = &self.blocks[touch.block];
-        let scale = usize::from(block.scale);
-        // SAFETY: each block occurs in one touch only, and an array belongs to one block only.
-        let values = unsafe { self.voxels.get(scale, block.slot) };
+        let c = block_coords(block.key);
+        let edge = BLOCK_EDGE as i32;
+        Place { corner: [(c[0] * edge) as f32, (c[1] * edge) as f32, (c[2] * edge) as f32], scale: usize::from(block.scale) }
+    }
+
+    #[inline(always)]
+    fn begin(&self, touch: &Touch, updates: &mut Updates<'_>) {
         let free = match touch.free {
             Free::None => FreeVoxels::None,
             Free::All => FreeVoxels::All,
             Free::Mask(i) => FreeVoxels::Some(&self.finds.masks[i as usize]),
         };
-        let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
-        let beams = self.records[touch.start as usize..touch.end as usize].iter().map(|&r| &self.beams[beam_of(r)]);
-        match scale {
-            0 => update_block::<0>(values, free, corner, beams, self.settings, self.steps),
-            1 => update_block::<1>(values, free, corner, beams, self.settings, self.steps),
-            2 => update_block::<2>(values, free, corner, beams, self.settings, self.steps),
-            _ => update_block::<3>(values, free, corner, beams, self.settings, self.steps),
+        updates.begin(usize::from(self.blocks[touch.block].scale), free);
+    }
+
+    /// Notes what a formation passes; `open` is the touch whose updates are being collected.
+    #[inline(always)]
+    fn land(&self, formation: &mut Formation<'_>, updates: &mut Updates<'_>, open: &mut Option<u32>, touches: &[Touch], outcomes: &mut [Outcome]) {
+        for lane in 0..formation.walk() {
+            let owner = formation.owner(lane);
+            if *open != Some(owner) {
+                if let Some(done) = *open {
+                    outcomes[done as usize] = self.fold(&touches[done as usize], updates);
+                }
+                self.begin(&touches[owner as usize], updates);
+                *open = Some(owner);
+            }
+            updates.note(formation, lane);
         }
+    }
+
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn fold(&self, touch: &Touch, updates: &Updates<'_>) -> Outcome {
+        let block = &self.blocks[touch.block];
+        // SAFETY: each block occurs in one touch only, and an array belongs to one block only.
+        let values = unsafe { self.voxels.get(usize::from(block.scale), block.slot) };
+        updates.fold(usize::from(block.scale), values)
     }
 }
