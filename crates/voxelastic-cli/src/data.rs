@@ -1,16 +1,19 @@
-//! The input: a folder of scans and poses, and which of its scans to take.
+//! The input: a folder of scans and poses, or a recording, and which of its scans to take.
 
 use clap::Args;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Pose;
-use voxelastic_io::dataset::{self, Dataset, Every, OpenOptions};
+use voxelastic_io::dataset::{Every, OpenOptions};
+use voxelastic_io::source::{self, Source};
 
 /// How to read the input.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct DataArgs {
-    /// Folder with scans and poses
+    /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, an Ouster .pcap
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
     /// The pose file, where several could be meant: a path, or a part of a name in DATA that no other has
@@ -22,31 +25,51 @@ pub struct DataArgs {
     /// Pose of the lidar on the vehicle: the poses in the files are then those of the vehicle
     #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = pose, allow_hyphen_values = true)]
     t_base_lidar: Option<Pose>,
-    /// Scans to take: scan (all), a number (every 5th), a distance (2m) or a time (0.5s)
-    #[arg(long, value_name = "scan|N|METRESm|SECONDSs", default_value = "scan")]
-    every: Every,
+    /// Scans to take: scan (all), a number (every 5th), a distance (2m) or a time (0.5s) [default: scan; 2m of a recording]
+    #[arg(long, value_name = "scan|N|METRESm|SECONDSs")]
+    every: Option<Every>,
+    /// The topic of a recording that holds the clouds, where several could be meant
+    #[arg(long, value_name = "TOPIC")]
+    cloud_topic: Option<String>,
+    /// The topic of a recording that holds the poses (odometry, path, stamped poses, /tf), where several could be meant
+    #[arg(long, value_name = "TOPIC")]
+    pose_topic: Option<String>,
+    /// The sensor's .json of an Ouster capture, where it is not found by its name
+    #[arg(long, value_name = "FILE.json", hide_short_help = true)]
+    metadata: Option<PathBuf>,
+    /// Take clouds as they are, for those that were set right for the sensor's motion before and have still times of points
+    #[arg(long)]
+    no_deskew: bool,
     /// How far in time a pose may be from its scan, seconds
     #[arg(long, value_name = "S", default_value_t = 0.01, value_parser = seconds, hide_short_help = true)]
     time_tolerance: f64,
 }
 
 impl DataArgs {
-    /// The folder.
+    /// The folder or file.
     pub fn path(&self) -> &Path {
         &self.data
     }
 
-    /// Opens the folder; `strict` refuses scans without a pose.
-    pub fn open(&self, strict: bool) -> voxelastic_io::Result<Dataset> {
-        let options = OpenOptions {
+    /// How the user wants it read; `strict` refuses scans without a pose.
+    pub fn options(&self, strict: bool) -> OpenOptions {
+        OpenOptions {
             poses: self.poses.clone(),
             graph: self.graph.clone(),
             t_base_lidar: self.t_base_lidar,
             strict,
             every: self.every,
+            cloud_topic: self.cloud_topic.clone(),
+            pose_topic: self.pose_topic.clone(),
+            metadata: self.metadata.clone(),
+            deskew: !self.no_deskew,
             time_tolerance_s: self.time_tolerance,
-        };
-        dataset::open(&self.data, &options)
+        }
+    }
+
+    /// Opens the folder or recording; `strict` refuses scans without a pose.
+    pub fn open(&self, strict: bool) -> voxelastic_io::Result<Source> {
+        source::open(&self.data, &self.options(strict))
     }
 }
 
@@ -66,17 +89,19 @@ impl HoldOut {
     }
 
     /// Keeps the held-out scans only.
-    pub fn keep_held(self, dataset: &mut Dataset) {
-        let mut place = 0..;
-        dataset.retain(|_| place.next().is_some_and(|i| self.holds_out(i)));
+    pub fn keep_held(self, source: &mut Source) {
+        source.retain(move |i| self.holds_out(i));
     }
 
-    /// Keeps the other scans only, and returns how many were held out.
-    pub fn drop_held(self, dataset: &mut Dataset) -> usize {
-        let before = dataset.scans().len();
-        let mut place = 0..;
-        dataset.retain(|_| place.next().is_some_and(|i| !self.holds_out(i)));
-        before - dataset.scans().len()
+    /// Keeps the other scans only. The number that comes back grows with each scan that is held out.
+    pub fn drop_held(self, source: &mut Source) -> Arc<AtomicUsize> {
+        let count = Arc::new(AtomicUsize::new(0));
+        let held = Arc::clone(&count);
+        source.retain(move |i| {
+            held.fetch_add(usize::from(self.holds_out(i)), Ordering::Relaxed);
+            !self.holds_out(i)
+        });
+        count
     }
 }
 

@@ -4,15 +4,9 @@ use crate::interrupt;
 use crate::mapping::Session;
 use crate::progress::Progress;
 use clap::Args;
-use std::collections::HashMap;
-use std::error::Error;
-use std::path::PathBuf;
-use voxelastic::Cloud;
 use voxelastic::atlas::SubmapId;
-use voxelastic::event::{Event, NodeId};
-use voxelastic::mapper::ScanSource;
-use voxelastic_io::clouds;
-use voxelastic_io::dataset::Dataset;
+use voxelastic::event::Event;
+use voxelastic_io::source::Source;
 
 /// How the map follows corrections.
 #[derive(Clone, Copy, Debug, Args)]
@@ -43,7 +37,7 @@ impl ElasticArgs {
 
     /// Ends the run: fusions under way are finished, and submaps rebuilt if that was asked for and nobody interrupts. Returns how many
     /// were; one that cannot be rebuilt stays as it is.
-    pub fn finish(self, dataset: &Dataset, session: &mut Session, quiet: bool) -> usize {
+    pub fn finish(self, source: &Source, session: &mut Session, quiet: bool) -> usize {
         session.finish();
         tell(session);
         let deformed = session.mapper().deformed();
@@ -57,14 +51,14 @@ impl ElasticArgs {
             (false, true) => deformed.iter().map(|d| d.submap).collect(),
             (false, false) => Vec::new(),
         };
-        let mut source = Clouds(dataset.scans().iter().map(|scan| (scan.node, scan.path.clone())).collect());
+        let mut clouds = source.clouds();
         let mut progress = Progress::new("submaps rebuilt", submaps.len() as u64, quiet);
         let mut rebuilt = 0;
         for id in submaps {
             if interrupt::requested() {
                 break;
             }
-            match session.rebuild(id, &mut source) {
+            match session.rebuild(id, clouds.as_mut()) {
                 Ok(_) => rebuilt += 1,
                 Err(error) => tracing::warn!("left as it was: {:#}", anyhow::Error::from(error)),
             }
@@ -121,15 +115,5 @@ fn tell(session: &Session) {
     }
     if counts.unknown_poses + graph.waiting_edges > 0 {
         tracing::warn!("{} corrected poses and {} edges name nodes that never came", counts.unknown_poses, graph.waiting_edges);
-    }
-}
-
-/// Reads the clouds of a dataset again.
-struct Clouds(HashMap<NodeId, PathBuf>);
-
-impl ScanSource for Clouds {
-    fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
-        let path = self.0.get(&node).ok_or("no scan of the data belongs to it")?;
-        Ok(clouds::read(path)?.cloud)
     }
 }

@@ -12,12 +12,12 @@ const LINE_PERIOD: Duration = Duration::from_secs(5);
 /// The bar on the screen, which log lines must not tear.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Progress over a known number of items.
+/// Progress over a number of items that may be known.
 pub struct Progress {
     bar: Option<ProgressBar>,
     lines: bool,
     what: &'static str,
-    total: u64,
+    total: Option<u64>,
     done: u64,
     started: Instant,
     last_line: Instant,
@@ -25,7 +25,8 @@ pub struct Progress {
 
 impl Progress {
     /// Progress over `total` items named `what`; `quiet` shows nothing.
-    pub fn new(what: &'static str, total: u64, quiet: bool) -> Self {
+    pub fn new(what: &'static str, total: impl Into<Option<u64>>, quiet: bool) -> Self {
+        let total = total.into();
         let terminal = io::stderr().is_terminal();
         let bar = (terminal && !quiet).then(|| bar(what, total));
         *BAR.lock().unwrap_or_else(PoisonError::into_inner) = bar.clone();
@@ -42,9 +43,14 @@ impl Progress {
         } else if self.lines && self.last_line.elapsed() >= LINE_PERIOD {
             self.last_line = Instant::now();
             let rate = self.done as f64 / self.started.elapsed().as_secs_f64().max(1e-9);
-            let left = Duration::from_secs_f64(self.total.saturating_sub(self.done) as f64 / rate.max(1e-9));
-            let Self { what, total, done, .. } = self;
-            eprintln!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}", clock(left), memory(), note());
+            let Self { what, done, .. } = self;
+            match self.total {
+                Some(total) => {
+                    let left = Duration::from_secs_f64(total.saturating_sub(self.done) as f64 / rate.max(1e-9));
+                    eprintln!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}", clock(left), memory(), note());
+                }
+                None => eprintln!("{done} {what}, {rate:.1}/s, {}, {}", memory(), note()),
+            }
         }
     }
 }
@@ -58,9 +64,12 @@ impl Drop for Progress {
     }
 }
 
-fn bar(what: &str, total: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(10));
-    let template = format!("{{bar:30}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left, {{msg}}");
+fn bar(what: &str, total: Option<u64>) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(total, ProgressDrawTarget::stderr_with_hz(10));
+    let template = match total {
+        Some(_) => format!("{{bar:30}} {{pos}}/{{len}} {what}, {{per_sec}}, {{eta}} left, {{msg}}"),
+        None => format!("{{spinner}} {{pos}} {what}, {{per_sec}}, {{msg}}"),
+    };
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style.with_key("per_sec", |s: &indicatif::ProgressState, w: &mut dyn std::fmt::Write| {
             let _ = write!(w, "{:.1}/s", s.per_sec());

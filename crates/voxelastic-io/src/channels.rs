@@ -21,6 +21,11 @@ const LONGEST_SWEEP: f64 = 60.0;
 /// Times beyond this are not relative to the sweep they belong to, seconds.
 const LARGEST_RELATIVE: f64 = 2.0;
 
+/// Whether a field of this name holds the times of points.
+pub(crate) fn is_time(name: &str) -> bool {
+    TIME.iter().any(|t| name.eq_ignore_ascii_case(t))
+}
+
 /// Which field plays which part, as indices into the fields.
 #[derive(Clone, Debug)]
 pub(crate) struct Roles {
@@ -98,7 +103,7 @@ impl Raw {
             (Some(values), Some((name, scalar))) => relative_times(values, &self.points, &name, scalar, path),
             _ => (None, None),
         };
-        let cloud = Cloud { points: self.points, width: self.width, height: self.height, intensity: self.intensity, ring, time };
+        let cloud = Cloud { points: self.points, width: self.width, height: self.height, intensity: self.intensity, ring, time, motion: None };
         Ok(StampedCloud { cloud, stamp })
     }
 }

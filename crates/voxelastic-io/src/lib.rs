@@ -2,6 +2,8 @@
 //!
 //! - [`dataset`] opens a folder of clouds and poses without flags and streams it as [`Event`](voxelastic::event::Event)s, the
 //!   registered cloud list of paper Sec. IV.
+//! - [`bag`] plays recordings of ROS 1 and ROS 2 as the same events; [`source`] opens either.
+//! - [`ouster`] reads captures of Ouster sensors.
 //! - [`clouds`] reads a single cloud: [`pcd`], [`ply`], [`kitti_bin`]. [`poses`] reads trajectories, [`g2o`] pose graphs.
 //! - [`pcd::write`], [`poses::write_tum`], [`poses::write_kitti`] and [`g2o::write`] write what the readers take back.
 //! - [`mesh_io`] writes meshes as PLY and GLB.
@@ -33,6 +35,7 @@
 //! # Ok::<(), voxelastic_io::Error>(())
 //! ```
 
+pub mod bag;
 mod channels;
 pub mod clouds;
 pub mod dataset;
@@ -43,10 +46,13 @@ mod graph;
 pub mod kitti_bin;
 pub mod mesh_io;
 pub mod octomap;
+pub mod ouster;
 pub mod pcd;
+mod playback;
 pub mod ply;
 pub mod poses;
 mod record;
+pub mod source;
 pub mod store;
 mod text;
 mod text_table;

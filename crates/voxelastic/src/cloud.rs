@@ -1,5 +1,7 @@
 //! One LiDAR cloud as it enters the system, before any projection.
 
+use crate::Motion;
+
 /// A LiDAR cloud in the lidar frame L, in metres.
 ///
 /// Optional channels are either absent or exactly as long as [`Cloud::points`]. A point with a NaN or all-zero
@@ -18,6 +20,8 @@ pub struct Cloud {
     pub ring: Option<Vec<u16>>,
     /// Time of each point in seconds, relative to the cloud's time stamp.
     pub time: Option<Vec<f32>>,
+    /// How the lidar moved during the sweep, where that is known; the points are then set right by their times when the cloud is mapped.
+    pub motion: Option<Motion>,
 }
 
 impl Cloud {

@@ -64,7 +64,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     interrupt::install("reporting the scans measured so far");
 
     let mut nodes = Vec::new();
-    let mut progress = Progress::new("scans", held.scans().len() as u64, quiet);
+    let mut progress = Progress::new("scans", held.scans().map(|n| n as u64), quiet);
     for event in held.events() {
         match event {
             Ok(Event::Scan(scan)) if mapped.contains(&scan.node) => {

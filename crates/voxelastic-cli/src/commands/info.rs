@@ -3,18 +3,20 @@
 mod cloud;
 mod dataset;
 mod map;
+mod recording;
 
 use crate::data::DataArgs;
 use crate::failure::{self, Failure};
 use crate::{map_files, output};
 use clap::Args;
 
-/// Tell what is in a map, a folder of scans or a cloud
+/// Tell what is in a map, a folder of scans, a recording or a cloud
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic info hall.vox                    submaps, blocks, sizes, settings
   voxelastic info hall.vox --check            verify every file, and measure the map's extent
   voxelastic info hall                        what `voxelastic map hall` would read
+  voxelastic info drive.bag                   topics, types, counts, rates, and which would be used
   voxelastic info hall/scans/000000.pcd       points, channels, extent")]
 pub struct InfoArgs {
     #[command(flatten)]
@@ -33,7 +35,10 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<u8> {
     if !path.exists() {
         return Err(Failure::new(format!("{}: there is nothing of this name", path.display()), "check the path").into());
     }
-    if path.is_file() {
+    if voxelastic_io::bag::is_recording(path)? {
+        let info = recording::look(&args.data)?;
+        show(args, &info, recording::table)?;
+    } else if path.is_file() {
         let info = cloud::look(path)?;
         show(args, &info, cloud::table)?;
     } else if map_files::looks_like_map(path) {

@@ -1,4 +1,4 @@
-//! `voxelastic map`: a folder of scans and poses into a map.
+//! `voxelastic map`: a folder of scans and poses, or a recording, into a map.
 
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
@@ -11,22 +11,26 @@ use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use voxelastic::event::Event;
 use voxelastic::mapper::Mapper;
-use voxelastic_io::dataset::Dataset;
+use voxelastic_io::source::Source;
 use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
 
-/// Map a folder of scans and poses
+/// Map a folder of scans and poses, or a recording
 ///
 /// Scans (PCD, PLY, KITTI .bin) are looked for in scans/, Scans/, velodyne/, clouds/ or the folder itself; poses are found by name and content
-/// (TUM, KITTI 3x4 rows, Newer College CSV, g2o). Where several could be meant, the choices are listed. A scan that cannot be used is skipped,
+/// (TUM, KITTI 3x4 rows, Newer College CSV, g2o). Of recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the
+/// topics with clouds and poses are found by their types. Where several could be meant, the choices are listed. A scan that cannot be used is skipped,
 /// counted and reported. The map is saved when all scans are done, or after the current one on Ctrl-C; a map of that name is then replaced.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic map hall                                   makes hall.vox here
   voxelastic map hall -o maps/hall.vox --voxel 0.05
   voxelastic map kitti00 --poses groundtruth            where there are several pose files
+  voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   poses are those of the vehicle
   voxelastic map DATA --config mapping.toml --json      settings from a file, figures on stdout")]
 pub struct MapArgs {
@@ -128,7 +132,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
-    tally.rebuilt = args.elastic.finish(&selection.dataset, &mut session, quiet);
+    tally.rebuilt = args.elastic.finish(&selection.source, &mut session, quiet);
     let details = map_files::details(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let summary = summarise(&session, &tally, saved, &output, clock);
@@ -141,30 +145,28 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
 
 /// The scans to map, and how many are not among them.
 struct Selection {
-    dataset: Dataset,
-    held_out: usize,
+    source: Source,
+    held_out: Arc<AtomicUsize>,
 }
 
 impl Selection {
     /// Opens the data, says what was found, and leaves out what is to be left out.
     fn open(args: &MapArgs) -> anyhow::Result<Self> {
-        let mut dataset = args.data.open(args.strict)?;
-        dataset.description().to_string().lines().for_each(|line| tracing::info!("{line}"));
+        let mut source = args.data.open(args.strict)?;
+        source.description().lines().for_each(|line| tracing::info!("{line}"));
         if let Some(most) = args.max_scans {
-            let mut place = 0..;
-            dataset.retain(|_| place.next().is_some_and(|i| i < most));
+            source.limit(most);
         }
-        let held_out = args.hold_out.map_or(0, |hold_out| hold_out.drop_held(&mut dataset));
-        Ok(Self { dataset, held_out })
+        let held_out = args.hold_out.map(|hold_out| hold_out.drop_held(&mut source)).unwrap_or_default();
+        Ok(Self { source, held_out })
     }
 }
 
 /// Feeds the events to the mapper until they end or the user has enough.
 fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
-    let Selection { dataset, held_out } = selection;
-    let without_pose = dataset.description().without_pose.len();
-    let mut tally = Tally { held_out: *held_out, skipped: without_pose, ..Tally::default() };
-    let mut progress = Progress::new("scans", dataset.scans().len() as u64, quiet);
+    let Selection { source, held_out } = selection;
+    let mut tally = Tally::default();
+    let mut progress = Progress::new("scans", source.scans().map(|n| n as u64), quiet);
     let mut skip = |problem: anyhow::Error| -> anyhow::Result<()> {
         if args.strict {
             return Err(problem.context("a scan cannot be used (--strict); no map was written"));
@@ -174,7 +176,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         Ok(())
     };
     let mut corrector = args.elastic.corrector();
-    for event in dataset.events() {
+    for event in source.events() {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
         match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event)) {
@@ -185,13 +187,18 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
             tracing::info!("sensor: {sensor}");
         }
         if is_scan {
-            progress.step(|| format!("{} submaps", session.mapper().atlas().submaps().len()));
+            progress.step(|| {
+                let read = source.progress().map_or_else(String::new, |part| format!("{:.0} % read, ", part * 100.0));
+                format!("{read}{} submaps", session.mapper().atlas().submaps().len())
+            });
         }
         if interrupt::requested() {
             tally.interrupted = true;
             break;
         }
     }
+    tally.skipped += source.without_pose();
+    tally.held_out = held_out.load(Ordering::Relaxed);
     let last = corrector.last().and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
     if let Err(problem) = last {
         tracing::warn!("the last correction is missing: {problem:#}");

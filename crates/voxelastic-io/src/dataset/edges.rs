@@ -9,17 +9,17 @@ use voxelastic::event::{Edge, NodeId};
 
 /// Edges in lidar frames.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Edges {
+pub(crate) struct Edges {
     /// Measured odometry by its two nodes, the smaller first.
     odometry: HashMap<(NodeId, NodeId), Vec<Edge>>,
     /// Loop edges whose both ends are scans, in the order of the graph's file.
-    pub(super) loops: Vec<Edge>,
+    pub(crate) loops: Vec<Edge>,
     /// Loop edges of the graph that join nodes without a scan.
     pub(super) loops_without_scan: usize,
 }
 
 impl Edges {
-    pub(super) fn of(graph: Option<&PoseGraph>, scans: &[ScanEntry], t_base_lidar: Option<&Pose>) -> Self {
+    pub(crate) fn of(graph: Option<&PoseGraph>, scans: &[ScanEntry], t_base_lidar: Option<&Pose>) -> Self {
         let mut edges = Self::default();
         let Some(graph) = graph else { return edges };
         let (odometry, loops) = graph.split_edges();
@@ -41,7 +41,7 @@ impl Edges {
     }
 
     /// Odometry from one scan to the next: as measured, else as their poses say.
-    pub(super) fn odometry(&self, from: &ScanEntry, to: &ScanEntry) -> Vec<Edge> {
+    pub(crate) fn odometry(&self, from: &ScanEntry, to: &ScanEntry) -> Vec<Edge> {
         let measured = self.odometry.get(&(from.node.min(to.node), from.node.max(to.node)));
         measured.cloned().unwrap_or_else(|| {
             let t_from_to = from.t_map_lidar.inv_mul(&to.t_map_lidar);

@@ -67,7 +67,7 @@ impl Events {
     fn arrive(&mut self, k: usize, decoded: StampedCloud) {
         let scans = Arc::clone(&self.scans);
         let entry = &scans[k];
-        let cloud = in_scan_time(decoded, entry.time);
+        let cloud = self.context.in_motion(in_scan_time(decoded, entry.time), entry);
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar: entry.t_map_lidar, cloud })));
         if let Some(previous) = self.previous {
             let odometry = self.edges.odometry(&scans[previous], entry);
@@ -126,7 +126,7 @@ fn decode(scans: &[ScanEntry], sender: &SyncSender<Result<StampedCloud>>) {
 }
 
 /// The cloud with its times counted from the scan's time, if the cloud's own stamp is of the same clock.
-fn in_scan_time(decoded: StampedCloud, time: f64) -> Cloud {
+pub(crate) fn in_scan_time(decoded: StampedCloud, time: f64) -> Cloud {
     let StampedCloud { mut cloud, stamp } = decoded;
     if let (Some(times), Some(shift)) = (&mut cloud.time, stamp.map(|s| s - time).filter(|d| d.abs() <= SAME_CLOCK_S)) {
         times.iter_mut().for_each(|t| *t += shift as f32);

@@ -1,7 +1,9 @@
 //! Keyframes: which of the scans to take.
 
 use super::ScanEntry;
+use std::fmt;
 use std::str::FromStr;
+use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
 
 /// Which scans to take.
@@ -36,33 +38,62 @@ impl FromStr for Every {
     }
 }
 
+impl fmt::Display for Every {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Scan => write!(f, "every scan"),
+            Self::Nth(n) => write!(f, "one in {n} scans"),
+            Self::Metres(m) => write!(f, "every {m} m"),
+            Self::Seconds(s) => write!(f, "every {s} s"),
+        }
+    }
+}
+
 impl Every {
     /// Keeps the scans that are taken.
     pub(super) fn select(self, scans: Vec<ScanEntry>) -> Vec<ScanEntry> {
-        let (limit, progress): (f64, fn(&ScanEntry, &ScanEntry) -> f64) = match self {
-            Self::Scan => return scans,
-            Self::Nth(n) => return scans.into_iter().step_by(n.max(1)).collect(),
-            Self::Metres(limit) => (limit, |a, b| a.t_map_lidar.translation_distance(&b.t_map_lidar)),
-            Self::Seconds(limit) => (limit, |a, b| b.time - a.time),
+        let mut picker = Picker::new(self);
+        scans.into_iter().filter(|scan| picker.takes(scan)).collect()
+    }
+}
+
+/// Takes keyframes from scans that come one after the other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Picker {
+    every: Every,
+    /// Position and time of the scan before.
+    last: Option<(Pose, f64)>,
+    count: usize,
+    /// Metres or seconds since the last scan that was taken.
+    since_taken: f64,
+}
+
+impl Picker {
+    pub(crate) fn new(every: Every) -> Self {
+        Self { every, last: None, count: 0, since_taken: f64::INFINITY }
+    }
+
+    /// Whether the scan that comes next is taken.
+    pub(crate) fn takes(&mut self, scan: &ScanEntry) -> bool {
+        let (place, last) = (self.count, self.last.replace((scan.t_map_lidar, scan.time)));
+        self.count += 1;
+        let (limit, step) = match (self.every, last) {
+            (Every::Scan, _) => return true,
+            (Every::Nth(n), _) => return place % n.max(1) == 0,
+            (Every::Metres(limit), last) => (limit, last.map_or(0.0, |(pose, _)| pose.translation_distance(&scan.t_map_lidar))),
+            (Every::Seconds(limit), last) => (limit, last.map_or(0.0, |(_, time)| scan.time - time)),
         };
-        let steps = scans.windows(2).map(|pair| progress(&pair[0], &pair[1]));
-        let mut since_last = f64::INFINITY;
-        let taken = |step: f64| {
-            since_last += step;
-            // A hair's breadth of rounding must not skip every other scan of an evenly spaced drive.
-            let taken = since_last >= limit * (1.0 - 1e-9);
-            since_last = if taken { 0.0 } else { since_last };
-            taken
-        };
-        let flags: Vec<bool> = std::iter::once(0.0).chain(steps).map(taken).collect();
-        scans.into_iter().zip(flags).filter(|(_, taken)| *taken).map(|(scan, _)| scan).collect()
+        self.since_taken += step;
+        // A hair's breadth of rounding must not skip every other scan of an evenly spaced drive.
+        let taken = self.since_taken >= limit * (1.0 - 1e-9);
+        self.since_taken = if taken { 0.0 } else { self.since_taken };
+        taken
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic::Pose;
 
     fn taken(every: &str) -> Vec<usize> {
         let scan = |k: usize| ScanEntry {

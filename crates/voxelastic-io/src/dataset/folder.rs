@@ -104,6 +104,11 @@ pub(super) fn classify(path: &Path) -> Result<Option<Kind>> {
     Ok(sniff(&String::from_utf8_lossy(&beginning)))
 }
 
+/// Whether a folder holds clouds in one of the places where they are looked for.
+pub(crate) fn holds_clouds(path: &Path) -> bool {
+    list(path).and_then(|entries| find_clouds(path, &entries)).is_ok()
+}
+
 type Clouds = (PathBuf, CloudFormat, Vec<CloudFile>, Vec<String>);
 
 fn find_clouds(path: &Path, entries: &[PathBuf]) -> Result<Clouds> {

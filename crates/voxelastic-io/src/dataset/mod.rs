@@ -20,6 +20,7 @@ mod every;
 mod folder;
 mod matching;
 mod names;
+pub(crate) use names::natural;
 mod snapshot;
 
 pub use describe::{Description, Used};
@@ -27,14 +28,19 @@ pub use events::Events;
 pub use every::Every;
 pub use matching::MatchedBy;
 
-use crate::{Error, PoseGraph, Result, Trajectory, g2o, poses};
-use edges::Edges;
+use crate::{Error, PoseGraph, Result, Trajectory, clouds, g2o, poses};
+pub(crate) use edges::Edges;
+pub(crate) use events::in_scan_time;
+pub(crate) use every::Picker;
+pub(crate) use folder::holds_clouds;
+
+use crate::playback::Track;
 use folder::{Folder, PoseFile, Snapshot, name_of};
 use matching::{Clouds, Matched, match_poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic::{Cloud, Pose};
 
 /// How to open a dataset. The default fits most folders.
 #[derive(Clone, Debug)]
@@ -48,15 +54,34 @@ pub struct OpenOptions {
     pub t_base_lidar: Option<Pose>,
     /// Whether a cloud without a pose, or a graph that cannot be tied to the clouds, is an error and not a counted skip.
     pub strict: bool,
-    /// Which scans to take.
-    pub every: Every,
+    /// Which scans to take; by default all of a folder, and of a recording one every 2 m.
+    pub every: Option<Every>,
+    /// The topic of a recording that holds the clouds.
+    pub cloud_topic: Option<String>,
+    /// The topic of a recording that holds the poses.
+    pub pose_topic: Option<String>,
+    /// The sensor's metadata beside a capture of its packets, where it is not found by its name.
+    pub metadata: Option<PathBuf>,
+    /// Whether clouds whose points have times are told how the lidar moved, so that they are set right for the motion during the sweep.
+    pub deskew: bool,
     /// How far in time the nearest pose may be from a cloud when they are matched by time, seconds.
     pub time_tolerance_s: f64,
 }
 
 impl Default for OpenOptions {
     fn default() -> Self {
-        Self { poses: None, graph: None, t_base_lidar: None, strict: false, every: Every::Scan, time_tolerance_s: 0.01 }
+        Self {
+            poses: None,
+            graph: None,
+            t_base_lidar: None,
+            strict: false,
+            every: None,
+            cloud_topic: None,
+            pose_topic: None,
+            metadata: None,
+            deskew: true,
+            time_tolerance_s: 0.01,
+        }
     }
 }
 
@@ -107,6 +132,10 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     if path.is_file() {
         return Err(Error::dataset(path, "a file, not a folder", "name the folder that holds the clouds and their poses"));
     }
+    if options.cloud_topic.is_some() || options.pose_topic.is_some() || options.metadata.is_some() {
+        let remedy = "do without --cloud-topic, --pose-topic and --metadata, or name a recording";
+        return Err(Error::dataset(path, "a folder of clouds has no topics and no packets", remedy));
+    }
     let folder = folder::scan(path)?;
     let mut description = Description::of(&folder);
     let pose_file = choose::poses(&folder, options.poses.as_deref())?;
@@ -124,7 +153,8 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     let (nodes, graph) = tie(clouds, graph, options, &mut description)?;
     let all = entries(clouds, &matched, &nodes);
     let with_pose = all.len();
-    let scans = options.every.select(all);
+    let all_stamped: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
+    let scans = options.every.unwrap_or_default().select(all);
     description.thinned = with_pose - scans.len();
     let truth = ground_truth(&folder, &pose_file, clouds, options, &mut description);
     let ground_truth = truth.map(|(path, poses)| GroundTruth { path, t_map_lidar: scans.iter().map(|s| poses[s.index]).collect() });
@@ -132,7 +162,9 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     if let Some((file, graph)) = &graph {
         description.graph(file, graph, &edges);
     }
-    let context = snapshot::Context { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds };
+    let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
+    let track = (options.deskew && has_times).then(|| track(&trajectory, &all_stamped));
+    let context = snapshot::Context { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds, track };
     // Corrections of an estimate must not move what the truth has put in its place.
     let snapshots = if pose_file.is_ground_truth() { description.leave_snapshots() } else { folder.snapshots };
     Ok(Dataset {
@@ -183,6 +215,15 @@ impl Dataset {
         &self.edges.loops
     }
 
+    /// Reads the cloud of one of the scans, with all that [`events`](Self::events) would tell of it.
+    ///
+    /// # Errors
+    /// As [`clouds::read`].
+    pub fn cloud(&self, scan: &ScanEntry) -> Result<Cloud> {
+        let decoded = clouds::read(&scan.path)?;
+        Ok(self.context.in_motion(in_scan_time(decoded, scan.time), scan))
+    }
+
     /// Keeps only some of the scans, for instance to hold others out. Loop edges of dropped scans go with them.
     pub fn retain(&mut self, mut keep: impl FnMut(&ScanEntry) -> bool) {
         let kept: Vec<bool> = self.scans.iter().map(&mut keep).collect();
@@ -204,6 +245,14 @@ impl Dataset {
     pub fn events(&self) -> Events {
         Events::new(self)
     }
+}
+
+/// All poses of the lidar that have a time: those of the trajectory, and those that belong to a cloud.
+fn track(trajectory: &Trajectory, scans: &[(f64, Pose)]) -> Track {
+    let mut track = Track::default();
+    let of_poses = trajectory.times.iter().flatten().copied().zip(trajectory.poses.iter().copied());
+    of_poses.chain(scans.iter().copied()).for_each(|(time, pose)| track.add(time, pose));
+    track
 }
 
 type NamedGraph = (PoseFile, PoseGraph);

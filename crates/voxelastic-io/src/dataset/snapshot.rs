@@ -1,11 +1,12 @@
 //! Corrected poses that became known after a scan.
 
 use super::folder::Snapshot;
-use super::in_lidar_frame;
+use super::{ScanEntry, in_lidar_frame};
+use crate::playback::{LONGEST_GAP_S, Track, sweep};
 use crate::{Error, Result, poses};
 use std::collections::HashSet;
-use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic::{Cloud, Pose};
 
 /// What is needed to tell whose poses a snapshot holds.
 #[derive(Debug)]
@@ -15,6 +16,18 @@ pub(super) struct Context {
     pub(super) nodes: Vec<NodeId>,
     /// Time of every cloud, if known, seconds.
     pub(super) times: Option<Vec<f64>>,
+    /// Poses of the lidar by time, if clouds are to be told how it moved.
+    pub(super) track: Option<Track>,
+}
+
+impl Context {
+    /// The cloud, told how the lidar moved while it was taken, if that is known.
+    pub(super) fn in_motion(&self, mut cloud: Cloud, entry: &ScanEntry) -> Cloud {
+        if let Some(track) = &self.track {
+            cloud.motion = sweep::motion(&cloud, entry.time, &entry.t_map_lidar, |time| track.at(time, LONGEST_GAP_S, 0.0));
+        }
+        cloud
+    }
 }
 
 /// Times of the same pose, written with different precision, seconds.

@@ -51,7 +51,7 @@ impl Scanner {
         self.front.prepare(cloud);
         let (pose, scan) = (Rigid::from(pose), self.front.scan());
         let beams = &scan.beams;
-        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], smallest_angle: beams.smallest_angle };
+        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &[], smallest_angle: beams.smallest_angle };
         if fields.tsdf {
             self.tsdf.integrate(&mut submap.tsdf, &pose, &returns);
         }

@@ -66,7 +66,11 @@ impl Walk {
         let normals = vec![[0.0; 3]; points.len()];
         let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: origin };
         let shades = if self.shaded { &shades[..] } else { &[] };
-        self.integrator.integrate(field, &pose, &Returns { points: &points, normals: &normals, shades, smallest_angle: 6.4 / columns as f32 });
+        self.integrator.integrate(
+            field,
+            &pose,
+            &Returns { points: &points, normals: &normals, shades, origins: &[], smallest_angle: 6.4 / columns as f32 },
+        );
     }
 }
 

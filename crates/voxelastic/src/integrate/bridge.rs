@@ -31,6 +31,7 @@ pub struct Bridge {
     points: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     shades: Vec<u8>,
+    origins: Vec<[f32; 3]>,
     smallest_angle: f32,
     /// Beam that each pixel of the image shows, or [`NO_POINT`].
     beam_of_pixel: Vec<u32>,
@@ -44,6 +45,7 @@ impl Bridge {
         self.normals.clone_from(&beams.normals);
         self.shades.clear();
         self.shades.extend_from_slice(shades);
+        self.origins.clone_from(&beams.origins);
         self.smallest_angle = beams.smallest_angle;
         if settings.most == 0 {
             return;
@@ -98,12 +100,15 @@ impl Bridge {
                 let shade = if t < 0.5 { self.shades[a] } else { self.shades[b] };
                 self.shades.push(shade);
             }
+            if !self.origins.is_empty() {
+                self.origins.push(self.origins[a]);
+            }
         }
     }
 
     /// Measured and bridged returns.
     pub fn returns(&self) -> Returns<'_> {
-        Returns { points: &self.points, normals: &self.normals, shades: &self.shades, smallest_angle: self.smallest_angle }
+        Returns { points: &self.points, normals: &self.normals, shades: &self.shades, origins: &self.origins, smallest_angle: self.smallest_angle }
     }
 }
 

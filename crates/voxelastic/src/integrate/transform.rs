@@ -12,6 +12,8 @@ pub struct Returns<'a> {
     pub normals: &'a [[f32; 3]],
     /// Strength of each return, 0 to 255; empty when the scan has none.
     pub shades: &'a [u8],
+    /// Where the lidar was when it measured each return, lidar frame, metres; empty when it stood still.
+    pub origins: &'a [[f32; 3]],
     /// Smallest angle between adjacent rays, radians.
     pub smallest_angle: f32,
 }
@@ -44,13 +46,16 @@ pub(crate) fn to_submap(returns: &Returns<'_>, t_submap_lidar: &Rigid, voxel: f3
         for (i, beam) in beams.iter_mut().enumerate() {
             let p = returns.points[first + i];
             let n = returns.normals[first + i];
-            let range = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
-            let ray = t_submap_lidar.rotate(p);
+            let origin = returns.origins.get(first + i).copied().unwrap_or([0.0; 3]);
+            let way: [f32; 3] = std::array::from_fn(|k| p[k] - origin[k]);
+            let range = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt();
+            let ray = t_submap_lidar.rotate(way);
+            let place = t_submap_lidar.apply(p);
             let direction = ray.map(|c| c / range);
             let has_plane = n != [0.0; 3];
             let plane = t_submap_lidar.rotate(n);
             *beam = Beam {
-                point: std::array::from_fn(|k| (ray[k] + t_submap_lidar.translation[k]) * per_metre),
+                point: place.map(|c| c * per_metre),
                 scale: scale_of(range) as u32,
                 direction,
                 shade: returns.shades.get(first + i).map_or(0.0, |&s| f32::from(s)),

@@ -208,12 +208,19 @@ impl Integrators {
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         let (t_submap_lidar, prepared) = (Rigid::from(t_submap_lidar), front.scan());
         let beams = &prepared.beams;
-        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: front.shades(), smallest_angle: beams.smallest_angle };
+        let returns = Returns {
+            points: &beams.points,
+            normals: &beams.normals,
+            shades: front.shades(),
+            origins: &beams.origins,
+            smallest_angle: beams.smallest_angle,
+        };
         let kind = settings.field;
         let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns));
         let occupancy = kind.has_occupancy().then(|| {
             let integrator = self.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(occupancy_settings(settings), front.model()));
-            integrator.integrate(&mut submap.occupancy, &t_submap_lidar, &prepared.image, &returns, front.fills_gaps())
+            let (image, fills_gaps) = prepared.from_one_place(front.fills_gaps());
+            integrator.integrate(&mut submap.occupancy, &t_submap_lidar, image, &returns, fills_gaps)
         });
         (tsdf, occupancy)
     }

@@ -173,7 +173,7 @@ fn mapped(points: &[[f32; 3]], map: &[u32], model: &BeamModel, limits: Limits, (
 }
 
 /// Points that are projected, with the row known (`u16::MAX`: none) or not.
-fn project(points: &[[f32; 3]], rows: Option<&[u16]>, model: &BeamModel, limits: Limits, pixels: &mut [u32], ranges: &mut [f32]) {
+pub(crate) fn project(points: &[[f32; 3]], rows: Option<&[u16]>, model: &BeamModel, limits: Limits, pixels: &mut [u32], ranges: &mut [f32]) {
     let chunks = pixels.par_chunks_mut(CHUNK).zip(ranges.par_chunks_mut(CHUNK)).zip(points.par_chunks(CHUNK));
     chunks.enumerate().with_min_len(16).for_each(|(i, ((pixels, ranges), points))| {
         let rows = rows.map(|rows| &rows[i * CHUNK..i * CHUNK + points.len()]);

@@ -1,6 +1,6 @@
 //! From a cloud to beams: the scan as the integrators take it.
 
-use super::assign::{Assigner, BEYOND, NO_RETURN, OUTSIDE, TOO_NEAR};
+use super::assign::{Assigner, BEYOND, NO_RETURN, OUTSIDE, TOO_NEAR, project};
 use super::image::{NO_POINT, RangeImage};
 use super::layout::Layout;
 use super::model::BeamModel;
@@ -26,7 +26,7 @@ impl Default for Limits {
 /// order of the cloud. Points that lost their pixel to a nearer one are there too.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Beams {
-    /// The measured points, lidar frame, metres.
+    /// The measured points, lidar frame at the cloud's time stamp, metres.
     pub points: Vec<[f32; 3]>,
     /// Unit normals of the local surface, facing the sensor, lidar frame; zero where no plane could be trusted.
     pub normals: Vec<[f32; 3]>,
@@ -34,12 +34,21 @@ pub struct Beams {
     pub roughness: Vec<f32>,
     /// Distances from the beams' origins to the points, metres.
     pub ranges: Vec<f32>,
+    /// Where the lidar was when it measured each point, lidar frame at the cloud's time stamp, metres; empty when it stood still.
+    pub origins: Vec<[f32; 3]>,
     /// Index of each point in the cloud.
     pub source: Vec<u32>,
     /// Pixel of the range image (row * columns + column) that each point falls into.
     pub pixel: Vec<u32>,
     /// Smallest angle between adjacent rays, radians.
     pub smallest_angle: f32,
+}
+
+impl PreparedScan {
+    /// The scan as seen from one place, the lidar's pose at the time stamp, and whether empty pixels are accidents of projection.
+    pub fn from_one_place(&self, fills_gaps: bool) -> (&RangeImage, bool) {
+        self.still.as_ref().map_or((&self.image, fills_gaps), |still| (still, true))
+    }
 }
 
 impl Beams {
@@ -74,8 +83,10 @@ pub struct Counts {
 /// A scan ready to be integrated.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PreparedScan {
-    /// The scan as an image.
+    /// The scan as an image, each column as the lidar saw it.
     pub image: RangeImage,
+    /// The scan as it would look from the lidar's pose at the time stamp, where the lidar moved during the sweep.
+    pub still: Option<RangeImage>,
     /// The scan as beams.
     pub beams: Beams,
     /// What became of its points.
@@ -95,6 +106,10 @@ pub struct Preparer {
     ranges: Vec<f32>,
     /// Where the beams of each pixel end; scratch of the counting sort.
     ends: Vec<u32>,
+    /// The points of a cloud taken in motion, set right.
+    moved: Vec<[f32; 3]>,
+    /// Where the lidar was at each of them.
+    origins: Vec<[f32; 3]>,
 }
 
 impl Preparer {
@@ -107,7 +122,18 @@ impl Preparer {
     pub fn with_normals(model: BeamModel, layout: Layout, limits: Limits, normals: NormalSettings) -> Self {
         let fitter = PlaneFitter::new(&model, normals);
         let assigner = Assigner::new(layout, &model);
-        Self { model, limits, assigner, fitter, scan: PreparedScan::default(), pixels: Vec::new(), ranges: Vec::new(), ends: Vec::new() }
+        Self {
+            model,
+            limits,
+            assigner,
+            fitter,
+            scan: PreparedScan::default(),
+            pixels: Vec::new(),
+            ranges: Vec::new(),
+            ends: Vec::new(),
+            moved: Vec::new(),
+            origins: Vec::new(),
+        }
     }
 
     /// The sensor.
@@ -130,7 +156,8 @@ impl Preparer {
         &self.scan
     }
 
-    /// Prepares `cloud` (lidar frame). A cloud that lacks what the layout needs (another grid, no ring channel) is projected.
+    /// Prepares `cloud` (lidar frame). Pixels are those that the points were measured in; if the lidar moved, the points are then set right
+    /// by their times. A cloud that lacks what the layout needs (another grid, no ring channel) is projected.
     ///
     /// The result is the same whatever the number of threads.
     pub fn prepare(&mut self, cloud: &Cloud) -> &PreparedScan {
@@ -143,15 +170,43 @@ impl Preparer {
         } else {
             self.fill_sorted();
         }
-        self.gather(cloud);
-        let PreparedScan { image, beams, .. } = &mut self.scan;
-        self.fitter.fit(&cloud.points, image, beams);
+        let has_moved = cloud.motion.as_ref().is_some_and(|motion| motion.undistort(cloud, &mut self.moved, &mut self.origins));
+        let points = if has_moved { &self.moved } else { &cloud.points };
+        let PreparedScan { image, still, beams, .. } = &mut self.scan;
+        beams.points.clear();
+        beams.points.extend(beams.source.iter().map(|&i| points[i as usize]));
+        beams.origins.clear();
+        if has_moved {
+            beams.origins.extend(beams.source.iter().map(|&i| self.origins[i as usize]));
+        }
+        beams.ranges.clear();
+        beams.ranges.extend(beams.source.iter().map(|&i| self.ranges[i as usize]));
+        self.fitter.fit(points, image, beams);
+        let old = still.take();
+        self.scan.still = has_moved.then(|| self.look_again(old));
         &self.scan
+    }
+
+    /// The image that the points, set right, make from the lidar's pose at the time stamp.
+    fn look_again(&self, still: Option<RangeImage>) -> RangeImage {
+        let mut image = still.unwrap_or_default();
+        image.reset(self.model.rows(), self.model.columns());
+        let (mut pixels, mut ranges) = (vec![0; self.moved.len()], vec![0.0; self.moved.len()]);
+        project(&self.moved, None, &self.model, self.limits, &mut pixels, &mut ranges);
+        for (i, (&pixel, &range)) in pixels.iter().zip(&ranges).enumerate().filter(|(_, (pixel, _))| **pixel < OUTSIDE) {
+            let at = pixel as usize;
+            if range.is_finite() {
+                image.show(at, range, i as u32);
+            } else if image.ranges[at] == 0.0 {
+                image.ranges[at] = f32::INFINITY;
+            }
+        }
+        image
     }
 
     /// Image and beam list of a cloud whose index is the pixel.
     fn fill_in_order(&mut self) {
-        let PreparedScan { image, beams, counts } = &mut self.scan;
+        let PreparedScan { image, beams, counts, .. } = &mut self.scan;
         beams.source.clear();
         for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
             if pixel < OUTSIDE {
@@ -171,7 +226,7 @@ impl Preparer {
 
     /// Image and beam list of a cloud in any order: a counting sort by pixel.
     fn fill_sorted(&mut self) {
-        let PreparedScan { image, beams, counts } = &mut self.scan;
+        let PreparedScan { image, beams, counts, .. } = &mut self.scan;
         self.ends.clear();
         self.ends.resize(image.ranges.len() + 1, 0);
         for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
@@ -210,15 +265,6 @@ impl Preparer {
             }
         }
         counts.hidden = counts.usable - image.points.iter().filter(|&&p| p != NO_POINT).count();
-    }
-
-    /// Points and ranges of the beams.
-    fn gather(&mut self, cloud: &Cloud) {
-        let beams = &mut self.scan.beams;
-        beams.points.clear();
-        beams.points.extend(beams.source.iter().map(|&i| cloud.points[i as usize]));
-        beams.ranges.clear();
-        beams.ranges.extend(beams.source.iter().map(|&i| self.ranges[i as usize]));
     }
 }
 

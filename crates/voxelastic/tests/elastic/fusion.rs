@@ -54,7 +54,7 @@ impl Bench {
         let t_submap_lidar = Rigid::from(&t_submap_lidar);
         let scan = self.preparer.prepare(&voxelastic::Cloud::from_points(points));
         let beams = &scan.beams;
-        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], smallest_angle: beams.smallest_angle };
+        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &[], smallest_angle: beams.smallest_angle };
         self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns);
         self.occupancy.integrate(&mut submap.occupancy, &t_submap_lidar, &scan.image, &returns, true);
     }

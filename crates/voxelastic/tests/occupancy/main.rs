@@ -48,7 +48,8 @@ impl Integration {
 
     fn add(&mut self, pose: &Rigid, points: &[[f32; 3]]) {
         let scan = self.preparer.prepare(&Cloud::from_points(points.to_vec()));
-        let returns = Returns { points: &scan.beams.points, normals: &scan.beams.normals, shades: &[], smallest_angle: self.smallest_angle };
+        let returns =
+            Returns { points: &scan.beams.points, normals: &scan.beams.normals, shades: &[], origins: &[], smallest_angle: self.smallest_angle };
         self.integrator.integrate(&mut self.field, pose, &scan.image, &returns, false);
     }
 }

@@ -35,7 +35,7 @@ fn integrate(scans: &Scans, settings: &TsdfSettings) -> TsdfField {
     let mut field = TsdfField::default();
     let mut integrator = TsdfIntegrator::new(settings.clone());
     for (pose, points, normals) in &scans.scans {
-        let returns = Returns { points, normals, shades: &[], smallest_angle: scans.smallest_angle };
+        let returns = Returns { points, normals, shades: &[], origins: &[], smallest_angle: scans.smallest_angle };
         integrator.integrate(&mut field, pose, &returns);
     }
     field
@@ -137,7 +137,11 @@ fn a_block_that_is_left_and_revisited_keeps_its_detail() {
     for x in [5.0, 0.0, -8.0, -12.0, -12.0, -8.0, 0.0, 5.0, 5.0, 5.0f32] {
         let (points, normals) = wall(8.0 - x);
         let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [x, 0.0, 0.0] };
-        let stats = integrator.integrate(&mut field, &pose, &Returns { points: &points, normals: &normals, shades: &[], smallest_angle: 0.012 });
+        let stats = integrator.integrate(
+            &mut field,
+            &pose,
+            &Returns { points: &points, normals: &normals, shades: &[], origins: &[], smallest_angle: 0.012 },
+        );
         assert!(stats.blocks > 0);
         scales.push(field.block(field.find(voxelastic::octree::block_key([20, 0, 0])).expect("the wall's block")).scale);
     }

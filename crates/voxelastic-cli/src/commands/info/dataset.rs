@@ -4,6 +4,7 @@ use super::{Bounds, row};
 use crate::data::DataArgs;
 use serde::Serialize;
 use voxelastic::geometry::{Aabb, PoseExt};
+use voxelastic_io::dataset;
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
@@ -26,7 +27,7 @@ pub struct DatasetInfo {
 
 /// Looks into a folder without decoding its clouds.
 pub fn look(data: &DataArgs) -> anyhow::Result<DatasetInfo> {
-    let dataset = data.open(false)?;
+    let dataset = dataset::open(data.path(), &data.options(false))?;
     let scans = dataset.scans();
     let mut bounds = Aabb::default();
     scans.iter().for_each(|s| bounds.add(s.t_map_lidar.translation.vector.map(|c| c as f32).into()));

@@ -1,0 +1,76 @@
+//! What is in a recording, and what `voxelastic map` would use of it.
+
+use super::row;
+use crate::data::DataArgs;
+use serde::Serialize;
+use voxelastic_io::bag;
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+pub struct RecordingInfo {
+    kind: &'static str,
+    /// `ROS 1 bag`, `MCAP`, `ROS 2 sqlite3 bag`.
+    format: String,
+    files: usize,
+    /// Time of the first and of the last message, seconds.
+    time_s: Option<[f64; 2]>,
+    topics: Vec<TopicInfo>,
+    /// The topic of the clouds that would be mapped.
+    cloud_topic: Option<String>,
+    /// The topic or file that poses would be from.
+    poses: Option<String>,
+    /// Why it cannot be mapped as it is, if so.
+    problem: Option<String>,
+    notes: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct TopicInfo {
+    name: String,
+    #[serde(rename = "type")]
+    kind: String,
+    messages: Option<u64>,
+    rate_hz: Option<f64>,
+}
+
+/// Looks into a recording.
+pub fn look(data: &DataArgs) -> anyhow::Result<RecordingInfo> {
+    let d = bag::describe(data.path(), &data.options(false))?;
+    let duration = d.times.map(|[first, last]| last - first).filter(|s| *s > 0.0);
+    let topic = |t: bag::TopicSummary| TopicInfo {
+        // As many intervals as there are messages but one.
+        rate_hz: t.messages.zip(duration).map(|(n, s)| n.saturating_sub(1) as f64 / s),
+        name: t.name,
+        kind: t.kind,
+        messages: t.messages,
+    };
+    Ok(RecordingInfo {
+        kind: "recording",
+        format: d.format.to_string(),
+        files: d.files.len(),
+        time_s: d.times,
+        topics: d.topics.into_iter().map(topic).collect(),
+        cloud_topic: d.cloud_topic,
+        poses: d.poses,
+        problem: d.problem,
+        notes: d.notes,
+    })
+}
+
+/// The same for people.
+pub fn table(info: &RecordingInfo) -> Vec<(String, String)> {
+    let files = if info.files > 1 { format!(" in {} files", info.files) } else { String::new() };
+    let mut rows = vec![row("recording", format!("{}{files}", info.format))];
+    rows.extend(info.time_s.map(|[first, last]| row("time", format!("{first:.3} to {last:.3} s ({:.1} s)", last - first))));
+    let width = info.topics.iter().map(|t| t.name.len()).max().unwrap_or(0);
+    for t in &info.topics {
+        let count = t.messages.map_or_else(|| "-".to_owned(), |n| n.to_string());
+        let rate = t.rate_hz.map_or_else(String::new, |r| format!("{r:7.2} Hz"));
+        rows.push(row("topic", format!("{:<width$}  {count:>8}  {rate:>10}  {}", t.name, t.kind)));
+    }
+    rows.extend(info.cloud_topic.as_ref().map(|t| row("clouds to map", t)));
+    rows.extend(info.poses.as_ref().map(|p| row("poses", p)));
+    rows.extend(info.problem.as_ref().map(|p| row("problem", p)));
+    rows.extend(info.notes.iter().map(|n| row("note", n)));
+    rows
+}

@@ -1,0 +1,226 @@
+//! ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): records with named header fields, most of them in chunks.
+
+use super::container::{Container, Encoding, Index, Message, Topic};
+use super::feed::{Feed, Packing};
+use crate::{Error, Position, Result};
+use std::collections::HashMap;
+use std::path::Path;
+
+pub(super) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
+
+const MESSAGE: u8 = 0x02;
+const BAG_HEADER: u8 = 0x03;
+const CHUNK: u8 = 0x05;
+const CHUNK_INFO: u8 = 0x06;
+const CONNECTION: u8 = 0x07;
+/// A header of a record is a few short fields.
+const LARGEST_HEADER: u64 = 1 << 20;
+
+/// A ROS 1 bag.
+#[derive(Debug)]
+pub(super) struct Ros1 {
+    feed: Feed,
+    topics: Vec<Topic>,
+    /// Topic of each connection; several connections may be of one topic.
+    topic_of: HashMap<u32, usize>,
+    index: Option<Index>,
+}
+
+/// The fields of a record's header.
+struct Fields(Vec<u8>);
+
+impl Fields {
+    /// The value of a field; none if it is not there or the header is damaged.
+    fn get(&self, name: &[u8]) -> Option<&[u8]> {
+        let mut rest = self.0.as_slice();
+        while let Some((len, tail)) = rest.split_first_chunk::<4>() {
+            let len = u32::from_le_bytes(*len) as usize;
+            let (field, tail) = tail.split_at_checked(len)?;
+            let split = field.iter().position(|b| *b == b'=')?;
+            if &field[..split] == name {
+                return Some(&field[split + 1..]);
+            }
+            rest = tail;
+        }
+        None
+    }
+
+    fn u32(&self, name: &[u8]) -> Option<u32> {
+        self.get(name)?.first_chunk().map(|b| u32::from_le_bytes(*b))
+    }
+
+    fn u64(&self, name: &[u8]) -> Option<u64> {
+        self.get(name)?.first_chunk().map(|b| u64::from_le_bytes(*b))
+    }
+
+    /// A time (seconds, nanoseconds) in nanoseconds.
+    fn time(&self, name: &[u8]) -> Option<i64> {
+        let value = self.u64(name)?;
+        Some((value & 0xffff_ffff) as i64 * 1_000_000_000 + (value >> 32) as i64)
+    }
+
+    fn text(&self, name: &[u8]) -> Option<String> {
+        self.get(name).map(|b| String::from_utf8_lossy(b).into_owned())
+    }
+
+    fn op(&self) -> Option<u8> {
+        self.get(b"op")?.first().copied()
+    }
+}
+
+impl Ros1 {
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let mut feed = Feed::open(path)?;
+        feed.skip(MAGIC.len() as u64)?;
+        let header = Fields(header_bytes(&mut feed)?);
+        if header.op() != Some(BAG_HEADER) {
+            return Err(damaged(&feed, "the bag header is missing"));
+        }
+        let index_at = header.u64(b"index_pos").unwrap_or(0);
+        let padding = feed.u32()?;
+        feed.skip(padding.into())?;
+        let first = feed.position();
+        let mut bag = Self { feed, topics: Vec::new(), topic_of: HashMap::new(), index: None };
+        if index_at >= first && index_at < bag.feed.len() {
+            bag.index = bag.read_index(index_at).ok();
+        }
+        bag.feed.seek(first)?;
+        Ok(bag)
+    }
+
+    /// Connections and chunk infos at the end of a bag that was closed.
+    fn read_index(&mut self, at: u64) -> Result<Index> {
+        self.feed.seek(at)?;
+        let mut counts: HashMap<u32, u64> = HashMap::new();
+        let mut times: Option<(i64, i64)> = None;
+        while !self.feed.at_end() {
+            let header = Fields(header_bytes(&mut self.feed)?);
+            let size = u64::from(self.feed.u32()?);
+            match header.op() {
+                Some(CONNECTION) => self.connect(&header, size)?,
+                Some(CHUNK_INFO) => {
+                    let data = self.feed.take(size)?;
+                    for pair in data.chunks_exact(8) {
+                        let number = |k: usize| u32::from_le_bytes([pair[k], pair[k + 1], pair[k + 2], pair[k + 3]]);
+                        *counts.entry(number(0)).or_default() += u64::from(number(4));
+                    }
+                    if let (Some(start), Some(end)) = (header.time(b"start_time"), header.time(b"end_time")) {
+                        times = Some(times.map_or((start, end), |(a, b)| (a.min(start), b.max(end))));
+                    }
+                }
+                _ => self.feed.skip(size)?,
+            }
+        }
+        let mut index = Index { counts: vec![0; self.topics.len()], times_ns: times };
+        for (connection, count) in counts {
+            if let Some(&topic) = self.topic_of.get(&connection) {
+                index.counts[topic] += count;
+            }
+        }
+        Ok(index)
+    }
+
+    fn connect(&mut self, header: &Fields, size: u64) -> Result<()> {
+        let details = Fields(self.feed.take(size)?);
+        let (Some(number), Some(name)) = (header.u32(b"conn"), header.text(b"topic")) else {
+            return Err(damaged(&self.feed, "a connection without number or topic"));
+        };
+        if self.topic_of.contains_key(&number) {
+            return Ok(());
+        }
+        let kind = details.text(b"type").unwrap_or_default();
+        let known = self.topics.iter().position(|t| t.name == name && t.kind == kind);
+        let topic = known.unwrap_or_else(|| {
+            self.topics.push(Topic::new(name, &kind, Encoding::Ros1));
+            self.topics.len() - 1
+        });
+        self.topic_of.insert(number, topic);
+        Ok(())
+    }
+
+    /// Reads the next record; a message if it is one that is wanted.
+    fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
+        let at = self.feed.position();
+        let header = Fields(header_bytes(&mut self.feed)?);
+        let size = u64::from(self.feed.u32()?);
+        match header.op() {
+            Some(MESSAGE) => {
+                let topic = header.u32(b"conn").and_then(|c| self.topic_of.get(&c)).copied();
+                match (topic, header.time(b"time")) {
+                    (Some(topic), Some(time_ns)) if wanted(&self.topics[topic]) => {
+                        Ok(Some(Message { topic, time_ns, at, data: self.feed.take(size)? }))
+                    }
+                    (None, _) | (_, None) => {
+                        self.feed.skip(size)?;
+                        self.feed.is_sound();
+                        Err(damaged_at(&self.feed, at, "a message without connection or time"))
+                    }
+                    _ => self.feed.skip(size).map(|()| None),
+                }
+            }
+            Some(CONNECTION) => self.connect(&header, size).map(|()| None),
+            Some(CHUNK) => self.enter(&header, size).map(|()| None),
+            Some(_) => self.feed.skip(size).map(|()| None),
+            None => Err(damaged_at(&self.feed, at, "a record without op code")),
+        }
+    }
+
+    /// Goes into a chunk. One that is not packed is read like the rest of the file.
+    fn enter(&mut self, header: &Fields, size: u64) -> Result<()> {
+        let packing = match header.get(b"compression") {
+            Some(b"none") | None => {
+                self.feed.enter_in_place(size);
+                return Ok(());
+            }
+            Some(b"bz2") => Packing::Bzip2,
+            Some(b"lz4") => Packing::Lz4,
+            Some(other) => {
+                let problem = format!("a chunk packed as {:?}", String::from_utf8_lossy(other));
+                self.feed.skip(size)?;
+                self.feed.is_sound();
+                return Err(damaged(&self.feed, problem));
+            }
+        };
+        self.feed.enter(packing, size, header.u32(b"size").unwrap_or(0).into(), None)
+    }
+}
+
+impl Container for Ros1 {
+    fn topics(&self) -> &[Topic] {
+        &self.topics
+    }
+
+    fn index(&self) -> Option<Index> {
+        self.index.clone()
+    }
+
+    fn next(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Option<Result<Message>> {
+        while !self.feed.at_end() {
+            match self.record(wanted) {
+                Ok(None) => {}
+                Ok(Some(message)) => return Some(Ok(message)),
+                Err(error) => {
+                    self.feed.recover();
+                    return Some(Err(error));
+                }
+            }
+        }
+        None
+    }
+}
+
+fn header_bytes(feed: &mut Feed) -> Result<Vec<u8>> {
+    let size = u64::from(feed.u32()?);
+    if size > LARGEST_HEADER {
+        return Err(damaged(feed, format!("a record whose header takes {size} bytes")));
+    }
+    feed.take(size)
+}
+
+fn damaged(feed: &Feed, problem: impl Into<String>) -> Error {
+    damaged_at(feed, feed.position(), problem)
+}
+
+fn damaged_at(feed: &Feed, at: u64, problem: impl Into<String>) -> Error {
+    Error::content(feed.path(), Position::Byte(at), problem, "the bag is damaged here: copy or record it again")
+}

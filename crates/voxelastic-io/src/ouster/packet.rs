@@ -1,0 +1,97 @@
+//! Lidar packets: columns of returns. Layouts as in Ouster's firmware user manual, sections on the lidar data packet formats.
+
+use super::meta::{Meta, Profile};
+
+/// Where things are in a packet, bytes.
+#[derive(Clone, Copy, Debug)]
+struct Layout {
+    packet_head: usize,
+    column_head: usize,
+    column_tail: usize,
+    packet_tail: usize,
+    /// Bytes of a return, or of a pair.
+    pixel: usize,
+}
+
+/// One measured return.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Return {
+    /// Metres from the lidar's origin; 0 where there is none.
+    pub(crate) range: f64,
+    pub(crate) reflectivity: u16,
+}
+
+/// A column of a packet.
+#[derive(Clone, Debug)]
+pub(crate) struct Column<'a> {
+    /// Nanoseconds in the sensor's clock.
+    pub(crate) time_ns: u64,
+    /// Place in the turn.
+    pub(crate) number: usize,
+    /// Number of the turn.
+    pub(crate) frame: u16,
+    profile: Profile,
+    pixels: &'a [u8],
+    size: usize,
+}
+
+impl Layout {
+    fn of(profile: Profile) -> Self {
+        let legacy = Self { packet_head: 0, column_head: 16, column_tail: 4, packet_tail: 0, pixel: 12 };
+        let new = Self { packet_head: 32, column_head: 12, column_tail: 0, packet_tail: 32, pixel: 12 };
+        match profile {
+            Profile::Legacy => legacy,
+            Profile::Single => new,
+            Profile::Dual => Self { pixel: 16, ..new },
+            Profile::LowRate => Self { pixel: 4, ..new },
+        }
+    }
+
+    fn column(&self, rows: usize) -> usize {
+        self.column_head + self.pixel * rows + self.column_tail
+    }
+}
+
+/// Bytes of a packet of a sensor.
+pub(crate) fn size(meta: &Meta) -> usize {
+    let layout = Layout::of(meta.profile);
+    layout.packet_head + meta.columns_per_packet * layout.column(meta.rows()) + layout.packet_tail
+}
+
+/// The columns of a packet that were measured; nothing if the packet is of another size.
+pub(crate) fn columns<'a>(meta: &Meta, packet: &'a [u8]) -> Vec<Column<'a>> {
+    let layout = Layout::of(meta.profile);
+    if packet.len() != size(meta) {
+        return Vec::new();
+    }
+    let u16_at = |bytes: &[u8], at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    let frame_of_packet = if layout.packet_head > 0 { u16_at(packet, 2) } else { 0 };
+    let size = layout.column(meta.rows());
+    let read = |bytes: &'a [u8]| {
+        let (is_valid, frame) = match meta.profile {
+            Profile::Legacy => (bytes[size - 4..] == [0xff; 4], u16_at(bytes, 10)),
+            _ => (u16_at(bytes, 10) & 1 == 1, frame_of_packet),
+        };
+        let number = usize::from(u16_at(bytes, 8));
+        let time_ns = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+        let pixels = &bytes[layout.column_head..size - layout.column_tail];
+        (is_valid && number < meta.columns).then_some(Column { time_ns, number, frame, profile: meta.profile, pixels, size: layout.pixel })
+    };
+    packet[layout.packet_head..].chunks_exact(size).take(meta.columns_per_packet).filter_map(read).collect()
+}
+
+impl Column<'_> {
+    /// What a row measured.
+    pub(crate) fn at(&self, row: usize) -> Return {
+        let Some(p) = self.pixels.get(row * self.size..(row + 1) * self.size) else { return Return::default() };
+        let word = |at: usize| u32::from_le_bytes([p[at], p[at + 1], p[at + 2], p[at + 3]]);
+        let metres = |millimetres: u32| f64::from(millimetres) * 1e-3;
+        match self.profile {
+            Profile::Legacy => Return { range: metres(word(0) & 0x000f_ffff), reflectivity: u16::from(p[4]) },
+            Profile::Single => Return { range: metres(word(0) & 0x0007_ffff), reflectivity: u16::from(p[4]) },
+            // The second return is the weaker one.
+            Profile::Dual => Return { range: metres(word(0) & 0x0007_ffff), reflectivity: u16::from(p[3]) },
+            Profile::LowRate => Return { range: metres((word(0) & 0x7fff) << 3), reflectivity: u16::from(p[2]) },
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Scans and poses from wherever they are: a folder or a recording.
+
+use crate::bag::{self, Recording};
+use crate::dataset::{self, Dataset};
+use crate::{OpenOptions, Result};
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use voxelastic::Cloud;
+use voxelastic::event::{Event, NodeId};
+use voxelastic::mapper::ScanSource;
+
+/// A registered cloud list that can be read as [`Event`]s.
+#[derive(Debug)]
+pub enum Source {
+    /// A folder of clouds and poses.
+    Folder(Dataset),
+    /// A recording of ROS 1 or ROS 2.
+    Recording(Recording),
+}
+
+/// Opens a folder or a recording. A folder that holds both counts as a folder of clouds.
+///
+/// # Errors
+/// Those of [`dataset::open`] and [`Recording::open`].
+pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Source> {
+    let path = path.as_ref();
+    let is_recording = path.is_file() || (!dataset::holds_clouds(path) && bag::is_recording(path)?);
+    if is_recording { Recording::open(path, options).map(Source::Recording) } else { dataset::open(path, options).map(Source::Folder) }
+}
+
+impl Source {
+    /// The path that was opened.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Folder(folder) => folder.path(),
+            Self::Recording(recording) => recording.path(),
+        }
+    }
+
+    /// What was found, in a few lines.
+    pub fn description(&self) -> String {
+        match self {
+            Self::Folder(folder) => folder.description().to_string(),
+            Self::Recording(recording) => recording.description().to_string(),
+        }
+    }
+
+    /// How many scans there will be, if that is known before they are read.
+    pub fn scans(&self) -> Option<usize> {
+        match self {
+            Self::Folder(folder) => Some(folder.scans().len()),
+            Self::Recording(_) => None,
+        }
+    }
+
+    /// How much of a recording has been played, 0 to 1, if that is known.
+    pub fn progress(&self) -> Option<f64> {
+        match self {
+            Self::Folder(_) => None,
+            Self::Recording(recording) => recording.progress(),
+        }
+    }
+
+    /// Clouds without a pose, as far as is known.
+    pub fn without_pose(&self) -> usize {
+        match self {
+            Self::Folder(folder) => folder.description().without_pose.len(),
+            Self::Recording(recording) => recording.without_pose(),
+        }
+    }
+
+    /// Takes only some of the scans, by their place among those that are taken otherwise.
+    pub fn retain(&mut self, keep: impl Fn(usize) -> bool + Send + Sync + 'static) {
+        match self {
+            Self::Folder(folder) => {
+                let place = AtomicUsize::new(0);
+                folder.retain(|_| keep(place.fetch_add(1, Ordering::Relaxed)));
+            }
+            Self::Recording(recording) => recording.retain(keep),
+        }
+    }
+
+    /// Takes no more than the first `most` scans.
+    pub fn limit(&mut self, most: usize) {
+        match self {
+            Self::Folder(_) => self.retain(move |place| place < most),
+            Self::Recording(recording) => recording.limit(most),
+        }
+    }
+
+    /// The registered cloud list.
+    pub fn events(&self) -> Box<dyn Iterator<Item = Result<Event>>> {
+        match self {
+            Self::Folder(folder) => Box::new(folder.events()),
+            Self::Recording(recording) => Box::new(recording.events()),
+        }
+    }
+
+    /// Reads clouds again that [`events`](Self::events) delivered.
+    pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
+        match self {
+            Self::Folder(folder) => {
+                Box::new(Files { places: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: folder.clone() })
+            }
+            Self::Recording(recording) => Box::new(recording.clouds()),
+        }
+    }
+}
+
+/// Clouds that are files.
+struct Files {
+    folder: Dataset,
+    /// Place of each node's scan.
+    places: HashMap<NodeId, usize>,
+}
+
+impl ScanSource for Files {
+    fn cloud(&mut self, node: NodeId) -> std::result::Result<Cloud, Box<dyn std::error::Error + Send + Sync>> {
+        let place = self.places.get(&node).ok_or("no scan of the data belongs to it")?;
+        Ok(self.folder.cloud(&self.folder.scans()[*place])?)
+    }
+}

@@ -1,0 +1,166 @@
+//! Ouster captures against `ouster-sdk`. The captures are real (`VOXELASTIC_DATA`); the oracle needs a Python with the package
+//! (`VOXELASTIC_PYTHON`, default `python3`).
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use voxelastic::Cloud;
+use voxelastic::event::Event;
+use voxelastic_io::bag::Recording;
+use voxelastic_io::dataset::Every;
+use voxelastic_io::ouster::{Capture, find_metadata};
+use voxelastic_io::{OpenOptions, StampedCloud, poses};
+
+const CAPTURES: [(&str, &str, usize, usize); 3] = [
+    ("OS-1-64_1024x10_fw20.pcap", "OS-1-64_sensor_config_reduced.json", 64, 1),
+    ("OS-1-128_v2.3.0_1024x10_lb_n3.pcap", "OS-1-128_v2.3.0_1024x10.json", 128, 3),
+    ("OS-0-128-U1_v2.3.0_1024x10.pcap", "OS-0-128-U1_v2.3.0_1024x10.json", 128, 1),
+];
+
+/// Range and xyz of every pixel of every frame, staggered, as f64; then the time of every column, nanoseconds.
+const ORACLE: &str = r#"
+import sys, numpy as np
+from ouster.sdk import open_source, core
+capture, meta, out = sys.argv[1:4]
+source = open_source(capture, meta=[meta])
+info = source.sensor_info[0]
+lut = core.XYZLut(info, False)
+with open(out, "wb") as file:
+    for frames in source:
+        for frame in frames:
+            r = frame.field("RANGE")
+            xyz = lut(frame)
+            file.write(r.astype("<f8").tobytes()); file.write(xyz.astype("<f8").tobytes())
+            file.write(frame.timestamp.astype("<u8").tobytes())
+"#;
+
+fn folder() -> Option<PathBuf> {
+    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
+    let path = PathBuf::from(std::env::var_os("VOXELASTIC_DATA").unwrap_or_else(|| default.into())).join("ouster");
+    if path.is_dir() {
+        return Some(path);
+    }
+    eprintln!("skipped: {} is absent", path.display());
+    None
+}
+
+fn scans(capture: &Path, metadata: &Path) -> Vec<StampedCloud> {
+    let mut capture = Capture::open(capture, metadata).unwrap();
+    std::iter::from_fn(|| capture.next_scan()).map(Result::unwrap).collect()
+}
+
+#[test]
+fn captures_are_found_with_their_metadata_and_hold_whole_turns() {
+    let Some(folder) = folder() else { return };
+    for (capture, metadata, rows, count) in CAPTURES {
+        let capture = folder.join(capture);
+        assert_eq!(find_metadata(&capture).unwrap(), folder.join(metadata));
+        let scans = scans(&capture, &folder.join(metadata));
+        assert_eq!(scans.len(), count, "{}", capture.display());
+        for StampedCloud { cloud, stamp } in &scans {
+            assert!(cloud.height == rows && cloud.width == 1024 && cloud.is_organised() && stamp.unwrap() > 0.0);
+            let last = cloud.time.as_ref().unwrap().iter().copied().fold(0.0, f32::max);
+            assert!((0.099..0.101).contains(&last), "a turn takes {last} s");
+        }
+    }
+}
+
+#[test]
+fn the_beams_are_the_sensors_own() {
+    let Some(folder) = folder() else { return };
+    for (capture, metadata, ..) in CAPTURES {
+        let (capture, metadata) = (folder.join(capture), folder.join(metadata));
+        let model = Capture::open(&capture, &metadata).unwrap().model().unwrap();
+        let cloud = &scans(&capture, &metadata)[0].cloud;
+        let (mut worst, mut seen) = (0.0f32, 0);
+        for (i, p) in cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p)) {
+            let Some(at) = model.project(*p) else { panic!("{p:?} is seen by no row") };
+            let (row, column) = (i / cloud.width, i % cloud.width);
+            let aside = (at.column - column as f32 + 1536.0).rem_euclid(1024.0) - 512.0;
+            // Near returns and rows that stand close together leave room for doubt about the row.
+            if at.range > 2.0 && (at.row - row as f32).abs() < 0.5 {
+                worst = worst.max(aside.abs());
+                seen += 1;
+            }
+        }
+        eprintln!("{}: {seen} returns in their pixels, at most {worst} columns aside", capture.display());
+        assert!(worst < 1.01 && seen > 10_000, "{worst} columns");
+    }
+}
+
+#[test]
+fn ranges_points_and_times_are_those_of_the_sdk() {
+    let Some(folder) = folder() else { return };
+    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
+    if !Command::new(&interpreter).args(["-c", "import ouster.sdk, numpy"]).output().is_ok_and(|o| o.status.success()) {
+        eprintln!("skipped: {interpreter} cannot import ouster.sdk (set VOXELASTIC_PYTHON to an interpreter that can)");
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("frames");
+    for (capture, metadata, rows, count) in CAPTURES {
+        let (capture, metadata) = (folder.join(capture), folder.join(metadata));
+        let said = Command::new(&interpreter).args(["-c", ORACLE]).args([&capture, &metadata, &out]).output().unwrap();
+        assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+        let bytes = std::fs::read(&out).unwrap();
+        let (columns, pixels) = (1024, rows * 1024);
+        let frame = pixels * 8 * 4 + columns * 8;
+        assert_eq!(bytes.len(), frame * count);
+        let scans = scans(&capture, &metadata);
+        let (mut worst, mut returns) = (0.0f64, 0);
+        for (scan, bytes) in scans.iter().zip(bytes.chunks_exact(frame)) {
+            let number = |k: usize| f64::from_le_bytes(bytes[8 * k..8 * k + 8].try_into().unwrap());
+            let time = |c: usize| u64::from_le_bytes(bytes[8 * (4 * pixels + c)..][..8].try_into().unwrap());
+            let first = (0..columns).map(time).filter(|t| *t > 0).min().unwrap();
+            assert!((scan.stamp.unwrap() - first as f64 * 1e-9).abs() < 1e-6);
+            // Each row is the sdk's turned by a whole number of columns.
+            for row in 0..rows {
+                let same = |shift: usize| {
+                    (0..columns)
+                        .all(|c| (number(row * columns + c) > 0.0) == Cloud::is_return(&scan.cloud.points[row * columns + (c + shift) % columns]))
+                };
+                let fits = |shift: &usize| {
+                    same(*shift)
+                        && (0..columns).filter(|c| number(row * columns + c) > 0.0).all(|c| {
+                            let p = scan.cloud.points[row * columns + (c + shift) % columns];
+                            (0..3).all(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs() < 1e-3)
+                        })
+                };
+                let shift = (0..columns).find(fits).unwrap_or_else(|| panic!("{}: row {row} is another", capture.display()));
+                for c in (0..columns).filter(|c| number(row * columns + c) > 0.0) {
+                    let i = row * columns + (c + shift) % columns;
+                    let p = scan.cloud.points[i];
+                    let off = (0..3).map(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs()).fold(0.0, f64::max);
+                    worst = worst.max(off);
+                    returns += 1;
+                    let t = scan.cloud.time.as_ref().unwrap()[i];
+                    assert!((f64::from(t) - (time(c) - first) as f64 * 1e-9).abs() < 1e-6);
+                }
+            }
+        }
+        eprintln!("{}: {returns} returns, at most {:.4} mm from the sdk's", capture.display(), 1e3 * worst);
+        assert!(returns > 20_000);
+    }
+}
+
+#[test]
+fn a_capture_and_a_trajectory_are_a_recording() {
+    let Some(folder) = folder() else { return };
+    let (capture, metadata, ..) = CAPTURES[1];
+    let capture = folder.join(capture);
+    let stamps: Vec<f64> = scans(&capture, &folder.join(metadata)).iter().map(|s| s.stamp.unwrap()).collect();
+    let dir = tempfile::tempdir().unwrap();
+    let trajectory = dir.path().join("slam.tum");
+    let begin = stamps[0] - 0.05;
+    let ride: Vec<(f64, voxelastic::Pose)> =
+        (0..10).map(|k| (begin + 0.05 * f64::from(k), voxelastic::Pose::translation(0.1 * f64::from(k), 0.0, 0.0))).collect();
+    poses::write_tum(&trajectory, &ride).unwrap();
+    let none = Recording::open(&capture, &OpenOptions::default()).unwrap_err();
+    assert!(none.to_string().contains("--poses"), "{none}");
+    let options = OpenOptions { poses: Some(trajectory), every: Some(Every::Scan), ..OpenOptions::default() };
+    let recording = Recording::open(&capture, &options).unwrap();
+    let taken: Vec<_> = recording.events().filter_map(|e| if let Ok(Event::Scan(s)) = e { Some(s) } else { None }).collect();
+    assert_eq!(taken.len(), 3);
+    // 2 m/s: the first column of the first scan is taken where its pose is, the last 0.2 m on.
+    let motion = taken[0].cloud.motion.as_ref().unwrap();
+    assert!((motion.at(0.1).translation.x - 0.2).abs() < 0.01, "{motion:?}");
+}
