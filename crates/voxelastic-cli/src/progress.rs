@@ -43,10 +43,10 @@ impl Progress {
         } else if self.lines && self.last_line.elapsed() >= LINE_PERIOD {
             self.last_line = Instant::now();
             let rate = self.done as f64 / self.started.elapsed().as_secs_f64().max(1e-9);
-            let Self { what, done, .. } = self;
+            let Self { what, done, .. } = *self;
             match self.total {
                 Some(total) => {
-                    let left = Duration::from_secs_f64(total.saturating_sub(self.done) as f64 / rate.max(1e-9));
+                    let left = Duration::from_secs_f64(total.saturating_sub(done) as f64 / rate.max(1e-9));
                     eprintln!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}", clock(left), memory(), note());
                 }
                 None => eprintln!("{done} {what}, {rate:.1}/s, {}, {}", memory(), note()),

@@ -22,11 +22,16 @@ pub enum CloudFormat {
     Ply,
     /// KITTI's records of four floats, see [`kitti_bin`].
     KittiBin,
+    /// Bare records of three floats, GLIM's `points_compact.bin`, see [`kitti_bin::parse_bare`].
+    BareBin,
 }
 
 impl CloudFormat {
     /// The format that a file's extension promises.
     pub fn of(path: &Path) -> Option<Self> {
+        if path.file_name()? == "points_compact.bin" {
+            return Some(Self::BareBin);
+        }
         let extension = path.extension()?.to_str()?;
         [("pcd", Self::Pcd), ("ply", Self::Ply), ("bin", Self::KittiBin)].into_iter().find(|(e, _)| extension.eq_ignore_ascii_case(e)).map(|(_, f)| f)
     }
@@ -38,6 +43,7 @@ impl std::fmt::Display for CloudFormat {
             Self::Pcd => "PCD",
             Self::Ply => "PLY",
             Self::KittiBin => "KITTI bin",
+            Self::BareBin => "bare bin",
         })
     }
 }
@@ -64,5 +70,6 @@ pub fn parse(bytes: &[u8], path: &Path, format: CloudFormat) -> Result<StampedCl
         CloudFormat::Pcd => pcd::parse(bytes, path),
         CloudFormat::Ply => ply::parse_cloud(bytes, path),
         CloudFormat::KittiBin => kitti_bin::parse(bytes, path),
+        CloudFormat::BareBin => kitti_bin::parse_bare(bytes, path),
     }
 }

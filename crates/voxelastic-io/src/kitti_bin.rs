@@ -6,6 +6,8 @@ use crate::{Error, Position, Result, StampedCloud, file};
 use std::path::Path;
 
 const RECORD: usize = 16;
+/// A record without intensity.
+const BARE: usize = 12;
 
 /// Reads a KITTI cloud. It is unorganised; Velodyne points come ring by ring.
 ///
@@ -21,21 +23,32 @@ pub fn read(path: impl AsRef<Path>) -> Result<StampedCloud> {
 /// # Errors
 /// As [`read`], without [`Error::Io`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<StampedCloud> {
-    let spare = bytes.len() % RECORD;
+    let column = records(bytes, path, RECORD, "x y z intensity")?;
+    let points = points([column(0), column(1), column(2)]);
+    Raw { width: points.len(), height: 1, points, intensity: Some(column(3).to_f32()), ..Raw::default() }.finish(path)
+}
+
+/// Decodes records of `x y z` alone, as GLIM's `points_compact.bin` holds them; `path` is for messages only.
+///
+/// # Errors
+/// As [`parse`].
+pub fn parse_bare(bytes: &[u8], path: &Path) -> Result<StampedCloud> {
+    let column = records(bytes, path, BARE, "x y z")?;
+    let points = points([column(0), column(1), column(2)]);
+    Raw { width: points.len(), height: 1, points, ..Raw::default() }.finish(path)
+}
+
+/// The columns of records of 32-bit floats.
+fn records<'a>(bytes: &'a [u8], path: &Path, record: usize, numbers: &str) -> Result<impl Fn(usize) -> Column<'a>> {
+    let spare = bytes.len() % record;
     if spare != 0 {
         let at = Position::Byte((bytes.len() - spare) as u64);
-        let problem = format!("the last record has {spare} bytes of {RECORD}");
-        return Err(Error::content(
-            path,
-            at,
-            problem,
-            "the file is truncated, or not x y z intensity as 32-bit floats: copy it again or convert it to PCD",
-        ));
+        let problem = format!("the last record has {spare} bytes of {record}");
+        let remedy = format!("the file is truncated, or not {numbers} as 32-bit floats: copy it again or convert it to PCD");
+        return Err(Error::content(path, at, problem, remedy));
     }
-    let len = bytes.len() / RECORD;
-    let column = |k: usize| Column { bytes: bytes.get(4 * k..).unwrap_or(&[]), stride: RECORD, len, scalar: Scalar::F32, big_endian: false };
-    let points = points([column(0), column(1), column(2)]);
-    Raw { points, width: len, height: 1, intensity: Some(column(3).to_f32()), ..Raw::default() }.finish(path)
+    let len = bytes.len() / record;
+    Ok(move |k: usize| Column { bytes: bytes.get(4 * k..).unwrap_or(&[]), stride: record, len, scalar: Scalar::F32, big_endian: false })
 }
 
 #[cfg(test)]

@@ -39,6 +39,7 @@ pub mod bag;
 mod channels;
 pub mod clouds;
 pub mod dataset;
+mod dumps;
 mod error;
 mod file;
 pub mod g2o;

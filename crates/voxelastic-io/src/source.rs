@@ -14,9 +14,9 @@ use voxelastic::mapper::ScanSource;
 #[derive(Debug)]
 pub enum Source {
     /// A folder of clouds and poses.
-    Folder(Dataset),
+    Folder(Box<Dataset>),
     /// A recording of ROS 1 or ROS 2.
-    Recording(Recording),
+    Recording(Box<Recording>),
 }
 
 /// Opens a folder or a recording. A folder that holds both counts as a folder of clouds.
@@ -26,7 +26,11 @@ pub enum Source {
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Source> {
     let path = path.as_ref();
     let is_recording = path.is_file() || (!dataset::holds_clouds(path) && bag::is_recording(path)?);
-    if is_recording { Recording::open(path, options).map(Source::Recording) } else { dataset::open(path, options).map(Source::Folder) }
+    if is_recording {
+        Recording::open(path, options).map(|r| Source::Recording(Box::new(r)))
+    } else {
+        dataset::open(path, options).map(|d| Source::Folder(Box::new(d)))
+    }
 }
 
 impl Source {
@@ -101,7 +105,7 @@ impl Source {
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
         match self {
             Self::Folder(folder) => {
-                Box::new(Files { places: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: folder.clone() })
+                Box::new(Files { places: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: (**folder).clone() })
             }
             Self::Recording(recording) => Box::new(recording.clouds()),
         }

@@ -3,9 +3,10 @@
 use super::edges::Edges;
 use super::folder::{Folder, PoseFile, Snapshot, name_of};
 use super::matching::{Matched, MatchedBy};
-use crate::{CloudFormat, PoseFormat, PoseGraph};
+use crate::dumps::Dump;
+use crate::{CloudFormat, Error, PoseFormat, PoseGraph, Result};
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// The poses that are used.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,7 +35,7 @@ pub struct Description {
     pub cloud_format: CloudFormat,
     /// How many there are.
     pub clouds: usize,
-    /// The poses; always there once the dataset is open.
+    /// The poses, but for layouts of their own: a note says then where they are from.
     pub poses: Option<Used>,
     /// File that the times are from, other than the poses and the clouds' names.
     pub times: Option<String>,
@@ -73,6 +74,30 @@ impl Description {
             thinned: 0,
             notes: folder.notes.clone(),
         }
+    }
+
+    pub(super) fn of_dump(path: &Path, dump: &Dump) -> Result<Self> {
+        let first = dump.scans.first().map(|s| &s.path).or(dump.without_pose.first());
+        let Some(format) = first.and_then(|p| CloudFormat::of(p)) else {
+            return Err(Error::dataset(path, format!("a {} without clouds", dump.system), "write it again"));
+        };
+        let mut notes = vec![format!("a {}: poses from {}", dump.system, dump.poses)];
+        notes.extend(dump.notes.iter().cloned());
+        Ok(Self {
+            clouds_in: first.and_then(|p| p.parent()?.strip_prefix(path).ok()).map(Path::to_owned).unwrap_or_default(),
+            cloud_format: format,
+            clouds: dump.scans.len() + dump.without_pose.len(),
+            poses: None,
+            times: None,
+            times_in_names: false,
+            graph: None,
+            loop_edges_without_scan: 0,
+            ground_truth: None,
+            snapshots: 0,
+            without_pose: dump.without_pose.clone(),
+            thinned: 0,
+            notes,
+        })
     }
 
     pub(super) fn matched(&mut self, file: &PoseFile, poses: usize, matched: &Matched, folder: &Folder) {

@@ -10,6 +10,9 @@
 //!   poses@000123.txt                        corrected poses, known after the scan of node 123
 //! ```
 //!
+//! What other SLAM systems and data sets leave in layouts of their own (hdl_graph_slam, GLIM, BALM and HBA, KITTI odometry, MulRan) is
+//! recognised as well.
+//!
 //! [`open`] lists and matches, which is cheap; [`Dataset::events`] decodes clouds as they are needed.
 
 mod choose;
@@ -28,7 +31,8 @@ pub use events::Events;
 pub use every::Every;
 pub use matching::MatchedBy;
 
-use crate::{Error, PoseGraph, Result, Trajectory, clouds, g2o, poses};
+use crate::dumps::{self, Dump};
+use crate::{Error, PoseFormat, PoseGraph, Result, Trajectory, clouds, g2o, poses};
 pub(crate) use edges::Edges;
 pub(crate) use events::in_scan_time;
 pub(crate) use every::Picker;
@@ -136,6 +140,11 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
         let remedy = "do without --cloud-topic, --pose-topic and --metadata, or name a recording";
         return Err(Error::dataset(path, "a folder of clouds has no topics and no packets", remedy));
     }
+    if options.poses.is_none()
+        && let Some(dump) = dumps::find(path)?
+    {
+        return from_dump(path, dump, options);
+    }
     let folder = folder::scan(path)?;
     let mut description = Description::of(&folder);
     let pose_file = choose::poses(&folder, options.poses.as_deref())?;
@@ -174,6 +183,41 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
         snapshots: snapshots.into(),
         context: Arc::new(context),
         ground_truth,
+        description,
+    })
+}
+
+/// A folder that a SLAM system or a data set left in a layout of its own.
+fn from_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> {
+    let mut description = Description::of_dump(path, &dump)?;
+    check_complete(path, options, &description)?;
+    let graph = match &options.graph {
+        Some(asked) => Some((asked.clone(), g2o::read(asked)?)),
+        None => dump.graph,
+    };
+    let mut all = dump.scans;
+    if let Some(t_base_lidar) = &options.t_base_lidar {
+        all.iter_mut().for_each(|scan| scan.t_map_lidar *= t_base_lidar);
+    }
+    let nodes = all.iter().map(|s| s.node).collect();
+    let stamped: Vec<(f64, Pose)> = all.iter().map(|s| (s.time, s.t_map_lidar)).collect();
+    let with_pose = all.len();
+    let scans = options.every.unwrap_or_default().select(all);
+    description.thinned = with_pose - scans.len();
+    let edges = Edges::of(graph.as_ref().map(|(_, g)| g), &scans, options.t_base_lidar.as_ref());
+    if let Some((file, graph)) = &graph {
+        description.graph(&PoseFile { path: file.clone(), format: PoseFormat::G2o }, graph, &edges);
+    }
+    let track = options.deskew.then(|| track(&Trajectory::default(), &stamped));
+    let times = Some(stamped.iter().map(|(time, _)| *time).collect());
+    let context = snapshot::Context { t_base_lidar: options.t_base_lidar, nodes, times, track };
+    Ok(Dataset {
+        path: path.into(),
+        scans: scans.into(),
+        edges: Arc::new(edges),
+        snapshots: Vec::new().into(),
+        context: Arc::new(context),
+        ground_truth: None,
         description,
     })
 }

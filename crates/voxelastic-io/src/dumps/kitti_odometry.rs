@@ -1,0 +1,66 @@
+//! A sequence of the KITTI odometry benchmark as it is downloaded.
+//!
+//! ```text
+//! dataset/
+//!   poses/00.txt                      poses of the left camera: 3 x 4 rows
+//!   sequences/00/velodyne/000000.bin  clouds, lidar frame
+//!   sequences/00/calib.txt            Tr: the lidar's pose in the camera frame, 3 x 4
+//!   sequences/00/times.txt            the time of each cloud, seconds
+//! ```
+//!
+//! Layout from the benchmark's development kit (readme). The camera's poses become the lidar's: `Tr^-1 * pose * Tr`, so that the map
+//! begins in the first lidar frame.
+
+use super::Dump;
+use super::matrices::rigid;
+use crate::dataset::natural;
+use crate::text::{self, lines};
+use crate::{Error, PoseFormat, Position, Result, poses};
+use std::path::{Path, PathBuf};
+use voxelastic::Pose;
+
+pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
+    let (calibration, velodyne) = (path.join("calib.txt"), path.join("velodyne"));
+    if !calibration.is_file() || !velodyne.is_dir() {
+        return Ok(None);
+    }
+    let Some(t_camera_lidar) = lidar_in_camera(&calibration)? else { return Ok(None) };
+    let Some(file) = pose_file(path) else { return Ok(None) };
+    let camera = poses::parse(&text::read(&file)?, &file, PoseFormat::Kitti)?.poses;
+    let entries = std::fs::read_dir(&velodyne).map_err(|e| Error::io(&velodyne, "list", e))?;
+    let mut clouds: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "bin")).collect();
+    clouds.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+    let times = path.join("times.txt");
+    let times = if times.is_file() { Some(poses::read_times(&times)?) } else { None };
+    let mut dump = Dump::new("KITTI odometry sequence", format!("{} (camera), with calib.txt", file.display()));
+    for cloud in clouds {
+        let number = cloud.file_stem().and_then(|s| s.to_str()).and_then(|s| s.parse::<usize>().ok());
+        let pose = number.and_then(|k| Some((k, camera.get(k)?)));
+        match pose {
+            Some((k, t_map_camera)) => {
+                let time = times.as_ref().and_then(|t| t.get(k)).copied().unwrap_or(k as f64);
+                dump.add(cloud, k as u64, time, t_camera_lidar.inverse() * t_map_camera * t_camera_lidar);
+            }
+            None => dump.without_pose.push(cloud),
+        }
+    }
+    Ok(Some(dump.in_order()))
+}
+
+/// The benchmark's pose file of a sequence, or one that was put beside the clouds.
+fn pose_file(path: &Path) -> Option<PathBuf> {
+    let absolute = path.canonicalize().ok()?;
+    let name = absolute.file_name()?.to_str()?.to_owned();
+    let of_benchmark = absolute.parent()?.parent()?.join("poses").join(format!("{name}.txt"));
+    [path.join("poses.txt"), path.join(format!("{name}.txt")), of_benchmark].into_iter().find(|p| p.is_file())
+}
+
+/// The `Tr` line of `calib.txt`; none if it has none.
+fn lidar_in_camera(path: &Path) -> Result<Option<Pose>> {
+    let read = text::read(path)?;
+    let Some(line) = lines(path, &read).find(|l| l.text.starts_with("Tr:") || l.text.starts_with("Tr ")) else { return Ok(None) };
+    let names = ["r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z"];
+    let numbers = line.numbers(line.words().skip(1), &names)?;
+    let damaged = || Error::content(path, Position::line(line.number), "Tr is no pose", "take the calibration of the benchmark");
+    rigid(&numbers).map(Some).ok_or_else(damaged)
+}
