@@ -102,7 +102,7 @@ mod tests {
         let mut wire = Wire::of(&packed, Encoding::Ros1).unwrap();
         assert_eq!((wire.u8(), wire.u32(), wire.text().as_deref(), wire.u8()), (Some(1), Some(2), Some("abc"), None));
 
-        let mut aligned = vec![0, 1, 0, 0, 7, 0, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 0];
+        let mut aligned = vec![0, 1, 0, 0, 7, 0, 0, 0, 3, 0, 0, 0, b'a', b'b', 0, 0, 0, 0, 0, 0];
         aligned.extend(2.5f64.to_le_bytes());
         let mut wire = Wire::of(&aligned, Encoding::Cdr).unwrap();
         assert_eq!((wire.u8(), wire.text().as_deref(), wire.f64(), wire.u8()), (Some(7), Some("ab"), Some(2.5), None));

@@ -52,9 +52,11 @@ impl Words {
 /// A pose from the upper 3 x 4 part of its matrix, row by row; none if it is not rigid.
 pub(super) fn rigid(m: &[f64; 12]) -> Option<Pose> {
     let rotation = Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]);
+    if !m.iter().all(|v| v.is_finite()) {
+        return None;
+    }
     let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
-    // Not `>`, which lets NaN through.
-    if !(off <= ROTATION_TOLERANCE) || rotation.determinant() < 0.0 || !m.iter().all(|v| v.is_finite()) {
+    if off > ROTATION_TOLERANCE || rotation.determinant() < 0.0 {
         return None;
     }
     let svd = rotation.svd(true, true);

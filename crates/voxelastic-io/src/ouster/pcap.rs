@@ -190,7 +190,7 @@ mod tests {
         f.extend([0x08, 0x00, 0x45, 0]);
         f.extend((20 + body.len() as u16).to_be_bytes());
         f.extend(id.to_be_bytes());
-        f.extend((offset as u16 / 8 | if more { 0x2000 } else { 0 }).to_be_bytes());
+        f.extend(((offset as u16 / 8) | if more { 0x2000 } else { 0 }).to_be_bytes());
         f.extend([64, UDP, 0, 0, 10, 0, 0, 1, 10, 0, 0, 2]);
         f.extend(body);
         f

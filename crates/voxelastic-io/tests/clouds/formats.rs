@@ -71,6 +71,7 @@ fn expected(table: &Table) -> Cloud {
         intensity: Some(column("intensity").iter().map(|v| *v as f32).collect()),
         ring: Some(column("ring").iter().map(|v| *v as u16).collect()),
         time: Some(column("t").iter().map(|v| (v * 1e-9) as f32).collect()),
+        motion: None,
     }
 }
 
@@ -106,6 +107,7 @@ proptest! {
             time: channels[1].then(|| channel(0.001)),
             ring: channels[2].then(|| (0..n as u16).collect()),
             points,
+            motion: None,
         };
         let dir = tempfile::tempdir().unwrap();
         pcd::write(dir.path().join("c.pcd"), &cloud).unwrap();

@@ -121,7 +121,7 @@ fn times_txt_gives_times_and_matches_by_them() {
 fn fewer_scans_on_request() {
     let folder = Folder::with_scans(10);
     folder.kitti("poses.txt", 10, 0.0);
-    let open = |every| folder.open_with(OpenOptions { every, ..OpenOptions::default() }).unwrap();
+    let open = |every| folder.open_with(OpenOptions { every: Some(every), ..OpenOptions::default() }).unwrap();
     assert_eq!(xs(&open(Every::Metres(5.0))), [0.0, 6.0, 12.0, 18.0]);
     let thinned = open(Every::Nth(4));
     assert_eq!(xs(&thinned), [0.0, 8.0, 16.0]);

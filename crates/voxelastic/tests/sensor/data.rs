@@ -18,6 +18,11 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
+/// The numbers of a file of 32-bit floats.
+pub fn numbers(relative: &str) -> Option<Vec<f32>> {
+    bytes(relative).map(|bytes| floats(&bytes))
+}
+
 /// Points of `columns` floats each, of which the first three are coordinates.
 pub fn raw(relative: &str, columns: usize) -> Option<Cloud> {
     let values = floats(&bytes(relative)?);

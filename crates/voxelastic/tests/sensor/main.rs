@@ -6,6 +6,7 @@
 mod data;
 mod detecting;
 mod models;
+mod motion;
 mod normals;
 mod preparing;
 mod scene;
