@@ -101,7 +101,7 @@ impl DenseOccupancy {
             columns = (columns.0.min(column), columns.1.max(column));
             farthest = farthest.max(distance);
         }
-        let margin = 3.0 * f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel);
+        let margin = 3.0 * f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.25 * voxel);
         for r in (rows.0 - 0.5).floor() as i64..=(rows.1 + 0.5).floor() as i64 {
             for k in (columns.0 - 0.5).floor() as i64..=(columns.1 + 0.5).floor() as i64 {
                 if r < 0 || r >= self.elevations.len() as i64 {
@@ -123,7 +123,7 @@ impl DenseOccupancy {
         let ray = pose.rotate(p).map(f64::from);
         let range = ray.iter().map(|c| c * c).sum::<f64>().sqrt();
         let direction = ray.map(|c| c / range);
-        let sigma = f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.5 * voxel) / voxel;
+        let sigma = f64::from(self.settings.sigma + self.settings.sigma_per_metre * range as f32).max(0.25 * voxel) / voxel;
         let thickness = f64::from(self.settings.thickness_voxels);
         let (free, hit) = (f64::from(self.settings.free), f64::from(self.settings.hit));
         let (before, behind) = (-3.0 * sigma, thickness);

@@ -74,6 +74,8 @@ struct Cube {
     summary: Summary,
     /// A larger cube around it was found free.
     free: bool,
+    /// A beam went through its middle, and it is free as far as beams came back.
+    crossed: bool,
     /// How small it may be left alone, in beams across: more than 0 at the rim of what was seen.
     coarse: f32,
 }
@@ -106,8 +108,15 @@ impl Descent<'_> {
         /// Level of the subtrees that are descended in parallel: 32 blocks along an edge.
         const SPLIT: u32 = 5;
         let tree = &self.field.tree;
-        let root =
-            Cube { key: tree.root_key(), level: tree.root_level(), link: tree.root().link, summary: tree.root().payload, free: false, coarse: 0.0 };
+        let root = Cube {
+            key: tree.root_key(),
+            level: tree.root_level(),
+            link: tree.root().link,
+            summary: tree.root().payload,
+            free: false,
+            crossed: false,
+            coarse: 0.0,
+        };
         let mut subtrees = vec![root];
         while let Some(level) = subtrees.iter().map(|c| c.level).max().filter(|&l| l > SPLIT) {
             subtrees = subtrees.iter().flat_map(|cube| if cube.level == level { self.children(cube).1 } else { vec![*cube] }).collect();
@@ -160,7 +169,15 @@ impl Descent<'_> {
                 (octant.link, octant.payload)
             };
             if !summary.is_saturated_free(self.steps.min) {
-                push(Cube { key: cube.key | (i as u64) << (3 * level), level, link, summary, free: free >> i & 1 == 1, coarse: coarse(&classes, i) });
+                push(Cube {
+                    key: cube.key | (i as u64) << (3 * level),
+                    level,
+                    link,
+                    summary,
+                    free: free >> i & 1 == 1,
+                    crossed: classes.crossed >> i & 1 == 1,
+                    coarse: coarse(&classes, i),
+                });
             }
         }
         if cube.free { 0 } else { 8 }
@@ -201,29 +218,31 @@ impl Descent<'_> {
         // Beams across a cube of half the block's edge, of a quarter, of an eighth.
         let beams = half / (self.sight.spacing() * range);
         if finest > 2 || 2.0 * beams < block.coarse {
+            if block.crossed {
+                finds.found.push(whole(block));
+            }
             return;
         }
+        // A small cube that is not looked into is free if a beam crossed it, whatever the beams without return might have met.
         let mut mask: Mask = [0; 8];
         let quarters = self.sight.classify(centre, half);
+        let look = if finest < 2 { worth_a_look(&quarters, beams) } else { 0 };
+        bits(quarters.free | quarters.crossed & !look).for_each(|i| mask[i] = u64::MAX);
         finds.visited += 8;
-        bits(quarters.free).for_each(|i| mask[i] = u64::MAX);
-        if finest < 2 {
-            for i in bits(worth_a_look(&quarters, beams)) {
-                let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
-                let pairs = self.sight.classify(centre, half);
+        for i in bits(look) {
+            let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
+            let pairs = self.sight.classify(centre, half);
+            let look = if finest < 1 { worth_a_look(&pairs, 0.5 * beams) } else { 0 };
+            bits(pairs.free | pairs.crossed & !look).for_each(|j| mask[i] |= 0xff << (8 * j));
+            finds.visited += 8;
+            for j in bits(look) {
+                let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
+                mask[i] |= u64::from(voxels.free | voxels.crossed) << (8 * j);
                 finds.visited += 8;
-                bits(pairs.free).for_each(|j| mask[i] |= 0xff << (8 * j));
-                if finest < 1 {
-                    for j in bits(worth_a_look(&pairs, 0.5 * beams)) {
-                        let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
-                        finds.visited += 8;
-                        mask[i] |= u64::from(voxels.free) << (8 * j);
-                    }
-                }
             }
         }
         if mask == [u64::MAX; 8] {
-            finds.found.push(if block.link == NONE { Found::Octant { key: block.key, level: 0 } } else { Found::Block { key: block.key } });
+            finds.found.push(whole(block));
         } else if mask != [0; 8] {
             finds.found.push(Found::Voxels { key: block.key, mask: finds.masks.len() as u32, scale: coarsest_scale(&mask) });
             finds.masks.push(mask);
@@ -237,6 +256,11 @@ impl Descent<'_> {
         let voxels = range * self.sight.spacing() / self.settings.voxel;
         usize::from(voxels > 1.0) + usize::from(voxels > 2.0) + usize::from(voxels > 4.0)
     }
+}
+
+/// All of a block is free.
+fn whole(block: &Cube) -> Found {
+    if block.link == NONE { Found::Octant { key: block.key, level: 0 } } else { Found::Block { key: block.key } }
 }
 
 /// Centre of the i-th of the eight cubes that make up the cube of edge `2 * half` around `centre`.

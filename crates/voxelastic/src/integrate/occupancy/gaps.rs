@@ -25,6 +25,34 @@ pub(super) fn fill_gaps(pixels: &mut [Texel], before: &mut Vec<Texel>, columns: 
     }
 }
 
+/// Empty pixels beside one that saw something, in any of the eight directions, take the nearest and the farthest of those.
+///
+/// What looks at a patch of the image looks half a pixel around it too, for the beams on all sides; this keeps holes from
+/// growing by that. In return nothing more than half a pixel inside of a hole counts as seen.
+pub(super) fn grow(pixels: &mut [Texel], before: &mut Vec<Texel>, columns: usize) {
+    before.clear();
+    before.extend_from_slice(pixels);
+    let rows = pixels.len() / columns;
+    for row in 0..rows {
+        let lines = row.saturating_sub(1)..(row + 2).min(rows);
+        for c in 0..columns {
+            if before[row * columns + c].far >= 0.0 {
+                continue;
+            }
+            let around = [if c == 0 { columns - 1 } else { c - 1 }, c, if c + 1 == columns { 0 } else { c + 1 }];
+            let mut seen = BLANK;
+            for line in lines.clone() {
+                for c in around {
+                    let beside = before[line * columns + c];
+                    // A blank one changes neither.
+                    seen = Texel { near: seen.near.min(beside.near), far: seen.far.max(beside.far) };
+                }
+            }
+            pixels[row * columns + c] = seen;
+        }
+    }
+}
+
 /// Fills gaps of at most `gap` pixels in a row of pixels that closes on itself.
 fn fill_circle(from: &[Texel], to: &mut [Texel], gap: usize, similar: f32) {
     let columns = from.len();
@@ -89,7 +117,20 @@ mod tests {
             }
             let mut filled = image;
             fill_gaps(&mut filled, &mut Vec::new(), 24, widest, similar);
-            prop_assert_eq!(filled, expected);
+            prop_assert_eq!(&filled, &expected);
+            grow(&mut filled, &mut Vec::new(), 24);
+            for (i, pixel) in filled.iter().enumerate() {
+                let (row, column) = (i as i32 / 24, i as i32 % 24);
+                let beside = |j: &usize| {
+                    let turn = (*j as i32 % 24 - column).rem_euclid(24);
+                    (*j as i32 / 24 - row).abs() <= 1 && (turn <= 1 || turn == 23)
+                };
+                let around: Vec<Texel> = (0..6 * 24).filter(beside).map(|j| expected[j]).filter(|p| p.far >= 0.0).collect();
+                let near = around.iter().map(|p| p.near).fold(f32::INFINITY, f32::min);
+                let far = around.iter().map(|p| p.far).fold(-1.0, f32::max);
+                let grown = if expected[i].far < 0.0 { Texel { near, far } } else { expected[i] };
+                prop_assert_eq!(*pixel, grown);
+            }
         }
     }
 }

@@ -44,6 +44,10 @@ impl Default for OccupancySettings {
     }
 }
 
+/// The ramp's sigma is at least this many local voxels: a voxel whose centre is half its edge before the return, so that it may
+/// hold it, is just occupied, and the next one towards the sensor is free.
+pub(super) const LEAST_SIGMA: f32 = 0.25;
+
 /// The model at one range and scale: evidence by distance behind the return.
 ///
 /// ```text
@@ -66,8 +70,7 @@ impl Evidence {
     #[inline(always)]
     pub fn new(settings: &OccupancySettings, range: f32, scale: usize) -> Self {
         let local = settings.voxel * (1 << scale) as f32;
-        // Half a local voxel: the voxel that holds the return counts as hit wherever in it the return lies.
-        let sigma = (settings.sigma + settings.sigma_per_metre * range).max(0.5 * local) / local;
+        let sigma = (settings.sigma + settings.sigma_per_metre * range).max(LEAST_SIGMA * local) / local;
         Self { free: settings.free, hit: settings.hit, sigma, thickness: settings.thickness_voxels }
     }
 
@@ -90,7 +93,7 @@ impl Evidence {
 /// How far before a return a voxel must lie to count as free, metres: at least the first, and by range the line
 /// `second[0] + second[1] * range`. Nearer voxels are the beam walks' business.
 pub(super) fn free_margin_terms(settings: &OccupancySettings) -> (f32, [f32; 2]) {
-    (1.5 * settings.voxel, [3.0 * settings.sigma, 3.0 * settings.sigma_per_metre])
+    (3.0 * LEAST_SIGMA * settings.voxel, [3.0 * settings.sigma, 3.0 * settings.sigma_per_metre])
 }
 
 /// The evidence and the limits in steps of the field.
@@ -126,7 +129,7 @@ mod tests {
                 let e = Evidence::new(&settings, range, scale);
                 let (before, behind) = e.reach();
                 assert!((e.at(before) - settings.free).abs() < 1e-6);
-                assert!((e.at(-0.5) - settings.hit).abs() < 1e-4 || e.sigma > 0.5);
+                assert!(e.at(-0.5) > 0.0 && (e.at(-1.0) < 0.0 || e.sigma > LEAST_SIGMA));
                 assert!((e.at(0.0) - settings.hit).abs() < 1e-6);
                 assert!(e.at(behind).abs() < 1e-6);
                 let mut last = e.at(before);

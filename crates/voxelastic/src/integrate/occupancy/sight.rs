@@ -17,6 +17,8 @@ pub(super) struct Classes {
     pub rim: u8,
     /// The mixed cubes through which, or beside which, beams without return pass.
     pub holed: u8,
+    /// The holed cubes through whose middle a beam went on beyond, and all those with a return around it too: free, if small.
+    pub crossed: u8,
 }
 
 /// Looks at cubes of the submap from where a scan was taken.
@@ -165,7 +167,7 @@ impl<'a> Sight<'a> {
         let texels = self.visibility.texels(&window, &row, &column);
         let mut unsettled = [false; 8];
         for lane in 0..8 {
-            flags[lane] = farthest[lane] < texels.near[lane];
+            flags[lane] = farthest[lane] < texels.near[lane] && !texels.hole[lane] && !texels.rim[lane];
             unsettled[lane] = nearest[lane] < texels.far[lane];
         }
         let mut classes = Classes { free: inside & to_bits(flags), ..Classes::default() };
@@ -174,18 +176,19 @@ impl<'a> Sight<'a> {
             return classes;
         }
         let close = self.visibility.close_texels(&window, &row, &column);
-        let (mut mixed, mut rim, mut holed) = ([false; 8], [false; 8], [false; 8]);
-        let hole = self.visibility.hole();
+        let mut mixed = [false; 8];
         for lane in 0..8 {
             flags[lane] = farthest[lane] < close.near[lane];
             mixed[lane] = nearest[lane] < close.far[lane];
-            rim[lane] = close.near[lane] == 0.0;
-            holed[lane] = close.near[lane] <= hole;
         }
-        classes.free |= unsettled & to_bits(flags);
+        let (open, holed, rim) = (to_bits(flags), to_bits(close.hole), to_bits(close.rim));
+        classes.free |= unsettled & open & !holed & !rim;
         classes.mixed = unsettled & to_bits(mixed);
-        classes.rim = unsettled & to_bits(rim);
-        classes.holed = unsettled & to_bits(holed);
+        classes.rim = unsettled & rim;
+        classes.holed = unsettled & holed;
+        for lane in bits(unsettled & open & holed & !rim) {
+            classes.crossed |= u8::from(self.visibility.saw(row[lane], column[lane])) << lane;
+        }
         classes.mixed &= !classes.free;
         classes
     }

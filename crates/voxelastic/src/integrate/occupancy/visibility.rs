@@ -4,7 +4,7 @@
 //! lies within one texel: classifying an octant reads one texel, whatever its size (DESIGN, core 4). The field of view's
 //! rim and beams without return count as "saw nothing".
 
-use super::gaps::{BLANK, fill_gaps};
+use super::gaps::{BLANK, fill_gaps, grow};
 use super::rows::Rows;
 use crate::sensor::{BeamModel, RangeImage};
 use std::f32::consts::TAU;
@@ -12,7 +12,7 @@ use std::f32::consts::TAU;
 /// Most levels of the pyramid: cells of 64 x 64 pixels.
 pub(super) const LEVELS: usize = 7;
 
-/// Nearest and farthest that any pixel of a texel saw, metres; nearest is 0 where a pixel saw nothing.
+/// Nearest and farthest that a pixel saw, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub(super) struct Texel {
@@ -37,12 +37,24 @@ pub(super) struct Window {
 /// Texels of eight directions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Texels {
+    /// The nearest and the farthest that any pixel with a return saw, metres; without such a pixel beyond the maximum range, and 0.
     pub near: [f32; 8],
+    /// See [`Texels::near`].
     pub far: [f32; 8],
+    /// Whether a pixel within the field of view saw nothing.
+    pub hole: [bool; 8],
+    /// Whether a part lies outside of the field of view.
+    pub rim: [bool; 8],
 }
 
-/// A texel in four bytes: near rounded down in the lower half, far rounded up in the upper, in steps of the pyramid.
+/// A texel in four bytes: near rounded down in the lowest 15 bits, far rounded up in the next 15, in steps of the pyramid;
+/// then whether a part of it is a hole, and whether a part lies beyond the rim of the field of view.
 type Packed = u32;
+
+const FIELD: Packed = 0x7fff;
+const FAR_SHIFT: u32 = 15;
+const HOLE_BIT: Packed = 1 << 30;
+const RIM_BIT: Packed = 1 << 31;
 
 /// The pyramid of one scan.
 #[derive(Clone, Debug)]
@@ -67,11 +79,11 @@ const SAME_SURFACE: f32 = 1.1;
 /// Gaps in a row are bridged up to this many times the angle between rows.
 const GAP_SPACINGS: f32 = 1.5;
 /// Outside of the field of view.
-const NOTHING: Packed = 0;
-/// A beam without return: it saw no farther than a step.
-const HOLE: Packed = 1 << 16 | 1;
+const NOTHING: Packed = RIM_BIT | FIELD;
+/// A beam without return.
+const HOLE: Packed = HOLE_BIT | FIELD;
 /// Steps from 0 to the maximum range, of which the pyramid's bounds are whole numbers.
-const STEPS: f32 = 65_000.0;
+const STEPS: f32 = 32_000.0;
 
 impl Visibility {
     /// For images of `model`; its columns are reduced to the next smaller power of two.
@@ -126,6 +138,7 @@ impl Visibility {
         let similar = if fill { f32::INFINITY } else { SAME_SURFACE };
         let seen = &mut self.pixels[..self.rows.count * columns];
         fill_gaps(seen, &mut self.unfilled, columns, widest.clamp(2, columns / 8 + 2), similar);
+        grow(seen, &mut self.unfilled, columns);
         self.metres_per_step = max_range / STEPS;
         let per_metre = STEPS / max_range;
         self.cells.clear();
@@ -231,10 +244,12 @@ impl Visibility {
     #[inline(always)]
     fn unpack(&self, packed: &[Packed; 8]) -> Texels {
         let step = self.metres_per_step;
-        let mut texels = Texels { near: [0.0; 8], far: [0.0; 8] };
-        for (i, packed) in packed.iter().enumerate() {
-            texels.near[i] = (packed & 0xffff) as f32 * step;
-            texels.far[i] = (packed >> 16) as f32 * step;
+        let mut texels = Texels { near: [0.0; 8], far: [0.0; 8], hole: [false; 8], rim: [false; 8] };
+        for (i, &packed) in packed.iter().enumerate() {
+            texels.near[i] = (packed & FIELD) as f32 * step;
+            texels.far[i] = (packed >> FAR_SHIFT & FIELD) as f32 * step;
+            texels.hole[i] = packed & HOLE_BIT != 0;
+            texels.rim[i] = packed & RIM_BIT != 0;
         }
         texels
     }
@@ -252,10 +267,14 @@ impl Visibility {
         }
     }
 
-    /// What a beam without return saw at most, metres.
+    /// Whether the pixel at a row and column, or one right beside it, had a return.
     #[inline(always)]
-    pub(super) fn hole(&self) -> f32 {
-        self.metres_per_step
+    pub(super) fn saw(&self, row: f32, column: f32) -> bool {
+        let (row, column) = (row + 0.5, column + 4.0 * self.columns as f32);
+        if row < 0.0 || row >= self.rows.count as f32 {
+            return false;
+        }
+        self.pixels[row as usize * self.columns + (column as usize & (self.columns - 1))].far >= 0.0
     }
 
     /// Rows of the sensor.
@@ -304,12 +323,13 @@ impl Place {
 
 #[inline(always)]
 fn join(t: [Packed; 4]) -> Packed {
-    let (mut near, mut far) = (u32::MAX, 0);
+    let (mut near, mut far, mut flags) = (FIELD, 0, 0);
     for p in t {
-        near = near.min(p & 0xffff);
-        far = far.max(p >> 16);
+        near = near.min(p & FIELD);
+        far = far.max(p & FIELD << FAR_SHIFT);
+        flags |= p & (HOLE_BIT | RIM_BIT);
     }
-    far << 16 | near
+    flags | far | near
 }
 
 /// A pixel in steps: what it saw lies within the packed bounds. A blank one saw nothing.
@@ -321,7 +341,7 @@ fn pack(pixel: &Texel, per_metre: f32) -> Packed {
     // The products' rounding must not push a bound inwards.
     let near = pixel.near * per_metre * (1.0 - 2.0 * f32::EPSILON);
     let far = pixel.far * per_metre * (1.0 + 2.0 * f32::EPSILON);
-    (far.ceil() as u32) << 16 | near as u32
+    (far.ceil() as u32) << FAR_SHIFT | near as u32
 }
 
 #[cfg(test)]
@@ -344,36 +364,36 @@ mod tests {
                 return Ok(());
             };
             let texels = image.texels(&window, &[row; 8], &[column; 8]);
-            let texel = Texel { near: texels.near[3], far: texels.far[3] };
             let close = image.close_texels(&window, &[row; 8], &[column; 8]);
-            let close = Texel { near: close.near[5], far: close.far[5] };
             let mut filled: Vec<Texel> = ranges.iter().map(|&r| if r > 0.0 { Texel { near: r, far: r } } else { BLANK }).collect();
             fill_gaps(&mut filled, &mut Vec::new(), 64, 2, SAME_SURFACE);
-            // A hole counts as seen up to the least that the pyramid can tell from nothing.
-            let hole = Texel { near: image.hole(), far: image.hole() };
-            let pixel = |row: usize, column: i32| {
-                let pixel = filled[row * 64 + column.rem_euclid(64) as usize];
-                if pixel.far < 0.0 { hole } else { pixel }
-            };
+            grow(&mut filled, &mut Vec::new(), 64);
             // What is above the image counts as the row above it.
             let bounds = |more: i32| {
-                let (mut near, mut far) = (f32::INFINITY, 0f32);
+                let (mut near, mut far, mut hole, mut rim) = (60f32, 0f32, false, false);
                 for r in (row + 0.5 - row_radius).floor() as i32..=((row + 0.5 + row_radius).floor() as i32).max(-1) + more {
                     for c in (column - column_radius).floor() as i32..=(column + column_radius).floor() as i32 + more {
-                        let seen = if (0..16).contains(&r) { pixel(r as usize, c) } else { Texel { near: 0.0, far: 0.0 } };
-                        near = near.min(seen.near);
-                        far = far.max(seen.far);
+                        match (0..16).contains(&r).then(|| filled[r as usize * 64 + c.rem_euclid(64) as usize]) {
+                            None => rim = true,
+                            Some(pixel) if pixel.far < 0.0 => hole = true,
+                            Some(pixel) => (near, far) = (near.min(pixel.near), far.max(pixel.far)),
+                        }
                     }
                 }
-                (near, far)
+                (near, far, hole, rim)
             };
-            let (near, far) = bounds(0);
-            prop_assert!(texel.near <= near && texel.far >= far, "{texel:?} against {near} {far}");
-            prop_assert!(close.near <= near && close.far >= far, "{close:?} against {near} {far}");
-            if row_radius.max(column_radius) <= 1.0 {
-                let (near, far) = bounds(1);
-                prop_assert!(close.near >= near - 2e-3 && close.far <= far + 2e-3, "close for small patches: {close:?} against {near} {far}");
+            let (near, far, hole, rim) = bounds(0);
+            for t in [texels, close] {
+                prop_assert!((near == 60.0 || t.near[3] <= near) && t.far[3] >= far, "{t:?} against {near} {far}");
+                prop_assert!(t.hole[5] >= hole && t.rim[6] >= rim, "{t:?} against {hole} {rim}");
             }
+            if row_radius.max(column_radius) <= 1.0 {
+                let (near, far, hole, rim) = bounds(1);
+                prop_assert!(close.near[0] >= near - 4e-3 && close.far[0] <= far + 4e-3, "close for small patches: {close:?} against {near} {far}");
+                prop_assert!(close.hole[0] <= hole && close.rim[0] <= rim);
+            }
+            let inside = (0.0..16.0).contains(&(row + 0.5));
+            prop_assert_eq!(image.saw(row, column), inside && filled[(row + 0.5) as usize * 64 + column as usize].far >= 0.0);
         }
     }
 }
