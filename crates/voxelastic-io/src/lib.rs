@@ -6,6 +6,7 @@
 //! - [`ouster`] reads captures of Ouster sensors.
 //! - [`clouds`] reads a single cloud: [`pcd`], [`ply`], [`kitti_bin`]. [`poses`] reads trajectories, [`g2o`] pose graphs.
 //! - [`pcd::write`], [`poses::write_tum`], [`poses::write_kitti`] and [`g2o::write`] write what the readers take back.
+//! - [`survey`] reads and writes LAS, LAZ and E57.
 //! - [`mesh_io`] writes meshes as PLY and GLB.
 //! - [`store`] saves and reopens maps.
 //!
@@ -55,6 +56,7 @@ pub mod poses;
 mod record;
 pub mod source;
 pub mod store;
+pub mod survey;
 mod text;
 mod text_table;
 

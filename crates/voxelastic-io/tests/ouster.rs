@@ -164,3 +164,38 @@ fn a_capture_and_a_trajectory_are_a_recording() {
     let motion = taken[0].cloud.motion.as_ref().unwrap();
     assert!((motion.at(0.1).translation.x - 0.2).abs() < 0.01, "{motion:?}");
 }
+
+#[test]
+fn damaged_captures_never_panic() {
+    let Some(folder) = folder() else { return };
+    let seconds = std::env::var("VOXELASTIC_SOAK_S").ok().and_then(|s| s.parse().ok()).unwrap_or(0.5);
+    let dir = tempfile::tempdir().unwrap();
+    let (capture, metadata) = (dir.path().join("a.pcap"), dir.path().join("a.json"));
+    let (packets, json) = (std::fs::read(folder.join(CAPTURES[2].0)).unwrap(), std::fs::read(folder.join(CAPTURES[2].1)).unwrap());
+    let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    let mut random = move |n: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % n.max(1) as u64) as usize
+    };
+    let (clock, mut runs, mut read) = (std::time::Instant::now(), 0, 0);
+    while clock.elapsed().as_secs_f64() < seconds {
+        // A few packets will do; every other time the description of the sensor is damaged.
+        let (mut packets, mut json) = (packets[..40_000].to_vec(), json.clone());
+        for k in 0..=random(6) {
+            let bytes = if runs % 2 == 0 { &mut packets } else { &mut json };
+            let at = if k % 2 == 0 { random(bytes.len()) } else { random(bytes.len().min(200)) };
+            bytes[at] = if random(2) == 0 { random(256) as u8 } else { b"0123456789-.e"[random(13)] };
+        }
+        std::fs::write(&capture, &packets).unwrap();
+        std::fs::write(&metadata, &json).unwrap();
+        if let Ok(mut capture) = Capture::open(&capture, &metadata) {
+            let _ = capture.model();
+            read += std::iter::from_fn(|| capture.next_scan()).take(100).count();
+        }
+        runs += 1;
+    }
+    eprintln!("captures: {runs} damaged ones, {read} scans");
+    assert!(read > 0);
+}

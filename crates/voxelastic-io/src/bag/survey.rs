@@ -8,8 +8,10 @@ use crate::playback::Tree;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-/// The beginning of a recording is looked at for this long, in seconds of recording, or this many bytes of messages.
+/// The beginning of a recording is looked at for this long at most, in seconds of recording, or this many bytes of messages.
 const BEGINNING_S: f64 = 5.0;
+/// Transforms are looked at for this long: those that move come more often.
+const TRANSFORMS_S: f64 = 1.0;
 const BEGINNING_BYTES: usize = 256 << 20;
 
 /// A topic of a recording.
@@ -109,7 +111,8 @@ impl Survey {
             let Ok(sent) = sent else { continue };
             let time = sent.message.time_ns as f64 * 1e-9;
             bytes += sent.message.data.len();
-            if time - *first.get_or_insert(time) > BEGINNING_S || bytes > BEGINNING_BYTES {
+            let elapsed = time - *first.get_or_insert(time);
+            if elapsed > BEGINNING_S || bytes > BEGINNING_BYTES || self.has_seen_enough(elapsed) {
                 break;
             }
             let place = self.place(&sent.topic);
@@ -134,6 +137,14 @@ impl Survey {
                 self.glimpses.entry(sent.topic.name.clone()).or_insert(glimpse);
             }
         }
+    }
+
+    /// Whether the rest of the beginning would show nothing new: each topic of clouds was seen, and transforms for a while. Without
+    /// an index more topics may come.
+    fn has_seen_enough(&self, elapsed: f64) -> bool {
+        let clouds = self.of_role(Role::is_cloud);
+        let transforms = self.of_role(|role| role == Role::Transforms);
+        self.counts.is_some() && clouds.iter().all(|(name, _)| self.glimpses.contains_key(name)) && (transforms.is_empty() || elapsed > TRANSFORMS_S)
     }
 
     /// Messages of a topic, if that is known.

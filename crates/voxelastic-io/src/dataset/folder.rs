@@ -155,7 +155,7 @@ fn one_format(path: &Path, files: Vec<(CloudFormat, PathBuf)>) -> Result<(CloudF
 }
 
 fn cloud_files(entries: &[PathBuf]) -> Vec<(CloudFormat, PathBuf)> {
-    entries.iter().filter_map(|e| CloudFormat::of(e).map(|f| (f, e.clone()))).filter(|(_, e)| e.is_file()).collect()
+    entries.iter().filter_map(|e| CloudFormat::of(e).filter(|f| f.holds_scans()).map(|f| (f, e.clone()))).filter(|(_, e)| e.is_file()).collect()
 }
 
 fn in_order(mut paths: Vec<PathBuf>) -> Vec<CloudFile> {

@@ -9,7 +9,8 @@
 //! | KITTI odometry, as downloaded | `kitti_odometry.rs` |
 //! | MulRan, as downloaded | `mulran.rs` |
 //!
-//! SC-A-LOAM, SC-LIO-SAM and Newer College folders are what [`crate::dataset`] reads as it is.
+//! SC-A-LOAM, SC-LIO-SAM and Newer College folders are what [`crate::dataset`] reads as it is. LIO-SAM saves no scans with its map: its
+//! `transformations.pcd` gives the poses of a recording (`--poses`).
 
 mod glim;
 mod hba;

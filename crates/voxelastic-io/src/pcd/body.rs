@@ -49,6 +49,20 @@ pub(super) fn parse(bytes: &[u8], header: &Header, path: &Path) -> Result<Stampe
     Raw { width: header.width, height: header.height, ..raw }.finish(path)
 }
 
+/// The numbers of one field of a binary file.
+pub(super) fn column(bytes: &[u8], header: &Header, name: &str, path: &Path) -> Result<Vec<f64>> {
+    let wrong = |problem: &str| Error::content(path, Position::Field(name.into()), problem, "give a binary PCD file that has this field");
+    let field = header.fields.iter().find(|f| f.name == name).ok_or_else(|| wrong("missing"))?;
+    if !matches!(header.data, Data::Binary) {
+        return Err(wrong("the file is not binary"));
+    }
+    let body = &bytes[header.body..];
+    let needed = header.record.checked_mul(header.points).filter(|&n| n <= body.len());
+    let Some(needed) = needed else { return Err(too_short(bytes, body.len() / header.record.max(1), header, path)) };
+    let bytes = body[..needed].get(field.offset..).unwrap_or(&[]);
+    Ok(Column { bytes, stride: header.record, len: header.points, scalar: field.scalar, big_endian: false }.to_f64())
+}
+
 /// Unpacks the body of a compressed file, whose two leading numbers are its packed and unpacked sizes in bytes.
 fn unpack(bytes: &[u8], header: &Header, path: &Path) -> Result<Vec<u8>> {
     let body = &bytes[header.body..];

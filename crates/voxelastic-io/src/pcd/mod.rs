@@ -23,6 +23,15 @@ pub fn read(path: impl AsRef<Path>) -> Result<StampedCloud> {
     parse(&file::read(path.as_ref())?, path.as_ref())
 }
 
+/// Numbers of the fields of these names, one list each, out of a binary PCD file that may hold anything; `path` is for messages only.
+///
+/// # Errors
+/// [`crate::Error::Content`] if the file breaks the format, is not binary, or lacks a field.
+pub(crate) fn columns(bytes: &[u8], path: &Path, names: &[&str]) -> Result<Vec<Vec<f64>>> {
+    let header = header::parse(bytes, path)?;
+    names.iter().map(|name| body::column(bytes, &header, name, path)).collect()
+}
+
 /// Decodes a PCD cloud from the bytes of a file; `path` is for messages only.
 ///
 /// # Errors

@@ -1,6 +1,7 @@
-//! Trajectories as text files: TUM, KITTI rows, Newer College CSV; and lists of times.
+//! Trajectories as text files: TUM, KITTI rows, Newer College CSV; LIO-SAM's key poses; and lists of times.
 
 mod kitti;
+mod lio_sam;
 mod newer_college;
 mod sniff;
 mod times;
@@ -12,7 +13,7 @@ pub(crate) use sniff::{Kind, sniff};
 pub use times::{parse_times, read_times};
 pub use write::{write_kitti, write_tum};
 
-use crate::{Error, Result, g2o, text};
+use crate::{Error, Result, file, g2o, text};
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
@@ -40,13 +41,16 @@ impl Trajectory {
     }
 }
 
-/// Reads a trajectory of any format that this crate knows, recognised by its content.
+/// Reads a trajectory of any format that this crate knows, recognised by its content; a `.pcd` is LIO-SAM's `transformations.pcd`.
 ///
 /// # Errors
 /// [`Error::Content`], naming line and field, if the content is of no known format, a number is none or not finite, a
 /// quaternion's length or a matrix is off by more than 0.01, or times do not increase; [`Error::Io`].
 pub fn read(path: impl AsRef<Path>) -> Result<Trajectory> {
     let path = path.as_ref();
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pcd")) {
+        return lio_sam::parse(&file::read(path)?, path);
+    }
     let text = text::read(path)?;
     match sniff(&text) {
         Some(Kind::Poses(format)) => parse(&text, path, format),

@@ -183,4 +183,5 @@ def main():
         sqlite(folder / f"ouster_{poses}", two.messages(poses=poses), two)
 
 
-main()
+if __name__ == "__main__" and len(sys.argv) == 2:
+    main()

@@ -120,3 +120,31 @@ fn what_cannot_be_meant_is_said() {
     assert_eq!(scans.len(), SCANS / 4);
     assert!(scans[1].t_map_lidar.translation_distance(&t_map_lidar(4, 1.5)) < 1e-9);
 }
+
+/// Not a check but a table: format, size, time to read a scan. `cargo test --release -p voxelastic-io --test bags -- --ignored --nocapture`
+#[test]
+#[ignore = "figures: minutes of writing"]
+fn figures_of_a_real_street() {
+    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
+    let street = Path::new(&std::env::var("VOXELASTIC_DATA").unwrap_or_else(|_| default.into())).join("kitti00-street");
+    let dir = tempfile::tempdir().unwrap();
+    let script = [include_str!("write.py"), include_str!("street.py")].concat();
+    if !street.is_dir() || !python("rosbags, mcap", &script, &[&street, dir.path()]) {
+        eprintln!("skipped: needs kitti00-street (VOXELASTIC_DATA)");
+        return;
+    }
+    let mut recordings: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().path()).collect();
+    recordings.sort();
+    for path in recordings {
+        let files = if path.is_dir() { std::fs::read_dir(&path).unwrap().map(|e| e.unwrap().path()).collect() } else { vec![path.clone()] };
+        let bytes: u64 = files.iter().map(|f| std::fs::metadata(f).unwrap().len()).sum();
+        let clock = std::time::Instant::now();
+        let recording = Recording::open(&path, &every_scan()).unwrap();
+        let opened = clock.elapsed().as_secs_f64();
+        let scans = recording.events().filter(|e| matches!(e, Ok(Event::Scan(_)))).count();
+        let seconds = clock.elapsed().as_secs_f64() - opened;
+        let (name, mb) = (path.file_name().unwrap().to_string_lossy().into_owned(), bytes as f64 / 1e6);
+        let ms = 1e3 * seconds / scans as f64;
+        eprintln!("{name:<20} {scans} scans, {mb:6.1} MB, opened in {:5.1} ms, {ms:6.2} ms a scan, {:6.0} MB/s", 1e3 * opened, mb / seconds);
+    }
+}

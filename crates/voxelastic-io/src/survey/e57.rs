@@ -1,0 +1,131 @@
+//! E57 (ASTM E2807), through the `e57` crate: scans with the pose of the scanner, as laser scanners and survey software write them.
+
+use super::{Gather, SurveyCloud, check};
+use crate::file::{self, write_atomically};
+use crate::{Error, Position, Result};
+use e57::{CartesianCoordinate, E57Reader, E57Writer, Quaternion, Record, RecordValue, Transform, Translation};
+use nalgebra::UnitQuaternion;
+use std::io::{Cursor, Write};
+use std::path::Path;
+use voxelastic::{Cloud, Pose};
+
+/// A scan of an E57 file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct E57Scan {
+    /// Its name, if it has one.
+    pub name: Option<String>,
+    /// Pose of the scanner's frame in the file's; the identity where the file gives none.
+    pub t_map_scan: Pose,
+    /// The points in the scanner's frame. Intensities are 0 to 1 of the scanner's range.
+    pub survey: SurveyCloud,
+}
+
+/// Reads all scans of an E57 file.
+///
+/// # Errors
+/// [`Error::Content`] if it is damaged or none, [`Error::NoReturn`] if a scan has no point, [`Error::Io`].
+pub fn read(path: impl AsRef<Path>) -> Result<Vec<E57Scan>> {
+    parse(&file::read(path.as_ref())?, path.as_ref())
+}
+
+/// Decodes all scans of an E57 file; `path` is for messages only.
+///
+/// # Errors
+/// As [`read`], without [`Error::Io`].
+pub fn parse(bytes: &[u8], path: &Path) -> Result<Vec<E57Scan>> {
+    let fail = |e: e57::Error| Error::content(path, Position::File, format!("not readable as E57: {e}"), "copy it again or export it anew");
+    let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(fail)?;
+    let mut scans = Vec::new();
+    for described in reader.pointclouds() {
+        let t_map_scan = described.transform.as_ref().map_or_else(Pose::identity, pose);
+        let mut gather = Gather::default();
+        let mut points = reader.pointcloud_simple(&described).map_err(fail)?;
+        points.apply_pose(false);
+        points.intensity_to_color(false);
+        for point in points {
+            let point = point.map_err(fail)?;
+            let CartesianCoordinate::Valid { x, y, z } = point.cartesian else { continue };
+            gather.add([x, y, z]);
+            gather.intensity.extend(point.intensity);
+            gather.colours.extend(point.color.map(|c| [c.red, c.green, c.blue].map(|v| (v * 255.0).round().clamp(0.0, 255.0) as u8)));
+        }
+        scans.push(E57Scan { name: described.name.clone(), t_map_scan, survey: gather.finish(path)? });
+    }
+    if scans.is_empty() {
+        return Err(Error::NoReturn { path: path.into(), points: 0 });
+    }
+    Ok(scans)
+}
+
+/// All points of an E57 file in the file's frame.
+///
+/// # Errors
+/// As [`read`].
+pub fn merge(scans: &[E57Scan], path: &Path) -> Result<SurveyCloud> {
+    let mut gather = Gather::default();
+    for scan in scans {
+        for p in &scan.survey.cloud.points {
+            let q = scan.t_map_scan * nalgebra::Point3::from(std::array::from_fn::<f64, 3, _>(|k| f64::from(p[k]) + scan.survey.offset[k]));
+            gather.add(q.coords.into());
+        }
+        gather.intensity.extend(scan.survey.cloud.intensity.iter().flatten());
+        gather.colours.extend(scan.survey.colours.iter().flatten());
+    }
+    gather.finish(path)
+}
+
+fn pose(transform: &Transform) -> Pose {
+    let (t, q) = (&transform.translation, &transform.rotation);
+    let rotation = nalgebra::Quaternion::new(q.w, q.x, q.y, q.z);
+    // A quaternion of no length is what some programs write for none.
+    let rotation = UnitQuaternion::try_new(rotation, 1e-9).unwrap_or_default();
+    Pose::from_parts([t.x, t.y, t.z].into(), rotation)
+}
+
+/// Writes scans as E57, atomically. Points without a return are left out; coordinates are double precision, intensities as they are.
+///
+/// # Errors
+/// [`Error::Unwritable`] if channels differ in length; [`Error::Io`].
+pub fn write(path: impl AsRef<Path>, scans: &[E57Scan]) -> Result<()> {
+    let path = path.as_ref();
+    scans.iter().try_for_each(|scan| check(path, &scan.survey))?;
+    let fail = |e: e57::Error| Error::unwritable(path, e.to_string());
+    let mut bytes = Cursor::new(Vec::new());
+    {
+        let mut writer = E57Writer::new(&mut bytes, "voxelastic").map_err(fail)?;
+        for (k, scan) in scans.iter().enumerate() {
+            write_scan(&mut writer, k, scan).map_err(fail)?;
+        }
+        writer.finalize().map_err(fail)?;
+    }
+    write_atomically(path, |w| w.write_all(bytes.get_ref()))
+}
+
+fn write_scan(writer: &mut E57Writer<&mut Cursor<Vec<u8>>>, number: usize, scan: &E57Scan) -> e57::Result<()> {
+    let E57Scan { name, t_map_scan, survey } = scan;
+    // Some readers want to be told that points are valid.
+    let mut records = vec![Record::CARTESIAN_X_F64, Record::CARTESIAN_Y_F64, Record::CARTESIAN_Z_F64, Record::CARTESIAN_INVALID_STATE];
+    if survey.cloud.intensity.is_some() {
+        records.push(Record::INTENSITY_UNIT_F32);
+    }
+    if survey.colours.is_some() {
+        records.extend([Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8]);
+    }
+    let mut out = writer.add_pointcloud(&format!("voxelastic-{number}"), records)?;
+    let (t, q) = (t_map_scan.translation.vector, t_map_scan.rotation);
+    out.set_name(name.clone());
+    out.set_transform(Some(Transform {
+        rotation: Quaternion { w: q.w, x: q.i, y: q.j, z: q.k },
+        translation: Translation { x: t.x, y: t.y, z: t.z },
+    }));
+    // Whatever the scale of the intensities is, the format wants it from 0 to 1.
+    let brightest = survey.cloud.intensity.iter().flatten().copied().fold(1.0, f32::max);
+    for (i, p) in survey.cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p)) {
+        let mut values: Vec<RecordValue> = (0..3).map(|k| RecordValue::Double(f64::from(p[k]) + survey.offset[k])).collect();
+        values.push(RecordValue::Integer(0));
+        values.extend(survey.cloud.intensity.as_ref().map(|v| RecordValue::Single((v[i] / brightest).clamp(0.0, 1.0))));
+        values.extend(survey.colours.iter().flat_map(|c| c[i]).map(|v| RecordValue::Integer(v.into())));
+        out.add_point(values)?;
+    }
+    out.finalize()
+}

@@ -1,0 +1,115 @@
+//! LAS 1.0 to 1.4 and LAZ, through the `las` and `laz` crates.
+
+use super::{CHUNK, Gather, SurveyCloud, check};
+use crate::file::{self, write_atomically};
+use crate::{Error, Position, Result};
+use las::point::Format;
+use las::{Builder, Color, Point, Reader, Transform, Vector, Writer};
+use std::io::{Cursor, Write};
+use std::path::Path;
+use voxelastic::Cloud;
+
+/// No packing gets more points into a byte.
+const MOST_POINTS_PER_BYTE: u64 = 256;
+/// Coordinates are written in steps of this, metres.
+const STEP: f64 = 1e-4;
+
+/// Reads a LAS or LAZ cloud.
+///
+/// # Errors
+/// [`Error::Content`] if it is damaged or none, [`Error::NoReturn`] if it has no point, [`Error::Io`].
+pub fn read(path: impl AsRef<Path>) -> Result<SurveyCloud> {
+    parse(file::read(path.as_ref())?, path.as_ref())
+}
+
+/// Decodes a LAS or LAZ cloud; `path` is for messages only.
+///
+/// # Errors
+/// As [`read`], without [`Error::Io`].
+pub fn parse(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
+    // The decoder of LAZ panics on some damaged headers.
+    std::panic::catch_unwind(|| decode(bytes, path)).unwrap_or_else(|_| {
+        Err(Error::content(path, Position::File, "not readable as LAS or LAZ: its header contradicts itself", "copy it again or write it anew"))
+    })
+}
+
+fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
+    let fail = |e: las::Error| Error::content(path, Position::File, format!("not readable as LAS or LAZ: {e}"), "copy it again or write it anew");
+    if let Some(problem) = exaggerates(&bytes) {
+        return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));
+    }
+    let most = bytes.len() as u64 * MOST_POINTS_PER_BYTE;
+    let mut reader = Reader::new(Cursor::new(bytes)).map_err(fail)?;
+    if reader.header().number_of_points() > most {
+        let problem = format!("{} points are claimed by a file that cannot hold more than {most}", reader.header().number_of_points());
+        return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));
+    }
+    let has_colour = reader.header().point_format().has_color;
+    let mut gather = Gather::default();
+    // Sixteen bits are the rule for colours, but some programs write eight.
+    let mut colours: Vec<[u16; 3]> = Vec::new();
+    loop {
+        let read = reader.read_points(CHUNK as u64).map_err(fail)?;
+        if read.is_empty() {
+            break;
+        }
+        for point in read.points() {
+            let p = point.map_err(fail)?;
+            gather.add([p.x, p.y, p.z]);
+            gather.intensity.push(p.intensity.into());
+            colours.extend(p.color.filter(|_| has_colour).map(|c| [c.red, c.green, c.blue]));
+        }
+    }
+    let shift = if colours.iter().flatten().any(|c| *c > 255) { 8 } else { 0 };
+    gather.colours = colours.into_iter().map(|c| c.map(|v| (v >> shift) as u8)).collect();
+    if gather.intensity.iter().all(|i| *i == 0.0) {
+        gather.intensity.clear();
+    }
+    gather.finish(path)
+}
+
+/// Whether a LAZ file claims more chunks than it has bytes, for which the decoder would ask for memory.
+fn exaggerates(bytes: &[u8]) -> Option<String> {
+    let u32_at = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk::<4>()?));
+    let u64_at = |at: usize| Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk::<8>()?));
+    // The header says where points begin, and in the type of points whether they are packed; packed ones begin with the place of the
+    // table of chunks, or its place is the last number of the file.
+    if bytes.get(104)? & 0x80 == 0 {
+        return None;
+    }
+    let table = match u64_at(u32_at(96)? as usize)? {
+        u64::MAX => u64_at(bytes.len().checked_sub(8)?)?,
+        at => at,
+    };
+    let chunks = u32_at(usize::try_from(table).ok()?.checked_add(4)?)?;
+    (chunks as usize > bytes.len()).then(|| format!("a table of {chunks} chunks in {} bytes", bytes.len()))
+}
+
+/// Writes a cloud as LAS 1.4, packed as LAZ if the name says so, atomically. Points without a return are left out; intensities are rounded
+/// to whole numbers from 0 to 65535; coordinates to a tenth of a millimetre.
+///
+/// # Errors
+/// [`Error::Unwritable`] if channels differ in length or coordinates are too large; [`Error::Io`].
+pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
+    let path = path.as_ref();
+    check(path, survey)?;
+    let fail = |e: las::Error| Error::unwritable(path, e.to_string());
+    let mut builder = Builder::from((1, 4));
+    builder.point_format = Format::new(if survey.colours.is_some() { 7 } else { 6 }).map_err(fail)?;
+    builder.point_format.is_compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
+    let transform = |k: usize| Transform { scale: STEP, offset: survey.offset[k] };
+    builder.transforms = Vector { x: transform(0), y: transform(1), z: transform(2) };
+    builder.generating_software = "voxelastic".into();
+    let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().map_err(fail)?).map_err(fail)?;
+    for (i, p) in survey.cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p)) {
+        let [x, y, z] = std::array::from_fn(|k| f64::from(p[k]) + survey.offset[k]);
+        let intensity = survey.cloud.intensity.as_ref().map_or(0.0, |v| v[i]).round().clamp(0.0, 65535.0) as u16;
+        let color = survey.colours.as_ref().map(|c| c[i].map(|v| u16::from(v) * 257)).map(|[red, green, blue]| Color { red, green, blue });
+        let gps_time = Some(0.0);
+        writer
+            .write_point(Point { x, y, z, intensity, color, gps_time, return_number: 1, number_of_returns: 1, ..Point::default() })
+            .map_err(fail)?;
+    }
+    let bytes = writer.into_inner().map_err(fail)?.into_inner();
+    write_atomically(path, |w| w.write_all(&bytes))
+}

@@ -1,0 +1,194 @@
+//! LAS, LAZ and E57: read what laspy and pye57 write, and they read what we write (`VOXELASTIC_PYTHON`, default `python3`).
+
+use nalgebra::{Translation3, UnitQuaternion};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+use voxelastic::{Cloud, Pose};
+use voxelastic_io::survey::{SurveyCloud, e57, las};
+use voxelastic_io::{Error, clouds};
+
+fn python(modules: &str, script: &str, folder: &Path) -> Option<String> {
+    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
+    let probe = Command::new(&interpreter).args(["-c", &format!("import {modules}")]).output();
+    if !probe.is_ok_and(|p| p.status.success()) {
+        eprintln!("skipped: {interpreter} cannot import {modules} (set VOXELASTIC_PYTHON to an interpreter that can)");
+        return None;
+    }
+    let output = Command::new(&interpreter).args(["-c", script]).arg(folder).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    Some(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// 300 points with intensity and colour.
+fn survey(offset: [f64; 3]) -> SurveyCloud {
+    let points = (0..300).map(|k| [k as f32 * 0.25, (k as f32).sin(), -0.5 * k as f32 - 1.0]).collect();
+    let cloud = Cloud { intensity: Some((0..300).map(|k| (k % 50) as f32).collect()), ..Cloud::from_points(points) };
+    SurveyCloud { offset, cloud, colours: Some((0..300).map(|k| [(k % 256) as u8, 7, 200]).collect()) }
+}
+
+fn scans() -> Vec<e57::E57Scan> {
+    let pose = |k: f64| Pose::from_parts(Translation3::new(10.0 * k, 1.0, 2.0), UnitQuaternion::from_euler_angles(0.1, 0.0, k));
+    let mut survey = survey([0.0; 3]);
+    survey.cloud.intensity = Some((0..300).map(|k| k as f32 / 299.0).collect());
+    (0..2).map(|k| e57::E57Scan { name: Some(format!("station {k}")), t_map_scan: pose(f64::from(k)), survey: survey.clone() }).collect()
+}
+
+fn nearest(a: &[f32; 3], b: [f64; 3]) -> f64 {
+    (0..3).map(|k| (f64::from(a[k]) - b[k]).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn what_is_written_is_read_back() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, offset) in [("a.las", [0.0; 3]), ("a.laz", [0.0; 3]), ("utm.laz", [453_000.0, 5_421_000.0, 0.0])] {
+        let path = dir.path().join(name);
+        las::write(&path, &survey(offset)).unwrap();
+        let read = las::read(&path).unwrap();
+        assert_eq!((read.offset, &read.colours, &read.cloud.intensity), (offset, &survey(offset).colours, &survey(offset).cloud.intensity), "{name}");
+        for (p, q) in read.cloud.points.iter().zip(&survey(offset).cloud.points) {
+            assert!(nearest(p, q.map(f64::from)) < 1e-4, "{name}: {p:?} {q:?}");
+        }
+        assert_eq!(clouds::read(&path).unwrap().cloud.points, read.cloud.points);
+    }
+    let path = dir.path().join("a.e57");
+    e57::write(&path, &scans()).unwrap();
+    let read = e57::read(&path).unwrap();
+    assert_eq!(read.len(), 2);
+    for (a, b) in read.iter().zip(&scans()) {
+        assert_eq!((&a.name, &a.survey), (&b.name, &b.survey));
+        assert!(
+            (a.t_map_scan.translation.vector - b.t_map_scan.translation.vector).norm() < 1e-12
+                && a.t_map_scan.rotation.angle_to(&b.t_map_scan.rotation) < 1e-7
+        );
+    }
+    let all = clouds::read(&path).unwrap().cloud;
+    let last = scans()[1].t_map_scan * nalgebra::Point3::from(scans()[1].survey.cloud.points[299].map(f64::from));
+    assert!(all.len() == 600 && nearest(&all.points[599], last.coords.into()) < 1e-4);
+
+    let mut wrong = survey([0.0; 3]);
+    wrong.cloud.intensity = Some(vec![1.0]);
+    assert!(matches!(las::write(dir.path().join("b.las"), &wrong), Err(Error::Unwritable { .. })));
+}
+
+const WRITE: &str = r#"
+import sys, laspy, pye57, numpy as np
+folder = sys.argv[1]
+k = np.arange(300)
+xyz = np.stack([453000.0 + k * 0.25, 5421000.0 + np.sin(k), -0.5 * k - 1.0], axis=1)
+for version, point_format in (("1.2", 1), ("1.2", 3), ("1.4", 6), ("1.4", 7)):
+    las = laspy.LasData(laspy.LasHeader(version=version, point_format=point_format))
+    las.header.offsets = [450000, 5420000, 0]; las.header.scales = [1e-3] * 3
+    las.x, las.y, las.z = xyz.T
+    las.intensity = k % 50
+    if point_format in (3, 7):
+        las.red, las.green, las.blue = (k % 256) * 256, np.full(300, 7 * 256), np.full(300, 200 * 256)
+    for extension in ("las", "laz"):
+        las.write(f"{folder}/p{point_format}.{extension}")
+e57 = pye57.E57(f"{folder}/stations.e57", mode="w")
+for station in range(2):
+    data = {"cartesianX": k * 0.25, "cartesianY": np.sin(k), "cartesianZ": -0.5 * k - 1.0, "intensity": k / 299.0,
+            "colorRed": (k % 256).astype(np.uint8), "colorGreen": np.full(300, 7, np.uint8), "colorBlue": np.full(300, 200, np.uint8)}
+    half = station / 2
+    e57.write_scan_raw(data, rotation=np.array([np.cos(half), 0, 0, np.sin(half)]), translation=np.array([10.0 * station, 1.0, 2.0]))
+e57.close()
+"#;
+
+#[test]
+fn files_of_laspy_and_pye57() {
+    let dir = tempfile::tempdir().unwrap();
+    if python("laspy, pye57, numpy", WRITE, dir.path()).is_none() {
+        return;
+    }
+    for format in [1, 3, 6, 7] {
+        for extension in ["las", "laz"] {
+            let read = las::read(dir.path().join(format!("p{format}.{extension}"))).unwrap();
+            assert_eq!((read.offset, read.cloud.len()), ([453_000.0, 5_421_000.0, 0.0], 300));
+            for (k, p) in read.cloud.points.iter().enumerate() {
+                let k = k as f64;
+                assert!(nearest(p, [0.25 * k, k.sin(), -0.5 * k - 1.0]) < 1e-3, "{format} {extension}: {p:?}");
+            }
+            assert_eq!(read.cloud.intensity.as_ref().unwrap()[123], 23.0);
+            assert_eq!(read.colours.map(|c| c[299]), [3, 7].contains(&format).then_some([43, 7, 200]));
+        }
+    }
+    let stations = e57::read(dir.path().join("stations.e57")).unwrap();
+    assert_eq!(stations.len(), 2);
+    for (k, station) in stations.iter().enumerate() {
+        assert!(
+            (station.t_map_scan.translation.x - 10.0 * k as f64).abs() < 1e-9
+                && (station.t_map_scan.rotation.euler_angles().2 - k as f64).abs() < 1e-9
+        );
+        let p = station.survey.cloud.points[200];
+        assert!(nearest(&p, [50.0, 200f64.sin(), -101.0]) < 1e-4, "{p:?}");
+        assert_eq!(station.survey.colours.as_ref().unwrap()[200], [200, 7, 200]);
+        assert!((station.survey.cloud.intensity.as_ref().unwrap()[299] - 1.0).abs() < 1e-4);
+    }
+}
+
+const READ: &str = r#"
+import sys, laspy, pye57, numpy as np
+folder = sys.argv[1]
+for name in ("ours.las", "ours.laz"):
+    las = laspy.read(f"{folder}/{name}")
+    print(len(las.points), las.x[299], las.y[299], las.z[299], las.intensity[123], las.red[299] // 257, las.blue[299] // 257)
+e57 = pye57.E57(f"{folder}/ours.e57")
+scan = e57.read_scan(1, intensity=True, colors=True)
+print(e57.scan_count, scan["cartesianX"][299], scan["cartesianY"][299], scan["cartesianZ"][299], scan["intensity"][299], scan["colorRed"][200], scan["colorBlue"][0])
+"#;
+
+#[test]
+fn files_of_ours_read_by_laspy_and_pye57() {
+    let dir = tempfile::tempdir().unwrap();
+    las::write(dir.path().join("ours.las"), &survey([453_000.0, 0.0, 0.0])).unwrap();
+    las::write(dir.path().join("ours.laz"), &survey([453_000.0, 0.0, 0.0])).unwrap();
+    e57::write(dir.path().join("ours.e57"), &scans()).unwrap();
+    let Some(said) = python("laspy, pye57, numpy", READ, dir.path()) else { return };
+    let rows: Vec<Vec<f64>> = said.lines().map(|l| l.split_whitespace().map(|w| w.parse().unwrap()).collect()).collect();
+    let y = f64::from(299f32.sin());
+    for row in &rows[..2] {
+        let expected = [300.0, 453_074.75, y, -150.5, 23.0, 43.0, 200.0];
+        assert!(row.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-3), "{row:?}");
+    }
+    let last = scans()[1].t_map_scan * nalgebra::Point3::new(74.75, y, -150.5);
+    let expected = [2.0, last.x, last.y, last.z, 1.0, 200.0, 200.0];
+    assert!(rows[2].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{:?} {expected:?}", rows[2]);
+}
+
+#[test]
+fn damaged_surveys_are_refused_calmly() {
+    let dir = tempfile::tempdir().unwrap();
+    let seconds = std::env::var("VOXELASTIC_SOAK_S").ok().and_then(|s| s.parse().ok()).unwrap_or(0.5);
+    las::write(dir.path().join("a.las"), &survey([0.0; 3])).unwrap();
+    las::write(dir.path().join("a.laz"), &survey([0.0; 3])).unwrap();
+    e57::write(dir.path().join("a.e57"), &scans()).unwrap();
+    let mut state = 0x2545_f491_4f6c_dd1du64;
+    let mut random = move |n: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % n.max(1) as u64) as usize
+    };
+    for name in ["a.las", "a.laz", "a.e57"] {
+        let good = std::fs::read(dir.path().join(name)).unwrap();
+        let (clock, mut runs, mut read, mut slowest) = (Instant::now(), 0, 0, Duration::ZERO);
+        while clock.elapsed().as_secs_f64() < seconds {
+            let mut bad = good.clone();
+            for _ in 0..=random(4) {
+                let at = if random(2) == 0 { random(bad.len()) } else { random(bad.len().min(400)) };
+                match random(3) {
+                    0 => bad[at] ^= 1 << random(8),
+                    1 => bad[at] = random(256) as u8,
+                    _ => bad.truncate(at.max(4)),
+                }
+            }
+            let start = Instant::now();
+            let path = Path::new(name);
+            read += usize::from(clouds::parse(&bad, path, clouds::CloudFormat::of(path).unwrap()).is_ok());
+            slowest = slowest.max(start.elapsed());
+            runs += 1;
+        }
+        eprintln!("{name}: {runs} damaged files, {read} read, the slowest took {slowest:?}");
+        assert!(slowest < Duration::from_secs(20), "{name}: {slowest:?}");
+    }
+}
