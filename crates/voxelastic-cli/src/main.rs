@@ -11,17 +11,20 @@ mod mapping;
 mod meshing;
 mod output;
 mod progress;
+mod recorder;
+mod reporting;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
 #[cfg(feature = "optimize")]
 use commands::optimize;
-use commands::{config as config_command, eval, export, heldout, info, map, mesh, render, simulate, slice};
+use commands::{config as config_command, demo, eval, export, heldout, info, map, mesh, render, report, simulate, slice};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
 const EXAMPLES: &str = "\
 Examples:
+  voxelastic demo                          see what it does: simulates, maps, measures, shows
   voxelastic map hall                      map the folder hall: makes hall.vox
   voxelastic mesh hall.vox -o hall.ply     make a mesh of it
   voxelastic render hall.vox -o hall.png   look at it";
@@ -48,12 +51,14 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(demo::DemoArgs),
     Map(map::MapArgs),
     Mesh(mesh::MeshArgs),
     Info(info::InfoArgs),
     Render(render::RenderArgs),
     Slice(slice::SliceArgs),
     Export(export::ExportArgs),
+    Report(report::ReportArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
@@ -101,12 +106,14 @@ fn main() -> ExitCode {
     cli.logging.install();
     let quiet = cli.logging.quiet;
     let done = match &cli.command {
+        Command::Demo(args) => demo::run(args, quiet),
         Command::Map(args) => map::run(args, quiet),
         Command::Mesh(args) => mesh::run(args),
         Command::Info(args) => info::run(args),
         Command::Render(args) => render::run(args),
         Command::Slice(args) => slice::run(args),
         Command::Export(args) => export::run(args),
+        Command::Report(args) => report::run(args),
         Command::Heldout(args) => heldout::run(args, quiet),
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),

@@ -1,27 +1,21 @@
-//! Mapping under way: events into the mapper, in a pool of threads of its own, with the time that each scan took.
+//! Mapping under way: events into the mapper, in a pool of threads of its own, with a log of how it went.
 
 use crate::output::Spread;
+use crate::recorder::Recorder;
 use crate::usage;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic::mapper::{MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
+use voxelastic_report::RunLog;
 
 /// A mapper at work.
 pub struct Session {
     mapper: Mapper,
     pool: rayon::ThreadPool,
-    times: Times,
-}
-
-/// Milliseconds of each integrated scan.
-#[derive(Debug, Default)]
-struct Times {
-    wall: Vec<f64>,
-    cpu: Vec<f64>,
-    phases: BTreeMap<&'static str, Vec<f64>>,
+    recorder: Recorder,
 }
 
 /// Summary of the time that scans took, preparation included, reading and decoding of files not. Milliseconds.
@@ -32,13 +26,13 @@ pub struct TimeSummary {
     /// Processor time of all threads of the pool; `null` where the system does not tell.
     pub integrate_cpu_ms: Spread,
     /// Wall time by phase: `prepare` (range image, local planes) and the phases of each field.
-    pub phases_ms: BTreeMap<&'static str, Spread>,
+    pub phases_ms: BTreeMap<String, Spread>,
 }
 
 impl Session {
     /// Mapping with `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
-        Self { mapper, pool, times: Times::default() }
+        Self { mapper, pool, recorder: Recorder::default() }
     }
 
     /// Takes an event; a scan that was integrated gives a report.
@@ -46,14 +40,15 @@ impl Session {
     /// # Errors
     /// Those of the mapper: the event was refused and the map is as before.
     pub fn take(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
+        let what = Recorder::look(&event);
         let before = usage::pool_cpu_time(&self.pool);
         let clock = Instant::now();
         let mapper = &mut self.mapper;
         let done = self.pool.install(|| mapper.handle(event));
         let wall = clock.elapsed();
-        if let Ok(Some(report)) = &done {
+        if let Ok(report) = &done {
             let cpu = before.zip(usage::pool_cpu_time(&self.pool)).map(|(before, after)| after.saturating_sub(before));
-            self.times.add(report, wall, cpu);
+            self.recorder.note(&what, report.as_ref(), wall, cpu, self.mapper.atlas());
         }
         done
     }
@@ -90,44 +85,28 @@ impl Session {
 
     /// Scans integrated so far.
     pub fn scans(&self) -> usize {
-        self.times.wall.len()
+        self.recorder.log().scans.node.len()
     }
 
     /// The times of all scans so far.
     pub fn times(&self) -> TimeSummary {
-        let Times { wall, cpu, phases } = &self.times;
+        let log = self.recorder.log();
         TimeSummary {
-            integrate_ms: Spread::of(wall),
-            integrate_cpu_ms: Spread::of(cpu),
-            phases_ms: phases.iter().map(|(&name, times)| (name, Spread::of(times))).collect(),
+            integrate_ms: Spread::of(&log.scans.wall_ms),
+            integrate_cpu_ms: Spread::of(&log.scans.cpu_ms),
+            phases_ms: log.phases_ms.iter().map(|(name, times)| (name.clone(), Spread::of(times))).collect(),
         }
     }
-}
 
-impl Times {
-    fn add(&mut self, report: &ScanReport, wall: Duration, cpu: Option<Duration>) {
-        self.wall.push(milliseconds(wall));
-        self.cpu.extend(cpu.map(milliseconds));
-        let mut phase = |name: &'static str, time: Duration| self.phases.entry(name).or_default().push(milliseconds(time));
-        phase("prepare", report.prepare);
-        phase("elastic", report.elastic);
-        if let Some(tsdf) = &report.tsdf {
-            phase("tsdf_transform", tsdf.phases.transform);
-            phase("tsdf_select", tsdf.phases.select);
-            phase("tsdf_allocate", tsdf.phases.allocate);
-            phase("tsdf_update", tsdf.phases.update);
-        }
-        if let Some(occupancy) = &report.occupancy {
-            phase("occupancy_see", occupancy.phases.see);
-            phase("occupancy_descend", occupancy.phases.descend);
-            phase("occupancy_select", occupancy.phases.select);
-            phase("occupancy_allocate", occupancy.phases.allocate);
-            phase("occupancy_update", occupancy.phases.update);
-            phase("occupancy_propagate", occupancy.phases.propagate);
+    /// How the run went so far, for a report. Totals of the command are left to the command.
+    pub fn log(&self) -> RunLog {
+        let counts = self.mapper.elastic_counts();
+        RunLog {
+            threads: self.threads(),
+            fusions: counts.fusions,
+            submap_moves: counts.submap_moves,
+            peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
+            ..self.recorder.log().clone()
         }
     }
-}
-
-fn milliseconds(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
 }

@@ -41,13 +41,24 @@ fn observations(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|w| (0.0..=1000.0).contains(w)).ok_or_else(|| "must be a number from 0 to 1000".to_owned())
 }
 
+impl Default for SurfaceArgs {
+    fn default() -> Self {
+        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, threads: 0 }
+    }
+}
+
 impl SurfaceArgs {
+    /// The same with at least this level of detail.
+    pub fn coarser(&self, lod: u8) -> Self {
+        Self { lod: self.lod.max(lod.min(3)), ..self.clone() }
+    }
+
     fn options(&self) -> MeshOptions {
         MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod) }
     }
 
     /// The surface of a submap in its frame.
-    fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
+    pub fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
         let kind = match self.surface {
             Surface::Measured if submap.tsdf.is_empty() => OccupancySurface::Occupied,
             Surface::Measured => return extract(&submap.tsdf, voxel, &self.options()),

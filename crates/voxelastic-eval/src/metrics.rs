@@ -52,13 +52,22 @@ pub struct CompareSettings {
     pub truth_voxel: f32,
     /// Distances beyond this are misses, metres; default none.
     pub cut_off: f32,
+    /// Accuracy is measured at no more than this many points of the map, evenly taken from all; default all. Completeness always looks at the
+    /// whole map.
+    pub most_points: usize,
     /// Distances at which F-scores are given, metres. Default 0.05, 0.1, 0.2, 0.5.
     pub thresholds: Vec<f32>,
 }
 
 impl Default for CompareSettings {
     fn default() -> Self {
-        Self { align: Some(AlignSettings::default()), truth_voxel: 0.05, cut_off: f32::INFINITY, thresholds: vec![0.05, 0.1, 0.2, 0.5] }
+        Self {
+            align: Some(AlignSettings::default()),
+            truth_voxel: 0.05,
+            cut_off: f32::INFINITY,
+            most_points: usize::MAX,
+            thresholds: vec![0.05, 0.1, 0.2, 0.5],
+        }
     }
 }
 
@@ -94,7 +103,7 @@ pub struct Comparison {
     pub completeness: DistanceStats,
     /// F-scores; precision by the exact distance where it is known.
     pub f_scores: Vec<FScore>,
-    /// Distance of each map point (the exact one where known), in input order: for colouring.
+    /// Distance of each map point that was measured (the exact one where known), in input order: for colouring.
     #[serde(skip)]
     pub errors: Vec<f32>,
     /// Maps map to truth coordinates.
@@ -126,8 +135,9 @@ pub fn compare(map: Map<'_>, truth: &Truth<'_>, settings: &CompareSettings) -> R
     let points = moved(map.points(), &t_truth_map);
     let visible = visible(truth, &thin, settings)?;
 
-    let to_truth = truth_index.distances(&points, settings.cut_off);
-    let exact: Option<Vec<f32>> = truth.distance.map(|f| exact_errors(&points, f));
+    let sample: Vec<[f32; 3]> = points.iter().step_by(points.len().div_ceil(settings.most_points.max(1)).max(1)).copied().collect();
+    let to_truth = truth_index.distances(&sample, settings.cut_off);
+    let exact: Option<Vec<f32>> = truth.distance.map(|f| exact_errors(&sample, f));
     let to_map = match map {
         Map::Points(_) => PointIndex::new(&points, "the map")?.distances(&visible, settings.cut_off),
         Map::Mesh(mesh) => MeshIndex::new(&MeshView::new(&points, mesh.triangles())?)?.distances(&visible, settings.cut_off),
@@ -212,6 +222,19 @@ mod tests {
         let seen: Vec<bool> = truth.iter().map(|p| p[0] < 5.0).collect();
         let c = compare(Map::Points(&map), &Truth { visible: Some(&seen), ..t }, &unaligned()).unwrap();
         assert!(c.f_scores[0].recall > 0.99 && c.visible_points.abs_diff(c.truth_points / 2) < 300);
+    }
+
+    #[test]
+    fn a_sample_says_what_all_points_say() {
+        let truth = floor(0.05, 0.0);
+        let map: Vec<[f32; 3]> = floor(0.1, 0.01).into_iter().enumerate().map(|(i, [x, y, z])| [x, y, z * (1 + i % 3) as f32]).collect();
+        let distance = |p: [f32; 3]| p[2];
+        let t = Truth { points: &truth, visible: None, distance: Some(&distance) };
+        let all = compare(Map::Points(&map), &t, &unaligned()).unwrap();
+        let some = compare(Map::Points(&map), &t, &CompareSettings { most_points: 1000, ..unaligned() }).unwrap();
+        let mean = |c: &Comparison| c.accuracy_exact.as_ref().unwrap().mean.unwrap();
+        assert!((mean(&all) - mean(&some)).abs() < 5e-4 && (500..=1000).contains(&some.errors.len()), "{}", some.errors.len());
+        assert_eq!((some.map_points, &some.completeness), (all.map_points, &all.completeness));
     }
 
     #[test]

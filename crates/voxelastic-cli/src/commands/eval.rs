@@ -1,10 +1,10 @@
 //! `voxelastic eval`: how far a map is from the truth, what it misses, and how good its poses were.
 
 mod measured;
-mod path;
+pub mod path;
 mod space;
 mod table;
-mod truth;
+pub mod truth;
 
 use crate::failure::{self, Failure};
 use crate::meshing::SurfaceArgs;
@@ -15,7 +15,7 @@ use measured::Measured;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use truth::{TrueSurface, Truth};
+use truth::{Limits, TrueSurface, Truth};
 use voxelastic::Pose;
 use voxelastic_eval::align::{AlignSettings, align};
 use voxelastic_eval::colour::error_colours;
@@ -57,12 +57,15 @@ pub struct EvalArgs {
     #[arg(long, value_name = "M,..", value_delimiter = ',', default_value = "0.05,0.1,0.2,0.5", value_parser = length)]
     thresholds: Vec<f32>,
     /// Simulated truth farther from the sensor than this does not count for completeness and occupancy, metres
-    #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = length)]
+    #[arg(long, value_name = "M", default_value_t = Limits::default().max_range, value_parser = length)]
     max_range: f32,
     /// The truth is thinned to one point in each cube of this edge, metres
-    #[arg(long, value_name = "M", default_value_t = 0.05, value_parser = length, hide_short_help = true)]
+    #[arg(long, value_name = "M", default_value_t = Limits::default().truth_voxel, value_parser = length, hide_short_help = true)]
     truth_voxel: f32,
-    /// What of a map is measured [default: tsdf where the map has it, else occupancy]
+    /// Measure accuracy at this many points of the map at most, evenly taken from all
+    #[arg(long, value_name = "N", default_value_t = usize::MAX, hide_default_value = true, hide_short_help = true, conflicts_with = "error_ply")]
+    max_points: usize,
+    /// What of a map is measured [default: tsdf where the map has it, else occupancy; and free and occupied space]
     #[arg(long, value_enum)]
     field: Option<Field>,
     /// Measure the meshes of the submaps as `voxelastic mesh` writes them, instead of fusing the submaps first
@@ -91,6 +94,43 @@ pub enum Field {
     Occupancy,
 }
 
+impl EvalArgs {
+    /// What `eval MAP --truth TRUTH` measures.
+    pub fn of(map: &Path, truth: &Path) -> Self {
+        Self {
+            map: map.to_owned(),
+            truth: truth.to_owned(),
+            no_align: false,
+            align: false,
+            thresholds: CompareSettings::default().thresholds,
+            max_range: Limits::default().max_range,
+            truth_voxel: Limits::default().truth_voxel,
+            max_points: usize::MAX,
+            field: None,
+            no_fuse: false,
+            error_ply: None,
+            error_max: 0.1,
+            json: false,
+            surface: SurfaceArgs::default(),
+        }
+    }
+
+    /// The same for one field of the map.
+    pub fn with_field(self, field: Field) -> Self {
+        Self { field: Some(field), ..self }
+    }
+
+    /// The same with accuracy measured at `most` points of the map.
+    pub fn with_max_points(self, most: usize) -> Self {
+        Self { max_points: most, ..self }
+    }
+
+    /// What of the truth counts.
+    pub fn limits(&self) -> Limits {
+        Limits { truth_voxel: self.truth_voxel, max_range: self.max_range, ..Limits::default() }
+    }
+}
+
 fn length(text: &str) -> Result<f32, String> {
     let wrong = || "must be a length in metres, from 0.001 to 1000".to_owned();
     text.trim().parse().ok().filter(|m| (0.001..=1000.0).contains(m)).ok_or_else(wrong)
@@ -104,17 +144,20 @@ pub struct Summary {
     /// `cloud`, `mesh`, `world` or `poses`.
     truth_kind: &'static str,
     /// What was measured: `vertices` of a mesh, `points` of a cloud, `voxels` that are occupied; `null` when only poses were.
-    measured: Option<&'static str>,
+    pub measured: Option<&'static str>,
     /// Distances; `null` when the truth has no surface.
-    surface: Option<Comparison>,
+    pub surface: Option<Comparison>,
     /// How far from the sensor true surface counts for completeness and occupancy, metres; only for a world.
     max_range_m: Option<f32>,
     /// Free and occupied space; `null` without a world, or without occupancy in the map.
-    occupancy: Option<OccupancyScores>,
+    pub occupancy: Option<OccupancyScores>,
     /// Errors of the poses; `null` where the truth has none, or none that belongs to the map.
-    trajectory: Option<path::TrajectoryErrors>,
+    pub trajectory: Option<path::TrajectoryErrors>,
     error_ply: Option<PathBuf>,
     total_s: f64,
+    /// Maps map to truth coordinates.
+    #[serde(skip)]
+    pub t_truth_map: Pose,
 }
 
 /// Measures.
@@ -132,8 +175,17 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<u8> {
 }
 
 fn measure(args: &EvalArgs) -> anyhow::Result<Summary> {
-    let mut measured = Measured::open(args)?;
-    let truth = Truth::open(&args.truth, args)?;
+    let measured = Measured::open(args)?;
+    let truth = Truth::open(&args.truth, &args.limits())?;
+    against_truth(args, measured, &truth)
+}
+
+/// Measures the map that `args` names against a truth that was opened before, for one truth and several maps.
+pub fn measure_against(args: &EvalArgs, truth: &Truth) -> anyhow::Result<Summary> {
+    against_truth(args, Measured::open(args)?, truth)
+}
+
+fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyhow::Result<Summary> {
     let mut summary = Summary {
         map: args.map.clone(),
         truth: args.truth.clone(),
@@ -145,15 +197,15 @@ fn measure(args: &EvalArgs) -> anyhow::Result<Summary> {
         trajectory: None,
         error_ply: None,
         total_s: 0.0,
+        t_truth_map: Pose::identity(),
     };
     if let Some(map) = measured.map() {
-        summary.trajectory = path::compare(&map.atlas, &truth)?;
+        summary.trajectory = path::compare(&map.atlas, truth)?;
     }
-    let mut t_truth_map = Pose::identity();
     if let Some(surface) = &truth.surface {
         let points = measured.surface(args)?;
         let found = against(&points, surface, truth.simulation.is_some(), args)?;
-        t_truth_map = found.t_truth_map;
+        summary.t_truth_map = found.t_truth_map;
         summary.measured = Some(points.what);
         if let Some(path) = &args.error_ply {
             write_errors(path, &points, &found.errors, args.error_max)?;
@@ -164,8 +216,11 @@ fn measure(args: &EvalArgs) -> anyhow::Result<Summary> {
         let what = format!("{}: no surface to measure errors from, only poses", args.truth.display());
         return Err(Failure::usage(what, "leave out --error-ply, or give a cloud, a mesh or a simulated folder as --truth").into());
     }
-    if let (Some(simulation), Some(map)) = (&truth.simulation, measured.map().filter(|m| measured::has_occupancy(&m.atlas))) {
-        summary.occupancy = Some(space::score(&space::Task { simulation, map, t_truth_map, max_range: args.max_range }));
+    let wants_space = args.field != Some(Field::Tsdf);
+    if let (Some(simulation), Some(map)) =
+        (truth.simulation.as_ref().filter(|_| wants_space), measured.map().filter(|m| measured::has_occupancy(&m.atlas)))
+    {
+        summary.occupancy = Some(space::score(&space::Task { simulation, map, t_truth_map: summary.t_truth_map, max_range: args.max_range }));
     }
     Ok(summary)
 }
@@ -182,6 +237,7 @@ fn against(points: &measured::Surface, truth: &TrueSurface, is_world: bool, args
     let settings = CompareSettings {
         align: aligned.then(AlignSettings::default),
         truth_voxel: args.truth_voxel,
+        most_points: args.max_points,
         thresholds: args.thresholds.clone(),
         ..CompareSettings::default()
     };

@@ -1,11 +1,14 @@
 //! `voxelastic map`: a folder of scans and poses, or a recording, into a map.
 
+use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
 use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::mapping::{Session, TimeSummary};
+use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
+use crate::reporting::{self, Subject};
 use crate::{interrupt, map_files, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
@@ -18,6 +21,7 @@ use voxelastic::event::Event;
 use voxelastic::mapper::Mapper;
 use voxelastic_io::source::Source;
 use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
+use voxelastic_report::RunLog;
 
 /// Map a folder of scans and poses, or a recording
 ///
@@ -32,6 +36,7 @@ use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
   voxelastic map kitti00 --poses groundtruth            where there are several pose files
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   poses are those of the vehicle
+  voxelastic map hall --report                          and hall.html, to look at in a browser
   voxelastic map DATA --config mapping.toml --json      settings from a file, figures on stdout")]
 pub struct MapArgs {
     #[command(flatten)]
@@ -48,6 +53,9 @@ pub struct MapArgs {
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
+    /// Show the map and the run as an HTML page [default name: that of the map with .html, in the current directory]
+    #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
+    report: Option<Option<PathBuf>>,
     /// Print one JSON object with the figures on stdout
     #[arg(long)]
     json: bool,
@@ -136,7 +144,15 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let details = map_files::details(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let summary = summarise(&session, &tally, saved, &output, clock);
+    let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
+    target.log(&log);
     tell(&summary);
+    if let Some(page) = &args.report {
+        let page = page.clone().unwrap_or_else(|| report::page_of(&output));
+        let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
+        let subject = Subject { atlas, settings, details: &details, run: Some(log), surface: &SurfaceArgs::default() };
+        session.pool().install(|| reporting::write(&subject.report(&report::name_of(&output)), &page))?;
+    }
     if args.json {
         output::print_json(&summary)?;
     }
@@ -257,6 +273,15 @@ impl Target {
         let writer = self.0.as_mut().context("the map was given up before it was saved")?;
         let atlas = session.mapper().atlas();
         session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
+    }
+
+    /// Puts the log of the run beside the saved map. The map is worth having without it.
+    fn log(&mut self, log: &RunLog) {
+        let Some(writer) = &mut self.0 else { return };
+        let written = log.to_json().map_err(anyhow::Error::from).and_then(|text| Ok(writer.write_run_log(&text)?));
+        if let Err(problem) = written {
+            tracing::warn!("no log of the run is kept, so a later report has no charts of it: {problem:#}");
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
 pub mod config;
+pub mod demo;
 pub mod eval;
 pub mod export;
 pub mod heldout;
@@ -10,5 +11,6 @@ pub mod mesh;
 #[cfg(feature = "optimize")]
 pub mod optimize;
 pub mod render;
+pub mod report;
 pub mod simulate;
 pub mod slice;

@@ -12,10 +12,10 @@ fn keys(value: &Value) -> BTreeSet<&str> {
     value.as_object().unwrap().keys().map(String::as_str).collect()
 }
 
-/// All files of a map, by name, with their content; not the lock, which names the process that wrote last.
+/// All files of a map, by name, with their content; not the lock, which names the process that wrote last, and not the log of the run.
 fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
     let files = std::fs::read_dir(map).unwrap().map(Result::unwrap);
-    let named = files.map(|e| (e.file_name().into_string().unwrap(), e.path())).filter(|(name, _)| name != ".lock");
+    let named = files.map(|e| (e.file_name().into_string().unwrap(), e.path())).filter(|(name, _)| ![".lock", "run.json"].contains(&&**name));
     let mut files: Vec<_> = named.map(|(name, path)| (name, std::fs::read(path).unwrap())).collect();
     files.sort();
     files

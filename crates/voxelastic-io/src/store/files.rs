@@ -12,6 +12,9 @@ pub(super) const MANIFEST: &str = "manifest.json";
 /// Name of the file that a writer holds locked. It stays when the writer goes: removing it would race with the next.
 pub(super) const LOCK: &str = ".lock";
 
+/// Name of the file that tells how the map came to be; for people and reports, no part of the map.
+pub(super) const RUN_LOG: &str = "run.json";
+
 /// Name of a submap file: the same name is always the same content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SubmapName {
@@ -42,7 +45,7 @@ fn temporary(name: &str) -> String {
 /// Whether a map writer makes files of this name that may be removed when no manifest names them.
 pub(super) fn is_disposable(name: &str) -> bool {
     let whole = name.strip_prefix('.').and_then(|n| n.strip_suffix(".tmp"));
-    SubmapName::parse(whole.unwrap_or(name)).is_some() || whole == Some(MANIFEST)
+    SubmapName::parse(whole.unwrap_or(name)).is_some() || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
 }
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.
@@ -93,6 +96,15 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
     File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(StoreError::io("read", path))?;
     if bytes.len() as u64 != expected { Err(differs(bytes.len() as u64)) } else { Ok(bytes) }
+}
+
+/// Removes the file `name` from `dir`, if it is there.
+pub(super) fn remove(dir: &Path, name: &str) -> Result<()> {
+    let path = dir.join(name);
+    match fs::remove_file(&path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(StoreError::io("remove", &path)(error)),
+        _ => Ok(()),
+    }
 }
 
 /// Names of everything in `dir`, sorted.

@@ -5,6 +5,7 @@
 //!   manifest.json                           what the map is made of; replaced last, atomically
 //!   submap-000000-5d0ef1b2c3a49687.vxs      the fields of submap 0; the name holds a hash of its content
 //!   submap-000001-0a1b2c3d4e5f6071.vxs
+//!   run.json                                how the run went that made the map; may be absent, and is no part of the map
 //!   .lock                                   held by the one process that writes
 //! ```
 //!

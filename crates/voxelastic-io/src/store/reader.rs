@@ -1,7 +1,7 @@
 //! Reading a map directory.
 
 use super::error::{Result, StoreError};
-use super::files::{self, MANIFEST};
+use super::files::{self, MANIFEST, RUN_LOG};
 use super::manifest::{Manifest, SubmapEntry};
 use super::{manifest_text, submap_file};
 use rayon::prelude::*;
@@ -59,6 +59,20 @@ impl MapStore {
     /// What the map is made of.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
+    }
+
+    /// The log of the run that made the map, as it was written; none where there is none, as in maps of older programs.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] when it may not be read, [`StoreError::Damaged`] when it is not text.
+    pub fn run_log(&self) -> Result<Option<String>> {
+        let path = self.dir.join(RUN_LOG);
+        let bytes = match files::read(&path, None) {
+            Err(StoreError::Missing { .. }) => return Ok(None),
+            other => other?,
+        };
+        let not_text = |e: std::string::FromUtf8Error| StoreError::damaged(&path, "text", e.utf8_error().valid_up_to() as u64, "it is not UTF-8");
+        String::from_utf8(bytes).map(Some).map_err(not_text)
     }
 
     /// Size of the submap files, bytes.

@@ -1,7 +1,7 @@
 //! Saving an atlas to a map directory.
 
 use super::error::{Result, StoreError};
-use super::files::{self, LOCK, MANIFEST, SubmapName};
+use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName};
 use super::lock::Lock;
 use super::manifest::{Manifest, MapDetails, Piece, SubmapEntry, check_storable};
 use super::manifest_text;
@@ -104,6 +104,8 @@ impl MapWriter {
             *if *is_new { &mut report.written } else { &mut report.kept } += 1;
         }
         let manifest = Manifest { details: details.clone(), submaps: saved.into_iter().map(|(entry, _)| entry).collect() };
+        // The log of an earlier run is not that of this map.
+        files::remove(dir, RUN_LOG)?;
         let path = dir.join(MANIFEST);
         let text = manifest_text::write(&manifest).map_err(|e| StoreError::io("write", &path)(e.into()))?;
         files::write_atomically(dir, MANIFEST, |file| file.write_all(text.as_bytes()))?;
@@ -113,6 +115,17 @@ impl MapWriter {
         report.bytes_written += text.len() as u64;
         report.removed = files::remove_others(self.store.dir(), |name| self.names(name))?;
         Ok(report)
+    }
+
+    /// Puts `text` beside the map as the log of the run that made it, after [`save`](Self::save), which removes any earlier one. It is no
+    /// part of the map: runs differ in their times where maps are the same bit for bit.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`]; the map is not touched.
+    pub fn write_run_log(&mut self, text: &str) -> Result<()> {
+        let dir = self.store.dir();
+        files::write_atomically(dir, RUN_LOG, |file| file.write_all(text.as_bytes()))?;
+        files::sync_dir(dir)
     }
 
     /// Whether the manifest names the file `name`.

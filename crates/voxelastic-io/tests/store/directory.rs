@@ -82,6 +82,22 @@ fn leftovers_of_a_killed_run_are_removed_and_other_files_never() {
 }
 
 #[test]
+fn a_run_log_stays_with_its_map_until_the_next_save() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut writer = MapWriter::create(dir.path()).unwrap();
+    writer.save(&made_up_atlas(1, 1, 5), &details("one")).unwrap();
+    let log = |dir: &Path| MapStore::open(dir).unwrap().run_log();
+    assert_eq!(log(dir.path()).unwrap(), None);
+    writer.write_run_log("{\"scans\": 3}").unwrap();
+    assert_eq!(log(dir.path()).unwrap().as_deref(), Some("{\"scans\": 3}"));
+    assert!(MapStore::open(dir.path()).unwrap().check().is_empty());
+    writer.save(&made_up_atlas(1, 1, 6), &details("two")).unwrap();
+    assert_eq!(log(dir.path()).unwrap(), None, "it is of another map");
+    fs::write(dir.path().join("run.json"), [0xff, 0xfe]).unwrap();
+    assert!(matches!(log(dir.path()), Err(StoreError::Damaged { .. })));
+}
+
+#[test]
 fn directories_that_hold_something_else_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("thesis.tex"), "years of work").unwrap();

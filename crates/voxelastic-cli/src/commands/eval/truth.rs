@@ -1,6 +1,5 @@
 //! What is true: a survey, a mesh, a simulated world, or poses.
 
-use super::EvalArgs;
 use super::measured::Surface;
 use crate::failure::Failure;
 use crate::map_files;
@@ -8,14 +7,34 @@ use anyhow::Context;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
+use voxelastic_eval::align::moved;
 use voxelastic_eval::mesh_distance::{MeshIndex, sample_surface};
-use voxelastic_eval::{MeshView, metrics};
+use voxelastic_eval::metrics::exact_errors;
+use voxelastic_eval::{MeshView, PointIndex, metrics};
 use voxelastic_io::dataset::{self, OpenOptions};
 use voxelastic_sim::dataset::WORLD_FILE;
 use voxelastic_sim::{Simulation, World};
 
 /// Most points that a mesh is sampled with.
 const MOST_SAMPLES: f64 = 3e7;
+
+/// What of a truth counts.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// It is thinned to one point in each cube of this edge, metres.
+    pub truth_voxel: f32,
+    /// Simulated surface farther from the sensor than this does not count for completeness, metres.
+    pub max_range: f32,
+    /// Simulated surface farther from the sensor than this, or than the sensor sees, is no truth at all, metres: only exact distances are then
+    /// right for what lies there.
+    pub reach: f32,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self { truth_voxel: 0.05, max_range: 30.0, reach: f32::INFINITY }
+    }
+}
 
 /// The truth.
 pub struct Truth {
@@ -27,6 +46,18 @@ pub struct Truth {
     pub simulation: Option<Simulation>,
     /// True poses of the lidar, in the frame of the truth.
     pub poses: Vec<(NodeId, Pose)>,
+}
+
+impl Truth {
+    /// Distance of each point of the map from the true surface, metres; none where the truth has no surface.
+    pub fn errors(&self, points: &[[f32; 3]], t_truth_map: &Pose) -> anyhow::Result<Option<Vec<f32>>> {
+        let Some(surface) = &self.surface else { return Ok(None) };
+        let points = moved(points, t_truth_map);
+        Ok(Some(match surface.as_truth().distance {
+            Some(distance) => exact_errors(&points, distance),
+            None => PointIndex::new(&surface.points, "the truth")?.distances(&points, f32::INFINITY),
+        }))
+    }
 }
 
 /// The true surface.
@@ -49,12 +80,12 @@ impl TrueSurface {
 
 impl Truth {
     /// Reads it.
-    pub fn open(path: &Path, args: &EvalArgs) -> anyhow::Result<Self> {
+    pub fn open(path: &Path, limits: &Limits) -> anyhow::Result<Self> {
         if !path.exists() {
             return Err(Failure::new(format!("{}: there is nothing of this name", path.display()), "check the path after --truth").into());
         }
         if path.is_file() && path.extension().is_some_and(|e| e == "toml") || path.join(WORLD_FILE).is_file() {
-            return Self::of_world(Simulation::load(path)?, args);
+            return Self::of_world(Simulation::load(path)?, limits);
         }
         if map_files::looks_like_map(path) {
             let remedy = "make a mesh of it with `voxelastic mesh`, and give that";
@@ -63,28 +94,28 @@ impl Truth {
         if path.is_dir() {
             return Self::of_folder(path);
         }
-        Self::of_file(path, args).with_context(|| format!("{}: no truth to measure against", path.display()))
+        Self::of_file(path, limits).with_context(|| format!("{}: no truth to measure against", path.display()))
     }
 
     /// A cloud or a mesh.
-    fn of_file(path: &Path, args: &EvalArgs) -> anyhow::Result<Self> {
+    fn of_file(path: &Path, limits: &Limits) -> anyhow::Result<Self> {
         let read = Surface::read(path)?;
         let (kind, surface) = if read.triangles.is_empty() {
             ("cloud", TrueSurface { points: read.positions, visible: None, distance: None })
         } else {
-            ("mesh", of_mesh(&read, args.truth_voxel)?)
+            ("mesh", of_mesh(&read, limits.truth_voxel)?)
         };
         Ok(Self { kind, surface: Some(surface), simulation: None, poses: Vec::new() })
     }
 
-    /// A world: exact, and visible as far as beams of the simulated scans reach.
-    fn of_world(simulation: Simulation, args: &EvalArgs) -> anyhow::Result<Self> {
-        let spacing = f64::from(args.truth_voxel);
-        let reach = simulation.lidar().settings().max_range;
+    /// A simulated world: exact, and visible as far as beams of the simulated scans reach.
+    pub fn of_world(simulation: Simulation, limits: &Limits) -> anyhow::Result<Self> {
+        let spacing = f64::from(limits.truth_voxel);
+        let reach = simulation.lidar().settings().max_range.min(f64::from(limits.reach));
         tracing::info!("casting the beams of {} scans of the world `{}`", simulation.len(), simulation.world().name());
         let mut points = Vec::new();
         // Near surface counts for completeness. Far surface is truth too: what the map says of it is not wrong.
-        let near = f64::from(args.max_range).min(reach);
+        let near = f64::from(limits.max_range).min(reach);
         let mut add = |range: f64| {
             points.extend(simulation.visible_surface(spacing, range).iter().map(|s| s.point.map(|c| c as f32)));
             points.len()

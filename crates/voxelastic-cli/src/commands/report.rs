@@ -1,0 +1,144 @@
+//! `voxelastic report`: a map and its run as one HTML page.
+
+use super::eval::truth::{Limits, Truth};
+use crate::failure::{self, Failure};
+use crate::map_files;
+use crate::meshing::SurfaceArgs;
+use crate::output;
+use crate::reporting::{self, Subject};
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use voxelastic_io::store::MapStore;
+use voxelastic_report::Report;
+use voxelastic_report::content::PlannedPath;
+
+/// Show a map and the run that made it as one HTML page
+///
+/// The page has the surface in 3D, the map from above with trajectory and loop closures, and charts of the run: time of each scan, memory,
+/// submaps. With --truth it shows how far the map is from it. It is one file that needs no network.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic report hall.vox                                makes hall.html
+  voxelastic report campus.vox --truth campus -o out.html   with errors against the world that was simulated into campus
+  voxelastic report hall.vox --truth survey.ply --error-max 0.2
+  voxelastic report hall.vox --plan path.json               with a planned path")]
+pub struct ReportArgs {
+    /// The map
+    #[arg(value_name = "MAP.vox")]
+    map: PathBuf,
+    /// The page to write [default: the name of the map with .html, in the current directory]
+    #[arg(short, long, value_name = "FILE.html")]
+    output: Option<PathBuf>,
+    /// Heading of the page [default: the name of the map]
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// Measure the map against this, as `voxelastic eval` does, and colour it by its error
+    #[arg(long, value_name = "CLOUD|MESH|DIR|world.toml")]
+    truth: Option<PathBuf>,
+    /// Error at the end of the colours, metres
+    #[arg(long, value_name = "M", default_value_t = 0.1, requires = "truth", value_parser = positive)]
+    error_max: f64,
+    /// Draw the path that `voxelastic plan` wrote
+    #[arg(long, value_name = "FILE.json")]
+    plan: Option<PathBuf>,
+    /// Time between two scans of the sensor, milliseconds: the line in the chart of times
+    #[arg(long, value_name = "MS", default_value_t = SENSOR_PERIOD_MS, value_parser = positive)]
+    sensor_period: f64,
+    /// Print one JSON object on stdout: file, bytes, vertices, ..
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    surface: SurfaceArgs,
+}
+
+/// Nearly all spinning sensors turn ten times a second.
+pub const SENSOR_PERIOD_MS: f64 = 100.0;
+
+fn positive(text: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "must be a number above 0".to_owned())
+}
+
+/// What was made.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    file: &'a Path,
+    bytes: u64,
+    submaps: usize,
+    vertices: usize,
+    has_run: bool,
+    has_truth: bool,
+}
+
+/// Makes the page.
+pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
+    let pool = args.surface.pool()?;
+    pool.install(|| make(args))
+}
+
+fn make(args: &ReportArgs) -> anyhow::Result<u8> {
+    let map = map_files::load(&args.map)?;
+    let store = MapStore::open(&args.map)?;
+    let run = reporting::run_log(&store);
+    if run.is_none() {
+        tracing::info!("{}: how it was mapped is not known, so the page has no charts of the run", args.map.display());
+    }
+    let details = &store.manifest().details;
+    let subject = Subject { atlas: &map.atlas, settings: &map.settings, details, run, surface: &args.surface };
+    let mut report = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
+    report.sensor_period_ms = args.sensor_period;
+    report.error_max = args.error_max as f32;
+    report.plan = args.plan.as_deref().map(read_plan).transpose()?;
+    if let Some(path) = &args.truth {
+        let truth = Truth::open(path, &Limits::default())?;
+        reporting::judge(&mut report, &args.map, path, &truth)?;
+    }
+    let file = args.output.clone().unwrap_or_else(|| page_of(&args.map));
+    let bytes = reporting::write(&report, &file)?;
+    if args.json {
+        output::print_json(&summary(&report, &file, bytes))?;
+    }
+    Ok(failure::DONE)
+}
+
+fn summary<'a>(report: &Report, file: &'a Path, bytes: u64) -> Summary<'a> {
+    Summary {
+        file,
+        bytes,
+        submaps: report.surface.len(),
+        vertices: report.surface.iter().map(|s| s.positions.len()).sum(),
+        has_run: report.run.is_some(),
+        has_truth: !report.distances.is_empty(),
+    }
+}
+
+/// `maps/hall.vox` to `hall`.
+pub fn name_of(map: &Path) -> String {
+    let whole = map.canonicalize().unwrap_or_else(|_| map.to_owned());
+    whole.file_stem().map_or_else(|| "map".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+/// Where the report of a map goes if nothing else is said.
+pub fn page_of(map: &Path) -> PathBuf {
+    PathBuf::from(format!("{}.html", name_of(map)))
+}
+
+fn read_plan(path: &Path) -> anyhow::Result<PlannedPath> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the planned path {}", path.display()))?;
+    serde_json::from_str(&text).map_err(|e| {
+        let what = format!("{}: no planned path: {e}", path.display());
+        Failure::new(what, "give a file that `voxelastic plan` wrote").into()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pages_are_named_after_their_maps() {
+        assert_eq!(page_of(Path::new("maps/hall.v2.vox")), Path::new("hall.v2.html"));
+        assert!(positive("0.1").is_ok() && ["0", "-1", "nan", "inf", "x"].iter().all(|t| positive(t).is_err()));
+    }
+}

@@ -1,0 +1,203 @@
+// What the reader does to the 3D view: pointer, wheel, keys, and the panel.
+
+/** What surfaces can be coloured by; the order is that of `mode` in the shader. */
+const COLOURS = [
+  { name: "Height", ramp: "height" },
+  { name: "Submap", ramp: null },
+  { name: "Intensity", ramp: "intensity", wants: "has_shades" },
+  { name: "Scale", ramp: "scale" },
+  { name: "Error", ramp: "error", wants: "has_errors" },
+];
+
+/** Turns, moves and zooms `view` as the pointer, the wheel and the keys say. */
+function steer(view) {
+  const { canvas } = view;
+  const fingers = new Map();
+  let gesture = null;
+  const clampPitch = (p) => Math.min(Math.max(p, -1.5), 1.5707);
+  const orbit = (dx, dy) => {
+    view.flight = null;
+    view.camera.yaw -= dx * 0.006;
+    view.camera.pitch = clampPitch(view.camera.pitch + dy * 0.006);
+    view.draw();
+  };
+  const pan = (dx, dy) => {
+    view.flight = null;
+    const [across, up] = view.axes();
+    // Along the ground: pushing the map away moves it away, however flat the view is.
+    const { yaw, pitch } = view.camera;
+    const ahead = pitch > 0.3 ? scaled([-Math.cos(yaw), -Math.sin(yaw), 0], 1 / Math.max(Math.sin(pitch), 0.35)) : up;
+    const m = view.metresPerPixel();
+    view.camera.target = add(view.camera.target, add(scaled(across, -dx * m), scaled(ahead, dy * m)));
+    view.draw();
+  };
+  const zoom = (factor, x, y) => {
+    view.flight = null;
+    const { camera } = view;
+    const distance = Math.min(Math.max(camera.distance * factor, 0.4), view.farthest * 3 || 1e4);
+    if (x !== undefined) {
+      // What is under the pointer stays there.
+      const [across, up] = view.axes();
+      const m = view.metresPerPixel() * (1 - distance / camera.distance);
+      const shift = add(scaled(across, (x - canvas.clientWidth / 2) * m), scaled(up, -(y - canvas.clientHeight / 2) * m));
+      camera.target = add(camera.target, shift);
+    }
+    camera.distance = distance;
+    view.draw();
+  };
+  const place = (e) => {
+    const box = canvas.getBoundingClientRect();
+    return [e.clientX - box.left, e.clientY - box.top];
+  };
+
+  canvas.addEventListener("pointerdown", (e) => {
+    try { canvas.setPointerCapture(e.pointerId); } catch { /* A pointer that a test made up. */ }
+    canvas.focus({ preventScroll: true });
+    fingers.set(e.pointerId, place(e));
+    gesture = e.button === 2 || e.button === 1 || e.shiftKey ? "pan" : "orbit";
+    e.preventDefault();
+  });
+  canvas.addEventListener("pointermove", (e) => {
+    const before = fingers.get(e.pointerId);
+    if (!before) return;
+    const now = place(e);
+    if (fingers.size === 2) {
+      const other = [...fingers].find(([id]) => id !== e.pointerId)[1];
+      const apart = (p) => Math.max(Math.hypot(p[0] - other[0], p[1] - other[1]), 20);
+      zoom(apart(before) / apart(now), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+      pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
+    } else if (fingers.size === 1) {
+      (gesture === "pan" ? pan : orbit)(now[0] - before[0], now[1] - before[1]);
+    }
+    fingers.set(e.pointerId, now);
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (e) => fingers.delete(e.pointerId));
+  canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+  canvas.addEventListener("dblclick", (e) => {
+    const point = view.pick(...place(e));
+    if (point) view.fly({ ...view.camera, target: point, distance: Math.min(view.camera.distance, Math.hypot(...sub(point, view.eye())) * 0.5) });
+  });
+  // The wheel scrolls the page until the map was clicked.
+  canvas.addEventListener("wheel", (e) => {
+    if (document.activeElement !== canvas && !e.ctrlKey) return;
+    e.preventDefault();
+    zoom(Math.exp(Math.max(-1, Math.min(1, e.deltaY * (e.deltaMode ? 0.03 : 0.0012) * (e.ctrlKey ? 4 : 1)))), ...place(e));
+  }, { passive: false });
+  canvas.addEventListener("keydown", (e) => {
+    if (e.ctrlKey || e.metaKey || e.altKey) return;
+    const step = { ArrowLeft: [-24, 0], ArrowRight: [24, 0], ArrowUp: [0, -24], ArrowDown: [0, 24] }[e.key];
+    const colour = Number(e.key) - 1;
+    if (step) (e.shiftKey ? pan : orbit)(...step);
+    else if (e.key === "+" || e.key === "=") zoom(0.85);
+    else if (e.key === "-") zoom(1 / 0.85);
+    else if (e.key === "r" || e.key === "R") view.reset();
+    else if (e.key === "t" || e.key === "T") view.top();
+    else if (e.key === "f" || e.key === "F") fillScreen();
+    else if (colour in COLOURS) byId("panel").querySelector(`[data-mode="${colour}"]:not(:disabled)`)?.click();
+    else return;
+    e.preventDefault();
+  });
+}
+
+function fillScreen() {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else byId("stage").requestFullscreen?.().catch(() => {});
+}
+
+/** The panel beside the view. */
+function panel(view) {
+  const { show } = view;
+  const redraw = () => { legend(view); view.draw(); };
+  const buttons = COLOURS.map(({ name, wants }, mode) => el("button", {
+    type: "button", "data-mode": mode, "aria-pressed": String(mode === show.mode),
+    disabled: Boolean(wants) && !DATA.surfaces.some((s) => s[wants]),
+    title: wants === "has_errors" ? "Distance from the truth: voxelastic report MAP --truth T" : `Colour by ${name.toLowerCase()} (${mode + 1})`,
+    onclick: () => {
+      show.mode = mode;
+      buttons.forEach((b, i) => b.setAttribute("aria-pressed", i === mode));
+      redraw();
+    },
+  }, name));
+  byId("panel").append(
+    el("fieldset", {}, el("legend", {}, "Colour"), el("div", { class: "choices" }, ...buttons)),
+    sliceSliders(view),
+    layers(view, redraw),
+    ...(DATA.surfaces.some((s) => s.first_pose) ? [bendSlider(view)] : []),
+  );
+  byId("panel").addEventListener("submit", (e) => e.preventDefault());
+  for (const button of document.querySelectorAll("[data-view]"))
+    button.addEventListener("click", () => ({ reset: () => view.reset(), top: () => view.top(), full: fillScreen })[button.dataset.view]());
+  legend(view);
+}
+
+/** Two heights between which the map is shown. */
+function sliceSliders(view) {
+  const [low, high] = view.bounds.all;
+  const slider = (name, key, start) => {
+    const output = el("output", {}, "all");
+    const input = el("input", { type: "range", min: 0, max: 1000, value: start, id: `slice-${key}`, "aria-label": `Show what is ${name} a height` });
+    input.addEventListener("input", () => {
+      const off = Number(input.value) === start;
+      const height = low + ((high - low) * input.value) / 1000;
+      view.show[key] = off ? (key === "low" ? -Infinity : Infinity) : height;
+      output.value = off ? "all" : `${height.toFixed(1)} m`;
+      view.draw();
+    });
+    return el("label", {}, name, input, output);
+  };
+  return el("fieldset", {}, el("legend", {}, "Slice by height"), slider("below", "high", 1000), slider("above", "low", 0));
+}
+
+/** What can be shown and hidden. */
+function layers(view, redraw) {
+  const box = (key, text) => el("label", {}, el("input", {
+    type: "checkbox", checked: view.show[key], id: `show-${key}`, onchange: (e) => { view.show[key] = e.target.checked; redraw(); },
+  }), text);
+  const loops = view.lines.loops.count, plan = view.lines.plan.count;
+  return el("fieldset", {}, el("legend", {}, "Show"), box("path", "Trajectory"),
+    ...(loops ? [box("loops", `Loop closures (${loops})`)] : []), ...(plan ? [box("plan", "Planned path")] : []), box("backs", "Backs of surfaces: roofs, ceilings"));
+}
+
+/** How much of the corrections is applied to the submaps. */
+function bendSlider(view) {
+  const output = el("output", {}, "100 %");
+  const input = el("input", { type: "range", min: 0, max: 100, value: 100, id: "bend", "aria-label": "Share of the pose corrections that is applied" });
+  const set = (percent) => {
+    input.value = percent;
+    output.value = `${Math.round(percent)} %`;
+    view.bend(percent / 100);
+    view.draw();
+  };
+  input.addEventListener("input", () => set(Number(input.value)));
+  const play = el("button", { type: "button", title: "From the poses as they came to the corrected ones", onclick: () => {
+    const start = performance.now();
+    const step = (time) => {
+      const t = Math.min(Math.max((time - start - 350) / 1800, 0), 1);
+      set(100 * t * t * (3 - 2 * t));
+      if (t < 1) requestAnimationFrame(step);
+    };
+    requestAnimationFrame(step);
+  } }, "▶");
+  return el("fieldset", {}, el("legend", {}, "Corrections of the poses"), el("label", {}, play, input, output));
+}
+
+/** What the colours mean. */
+function legend(view) {
+  const box = byId("legend");
+  const { ramp, name } = COLOURS[view.show.mode];
+  const [low, high] = view.bounds.heights.map((h) => `${h.toFixed(1)} m`);
+  if (!ramp) return void box.replaceChildren(el("b", {}, `${DATA.surfaces.length} submaps`));
+  if (ramp === "scale") {
+    const stops = DATA.ramps.scale, finest = DATA.voxel_m || 0;
+    const swatch = (s) => el("span", { style: `--c:${hex(stops[Math.round((1 - s / 3) * (stops.length - 1))])}` }, finest ? `${short(finest * 100 * 2 ** s)} cm` : `scale ${s}`);
+    return void box.replaceChildren(el("b", {}, "Size of voxels"), el("div", { class: "swatches" }, ...[0, 1, 2, 3].map(swatch)));
+  }
+  const ends = { height: [low, high], intensity: ["dark", "bright"], error: ["0", `${short(DATA.error_max * 100)} cm and more`] }[ramp];
+  const bar = el("canvas", { width: 256, height: 1 });
+  const pixels = bar.getContext("2d"), stops = DATA.ramps[ramp];
+  for (let i = 0; i < 256; i++) {
+    pixels.fillStyle = hex(stops[Math.round((i / 255) * (stops.length - 1))]);
+    pixels.fillRect(i, 0, 1, 1);
+  }
+  box.replaceChildren(el("b", {}, name === "Error" ? "Distance from the truth" : name), bar, el("div", {}, ...ends.map((e) => el("span", {}, e))));
+}

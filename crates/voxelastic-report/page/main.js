@@ -1,0 +1,75 @@
+// Puts the page together.
+
+function facts() {
+  byId("facts").append(...DATA.facts.map((f) => el("div", {}, el("dt", {}, f.label), el("dd", {}, f.value, el("small", {}, f.unit)), el("p", {}, f.note))));
+}
+
+function tables() {
+  const section = byId("tables");
+  section.append(...DATA.tables.map((t) => el("div", { class: "tables" }, el("h2", {}, t.title), el("p", { class: "lead" }, t.note),
+    el("div", { class: "scroller" }, el("table", {},
+      el("thead", {}, el("tr", {}, ...t.columns.map((c) => el("th", { scope: "col" }, c)))),
+      el("tbody", {}, ...t.rows.map((row) => el("tr", {}, ...row.map((cell, i) => el(i ? "td" : "th", i ? {} : { scope: "row" }, cell))))))))));
+  if (DATA.distances.length) {
+    const colours = ["--accent", "--warm", "--violet", "--gold"];
+    section.append(el("div", { class: "tables" }, el("h2", {}, "Distances from the truth"),
+      el("p", { class: "lead" }, "Share of the map by distance; the line is the share within it."),
+      el("div", { class: "grid" }, ...DATA.distances.map((d, i) => errorChart(d, colours[i % colours.length])))));
+  }
+  section.hidden = !section.childElementCount;
+}
+
+function run() {
+  if (!DATA.run || !DATA.run.scans.node.length) return;
+  byId("charts").hidden = false;
+  const { threads, total_s: total, scans, interrupted } = DATA.run;
+  byId("run-lead").textContent = `${scans.node.length} scans in ${short(total)} s with ${threads} thread${threads === 1 ? "" : "s"}, reading included` +
+    `${interrupted ? "; ended early" : ""}. Across: the number of the scan.`;
+  byId("run-charts").append(...runCharts(DATA.run));
+}
+
+function details() {
+  byId("details").hidden = !DATA.details.length;
+  byId("detail-list").append(...DATA.details.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
+}
+
+async function scene() {
+  if (!DATA.surfaces.some((s) => s.chunks.length)) return;
+  byId("scene").hidden = false;
+  try {
+    const chunks = unpacked(await blobBytes());
+    byId("plan").hidden = false;
+    drawPlan(chunks, boundsOf(chunks));
+    const view = new View(byId("canvas"), chunks);
+    steer(view);
+    panel(view);
+    onTheme.push(() => { view.bend(view.show.bend); view.draw(); });
+    pointed.listeners.push((scan) => mark(view, scan));
+    hint();
+    byId("stage").dataset.ready = "yes";
+  } catch (error) {
+    for (const id of ["panel", "legend", "hint"]) byId(id).hidden = true;
+    byId("stage").append(el("p", { class: "message" }, `The map cannot be shown in 3D: ${error.message}. A current Firefox, Chrome or Safari can.`));
+    byId("stage").dataset.ready = "no";
+  }
+}
+
+/** Where the scan is that the reader points at in a chart. */
+function mark(view, scan) {
+  const index = scan === null || !DATA.run ? -1 : DATA.nodes.node.indexOf(DATA.run.scans.node[scan]);
+  const at = index < 0 ? null : view.project(view.path[index]);
+  byId("labels").replaceChildren(...(at ? [el("span", { style: `left:${at[0]}px;top:${at[1]}px` }, `scan ${scan}`)] : []));
+}
+
+/** How to move, until the reader has moved. */
+function hint() {
+  const box = byId("hint");
+  box.textContent = "drag to turn · shift-drag to move · click, then wheel to zoom · double-click to go there";
+  byId("canvas").addEventListener("pointerdown", () => setTimeout(() => { box.style.opacity = 0; }, 2500), { once: true });
+}
+
+facts();
+tables();
+run();
+details();
+scene();

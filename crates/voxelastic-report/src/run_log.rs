@@ -1,0 +1,156 @@
+//! What is remembered of the run that made a map: stored beside it as JSON, so that a report can be made later.
+//!
+//! The format may gain keys: a reader takes the default for what is missing and ignores what it does not know. Any other change is a new
+//! [`FORMAT`], and older programs then leave the log alone.
+
+use crate::error::{ReportError, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Version of the log that this program writes, and the newest that it reads.
+pub const FORMAT: u32 = 1;
+
+/// A run of the mapper. Lengths in metres, times in milliseconds unless said otherwise.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RunLog {
+    /// [`FORMAT`] when it was written.
+    pub format: u32,
+    /// Program and version.
+    pub generator: String,
+    /// Threads of the mapper.
+    pub threads: usize,
+    /// From start to saved map, seconds.
+    pub total_s: f64,
+    /// Whether the run was ended early.
+    pub interrupted: bool,
+    /// Scans that could not be used.
+    pub scans_skipped: usize,
+    /// Submaps fused into others.
+    pub fusions: usize,
+    /// Root poses that corrections moved.
+    pub submap_moves: usize,
+    /// Most memory that the process held, megabytes (10^6 bytes).
+    pub peak_rss_mb: Option<f64>,
+    /// One value per scan in each column, in the order of integration.
+    pub scans: ScanLog,
+    /// Wall time of each scan by phase; one value per scan.
+    pub phases_ms: BTreeMap<String, Vec<f64>>,
+    /// Loop edges, in the order in which they came.
+    pub loops: Vec<LoopEdge>,
+    /// Pose corrections, in the order in which they came.
+    pub corrections: Vec<Correction>,
+}
+
+/// Columns with a value per scan.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ScanLog {
+    /// Node of the scan.
+    pub node: Vec<u64>,
+    /// When it was taken, seconds of its own clock.
+    pub time_s: Vec<f64>,
+    /// Where it was when it came, before any later correction: map frame.
+    pub position: Vec<[f64; 3]>,
+    /// How it was turned then: quaternion x y z w of the lidar in the map frame.
+    pub orientation: Vec<[f64; 4]>,
+    /// From giving it to the mapper until it was integrated.
+    pub wall_ms: Vec<f64>,
+    /// Processor time of all mapping threads; empty where the system does not tell.
+    pub cpu_ms: Vec<f64>,
+    /// Submap that it went into, as it was then.
+    pub submap: Vec<u32>,
+    /// Submaps after it.
+    pub submaps: Vec<u32>,
+    /// Memory of the map's fields after it, megabytes.
+    pub map_mb: Vec<f64>,
+    /// Memory of the process after it, megabytes; empty where the system does not tell.
+    pub rss_mb: Vec<f64>,
+}
+
+/// A loop edge.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LoopEdge {
+    /// One node.
+    pub from: u64,
+    /// The other.
+    pub to: u64,
+}
+
+/// A correction of poses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Correction {
+    /// Scans integrated before it.
+    pub after: usize,
+    /// Time that the mapper took for it.
+    pub wall_ms: f64,
+}
+
+impl RunLog {
+    /// As text, to be stored beside a map.
+    ///
+    /// # Errors
+    /// [`ReportError::Json`].
+    pub fn to_json(&self) -> Result<String> {
+        Ok(serde_json::to_string(self)?)
+    }
+
+    /// Reads what [`to_json`](Self::to_json) wrote, in this or an older version of the program. Columns that are not as long as that of the
+    /// nodes are dropped.
+    ///
+    /// # Errors
+    /// [`ReportError::RunLog`] for a newer format, and for what is no log.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let mut log: Self = serde_json::from_str(text).map_err(|e| ReportError::RunLog(e.to_string()))?;
+        if log.format == 0 || log.format > FORMAT {
+            return Err(ReportError::RunLog(format!("it has format {}, and this program reads up to {FORMAT}", log.format)));
+        }
+        log.drop_misfits();
+        Ok(log)
+    }
+
+    fn drop_misfits(&mut self) {
+        fn fit<T>(column: &mut Vec<T>, scans: usize) {
+            if column.len() != scans {
+                column.clear();
+            }
+        }
+        let scans = self.scans.node.len();
+        let s = &mut self.scans;
+        fit(&mut s.time_s, scans);
+        fit(&mut s.position, scans);
+        fit(&mut s.orientation, scans);
+        [&mut s.wall_ms, &mut s.cpu_ms, &mut s.map_mb, &mut s.rss_mb].into_iter().for_each(|c| fit(c, scans));
+        [&mut s.submap, &mut s.submaps].into_iter().for_each(|c| fit(c, scans));
+        self.phases_ms.retain(|_, column| column.len() == scans);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn log() -> RunLog {
+        let scans = ScanLog { node: vec![3, 4], wall_ms: vec![1.5, 2.5], submaps: vec![1, 1], ..ScanLog::default() };
+        let phases_ms = [("prepare".to_owned(), vec![0.5, 0.25])].into_iter().collect();
+        RunLog { format: FORMAT, threads: 2, scans, phases_ms, loops: vec![LoopEdge { from: 3, to: 4 }], ..RunLog::default() }
+    }
+
+    #[test]
+    fn logs_come_back() {
+        assert_eq!(RunLog::from_json(&log().to_json().unwrap()).unwrap(), log());
+    }
+
+    #[test]
+    fn older_logs_have_gaps_and_newer_ones_are_left_alone() {
+        let old = RunLog::from_json(r#"{"format":1,"scans":{"node":[1,2],"wall_ms":[3,4],"rss_mb":[1]},"later":true}"#).unwrap();
+        assert_eq!((old.scans.wall_ms.len(), old.scans.rss_mb.len(), old.threads), (2, 0, 0));
+        let newer = RunLog::from_json(r#"{"format":2}"#).unwrap_err().to_string();
+        assert!(newer.contains("format 2"), "{newer}");
+        for nonsense in ["", "[]", "{}", "{\"format\":1,\"scans\":7}"] {
+            assert!(RunLog::from_json(nonsense).is_err(), "{nonsense}");
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! The page in a real browser: what is drawn, what the controls do, and that nothing is complained about.
+//!
+//! Runs where Chromium or Chrome is installed and says so where it is not. `driver.js` acts as a reader would and sends what it saw to a
+//! socket of this test.
+
+mod sample;
+
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// A browser on a loaded machine without a graphics card is slow.
+const PATIENCE: Duration = Duration::from_secs(150);
+
+/// Ends the browser, however the test ends.
+struct Browser(Child);
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn open(page: &Path, profile: &Path, size: &str) -> Option<Browser> {
+    let flags = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--enable-unsafe-swiftshader",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--disable-dev-shm-usage",
+    ];
+    ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|name| {
+        let mut command = Command::new(name);
+        command.args(flags).arg(format!("--window-size={size}")).arg(format!("--user-data-dir={}", profile.display()));
+        command.arg(format!("file://{}", page.display())).stdout(Stdio::null()).stderr(Stdio::null());
+        command.spawn().ok().map(Browser)
+    })
+}
+
+/// The body of the first POST that comes.
+fn posted(listener: &TcpListener, browser: &mut Browser) -> Result<String, String> {
+    let start = Instant::now();
+    listener.set_nonblocking(true).map_err(|e| e.to_string())?;
+    while start.elapsed() < PATIENCE {
+        match listener.accept() {
+            Ok((stream, _)) => {
+                if let Some(body) = body(stream) {
+                    return Ok(body);
+                }
+            }
+            Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(50)),
+            Err(e) => return Err(e.to_string()),
+        }
+        if let Ok(Some(status)) = browser.0.try_wait() {
+            return Err(format!("the browser ended: {status}"));
+        }
+    }
+    Err(format!("nothing was heard from the page in {PATIENCE:?}"))
+}
+
+/// The body of a request; none when it has none or breaks off.
+fn body(mut stream: TcpStream) -> Option<String> {
+    stream.set_nonblocking(false).ok()?;
+    stream.set_read_timeout(Some(Duration::from_secs(10))).ok()?;
+    let mut text = Vec::new();
+    let mut buffer = [0; 4096];
+    loop {
+        let whole = String::from_utf8_lossy(&text).into_owned();
+        if let Some((head, body)) = whole.split_once("\r\n\r\n") {
+            let length = head.lines().find_map(|l| l.to_lowercase().strip_prefix("content-length:")?.trim().parse::<usize>().ok()).unwrap_or(0);
+            if body.len() >= length {
+                let _ = stream.write_all(b"HTTP/1.1 204 No Content\r\nAccess-Control-Allow-Origin: *\r\nConnection: close\r\n\r\n");
+                return (length > 0).then(|| body.to_owned());
+            }
+        }
+        match stream.read(&mut buffer) {
+            Ok(0) | Err(_) => return None,
+            Ok(n) => text.extend_from_slice(&buffer[..n]),
+        }
+    }
+}
+
+/// Opens the page with the driver in it and returns what the driver saw; none where there is no browser.
+fn driven(html: &str, size: &str) -> Option<serde_json::Value> {
+    let dir = tempfile::tempdir().unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    let driver = include_str!("driver.js").replace("REPORT_TO", &address);
+    // Before the page's own script, so that its first complaint is heard.
+    let data = "<script type=\"application/json\"";
+    let page = dir.path().join("page.html");
+    std::fs::write(&page, html.replacen(data, &format!("<script>{driver}</script>{data}"), 1)).unwrap();
+    let Some(mut browser) = open(&page, &dir.path().join("profile"), size) else {
+        eprintln!("skipped: neither chromium nor google-chrome is installed");
+        return None;
+    };
+    let said = posted(&listener, &mut browser).unwrap();
+    Some(serde_json::from_str(&said).unwrap())
+}
+
+#[test]
+fn the_page_draws_and_its_controls_act() {
+    let Some(seen) = driven(&sample::report().html().unwrap(), "1000,800") else { return };
+    assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
+    assert_eq!(seen["ready"], "yes", "{seen}");
+    assert!(seen["colours"].as_u64().unwrap() > 200, "the canvas is blank: {seen}");
+    for (what, acted) in seen["acts"].as_object().unwrap() {
+        assert_eq!(acted, true, "{what} changes nothing: {seen}");
+    }
+    assert!(seen["acts"].as_object().unwrap().len() >= 20, "{seen}");
+    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(5), Some(1), Some(2)), "{seen}");
+    assert_eq!(seen["overflow"], false, "the page is wider than the window");
+}
+
+#[test]
+fn the_page_fits_a_phone_and_does_without_what_is_not_known() {
+    let mut report = sample::report();
+    (report.run, report.plan) = (None, None);
+    report.distances.clear();
+    report.surface.iter_mut().for_each(|s| (s.errors, s.first_pose) = (Vec::new(), None));
+    let Some(seen) = driven(&report.html().unwrap(), "500,800") else { return };
+    assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
+    assert!(seen["ready"] == "yes" && seen["colours"].as_u64().unwrap() > 100 && seen["charts"].as_u64() == Some(0), "{seen}");
+    assert_eq!(seen["overflow"], false, "the page is wider than the window: {seen}");
+}

@@ -1,0 +1,81 @@
+//! A report on a made-up map: a hilly lawn with a wall in two submaps, of which one was corrected.
+
+use voxelastic_eval::DistanceStats;
+use voxelastic_report::content::{Distances, Fact, Node, PlannedPath, Table};
+use voxelastic_report::surface::{RootPose, Surface};
+use voxelastic_report::{Correction, FORMAT, LoopEdge, Report, RunLog, ScanLog};
+
+/// Squares of the lawn along a side.
+const N: u32 = 90;
+const STEP: f32 = 0.2;
+
+fn lawn(submap: u32, shift: f64) -> Surface {
+    let height = |x: f32, y: f32| 0.6 * (x * 0.6).sin() * (y * 0.5).cos() + if (8.0..8.6).contains(&x) { 3.0 } else { 0.0 };
+    let at = |i: u32| ((i % (N + 1)) as f32 * STEP, (i / (N + 1)) as f32 * STEP);
+    let vertices = (N + 1) * (N + 1);
+    let positions: Vec<[f32; 3]> = (0..vertices).map(at).map(|(x, y)| [x, y, height(x, y)]).collect();
+    let slope = |x: f32, y: f32| [height(x - 0.1, y) - height(x + 0.1, y), height(x, y - 0.1) - height(x, y + 0.1), 0.2];
+    let unit = |n: [f32; 3]| n.map(|c| c / n.iter().map(|c| c * c).sum::<f32>().sqrt());
+    Surface {
+        submap,
+        colour: if submap == 0 { [38, 110, 180] } else { [226, 112, 46] },
+        pose: RootPose([shift, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+        first_pose: Some(RootPose([shift * 1.1, 0.5 * shift.signum(), 0.0, 0.0, 0.0, 0.0, 1.0])),
+        normals: positions.iter().map(|p| unit(slope(p[0], p[1]))).collect(),
+        shades: positions.iter().map(|p| (p[1] * 14.0) as u8).collect(),
+        scales: positions.iter().map(|p| (p[0] / 5.0) as u8).collect(),
+        errors: positions.iter().map(|p| p[0] * 0.006).collect(),
+        triangles: (0..N * N).map(|i| i / N * (N + 1) + i % N).flat_map(|a| [[a, a + 1, a + N + 2], [a, a + N + 2, a + N + 1]]).collect(),
+        positions,
+    }
+}
+
+fn run() -> RunLog {
+    let scans = 60u32;
+    let column = |f: &dyn Fn(f64) -> f64| (0..scans).map(|i| f(f64::from(i))).collect::<Vec<f64>>();
+    RunLog {
+        format: FORMAT,
+        threads: 2,
+        total_s: 4.2,
+        fusions: 1,
+        scans: ScanLog {
+            node: (0..u64::from(scans)).collect(),
+            time_s: column(&|i| i),
+            position: (0..scans).map(|i| [f64::from(i) * 0.6, 8.0 + (f64::from(i) * 0.2).sin(), 1.5]).collect(),
+            wall_ms: column(&|i| 30.0 + 8.0 * (i * 0.4).sin() + 6.0),
+            submaps: (0..scans).map(|i| 1 + i / 30).collect(),
+            map_mb: column(&|i| 3.0 * i.sqrt()),
+            rss_mb: column(&|i| 60.0 + i),
+            ..ScanLog::default()
+        },
+        phases_ms: [("prepare", 6.0), ("tsdf_update", 22.0), ("occupancy_descend", 8.0)]
+            .map(|(name, ms)| (name.to_owned(), column(&|i| ms + (i * 0.4).sin())))
+            .into(),
+        loops: vec![LoopEdge { from: 3, to: 55 }],
+        corrections: vec![Correction { after: 55, wall_ms: 1.0 }],
+        ..RunLog::default()
+    }
+}
+
+pub fn report() -> Report {
+    let mut report = Report::titled("A lawn");
+    report.subtitle = "made up".into();
+    report.facts.push(Fact { label: "Scans".into(), value: "60".into(), ..Fact::default() });
+    report.run = Some(run());
+    report.voxel = Some(0.1);
+    report.nodes = (0..60).map(|i| Node { node: i, position: [i as f64 * 0.6, 8.0, 1.5], submap: (i / 30) as u32 }).collect();
+    report.surface = vec![lawn(0, 0.0), lawn(1, 18.5)];
+    let errors: Vec<f32> = (0..2000).map(|i| (i as f32 * 0.37).sin().abs() * 0.08).collect();
+    report.distances.push(Distances { name: "Accuracy".into(), stats: DistanceStats::new(&errors) });
+    let row = |name: &str| vec![name.to_owned(), "1.2".to_owned()];
+    let columns = vec!["field".to_owned(), "mean, cm".to_owned()];
+    report.tables.push(Table { title: "Figures".into(), columns, rows: vec![row("TSDF"), row("occupancy")], ..Table::default() });
+    report.plan = Some(PlannedPath {
+        start: Some([1.0, 1.0, 1.0]),
+        goal: Some([17.0, 16.0, 1.0]),
+        path: vec![[1.0, 1.0, 1.0], [6.0, 12.0, 1.2], [17.0, 16.0, 1.0]],
+        tree: vec![[[1.0, 1.0, 1.0], [4.0, 2.0, 1.0]], [[4.0, 2.0, 1.0], [7.0, 5.0, 1.0]]],
+    });
+    report.details.push(("voxel".into(), "0.1".into()));
+    report
+}
