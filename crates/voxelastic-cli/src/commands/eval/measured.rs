@@ -4,12 +4,14 @@ use super::{EvalArgs, Field};
 use crate::failure::Failure;
 use crate::map_files::{self, LoadedMap};
 use crate::meshing::map_mesh;
+use rayon::prelude::*;
 use std::path::Path;
 use voxelastic::Cloud;
 use voxelastic::atlas::fusion::{FusionSettings, fuse};
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::{State, state_of};
-use voxelastic::query::{AtlasQuery, Resampling};
+use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
+use voxelastic::query::AtlasQuery;
 use voxelastic_eval::MeshView;
 use voxelastic_eval::metrics::Map;
 use voxelastic_io::clouds::{self, CloudFormat};
@@ -139,18 +141,38 @@ fn fused(map: &mut LoadedMap) -> Submap {
     target
 }
 
-/// Centres of the occupied voxels of the whole map, on one grid of the map frame.
+/// Centres of the occupied voxels of the whole map, on one grid of the map frame: those that a submap holds to be occupied and that the map as
+/// a whole does not hold to be anything else.
 fn occupied(map: &LoadedMap) -> Vec<[f32; 3]> {
     let voxel = f64::from(map.settings.voxel);
-    let cubes = AtlasQuery::new(&map.atlas, map.settings.voxel).resample(&Resampling { voxel, states_only: true });
-    let mut centres = Vec::new();
-    for cube in cubes.iter().filter(|c| state_of(c.value) == State::Occupied) {
-        let corner = cube.corner.map(|c| i64::from(c) - (1 << 20));
-        let edge = 1i64 << cube.level;
-        for i in 0..edge * edge * edge {
-            let step = [i % edge, i / edge % edge, i / (edge * edge)];
-            centres.push(std::array::from_fn(|k| (((corner[k] + step[k]) as f64 + 0.5) * voxel) as f32));
+    let mut cells: Vec<[i32; 3]> = map.atlas.submaps().par_iter().flat_map_iter(|submap| occupied_cells(submap, voxel)).collect();
+    cells.par_sort_unstable();
+    cells.dedup();
+    let query = AtlasQuery::new(&map.atlas, map.settings.voxel);
+    let centre = |cell: [i32; 3]| cell.map(|c| (f64::from(c) + 0.5) * voxel);
+    cells.into_par_iter().map(centre).filter(|c| query.state(*c) == State::Occupied).map(|c| c.map(|c| c as f32)).collect()
+}
+
+/// Cells of the map frame's grid that hold the centre of a finest voxel that `submap` holds to be occupied.
+fn occupied_cells(submap: &Submap, voxel: f64) -> Vec<[i32; 3]> {
+    let field = &submap.occupancy;
+    let mut cells = Vec::new();
+    field.tree().for_each(|_, level, octant| {
+        if level > 0 || octant.link == NONE {
+            return;
         }
-    }
-    centres
+        let block = field.block(octant.link);
+        let (corner, scale) = (block_coords(block.key).map(|c| c * BLOCK_EDGE as i32), usize::from(block.scale));
+        for (i, _) in field.values(block).iter().enumerate().filter(|(_, v)| state_of(**v) == State::Occupied) {
+            let low = voxel_coords(i, scale);
+            let edge = 1usize << scale;
+            for k in 0..edge * edge * edge {
+                let step = [k % edge, k / edge % edge, k / (edge * edge)];
+                let at = std::array::from_fn::<_, 3, _>(|a| (f64::from(corner[a]) + (low[a] * edge + step[a]) as f64 + 0.5) * voxel);
+                let at = submap.t_map_submap * nalgebra::Point3::from(at);
+                cells.push(<[f64; 3]>::from(at.coords).map(|c| (c / voxel).floor() as i32));
+            }
+        }
+    });
+    cells
 }
