@@ -29,6 +29,8 @@ use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 const WORLD: &str = "campus";
 /// Scans, evenly spread over [`PATH_M`]: as many as a minute allows on two cores.
 const SCANS: usize = 84;
+/// Returns beyond are left out, metres: both maps then fit into two gigabytes.
+const MAX_RANGE_M: f32 = 30.0;
 /// Once round the campus, and on until places are seen again, metres.
 const PATH_M: f64 = 418.0;
 
@@ -136,7 +138,7 @@ impl Demo<'_> {
     /// Maps the walk and saves the map; the log of the run, or none when the user has enough.
     fn map(&self, poses: Poses) -> anyhow::Result<Option<RunLog>> {
         let clock = Instant::now();
-        let settings = Settings { field: FieldKind::Both, threads: self.args.threads, ..Settings::default() };
+        let settings = Settings { field: FieldKind::Both, max_range: MAX_RANGE_M, threads: self.args.threads, ..Settings::default() };
         let mapper = Mapper::new(settings.clone()).map_err(|e| Failure::new(e.to_string(), "this is a bug"))?;
         let mut session = Session::new(mapper, pool(self.args.threads)?);
         let mut writer = MapWriter::create(self.path(poses)).context("cannot write the map")?;

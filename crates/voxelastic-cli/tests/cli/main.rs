@@ -5,6 +5,7 @@ mod feature;
 mod misc;
 mod occupancy;
 mod recordings;
+mod report;
 mod room;
 mod simulation;
 

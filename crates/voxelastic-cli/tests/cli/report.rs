@@ -1,0 +1,74 @@
+//! `report`, `map --report` and the log that a run leaves beside its map.
+
+use crate::simulation::ROOM;
+use crate::{fails, json, works};
+use std::fs;
+use std::path::Path;
+
+/// The data of a page.
+fn data(page: &Path) -> serde_json::Value {
+    let html = fs::read_to_string(page).unwrap();
+    let json = html.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
+    serde_json::from_str(json).unwrap()
+}
+
+#[test]
+fn a_map_and_its_run_become_a_page_then_and_later() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), &format!("{ROOM} -o room"));
+    works(dir.path(), "map room --voxel 0.1 --field both --report");
+    let page = data(&dir.path().join("room.html"));
+    assert_eq!(page["run"]["scans"]["wall_ms"].as_array().unwrap().len(), 6);
+    assert!(page["run"]["phases_ms"]["tsdf_update"].is_array() && page["run"]["phases_ms"]["occupancy_descend"].is_array());
+    assert!(page["distances"].as_array().unwrap().is_empty() && !page["surfaces"][0]["chunks"].as_array().unwrap().is_empty());
+
+    let path = r#"{"start":[0,0,1],"goal":[1,0,1],"path":[[0,0,1],[1,0,1]],"tree":[[[0,0,1],[1,0,1]]],"unknown":1}"#;
+    fs::write(dir.path().join("path.json"), path).unwrap();
+    let told = json(dir.path(), "report room.vox --truth room --plan path.json -o later.html --json");
+    assert!(told["has_run"] == true && told["has_truth"] == true && told["vertices"].as_u64().unwrap() > 1000, "{told}");
+    let later = data(&dir.path().join("later.html"));
+    assert_eq!((&later["run"], &later["nodes"]), (&page["run"], &page["nodes"]));
+    assert!(later["surfaces"][0]["has_errors"] == true && later["plan"]["path"].as_array().unwrap().len() == 2);
+    assert_eq!(later["distances"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn maps_without_a_log_or_with_a_damaged_one_are_shown_without() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), &format!("{ROOM} -o room"));
+    works(dir.path(), "map room --voxel 0.1");
+    let log = dir.path().join("room.vox/run.json");
+    for text in [Some("{\"format\":99}"), Some("half a l"), None] {
+        text.map_or_else(|| fs::remove_file(&log), |t| fs::write(&log, t)).unwrap();
+        let told = json(dir.path(), "report room.vox --json");
+        assert!(told["has_run"] == false && data(&dir.path().join("room.html"))["run"].is_null(), "{told}");
+    }
+}
+
+#[test]
+fn reports_on_nothing_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), &format!("{ROOM} -o room"));
+    works(dir.path(), "map room --voxel 0.1");
+    fails(dir.path(), "report nowhere.vox", 1, &["nowhere.vox"]);
+    fails(dir.path(), "report room.vox --truth nowhere", 1, &["nowhere"]);
+    fails(dir.path(), "report room.vox --error-max 0.1", 2, &["--truth"]);
+    fails(dir.path(), "report room.vox --sensor-period 0", 2, &["above 0"]);
+    fs::write(dir.path().join("path.json"), "[1, 2]").unwrap();
+    fails(dir.path(), "report room.vox --plan path.json", 1, &["path.json", "no planned path"]);
+    fails(dir.path(), "report room.vox -o nowhere/x.html", 1, &["nowhere/x.html"]);
+}
+
+/// `cargo test --release -p voxelastic-cli -- --ignored demo`
+#[test]
+#[ignore = "takes a minute"]
+fn the_demo_shows_that_corrections_help() {
+    let dir = tempfile::tempdir().unwrap();
+    let told = json(dir.path(), "demo -o demo --scans 40 --json");
+    let mean = |row: usize| told["rows"][row]["accuracy_mean_m"].as_f64().unwrap();
+    assert!(mean(0) < 0.7 * mean(1) && mean(2) < mean(3), "{told}");
+    assert!(told["loop_closures"].as_u64().unwrap() > 0 && told["rows"][2]["free_precision"].as_f64().unwrap() > 0.9, "{told}");
+    let again = json(dir.path(), "demo -o again --scans 40 --threads 1 --json");
+    assert_eq!(told["rows"], again["rows"], "the figures depend on the threads");
+    assert!(data(&dir.path().join("demo/report.html"))["tables"][0]["rows"].as_array().unwrap().len() == 4);
+}
