@@ -183,7 +183,8 @@ function errorChart({ name, stats }, colour) {
   const { bin_m: bin, counts } = stats.histogram;
   const shares = counts.map((c) => (100 * c) / Math.max(stats.count, 1));
   const within = shares.map(((sum) => (s) => (sum += s))(0));
-  const last = Math.min(counts.length, Math.max(10, within.findIndex((w) => w > 98.5) + 2 || counts.length));
+  const enough = within.findIndex((w) => w > 98.5);
+  const last = enough < 0 ? counts.length : Math.min(counts.length, Math.max(10, enough + 2));
   const cm = (m) => (m === null || m === undefined ? "–" : `${short(m * 100)} cm`);
   const lead = `mean ${cm(stats.mean)}, median ${cm(stats.median)}, 90 % within ${cm(stats.p90)}`;
   const figure = el("figure", { class: "chart" }, el("figcaption", {}, el("h3", {}, name), el("p", {}, lead)));

@@ -28,7 +28,7 @@ use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 /// The world.
 const WORLD: &str = "campus";
 /// Scans, evenly spread over [`PATH_M`]: as many as a minute allows on two cores.
-const SCANS: usize = 84;
+const SCANS: usize = 60;
 /// Returns beyond are left out, metres: both maps then fit into two gigabytes.
 const MAX_RANGE_M: f32 = 30.0;
 /// Once round the campus, and on until places are seen again, metres.
