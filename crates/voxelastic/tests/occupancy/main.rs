@@ -1,8 +1,10 @@
 //! The occupancy integrator against the obvious: a dense map, and the truth of random rooms.
 
+mod bad_input;
 mod reference;
 #[path = "../common/room.rs"]
 mod room;
+mod thin;
 
 use proptest::prelude::*;
 use reference::DenseOccupancy;
@@ -42,7 +44,11 @@ struct Integration {
 
 impl Integration {
     fn new(settings: &OccupancySettings, smallest_angle: f32) -> Self {
-        let preparer = Preparer::new(model(), Layout::Projected, Limits { near: 0.0, max: settings.max_range });
+        Self::with_near(settings, smallest_angle, 0.0)
+    }
+
+    fn with_near(settings: &OccupancySettings, smallest_angle: f32, near: f32) -> Self {
+        let preparer = Preparer::new(model(), Layout::Projected, Limits { near, max: settings.max_range });
         Self { preparer, integrator: OccupancyIntegrator::new(settings.clone(), &model()), field: OccupancyField::default(), smallest_angle }
     }
 

@@ -11,7 +11,8 @@ pub struct OccupancySettings {
     pub max_range: f32,
     /// Evidence of one scan that a voxel is free (negative).
     pub free: f32,
-    /// Evidence of one scan that a voxel is occupied.
+    /// Evidence of one scan that a voxel is occupied. Much more than of one that it is free: a beam that comes back has met
+    /// something, while those that go on may have passed a thin thing on both sides.
     pub hit: f32,
     /// Least log-odds; a voxel there is saturated free.
     pub min: f32,
@@ -33,7 +34,7 @@ impl Default for OccupancySettings {
             voxel: 0.065,
             max_range: 60.0,
             free: -0.5,
-            hit: 0.85,
+            hit: 2.2,
             min: -2.0,
             max: 3.5,
             sigma: 0.02,
