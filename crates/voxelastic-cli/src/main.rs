@@ -18,7 +18,7 @@ mod usage;
 use clap::{Args, Parser, Subcommand};
 #[cfg(feature = "optimize")]
 use commands::optimize;
-use commands::{config as config_command, demo, eval, export, heldout, info, map, mesh, render, report, simulate, slice};
+use commands::{config as config_command, demo, eval, export, heldout, info, map, mesh, plan, render, report, simulate, slice};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -59,6 +59,7 @@ enum Command {
     Slice(slice::SliceArgs),
     Export(export::ExportArgs),
     Report(report::ReportArgs),
+    Plan(plan::PlanArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
@@ -114,6 +115,7 @@ fn main() -> ExitCode {
         Command::Slice(args) => slice::run(args),
         Command::Export(args) => export::run(args),
         Command::Report(args) => report::run(args),
+        Command::Plan(args) => plan::run(args),
         Command::Heldout(args) => heldout::run(args, quiet),
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),

@@ -1,4 +1,4 @@
-//! A plan: a grid of coloured cells seen from one side, with axes in metres, a scale bar and a key.
+//! A plan: a grid of coloured cells seen from one side, with lines and dots over it, axes in metres, a scale bar and a key.
 //!
 //! ```
 //! use voxelastic_eval::plan::Plan;
@@ -25,6 +25,28 @@ const MARGIN: [u32; 4] = [84, 48, 28, 96];
 /// Cells are magnified until the larger side has this many pixels.
 const WANTED: usize = 1400;
 
+/// A line over the cells.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// Its corners in the plan's coordinates, metres.
+    pub points: Vec<[f64; 2]>,
+    /// Colour.
+    pub colour: Rgb,
+    /// Width, pixels of the picture.
+    pub width: f32,
+}
+
+/// A round mark over cells and lines.
+#[derive(Clone, Copy, Debug)]
+pub struct Dot {
+    /// Its middle in the plan's coordinates, metres.
+    pub at: [f64; 2],
+    /// Colour.
+    pub colour: Rgb,
+    /// Radius, pixels of the picture.
+    pub radius: f32,
+}
+
 /// A grid of cells in a plane, and what is written around it.
 #[derive(Clone, Debug, Default)]
 pub struct Plan<'a> {
@@ -42,6 +64,10 @@ pub struct Plan<'a> {
     pub cells: &'a [Rgb],
     /// What the colours mean.
     pub key: Vec<(Rgb, String)>,
+    /// Lines over the cells, the first lowest.
+    pub lines: Vec<Line>,
+    /// Marks over the lines.
+    pub dots: Vec<Dot>,
 }
 
 impl Plan<'_> {
@@ -88,8 +114,27 @@ impl Plan<'_> {
             height: (up * zoom) as f32,
             per_metre: zoom as f64 / self.pixel,
         };
+        self.overlay(&mut canvas, &frame);
         self.annotate(&mut canvas, &frame);
         Ok(canvas)
+    }
+
+    fn overlay(&self, canvas: &mut Canvas, frame: &Frame) {
+        let place = |p: &[f64; 2]| {
+            let along = |k: usize| ((p[k] - self.origin[k]) * frame.per_metre) as f32;
+            [frame.left + along(0), frame.top + frame.height - along(1)]
+        };
+        for line in &self.lines {
+            let points: Vec<[f32; 2]> = line.points.iter().map(place).collect();
+            canvas.lines(std::iter::once(points.as_slice()), line.width, line.colour);
+        }
+        for dot in &self.dots {
+            // A line without length has round ends, too.
+            let [x, y] = place(&dot.at);
+            let spot = [[x, y], [x + 0.01, y]];
+            canvas.lines(std::iter::once(spot.as_slice()), 2.0 * dot.radius + 3.0, PAPER);
+            canvas.lines(std::iter::once(spot.as_slice()), 2.0 * dot.radius, dot.colour);
+        }
     }
 
     fn annotate(&self, canvas: &mut Canvas, frame: &Frame) {
@@ -171,6 +216,7 @@ mod tests {
             size: [3, 2],
             cells: &cells,
             key: vec![([10, 0, 0], "one".into())],
+            ..Plan::default()
         };
         let picture = plan.picture().unwrap();
         let at = |column: usize, row: usize| {
@@ -179,6 +225,19 @@ mod tests {
         };
         assert_eq!((picture.size.width, picture.size.height), (3 * 16 + 112, 2 * 16 + 144));
         assert_eq!((at(0, 1), at(2, 1), at(0, 0), at(2, 0)), ([10, 0, 0], [30, 0, 0], [40, 0, 0], [60, 0, 0]));
+    }
+
+    #[test]
+    fn lines_and_dots_lie_where_their_coordinates_say() {
+        let cells = [PAPER; 4];
+        let line = Line { points: vec![[0.0, 1.0], [2.0, 1.0]], colour: [0, 0, 200], width: 3.0 };
+        let dot = Dot { at: [1.5, 1.6], colour: [0, 200, 0], radius: 3.0 };
+        let plan = Plan { size: [2, 2], pixel: 1.0, cells: &cells, lines: vec![line], dots: vec![dot], ..Plan::default() };
+        let picture = plan.picture().unwrap();
+        let at = |x: f64, y: f64| {
+            picture.pixels[(MARGIN[1] as usize + 32 - (y * 16.0) as usize) * picture.size.width as usize + MARGIN[0] as usize + (x * 16.0) as usize]
+        };
+        assert_eq!((at(0.5, 1.0), at(1.5, 1.6), at(0.5, 0.5)), ([0, 0, 200], [0, 200, 0], PAPER));
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod map;
 pub mod mesh;
 #[cfg(feature = "optimize")]
 pub mod optimize;
+pub mod plan;
 pub mod render;
 pub mod report;
 pub mod simulate;

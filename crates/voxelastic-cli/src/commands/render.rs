@@ -187,7 +187,8 @@ fn size(text: &str) -> Result<Size, String> {
         .ok_or_else(|| "must be like 1600x1200, each side 16 to 16384".to_owned())
 }
 
-fn point(text: &str) -> Result<[f64; 3], String> {
+/// Three coordinates.
+pub fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| "must be three numbers like 1.5,-2,0.7".to_owned())
 }

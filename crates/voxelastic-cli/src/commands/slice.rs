@@ -68,7 +68,8 @@ fn length(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v| (0.001..=1000.0).contains(v)).ok_or_else(|| "must be 0.001 to 1000 metres".to_owned())
 }
 
-fn corners(text: &str) -> Result<Aabb, String> {
+/// Two corners of a box, in any order.
+pub fn corners(text: &str) -> Result<Aabb, String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     let corners: Option<[f32; 6]> = numbers.and_then(|n| n.try_into().ok());
     let [a, b, c, d, e, f] = corners.ok_or_else(|| "must be six numbers like -5,-5,0,5,5,2".to_owned())?;
@@ -163,6 +164,7 @@ impl SliceArgs {
             size,
             cells,
             key,
+            ..Plan::default()
         };
         plan.write_png(&self.output).with_context(|| format!("cannot draw {}", self.output.display()))
     }

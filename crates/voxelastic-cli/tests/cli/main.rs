@@ -4,6 +4,7 @@ mod evaluation;
 mod feature;
 mod misc;
 mod occupancy;
+mod planning;
 mod recordings;
 mod report;
 mod room;

@@ -156,10 +156,16 @@ impl<'a> AtlasQuery<'a> {
         if unknown == UnknownAs::Blocked && local.len() == 1 {
             return local[0].0.query.is_free(&local[0].1, UnknownAs::Blocked);
         }
-        if !local.iter().all(|(part, shape)| part.query.is_free(shape, UnknownAs::Free)) {
-            return false;
+        // One submap knows all of the shape, most often.
+        let mut is_known = unknown == UnknownAs::Free;
+        for (part, shape) in &local {
+            if !is_known && part.query.is_free(shape, UnknownAs::Blocked) {
+                is_known = true;
+            } else if !part.query.is_free(shape, UnknownAs::Free) {
+                return false;
+            }
         }
-        unknown == UnknownAs::Free || self.is_covered(shape, &local)
+        is_known || self.is_covered(shape, &local)
     }
 
     /// The submaps that may know something of the shape, with the shape in their frames.

@@ -6,6 +6,7 @@ use super::solid::Solid;
 use super::{FieldQuery, UnknownAs};
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, edge_at, voxel_coords};
+use std::cell::Cell;
 
 /// Calls `$body` with `$solid` bound to the shape in voxels, whatever its kind.
 macro_rules! with_solid {
@@ -35,30 +36,74 @@ impl FieldQuery<'_> {
         shape.is_valid() && with_solid!(shape, self.per_metre, |solid| self.is_clear_of(solid, unknown))
     }
 
+    /// As [`is_free`](Self::is_free), and what it took to know: how much the octants' maxima save.
+    pub fn is_free_with_work(&self, shape: &Shape, unknown: UnknownAs) -> (bool, Work) {
+        let work = Cell::new(Work { octants: 0, blocks: 0, smallest: u32::MAX });
+        let is_free = shape.is_valid()
+            && with_solid!(shape, self.per_metre, |solid| match unknown {
+                UnknownAs::Blocked => Check::<_, _, true>::new(self.field, solid, &work).run(),
+                UnknownAs::Free => Check::<_, _, false>::new(self.field, solid, &work).run(),
+            });
+        (is_free, work.get())
+    }
+
     /// Whether `solid` touches no voxel that blocks.
     pub(super) fn is_clear_of<S: Solid>(&self, solid: &S, unknown: UnknownAs) -> bool {
         match unknown {
-            UnknownAs::Blocked => Check::<S, true>::new(self.field, solid).run(),
-            UnknownAs::Free => Check::<S, false>::new(self.field, solid).run(),
+            UnknownAs::Blocked => Check::<S, (), true>::new(self.field, solid, &()).run(),
+            UnknownAs::Free => Check::<S, (), false>::new(self.field, solid, &()).run(),
         }
     }
 }
 
+/// What a check looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Work {
+    /// Octants whose summary was looked at after that of their parent did not do.
+    pub octants: u32,
+    /// Blocks whose voxels were looked at.
+    pub blocks: u32,
+    /// log2 of the edge, in finest voxels, of the smallest cube looked at: 0 for voxels, 3 and more for octants; [`u32::MAX`]
+    /// when nothing was.
+    pub smallest: u32,
+}
+
+/// Who is told what a check looks at: nobody, at no cost, or a count.
+trait Witness {
+    fn octant(&self, _level: u32) {}
+    fn block(&self) {}
+}
+
+impl Witness for () {}
+
+impl Witness for Cell<Work> {
+    fn octant(&self, level: u32) {
+        let work = self.get();
+        self.set(Work { octants: work.octants + 1, smallest: work.smallest.min(level + BLOCK_SHIFT), ..work });
+    }
+
+    fn block(&self) {
+        let work = self.get();
+        self.set(Work { blocks: work.blocks + 1, smallest: 0, ..work });
+    }
+}
+
 /// One question. `STRICT`: unknown space blocks.
-struct Check<'a, S, const STRICT: bool> {
+struct Check<'a, S, W, const STRICT: bool> {
     field: &'a OccupancyField,
     solid: &'a S,
+    witness: &'a W,
     low: [f32; 3],
     high: [f32; 3],
     slack: f32,
 }
 
-impl<'a, S: Solid, const STRICT: bool> Check<'a, S, STRICT> {
+impl<'a, S: Solid, W: Witness, const STRICT: bool> Check<'a, S, W, STRICT> {
     const POLICY: UnknownAs = if STRICT { UnknownAs::Blocked } else { UnknownAs::Free };
 
-    fn new(field: &'a OccupancyField, solid: &'a S) -> Self {
+    fn new(field: &'a OccupancyField, solid: &'a S, witness: &'a W) -> Self {
         let (low, high) = solid.bounds();
-        Self { field, solid, low, high, slack: solid.slack() }
+        Self { field, solid, witness, low, high, slack: solid.slack() }
     }
 
     fn run(&self) -> bool {
@@ -84,6 +129,7 @@ impl<'a, S: Solid, const STRICT: bool> Check<'a, S, STRICT> {
     fn walk(&self, octant: &Octant<Summary>, corner: [i32; 3], level: u32) -> bool {
         let (mut octant, mut corner, mut level) = (octant, corner, level);
         loop {
+            self.witness.octant(level);
             if is_clear(&octant.payload, Self::POLICY) {
                 return true;
             }
@@ -114,7 +160,11 @@ impl<'a, S: Solid, const STRICT: bool> Check<'a, S, STRICT> {
         let near = (0..3).fold(0, |bits, k| bits | usize::from(0.5 * (self.low[k] + self.high[k]) >= (corner[k] + half) as f32) << k);
         for turn in 0..8usize {
             let i = near ^ turn;
-            if is_clear(&siblings[i].payload, Self::POLICY) || (0..3).any(|k| if i >> k & 1 == 1 { below[k] } else { above[k] }) {
+            if (0..3).any(|k| if i >> k & 1 == 1 { below[k] } else { above[k] }) {
+                continue;
+            }
+            if is_clear(&siblings[i].payload, Self::POLICY) {
+                self.witness.octant(level - 1);
                 continue;
             }
             let at: [i32; 3] = std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { half } else { 0 });
@@ -138,6 +188,7 @@ impl<'a, S: Solid, const STRICT: bool> Check<'a, S, STRICT> {
     }
 
     fn is_block_clear(&self, id: u32, corner: [i32; 3]) -> bool {
+        self.witness.block();
         let block = self.field.block(id);
         let (values, scale) = (self.field.values(block), usize::from(block.scale));
         if scale == 0 {
@@ -180,9 +231,12 @@ impl<'a, S: Solid, const STRICT: bool> Check<'a, S, STRICT> {
     }
 }
 
+/// Bits of a voxel's value.
+pub(super) const BITS_OF_BYTE: u32 = 8;
+
 /// The highest bit of every byte of `row` that [`blocks`].
 #[inline(always)]
-fn blocking_bytes<const STRICT: bool>(row: u64) -> u64 {
+pub(super) fn blocking_bytes<const STRICT: bool>(row: u64) -> u64 {
     const HIGH: u64 = 0x8080_8080_8080_8080;
     // A byte's other seven bits are all clear in 0 and in UNKNOWN only; no carry leaves a byte.
     let telling = (row & !HIGH) + !HIGH;

@@ -10,6 +10,7 @@
 //! | What is known of this point? | `state`, `log_odds` |
 //! | ... of the cube of 2^level finest voxels around it? | `at_level` |
 //! | Is all of this shape free? | `is_free` with a [`Sphere`], [`Capsule`] or [`OrientedBox`] |
+//! | How far is it to the nearest obstacle? | `clearance` |
 //! | Where does this ray end? | `cast` |
 //! | Where does free space meet the unknown? | `frontier` |
 //! | What does a cut through the map look like? | `slice` |
@@ -30,6 +31,7 @@
 //! ```
 
 mod atlas;
+mod clearance;
 mod coverage;
 mod faces;
 mod field;
@@ -46,6 +48,7 @@ mod tests;
 pub use atlas::AtlasQuery;
 pub(crate) use faces::{Boundary, Face, faces};
 pub use field::{FieldQuery, Region};
+pub use free::Work;
 pub use frontier::FrontierPoint;
 pub use ray::{Ray, RayHit};
 pub use resample::{Cube, Resampling};

@@ -187,3 +187,23 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    #[test]
+    fn a_sphere_within_the_clearance_is_free_and_one_a_voxel_beyond_is_not(
+        fields in fields(3), points in prop::collection::vec(prop::array::uniform3(-1.5..1.5f64), 20), up_to in 0.1..1.2f64, unknown in policy(),
+    ) {
+        let atlas = atlas(fields);
+        let query = AtlasQuery::new(&atlas, VOXEL);
+        for p in points {
+            let found = query.clearance(p, up_to, unknown);
+            let sphere = |radius| Sphere { centre: p, radius }.into();
+            // Bounds of shapes have a thousandth of a voxel to spare.
+            let within = found - 2e-3 * f64::from(VOXEL);
+            prop_assert!(within < 0.0 || query.is_free(&sphere(within), unknown), "{found} is too far");
+            let diagonal = (3f64.sqrt() + 1e-2) * f64::from(VOXEL);
+            prop_assert!(found >= up_to - diagonal || !query.is_free(&sphere(found + diagonal), unknown), "{found} is too near");
+        }
+    }
+}

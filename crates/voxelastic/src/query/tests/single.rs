@@ -32,6 +32,7 @@ proptest! {
         let query = FieldQuery::new(&field, VOXEL);
         for shape in &shapes {
             prop_assert_eq!(query.is_free(shape, unknown), slow_is_free(&field, shape, unknown), "{:?}", shape);
+            prop_assert_eq!(query.is_free_with_work(shape, unknown).0, query.is_free(shape, unknown));
         }
     }
 
@@ -214,4 +215,38 @@ fn nonsense_is_never_free_and_hits_nothing() {
     }
     let endless = Ray { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], length: f64::INFINITY };
     assert!(query.cast(&endless, UnknownAs::Blocked).is_some() && query.cast(&endless, UnknownAs::Free).is_none());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+    #[test]
+    fn clearance_is_the_distance_to_the_nearest_leaf_that_blocks(
+        seed in any::<u64>(), rare in 5u64..800, points in prop::collection::vec(prop::array::uniform3(-2.3..2.3f64), 30), up_to in 0.01..1.5f64, unknown in policy(),
+    ) {
+        let field = random_field(seed, rare);
+        let query = FieldQuery::new(&field, VOXEL);
+        let (all, root) = (leaves(&field), root(&field));
+        for p in points {
+            let v = p.map(|c| c / f64::from(VOXEL));
+            let gap = |l: &Leaf| (0..3).map(|k| (f64::from(l.low[k]) - v[k]).max(v[k] - f64::from(l.low[k] + l.edge)).max(0.0).powi(2)).sum::<f64>().sqrt();
+            let out = (0..3).map(|k| (v[k] - f64::from(root.low[k])).min(f64::from(root.low[k] + root.edge) - v[k])).fold(f64::INFINITY, f64::min).max(0.0);
+            let start = if unknown == UnknownAs::Blocked { out } else { f64::INFINITY };
+            let nearest = all.iter().filter(|l| blocks(l.value, unknown)).map(gap).fold(start, f64::min) * f64::from(VOXEL);
+            let found = query.clearance(p, up_to, unknown);
+            prop_assert!((found - nearest.min(up_to)).abs() < 1e-5, "{found} instead of {nearest} up to {up_to}");
+        }
+    }
+}
+
+#[test]
+fn clearance_of_what_is_no_question_is_none() {
+    let field = random_field(3, 1000);
+    let query = FieldQuery::new(&field, VOXEL);
+    for unknown in [UnknownAs::Blocked, UnknownAs::Free] {
+        assert_eq!(query.clearance([f64::NAN, 0.0, 0.0], 1.0, unknown), 0.0);
+        assert_eq!(query.clearance([0.0; 3], f64::INFINITY, unknown), 0.0);
+        assert_eq!(query.clearance([0.0; 3], -1.0, unknown), 0.0);
+    }
+    assert_eq!(query.clearance([1e30, 0.0, 0.0], 1.0, UnknownAs::Blocked), 0.0);
+    assert_eq!(query.clearance([1e30, 0.0, 0.0], 1.0, UnknownAs::Free), 1.0);
 }

@@ -1,0 +1,32 @@
+//! When to stop.
+
+use std::time::{Duration, Instant};
+
+/// Time and samples that a search may take.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Budget {
+    begun: Instant,
+    time: Duration,
+    samples: usize,
+}
+
+impl Budget {
+    /// Begins now.
+    pub(crate) fn new(time: Duration, samples: Option<usize>) -> Self {
+        Self { begun: Instant::now(), time, samples: samples.unwrap_or(usize::MAX) }
+    }
+
+    /// The same with a share of the time.
+    pub(crate) fn part(&self, share: f64) -> Self {
+        Self { time: self.time.mul_f64(share), ..*self }
+    }
+
+    pub(crate) fn is_spent(&self, samples: usize) -> bool {
+        samples >= self.samples || self.begun.elapsed() >= self.time
+    }
+
+    /// Seconds since the beginning.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.begun.elapsed().as_secs_f64()
+    }
+}

@@ -1,0 +1,144 @@
+//! The first path: two trees, from the start and from the goal, that grow towards random states and towards each other
+//! (RRT-Connect, Kuffner and LaValle, 2000).
+
+use crate::budget::Budget;
+use crate::points::{Point, between, distance};
+use crate::sample::Sampler;
+use crate::space::Space;
+use crate::tree::Tree;
+
+/// Share of the samples that look for doorways.
+const BRIDGES: f64 = 0.1;
+
+/// Two trees that met: the nodes of each where they did.
+pub(crate) struct Meeting {
+    pub from_start: u32,
+    pub from_goal: u32,
+}
+
+/// How far a tree grew towards a state.
+enum Growth {
+    /// To the state itself: this node.
+    Arrived(u32),
+    /// To this node.
+    Closer(u32),
+    /// Not at all.
+    Stuck,
+}
+
+/// Grows the trees, rooted in the start and in the goal, in steps of `stride` metres until they meet; none when the budget ends
+/// before.
+pub(crate) fn connect<S: Space>(sampler: &mut Sampler<'_, S>, space: &S, trees: &mut [Tree; 2], stride: f64, budget: &Budget) -> Option<Meeting> {
+    let [start, goal] = trees;
+    if let Growth::Arrived(node) = grow(space, start, goal.point(0), stride, false) {
+        return Some(Meeting { from_start: node, from_goal: 0 });
+    }
+    while !budget.is_spent(sampler.drawn) {
+        let sample = if sampler.share() < BRIDGES { sampler.bridge() } else { sampler.anywhere() };
+        let Some(sample) = sample else { continue };
+        let turned = trees[0].len() > trees[1].len();
+        let [growing, other] = trees;
+        let (growing, other) = if turned { (other, growing) } else { (growing, other) };
+        let new = match grow(space, growing, sample, stride, turned) {
+            Growth::Arrived(node) | Growth::Closer(node) => node,
+            Growth::Stuck => continue,
+        };
+        if let Growth::Arrived(met) = grow(space, other, growing.point(new), stride, !turned) {
+            let (from_start, from_goal) = if turned { (met, new) } else { (new, met) };
+            return Some(Meeting { from_start, from_goal });
+        }
+    }
+    None
+}
+
+/// Steps from the tree's nearest node towards `to` as far as nothing is in the way. `turned`: ways in this tree lead to its
+/// root.
+fn grow<S: Space>(space: &S, tree: &mut Tree, to: Point, stride: f64, turned: bool) -> Growth {
+    let mut node = tree.nearest(to);
+    let mut growth = Growth::Stuck;
+    loop {
+        let from = tree.point(node);
+        let left = flat_distance(space, from, to);
+        let is_last = left <= stride;
+        let target = if is_last { to } else { between(from, to, stride / left) };
+        let Some(arrived) = space.reach(from, target) else { return growth };
+        let joins = is_last && space.is_same(arrived, to);
+        // What is the same for all purposes is the same place; and the way must hold in the direction in which it is gone.
+        let arrived = if joins { to } else { arrived };
+        if turned && !space.leads_back(from, arrived) {
+            return growth;
+        }
+        node = tree.add(node, arrived);
+        if joins {
+            return Growth::Arrived(node);
+        }
+        growth = Growth::Closer(node);
+        if is_last {
+            return growth;
+        }
+    }
+}
+
+/// Distance in the coordinates that can be chosen.
+pub(crate) fn flat_distance<S: Space>(space: &S, a: Point, b: Point) -> f64 {
+    if space.dimensions() == 2 { (a[0] - b[0]).hypot(a[1] - b[1]) } else { distance(a, b) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::length;
+    use std::time::Duration;
+
+    /// A plane with a wall along x = 0 that has a gap around y = `gap`, if it has one.
+    struct Wall {
+        gap: Option<f64>,
+    }
+
+    const HALF: f64 = 0.25;
+
+    impl Space for Wall {
+        fn reach(&self, from: Point, to: Point) -> Option<Point> {
+            let inside = to.iter().all(|c| c.abs() <= 10.0);
+            let crosses = (from[0] > 0.0) != (to[0] > 0.0);
+            let y = from[1] + (to[1] - from[1]) * from[0] / (from[0] - to[0]);
+            (inside && (!crosses || self.gap.is_some_and(|gap| (y - gap).abs() < HALF))).then_some(to)
+        }
+
+        fn settle(&self, p: Point) -> Option<Point> {
+            let is_wall = p[0].abs() < 0.1 && self.gap.is_none_or(|gap| (p[1] - gap).abs() >= HALF);
+            (!is_wall).then_some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-10.0, -10.0, 0.0], [10.0, 10.0, 0.1]]
+        }
+    }
+
+    fn search(wall: &Wall, samples: usize) -> ([Tree; 2], Option<Meeting>, usize) {
+        let mut sampler = Sampler::new(wall, 7);
+        let mut trees = [Tree::new([-5.0, -8.0, 0.0], 3), Tree::new([5.0, -8.0, 0.0], 3)];
+        let budget = Budget::new(Duration::from_secs(60), Some(samples));
+        let met = connect(&mut sampler, wall, &mut trees, 1.5, &budget);
+        (trees, met, sampler.drawn)
+    }
+
+    #[test]
+    fn trees_meet_through_a_gap() {
+        let wall = Wall { gap: Some(6.0) };
+        let ([mut tree, other], met, _) = search(&wall, 20_000);
+        let met = met.expect("there is a gap");
+        let became = tree.graft(met.from_start, &other, met.from_goal);
+        let way = tree.way_to(became[0]);
+        assert_eq!((way[0], way[way.len() - 1]), ([-5.0, -8.0, 0.0], [5.0, -8.0, 0.0]));
+        assert!(way.windows(2).all(|w| wall.joins(w[0], w[1])));
+        assert!(length(&way) > 2.0 * 14f64.hypot(5.0) * 0.97);
+    }
+
+    #[test]
+    fn trees_that_cannot_meet_stop_with_the_budget() {
+        let ([start, goal], met, drawn) = search(&Wall { gap: None }, 500);
+        assert!(met.is_none() && drawn == 500);
+        assert!(start.reach() > 8.0 && goal.reach() > 8.0);
+    }
+}

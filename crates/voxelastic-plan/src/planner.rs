@@ -1,0 +1,182 @@
+//! From a request to a path: the ends, the first path, shorter ones, the shortest made round.
+
+use crate::budget::Budget;
+use crate::connect::connect;
+use crate::ends;
+use crate::error::{End, PlanError};
+use crate::ground::Ground;
+use crate::points::{Point, between, distance, length};
+use crate::robot::Robot;
+use crate::sample::Sampler;
+use crate::shorten::{Effort, shorten};
+use crate::space::{Air, Space};
+use crate::star::Star;
+use crate::tree::Tree;
+use std::time::Duration;
+use voxelastic::query::{AtlasQuery, UnknownAs};
+
+/// Share of the time that is left for the last shortening.
+const LAST: f64 = 0.1;
+/// Clearance is told up to this much beyond the robot's radius, metres.
+const CLEARANCE: f64 = 2.0;
+
+/// What to plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Request {
+    /// Where the robot is: its centre, map frame, metres. On wheels, any height above the floor.
+    pub start: Point,
+    /// Where it is to go.
+    pub goal: Point,
+    /// The robot.
+    pub robot: Robot,
+    /// Corners of the box that the robot's centre must stay in, map frame, metres; none for all that is known.
+    pub bounds: Option<[Point; 2]>,
+    /// How long to look for shorter paths, and at most for one at all.
+    pub time: Duration,
+    /// Most samples to draw; none for as many as time allows. With a limit that is met before the time the result is the same
+    /// on every machine.
+    pub samples: Option<usize>,
+    /// Seed of the random numbers.
+    pub seed: u64,
+}
+
+impl Request {
+    /// A request with a second of time.
+    pub fn new(start: Point, goal: Point, robot: Robot) -> Self {
+        Self { start, goal, robot, bounds: None, time: Duration::from_secs(1), samples: None, seed: 1 }
+    }
+}
+
+/// The first path that was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct First {
+    /// After how many seconds.
+    pub seconds: f64,
+    /// Its length, metres.
+    pub length: f64,
+}
+
+/// A path, and how it was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// The way of the robot's centre, straight from point to point, map frame, metres.
+    pub path: Vec<Point>,
+    /// Its length, metres.
+    pub length: f64,
+    /// Distance of each point of the path to the nearest obstacle or unknown space that counts as one, metres; told up to 2 m beyond the radius.
+    pub clearance: Vec<f64>,
+    /// The least distance anywhere along the path, looked at in steps of a voxel.
+    pub least_clearance: f64,
+    /// The first path.
+    pub first: First,
+    /// Seconds spent.
+    pub seconds: f64,
+    /// Samples drawn.
+    pub samples: usize,
+    /// The states tried from the start on, with the index of the one each is reached from; the first is the start.
+    pub tree: Vec<(Point, Option<u32>)>,
+    /// Height over the floor that a wheeled robot was kept at, metres.
+    pub height: Option<f64>,
+}
+
+/// Plans a path for a robot in a map.
+///
+/// The trees grow by samples drawn from [`Request::seed`]. The path found first is shortened, and then searched for better ones
+/// until the time or the samples are used up.
+///
+/// # Errors
+/// [`PlanError::NoOccupancy`] for a map without occupancy, [`PlanError::Setting`] for numbers that make no sense,
+/// [`PlanError::OutsideMap`] and [`PlanError::Blocked`] for a start or goal where the robot cannot be, and
+/// [`PlanError::NotFound`] when the time or the samples end without a path.
+pub fn plan(map: &AtlasQuery<'_>, request: &Request) -> Result<Plan, PlanError> {
+    let budget = Budget::new(request.time, request.samples);
+    request.robot.check()?;
+    if map.is_empty() {
+        return Err(PlanError::NoOccupancy);
+    }
+    let known = known_box(map);
+    let bounds = request.bounds.unwrap_or_else(|| with_ends(known, request));
+    if request.robot.ground.is_some() {
+        let space = Ground::new(map, &request.robot, request.start, bounds)?;
+        let height = Some(space.height());
+        Ok(Plan { height, ..Task { space: &space, map, request, known, budget }.run()? })
+    } else {
+        let space = Air::new(map, &request.robot, bounds);
+        Task { space: &space, map, request, known, budget }.run()
+    }
+}
+
+fn known_box(map: &AtlasQuery<'_>) -> [Point; 2] {
+    let bounds = map.bounds();
+    [bounds.min.map(f64::from), bounds.max.map(f64::from)]
+}
+
+/// Ends may be where nothing is known, if that counts as free.
+fn with_ends(known: [Point; 2], request: &Request) -> [Point; 2] {
+    if request.robot.unknown == UnknownAs::Blocked {
+        return known;
+    }
+    let ends = [request.start, request.goal];
+    let margin = 2.0 * request.robot.radius + 1.0;
+    [
+        std::array::from_fn(|k| ends.iter().fold(known[0][k], |low, p| low.min(p[k] - margin))),
+        std::array::from_fn(|k| ends.iter().fold(known[1][k], |high, p| high.max(p[k] + margin))),
+    ]
+}
+
+/// A request in its space.
+struct Task<'a, S> {
+    space: &'a S,
+    map: &'a AtlasQuery<'a>,
+    request: &'a Request,
+    known: [Point; 2],
+    budget: Budget,
+}
+
+impl<S: Space> Task<'_, S> {
+    fn run(&self) -> Result<Plan, PlanError> {
+        let Request { robot, seed, .. } = *self.request;
+        let settle = |end, place| ends::settle(self.space, self.map, self.known, robot.unknown, end, place);
+        let (start, goal) = (settle(End::Start, self.request.start)?, settle(End::Goal, self.request.goal)?);
+        let mut sampler = Sampler::new(self.space, seed);
+        let dimensions = self.space.dimensions();
+        let mut trees = [Tree::new(start, dimensions), Tree::new(goal, dimensions)];
+        let stride = self.stride();
+        let Some(meeting) = connect(&mut sampler, self.space, &mut trees, stride, &self.budget) else {
+            let reach = [trees[0].reach(), trees[1].reach()];
+            return Err(PlanError::NotFound { samples: sampler.drawn, seconds: self.budget.seconds(), reach });
+        };
+        let [mut tree, from_goal] = trees;
+        let became = tree.graft(meeting.from_start, &from_goal, meeting.from_goal);
+        let goal = became[0];
+        let found = tree.way_to(goal);
+        let first = First { seconds: self.budget.seconds(), length: length(&found) };
+        let short = shorten(self.space, found, Effort::Quick);
+        let until = self.budget.part(1.0 - LAST);
+        let best = Star::new(self.space, &mut tree, goal, stride, short).run(&mut sampler, &until);
+        let best = shorten(self.space, best, Effort::Thorough);
+        Ok(self.finish(&best, &tree, first, sampler.drawn))
+    }
+
+    /// Length of the trees' branches: short against the space, long against what is in it.
+    fn stride(&self) -> f64 {
+        let [low, high] = self.space.bounds();
+        (distance(low, high) / 50.0).clamp(0.5, self.space.longest())
+    }
+
+    fn finish(&self, best: &[Point], tree: &Tree, first: First, samples: usize) -> Plan {
+        let mut path: Vec<Point> = best.first().copied().into_iter().collect();
+        best.windows(2).for_each(|w| self.space.trace(w[0], w[1], &mut path));
+        let Robot { radius, unknown, .. } = self.request.robot;
+        // Where submaps share space the query is careful by a voxel; the path was checked for the radius itself.
+        let ask = |p: Point| self.map.clearance(p, radius + CLEARANCE, unknown).max(radius);
+        let clearance: Vec<f64> = path.iter().map(|p| ask(*p)).collect();
+        let mut least = clearance.iter().copied().fold(f64::INFINITY, f64::min);
+        for w in path.windows(2) {
+            let steps = (distance(w[0], w[1]) / self.map.voxel()).ceil() as usize;
+            least = (1..steps).map(|i| ask(between(w[0], w[1], i as f64 / steps as f64))).fold(least, f64::min);
+        }
+        let (length, tree) = (length(&path), tree.nodes().collect());
+        Plan { length, path, clearance, least_clearance: least, first, seconds: self.budget.seconds(), samples, tree, height: None }
+    }
+}

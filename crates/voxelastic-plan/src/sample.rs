@@ -1,0 +1,83 @@
+//! Where to try next.
+
+use crate::points::{Point, between, distance};
+use crate::space::Space;
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+
+/// Draws in a row that may miss before a sampler gives up on this turn.
+const PATIENCE: usize = 64;
+/// The same where a draw is asked for twice, and most miss.
+const PATIENCE_FOR_BRIDGES: usize = 24;
+/// Widest gap that a bridge spans, metres: doorways and narrow corridors.
+const BRIDGE: f64 = 2.5;
+
+/// Draws states at random: the same ones for the same seed.
+pub(crate) struct Sampler<'a, S> {
+    space: &'a S,
+    random: StdRng,
+    /// States drawn or given up on.
+    pub(crate) drawn: usize,
+}
+
+impl<'a, S: Space> Sampler<'a, S> {
+    pub(crate) fn new(space: &'a S, seed: u64) -> Self {
+        Self { space, random: StdRng::seed_from_u64(seed), drawn: 0 }
+    }
+
+    /// A number from 0 to 1.
+    pub(crate) fn share(&mut self) -> f64 {
+        self.random.random()
+    }
+
+    fn place(&mut self) -> Point {
+        let [low, high] = self.space.bounds();
+        std::array::from_fn(|k| low[k] + self.random.random::<f64>() * (high[k] - low[k]))
+    }
+
+    /// A step in any direction, of a length that is most often short against `reach`.
+    fn step(&mut self, reach: f64) -> Point {
+        let flat = self.space.dimensions() == 2;
+        std::array::from_fn(|k| {
+            // The sum of three is close enough to a normal distribution.
+            let normal: f64 = (0..3).map(|_| self.random.random::<f64>() - 0.5).sum();
+            if flat && k == 2 { 0.0 } else { normal * 1.2 * reach }
+        })
+    }
+
+    /// A state anywhere.
+    pub(crate) fn anywhere(&mut self) -> Option<Point> {
+        self.drawn += 1;
+        (0..PATIENCE).find_map(|_| {
+            let p = self.place();
+            self.space.settle(p)
+        })
+    }
+
+    /// A state between two places where the robot does not fit: in a doorway, most likely (the bridge test of Hsu and others,
+    /// 2003).
+    pub(crate) fn bridge(&mut self) -> Option<Point> {
+        self.drawn += 1;
+        (0..PATIENCE_FOR_BRIDGES).find_map(|_| {
+            let p = self.place();
+            let by = self.step(BRIDGE);
+            let q = std::array::from_fn(|k| p[k] + by[k]);
+            let is_bridge = self.space.settle(p).is_none() && self.space.settle(q).is_none();
+            if is_bridge { self.space.settle(between(p, q, 0.5)) } else { None }
+        })
+    }
+
+    /// A state near a line.
+    pub(crate) fn near(&mut self, line: &[Point], reach: f64) -> Option<Point> {
+        self.drawn += 1;
+        let all: f64 = crate::points::length(line);
+        let mut left = self.share() * all;
+        let piece = line.windows(2).find(|w| {
+            left -= distance(w[0], w[1]);
+            left <= 0.0
+        })?;
+        let on = between(piece[1], piece[0], (-left / distance(piece[0], piece[1]).max(1e-9)).min(1.0));
+        let by = self.step(reach);
+        self.space.settle(std::array::from_fn(|k| on[k] + by[k]))
+    }
+}

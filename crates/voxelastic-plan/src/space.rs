@@ -1,0 +1,107 @@
+//! Where a robot can be and go: what planning asks, whatever answers it.
+
+use crate::points::{Point, between, distance};
+use crate::robot::Robot;
+use voxelastic::field::occupancy::State;
+use voxelastic::query::{AtlasQuery, Capsule, Sphere, UnknownAs};
+
+/// The space that a robot moves in. A state is the place of the robot's centre.
+///
+/// Motions are checked as wholes, never at steps along them.
+pub trait Space {
+    /// Moves straight from a state to `to`: where the robot arrives, which need not be `to` itself (on wheels it is above or
+    /// below); none when something is in the way.
+    fn reach(&self, from: Point, to: Point) -> Option<Point>;
+
+    /// The state at `p`, or for wheels above or below it; none when the robot does not fit there.
+    fn settle(&self, p: Point) -> Option<Point>;
+
+    /// Where a state at `p` would be, whether or not the robot fits there; none where there can be none, as over an abyss.
+    fn lay(&self, p: Point) -> Option<Point> {
+        Some(p)
+    }
+
+    /// Corners of the box that states are in.
+    fn bounds(&self) -> [Point; 2];
+
+    /// Whether two states are the same for all purposes, so that one can be arrived at instead of the other.
+    fn is_same(&self, a: Point, b: Point) -> bool {
+        distance(a, b) < 1e-9
+    }
+
+    /// Longest branch that makes sense, metres: motions are tried whole.
+    fn longest(&self) -> f64 {
+        4.0
+    }
+
+    /// How many of the coordinates can be chosen freely: 3 in the air, 2 on the ground.
+    fn dimensions(&self) -> usize {
+        3
+    }
+
+    /// Appends the states on the way from a state to another that [`reach`](Self::reach) arrived at, the last included.
+    fn trace(&self, _from: Point, to: Point, way: &mut Vec<Point>) {
+        way.push(to);
+    }
+
+    /// Whether the robot that reached `arrived` from `from` can go back the same way.
+    fn leads_back(&self, _from: Point, _arrived: Point) -> bool {
+        true
+    }
+
+    /// Whether the robot can go straight from one state to the other.
+    fn joins(&self, from: Point, to: Point) -> bool {
+        self.reach(from, to).is_some_and(|arrived| self.is_same(arrived, to))
+    }
+}
+
+/// A ball that flies through a map.
+#[derive(Clone, Debug)]
+pub struct Air<'a> {
+    map: &'a AtlasQuery<'a>,
+    radius: f64,
+    unknown: UnknownAs,
+    bounds: [Point; 2],
+}
+
+impl<'a> Air<'a> {
+    /// The space of `robot` in a map, within a box.
+    pub fn new(map: &'a AtlasQuery<'a>, robot: &Robot, bounds: [Point; 2]) -> Self {
+        Self { map, radius: robot.radius, unknown: robot.unknown, bounds }
+    }
+
+    /// Whether the ball meets nothing on its way from `from` to `to`, all of the sweep at once.
+    pub(crate) fn is_free(&self, from: Point, to: Point) -> bool {
+        // Points are cheap to ask for, and where something is in the way one of a few is in it, most often.
+        let may_be = [1.0, 0.5, 0.25, 0.75].into_iter().all(|share| self.is_free_at(between(from, to, share)));
+        may_be && self.map.is_free(&Capsule { from, to, radius: self.radius }.into(), self.unknown)
+    }
+
+    /// Whether nothing is in the way of a point.
+    pub(crate) fn is_free_at(&self, p: Point) -> bool {
+        match self.unknown {
+            UnknownAs::Blocked => self.map.state(p) == State::Free,
+            UnknownAs::Free => self.map.state(p) != State::Occupied,
+        }
+    }
+}
+
+/// Whether `p` is in the box.
+pub(crate) fn is_within(bounds: &[Point; 2], p: Point) -> bool {
+    (0..3).all(|k| p[k] >= bounds[0][k] && p[k] <= bounds[1][k])
+}
+
+impl Space for Air<'_> {
+    fn reach(&self, from: Point, to: Point) -> Option<Point> {
+        (is_within(&self.bounds, to) && self.is_free(from, to)).then_some(to)
+    }
+
+    fn settle(&self, p: Point) -> Option<Point> {
+        (is_within(&self.bounds, p) && self.is_free_at(p) && self.map.is_free(&Sphere { centre: p, radius: self.radius }.into(), self.unknown))
+            .then_some(p)
+    }
+
+    fn bounds(&self) -> [Point; 2] {
+        self.bounds
+    }
+}

@@ -1,0 +1,65 @@
+//! Two rooms with a doorway of 1 m between them, scanned and mapped.
+
+use std::sync::OnceLock;
+use voxelastic::event::{Event, Scan};
+use voxelastic::mapper::Mapper;
+use voxelastic::query::AtlasQuery;
+use voxelastic::sensor::preset_with_columns;
+use voxelastic::{Pose, Settings, atlas::Atlas};
+use voxelastic_sim::random::Stream;
+use voxelastic_sim::route::Route;
+use voxelastic_sim::sensor::{Lidar, LidarSettings};
+use voxelastic_sim::{World, WorldBuilder};
+
+pub const VOXEL: f32 = 0.08;
+/// In the west room, behind the wall.
+pub const WEST: [f64; 3] = [-4.5, -2.0, 1.0];
+/// In the east room.
+pub const EAST: [f64; 3] = [4.5, -2.0, 1.3];
+
+pub struct Rooms {
+    pub world: World,
+    pub atlas: Atlas,
+}
+
+impl Rooms {
+    pub fn query(&self) -> AtlasQuery<'_> {
+        AtlasQuery::new(&self.atlas, VOXEL)
+    }
+}
+
+fn world() -> World {
+    let mut b = WorldBuilder::new("rooms", 1);
+    b.cuboid([-7.0, -4.0, -1.0], [7.0, 4.0, 0.0], 0.3);
+    b.cuboid([-7.0, -4.0, 3.0], [7.0, 4.0, 4.0], 0.3);
+    for (low, high) in [([-7.0, -4.0], [-6.0, 4.0]), ([6.0, -4.0], [7.0, 4.0]), ([-7.0, -4.0], [7.0, -3.0]), ([-7.0, 3.0], [7.0, 4.0])] {
+        b.cuboid([low[0], low[1], -1.0], [high[0], high[1], 4.0], 0.4);
+    }
+    // The wall, left and right of the doorway and above it.
+    b.cuboid([0.0, -3.5, -0.5], [0.15, 1.0, 3.5], 0.4);
+    b.cuboid([0.0, 2.0, -0.5], [0.15, 3.5, 3.5], 0.4);
+    b.cuboid([0.0, 0.5, 2.1], [0.15, 2.5, 3.5], 0.4);
+    b.build().unwrap()
+}
+
+/// The rooms, mapped once for all tests. The scans make several submaps.
+pub fn rooms() -> &'static Rooms {
+    static ROOMS: OnceLock<Rooms> = OnceLock::new();
+    ROOMS.get_or_init(|| {
+        let world = world();
+        let lidar = Lidar::new(preset_with_columns("os0-64", 1024).unwrap(), LidarSettings::default()).unwrap();
+        let mut settings = Settings { voxel: VOXEL, max_range: 30.0, lambda_odom: 4.0, min_overlap: 1.0, ..Settings::default() };
+        settings.set("field", "occupancy").unwrap();
+        let mut mapper = Mapper::new(settings).unwrap();
+        // A loop through both rooms and the doorway, a scan every 0.8 m, the sensor higher and lower by turns.
+        let route = Route::rounded(&[[-4.5, 1.5], [-4.5, -1.8], [-1.0, -1.8], [-1.0, 1.5], [1.2, 1.5], [1.2, -1.8], [4.5, -1.8], [4.5, 1.5]], 0.5);
+        for node in 0..(route.length() / 0.8) as u64 {
+            let ([x, y], heading) = route.at(0.8 * node as f64);
+            let z = if node % 2 == 0 { 1.0 } else { 1.4 };
+            let pose = Pose::from_parts([x, y, z].into(), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, heading));
+            let cloud = lidar.scan(&world, |_| pose, &Stream::new(5, &[node]));
+            mapper.handle(Event::Scan(Scan { node: node as _, time: node as f64, t_map_lidar: pose, cloud })).unwrap();
+        }
+        Rooms { world, atlas: mapper.into_atlas() }
+    })
+}
