@@ -67,7 +67,7 @@ impl Simulation {
             }
         }
         self.write_poses(dir, written)?;
-        self.write_world(dir)?;
+        self.write_world(dir, written)?;
         Ok(written)
     }
 
@@ -85,9 +85,15 @@ impl Simulation {
         Ok(())
     }
 
-    fn write_world(&self, dir: &Path) -> Result<(), SimError> {
+    /// `count` scans are in the folder. When that is not all, the file tells of a simulation that ends there: of the same world, true poses and
+    /// clouds, but of other odometry, because drift is spread over the whole path.
+    fn write_world(&self, dir: &Path, count: usize) -> Result<(), SimError> {
         let path = dir.join(WORLD_FILE);
-        let file = WorldFile { format: FORMAT, fingerprint: hexadecimal(self.world()), simulation: self.options().clone() };
+        let mut simulation = self.options().clone();
+        if count < self.len() {
+            simulation.scans = Some(count);
+        }
+        let file = WorldFile { format: FORMAT, fingerprint: hexadecimal(self.world()), simulation };
         let text = toml::to_string(&file).map_err(|e| SimError::WorldFile { path: path.clone(), message: e.to_string() })?;
         let text = format!("# A simulated world: the truth that maps of the scans beside this file are measured against.\n{text}");
         let part = dir.join("world.toml.part");

@@ -57,6 +57,10 @@ fn breaking_off_keeps_a_folder_that_fits_together() -> Outcome {
     assert_eq!(fs::read_dir(dir.path().join("scans"))?.count(), written);
     assert_eq!(poses::read(dir.path().join("poses.tum"))?.len(), written);
     assert_eq!(g2o::read(dir.path().join("graph.g2o"))?.nodes.len(), written);
+    let told = Simulation::load(dir.path())?;
+    assert_eq!(told.ground_truth(), &simulation.ground_truth()[..written], "the world file tells of the scans that are there");
+    let bits = |s: &Simulation| s.cloud(written - 1).map(|c| c.points.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>());
+    assert_eq!(bits(&told), bits(&simulation));
     assert!(matches!(simulation.write(dir.path(), &mut |_, _| ControlFlow::Continue(())), Err(SimError::NotEmpty { .. })));
     Ok(())
 }
@@ -66,7 +70,8 @@ fn world_files_that_do_not_fit_are_refused_by_name() -> Outcome {
     let dir = tempfile::tempdir()?;
     let path = dir.path().join(WORLD_FILE);
     assert!(matches!(World::load(dir.path()), Err(SimError::File { .. })));
-    Simulation::new(small())?.write_world(dir.path())?;
+    let simulation = Simulation::new(small())?;
+    simulation.write_world(dir.path(), simulation.len())?;
     let text = fs::read_to_string(&path)?;
     World::load(&path)?;
     for (from, to, word) in [
