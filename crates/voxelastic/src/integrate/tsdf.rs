@@ -344,8 +344,9 @@ impl BlockUpdate<'_> {
     /// Fills the array of the block's new scale from the one that it leaves (paper Sec. III-A, propagation).
     #[allow(unsafe_code)]
     fn change_scale(&self, block: &Block, change: Change) {
-        /// Observations that an interpolated voxel counts for.
-        const INTERPOLATED_WEIGHT: u16 = 2 * WEIGHT_ONE;
+        /// What an interpolated voxel weighs: little, because it is a guess from voxels twice as large, which a measurement at
+        /// its own scale must outweigh at once.
+        const INTERPOLATED_WEIGHT: u16 = WEIGHT_ONE / 4;
         let scale = usize::from(block.scale);
         // SAFETY: these arrays belong to this block alone, which no other thread touches, and differ in scale or slot.
         unsafe {
@@ -359,7 +360,7 @@ impl BlockUpdate<'_> {
                 Change::Finer => {
                     let now = self.voxels.get(scale + 1, block.data[scale + 1]);
                     let past = self.voxels.get(scale + 1, block.past[scale + 1]);
-                    propagate_delta_down(now, past, voxels, scale, self.band.max_weight as u16);
+                    propagate_delta_down(now, past, voxels, scale, [self.band.max_weight as u16, INTERPOLATED_WEIGHT]);
                 }
                 Change::FinerNew => {
                     propagate_down(self.voxels.get(scale + 1, block.data[scale + 1]), voxels, scale, INTERPOLATED_WEIGHT);

@@ -57,7 +57,7 @@ pub(crate) fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Bo
     for scale in (finest..current).rev() {
         let mut finer: Box<[Voxel]> = field.voxels(block, scale).into();
         let past = field.past(block, scale + 1);
-        propagate_delta_down(&voxels, past, &mut finer, scale, u16::MAX);
+        propagate_delta_down(&voxels, past, &mut finer, scale, [u16::MAX; 2]);
         voxels = finer;
     }
     for scale in current.min(finest)..target {

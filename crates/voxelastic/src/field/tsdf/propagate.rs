@@ -29,8 +29,9 @@ pub fn propagate_up(fine: &[Voxel], coarse: &mut [Voxel], scale: usize) {
 }
 
 /// Delta down-propagation into voxels that were there before: each observed child moves by what its parent learnt
-/// since `past`, unobserved children are interpolated from the parent's neighbourhood.
-pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel], scale: usize, max_weight: u16) {
+/// since `past`, up to `max_weight`; unobserved children are interpolated from the parent's neighbourhood and weigh at most
+/// `interpolated`.
+pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel], scale: usize, [max_weight, interpolated]: [u16; 2]) {
     for (index, (&now, &then)) in coarse.iter().zip(past).enumerate() {
         if !now.is_observed() {
             continue;
@@ -41,7 +42,7 @@ pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel]
         for child in children(index, scale) {
             let voxel = &mut fine[child];
             if !voxel.is_observed() {
-                *voxel = interpolate(now, gradient, child, scale);
+                *voxel = interpolate(Voxel { weight: now.weight.min(interpolated), ..now }, gradient, child, scale);
             } else if then.is_observed() {
                 voxel.distance = clamp_i16(i32::from(voxel.distance) + delta);
                 voxel.weight = voxel.weight.saturating_add(learnt).min(max_weight);
@@ -145,13 +146,13 @@ mod tests {
         }
         let mut updated = fine.clone();
         updated[0] = Voxel::default();
-        propagate_delta_down(&now, &past, &mut updated, 0, 1000);
+        propagate_delta_down(&now, &past, &mut updated, 0, [1000; 2]);
         for (new, old) in updated.iter().zip(&fine).skip(1) {
             assert_eq!((new.distance, new.weight), (old.distance - 200, old.weight + 5));
         }
         assert!(updated[0].is_observed() && (updated[0].distance - (fine[0].distance - 200)).abs() <= 2);
         let mut unchanged = fine.clone();
-        propagate_delta_down(&past, &past, &mut unchanged, 0, 1000);
+        propagate_delta_down(&past, &past, &mut unchanged, 0, [1000; 2]);
         assert_eq!(unchanged, fine);
     }
 }
