@@ -35,7 +35,7 @@ pub struct PlanArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true)]
     goal: [f64; 3],
     /// Radius of the ball around the centre that must stay free, metres
-    #[arg(long, value_name = "M", default_value_t = 0.35, value_parser = length)]
+    #[arg(long, allow_negative_numbers = true, value_name = "M", default_value_t = 0.35, value_parser = length)]
     radius: f64,
     /// Keep to the floor that the map shows, as wheels do
     #[arg(long)]
