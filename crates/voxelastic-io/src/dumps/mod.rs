@@ -60,12 +60,15 @@ impl Dump {
     }
 }
 
+/// Looks for one kind of folder; none when it is another.
+type Adapter = fn(&Path) -> Result<Option<Dump>>;
+
 /// Recognises a folder; nothing if it is none of these.
 ///
 /// # Errors
 /// Those of the files of a folder that was recognised.
 pub(crate) fn find(path: &Path) -> Result<Option<Dump>> {
-    let adapters: [fn(&Path) -> Result<Option<Dump>>; 5] = [hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find];
+    let adapters: [Adapter; 5] = [hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find];
     for find in adapters {
         if let Some(dump) = find(path)? {
             return Ok(Some(dump));

@@ -40,7 +40,7 @@ pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -
     let end = |p: Option<&Point>, colour| p.map(|p| Dot { at: flat(p), colour, radius: 8.0 });
     let dots = [end(plan.path.first(), START), end(plan.path.last(), GOAL)].into_iter().flatten().collect();
     let to = if slice.thickness > 0.0 { format!(" to {:.2}", slice.at + slice.thickness) } else { String::new() };
-    let title = format!("{:.1} m, radius {:.2} m; map at z = {:.2}{to} m", plan.length, request.robot.radius, slice.at);
+    let title = format!("{:.1} m, radius {:.2} m, map at z = {:.2}{to} m", plan.length, request.robot.radius, slice.at);
     let key = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown"), (TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
     let drawing = Drawing {
         title,
