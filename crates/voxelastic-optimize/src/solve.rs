@@ -76,17 +76,9 @@ pub fn optimise(problem: &Problem<'_>, options: &Options) -> Result<Solved, Opti
     let params = LevenParams { base, ..LevenParams::default() };
     let cost_before = graph.error(&values);
     let mut solver = LevenMarquardt::new(params, graph);
-    let copy = values.clone();
     // The library panics where a matrix cannot be factored; a graph from a file must not end the program.
-    let outcome = catch_unwind(AssertUnwindSafe(|| solver.optimize(values)));
-    let (values, is_converged) = match outcome {
-        Ok(Ok(values)) => (values, true),
-        Ok(Err(OptError::MaxIterations(values))) => (values, false),
-        // No step improves on where it began: it began at the optimum, or nearly so.
-        Ok(Err(OptError::FailedToStep)) => (copy, true),
-        Ok(Err(OptError::InvalidSystem)) => return Err(OptimiseError::Failed { reason: "the system is singular".into() }),
-        Err(panic) => return Err(OptimiseError::Failed { reason: words_of(&*panic) }),
-    };
+    let outcome = catch_unwind(AssertUnwindSafe(|| iterate(&mut solver, values)));
+    let (values, is_converged) = outcome.map_err(|panic| OptimiseError::Failed { reason: words_of(&*panic) })??;
     let cost = solver.error(&values);
     let poses = (problem.nodes.iter().enumerate())
         .map(|(i, (node, _))| {
@@ -95,6 +87,32 @@ pub fn optimise(problem: &Problem<'_>, options: &Options) -> Result<Solved, Opti
         })
         .collect::<Result<Vec<_>, _>>()?;
     Ok(Solved { poses, cost_before, cost, is_converged })
+}
+
+/// Steps until nothing improves any more; whether that was so before the iterations ran out. The library's own loop loses what
+/// earlier steps gained when a later one finds no improvement.
+fn iterate(solver: &mut LevenMarquardt, mut values: Values) -> Result<(Values, bool), OptimiseError> {
+    let limits = solver.params().clone();
+    let mut cost = solver.error(&values);
+    solver.init(&values);
+    for iteration in 1..=limits.max_iterations {
+        if cost <= limits.error_tol {
+            return Ok((values, true));
+        }
+        let better = match solver.step(values.clone(), iteration) {
+            Ok((better, _)) => better,
+            Err(OptError::FailedToStep) => return Ok((values, true)),
+            Err(OptError::MaxIterations(_)) => break,
+            Err(OptError::InvalidSystem) => return Err(OptimiseError::Failed { reason: "the system is singular".into() }),
+        };
+        let gain = cost - solver.error(&better);
+        values = better;
+        if gain >= 0.0 && (gain <= limits.error_tol_absolute || gain <= limits.error_tol_relative * cost) {
+            return Ok((values, true));
+        }
+        cost -= gain;
+    }
+    Ok((values, false))
 }
 
 fn words_of(panic: &(dyn std::any::Any + Send)) -> String {

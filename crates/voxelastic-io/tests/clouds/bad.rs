@@ -116,6 +116,6 @@ fn no_file_and_no_format() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("notes.txt");
     std::fs::write(&path, "hello").unwrap();
-    assert!(clouds::read(&path).unwrap_err().to_string().contains("clouds are .pcd, .ply or .bin"));
+    assert!(clouds::read(&path).unwrap_err().to_string().contains("clouds are .pcd, .ply, .bin, .las, .laz or .e57"));
     assert!(matches!(ply::read_mesh(dir.path()), Err(Error::Io { .. })));
 }
