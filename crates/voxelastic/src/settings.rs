@@ -195,6 +195,32 @@ impl Value for FieldKind {
     }
 }
 
+/// What a beam without return says about the space along it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NoReturn {
+    /// Nothing: it may have met something dark, or a mirror.
+    #[default]
+    Unknown,
+    /// That there is nothing up to the maximum range.
+    Free,
+}
+
+impl NoReturn {
+    const ALL: [(&'static str, Self); 2] = [("unknown", Self::Unknown), ("free", Self::Free)];
+}
+
+impl Value for NoReturn {
+    fn parse(text: &str) -> Option<Self> {
+        Self::ALL.iter().find(|(name, _)| *name == text).map(|(_, kind)| *kind)
+    }
+    fn text(&self) -> String {
+        Self::ALL[*self as usize].0.to_owned()
+    }
+    fn is_within(&self, allowed: &Allowed) -> bool {
+        matches!(allowed, OneOf(words) if words.contains(&Self::ALL[*self as usize].0))
+    }
+}
+
 macro_rules! settings {
     ($($key:ident : $kind:ty = $default:expr, $unit:literal, $allowed:expr, $group:ident, $help:literal;)*) => {
         /// All settings of the mapper. [`Settings::default`] suits a 64-beam LiDAR outdoors.
@@ -291,6 +317,8 @@ settings! {
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
     bridge: usize = 2, "", Between(0.0, 16.0), Advanced,
         "Most returns put between two rows of beams that lie on one surface, a voxel apart, so that walls have no holes; 0 for none.";
+    no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
+        "What a beam without return says of the space along it: unknown (nothing), or free (it is empty up to max_range; for sensors that can be trusted to see whatever is there).";
     coarser_factor: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "How many times farther than the beams' cone demands a block stays at the finer scale that it already has.";
 }

@@ -23,7 +23,7 @@ use crate::atlas::{Atlas, Members, Submap};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats};
-use crate::settings::{SettingError, Settings};
+use crate::settings::{NoReturn, SettingError, Settings};
 use fusing::Fusing;
 use std::time::{Duration, Instant};
 
@@ -227,5 +227,6 @@ impl Integrators {
 }
 
 fn occupancy_settings(settings: &Settings) -> OccupancySettings {
-    OccupancySettings { voxel: settings.voxel, max_range: settings.max_range, ..OccupancySettings::default() }
+    let clear_no_return = settings.no_return == NoReturn::Free;
+    OccupancySettings { voxel: settings.voxel, max_range: settings.max_range, clear_no_return, ..OccupancySettings::default() }
 }

@@ -52,6 +52,21 @@ fn a_scan_without_returns_says_nothing() {
 }
 
 #[test]
+fn beams_without_return_clear_where_the_sensor_is_to_be_trusted() {
+    let mut integration = Integration::new(&OccupancySettings { clear_no_return: true, ..settings() }, SPACING);
+    let mut points = sphere(5.0);
+    points.truncate(ROWS * COLUMNS / 2);
+    integration.add(&at_origin(), &points);
+    // The upper half came back from 5 m, the lower did not come back at all.
+    let at = |elevation: f32, range: f32| [range * elevation.cos(), 0.5, range * elevation.sin()].map(|c| (c / 0.1).floor() as i32);
+    let elevations = Room::elevations(ROWS);
+    let (up, down) = (elevations[ROWS / 4], elevations[3 * ROWS / 4]);
+    assert_eq!(integration.field.state_at(at(up, 3.0)), State::Free);
+    assert_eq!(integration.field.state_at(at(up, 12.0)), State::Unknown);
+    assert_eq!(integration.field.state_at(at(down, 12.0)), State::Free);
+}
+
+#[test]
 fn returns_beyond_the_maximum_range_clear_up_to_it() {
     let mut integration = Integration::new(&settings(), SPACING);
     integration.add(&at_origin(), &sphere(500.0));
