@@ -5,7 +5,7 @@
 use crate::{fails, json, room, works};
 use std::path::Path;
 use std::process::Command;
-use voxelastic::field::occupancy::State;
+use voxelastic::field::occupancy::{State, Volumes};
 use voxelastic::query::AtlasQuery;
 use voxelastic_io::store::MapStore;
 
@@ -42,6 +42,20 @@ fn slices_show_the_air_of_the_room_within_its_walls() {
         let mesh = json(dir.path(), &format!("mesh room.vox --surface {surface} -o {surface}.ply --json"));
         assert!(mesh["triangles"].as_u64().unwrap() >= least, "{surface}: {mesh}");
     }
+}
+
+#[test]
+fn info_tells_how_much_is_known_and_in_cubes_of_which_size() {
+    let dir = mapped("occupancy");
+    assert!(json(dir.path(), "info room.vox --json")["known_m3"].is_null(), "only with --check");
+    let info = json(dir.path(), "info room.vox --check --json");
+    let free: Vec<f64> = info["known_m3"]["free_by_edge_log2"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let mut expected = Volumes::default();
+    let store = MapStore::open(dir.path().join("room.vox")).unwrap();
+    store.manifest().submaps.iter().for_each(|s| expected.add(&store.load_submap(s.id).unwrap().occupancy.volumes()));
+    assert_eq!(free.len(), expected.free.len());
+    assert!(free.iter().zip(&expected.free).all(|(m3, voxels)| (m3 - *voxels as f64 * 0.001).abs() < 1e-3), "{free:?} {expected:?}");
+    assert!(free.iter().sum::<f64>() > 20.0 && info["map_mb"].as_f64().unwrap() > 0.1, "{info}");
 }
 
 #[test]

@@ -6,8 +6,10 @@ use crate::usage::megabytes;
 use nalgebra::Point3;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 use voxelastic::atlas::{Submap, SubmapId};
+use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic_io::store::{MapStore, SubmapEntry};
@@ -31,7 +33,17 @@ pub struct MapInfo {
     path_bounds_m: Option<Bounds>,
     /// Box around all blocks in the map frame; only with `--check`.
     bounds_m: Option<Bounds>,
+    /// Known space of all submaps; only with `--check`, and for maps with occupancy.
+    known_m3: Option<KnownSpace>,
     submaps: Vec<SubmapInfo>,
+}
+
+/// Cubic metres, overlaps of submaps counted each time.
+#[derive(Debug, Serialize)]
+struct KnownSpace {
+    /// Seen to be empty, by log2 of the edge (in finest voxels) of the cubes that hold it.
+    free_by_edge_log2: Vec<f64>,
+    occupied: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -48,6 +60,14 @@ struct SubmapInfo {
     blocks_by_scale: [u64; SCALES],
 }
 
+impl fmt::Display for KnownSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let free: f64 = self.free_by_edge_log2.iter().sum();
+        let shares: Vec<String> = self.free_by_edge_log2.iter().map(|m3| format!("{:.1}", 100.0 * m3 / free)).collect();
+        write!(f, "{:.0} m3 occupied, {free:.0} m3 free; of that in cubes of 1, 2, 4, .. voxels {} %", self.occupied, shares.join(", "))
+    }
+}
+
 /// Looks into a map; `check` reads all of it.
 pub fn look(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
     let store = MapStore::open(path)?;
@@ -57,11 +77,12 @@ pub fn look(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
     let mut memory = 0;
     for entry in &manifest.submaps {
         (0..SCALES).for_each(|s| blocks_by_scale[s] += entry.tsdf.as_ref().map_or(0, |t| t.blocks_by_scale[s]));
-        memory += entry.tsdf.as_ref().map_or(0, |t| t.memory_bytes);
+        memory += entry.tsdf.as_ref().map_or(0, |t| t.memory_bytes) + entry.occupancy.as_ref().map_or(0, |o| o.memory_bytes);
         for scan in &entry.scans {
             path_bounds.add((entry.t_map_submap * scan.t_submap_lidar).translation.vector.map(|c| c as f32).into());
         }
     }
+    let (bounds, known_m3) = if check { verify(&store)? } else { Default::default() };
     Ok(MapInfo {
         kind: "map",
         generator: manifest.details.generator.clone(),
@@ -73,7 +94,8 @@ pub fn look(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
         map_mb: megabytes(memory),
         file_mb: megabytes(store.bytes()),
         path_bounds_m: Bounds::of(&path_bounds),
-        bounds_m: if check { Bounds::of(&bounds(&store)?) } else { None },
+        bounds_m: Bounds::of(&bounds),
+        known_m3,
         submaps: manifest.submaps.iter().map(submap_info).collect(),
     })
 }
@@ -92,14 +114,24 @@ fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
     }
 }
 
-/// Box around all blocks, map frame; reads, and so verifies, one submap after the other.
-fn bounds(store: &MapStore) -> anyhow::Result<Aabb> {
+/// Box around all blocks, map frame, and the known space; reads, and so verifies, one submap after the other.
+fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
     let voxel = settings_of(store)?.voxel;
     let mut all = Aabb::default();
+    let mut volumes: Option<Volumes> = None;
     for entry in &store.manifest().submaps {
-        add_blocks(&mut all, &store.load_submap(entry.id)?, voxel);
+        let submap = store.load_submap(entry.id)?;
+        add_blocks(&mut all, &submap, voxel);
+        if !submap.occupancy.is_empty() {
+            volumes.get_or_insert_default().add(&submap.occupancy.volumes());
+        }
     }
-    Ok(all)
+    let cubic_metres = |voxels: u64| voxels as f64 * f64::from(voxel).powi(3);
+    let known = volumes.map(|v| KnownSpace {
+        free_by_edge_log2: v.free.iter().copied().map(cubic_metres).collect(),
+        occupied: cubic_metres(v.occupied.iter().sum()),
+    });
+    Ok((all, known))
 }
 
 fn add_blocks(all: &mut Aabb, submap: &Submap, voxel: f32) {
@@ -125,6 +157,7 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
     ];
     rows.extend(info.path_bounds_m.map(|b| row("path of the sensor", b)));
     rows.extend(info.bounds_m.map(|b| row("extent", b)));
+    rows.extend(info.known_m3.iter().map(|known| row("known space", known)));
     rows.extend(info.sensor.values().map(|words| row("sensor", words)));
     let settings: Vec<String> = info.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
     rows.push(row("settings", settings.join(", ")));

@@ -275,12 +275,12 @@ impl Kernel for Share<'_> {
     #[inline(always)]
     fn run(self) {
         let task = self.task;
-        let (mut updates, mut formation) = (Updates::new(task.steps), Formation::new(task.settings));
+        let (mut updates, mut free_only) = (Updates::new(task.steps), Updates::new(task.steps));
+        let mut formation = Formation::new(task.settings);
         let mut open = None;
         // Beams walk in formation through one block after the other; blocks without beams are done on the way.
         for (number, touch) in self.touches.iter().enumerate() {
             if touch.start == touch.end {
-                let mut free_only = Updates::new(task.steps);
                 task.begin(touch, &mut free_only);
                 self.outcomes[number] = task.fold(touch, &free_only);
                 continue;
