@@ -38,8 +38,7 @@ fn a_map_with_true_poses_is_near_the_world() {
     assert!(number(&found, "/surface/accuracy/mean") >= mean, "nearest points are no nearer than the surface");
     assert!(number(&found, "/surface/completeness/fraction_under_10cm") > 0.95, "{found}");
     assert_eq!(found["surface"]["f_scores"].as_array().unwrap().len(), 2);
-    // A sensor of 256 columns leaves gaps that are rightly not called free.
-    assert!(number(&found, "/occupancy/free/precision") > 0.999 && number(&found, "/occupancy/free/recall") > 0.75, "{}", found["occupancy"]);
+    assert!(number(&found, "/occupancy/free/precision") > 0.999 && number(&found, "/occupancy/free/recall") > 0.9, "{}", found["occupancy"]);
     assert!(number(&found, "/occupancy/occupied/recall") > 0.8, "{}", found["occupancy"]);
     assert!(number(&found, "/trajectory/ate_in_place/translation_m/max") < 1e-6, "{}", found["trajectory"]);
     let errors = voxelastic_io::ply::read_mesh(dir.path().join("errors.ply")).unwrap();

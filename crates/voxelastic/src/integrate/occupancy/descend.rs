@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 // Where nothing was seen nearby there is no surface to be told apart from, so free space may end roughly there.
 /// Cubes of blocks at the rim of the field of view are refined while they are wider than this many beams ...
-const RIM_BEAMS: f32 = 8.0;
+const RIM_BEAMS: f32 = 3.0;
 /// ... and cubes beside beams without return while they are wider than this many.
 const HOLE_BEAMS: f32 = 2.0;
 
