@@ -19,6 +19,9 @@ pub struct SurfaceArgs {
     /// Observations that a voxel needs before it takes part in the surface
     #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = observations)]
     min_weight: f32,
+    /// Leave gaps of one voxel open instead of closing them from both sides
+    #[arg(long)]
+    keep_gaps: bool,
     /// Threads to use; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -43,7 +46,7 @@ fn observations(text: &str) -> Result<f32, String> {
 
 impl Default for SurfaceArgs {
     fn default() -> Self {
-        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, threads: 0 }
+        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, keep_gaps: false, threads: 0 }
     }
 }
 
@@ -54,7 +57,7 @@ impl SurfaceArgs {
     }
 
     fn options(&self) -> MeshOptions {
-        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod) }
+        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod), close_gaps: !self.keep_gaps }
     }
 
     /// The surface of a submap in its frame.

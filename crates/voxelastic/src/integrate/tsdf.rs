@@ -8,7 +8,7 @@
 use super::band::{Band, Observations};
 use super::scale::ScaleRule;
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
-use super::transform::{Beam, Returns, to_submap};
+use super::transform::{Beam, Returns, ToSubmap, to_submap};
 use super::walk::{LANES, Line, Lines, Trace};
 use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
@@ -18,6 +18,10 @@ use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords, prefetch};
 use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
+
+/// Least sine of the angle at which a walk leaves its local plane. On the campus 90 % of the surface is there without it, 95 % with
+/// 0.3 to 0.5; beyond that walks beside each other no longer touch.
+const LEAST_SLOPE: f32 = 0.4;
 
 /// How scans update a TSDF.
 #[derive(Clone, Debug, PartialEq)]
@@ -130,7 +134,8 @@ impl TsdfIntegrator {
         let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
 
         let clock = Instant::now();
-        to_submap(&returns, t_submap_lidar, settings.voxel, |range| rule.fitting(range), &mut self.beams);
+        let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: LEAST_SLOPE };
+        to_submap(&returns, &how, |range| rule.fitting(range), &mut self.beams);
         let limit = settings.max_range / settings.voxel;
         self.beams.retain(|beam| beam.range <= limit);
         let transformed = Instant::now();

@@ -1,129 +1,119 @@
-//! A block with a rim of its neighbours' voxels: the corners of the dual cells that the block may own.
+//! Which dual cells of a block the surface passes through.
+//!
+//! A cell's corners are the eight voxels that meet at a corner of the grid; cell `c` lies between the voxels `c - 1` and `c`.
 
-use super::view::View;
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, block_coords, block_key, edge_at, voxel_coords, voxel_index};
+use super::cases::EDGES;
+use super::padded::{CENTRE, Padded, neighbour_offset};
+use crate::octree::BLOCK_EDGE;
 
-/// A voxel, by block and index in its array as the view sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Corner {
-    /// Which of the 27 blocks around (13 is the block itself).
-    pub neighbour: u8,
-    /// Index in that block's array.
-    pub voxel: u16,
+/// A distance between neighbouring voxels that changes faster than this many times their spacing is no surface, but the
+/// place where the band in front of one surface meets the band behind another.
+const MAX_SLOPE: f32 = 4.0;
+
+/// Cells along an edge of a block, those that it shares with its neighbours included.
+const WIDTH: usize = BLOCK_EDGE + 1;
+
+/// The cells of a block that have a piece of the surface: a mask per row along x, bit c for the cell at c.
+pub(super) struct Cells {
+    rows: [u16; WIDTH * WIDTH],
 }
 
-/// The samples around one block: its own voxels and a rim one voxel wide.
-pub(super) struct Padded {
-    /// Ids of the 27 blocks, x fastest; [`NONE`] where there is none.
-    pub ids: [u32; 27],
-    /// Their scales; 0 where there is none.
-    pub scales: [u8; 27],
-    /// The block's scale and its edge in voxels of that scale.
-    pub scale: usize,
-    pub edge: usize,
-    /// Smallest corner of the block in finest voxels.
-    pub origin: [i32; 3],
-    /// Distances in finest voxels; NaN where unobserved, infinite where the neighbour is finer.
-    pub distances: Vec<f32>,
-    corners: Vec<Corner>,
-}
-
-pub(super) const CENTRE: usize = 13;
-
-impl Padded {
-    pub fn new() -> Self {
-        let samples = (BLOCK_EDGE + 2).pow(3);
-        Self {
-            ids: [NONE; 27],
-            scales: [0; 27],
-            scale: 0,
-            edge: 0,
-            origin: [0; 3],
-            distances: vec![f32::NAN; samples],
-            corners: vec![Corner { neighbour: 0, voxel: 0 }; samples],
-        }
-    }
-
-    /// Index of the sample at voxel `c` of the block; -1 and `edge` lie on the rim.
-    #[inline(always)]
-    pub fn at(&self, c: [i32; 3]) -> usize {
-        let width = self.edge + 2;
-        (c[0] + 1) as usize + ((c[1] + 1) as usize + (c[2] + 1) as usize * width) * width
-    }
-
-    #[inline(always)]
-    pub fn corner(&self, sample: usize) -> Corner {
-        self.corners[sample]
-    }
-
-    /// Centre of a voxel in finest voxels, submap frame.
-    pub fn position(&self, corner: Corner) -> [f32; 3] {
-        let scale = usize::from(self.scales[usize::from(corner.neighbour)]);
-        let c = voxel_coords(usize::from(corner.voxel), scale);
-        let offset = neighbour_offset(usize::from(corner.neighbour));
-        std::array::from_fn(|k| (self.origin[k] + offset[k] * BLOCK_EDGE as i32) as f32 + (c[k] as f32 + 0.5) * (1 << scale) as f32)
-    }
-
-    /// Loads block `id` with its rim. Returns false when no surface can pass through it: all samples on one side.
-    pub fn load(&mut self, view: &View<'_>, cursor: &mut Cursor, id: u32, min_weight: u16) -> bool {
-        let block = view.field.block(id);
-        let coords = block_coords(block.key);
-        self.scale = view.scale(id);
-        self.edge = edge_at(self.scale);
-        self.origin = coords.map(|c| c * BLOCK_EDGE as i32);
-        for (i, slot) in self.ids.iter_mut().enumerate() {
-            let offset = neighbour_offset(i);
-            *slot = if i == CENTRE {
-                id
-            } else {
-                cursor.block(view.field.tree(), block_key(std::array::from_fn(|k| coords[k] + offset[k]))).unwrap_or(NONE)
-            };
-            self.scales[i] = if *slot == NONE { 0 } else { view.scale(*slot) as u8 };
-        }
-        let n = self.edge as i32;
-        let (mut front, mut behind) = (false, false);
-        let mut note = |distance: f32| {
-            front |= distance >= 0.0 && distance.is_finite();
-            behind |= distance < 0.0;
-        };
-        for z in -1..=n {
-            for y in -1..=n {
-                for x in -1..=n {
-                    let sample = self.at([x, y, z]);
-                    let (corner, distance) = self.sample(view, [x, y, z], min_weight);
-                    self.corners[sample] = corner;
-                    self.distances[sample] = distance;
-                    note(distance);
+impl Cells {
+    /// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface.
+    pub fn find(padded: &Padded) -> Self {
+        let n = padded.edge as i32;
+        let mut cells = Self { rows: [0; WIDTH * WIDTH] };
+        for z in 0..=n {
+            for y in 0..=n {
+                let rows = rows_around(y, z);
+                let [known, any, all] = rows.iter().fold([u16::MAX, 0, u16::MAX], |[known, any, all], &row| {
+                    [known & padded.known[row], any | padded.behind[row], all & padded.behind[row]]
+                });
+                let both = (known & known >> 1) & (any | any >> 1) & !(all & all >> 1);
+                // Bit `bit(c - 1)` of `both` is the cell at c.
+                let mut active = both >> Padded::bit(-1) & ((1 << (n + 1)) - 1);
+                for x in bits(active) {
+                    if too_steep(padded, [x, y, z]) {
+                        active &= !(1 << x);
+                    }
                 }
+                cells.rows[y as usize + z as usize * WIDTH] = active;
             }
         }
-        front && behind
+        cells
     }
 
+    /// Mask of the cells at `y` and `z`.
     #[inline(always)]
-    fn sample(&self, view: &View<'_>, c: [i32; 3], min_weight: u16) -> (Corner, f32) {
-        let n = self.edge as i32;
-        let side = c.map(|v| if v < 0 { 0 } else { 1 + usize::from(v >= n) });
-        let neighbour = side[0] + 3 * side[1] + 9 * side[2];
-        let id = self.ids[neighbour];
-        let scale = usize::from(self.scales[neighbour]);
-        let mut corner = Corner { neighbour: neighbour as u8, voxel: 0 };
-        if id == NONE {
-            return (corner, f32::NAN);
-        }
-        if scale < self.scale {
-            return (corner, f32::INFINITY);
-        }
-        let local = c.map(|v| ((v + n) % n) as usize >> (scale - self.scale));
-        corner.voxel = voxel_index(local, scale) as u16;
-        let voxel = view.voxels(id)[usize::from(corner.voxel)];
-        let distance = if voxel.weight >= min_weight { voxel.distance_in_voxels() * (1 << scale) as f32 } else { f32::NAN };
-        (corner, distance)
+    pub fn row(&self, y: i32, z: i32) -> u16 {
+        self.rows[y as usize + z as usize * WIDTH]
     }
 }
 
-/// Offset in blocks of neighbour `i` of 27.
+/// The positions of the bits that are set.
 #[inline(always)]
-pub(super) fn neighbour_offset(i: usize) -> [i32; 3] {
-    [(i % 3) as i32 - 1, (i / 3 % 3) as i32 - 1, (i / 9) as i32 - 1]
+pub(super) fn bits(mut mask: u16) -> impl Iterator<Item = i32> {
+    std::iter::from_fn(move || {
+        let bit = mask.trailing_zeros();
+        (mask != 0).then(|| {
+            mask &= mask - 1;
+            bit as i32
+        })
+    })
+}
+
+/// Rows of samples that the cells at `y` and `z` lie between, in the order of a cell's corners.
+#[inline(always)]
+fn rows_around(y: i32, z: i32) -> [usize; 4] {
+    [Padded::row(y - 1, z - 1), Padded::row(y, z - 1), Padded::row(y - 1, z), Padded::row(y, z)]
+}
+
+/// The voxels at the corners of cell `c`.
+#[inline(always)]
+pub(super) fn corners(c: [i32; 3]) -> [[i32; 3]; 8] {
+    std::array::from_fn(|i| [c[0] - 1 + (i & 1) as i32, c[1] - 1 + (i >> 1 & 1) as i32, c[2] - 1 + (i >> 2) as i32])
+}
+
+/// The case of cell `c`: a bit for each corner behind the surface.
+#[inline(always)]
+pub(super) fn case(padded: &Padded, c: [i32; 3]) -> usize {
+    rows_around(c[1], c[2]).iter().rev().fold(0, |case, &row| case << 2 | usize::from(padded.behind[row] >> Padded::bit(c[0] - 1) & 3))
+}
+
+/// Of the finest blocks that meet in a cell, the first in z, y, x order owns it. Finer neighbours were excluded before.
+pub(super) fn is_owned(padded: &Padded, c: [i32; 3]) -> bool {
+    if padded.uniform {
+        return c.iter().all(|&v| v > 0);
+    }
+    corners(c).iter().all(|&corner| {
+        let neighbour = padded.neighbour(corner);
+        if neighbour == CENTRE || usize::from(padded.scales[neighbour]) != padded.scale {
+            return true;
+        }
+        let [x, y, z] = neighbour_offset(neighbour);
+        (z, y, x) > (0, 0, 0)
+    })
+}
+
+/// Whether a crossing of the cell is too steep to be a surface, see [`MAX_SLOPE`].
+fn too_steep(padded: &Padded, c: [i32; 3]) -> bool {
+    let corners = corners(c);
+    let samples = corners.map(Padded::at);
+    let (low, high) =
+        samples.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &s| (low.min(padded.distances[s]), high.max(padded.distances[s])));
+    if high - low <= MAX_SLOPE * (1 << padded.scale) as f32 {
+        return false;
+    }
+    EDGES.iter().any(|&[i, j]| {
+        let (a, b) = (samples[i], samples[j]);
+        padded.crosses(a, b) && {
+            let spacing = if padded.uniform {
+                (1 << padded.scale) as f32
+            } else {
+                let (p, q) = (padded.position(padded.corner(corners[i])), padded.position(padded.corner(corners[j])));
+                (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
+            };
+            (padded.distances[a] - padded.distances[b]).abs() > MAX_SLOPE * spacing
+        }
+    })
 }

@@ -2,10 +2,16 @@
 //!
 //! A vertex lies on a dual edge, between two voxels that share a face. The finer of the two owns it (the lower one among
 //! equals), so (block, voxel, direction) names it, and any block can refer to any vertex without a search in space.
+//!
+//! Each block is loaded once: it gives its vertices, and triangles whose corners are names. When all blocks have given theirs, the
+//! names become numbers (`join.rs`).
 
 use super::cases::{CASES, EDGES};
-use super::cells::{CENTRE, Corner, Padded, neighbour_offset};
+use super::cells::{Cells, bits, case, corners, is_owned};
+use super::gaps;
+use super::join::join;
 use super::mesh::Mesh;
+use super::padded::{Padded, sides};
 use super::view::View;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::octree::{Cursor, NONE};
@@ -18,77 +24,97 @@ pub struct MeshOptions {
     pub min_weight: f32,
     /// Finest scale to use: 0 for full detail, up to 3 for voxels eight times as large.
     pub lod: usize,
+    /// Whether a voxel that no beam met is interpolated between two on opposite sides that were.
+    pub close_gaps: bool,
 }
 
 impl Default for MeshOptions {
     fn default() -> Self {
-        Self { min_weight: 1.0, lod: 0 }
+        Self { min_weight: 1.0, lod: 0, close_gaps: true }
     }
 }
 
-/// A distance between neighbouring voxels that changes faster than this many times their spacing is no surface, but the
-/// place where the band in front of one surface meets the band behind another.
-const MAX_SLOPE: f32 = 4.0;
-
-/// Vertices owned by one block.
-#[derive(Default)]
-struct Owned {
-    /// Sorted names of the vertices, see [`slot`].
-    slots: Vec<u16>,
-    positions: Vec<[f32; 3]>,
-    shades: Vec<u8>,
-    scale: u8,
-}
-
-/// Name of the vertex between voxel `voxel` of a block and its neighbour in `direction` (0..3 for +x +y +z, 3..6 for -x -y -z).
+/// Names a vertex within its block: between voxel `voxel` and its neighbour in `direction` (0..3 for +x +y +z, 3..6 for -x -y -z).
 #[inline(always)]
 fn slot(voxel: u16, direction: usize) -> u16 {
     voxel * 6 + direction as u16
 }
 
+/// Names that a block can have.
+pub(super) const SLOTS: usize = 512 * 6;
+
+/// A vertex of one of the 27 blocks around, as a triangle names it.
+#[derive(Clone, Copy)]
+pub(super) struct Name {
+    pub neighbour: usize,
+    pub slot: u16,
+}
+
+impl Name {
+    #[inline(always)]
+    fn pack(neighbour: u8, slot: u16) -> u32 {
+        u32::from(neighbour) << 16 | u32::from(slot)
+    }
+
+    #[inline(always)]
+    pub fn unpack(packed: u32) -> Self {
+        Self { neighbour: (packed >> 16) as usize, slot: packed as u16 }
+    }
+}
+
+/// What one block gives to a [`Part`]: where its shares of the part's arrays end.
+#[derive(Clone, Copy)]
+pub(super) struct Patch {
+    pub id: u32,
+    pub neighbours: [u32; 27],
+    pub scale: u8,
+    /// Whether other blocks must be asked which of its vertices are used, because some of them are finer or coarser.
+    pub mixed: bool,
+    pub vertices: u32,
+    pub triangles: u32,
+}
+
+/// What some blocks, neighbours in space, give to the mesh.
+#[derive(Default)]
+pub(super) struct Part {
+    pub patches: Vec<Patch>,
+    /// Names of the vertices within their block, ascending.
+    pub slots: Vec<u16>,
+    /// In finest voxels.
+    pub positions: Vec<[f32; 3]>,
+    pub shades: Vec<u8>,
+    pub has_shades: bool,
+    /// Packed [`Name`]s.
+    pub triangles: Vec<[u32; 3]>,
+}
+
 /// Extracts the zero crossings of `field`, in metres of the submap frame, with voxels of `voxel` metres.
 pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
+    /// Few enough that threads share evenly, many enough that most triangles stay among them.
+    const BLOCKS_PER_PART: usize = 1024;
     if field.is_empty() {
         return Mesh::default();
     }
     let view = View::new(field, options.lod);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
-    let ids = morton_order(field);
-    let start = || (Padded::new(), Cursor::new(field.tree()));
-    let owned: Vec<(u32, Owned)> = ids
-        .par_iter()
-        .map_init(start, |(padded, cursor), &id| padded.load(&view, cursor, id, min_weight).then(|| (id, vertices(padded, &view))))
-        .flatten()
-        .collect();
-    let mut place = vec![NONE; field.ids().len()];
-    let mut first = Vec::with_capacity(owned.len());
-    let mut count = 0u32;
-    for (i, (id, vertices)) in owned.iter().enumerate() {
-        place[*id as usize] = i as u32;
-        first.push(count);
-        count += vertices.slots.len() as u32;
-    }
-    let find = |id: u32, slot: u16| -> Option<u32> {
-        let i = *place.get(id as usize).filter(|&&i| i != NONE)? as usize;
-        Some(first[i] + owned[i].1.slots.binary_search(&slot).ok()? as u32)
-    };
-    let triangles: Vec<Vec<[u32; 3]>> = owned
-        .par_iter()
-        .map_init(start, |(padded, cursor), (id, _)| {
-            padded.load(&view, cursor, *id, min_weight);
-            triangles(padded, &find)
+    let sides: Vec<u8> = field.ids().into_par_iter().map(|id| sides(view.voxels(id), min_weight)).collect();
+    let parts = morton_order(field)
+        .par_chunks(BLOCKS_PER_PART)
+        .map(|ids| {
+            let (mut part, mut padded, mut cursor) = (Part::default(), Padded::new(), Cursor::new(field.tree()));
+            for &id in ids {
+                if padded.enter(&view, &sides, &mut cursor, id) {
+                    padded.load(&view, min_weight);
+                    if options.close_gaps {
+                        gaps::close(&mut padded);
+                    }
+                    part.add(&padded, &view, id);
+                }
+            }
+            part
         })
         .collect();
-    let mut mesh = Mesh { triangles: triangles.concat(), ..Mesh::default() };
-    for (_, vertices) in owned {
-        let first = mesh.positions.len();
-        mesh.scales.resize(mesh.scales.len() + vertices.slots.len(), vertices.scale);
-        mesh.positions.extend(vertices.positions.iter().map(|p| p.map(|c| c * voxel)));
-        mesh.append_shades(first, &vertices.shades);
-    }
-    mesh.drop_unused_vertices();
-    mesh.compute_normals();
-    mesh
+    join(parts, field.ids().len(), voxel)
 }
 
 /// Ids of all blocks, neighbours in space near each other.
@@ -102,138 +128,133 @@ fn morton_order(field: &TsdfField) -> Vec<u32> {
     ids
 }
 
-/// The vertices on the dual edges that the block's voxels own.
-fn vertices(padded: &Padded, view: &View<'_>) -> Owned {
-    let mut owned = Owned { scale: padded.scale as u8, ..Owned::default() };
-    let n = padded.edge as i32;
-    for z in 0..n {
-        for y in 0..n {
-            for x in 0..n {
-                let here = padded.at([x, y, z]);
-                if padded.distances[here].is_nan() {
-                    continue;
-                }
-                for direction in 0..6 {
-                    let mut c = [x, y, z];
-                    c[direction % 3] += if direction < 3 { 1 } else { -1 };
-                    let there = padded.at(c);
-                    if owns(padded, here, there, direction) && crosses(padded, here, there) {
-                        owned.slots.push(slot(padded.corner(here).voxel, direction));
-                        owned.positions.push(between(padded, here, there));
-                        owned.shades.extend(shade(padded, view, here));
+impl Part {
+    fn add(&mut self, padded: &Padded, view: &View<'_>, id: u32) {
+        let cells = Cells::find(padded);
+        if padded.uniform {
+            self.add_vertices(padded, &cells, view, id);
+        } else {
+            self.add_vertices_of_mixed(padded, view, id);
+        }
+        self.add_triangles(padded, &cells);
+        self.patches.push(Patch {
+            id,
+            neighbours: padded.ids,
+            scale: padded.scale as u8,
+            mixed: !padded.uniform,
+            vertices: self.slots.len() as u32,
+            triangles: self.triangles.len() as u32,
+        });
+    }
+
+    /// Vertices that the block owns and some cell uses, where all blocks around have the same scale.
+    fn add_vertices(&mut self, padded: &Padded, cells: &Cells, view: &View<'_>, id: u32) {
+        let n = padded.edge as i32;
+        let (size, steps) =
+            ((1 << padded.scale) as f32, [Padded::at([1, 0, 0]), Padded::at([0, 1, 0]), Padded::at([0, 0, 1])].map(|s| s - Padded::at([0; 3])));
+        for z in 0..n {
+            for y in 0..n {
+                // The cells to the four sides of an edge, bit x for the edge from the voxel at x.
+                let [low, right, up, far] = [cells.row(y, z), cells.row(y + 1, z), cells.row(y, z + 1), cells.row(y + 1, z + 1)];
+                let used = [(low | right | up | far) >> 1, (right | far) | (right | far) >> 1, (up | far) | (up | far) >> 1];
+                let behind = |y: i32, z: i32| padded.behind[Padded::row(y, z)] >> Padded::bit(0);
+                let here = behind(y, z);
+                let ahead = [here >> 1, behind(y + 1, z), behind(y, z + 1)];
+                let inside = (1u16 << n) - 1;
+                let crossed: [u16; 3] = std::array::from_fn(|k| used[k] & (here ^ ahead[k]) & inside);
+                for x in bits(crossed[0] | crossed[1] | crossed[2]) {
+                    let (at, voxel) = (Padded::at([x, y, z]), padded.corner([x, y, z]).voxel);
+                    for (k, crossed) in crossed.iter().enumerate() {
+                        if crossed >> x & 1 == 1 {
+                            let (a, b) = (padded.distances[at], padded.distances[at + steps[k]]);
+                            let mut c = [x, y, z].map(|v| v as f32 + 0.5);
+                            c[k] += a / (a - b);
+                            let position = std::array::from_fn(|k| padded.origin[k] as f32 + c[k] * size);
+                            self.add_vertex(slot(voxel, k), position, view.shade(id, usize::from(voxel)));
+                        }
                     }
                 }
             }
         }
     }
-    owned
-}
 
-/// Whether the voxel at sample `here` owns the dual edge to `there`, its neighbour in `direction`.
-#[inline(always)]
-fn owns(padded: &Padded, here: usize, there: usize, direction: usize) -> bool {
-    let scale_of = |sample: usize| padded.scales[usize::from(padded.corner(sample).neighbour)];
-    direction < 3 || scale_of(there) > scale_of(here)
-}
-
-/// Whether the surface passes between two observed samples.
-#[inline(always)]
-fn crosses(padded: &Padded, a: usize, b: usize) -> bool {
-    let (a, b) = (padded.distances[a], padded.distances[b]);
-    // Comparisons with NaN are false, and infinity fails the slope later on.
-    (a < 0.0 && (0.0..f32::INFINITY).contains(&b)) || (b < 0.0 && (0.0..f32::INFINITY).contains(&a))
-}
-
-/// The zero crossing between two samples, in finest voxels.
-fn between(padded: &Padded, a: usize, b: usize) -> [f32; 3] {
-    let (p, q) = (padded.position(padded.corner(a)), padded.position(padded.corner(b)));
-    let t = padded.distances[a] / (padded.distances[a] - padded.distances[b]);
-    std::array::from_fn(|k| p[k] + t * (q[k] - p[k]))
-}
-
-fn shade(padded: &Padded, view: &View<'_>, sample: usize) -> Option<u8> {
-    let corner = padded.corner(sample);
-    view.shade(padded.ids[usize::from(corner.neighbour)], usize::from(corner.voxel))
-}
-
-/// The triangles of the dual cells that the block owns.
-fn triangles(padded: &Padded, find: &impl Fn(u32, u16) -> Option<u32>) -> Vec<[u32; 3]> {
-    let mut triangles = Vec::new();
-    let n = padded.edge as i32;
-    for z in 0..=n {
-        for y in 0..=n {
-            for x in 0..=n {
-                cell([x, y, z], padded, find, &mut triangles);
+    /// All vertices that the block owns, also those that no cell uses: some of the cells around them belong to finer blocks.
+    fn add_vertices_of_mixed(&mut self, padded: &Padded, view: &View<'_>, id: u32) {
+        let n = padded.edge as i32;
+        let inside = (1u16 << n) - 1;
+        let coarser = |c: [i32; 3]| usize::from(padded.scales[padded.neighbour(c)]) > padded.scale;
+        for (y, z) in (0..n).flat_map(|z| (0..n).map(move |y| (y, z))) {
+            let row = |y: i32, z: i32| [padded.known[Padded::row(y, z)], padded.behind[Padded::row(y, z)]];
+            let here = row(y, z);
+            // The neighbours in each direction, bit for bit beside `here`; backwards only where the block there is coarser.
+            let there = [here.map(|m| m >> 1), row(y + 1, z), row(y, z + 1), here.map(|m| m << 1), row(y - 1, z), row(y, z - 1)];
+            let first = 1u16 << Padded::bit(0);
+            let owned = [
+                u16::MAX,
+                u16::MAX,
+                u16::MAX,
+                if coarser([-1, y, z]) { first } else { 0 },
+                if coarser([0, y - 1, z]) { u16::MAX } else { 0 },
+                if coarser([0, y, z - 1]) { u16::MAX } else { 0 },
+            ];
+            let crossed: [u16; 6] = std::array::from_fn(|d| (here[0] & there[d][0] & (here[1] ^ there[d][1]) & owned[d]) >> Padded::bit(0) & inside);
+            for x in bits(crossed.iter().fold(0, |any, mask| any | mask)) {
+                let voxel = padded.corner([x, y, z]).voxel;
+                for direction in (0..6).filter(|&d| crossed[d] >> x & 1 == 1) {
+                    let mut there = [x, y, z];
+                    there[direction % 3] += if direction < 3 { 1 } else { -1 };
+                    let position = padded.between([x, y, z], there);
+                    self.add_vertex(slot(voxel, direction), position, view.shade(id, usize::from(voxel)));
+                }
             }
         }
     }
-    triangles
-}
 
-/// The dual cell around the voxel corner `c` of the block.
-#[inline(always)]
-fn cell(c: [i32; 3], padded: &Padded, find: &impl Fn(u32, u16) -> Option<u32>, triangles: &mut Vec<[u32; 3]>) {
-    let samples: [usize; 8] =
-        std::array::from_fn(|i| padded.at([c[0] - 1 + (i & 1) as i32, c[1] - 1 + (i >> 1 & 1) as i32, c[2] - 1 + (i >> 2) as i32]));
-    let mut case = 0usize;
-    for (i, &sample) in samples.iter().enumerate() {
-        let distance = padded.distances[sample];
-        if !distance.is_finite() {
-            return;
-        }
-        case |= usize::from(distance < 0.0) << i;
+    #[inline(always)]
+    fn add_vertex(&mut self, slot: u16, position: [f32; 3], shade: Option<u8>) {
+        self.slots.push(slot);
+        self.positions.push(position);
+        // A map may have blocks with and without intensity: the latter count as mid grey.
+        self.shades.push(shade.unwrap_or(128));
+        self.has_shades |= shade.is_some();
     }
-    if case == 0 || case == 255 || !is_owner(padded, &samples) || too_steep(padded, &samples) {
-        return;
-    }
-    let vertex = |edge: u8| {
-        let [a, b] = EDGES[usize::from(edge)].map(|i| samples[i]);
-        let axis = usize::from(edge) / 4;
-        name(padded, a, b, axis).and_then(|(id, slot)| find(id, slot))
-    };
-    for &[a, b, c] in &CASES[case] {
-        if let (Some(a), Some(b), Some(c)) = (vertex(a), vertex(b), vertex(c))
-            && a != b
-            && b != c
-            && c != a
-        {
-            triangles.push([a, b, c]);
+
+    /// The triangles of the cells that the block owns.
+    fn add_triangles(&mut self, padded: &Padded, cells: &Cells) {
+        let n = padded.edge as i32;
+        for z in 0..=n {
+            for y in 0..=n {
+                for x in bits(cells.row(y, z)) {
+                    let c = [x, y, z];
+                    if !is_owned(padded, c) {
+                        continue;
+                    }
+                    let corners = corners(c);
+                    for &triangle in &CASES[case(padded, c)] {
+                        let [p, q, r] = triangle.map(|edge| {
+                            let [a, b] = EDGES[usize::from(edge)].map(|i| corners[i]);
+                            name(padded, a, b, usize::from(edge) / 4)
+                        });
+                        // Where scales meet, corners of a cell may be one and the same voxel.
+                        if p != q && q != r && r != p {
+                            self.triangles.push([p, q, r]);
+                        }
+                    }
+                }
+            }
         }
     }
 }
 
-/// Owner (block id) and name of the vertex between samples `a` and `b`, where `b` follows `a` along `axis`.
+/// Name of the vertex between the voxels at `a` and `b`, where `b` follows `a` along `axis`.
 #[inline(always)]
-fn name(padded: &Padded, a: usize, b: usize, axis: usize) -> Option<(u32, u16)> {
-    let (a, b) = (padded.corner(a), padded.corner(b));
-    let scale_of = |corner: Corner| padded.scales[usize::from(corner.neighbour)];
-    let (owner, direction) = if scale_of(b) < scale_of(a) { (b, axis + 3) } else { (a, axis) };
-    let id = padded.ids[usize::from(owner.neighbour)];
-    (id != NONE).then(|| (id, slot(owner.voxel, direction)))
-}
-
-/// Of the finest blocks that meet in a cell, the first in z, y, x order owns it. Finer neighbours were excluded before.
-#[inline(always)]
-fn is_owner(padded: &Padded, samples: &[usize; 8]) -> bool {
-    samples.iter().all(|&sample| {
-        let neighbour = usize::from(padded.corner(sample).neighbour);
-        if neighbour == CENTRE || usize::from(padded.scales[neighbour]) != padded.scale {
-            return true;
+fn name(padded: &Padded, a: [i32; 3], b: [i32; 3], axis: usize) -> u32 {
+    let from = padded.corner(a);
+    if !padded.uniform {
+        let to = padded.corner(b);
+        if padded.scales[usize::from(to.neighbour)] < padded.scales[usize::from(from.neighbour)] {
+            return Name::pack(to.neighbour, slot(to.voxel, axis + 3));
         }
-        let [x, y, z] = neighbour_offset(neighbour);
-        (z, y, x) > (0, 0, 0)
-    })
-}
-
-/// Whether a crossing of the cell is too steep to be a surface, see [`MAX_SLOPE`].
-#[inline(always)]
-fn too_steep(padded: &Padded, samples: &[usize; 8]) -> bool {
-    EDGES.iter().any(|&[a, b]| {
-        let (a, b) = (samples[a], samples[b]);
-        crosses(padded, a, b) && {
-            let (p, q) = (padded.position(padded.corner(a)), padded.position(padded.corner(b)));
-            let spacing = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt();
-            (padded.distances[a] - padded.distances[b]).abs() > MAX_SLOPE * spacing
-        }
-    })
+    }
+    Name::pack(from.neighbour, slot(from.voxel, axis))
 }

@@ -1,5 +1,7 @@
 //! A triangle mesh with shared vertices.
 
+use rayon::prelude::*;
+
 /// A triangle mesh; vertices are shared between triangles. The frame is that of what it was extracted from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -16,45 +18,45 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Drops vertices that no triangle uses; the order of the others stays.
-    pub(super) fn drop_unused_vertices(&mut self) {
-        let mut index = vec![0u32; self.positions.len()];
-        self.triangles.iter().flatten().for_each(|&v| index[v as usize] = 1);
-        let mut kept = 0;
-        for (v, slot) in index.iter_mut().enumerate() {
-            if *slot == 1 {
-                *slot = kept;
-                let k = kept as usize;
-                self.positions[k] = self.positions[v];
-                self.scales[k] = self.scales[v];
-                if !self.shades.is_empty() {
-                    self.shades[k] = self.shades[v];
-                }
-                kept += 1;
-            }
-        }
-        self.positions.truncate(kept as usize);
-        self.scales.truncate(kept as usize);
-        self.shades.truncate(kept as usize);
-        self.triangles.iter_mut().flatten().for_each(|v| *v = index[*v as usize]);
-    }
-
-    /// Sets each vertex normal to the mean of its triangles' normals, weighted by their areas.
-    pub(super) fn compute_normals(&mut self) {
+    /// Sets each vertex normal to the mean of its triangles' normals, weighted by their areas. `vertices` and `triangles` are the sizes
+    /// of parts in which most triangles have their vertices; they, not the threads, decide the order of the sums.
+    pub(super) fn compute_normals(&mut self, vertices: &[usize], triangles: &[usize]) {
         let mut normals = vec![[0f32; 3]; self.positions.len()];
-        for t in &self.triangles {
-            let [a, b, c] = t.map(|v| self.positions[v as usize]);
-            let (u, v): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| c[k] - a[k]));
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            for &vertex in t {
-                (0..3).for_each(|k| normals[vertex as usize][k] += n[k]);
-            }
+        let starts = |sizes: &[usize]| sizes.iter().scan(0, |start, size| Some(std::mem::replace(start, *start + size))).collect::<Vec<_>>();
+        let (first_vertex, first_triangle) = (starts(vertices), starts(triangles));
+        let spilt: Vec<Vec<(u32, [f32; 3])>> = super::join::cut(&mut normals, vertices)
+            .into_par_iter()
+            .enumerate()
+            .map(|(part, normals)| {
+                let mut spilt = Vec::new();
+                for t in &self.triangles[first_triangle[part]..][..triangles[part]] {
+                    let n = self.area_normal(t);
+                    for &vertex in t {
+                        match normals.get_mut((vertex as usize).wrapping_sub(first_vertex[part])) {
+                            Some(normal) => *normal = add(*normal, n),
+                            None => spilt.push((vertex, n)),
+                        }
+                    }
+                }
+                spilt
+            })
+            .collect();
+        for (vertex, n) in spilt.into_iter().flatten() {
+            normals[vertex as usize] = add(normals[vertex as usize], n);
         }
-        for n in &mut normals {
+        normals.par_iter_mut().for_each(|n| {
             let length = n.iter().map(|c| c * c).sum::<f32>().sqrt();
             *n = if length > 0.0 { n.map(|c| c / length) } else { [0.0, 0.0, 1.0] };
-        }
+        });
         self.normals = normals;
+    }
+
+    /// Normal of a triangle, as long as twice its area.
+    #[inline(always)]
+    fn area_normal(&self, triangle: &[u32; 3]) -> [f32; 3] {
+        let [a, b, c] = triangle.map(|v| self.positions[v as usize]);
+        let (u, v): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| c[k] - a[k]));
+        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     }
 
     /// Adds the shades, if there are any, of the vertices from `first` on. A map may have submaps, and a submap blocks, with and without
@@ -76,4 +78,9 @@ impl Mesh {
         self.scales.extend_from_slice(&other.scales);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }
+}
+
+#[inline(always)]
+fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }

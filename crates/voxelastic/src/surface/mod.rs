@@ -7,8 +7,11 @@
 mod cases;
 mod cells;
 mod extract;
+mod gaps;
+mod join;
 mod mesh;
 pub mod occupied;
+mod padded;
 #[cfg(test)]
 mod tests;
 pub(crate) mod view;

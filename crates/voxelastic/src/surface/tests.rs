@@ -69,7 +69,7 @@ fn unobserved_voxels_leave_a_hole_and_no_panic() {
     let mesh = extract(&field, 1.0, &MeshOptions::default());
     assert!(!mesh.triangles.is_empty());
     assert!(mesh.positions.iter().all(|p| p[0] <= 5.0));
-    let few = extract(&field, 1.0, &MeshOptions { min_weight: 11.0, lod: 0 });
+    let few = extract(&field, 1.0, &MeshOptions { min_weight: 11.0, ..MeshOptions::default() });
     assert!(few.triangles.is_empty(), "no voxel has 11 observations");
 }
 
@@ -120,4 +120,116 @@ fn blocks_without_intensity_among_others_count_as_grey() {
     let mesh = extract(&field, 0.1, &MeshOptions::default());
     assert_eq!(mesh.shades.len(), mesh.positions.len());
     assert!(mesh.shades.contains(&9) && mesh.shades.contains(&128));
+}
+
+/// Numbers from 0 to 1 that depend on `p` and `seed` alone.
+fn hash(p: [f32; 3], seed: u64) -> f32 {
+    let h = p.iter().fold(seed, |h, c| (h ^ u64::from(c.to_bits())).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));
+    (h >> 40) as f32 / (1u64 << 24) as f32
+}
+
+/// Marching cubes by the book: a map of voxels at one scale, gaps closed one by one, triangles as triples of points.
+fn by_the_book(known: &HashMap<[i32; 3], f32>, inside: impl Fn([i32; 3]) -> bool, voxels: &[[i32; 3]]) -> Vec<[[i32; 3]; 3]> {
+    let step = |c: [i32; 3], k: usize, by: i32| std::array::from_fn(|i| c[i] + if i == k { by } else { 0 });
+    let mut closed = known.clone();
+    for &c in voxels.iter().filter(|&&c| inside(c) && !known.contains_key(&c)) {
+        let pairs = (0..3).filter_map(|k| Some([*known.get(&step(c, k, -1))?, *known.get(&step(c, k, 1))?]));
+        let pairs: Vec<f32> = pairs.flatten().collect();
+        let mean = pairs.iter().sum::<f32>() / pairs.len() as f32;
+        let neighbours = (0..3).flat_map(|k| [-1, 1].map(|by| known.get(&step(c, k, by)))).flatten();
+        if !pairs.is_empty() && neighbours.into_iter().all(|d| (d - mean).abs() <= 1.5) {
+            closed.insert(c, mean);
+        }
+    }
+    let mut triangles = Vec::new();
+    for &c in voxels {
+        let corners = cells::corners(c.map(|v| v + 1));
+        let Some(values) = corners.iter().map(|corner| closed.get(corner).copied()).collect::<Option<Vec<f32>>>() else { continue };
+        if cases::EDGES.iter().any(|&[a, b]| (values[a] < 0.0) != (values[b] < 0.0) && (values[a] - values[b]).abs() > 4.0) {
+            continue;
+        }
+        let case = values.iter().enumerate().fold(0, |case, (i, v)| case | usize::from(*v < 0.0) << i);
+        for triangle in &cases::CASES[case] {
+            triangles.push(triangle.map(|edge| {
+                let [a, b] = cases::EDGES[usize::from(edge)];
+                let t = values[a] / (values[a] - values[b]);
+                std::array::from_fn(|k| {
+                    let at = corners[a][k] as f32 + 0.5 + t * (corners[b][k] - corners[a][k]) as f32;
+                    (at * 256.0).round() as i32
+                })
+            }));
+        }
+    }
+    triangles
+}
+
+/// Triangles as a set that does not depend on the order or on which vertex comes first.
+fn canonical(triangles: impl IntoIterator<Item = [[i32; 3]; 3]>) -> Vec<[[i32; 3]; 3]> {
+    let mut sorted: Vec<_> = triangles
+        .into_iter()
+        .map(|t| {
+            let first = (0..3).min_by_key(|&i| t[i]).unwrap_or(0);
+            [t[first], t[(first + 1) % 3], t[(first + 2) % 3]]
+        })
+        .collect();
+    sorted.sort_unstable();
+    sorted
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+    #[test]
+    fn a_field_with_gaps_is_meshed_as_by_the_book(seed in any::<u64>(), gaps in 0.0f32..0.3, holes in 0i32..4) {
+        // Distances are whole 1/256 voxels, so that both sides compute with the same numbers.
+        let shape = |p: [f32; 3]| {
+            if hash(p, seed) < gaps { f32::NAN } else { ((sphere(9.0)(p) + hash(p, !seed) - 0.5) * 256.0).round() / 256.0 }
+        };
+        let mut field = field_of(2, shape, |_| 0);
+        let mut gone = vec![[i32::MAX; 3]];
+        if holes > 0 {
+            // Some blocks do not exist at all: what a mesh needs of them cannot be closed either.
+            gone.push([holes % 2, holes / 2 - 1, 0]);
+            let id = field.find(block_key(gone[1])).unwrap();
+            let (level, _) = field.tree.find(field.block(id).key).unwrap();
+            prop_assert_eq!(level, 0);
+            field.tree.octant_mut(field.block(id).key, 0).unwrap().link = crate::octree::NONE;
+        }
+        let inside = |c: [i32; 3]| !gone.contains(&c.map(|v| v.div_euclid(8))) && c.iter().all(|v| (-16..16).contains(v));
+        let voxels: Vec<[i32; 3]> = (0..34 * 34 * 34).map(|i| [i % 34 - 17, i / 34 % 34 - 17, i / (34 * 34) - 17]).collect();
+        let known = voxels.iter().filter(|&&c| inside(c)).map(|&c| (c, shape(c.map(|v| v as f32 + 0.5)))).filter(|(_, d)| !d.is_nan()).collect();
+        let slow = canonical(by_the_book(&known, inside, &voxels));
+        let mesh = extract(&field, 1.0, &MeshOptions::default());
+        let points: Vec<[i32; 3]> = mesh.positions.iter().map(|p| p.map(|v| (v * 256.0).round() as i32)).collect();
+        let fast = canonical(mesh.triangles.iter().map(|t| t.map(|v| points[v as usize])));
+        let missing = slow.iter().filter(|t| fast.binary_search(t).is_err()).count();
+        let extra = fast.iter().filter(|t| slow.binary_search(t).is_err()).count();
+        prop_assert!(fast.len() > 1000 && fast.len() == slow.len());
+        // A crossing may round to either side.
+        prop_assert!(missing + extra <= fast.len() / 100, "{missing} missing, {extra} too many of {}", slow.len());
+        let mut used = vec![false; mesh.positions.len()];
+        mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+        prop_assert!(used.iter().all(|&u| u), "a vertex is in no triangle");
+    }
+
+    #[test]
+    fn gaps_among_mixed_scales_tear_nothing(seed in any::<u64>(), scales in prop::collection::vec(0usize..4, 64), gaps in 0.0f32..0.3) {
+        let at = |c: [i32; 3]| scales[((c[0] + 2) + 4 * (c[1] + 2) + 16 * (c[2] + 2)) as usize];
+        let field = field_of(2, |p| if hash(p, seed) < gaps { f32::NAN } else { sphere(9.0)(p) }, at);
+        let [open, closed] = [false, true].map(|close_gaps| extract(&field, 1.0, &MeshOptions { close_gaps, ..MeshOptions::default() }));
+        for mesh in [&open, &closed] {
+            // An edge has a triangle on either side at most, and they agree on the orientation.
+            let mut edges = HashMap::new();
+            for t in &mesh.triangles {
+                (0..3).for_each(|i| *edges.entry((t[i], t[(i + 1) % 3])).or_insert(0) += 1);
+            }
+            prop_assert!(edges.values().all(|&count| count == 1));
+            let mut used = vec![false; mesh.positions.len()];
+            mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+            prop_assert!(used.iter().all(|&u| u), "a vertex is in no triangle");
+        }
+        // Closing adds triangles and takes none away.
+        let points = |mesh: &Mesh| canonical(mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize].map(|c| (c * 64.0).round() as i32))));
+        let closed = points(&closed);
+        prop_assert!(points(&open).iter().all(|t| closed.binary_search(t).is_ok()));
+    }
 }

@@ -5,6 +5,9 @@ use voxelastic::field::tsdf::WEIGHT_ONE;
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::TsdfSettings;
 
+/// A beam that grazes its plane is walked at this sine to it.
+const LEAST_SLOPE: f64 = 0.4;
+
 pub struct DenseTsdf {
     settings: TsdfSettings,
     /// Distance in voxels and weight in the field's unit, by voxel coordinates.
@@ -24,8 +27,15 @@ impl DenseTsdf {
                 |v: [f32; 3]| -> [f64; 3] { std::array::from_fn(|i| (0..3).map(|k| f64::from(pose.rotation[i][k]) * f64::from(v[k])).sum()) };
             let ray = rotate(*p);
             let point: [f64; 3] = std::array::from_fn(|k| (ray[k] + f64::from(pose.translation[k])) / voxel);
-            let direction = ray.map(|c| c / range);
+            let mut direction = ray.map(|c| c / range);
             let normal = if *n == [0.0; 3] { direction.map(|c| -c) } else { rotate(*n) };
+            let slope = -(0..3).map(|k| direction[k] * normal[k]).sum::<f64>();
+            if slope < LEAST_SLOPE {
+                // The part along the plane is kept, as long as it must be for a unit vector.
+                let along: [f64; 3] = std::array::from_fn(|k| direction[k] + slope * normal[k]);
+                let length = along.iter().map(|c| c * c).sum::<f64>().sqrt();
+                direction = std::array::from_fn(|k| along[k] / length * (1.0 - LEAST_SLOPE * LEAST_SLOPE).sqrt() - LEAST_SLOPE * normal[k]);
+            }
             for c in voxels_on_line(point, direction, band) {
                 let distance: f64 = (0..3).map(|k| normal[k] * (f64::from(c[k]) + 0.5 - point[k])).sum();
                 self.observe(c, distance as f32, band as f32);

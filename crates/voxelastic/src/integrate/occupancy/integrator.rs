@@ -15,7 +15,7 @@ use crate::field::occupancy::{OccupancyBlock, OccupancyField, Summary};
 use crate::geometry::Rigid;
 use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
-use crate::integrate::transform::{Beam, Returns, to_submap};
+use crate::integrate::transform::{Beam, Returns, ToSubmap, to_submap};
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
 use crate::sensor::{BeamModel, Kernel, RangeImage, dispatch};
 use rayon::prelude::*;
@@ -115,7 +115,8 @@ impl OccupancyIntegrator {
 
         let start = Instant::now();
         self.visibility.build(image, settings.max_range, settings.clear_no_return, fill);
-        to_submap(&returns, t_submap_lidar, settings.voxel, |range| rule.fitting(range), &mut self.beams);
+        let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: 0.0 };
+        to_submap(&returns, &how, |range| rule.fitting(range), &mut self.beams);
         let limit = settings.max_range / settings.voxel;
         self.beams.retain(|beam| beam.range <= limit);
         let seen = Instant::now();
