@@ -9,7 +9,8 @@ use crate::field::occupancy::{State, UNKNOWN, log_odds, state_of};
 use crate::geometry::{Aabb, Pose};
 use rayon::prelude::*;
 
-/// Asks all submaps of an atlas at their current root poses. Coordinates are metres in the map frame.
+/// Asks all submaps of an atlas at their current root poses, also one that is [being fused](Atlas::retiring). Coordinates are metres
+/// in the map frame.
 ///
 /// Making one costs a look at the coarse octants of every submap, for their bounds; make a new one after the map changed.
 #[derive(Clone, Debug)]
@@ -68,13 +69,15 @@ pub(super) fn stronger(a: i8, b: i8) -> i8 {
 impl<'a> AtlasQuery<'a> {
     /// Asks `atlas`, whose finest voxels have edges of `voxel` metres.
     pub fn new(atlas: &'a Atlas, voxel: f32) -> Self {
-        let part = |submap: &'a crate::atlas::Submap| {
+        let part = |(submap, t_map_submap): (&'a crate::atlas::Submap, Pose)| {
             let query = FieldQuery::new(&submap.occupancy, voxel);
             let bounds = query.bounds();
-            let (t_map_submap, t_submap_map) = (submap.t_map_submap, submap.t_map_submap.inverse());
+            let t_submap_map = t_map_submap.inverse();
             (!bounds.is_empty()).then(|| Part { query, t_map_submap, t_submap_map, low: bounds.min.map(f64::from), high: bounds.max.map(f64::from) })
         };
-        Self { voxel: f64::from(voxel), parts: atlas.submaps().iter().filter_map(part).collect() }
+        let retiring = atlas.retiring().map(|retiring| (retiring.submap, retiring.t_map_submap));
+        let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap));
+        Self { voxel: f64::from(voxel), parts: submaps.chain(retiring).filter_map(part).collect() }
     }
 
     /// Edge of the finest voxel, metres.

@@ -150,32 +150,46 @@ impl<'a, const STRICT: bool> Nearest<'a, STRICT> {
         }
     }
 
-    /// Rows of eight voxels at a time, the nearest on either side in each.
+    /// Rows of eight voxels at a time, the nearest on either side in each; the layer and the row beside the point first, so that most
+    /// others are too far by then.
     fn visit_rows(&mut self, values: &[i8], corner: [i32; 3]) {
         let place: [f32; 3] = std::array::from_fn(|k| (self.base[k] - corner[k]) as f32 + self.fraction[k]);
         let off = |voxel: usize, at: f32| (voxel as f32 - at).max(at - (voxel + 1) as f32).max(0.0);
+        let aside: [[f32; BLOCK_EDGE]; 2] = [1, 2].map(|k| std::array::from_fn(|i| off(i, place[k]).powi(2)));
+        let nearest = |k: usize| (self.base[k] - corner[k]).clamp(0, BLOCK_EDGE as i32 - 1) as usize;
+        let [y_first, z_first] = [nearest(1), nearest(2)];
         let column = (self.base[0] - corner[0]).clamp(0, BLOCK_EDGE as i32);
         // The voxels below the point's own along x.
         let before = if column == 0 { 0 } else { u64::MAX >> (u64::BITS - BITS_OF_BYTE * column as u32) };
         let rows = values.as_chunks::<BLOCK_EDGE>().0;
-        for (i, row) in rows.iter().enumerate() {
-            let (dy, dz) = (off(i % BLOCK_EDGE, place[1]), off(i / BLOCK_EDGE, place[2]));
-            let aside = dy * dy + dz * dz;
-            if aside >= self.best {
+        for z in outwards(z_first) {
+            if aside[1][z] >= self.best {
                 continue;
             }
-            let stopping = blocking_bytes::<STRICT>(u64::from_le_bytes(row.map(|v| v as u8)));
-            let (low, high) = (stopping & before, stopping & !before);
-            if low != 0 {
-                let dx = off(((u64::BITS - 1 - low.leading_zeros()) / BITS_OF_BYTE) as usize, place[0]);
-                self.meet(dx * dx + aside);
-            }
-            if high != 0 {
-                let dx = off((high.trailing_zeros() / BITS_OF_BYTE) as usize, place[0]);
-                self.meet(dx * dx + aside);
+            for y in outwards(y_first) {
+                let aside = aside[0][y] + aside[1][z];
+                if aside >= self.best {
+                    continue;
+                }
+                let stopping = blocking_bytes::<STRICT>(u64::from_le_bytes(rows[y + BLOCK_EDGE * z].map(|v| v as u8)));
+                let (low, high) = (stopping & before, stopping & !before);
+                if low != 0 {
+                    let dx = off(((u64::BITS - 1 - low.leading_zeros()) / BITS_OF_BYTE) as usize, place[0]);
+                    self.meet(dx * dx + aside);
+                }
+                if high != 0 {
+                    let dx = off((high.trailing_zeros() / BITS_OF_BYTE) as usize, place[0]);
+                    self.meet(dx * dx + aside);
+                }
             }
         }
     }
+}
+
+/// The indices of a block's edge from `first` outwards: up to the end, then down.
+#[inline(always)]
+fn outwards(first: usize) -> impl Iterator<Item = usize> {
+    (first..BLOCK_EDGE).chain((0..first).rev())
 }
 
 impl AtlasQuery<'_> {

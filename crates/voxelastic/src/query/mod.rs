@@ -15,6 +15,7 @@
 //! | Where does free space meet the unknown? | `frontier` |
 //! | What does a cut through the map look like? | `slice` |
 //! | The map on another grid? | [`AtlasQuery::resample`] |
+//! | Many of these, fast? | [`AtlasQuery::merge`], once, then its [`query`](MergedMap::query) |
 //!
 //! Answers about shapes are conservative and exact to the voxel: a shape is free if and only if no voxel that it touches,
 //! at the size at which the map holds it, says otherwise. Unknown space counts as not free unless
@@ -37,6 +38,7 @@ mod faces;
 mod field;
 mod free;
 mod frontier;
+mod merge;
 mod ray;
 mod resample;
 mod shape;
@@ -50,6 +52,7 @@ pub(crate) use faces::{Boundary, Face, faces};
 pub use field::{FieldQuery, Region};
 pub use free::Work;
 pub use frontier::FrontierPoint;
+pub use merge::{MergedMap, Merging};
 pub use ray::{Ray, RayHit};
 pub use resample::{Cube, Resampling};
 pub use shape::{Capsule, OrientedBox, Shape, Sphere};

@@ -9,7 +9,7 @@ use crate::atlas::Atlas;
 use crate::geometry::Pose;
 use std::collections::HashMap;
 
-fn atlas(fields: Vec<(OccupancyField, Pose)>) -> Atlas {
+pub(super) fn atlas(fields: Vec<(OccupancyField, Pose)>) -> Atlas {
     let submaps = fields.into_iter().enumerate().map(|(i, (field, pose))| {
         let mut submap = crate::atlas::Submap::new(i as u32, pose);
         submap.occupancy = field;
@@ -18,7 +18,7 @@ fn atlas(fields: Vec<(OccupancyField, Pose)>) -> Atlas {
     Atlas::from_submaps(submaps.collect())
 }
 
-fn fields(count: usize) -> impl Strategy<Value = Vec<(OccupancyField, Pose)>> {
+pub(super) fn fields(count: usize) -> impl Strategy<Value = Vec<(OccupancyField, Pose)>> {
     prop::collection::vec(((any::<u64>(), 60u64..4000).prop_map(|(seed, rare)| random_field(seed, rare)), pose()), 1..=count)
 }
 
@@ -113,6 +113,25 @@ proptest! {
             // Slivers that a ray touches for less than a hundredth of a millimetre may be told either way.
             let sliver = at < expected && slow_state(&fields, along(at + 1e-9)) != State::Free;
             prop_assert!((at - expected).abs() < 1e-4 || sliver, "{ray:?}: {at} instead of {expected}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+    #[test]
+    fn a_submap_that_is_being_fused_still_counts(fields in fields(3), by in pose(), points in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 100)) {
+        prop_assume!(fields.len() > 1);
+        let mut atlas = atlas(fields.clone());
+        // It follows its target from now on.
+        let t_target_submap = fields[0].1.inverse() * fields[1].1;
+        atlas.retire(1, 0, t_target_submap);
+        atlas.submaps_mut()[0].t_map_submap = by * fields[0].1;
+        let mut moved = fields.clone();
+        (0..2).for_each(|i| moved[i].1 = by * fields[i].1);
+        let query = AtlasQuery::new(&atlas, VOXEL);
+        for p in points {
+            prop_assert_eq!(query.state(p), slow_state(&moved, p));
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Queries against brute force over every leaf of random fields.
 
 mod atlas;
+mod merge;
 mod single;
 
 use super::*;
