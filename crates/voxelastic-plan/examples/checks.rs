@@ -13,14 +13,17 @@ use rustix::time::{ClockId, clock_gettime};
 use serde_json::{Value, json};
 use std::hint::black_box;
 use voxelastic::field::occupancy::{OccupancyField, State, UNKNOWN, state_of};
+use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_SHIFT, NONE, block_coords, voxel_coords};
-use voxelastic::query::{AtlasQuery, Capsule, FieldQuery, Shape, Sphere, UnknownAs};
+use voxelastic::query::{AtlasQuery, Capsule, FieldQuery, Merging, Shape, Sphere, UnknownAs};
 use voxelastic_io::store::MapStore;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 const COUNT: usize = 20_000;
 const RADIUS: f64 = 0.35;
+/// Length of the motions, metres.
+const MOTION: f64 = 2.0;
 /// Edge of the box that places are drawn from and that the dense array fills, metres, and its height.
 const BOX: [f64; 3] = [60.0, 60.0, 6.0];
 
@@ -79,21 +82,17 @@ impl Dense {
         }
     }
 
-    /// Whether every voxel nearer than the radius to the line is free: all of them are asked.
+    /// Whether every voxel no farther than the radius from the line is free: all of them are asked.
     fn is_free(&self, capsule: &Capsule, per_metre: f64) -> bool {
         let [from, to] = [capsule.from, capsule.to].map(|p| p.map(|c| c * per_metre));
         let radius = capsule.radius * per_metre;
         let low: [i32; 3] = std::array::from_fn(|k| (from[k].min(to[k]) - radius).floor() as i32);
         let high: [i32; 3] = std::array::from_fn(|k| (from[k].max(to[k]) + radius).floor() as i32);
-        let along: [f64; 3] = std::array::from_fn(|k| to[k] - from[k]);
-        let squared = along.iter().map(|c| c * c).sum::<f64>().max(1e-9);
+        let line = Line { from, along: std::array::from_fn(|k| to[k] - from[k]) };
         for z in low[2]..=high[2] {
             for y in low[1]..=high[1] {
                 for x in low[0]..=high[0] {
-                    let middle = [x, y, z].map(|c| f64::from(c) + 0.5);
-                    let t = ((0..3).map(|k| (middle[k] - from[k]) * along[k]).sum::<f64>() / squared).clamp(0.0, 1.0);
-                    let gap: f64 = (0..3).map(|k| (middle[k] - from[k] - t * along[k]).abs() - 0.5).map(|d| d.max(0.0).powi(2)).sum();
-                    if gap <= radius * radius && self.state([x, y, z]) != State::Free {
+                    if self.state([x, y, z]) != State::Free && line.is_near([x, y, z], radius) {
                         return false;
                     }
                 }
@@ -111,6 +110,50 @@ impl Dense {
     }
 }
 
+/// A straight motion, in voxels.
+struct Line {
+    from: [f64; 3],
+    along: [f64; 3],
+}
+
+impl Line {
+    /// Squared distance from the place at `t` (0 to 1) to the voxel.
+    fn gap(&self, t: f64, voxel: [i32; 3]) -> f64 {
+        let off = |k: usize| {
+            let p = self.from[k] + t * self.along[k];
+            (f64::from(voxel[k]) - p).max(p - f64::from(voxel[k] + 1)).max(0.0)
+        };
+        (0..3).map(|k| off(k) * off(k)).sum()
+    }
+
+    /// Whether the motion comes as near to the voxel as `radius`.
+    fn is_near(&self, voxel: [i32; 3], radius: f64) -> bool {
+        let squared = self.along.iter().map(|c| c * c).sum::<f64>().max(1e-9);
+        let middle = voxel.map(|c| f64::from(c) + 0.5);
+        let t = ((0..3).map(|k| (middle[k] - self.from[k]) * self.along[k]).sum::<f64>() / squared).clamp(0.0, 1.0);
+        let off = (0..3).map(|k| (middle[k] - self.from[k] - t * self.along[k]).powi(2)).sum::<f64>().sqrt();
+        if off > radius + 0.5 * 3f64.sqrt() {
+            return false;
+        }
+        // The place nearest to a voxel's middle is most often near enough to that nearest to the voxel.
+        self.gap(t, voxel) <= radius * radius || self.least_gap(voxel) <= radius * radius
+    }
+
+    /// Squared distance to the voxel from the nearest place: it falls and then rises along the way.
+    fn least_gap(&self, voxel: [i32; 3]) -> f64 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if self.gap(a, voxel) <= self.gap(b, voxel) {
+                high = b;
+            } else {
+                low = a;
+            }
+        }
+        self.gap(0.5 * (low + high), voxel)
+    }
+}
+
 fn main() -> Result<()> {
     let path = std::env::args().nth(1).ok_or("give a map")?;
     let store = MapStore::open(&path)?;
@@ -123,10 +166,12 @@ fn main() -> Result<()> {
     // Around where the submap's scans were taken.
     let middle = submap.scans.get(submap.scans.len() / 2).map_or([0.0; 3], |s| s.t_submap_lidar.translation.vector.into());
     let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * BOX[k]);
+    // The array knows nothing outside of the box: no motion may leave it.
+    let margin = [MOTION + 0.5, MOTION + 0.5, 0.5];
     let mut random = StdRng::seed_from_u64(1);
     let mut places = Vec::new();
     while places.len() < COUNT {
-        let p: [f64; 3] = std::array::from_fn(|k| low[k] + random.random_range(0.5..BOX[k] - 0.5));
+        let p: [f64; 3] = std::array::from_fn(|k| low[k] + random.random_range(margin[k]..BOX[k] - margin[k]));
         if field.state(p) == State::Free {
             places.push(p);
         }
@@ -136,7 +181,7 @@ fn main() -> Result<()> {
         .iter()
         .map(|p| {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
-            Capsule { from: *p, to: [p[0] + 2.0 * cos, p[1] + 2.0 * sin, p[2]], radius: RADIUS }
+            Capsule { from: *p, to: [p[0] + MOTION * cos, p[1] + MOTION * sin, p[2]], radius: RADIUS }
         })
         .collect();
     let sweeps: Vec<Shape> = motions.iter().map(|m| (*m).into()).collect();
@@ -155,10 +200,34 @@ fn main() -> Result<()> {
     let scan = |shapes: &[Capsule]| rate(COUNT, || shapes.iter().for_each(|s| _ = black_box(dense.is_free(s, per_metre))));
     let differing = motions.iter().zip(&sweeps).filter(|(m, s)| dense.is_free(m, per_metre) != field.is_free(s, UnknownAs::Blocked)).count();
 
+    // Merged where the places are, and as far around as is asked.
+    let merged: serde_json::Map<String, Value> = [1.0, 0.5]
+        .into_iter()
+        .map(|share| {
+            let mut bounds = Aabb::default();
+            in_map.iter().for_each(|p| bounds.add(p.map(|c| c as f32)));
+            (bounds.min, bounds.max) = (bounds.min.map(|c| c - 2.5), bounds.max.map(|c| c + 2.5));
+            let begun = std::time::Instant::now();
+            let whole = map.merge(&Merging { cell: share * voxel, bounds: Some(bounds) });
+            let merge_ms = 1e3 * begun.elapsed().as_secs_f64();
+            let query = whole.query();
+            let reach = |up_to: f64| rate(COUNT, || in_map.iter().for_each(|p| _ = black_box(query.clearance(*p, up_to, UnknownAs::Blocked))));
+            let off = |p: &[f64; 3]| map.clearance(*p, 1.0, UnknownAs::Blocked) - query.clearance(*p, 1.0, UnknownAs::Blocked);
+            let most = in_map.iter().map(off).fold(f64::NEG_INFINITY, f64::max);
+            let moves = rate(COUNT, || sweeps_map.iter().for_each(|s| _ = black_box(query.is_free(s, UnknownAs::Blocked))));
+            let found = json!({
+                "merge_ms": merge_ms, "mb": whole.bytes() as f64 / 1e6, "motion_2_m": moves, "clearance_up_to_0.5_m": reach(0.5),
+                "clearance_up_to_1_m": reach(1.0), "clearance_up_to_2_m": reach(2.0), "less_than_asked_of_all_submaps_at_most_m": most,
+            });
+            (format!("cells of {share} voxels"), found)
+        })
+        .collect();
+
     let summary = json!({
         "submaps": atlas.submaps().len(),
         "one_submap_per_s": { "sphere": ask(&spheres), "motion_2_m": ask(&sweeps), "clearance_up_to_1_m": reach(1.0), "clearance_up_to_2_m": reach(2.0) },
-        "whole_map_per_s": { "motion_2_m": ask_map(&sweeps_map), "clearance_up_to_1_m": reach_map(1.0), "clearance_up_to_2_m": reach_map(2.0) },
+        "whole_map_per_s": { "motion_2_m": ask_map(&sweeps_map), "clearance_up_to_0.5_m": reach_map(0.5), "clearance_up_to_1_m": reach_map(1.0), "clearance_up_to_2_m": reach_map(2.0) },
+        "merged_map_per_s": merged,
         "dense_array_per_s": { "sphere": scan(&still), "motion_2_m": scan(&motions) },
         "dense_array_mb": dense.values.len() as f64 / 1e6,
         "submap_mb": submap.occupancy.bytes() as f64 / 1e6,

@@ -8,7 +8,13 @@ use crate::space::Space;
 use crate::tree::Tree;
 
 /// Share of the samples that look for doorways.
-const BRIDGES: f64 = 0.1;
+const BRIDGES: f64 = 0.3;
+/// Share of the samples that are doorways found before to which no way was found yet.
+const AGAIN: f64 = 0.2;
+/// A doorway is tried from this many of a tree's nearest nodes: most of them see only the wall beside it.
+const TRIES: usize = 6;
+/// Where a whole stride is not free, half of it is tried, and so on down to this share.
+const LEAST_STRIDE: f64 = 0.2;
 
 /// Two trees that met: the nodes of each where they did.
 pub(crate) struct Meeting {
@@ -30,20 +36,45 @@ enum Growth {
 /// before.
 pub(crate) fn connect<S: Space>(sampler: &mut Sampler<'_, S>, space: &S, trees: &mut [Tree; 2], stride: f64, budget: &Budget) -> Option<Meeting> {
     let [start, goal] = trees;
-    if let Growth::Arrived(node) = grow(space, start, goal.point(0), stride, false) {
+    let mut near = Vec::new();
+    if let Growth::Arrived(node) = grow(space, start, 0, goal.point(0), stride, false) {
         return Some(Meeting { from_start: node, from_goal: 0 });
     }
+    let mut waiting: Vec<Point> = Vec::new();
+    let mut turned = false;
     while !budget.is_spent(sampler.drawn) {
-        let sample = if sampler.share() < BRIDGES { sampler.bridge() } else { sampler.anywhere() };
+        // By turns: a tree that cannot grow must not keep the other from it.
+        turned = !turned;
+        let turn = sampler.share();
+        let is_again = turn < AGAIN && !waiting.is_empty();
+        let is_bridge = is_again || turn < AGAIN + BRIDGES;
+        let sample = if is_again {
+            let place = sampler.below(waiting.len());
+            Some(waiting.swap_remove(place))
+        } else if is_bridge {
+            sampler.bridge()
+        } else {
+            sampler.anywhere()
+        };
         let Some(sample) = sample else { continue };
-        let turned = trees[0].len() > trees[1].len();
         let [growing, other] = trees;
         let (growing, other) = if turned { (other, growing) } else { (growing, other) };
-        let new = match grow(space, growing, sample, stride, turned) {
-            Growth::Arrived(node) | Growth::Closer(node) => node,
-            Growth::Stuck => continue,
-        };
-        if let Growth::Arrived(met) = grow(space, other, growing.point(new), stride, !turned) {
+        growing.several(sample, if is_bridge { TRIES } else { 1 }, &mut near);
+        let (mut new, mut has_arrived) = (None, false);
+        for &(_, from) in &near {
+            match grow(space, growing, from, sample, stride, turned) {
+                Growth::Arrived(node) => (new, has_arrived) = (Some(node), true),
+                Growth::Closer(node) => new = Some(node),
+                Growth::Stuck => continue,
+            }
+            break;
+        }
+        if is_bridge && !has_arrived {
+            waiting.push(sample);
+        }
+        let Some(new) = new else { continue };
+        let to = growing.point(new);
+        if let Growth::Arrived(met) = grow(space, other, other.nearest(to), to, stride, !turned) {
             let (from_start, from_goal) = if turned { (met, new) } else { (new, met) };
             return Some(Meeting { from_start, from_goal });
         }
@@ -51,29 +82,32 @@ pub(crate) fn connect<S: Space>(sampler: &mut Sampler<'_, S>, space: &S, trees: 
     None
 }
 
-/// Steps from the tree's nearest node towards `to` as far as nothing is in the way. `turned`: ways in this tree lead to its
-/// root.
-fn grow<S: Space>(space: &S, tree: &mut Tree, to: Point, stride: f64, turned: bool) -> Growth {
-    let mut node = tree.nearest(to);
-    let mut growth = Growth::Stuck;
+/// Steps from a node of the tree towards `to` as far as nothing is in the way. `turned`: ways in this tree lead to its root.
+fn grow<S: Space>(space: &S, tree: &mut Tree, from: u32, to: Point, stride: f64, turned: bool) -> Growth {
+    let (mut node, mut growth) = (from, Growth::Stuck);
+    let mut step = stride;
     loop {
         let from = tree.point(node);
         let left = flat_distance(space, from, to);
-        let is_last = left <= stride;
-        let target = if is_last { to } else { between(from, to, stride / left) };
-        let Some(arrived) = space.reach(from, target) else { return growth };
+        let is_last = left <= step;
+        let target = if is_last { to } else { between(from, to, step / left) };
+        // The way must hold in the direction in which it is gone.
+        let arrived = space.reach(from, target).filter(|arrived| !turned || space.leads_back(from, *arrived));
+        let Some(arrived) = arrived else {
+            step = 0.5 * step.min(left);
+            if step < LEAST_STRIDE * stride {
+                return growth;
+            }
+            continue;
+        };
         let joins = is_last && space.is_same(arrived, to);
-        // What is the same for all purposes is the same place; and the way must hold in the direction in which it is gone.
-        let arrived = if joins { to } else { arrived };
-        if turned && !space.leads_back(from, arrived) {
-            return growth;
-        }
-        node = tree.add(node, arrived);
+        // What is the same for all purposes is the same place.
+        node = tree.add(node, if joins { to } else { arrived });
         if joins {
             return Growth::Arrived(node);
         }
         growth = Growth::Closer(node);
-        if is_last {
+        if is_last || step < stride {
             return growth;
         }
     }

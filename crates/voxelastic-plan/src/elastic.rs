@@ -61,7 +61,9 @@ pub struct Anchor {
 
 /// Where the scans of an atlas are now: node and pose of the lidar in the map frame.
 fn scans(atlas: &Atlas) -> impl Iterator<Item = (NodeId, Pose)> + '_ {
-    atlas.submaps().iter().flat_map(|submap| submap.scans.iter().map(move |scan| (scan.node, submap.t_map_submap * scan.t_submap_lidar)))
+    let retiring = atlas.retiring().map(|retiring| (retiring.submap, retiring.t_map_submap));
+    let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap)).chain(retiring);
+    all.flat_map(|(submap, t_map_submap)| submap.scans.iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)))
 }
 
 /// Ties every point of a path (map frame) to the atlas; none of them where the atlas holds no scan.

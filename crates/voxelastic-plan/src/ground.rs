@@ -157,6 +157,10 @@ impl Space for Ground<'_> {
         self.air.settle(self.lay(p)?)
     }
 
+    fn is_blocked(&self, p: Point) -> bool {
+        self.air.is_blocked(p)
+    }
+
     fn lay(&self, p: Point) -> Option<Point> {
         let z = match (self.floor(p, DEPTH), self.unknown) {
             (None, UnknownAs::Free) => p[2],

@@ -52,6 +52,8 @@ impl Request {
 pub struct First {
     /// After how many seconds.
     pub seconds: f64,
+    /// After how many samples: the same on every machine.
+    pub samples: usize,
     /// Its length, metres.
     pub length: f64,
 }
@@ -150,7 +152,7 @@ impl<S: Space> Task<'_, S> {
         let became = tree.graft(meeting.from_start, &from_goal, meeting.from_goal);
         let goal = became[0];
         let found = tree.way_to(goal);
-        let first = First { seconds: self.budget.seconds(), length: length(&found) };
+        let first = First { seconds: self.budget.seconds(), samples: sampler.drawn, length: length(&found) };
         let short = shorten(self.space, found, Effort::Quick);
         let until = self.budget.part(1.0 - LAST);
         let best = Star::new(self.space, &mut tree, goal, stride, short).run(&mut sampler, &until);

@@ -36,7 +36,7 @@ impl Robot {
 
     /// # Errors
     /// [`PlanError::Setting`] for numbers that make no sense.
-    pub(crate) fn check(&self) -> Result<(), PlanError> {
+    pub fn check(&self) -> Result<(), PlanError> {
         let length = |what, value: Option<f64>| match value.filter(|v| !(0.0..=100.0).contains(v)) {
             Some(value) => Err(PlanError::Setting { what, value, must: "must be 0 to 100 m" }),
             None => Ok(()),

@@ -7,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 
 /// Draws in a row that may miss before a sampler gives up on this turn.
 const PATIENCE: usize = 64;
-/// The same where a draw is asked for twice, and most miss.
-const PATIENCE_FOR_BRIDGES: usize = 24;
-/// Widest gap that a bridge spans, metres: doorways and narrow corridors.
-const BRIDGE: f64 = 2.5;
+/// The same for bridges: most draws miss, at little cost.
+const PATIENCE_FOR_BRIDGES: usize = 100;
+/// Widest gaps that bridges span, metres: doorways, corridors, tunnels.
+const BRIDGES: [f64; 3] = [1.2, 2.5, 5.0];
 
 /// Draws states at random: the same ones for the same seed.
 pub(crate) struct Sampler<'a, S> {
@@ -28,6 +28,12 @@ impl<'a, S: Space> Sampler<'a, S> {
     /// A number from 0 to 1.
     pub(crate) fn share(&mut self) -> f64 {
         self.random.random()
+    }
+
+    /// A number below `end`, which is not 0; it counts as a sample.
+    pub(crate) fn below(&mut self, end: usize) -> usize {
+        self.drawn += 1;
+        self.random.random_range(0..end)
     }
 
     fn place(&mut self) -> Point {
@@ -54,15 +60,18 @@ impl<'a, S: Space> Sampler<'a, S> {
         })
     }
 
-    /// A state between two places where the robot does not fit: in a doorway, most likely (the bridge test of Hsu and others,
+    /// A state between two places that are blocked: in a doorway, most likely (the bridge test of Hsu and others,
     /// 2003).
     pub(crate) fn bridge(&mut self) -> Option<Point> {
         self.drawn += 1;
         (0..PATIENCE_FOR_BRIDGES).find_map(|_| {
             let p = self.place();
-            let by = self.step(BRIDGE);
+            let reach = BRIDGES[self.random.random_range(0..BRIDGES.len())];
+            let mut by = self.step(reach);
+            // Most of what is narrow stands upright.
+            by[2] = if self.random.random() { 0.0 } else { by[2] };
             let q = std::array::from_fn(|k| p[k] + by[k]);
-            let is_bridge = self.space.settle(p).is_none() && self.space.settle(q).is_none();
+            let is_bridge = self.space.is_blocked(p) && self.space.is_blocked(q);
             if is_bridge { self.space.settle(between(p, q, 0.5)) } else { None }
         })
     }

@@ -1,5 +1,6 @@
 //! A copy of what a planner needs of a map, to plan in while mapping goes on.
 
+use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::query::AtlasQuery;
 
@@ -15,14 +16,17 @@ pub struct Snapshot {
 impl Snapshot {
     /// The state of `atlas`, whose finest voxels have edges of `voxel` metres.
     pub fn of(atlas: &Atlas, voxel: f32) -> Self {
-        let copy = |submap: &Submap| Submap {
+        let copy = |(submap, t_map_submap): (&Submap, Pose)| Submap {
             scans: submap.scans.clone(),
             occupancy: submap.occupancy.clone(),
             travelled: submap.travelled,
             revision: submap.revision,
-            ..Submap::new(submap.id, submap.t_map_submap)
+            ..Submap::new(submap.id, t_map_submap)
         };
-        Self { atlas: Atlas::from_submaps(atlas.submaps().iter().map(copy).collect()), voxel }
+        // A submap on its way into another is still the only one that knows what it knows.
+        let retiring = atlas.retiring().map(|retiring| (retiring.submap, retiring.t_map_submap));
+        let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap)).chain(retiring);
+        Self { atlas: Atlas::from_submaps(all.map(copy).collect()), voxel }
     }
 
     /// What can be asked of it.

@@ -16,6 +16,11 @@ pub trait Space {
     /// The state at `p`, or for wheels above or below it; none when the robot does not fit there.
     fn settle(&self, p: Point) -> Option<Point>;
 
+    /// Whether something is in the way at `p` itself. Cheap: it is asked a lot, and nothing but luck depends on the answer.
+    fn is_blocked(&self, p: Point) -> bool {
+        self.settle(p).is_none()
+    }
+
     /// Where a state at `p` would be, whether or not the robot fits there; none where there can be none, as over an abyss.
     fn lay(&self, p: Point) -> Option<Point> {
         Some(p)
@@ -99,6 +104,10 @@ impl Space for Air<'_> {
     fn settle(&self, p: Point) -> Option<Point> {
         (is_within(&self.bounds, p) && self.is_free_at(p) && self.map.is_free(&Sphere { centre: p, radius: self.radius }.into(), self.unknown))
             .then_some(p)
+    }
+
+    fn is_blocked(&self, p: Point) -> bool {
+        !self.is_free_at(p)
     }
 
     fn bounds(&self) -> [Point; 2] {

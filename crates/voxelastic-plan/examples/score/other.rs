@@ -65,7 +65,7 @@ pub fn plan<S: Space>(space: &'static S, request: &Request, name: &str) -> Resul
         "oxmpl-star" => solve(RRTStar::new(stride, 0.05, 1.5 * stride, &config), problem, space, request),
         other => Err(format!("there is no planner {other}")),
     }?;
-    let first = First { seconds: begun.elapsed().as_secs_f64(), length: length(&path) };
+    let first = First { seconds: begun.elapsed().as_secs_f64(), samples: 0, length: length(&path) };
     let path = shorten(space, path, Effort::Thorough);
     Ok(Plan {
         length: length(&path),
