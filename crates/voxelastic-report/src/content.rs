@@ -2,7 +2,7 @@
 
 use crate::run_log::RunLog;
 use crate::surface::Surface;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use voxelastic_eval::DistanceStats;
 
 /// Everything that a page shows. What is absent or empty is left out of the page.
@@ -89,9 +89,8 @@ pub struct Distances {
     pub stats: DistanceStats,
 }
 
-/// A planned path and the tree that it was found in; map frame, metres. Also the form of the file that `--plan` reads.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
+/// A planned path and the tree that it was found in; map frame, metres.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlannedPath {
     /// Where it starts.
     pub start: Option<[f64; 3]>,

@@ -1,7 +1,8 @@
 //! `voxelastic plan`: a path for a robot through a map.
 
-mod file;
+pub mod file;
 mod picture;
+mod recheck;
 
 use crate::failure::{self, Failure};
 use crate::map_files;
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, UnknownAs};
-use voxelastic_plan::{PlanError, Request, Robot, Wheels, plan, sharpest_turn};
+use voxelastic_plan::{PlanError, Point, Request, Robot, Wheels, plan, sharpest_turn};
 
 /// Plan a path through a map that touches nothing
 ///
@@ -23,17 +24,18 @@ use voxelastic_plan::{PlanError, Request, Robot, Wheels, plan, sharpest_turn};
 #[command(after_help = "Examples:
   voxelastic plan mine.vox --start 0,0,0.9 --goal 76,76,0.9 -o path.json --picture path.png
   voxelastic plan mine.vox --start 0,0,0.9 --goal 76,76,0.9 --ground -o path.json      on wheels, 0.9 m over the floor
-  voxelastic plan hall.vox --start 0,0,0 --goal 9,3,1 --radius 0.2 --unknown free --time 5 -o path.json")]
+  voxelastic plan hall.vox --start 0,0,0 --goal 9,3,1 --radius 0.2 --unknown free --time 5 -o path.json
+  voxelastic plan mine.vox --recheck path.json          does it still hold, after more scans or corrections? Where not?")]
 pub struct PlanArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     /// Where the robot's centre is, map frame, metres
-    #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true)]
-    start: [f64; 3],
+    #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true, required_unless_present = "recheck")]
+    start: Option<[f64; 3]>,
     /// Where it is to go
-    #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true)]
-    goal: [f64; 3],
+    #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true, required_unless_present = "recheck")]
+    goal: Option<[f64; 3]>,
     /// Radius of the ball around the centre that must stay free, metres
     #[arg(long, allow_negative_numbers = true, value_name = "M", default_value_t = 0.35, value_parser = length)]
     radius: f64,
@@ -62,8 +64,12 @@ pub struct PlanArgs {
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = commands::slice::corners, allow_hyphen_values = true)]
     bounds: Option<Aabb>,
     /// The path and how it was found, as JSON
-    #[arg(short, long, value_name = "FILE.json")]
-    output: PathBuf,
+    #[arg(short, long, value_name = "FILE.json", required_unless_present = "recheck")]
+    output: Option<PathBuf>,
+    /// Do not plan, but look again at a path that was written before, where its waypoints are now, and say which parts are blocked; the exit
+    /// code is then 1
+    #[arg(long, value_name = "FILE.json", conflicts_with_all = ["start", "goal", "output", "picture"])]
+    recheck: Option<PathBuf>,
     /// A picture: the map at the path's height, the tree red, the path blue, its start green and its goal red
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
@@ -108,11 +114,15 @@ struct Summary<'a> {
 pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
     let map = map_files::load(&args.map)?;
     let query = AtlasQuery::new(&map.atlas, map.settings.voxel);
-    let request = args.request();
+    if let Some(file) = &args.recheck {
+        return recheck::run(args, file, &map.atlas, &query);
+    }
+    let (Some(start), Some(goal), Some(output)) = (args.start, args.goal, &args.output) else { anyhow::bail!("start, goal and output are missing") };
+    let request = args.request(start, goal);
     let found = plan(&query, &request).map_err(|error| explain(args, error))?;
     let figures = file::Figures::new(&request, &found);
     let path = file::PathFile::new(&args.map, &map.atlas, &found, figures);
-    write(&args.output, &path)?;
+    write(output, &path)?;
     if let Some(to) = &args.picture {
         meshing::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found))?;
     }
@@ -126,23 +136,27 @@ pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
         found.samples,
         found.seconds
     );
-    tracing::info!("wrote {}", args.output.display());
+    tracing::info!("wrote {}", output.display());
     if args.json {
-        output::print_json(&Summary { output: &args.output, picture: args.picture.as_deref(), figures, waypoints, tree_nodes })?;
+        output::print_json(&Summary { output, picture: args.picture.as_deref(), figures, waypoints, tree_nodes })?;
     }
     Ok(failure::DONE)
 }
 
 impl PlanArgs {
-    fn request(&self) -> Request {
+    fn robot(&self) -> Robot {
         let unknown = if self.unknown == Unknown::Free { UnknownAs::Free } else { UnknownAs::Blocked };
         let ground = self.ground.then_some(Wheels { height: self.height, step: Some(self.step) });
+        Robot { radius: self.radius, unknown, ground }
+    }
+
+    fn request(&self, start: Point, goal: Point) -> Request {
         Request {
             bounds: self.bounds.map(|b| [b.min.map(f64::from), b.max.map(f64::from)]),
             time: Duration::from_secs_f64(self.time),
             samples: self.samples,
             seed: self.seed,
-            ..Request::new(self.start, self.goal, Robot { radius: self.radius, unknown, ground })
+            ..Request::new(start, goal, self.robot())
         }
     }
 }

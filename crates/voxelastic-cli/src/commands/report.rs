@@ -1,18 +1,17 @@
 //! `voxelastic report`: a map and its run as one HTML page.
 
 use super::eval::truth::{Limits, Truth};
-use crate::failure::{self, Failure};
+use super::plan::file::StoredPath;
+use crate::failure;
 use crate::map_files;
 use crate::meshing::SurfaceArgs;
 use crate::output;
 use crate::reporting::{self, Subject};
-use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic_io::store::MapStore;
 use voxelastic_report::Report;
-use voxelastic_report::content::PlannedPath;
 
 /// Show a map and the run that made it as one HTML page
 ///
@@ -89,7 +88,7 @@ fn make(args: &ReportArgs) -> anyhow::Result<u8> {
     let mut report = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
     report.sensor_period_ms = args.sensor_period;
     report.error_max = args.error_max as f32;
-    report.plan = args.plan.as_deref().map(read_plan).transpose()?;
+    report.plan = args.plan.as_deref().map(StoredPath::read).transpose()?.map(StoredPath::drawn);
     if let Some(path) = &args.truth {
         let truth = Truth::open(path, &Limits::default())?;
         reporting::judge(&mut report, &args.map, path, &truth)?;
@@ -122,14 +121,6 @@ pub fn name_of(map: &Path) -> String {
 /// Where the report of a map goes if nothing else is said.
 pub fn page_of(map: &Path) -> PathBuf {
     PathBuf::from(format!("{}.html", name_of(map)))
-}
-
-fn read_plan(path: &Path) -> anyhow::Result<PlannedPath> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the planned path {}", path.display()))?;
-    serde_json::from_str(&text).map_err(|e| {
-        let what = format!("{}: no planned path: {e}", path.display());
-        Failure::new(what, "give a file that `voxelastic plan` wrote").into()
-    })
 }
 
 #[cfg(test)]

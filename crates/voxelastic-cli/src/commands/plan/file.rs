@@ -1,11 +1,14 @@
-//! What `path.json` holds. The keys are documented in README.md and stay as they are; further ones may come.
+//! What `path.json` holds, written and read. The keys are documented in README.md and stay as they are; further ones may come.
 
-use serde::Serialize;
+use crate::failure::Failure;
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::query::UnknownAs;
-use voxelastic_plan::{Plan, Point, Request, anchor, distance, sharpest_turn};
+use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor, distance, sharpest_turn};
+use voxelastic_report::content::PlannedPath;
 
 /// Version of the file.
 const FORMAT: u32 = 1;
@@ -34,6 +37,8 @@ pub struct Figures {
     ground: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     height_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    step_m: Option<f64>,
     unknown: &'static str,
     seed: u64,
     length_m: f64,
@@ -41,20 +46,22 @@ pub struct Figures {
     least_clearance_m: f64,
     sharpest_turn_deg: f64,
     first_path_s: f64,
+    first_path_samples: usize,
     first_path_m: f64,
     time_s: f64,
     samples: usize,
 }
 
 /// Where a waypoint is tied to the map: in the frame of the lidar at a pose-graph node.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, Deserialize)]
 struct AnchorRecord {
     node: NodeId,
     place: Point,
 }
 
 /// The tree of states: each is reached from its parent, the first from nowhere.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(default)]
 struct TreeRecord {
     points: Vec<Point>,
     parents: Vec<Option<u32>>,
@@ -69,6 +76,7 @@ impl Figures {
             radius_m: request.robot.radius,
             ground: request.robot.ground.is_some(),
             height_m: plan.height,
+            step_m: request.robot.ground.and_then(|wheels| wheels.step),
             unknown: if request.robot.unknown == UnknownAs::Free { "free" } else { "occupied" },
             seed: request.seed,
             length_m: plan.length,
@@ -76,6 +84,7 @@ impl Figures {
             least_clearance_m: plan.least_clearance,
             sharpest_turn_deg: sharpest_turn(&plan.path),
             first_path_s: plan.first.seconds,
+            first_path_samples: plan.first.samples,
             first_path_m: plan.first.length,
             time_s: plan.seconds,
             samples: plan.samples,
@@ -99,6 +108,81 @@ impl PathFile {
             clearance_m: plan.clearance.clone(),
             anchors: anchors.collect(),
             tree: TreeRecord { points, parents },
+        }
+    }
+}
+
+/// A path as it is read back, for a recheck or a picture: only `path` must be there.
+#[derive(Debug, Deserialize)]
+pub struct StoredPath {
+    #[serde(default = "format")]
+    format: u32,
+    /// The way of the robot's centre, map frame of its day, metres.
+    pub path: Vec<Point>,
+    #[serde(default)]
+    anchors: Vec<AnchorRecord>,
+    #[serde(default)]
+    tree: TreeRecord,
+    start: Option<Point>,
+    goal: Option<Point>,
+    radius_m: Option<f64>,
+    #[serde(default)]
+    ground: bool,
+    height_m: Option<f64>,
+    step_m: Option<f64>,
+    unknown: Option<String>,
+}
+
+fn format() -> u32 {
+    FORMAT
+}
+
+impl StoredPath {
+    /// Reads a file that `voxelastic plan` wrote, or one with at least a `path`.
+    pub fn read(file: &Path) -> anyhow::Result<Self> {
+        let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the planned path {}", file.display()))?;
+        let refuse = |why: String| Failure::new(format!("{}: no planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
+        let stored: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
+        if stored.format != FORMAT {
+            return Err(refuse(format!("its format is {}, this program knows {FORMAT}", stored.format)).into());
+        }
+        let count = stored.tree.points.len();
+        if stored.tree.parents.len() != count || stored.tree.parents.iter().flatten().any(|parent| *parent as usize >= count) {
+            return Err(refuse("its tree has parents that are no points of it".to_owned()).into());
+        }
+        Ok(stored)
+    }
+
+    /// The robot that it was planned for; what the file does not say is that of `otherwise`.
+    pub fn robot(&self, otherwise: Robot) -> Robot {
+        let wheels = otherwise.ground.unwrap_or_default();
+        let wheels = Wheels { height: self.height_m.or(wheels.height), step: self.step_m.or(wheels.step) };
+        Robot {
+            radius: self.radius_m.unwrap_or(otherwise.radius),
+            unknown: match self.unknown.as_deref() {
+                Some("free") => UnknownAs::Free,
+                Some(_) => UnknownAs::Blocked,
+                None => otherwise.unknown,
+            },
+            ground: (self.ground || otherwise.ground.is_some()).then_some(wheels),
+        }
+    }
+
+    /// What its waypoints are tied to, one for each; none when the file does not say.
+    pub fn anchors(&self) -> Option<Vec<Anchor>> {
+        let anchors = self.anchors.iter().map(|a| Anchor { node: a.node, place: a.place });
+        (self.anchors.len() == self.path.len()).then(|| anchors.collect())
+    }
+
+    /// What a report draws of it.
+    pub fn drawn(self) -> PlannedPath {
+        let TreeRecord { points, parents } = self.tree;
+        let branches = points.iter().zip(&parents).filter_map(|(p, parent)| Some([points[(*parent)? as usize], *p]));
+        PlannedPath {
+            start: self.start.or(self.path.first().copied()),
+            goal: self.goal.or(self.path.last().copied()),
+            tree: branches.collect(),
+            path: self.path,
         }
     }
 }
