@@ -16,9 +16,10 @@ impl Budget {
         Self { begun: Instant::now(), time, samples: samples.unwrap_or(usize::MAX) }
     }
 
-    /// The same with a share of the time.
+    /// The same with a share of the time and of the samples.
     pub(crate) fn part(&self, share: f64) -> Self {
-        Self { time: self.time.mul_f64(share), ..*self }
+        let samples = if self.samples == usize::MAX { self.samples } else { (self.samples as f64 * share) as usize };
+        Self { time: self.time.mul_f64(share), samples, ..*self }
     }
 
     pub(crate) fn is_spent(&self, samples: usize) -> bool {

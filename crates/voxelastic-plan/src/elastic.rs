@@ -34,14 +34,14 @@ pub struct Broken {
 pub fn recheck<S: Space>(space: &S, map: &AtlasQuery<'_>, path: &[Point]) -> Vec<Broken> {
     let broken = |(piece, ends): (usize, &[Point])| {
         let [from, to] = [ends[0], ends[1]];
-        if space.joins(from, to) {
+        if space.holds(from, to) {
             return None;
         }
         let all = distance(from, to);
         let (mut free, mut blocked) = (0.0, 1.0);
         while (blocked - free) * all > 0.5 * map.voxel() {
             let middle = 0.5 * (free + blocked);
-            *(if space.reach(from, between(from, to, middle)).is_some() { &mut free } else { &mut blocked }) = middle;
+            *(if space.holds(from, between(from, to, middle)) { &mut free } else { &mut blocked }) = middle;
         }
         let at = between(from, to, free);
         Some(Broken { piece, free: free * all, at, state: map.state(at) })

@@ -191,6 +191,14 @@ impl Space for Ground<'_> {
         self.joins(arrived, from)
     }
 
+    /// Where the floor is looked at depends on where a motion began, and a traced piece begins elsewhere: it holds as long as the ball has room
+    /// and the floor is no more than a step off.
+    fn holds(&self, from: Point, to: Point) -> bool {
+        let strides = ((to[0] - from[0]).hypot(to[1] - from[1]) / STRIDE).ceil().max(1.0) as usize;
+        let has_floor = (1..=strides).map(|i| between(from, to, i as f64 / strides as f64)).all(|p| self.follow(p[0], p[1], p[2]).is_some());
+        has_floor && self.air.is_free(from, to)
+    }
+
     fn trace(&self, from: Point, to: Point, way: &mut Vec<Point>) {
         let mut states = Vec::new();
         let arrived = self.drive(from, to, |_, to| {

@@ -17,6 +17,11 @@ use voxelastic::query::{AtlasQuery, UnknownAs};
 
 /// Share of the time that is left for the last shortening.
 const LAST: f64 = 0.1;
+/// Share of the time, the first path included, after which no other way round is looked for any more, and how often one is.
+const ELSEWHERE: f64 = 0.5;
+const MOST_ELSEWHERE: usize = 8;
+/// A path that is longer than the straight line by less than this needs none.
+const STRAIGHT: f64 = 1.03;
 /// Clearance is told up to this much beyond the robot's radius, metres.
 const CLEARANCE: f64 = 2.0;
 
@@ -126,6 +131,13 @@ fn with_ends(known: [Point; 2], request: &Request) -> [Point; 2] {
     ]
 }
 
+/// A path and the tree that it was found in, with its end there.
+struct Way {
+    path: Vec<Point>,
+    tree: Tree,
+    goal: u32,
+}
+
 /// A request in its space.
 struct Task<'a, S> {
     space: &'a S,
@@ -141,23 +153,42 @@ impl<S: Space> Task<'_, S> {
         let settle = |end, place| ends::settle(self.space, self.map, self.known, robot.unknown, end, place);
         let (start, goal) = (settle(End::Start, self.request.start)?, settle(End::Goal, self.request.goal)?);
         let mut sampler = Sampler::new(self.space, seed);
-        let dimensions = self.space.dimensions();
-        let mut trees = [Tree::new(start, dimensions), Tree::new(goal, dimensions)];
-        let stride = self.stride();
-        let Some(meeting) = connect(&mut sampler, self.space, &mut trees, stride, &self.budget) else {
-            let reach = [trees[0].reach(), trees[1].reach()];
-            return Err(PlanError::NotFound { samples: sampler.drawn, seconds: self.budget.seconds(), reach });
-        };
-        let [mut tree, from_goal] = trees;
-        let became = tree.graft(meeting.from_start, &from_goal, meeting.from_goal);
-        let goal = became[0];
-        let found = tree.way_to(goal);
-        let first = First { seconds: self.budget.seconds(), samples: sampler.drawn, length: length(&found) };
-        let short = shorten(self.space, found, Effort::Quick);
+        let found = self.search(&mut sampler, [start, goal], &self.budget);
+        let mut way = found.map_err(|reach| PlanError::NotFound { samples: sampler.drawn, seconds: self.budget.seconds(), reach })?;
+        let first = First { seconds: self.budget.seconds(), samples: sampler.drawn, length: length(&way.path) };
+        way.path = shorten(self.space, way.path, Effort::Quick);
+        self.look_elsewhere(&mut sampler, &mut way);
         let until = self.budget.part(1.0 - LAST);
-        let best = Star::new(self.space, &mut tree, goal, stride, short).run(&mut sampler, &until);
+        let best = Star::new(self.space, &mut way.tree, way.goal, self.stride(), way.path).run(&mut sampler, &until);
         let best = shorten(self.space, best, Effort::Thorough);
-        Ok(self.finish(&best, &tree, first, sampler.drawn))
+        Ok(self.finish(&best, &way.tree, first, sampler.drawn))
+    }
+
+    /// A way between two places, as the trees have it; how far they reached when the budget ends before they meet.
+    fn search(&self, sampler: &mut Sampler<'_, S>, ends: [Point; 2], budget: &Budget) -> Result<Way, [f64; 2]> {
+        let mut trees = ends.map(|end| Tree::new(end, self.space.dimensions()));
+        let Some(meeting) = connect(sampler, self.space, &mut trees, self.stride(), budget) else { return Err(trees.map(|tree| tree.reach())) };
+        let [mut tree, from_goal] = trees;
+        let goal = tree.graft(meeting.from_start, &from_goal, meeting.from_goal)[0];
+        Ok(Way { path: tree.way_to(goal), tree, goal })
+    }
+
+    /// New pairs of trees may find a shorter way round, through another door, which a tree that has grown seldom does.
+    fn look_elsewhere(&self, sampler: &mut Sampler<'_, S>, way: &mut Way) {
+        let ends = [way.path[0], way.path[way.path.len() - 1]];
+        let until = self.budget.part(ELSEWHERE);
+        for _ in 0..MOST_ELSEWHERE {
+            let shortest = length(&way.path);
+            if shortest < STRAIGHT * distance(ends[0], ends[1]) || until.is_spent(sampler.drawn) {
+                return;
+            }
+            sampler.keep_within(ends, shortest);
+            let Ok(mut other) = self.search(sampler, ends, &until) else { return };
+            other.path = shorten(self.space, other.path, Effort::Quick);
+            if length(&other.path) < shortest {
+                *way = other;
+            }
+        }
     }
 
     /// Length of the trees' branches: short against the space, long against what is in it.
@@ -175,8 +206,14 @@ impl<S: Space> Task<'_, S> {
         let clearance: Vec<f64> = path.iter().map(|p| ask(*p)).collect();
         let mut least = clearance.iter().copied().fold(f64::INFINITY, f64::min);
         for w in path.windows(2) {
-            let steps = (distance(w[0], w[1]) / self.map.voxel()).ceil() as usize;
-            least = (1..steps).map(|i| ask(between(w[0], w[1], i as f64 / steps as f64))).fold(least, f64::min);
+            let all = distance(w[0], w[1]);
+            let mut at = 0.0;
+            while at < all {
+                let here = ask(between(w[0], w[1], at / all));
+                least = least.min(here);
+                // Within this distance nothing can be nearer than the least.
+                at += (here - least).max(self.map.voxel());
+            }
         }
         let (length, tree) = (length(&path), tree.nodes().collect());
         Plan { length, path, clearance, least_clearance: least, first, seconds: self.budget.seconds(), samples, tree, height: None }

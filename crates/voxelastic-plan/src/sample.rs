@@ -1,5 +1,6 @@
 //! Where to try next.
 
+use crate::connect::flat_distance;
 use crate::points::{Point, between, distance};
 use crate::space::Space;
 use rand::rngs::StdRng;
@@ -16,13 +17,25 @@ const BRIDGES: [f64; 3] = [1.2, 2.5, 5.0];
 pub(crate) struct Sampler<'a, S> {
     space: &'a S,
     random: StdRng,
+    /// Only places over which the way between these two is shorter than this are of use.
+    within: Option<([Point; 2], f64)>,
     /// States drawn or given up on.
     pub(crate) drawn: usize,
 }
 
 impl<'a, S: Space> Sampler<'a, S> {
     pub(crate) fn new(space: &'a S, seed: u64) -> Self {
-        Self { space, random: StdRng::seed_from_u64(seed), drawn: 0 }
+        Self { space, random: StdRng::seed_from_u64(seed), within: None, drawn: 0 }
+    }
+
+    /// From now on draws nothing over which the way between two places is longer than `longest`.
+    pub(crate) fn keep_within(&mut self, ends: [Point; 2], longest: f64) {
+        self.within = Some((ends, longest));
+    }
+
+    fn is_within(&self, p: Point) -> bool {
+        let off = |q| flat_distance(self.space, p, q);
+        self.within.is_none_or(|(ends, longest)| off(ends[0]) + off(ends[1]) < longest)
     }
 
     /// A number from 0 to 1.
@@ -56,7 +69,7 @@ impl<'a, S: Space> Sampler<'a, S> {
         self.drawn += 1;
         (0..PATIENCE).find_map(|_| {
             let p = self.place();
-            self.space.settle(p)
+            if self.is_within(p) { self.space.settle(p) } else { None }
         })
     }
 
@@ -66,6 +79,9 @@ impl<'a, S: Space> Sampler<'a, S> {
         self.drawn += 1;
         (0..PATIENCE_FOR_BRIDGES).find_map(|_| {
             let p = self.place();
+            if !self.is_within(p) {
+                return None;
+            }
             let reach = BRIDGES[self.random.random_range(0..BRIDGES.len())];
             let mut by = self.step(reach);
             // Most of what is narrow stands upright.

@@ -54,6 +54,11 @@ pub trait Space {
         true
     }
 
+    /// Whether a piece of a path that was [traced](Self::trace) can still be taken.
+    fn holds(&self, from: Point, to: Point) -> bool {
+        self.joins(from, to)
+    }
+
     /// Whether the robot can go straight from one state to the other.
     fn joins(&self, from: Point, to: Point) -> bool {
         self.reach(from, to).is_some_and(|arrived| self.is_same(arrived, to))

@@ -7,10 +7,10 @@ use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
 use voxelastic::query::{AtlasQuery, Sphere, UnknownAs};
 use voxelastic_plan::{
-    Air, End, Obstacle, Plan, PlanError, Point, Request, Robot, Snapshot, Space, Wheels, anchor, between, distance, length, place, plan, recheck,
-    sharpest_turn,
+    Air, End, Ground, Obstacle, Plan, PlanError, Point, Request, Robot, Snapshot, Space, Wheels, anchor, between, distance, length, place, plan,
+    recheck, sharpest_turn,
 };
-use world::{EAST, VOXEL, WEST, rooms};
+use world::{EAST, VOXEL, WEST, mapper, rooms, scans};
 
 const RADIUS: f64 = 0.3;
 
@@ -68,6 +68,14 @@ fn wheels_stay_at_their_height_over_the_floor() {
     check(&found, RADIUS);
     assert_eq!(found.height, Some(height));
     assert!(found.path.iter().all(|p| (p[2] - height).abs() < 2.5 * f64::from(VOXEL)), "{:?}", found.path);
+    // What was just planned holds, piece by piece, and in a map without a floor nothing does.
+    let bounds = [[-20.0; 3], [20.0; 3]];
+    let ground = Ground::new(&map, &robot, west, bounds).unwrap();
+    assert_eq!(recheck(&ground, &map, &found.path), []);
+    let nothing = Atlas::default();
+    let nowhere = AtlasQuery::new(&nothing, VOXEL);
+    let void = Ground::new(&nowhere, &robot, west, bounds).unwrap();
+    assert_eq!(recheck(&void, &nowhere, &found.path).len(), found.path.len() - 1);
     let low = Robot { ground: Some(Wheels { height: Some(0.2), step: None }), ..robot };
     assert!(matches!(plan(&map, &request(west, east, low)), Err(PlanError::Setting { .. })));
     // Without a height of its own the robot keeps that of its start.
@@ -164,4 +172,29 @@ fn a_snapshot_answers_as_the_map_did() {
     let elsewhere = std::thread::spawn(move || plan(&snapshot.query(), &request(WEST, EAST, Robot::flying(RADIUS))).unwrap().path);
     let here = plan(&rooms().query(), &request(WEST, EAST, Robot::flying(RADIUS))).unwrap().path;
     assert_eq!(elsewhere.join().unwrap(), here);
+}
+
+#[test]
+fn planning_goes_on_in_what_was_known_while_mapping_goes_on() {
+    let mut mapper = mapper();
+    let mut events = scans(&rooms().world);
+    // The doorway has been passed, the rest of the east room has not been seen from within.
+    events.by_ref().take(18).for_each(|event| _ = mapper.handle(event).unwrap());
+    let (west, east) = ([-4.5, -1.5, 1.0], [1.2, 0.5, 1.3]);
+    let snapshot = Snapshot::of(mapper.atlas(), VOXEL);
+    let same = snapshot.clone();
+    let planner = std::thread::spawn(move || {
+        let found = plan(&snapshot.query(), &request(west, east, Robot::flying(RADIUS))).unwrap();
+        (anchor(snapshot.atlas(), &found.path), found)
+    });
+    let before = mapper.atlas().scan_count();
+    events.for_each(|event| _ = mapper.handle(event).unwrap());
+    assert!(mapper.atlas().scan_count() > before);
+    let (anchors, found) = planner.join().unwrap();
+    check(&found, RADIUS);
+    let again = plan(&same.query(), &request(west, east, Robot::flying(RADIUS))).unwrap();
+    assert_eq!((found.path.as_slice(), found.samples), (again.path.as_slice(), again.samples), "the map changed under the planner");
+    // Every waypoint is found again in the map that has grown meanwhile.
+    let now: Vec<Point> = place(mapper.atlas(), &anchors).into_iter().map(Option::unwrap).collect();
+    assert!(now.iter().zip(&found.path).all(|(a, b)| distance(*a, *b) < 1e-9));
 }

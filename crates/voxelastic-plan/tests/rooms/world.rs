@@ -42,23 +42,34 @@ fn world() -> World {
     b.build().unwrap()
 }
 
-/// The rooms, mapped once for all tests. The scans make several submaps.
+/// An empty map, to be filled with [`scan`]s. They make several submaps.
+pub fn mapper() -> Mapper {
+    let mut settings = Settings { voxel: VOXEL, max_range: 30.0, lambda_odom: 4.0, min_overlap: 1.0, ..Settings::default() };
+    settings.set("field", "occupancy").unwrap();
+    Mapper::new(settings).unwrap()
+}
+
+/// The scans of a loop through both rooms and the doorway, one every 0.8 m, the sensor higher and lower by turns.
+pub fn scans(world: &World) -> impl Iterator<Item = Event> {
+    let lidar = Lidar::new(preset_with_columns("os0-64", 1024).unwrap(), LidarSettings::default()).unwrap();
+    let route = Route::rounded(&[[-4.5, 1.5], [-4.5, -1.8], [-1.0, -1.8], [-1.0, 1.5], [1.2, 1.5], [1.2, -1.8], [4.5, -1.8], [4.5, 1.5]], 0.5);
+    (0..(route.length() / 0.8) as u64).map(move |node| {
+        let ([x, y], heading) = route.at(0.8 * node as f64);
+        let z = if node % 2 == 0 { 1.0 } else { 1.4 };
+        let pose = Pose::from_parts([x, y, z].into(), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, heading));
+        let cloud = lidar.scan(world, |_| pose, &Stream::new(5, &[node]));
+        Event::Scan(Scan { node: node as _, time: node as f64, t_map_lidar: pose, cloud })
+    })
+}
+
+/// The rooms, mapped once for all tests.
 pub fn rooms() -> &'static Rooms {
     static ROOMS: OnceLock<Rooms> = OnceLock::new();
     ROOMS.get_or_init(|| {
         let world = world();
-        let lidar = Lidar::new(preset_with_columns("os0-64", 1024).unwrap(), LidarSettings::default()).unwrap();
-        let mut settings = Settings { voxel: VOXEL, max_range: 30.0, lambda_odom: 4.0, min_overlap: 1.0, ..Settings::default() };
-        settings.set("field", "occupancy").unwrap();
-        let mut mapper = Mapper::new(settings).unwrap();
-        // A loop through both rooms and the doorway, a scan every 0.8 m, the sensor higher and lower by turns.
-        let route = Route::rounded(&[[-4.5, 1.5], [-4.5, -1.8], [-1.0, -1.8], [-1.0, 1.5], [1.2, 1.5], [1.2, -1.8], [4.5, -1.8], [4.5, 1.5]], 0.5);
-        for node in 0..(route.length() / 0.8) as u64 {
-            let ([x, y], heading) = route.at(0.8 * node as f64);
-            let z = if node % 2 == 0 { 1.0 } else { 1.4 };
-            let pose = Pose::from_parts([x, y, z].into(), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, heading));
-            let cloud = lidar.scan(&world, |_| pose, &Stream::new(5, &[node]));
-            mapper.handle(Event::Scan(Scan { node: node as _, time: node as f64, t_map_lidar: pose, cloud })).unwrap();
+        let mut mapper = mapper();
+        for event in scans(&world) {
+            mapper.handle(event).unwrap();
         }
         Rooms { world, atlas: mapper.into_atlas() }
     })
