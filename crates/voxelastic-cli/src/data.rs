@@ -19,7 +19,8 @@ pub struct DataArgs {
     /// The pose file, where several could be meant: a path, or a part of a name in DATA that no other has
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
-    /// The g2o pose graph to take loop and odometry edges from, named like --poses
+    /// The g2o pose graph to take loop and odometry edges from, named like --poses; beside a recording also a folder of corrected
+    /// trajectories (poses@SECONDS.tum) as they were known at that time
     #[arg(long, value_name = "FILE.g2o")]
     graph: Option<PathBuf>,
     /// Pose of the lidar on the vehicle: the poses in the files are then those of the vehicle

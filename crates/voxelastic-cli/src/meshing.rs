@@ -91,6 +91,8 @@ pub enum Colour {
     Height,
     /// Strength of the return, where the scans have it
     Intensity,
+    /// The scans' own colours, where they have them
+    Scans,
     /// The submap that a vertex belongs to
     Submap,
     /// The integration scale: how coarse the map is there
@@ -147,10 +149,15 @@ pub fn height_range(positions: &[[f32; 3]]) -> (f32, f32) {
 }
 
 impl MapMesh {
+    /// What to colour by where nobody says: the scans' own colours if there are any, else height.
+    pub fn usual_colour(&self) -> Colour {
+        if self.mesh.colours.is_empty() { Colour::Height } else { Colour::Scans }
+    }
+
     /// A colour for each vertex; none for [`Colour::None`].
     ///
     /// # Errors
-    /// When the map has no intensity and is to be coloured by it.
+    /// When the map has no intensity, or no colours, and is to be coloured by them.
     pub fn colours(&self, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> {
         let mesh = &self.mesh;
         Ok(match by {
@@ -163,6 +170,10 @@ impl MapMesh {
                 return Err(Failure::new("the map has no intensity: its scans had none", "choose another --colour, such as height").into());
             }
             Colour::Intensity => Some(mesh.shades.iter().map(|&s| Ramp::Grey.at(f32::from(s) / 255.0)).collect()),
+            Colour::Scans if mesh.colours.is_empty() => {
+                return Err(Failure::new("the map has no colours: its scans had none", "choose another --colour, such as height").into());
+            }
+            Colour::Scans => Some(mesh.colours.clone()),
             Colour::Submap => Some(self.submaps.iter().map(|&id| palette(id as usize)).collect()),
             Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
         })

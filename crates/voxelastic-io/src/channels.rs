@@ -1,5 +1,6 @@
 //! What the fields of a point record mean, under the names that drivers and LIO systems give them.
 
+use crate::colours::ColourFields;
 use crate::record::{self, Column, Field, Scalar};
 use crate::{Error, Position, Result, StampedCloud};
 use std::path::Path;
@@ -33,6 +34,7 @@ pub(crate) struct Roles {
     pub(crate) intensity: Option<usize>,
     pub(crate) ring: Option<usize>,
     pub(crate) time: Option<usize>,
+    pub(crate) colour: Option<ColourFields>,
 }
 
 impl Roles {
@@ -59,12 +61,14 @@ impl Roles {
             Err(Error::content(path, at(), format!("is {what}"), "coordinates must be 32-bit or 64-bit floats, in metres"))
         };
         let xyz = [coordinate("x")?, coordinate("y")?, coordinate("z")?];
-        Ok(Self { xyz, intensity: first(&INTENSITY), ring: first(&RING), time: first(&TIME) })
+        let colour = ColourFields::of(fields, find);
+        Ok(Self { xyz, intensity: first(&INTENSITY), ring: first(&RING), time: first(&TIME), colour })
     }
 
     /// The fields that play a part.
     pub(crate) fn fields<'a>(&self, fields: &'a [Field]) -> Vec<&'a Field> {
-        self.xyz.iter().copied().chain(self.intensity).chain(self.ring).chain(self.time).map(|k| &fields[k]).collect()
+        let colour = self.colour.into_iter().flat_map(ColourFields::indices);
+        self.xyz.iter().copied().chain(self.intensity).chain(self.ring).chain(self.time).chain(colour).map(|k| &fields[k]).collect()
     }
 }
 
@@ -75,6 +79,7 @@ pub(crate) struct Raw {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) intensity: Option<Vec<f32>>,
+    pub(crate) colours: Option<Vec<[u8; 3]>>,
     pub(crate) ring: Option<Vec<f64>>,
     pub(crate) time: Option<Vec<f64>>,
     /// The field that `time` came from.
@@ -88,6 +93,7 @@ impl Raw {
         Self {
             points: record::points(roles.xyz.map(column)),
             intensity: roles.intensity.map(|k| column(k).to_f32()),
+            colours: roles.colour.map(|colour| colour.read(fields, column)),
             ring: roles.ring.map(|k| column(k).to_f64()),
             time: roles.time.map(|k| column(k).to_f64()),
             time_field: roles.time.map(|k| (fields[k].name.clone(), fields[k].scalar)),
@@ -103,7 +109,8 @@ impl Raw {
             (Some(values), Some((name, scalar))) => relative_times(values, &self.points, &name, scalar, path),
             _ => (None, None),
         };
-        let cloud = Cloud { points: self.points, width: self.width, height: self.height, intensity: self.intensity, ring, time, motion: None };
+        let Self { points, width, height, intensity, colours, .. } = self;
+        let cloud = Cloud { points, width, height, intensity, colours, ring, time, motion: None };
         Ok(StampedCloud { cloud, stamp })
     }
 }

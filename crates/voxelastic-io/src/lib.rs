@@ -39,6 +39,7 @@
 pub mod bag;
 mod channels;
 pub mod clouds;
+mod colours;
 pub mod dataset;
 mod dumps;
 mod error;

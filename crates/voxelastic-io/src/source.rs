@@ -2,13 +2,14 @@
 
 use crate::bag::{self, Recording};
 use crate::dataset::{self, Dataset};
-use crate::{OpenOptions, Result};
+use crate::{CloudFormat, OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId};
 use voxelastic::mapper::ScanSource;
+use voxelastic::sensor::BeamModel;
 
 /// A registered cloud list that can be read as [`Event`]s.
 #[derive(Debug)]
@@ -19,13 +20,14 @@ pub enum Source {
     Recording(Box<Recording>),
 }
 
-/// Opens a folder or a recording. A folder that holds both counts as a folder of clouds.
+/// Opens a folder, a recording or an E57 file of laser scans, which counts as a folder. A folder that holds both counts as a folder of clouds.
 ///
 /// # Errors
 /// Those of [`dataset::open`] and [`Recording::open`].
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Source> {
     let path = path.as_ref();
-    let is_recording = path.is_file() || (!dataset::holds_clouds(path) && bag::is_recording(path)?);
+    let is_recording =
+        (path.is_file() && CloudFormat::of(path) != Some(CloudFormat::E57)) || (!dataset::holds_clouds(path) && bag::is_recording(path)?);
     if is_recording {
         Recording::open(path, options).map(|r| Source::Recording(Box::new(r)))
     } else {
@@ -63,6 +65,14 @@ impl Source {
         match self {
             Self::Folder(_) => None,
             Self::Recording(recording) => recording.progress(),
+        }
+    }
+
+    /// The sensor's own tables of beams, where the data come with them: those of an Ouster capture.
+    pub fn sensor(&self) -> Option<BeamModel> {
+        match self {
+            Self::Folder(_) => None,
+            Self::Recording(recording) => recording.sensor(),
         }
     }
 

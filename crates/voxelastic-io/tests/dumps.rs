@@ -7,7 +7,8 @@ use std::path::Path;
 use voxelastic::event::Event;
 use voxelastic::geometry::PoseExt;
 use voxelastic::{Cloud, Pose};
-use voxelastic_io::{OpenOptions, PoseGraph, dataset, g2o, pcd};
+use voxelastic_io::survey::{SurveyCloud, e57};
+use voxelastic_io::{OpenOptions, PoseGraph, dataset, g2o, pcd, source};
 
 fn pose(k: usize) -> Pose {
     let k = k as f64;
@@ -147,4 +148,30 @@ fn mulran() {
         let expected = Pose::from_parts((pose(k).translation.vector - origin).into(), pose(k).rotation);
         assert!(scan.t_map_lidar.translation_distance(&expected) < 1e-6 && scan.t_map_lidar.rotation_distance(&expected) < 1e-6, "{k}");
     }
+}
+
+fn station(k: usize, t_map_scan: Pose) -> e57::E57Scan {
+    e57::E57Scan { name: None, t_map_scan, survey: SurveyCloud { cloud: cloud(k), ..SurveyCloud::default() } }
+}
+
+#[test]
+fn stations_of_a_laser_scanner_are_scans() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("site.e57");
+    e57::write(&file, &(0..4).map(|k| station(k, pose(k))).collect::<Vec<_>>()).unwrap();
+    check(&file, &[(0, 0.0), (1, 1.0), (2, 2.0), (3, 3.0)], "laser scans (E57)");
+    let source = source::open(&file, &OpenOptions::default()).unwrap();
+    assert_eq!(source.scans(), Some(4));
+    assert_eq!(source.clouds().cloud(2).unwrap().points, cloud(2).points);
+    // In a country's coordinates the map counts from near the first station.
+    let far = |k: usize| Pose::translation(453_111.0, 5_421_222.0, 80.0) * pose(k);
+    e57::write(&file, &[station(0, far(0)), station(1, far(1))]).unwrap();
+    let dataset = dataset::open(&file, &OpenOptions::default()).unwrap();
+    assert!(dataset.description().to_string().contains("[453000.0, 5421000.0, 0.0]"), "{}", dataset.description());
+    assert!((dataset.scans()[1].t_map_lidar.translation.vector - nalgebra::Vector3::new(113.0, 222.1, 80.0)).norm() < 1e-6);
+    // Scans all at one place are a cloud in pieces, and poses of another file are not taken.
+    e57::write(&file, &[station(0, Pose::identity()), station(1, Pose::identity())]).unwrap();
+    let refused = |options: &OpenOptions| dataset::open(&file, options).unwrap_err().to_string();
+    assert!(refused(&OpenOptions::default()).contains("do not say where they were taken"));
+    assert!(refused(&OpenOptions { poses: Some("a.tum".into()), ..OpenOptions::default() }).contains("its own poses"));
 }

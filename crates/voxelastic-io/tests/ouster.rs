@@ -1,10 +1,17 @@
 //! Ouster captures against `ouster-sdk`. The captures are real (`VOXELASTIC_DATA`); the oracle needs a Python with the package
 //! (`VOXELASTIC_PYTHON`, default `python3`).
 
+#[path = "common/damage.rs"]
+mod damage;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 use voxelastic::Cloud;
-use voxelastic::event::Event;
+use voxelastic::event::{Event, Scan};
+use voxelastic::mapper::Mapper;
+use voxelastic::sensor::{BeamModel, detect};
+use voxelastic::settings::Settings;
 use voxelastic_io::bag::Recording;
 use voxelastic_io::dataset::Every;
 use voxelastic_io::ouster::{Capture, find_metadata};
@@ -87,6 +94,44 @@ fn the_beams_are_the_sensors_own() {
     }
 }
 
+/// Angle between what two models say of a pixel, radians: mean and largest.
+fn apart(a: &BeamModel, b: &BeamModel) -> (f64, f64) {
+    let angle = |(row, column): (usize, usize)| {
+        let (p, q) = (a.direction(row as f32, column as f32), b.direction(row as f32, column as f32));
+        (0..3).map(|k| f64::from(p[k] - q[k]).powi(2)).sum::<f64>().sqrt()
+    };
+    let pixels = || (0..a.rows()).flat_map(|row| (0..a.columns()).map(move |column| (row, column)));
+    (pixels().map(angle).sum::<f64>() / a.pixels() as f64, pixels().map(angle).fold(0.0, f64::max))
+}
+
+#[test]
+fn a_mapper_takes_the_sensors_own_tables() {
+    let Some(folder) = folder() else { return };
+    for (capture, metadata, ..) in CAPTURES {
+        let (capture, metadata) = (folder.join(capture), folder.join(metadata));
+        let scans = scans(&capture, &metadata);
+        let exact = Capture::open(&capture, &metadata).unwrap().model().unwrap();
+        let found = detect(&[&scans[0].cloud]).unwrap().model;
+        let elevations = exact.elevations();
+        let even = BeamModel::even(exact.rows(), exact.columns(), elevations[0], elevations[exact.rows() - 1]).unwrap();
+        let uneven = (0..exact.rows()).map(|r| (even.elevation(r as f32) - elevations[r]).abs()).fold(0.0, f32::max);
+        let (mean, worst) = apart(&exact, &found);
+        eprintln!(
+            "{}: beams found from one scan are {:.2} mrad off in the mean, {:.1} at most; rows evenly spaced {:.1} mrad at most",
+            capture.display(),
+            1e3 * mean,
+            1e3 * worst,
+            1e3 * uneven
+        );
+        let mut mapper = Mapper::new(Settings { voxel: 0.2, ..Settings::default() }).unwrap();
+        mapper.know_sensor(exact.clone());
+        let scan = Scan { node: 0, time: 0.0, t_map_lidar: voxelastic::Pose::identity(), cloud: scans[0].cloud.clone() };
+        let report = mapper.handle(Event::Scan(scan)).unwrap().unwrap();
+        assert!(mapper.sensor().unwrap().contains("the sensor's own tables"), "{:?}", mapper.sensor());
+        assert_eq!(report.counts.outside, 0, "the points are where the tables say");
+    }
+}
+
 #[test]
 fn ranges_points_and_times_are_those_of_the_sdk() {
     let Some(folder) = folder() else { return };
@@ -160,6 +205,7 @@ fn a_capture_and_a_trajectory_are_a_recording() {
     let recording = Recording::open(&capture, &options).unwrap();
     let taken: Vec<_> = recording.events().filter_map(|e| if let Ok(Event::Scan(s)) = e { Some(s) } else { None }).collect();
     assert_eq!(taken.len(), 3);
+    assert_eq!(recording.sensor().map(|model| (model.rows(), model.columns())), Some((128, 1024)));
     // 2 m/s: the first column of the first scan is taken where its pose is, the last 0.2 m on.
     let motion = taken[0].cloud.motion.as_ref().unwrap();
     assert!((motion.at(0.1).translation.x - 0.2).abs() < 0.01, "{motion:?}");
@@ -168,34 +214,25 @@ fn a_capture_and_a_trajectory_are_a_recording() {
 #[test]
 fn damaged_captures_never_panic() {
     let Some(folder) = folder() else { return };
-    let seconds = std::env::var("VOXELASTIC_SOAK_S").ok().and_then(|s| s.parse().ok()).unwrap_or(0.5);
     let dir = tempfile::tempdir().unwrap();
     let (capture, metadata) = (dir.path().join("a.pcap"), dir.path().join("a.json"));
     let (packets, json) = (std::fs::read(folder.join(CAPTURES[2].0)).unwrap(), std::fs::read(folder.join(CAPTURES[2].1)).unwrap());
-    let mut state = 0x9e37_79b9_7f4a_7c15u64;
-    let mut random = move |n: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state % n.max(1) as u64) as usize
+    // A few packets will do.
+    let packets = &packets[..40_000];
+    let read = || {
+        Capture::open(&capture, &metadata).is_ok_and(|mut c| {
+            let _ = c.model();
+            std::iter::from_fn(|| c.next_scan()).take(100).count() > 0
+        })
     };
-    let (clock, mut runs, mut read) = (std::time::Instant::now(), 0, 0);
-    while clock.elapsed().as_secs_f64() < seconds {
-        // A few packets will do; every other time the description of the sensor is damaged.
-        let (mut packets, mut json) = (packets[..40_000].to_vec(), json.clone());
-        for k in 0..=random(6) {
-            let bytes = if runs % 2 == 0 { &mut packets } else { &mut json };
-            let at = if k % 2 == 0 { random(bytes.len()) } else { random(bytes.len().min(200)) };
-            bytes[at] = if random(2) == 0 { random(256) as u8 } else { b"0123456789-.e"[random(13)] };
-        }
-        std::fs::write(&capture, &packets).unwrap();
-        std::fs::write(&metadata, &json).unwrap();
-        if let Ok(mut capture) = Capture::open(&capture, &metadata) {
-            let _ = capture.model();
-            read += std::iter::from_fn(|| capture.next_scan()).take(100).count();
-        }
-        runs += 1;
-    }
-    eprintln!("captures: {runs} damaged ones, {read} scans");
-    assert!(read > 0);
+    std::fs::write(&metadata, &json).unwrap();
+    damage::soak("packets", packets, 100, Duration::from_secs(5), |bad| {
+        std::fs::write(&capture, bad).unwrap();
+        read()
+    });
+    std::fs::write(&capture, packets).unwrap();
+    damage::soak("metadata", &json, 100, Duration::from_secs(5), |bad| {
+        std::fs::write(&metadata, bad).unwrap();
+        read()
+    });
 }

@@ -16,6 +16,8 @@ pub struct Cloud {
     pub height: usize,
     /// Return strength in the sensor's own scale (intensity or reflectivity).
     pub intensity: Option<Vec<f32>>,
+    /// Colour of each point, sRGB; [0, 0, 0] where it has none.
+    pub colours: Option<Vec<[u8; 3]>>,
     /// Ring (row) of each point, 0-based, in the sensor's own order.
     pub ring: Option<Vec<u16>>,
     /// Time of each point in seconds, relative to the cloud's time stamp.

@@ -126,7 +126,10 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let output = output_path(args)?;
     let selection = Selection::open(args)?;
     let pool = meshing::pool(settings.threads)?;
-    let mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
+    let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
+    if let Some(model) = selection.source.sensor() {
+        mapper.know_sensor(model);
+    }
     let mut target = Target::create(&output)?;
     interrupt::install("finishing this scan and saving the map");
 

@@ -29,9 +29,9 @@ pub struct MeshArgs {
     /// The mesh to write; its ending says the format: .ply (binary) or .glb
     #[arg(short, long, value_name = "FILE.ply|.glb")]
     output: PathBuf,
-    /// What the vertices are coloured by
-    #[arg(long, value_enum, default_value_t = Colour::Height)]
-    colour: Colour,
+    /// What the vertices are coloured by [default: the scans' own colours where they have them, else height]
+    #[arg(long, value_enum)]
+    colour: Option<Colour>,
     /// Write one file per submap instead of one for the map
     #[arg(long)]
     separate: bool,
@@ -123,8 +123,8 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
     path.with_file_name(format!("{stem}-{id:06}.{ending}"))
 }
 
-fn write(path: &Path, format: Format, mesh: &MapMesh, colour: Colour) -> anyhow::Result<()> {
-    let colours = mesh.colours(colour)?;
+fn write(path: &Path, format: Format, mesh: &MapMesh, colour: Option<Colour>) -> anyhow::Result<()> {
+    let colours = mesh.colours(colour.unwrap_or_else(|| mesh.usual_colour()))?;
     let intensity: Vec<f32> = mesh.mesh.shades.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.mesh.positions,

@@ -52,9 +52,9 @@ pub struct RenderArgs {
     /// Pixels of the picture
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1600x1200", value_parser = size)]
     size: Size,
-    /// What surfaces are coloured by
-    #[arg(long, value_enum, default_value_t = Colour::Height)]
-    colour: Colour,
+    /// What surfaces are coloured by [default: the colours of the scans, or of the mesh file, if there are any, else height]
+    #[arg(long, value_enum)]
+    colour: Option<Colour>,
     /// Cut away everything above this height of the map frame, metres
     #[arg(long, value_name = "Z", allow_negative_numbers = true)]
     cut_above: Option<f64>,
@@ -100,8 +100,6 @@ struct Summary<'a> {
 /// What is to be drawn.
 struct Subject {
     mesh: MapMesh,
-    /// Colours that the file itself has.
-    own_colours: Option<Vec<[u8; 3]>>,
     path: Vec<[f64; 3]>,
 }
 
@@ -114,15 +112,12 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<u8> {
 fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
     let subject = load(args)?;
     let mesh = &subject.mesh.mesh;
-    let colours = match subject.own_colours {
-        Some(own) if args.colour == Colour::Height => Some(own),
-        _ if args.colour == Colour::Height => None,
-        _ => subject.mesh.colours(args.colour)?,
-    };
+    let by = args.colour.unwrap_or_else(|| subject.mesh.usual_colour());
+    let colours = if by == Colour::Height { None } else { subject.mesh.colours(by)? };
     let (low, high) = height_range(&mesh.positions);
     let colouring = match &colours {
         Some(colours) => Colouring::Vertex(colours),
-        None if args.colour == Colour::Height => Colouring::Height { ramp: Ramp::Land, low, high },
+        None if by == Colour::Height => Colouring::Height { ramp: Ramp::Land, low, high },
         None => Colouring::Flat([190, 192, 198]),
     };
     let legend = matches!(colouring, Colouring::Height { .. }).then(|| Legend { ramp: Ramp::Land, low, high, label: "height [m]".to_owned() });
@@ -151,7 +146,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
             map.atlas.submaps().iter().flat_map(|s| s.scans.iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
         path.sort_unstable_by_key(|(node, _)| *node);
         let mesh = map_mesh(&map.atlas, map.settings.voxel, &args.surface)?;
-        return Ok(Subject { mesh, own_colours: None, path: path.into_iter().map(|(_, p)| p).collect() });
+        return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect() });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;
     if read.triangles.is_empty() {
@@ -160,11 +155,12 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     }
     let view = MeshView::new(&read.positions, &read.triangles)?;
     let normals = read.normals.unwrap_or_else(|| voxelastic_eval::vertex_normals(&view));
-    let mesh = Mesh { positions: read.positions, normals, triangles: read.triangles, ..Mesh::default() };
-    if matches!(args.colour, Colour::Submap | Colour::Scale | Colour::Intensity) {
+    let colours = read.colours.unwrap_or_default();
+    let mesh = Mesh { positions: read.positions, normals, colours, triangles: read.triangles, ..Mesh::default() };
+    if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
         return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or give the map").into());
     }
-    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new() }, own_colours: read.colours, path: Vec::new() })
+    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new() }, path: Vec::new() })
 }
 
 fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {

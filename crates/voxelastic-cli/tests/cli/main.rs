@@ -1,5 +1,6 @@
 //! The `voxelastic` command as its users run it: `feature` is what works, `misc` is what goes wrong and how it is said.
 
+mod colours;
 mod evaluation;
 mod feature;
 mod misc;

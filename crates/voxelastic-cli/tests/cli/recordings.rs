@@ -59,11 +59,11 @@ with Writer(out / "street.bag") as bag, open(out / "folder" / "poses.tum", "w") 
         bag.write(poses, now + 10**8, store.serialize_ros1(stamped, stamped.__msgtype__))
 "#;
 
-/// All files of a map with their content, but for the lock and what names the data.
+/// All files of a map with their content, but for the lock and the log of the run, which are no part of the map.
 fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
     let files = std::fs::read_dir(map).unwrap().map(Result::unwrap);
-    let mut files: Vec<_> =
-        files.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).filter(|(n, _)| n != ".lock").collect();
+    let mut files: Vec<_> = files.map(|e| (e.file_name().into_string().unwrap(), std::fs::read(e.path()).unwrap())).collect();
+    files.retain(|(name, _)| name != ".lock" && name != "run.json");
     files.sort();
     files
 }

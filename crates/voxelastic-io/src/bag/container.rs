@@ -21,7 +21,7 @@ pub(super) enum Encoding {
 }
 
 /// A channel of a recording.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Topic {
     /// Such as `/points_raw`.
     pub(super) name: String,

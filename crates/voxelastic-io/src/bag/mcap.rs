@@ -1,7 +1,8 @@
 //! MCAP files (mcap.dev/spec): records of an op code and a length, messages mostly in chunks, a summary at the end.
 
-use super::container::{Container, Encoding, Index, Message, Topic};
+use super::container::{Encoding, Index, Message, Topic};
 use super::feed::{Feed, Packing};
+use super::records::{Records, Topics};
 use super::wire::Wire;
 use crate::{Error, Position, Result};
 use std::collections::HashMap;
@@ -25,8 +26,7 @@ const TAIL: u64 = 1 + 8 + 20 + MAGIC.len() as u64;
 #[derive(Debug)]
 pub(super) struct Mcap {
     feed: Feed,
-    topics: Vec<Topic>,
-    topic_of: HashMap<u16, usize>,
+    topics: Topics,
     schemas: HashMap<u16, String>,
     index: Option<Index>,
     finished: bool,
@@ -35,7 +35,7 @@ pub(super) struct Mcap {
 impl Mcap {
     pub(super) fn open(path: &Path) -> Result<Self> {
         let feed = Feed::open(path)?;
-        let mut file = Self { feed, topics: Vec::new(), topic_of: HashMap::new(), schemas: HashMap::new(), index: None, finished: false };
+        let mut file = Self { feed, topics: Topics::default(), schemas: HashMap::new(), index: None, finished: false };
         // A file that was not closed has no summary: it is read all the same.
         file.index = file.read_summary().ok().flatten();
         file.feed.seek(MAGIC.len() as u64)?;
@@ -74,12 +74,12 @@ impl Mcap {
         let messages = wire.u64()?;
         wire.bytes(2 + 4 * 4)?;
         let times_ns = (wire.u64()? as i64, wire.u64()? as i64);
-        let mut counts = vec![0; self.topics.len()];
+        let mut counts = vec![0; self.topics.list().len()];
         let pairs = wire.u32()? as usize;
         for pair in wire.bytes(pairs)?.chunks_exact(10) {
             let channel = u16::from_le_bytes([pair[0], pair[1]]);
             let count = pair[2..].first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
-            if let Some(&topic) = self.topic_of.get(&channel) {
+            if let Some(topic) = self.topics.get(channel.into()) {
                 counts[topic] += count;
             }
         }
@@ -105,49 +105,14 @@ impl Mcap {
         let (Some(id), Some(schema), Some(name), Some(encoding)) = (wire.u16(), wire.u16(), wire.text(), wire.text()) else {
             return Err(self.damaged("a channel that ends early"));
         };
-        if self.topic_of.contains_key(&id) {
-            return Ok(());
-        }
         let encoding = match encoding.as_str() {
             "cdr" => Encoding::Cdr,
             "ros1" => Encoding::Ros1,
             _ => Encoding::Other,
         };
         let topic = Topic::new(name, self.schemas.get(&schema).map_or("", String::as_str), encoding);
-        let known = self.topics.iter().position(|t| t.name == topic.name && t.kind == topic.kind && t.encoding == topic.encoding);
-        let number = known.unwrap_or_else(|| {
-            self.topics.push(topic);
-            self.topics.len() - 1
-        });
-        self.topic_of.insert(id, number);
+        self.topics.add(id.into(), topic);
         Ok(())
-    }
-
-    /// Reads the next record; a message if it is one that is wanted.
-    fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
-        let at = self.feed.position();
-        let (op, size) = self.record_head()?;
-        match op {
-            SCHEMA => self.schema(size)?,
-            CHANNEL => self.channel(size)?,
-            CHUNK => self.enter(size)?,
-            MESSAGE if size >= MESSAGE_HEAD => {
-                let head = self.feed.take(MESSAGE_HEAD)?;
-                let mut wire = Wire::packed(&head);
-                let (channel, _, time) = (wire.u16(), wire.u32(), wire.u64());
-                let topic = channel.and_then(|c| self.topic_of.get(&c)).copied().filter(|t| wanted(&self.topics[*t]));
-                let size = size - MESSAGE_HEAD;
-                match topic.zip(time) {
-                    Some((topic, time)) => return Ok(Some(Message { topic, time_ns: time as i64, at, data: self.feed.take(size)? })),
-                    None => self.feed.skip(size)?,
-                }
-            }
-            // What follows is the summary.
-            DATA_END | FOOTER => self.finished = true,
-            0 => return Err(self.damaged("a record without op code")),
-            _ => self.feed.skip(size)?,
-        }
-        Ok(None)
     }
 
     fn enter(&mut self, size: u64) -> Result<()> {
@@ -182,26 +147,46 @@ impl Mcap {
     }
 }
 
-impl Container for Mcap {
-    fn topics(&self) -> &[Topic] {
+impl Records for Mcap {
+    fn feed(&mut self) -> &mut Feed {
+        &mut self.feed
+    }
+
+    fn topics(&self) -> &Topics {
         &self.topics
     }
 
-    fn index(&self) -> Option<Index> {
-        self.index.clone()
+    fn index(&self) -> Option<&Index> {
+        self.index.as_ref()
     }
 
-    fn next(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Option<Result<Message>> {
-        while !self.finished && !self.feed.at_end() {
-            match self.record(wanted) {
-                Ok(None) => {}
-                Ok(Some(message)) => return Some(Ok(message)),
-                Err(error) => {
-                    self.feed.recover();
-                    return Some(Err(error));
+    fn has_ended(&self) -> bool {
+        self.finished
+    }
+
+    fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
+        let at = self.feed.position();
+        let (op, size) = self.record_head()?;
+        match op {
+            SCHEMA => self.schema(size)?,
+            CHANNEL => self.channel(size)?,
+            CHUNK => self.enter(size)?,
+            MESSAGE if size >= MESSAGE_HEAD => {
+                let head = self.feed.take(MESSAGE_HEAD)?;
+                let mut wire = Wire::packed(&head);
+                let (channel, _, time) = (wire.u16(), wire.u32(), wire.u64());
+                let topic = channel.and_then(|c| self.topics.get(c.into())).filter(|t| wanted(&self.topics.list()[*t]));
+                let size = size - MESSAGE_HEAD;
+                match topic.zip(time) {
+                    Some((topic, time)) => return Ok(Some(Message { topic, time_ns: time as i64, at, data: self.feed.take(size)? })),
+                    None => self.feed.skip(size)?,
                 }
             }
+            // What follows is the summary.
+            DATA_END | FOOTER => self.finished = true,
+            0 => return Err(self.damaged("a record without op code")),
+            _ => self.feed.skip(size)?,
         }
-        None
+        Ok(None)
     }
 }

@@ -25,6 +25,7 @@ mod container;
 mod files;
 mod mcap;
 mod messages;
+mod records;
 mod ros1;
 mod sqlite;
 mod survey;
@@ -38,7 +39,7 @@ pub use survey::TopicSummary;
 
 use crate::dataset::{Edges, Every, Picker, ScanEntry};
 use crate::ouster::{self, CaptureTape};
-use crate::playback::{Ledger, OpenTape, Player, PlayerOptions, Poses, Reread, Selection, Tape, Track};
+use crate::playback::{Corrections, Ledger, OpenTape, Player, PlayerOptions, Poses, Reread, Selection, Tape, Track, read_track};
 use crate::{Error, OpenOptions, Result, g2o, poses};
 use choose::Choice;
 use messages::Role;
@@ -52,6 +53,7 @@ use survey::Survey;
 use tape::{BagTape, Listen};
 use voxelastic::event::Event;
 use voxelastic::mapper::ScanSource;
+use voxelastic::sensor::BeamModel;
 
 /// Keyframes of a recording if nothing else is asked for, metres of travel: the paper's (Sec. V).
 pub const KEYFRAMES_M: f64 = 2.0;
@@ -131,6 +133,7 @@ pub struct Recording {
     kind: Kind,
     given: Option<Track>,
     nodes: Option<(Vec<ScanEntry>, Edges)>,
+    corrections: Corrections,
     options: OpenOptions,
     selection: Selection,
     ledger: Arc<Ledger>,
@@ -263,7 +266,9 @@ impl Recording {
             return Err(no_poses(path));
         }
         let given = options.poses.as_deref().map(read_track).transpose()?;
-        let nodes = match (&options.graph, &options.poses) {
+        let is_folder = |graph: &&PathBuf| graph.is_dir();
+        let corrections = options.graph.as_ref().filter(is_folder).map(|folder| Corrections::find(folder)).transpose()?.unwrap_or_default();
+        let nodes = match (options.graph.as_ref().filter(|graph| !is_folder(graph)), &options.poses) {
             (Some(graph), Some(poses)) => Some(read_nodes(graph, poses, options)?),
             (Some(graph), None) => {
                 let remedy = "give the times of its nodes with --poses: a trajectory (TUM) with one pose per node, in their order";
@@ -275,9 +280,12 @@ impl Recording {
             description.graph = Some([entries.len(), edges.loops.len()]);
             description.every = options.every.unwrap_or(Every::Scan);
         }
+        if corrections.len() > 0 {
+            description.notes.push(format!("poses are corrected {} times", corrections.len()));
+        }
         let options = OpenOptions { every: Some(description.every), ..options.clone() };
         let (selection, ledger) = (Selection::default(), Arc::default());
-        Ok(Self { path: path.into(), description, kind, given, nodes, options, selection, ledger })
+        Ok(Self { path: path.into(), description, kind, given, nodes, corrections, options, selection, ledger })
     }
 
     /// The recording's path.
@@ -308,6 +316,14 @@ impl Recording {
     /// Clouds without a pose so far.
     pub fn without_pose(&self) -> usize {
         self.ledger.without_pose.load(Ordering::Relaxed)
+    }
+
+    /// The sensor's own tables of beams, if it is a capture.
+    pub fn sensor(&self) -> Option<BeamModel> {
+        match &self.kind {
+            Kind::Bag(_) => None,
+            Kind::Capture(metadata) => ouster::Capture::open(&self.path, metadata).ok()?.model().ok(),
+        }
     }
 
     /// How much of the recording has been played, 0 to 1; none if it is not known how long it is.
@@ -369,22 +385,12 @@ impl Recording {
             picker: Picker::new(self.description.every),
             selection: self.selection.clone(),
             nodes: self.nodes.clone(),
+            corrections: self.corrections.clone(),
             tolerance_s: self.options.time_tolerance_s,
             deskew: self.options.deskew,
             ledger: Arc::clone(&self.ledger),
         }
     }
-}
-
-/// Reads a trajectory that has times.
-fn read_track(path: &Path) -> Result<Track> {
-    let trajectory = poses::read(path)?;
-    let Some(times) = trajectory.times else {
-        return Err(Error::dataset(path, "poses without times", "give a trajectory with times (TUM, Newer College), in the clock of the recording"));
-    };
-    let mut track = Track::default();
-    times.iter().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
-    Ok(track)
 }
 
 /// The nodes of a graph with the times that a trajectory of as many poses has, in the order of time.

@@ -1,7 +1,8 @@
 //! ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): records with named header fields, most of them in chunks.
 
-use super::container::{Container, Encoding, Index, Message, Topic};
+use super::container::{Encoding, Index, Message, Topic};
 use super::feed::{Feed, Packing};
+use super::records::{Records, Topics};
 use crate::{Error, Position, Result};
 use std::collections::HashMap;
 use std::path::Path;
@@ -20,9 +21,7 @@ const LARGEST_HEADER: u64 = 1 << 20;
 #[derive(Debug)]
 pub(super) struct Ros1 {
     feed: Feed,
-    topics: Vec<Topic>,
-    /// Topic of each connection; several connections may be of one topic.
-    topic_of: HashMap<u32, usize>,
+    topics: Topics,
     index: Option<Index>,
 }
 
@@ -80,7 +79,7 @@ impl Ros1 {
         let padding = feed.u32()?;
         feed.skip(padding.into())?;
         let first = feed.position();
-        let mut bag = Self { feed, topics: Vec::new(), topic_of: HashMap::new(), index: None };
+        let mut bag = Self { feed, topics: Topics::default(), index: None };
         if index_at >= first && index_at < bag.feed.len() {
             bag.index = bag.read_index(index_at).ok();
         }
@@ -111,9 +110,9 @@ impl Ros1 {
                 _ => self.feed.skip(size)?,
             }
         }
-        let mut index = Index { counts: vec![0; self.topics.len()], times_ns: times };
+        let mut index = Index { counts: vec![0; self.topics.list().len()], times_ns: times };
         for (connection, count) in counts {
-            if let Some(&topic) = self.topic_of.get(&connection) {
+            if let Some(topic) = self.topics.get(connection) {
                 index.counts[topic] += count;
             }
         }
@@ -125,44 +124,8 @@ impl Ros1 {
         let (Some(number), Some(name)) = (header.u32(b"conn"), header.text(b"topic")) else {
             return Err(damaged(&self.feed, "a connection without number or topic"));
         };
-        if self.topic_of.contains_key(&number) {
-            return Ok(());
-        }
-        let kind = details.text(b"type").unwrap_or_default();
-        let known = self.topics.iter().position(|t| t.name == name && t.kind == kind);
-        let topic = known.unwrap_or_else(|| {
-            self.topics.push(Topic::new(name, &kind, Encoding::Ros1));
-            self.topics.len() - 1
-        });
-        self.topic_of.insert(number, topic);
+        self.topics.add(number, Topic::new(name, &details.text(b"type").unwrap_or_default(), Encoding::Ros1));
         Ok(())
-    }
-
-    /// Reads the next record; a message if it is one that is wanted.
-    fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
-        let at = self.feed.position();
-        let header = Fields(header_bytes(&mut self.feed)?);
-        let size = u64::from(self.feed.u32()?);
-        match header.op() {
-            Some(MESSAGE) => {
-                let topic = header.u32(b"conn").and_then(|c| self.topic_of.get(&c)).copied();
-                match (topic, header.time(b"time")) {
-                    (Some(topic), Some(time_ns)) if wanted(&self.topics[topic]) => {
-                        Ok(Some(Message { topic, time_ns, at, data: self.feed.take(size)? }))
-                    }
-                    (None, _) | (_, None) => {
-                        self.feed.skip(size)?;
-                        self.feed.is_sound();
-                        Err(damaged_at(&self.feed, at, "a message without connection or time"))
-                    }
-                    _ => self.feed.skip(size).map(|()| None),
-                }
-            }
-            Some(CONNECTION) => self.connect(&header, size).map(|()| None),
-            Some(CHUNK) => self.enter(&header, size).map(|()| None),
-            Some(_) => self.feed.skip(size).map(|()| None),
-            None => Err(damaged_at(&self.feed, at, "a record without op code")),
-        }
     }
 
     /// Goes into a chunk. One that is not packed is read like the rest of the file.
@@ -185,27 +148,43 @@ impl Ros1 {
     }
 }
 
-impl Container for Ros1 {
-    fn topics(&self) -> &[Topic] {
+impl Records for Ros1 {
+    fn feed(&mut self) -> &mut Feed {
+        &mut self.feed
+    }
+
+    fn topics(&self) -> &Topics {
         &self.topics
     }
 
-    fn index(&self) -> Option<Index> {
-        self.index.clone()
+    fn index(&self) -> Option<&Index> {
+        self.index.as_ref()
     }
 
-    fn next(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Option<Result<Message>> {
-        while !self.feed.at_end() {
-            match self.record(wanted) {
-                Ok(None) => {}
-                Ok(Some(message)) => return Some(Ok(message)),
-                Err(error) => {
-                    self.feed.recover();
-                    return Some(Err(error));
+    fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
+        let at = self.feed.position();
+        let header = Fields(header_bytes(&mut self.feed)?);
+        let size = u64::from(self.feed.u32()?);
+        match header.op() {
+            Some(MESSAGE) => {
+                let topic = header.u32(b"conn").and_then(|c| self.topics.get(c));
+                match (topic, header.time(b"time")) {
+                    (Some(topic), Some(time_ns)) if wanted(&self.topics.list()[topic]) => {
+                        Ok(Some(Message { topic, time_ns, at, data: self.feed.take(size)? }))
+                    }
+                    (None, _) | (_, None) => {
+                        self.feed.skip(size)?;
+                        self.feed.is_sound();
+                        Err(damaged_at(&self.feed, at, "a message without connection or time"))
+                    }
+                    _ => self.feed.skip(size).map(|()| None),
                 }
             }
+            Some(CONNECTION) => self.connect(&header, size).map(|()| None),
+            Some(CHUNK) => self.enter(&header, size).map(|()| None),
+            Some(_) => self.feed.skip(size).map(|()| None),
+            None => Err(damaged_at(&self.feed, at, "a record without op code")),
         }
-        None
     }
 }
 

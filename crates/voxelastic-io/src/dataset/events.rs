@@ -2,7 +2,7 @@
 
 use super::folder::Snapshot;
 use super::{Dataset, ScanEntry, snapshot};
-use crate::{Error, Result, StampedCloud, clouds};
+use crate::{Error, Result, StampedCloud};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::sync::Arc;
@@ -119,7 +119,7 @@ impl Iterator for Events {
 
 fn decode(scans: &[ScanEntry], sender: &SyncSender<Result<StampedCloud>>) {
     for scan in scans {
-        if sender.send(clouds::read(&scan.path)).is_err() {
+        if sender.send(scan.read()).is_err() {
             return; // nobody listens any more
         }
     }

@@ -32,7 +32,8 @@ pub use every::Every;
 pub use matching::MatchedBy;
 
 use crate::dumps::{self, Dump};
-use crate::{Error, PoseFormat, PoseGraph, Result, Trajectory, clouds, g2o, poses};
+use crate::survey::e57;
+use crate::{Error, PoseFormat, PoseGraph, Position, Result, StampedCloud, Trajectory, clouds, g2o, poses};
 pub(crate) use edges::Edges;
 pub(crate) use events::in_scan_time;
 pub(crate) use every::Picker;
@@ -51,7 +52,8 @@ use voxelastic::{Cloud, Pose};
 pub struct OpenOptions {
     /// The pose file: a path, a file name in the folder, or a part of one that no other pose file has (`groundtruth`).
     pub poses: Option<PathBuf>,
-    /// The g2o graph to take edges from, named like `poses`.
+    /// The g2o graph to take edges from, named like `poses`. Beside a recording also a folder of corrected trajectories as they were known
+    /// at times of the recording, seconds: `poses@1600000000.5.tum`.
     pub graph: Option<PathBuf>,
     /// Pose of the lidar frame in the base frame. If given, the poses and edges in the files are those of the base:
     /// `t_map_lidar = t_map_base * t_base_lidar` (paper Sec. IV).
@@ -89,7 +91,7 @@ impl Default for OpenOptions {
     }
 }
 
-/// A scan that has not been decoded yet.
+/// A scan that has not been decoded yet. Of a file that holds several (E57) it is the one numbered `index`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScanEntry {
     /// The cloud's file.
@@ -102,6 +104,21 @@ pub struct ScanEntry {
     pub time: f64,
     /// Pose of the lidar frame in the map frame.
     pub t_map_lidar: Pose,
+}
+
+impl ScanEntry {
+    /// Decodes the cloud as its file has it.
+    pub(crate) fn read(&self) -> Result<StampedCloud> {
+        if clouds::CloudFormat::of(&self.path) != Some(clouds::CloudFormat::E57) {
+            return clouds::read(&self.path);
+        }
+        let survey = e57::read_one(&self.path, self.index)?.survey;
+        if survey.offset != [0.0; 3] {
+            let problem = format!("the points of scan {} are {:?} m from the scanner", self.index, survey.offset);
+            return Err(Error::content(&self.path, Position::File, problem, "export the scans in the scanner's own frame, with their poses"));
+        }
+        Ok(StampedCloud { cloud: survey.cloud, stamp: None })
+    }
 }
 
 /// The ground truth that lies beside a dataset.
@@ -133,12 +150,16 @@ pub struct Dataset {
 /// [`OpenOptions::strict`], also if a cloud has no pose.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     let path = path.as_ref();
-    if path.is_file() {
+    let is_e57 = clouds::CloudFormat::of(path) == Some(clouds::CloudFormat::E57);
+    if path.is_file() && !is_e57 {
         return Err(Error::dataset(path, "a file, not a folder", "name the folder that holds the clouds and their poses"));
     }
     if options.cloud_topic.is_some() || options.pose_topic.is_some() || options.metadata.is_some() {
         let remedy = "do without --cloud-topic, --pose-topic and --metadata, or name a recording";
         return Err(Error::dataset(path, "a folder of clouds has no topics and no packets", remedy));
+    }
+    if is_e57 && options.poses.is_some() {
+        return Err(Error::dataset(path, "a file of laser scans has its own poses", "do without --poses"));
     }
     if options.poses.is_none()
         && let Some(dump) = dumps::find(path)?
@@ -264,7 +285,7 @@ impl Dataset {
     /// # Errors
     /// As [`clouds::read`].
     pub fn cloud(&self, scan: &ScanEntry) -> Result<Cloud> {
-        let decoded = clouds::read(&scan.path)?;
+        let decoded = scan.read()?;
         Ok(self.context.in_motion(in_scan_time(decoded, scan.time), scan))
     }
 

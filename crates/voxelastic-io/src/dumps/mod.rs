@@ -8,10 +8,12 @@
 //! | BALM, HBA | `hba.rs` |
 //! | KITTI odometry, as downloaded | `kitti_odometry.rs` |
 //! | MulRan, as downloaded | `mulran.rs` |
+//! | laser scanners: one E57 file instead of a folder | `e57.rs` |
 //!
 //! SC-A-LOAM, SC-LIO-SAM and Newer College folders are what [`crate::dataset`] reads as it is. LIO-SAM saves no scans with its map: its
 //! `transformations.pcd` gives the poses of a recording (`--poses`).
 
+mod e57;
 mod glim;
 mod hba;
 mod hdl_graph_slam;
@@ -68,7 +70,7 @@ type Adapter = fn(&Path) -> Result<Option<Dump>>;
 /// # Errors
 /// Those of the files of a folder that was recognised.
 pub(crate) fn find(path: &Path) -> Result<Option<Dump>> {
-    let adapters: [Adapter; 5] = [hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find];
+    let adapters: [Adapter; 6] = [e57::find, hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find];
     for find in adapters {
         if let Some(dump) = find(path)? {
             return Ok(Some(dump));

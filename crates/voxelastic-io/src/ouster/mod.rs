@@ -145,6 +145,7 @@ impl Capture {
             intensity: Some(vec![0.0; rows * columns]),
             ring: Some((0..rows * columns).map(|k| (k / columns) as u16).collect()),
             time: Some(vec![0.0; rows * columns]),
+            colours: None,
             motion: None,
         };
         let (Some(intensity), Some(times)) = (&mut cloud.intensity, &mut cloud.time) else {

@@ -8,8 +8,8 @@ use voxelastic::Cloud;
 
 /// Writes a cloud as binary PCD 0.7, atomically.
 ///
-/// Fields are `x y z` (f32, metres) and, where the cloud has them, `intensity` (f32), `time` (f32, seconds, the name and
-/// unit of Velodyne drivers) and `ring` (u16). An organised cloud keeps its width and height, no-returns included.
+/// Fields are `x y z` (f32, metres) and, where the cloud has them, `intensity` (f32), `rgb` (packed, as PCL does), `time` (f32,
+/// seconds, the name and unit of Velodyne drivers) and `ring` (u16). An organised cloud keeps its width and height, no-returns included.
 ///
 /// # Errors
 /// [`Error::Unwritable`] if a channel differs in length from the points or the grid does not match them;
@@ -19,6 +19,7 @@ pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
     let n = cloud.len();
     let lengths = [
         ("intensity", cloud.intensity.as_ref().map(Vec::len)),
+        ("rgb", cloud.colours.as_ref().map(Vec::len)),
         ("time", cloud.time.as_ref().map(Vec::len)),
         ("ring", cloud.ring.as_ref().map(Vec::len)),
     ];
@@ -32,12 +33,16 @@ pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
     }
     write_atomically(path, |w| {
         w.write_all(header(cloud).as_bytes())?;
-        let mut record = Vec::with_capacity(22);
+        let mut record = Vec::with_capacity(26);
         for i in 0..n {
             record.clear();
             cloud.points[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
             if let Some(v) = &cloud.intensity {
                 record.extend_from_slice(&v[i].to_le_bytes());
+            }
+            if let Some(v) = &cloud.colours {
+                let [r, g, b] = v[i];
+                record.extend_from_slice(&[b, g, r, 0]);
             }
             if let Some(v) = &cloud.time {
                 record.extend_from_slice(&v[i].to_le_bytes());
@@ -62,6 +67,7 @@ fn header(cloud: &Cloud) -> String {
         }
     };
     add(cloud.intensity.is_some(), "intensity", "4", "F");
+    add(cloud.colours.is_some(), "rgb", "4", "F");
     add(cloud.time.is_some(), "time", "4", "F");
     add(cloud.ring.is_some(), "ring", "2", "U");
     format!(

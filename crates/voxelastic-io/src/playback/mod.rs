@@ -3,12 +3,14 @@
 //! A recording is read once, front to back. Scans wait until the poses around them have come, which SLAM systems publish late; then
 //! the keyframes among them are decoded. Memory does not grow with the recording.
 
+mod corrections;
 mod player;
 mod reread;
 mod select;
 pub(crate) mod sweep;
 mod track;
 
+pub(crate) use corrections::{Corrections, read_track};
 pub(crate) use player::{Player, PlayerOptions, Poses};
 pub(crate) use reread::Reread;
 pub(crate) use select::{Ledger, Selection, Taken};

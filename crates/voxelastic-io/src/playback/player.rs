@@ -1,5 +1,6 @@
 //! Scans and poses by time into registered scans.
 
+use super::corrections::Corrections;
 use super::select::{Ledger, Selection, Taken};
 use super::track::{LONGEST_GAP_S, Track, Tree};
 use super::{Heard, HeardCloud, Tape, sweep};
@@ -43,6 +44,8 @@ pub(crate) struct PlayerOptions {
     pub(crate) selection: Selection,
     /// Scans at known times that are nodes of a graph, with the graph's edges: no others are taken then.
     pub(crate) nodes: Option<(Vec<ScanEntry>, Edges)>,
+    /// Corrected poses that become known on the way.
+    pub(crate) corrections: Corrections,
     /// How far in time a pose may be from its scan, seconds.
     pub(crate) tolerance_s: f64,
     /// Whether clouds are told how the lidar moved while they were taken.
@@ -205,6 +208,8 @@ impl Player {
 
     /// Queues a scan and what becomes known with it.
     fn arrive(&mut self, entry: ScanEntry, cloud: Cloud) {
+        self.correct(entry.time);
+        self.options.corrections.note(entry.time, entry.node);
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar: entry.t_map_lidar, cloud })));
         let edges = self.options.nodes.as_ref().map(|(_, edges)| edges);
         if let Some(previous) = &self.previous {
@@ -225,6 +230,16 @@ impl Player {
             }
         }
         self.previous = Some(entry);
+    }
+
+    /// Queues the corrections that became known before `time`.
+    fn correct(&mut self, time: f64) {
+        while let Some(path) = self.options.corrections.due(time) {
+            // In a transform tree scans have poses of their own, and nobody says whose a file's are.
+            let t_child_lidar = self.t_child_lidar.or(self.options.t_base_lidar).unwrap_or_default();
+            let updates = self.options.corrections.read(&path, &t_child_lidar, self.options.tolerance_s);
+            self.ready.push_back(updates.map(Event::PoseUpdate));
+        }
     }
 
     fn forget(&mut self, before: f64) {
@@ -255,6 +270,7 @@ impl Iterator for Player {
             } else if self.is_settled() {
                 self.settle();
             } else if self.ended {
+                self.correct(f64::INFINITY);
                 self.report_lost();
                 break;
             } else {

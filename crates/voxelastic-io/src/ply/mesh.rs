@@ -3,7 +3,7 @@
 use super::header::{self, Element, Encoding, Header, Property};
 use super::vertices::{Cursor, Rows, TRUNCATED, fields, rows};
 use crate::channels::Roles;
-use crate::record::{self, Column, Field, Scalar};
+use crate::record::{self, Column, Field};
 use crate::{Error, Result, file};
 use std::path::Path;
 
@@ -58,13 +58,12 @@ fn vertices(cursor: &mut Cursor<'_>, vertex: &Element, header: &Header, fields: 
         Some([a?, b?, c?])
     };
     let normals = find(["nx", "ny", "nz"]);
-    let colours = find(["red", "green", "blue"]).filter(|c| c.iter().all(|f| f.scalar == Scalar::U8));
-    let wanted: Vec<&Field> = roles.fields(fields).into_iter().chain(normals.into_iter().flatten()).chain(colours.into_iter().flatten()).collect();
+    let wanted: Vec<&Field> = roles.fields(fields).into_iter().chain(normals.into_iter().flatten()).collect();
     let rows: Rows<'_> = rows(cursor, vertex, header.encoding, &wanted)?;
     Ok(MeshData {
         positions: record::points(roles.xyz.map(|k| rows.column(&fields[k]))),
         normals: normals.map(|n| record::points(n.map(|f| rows.column(f)))),
-        colours: colours.map(|c| record::points(c.map(|f| rows.column(f))).into_iter().map(|c| c.map(|v| v as u8)).collect()),
+        colours: roles.colour.map(|colour| colour.read(fields, |k| rows.column(&fields[k]))),
         intensity: roles.intensity.map(|k| rows.column(&fields[k]).to_f32()),
         triangles: Vec::new(),
     })

@@ -17,9 +17,10 @@
 //! [`StoreError`] that names the file, the place in it and the remedy.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
-//! `occupancy_section`), each a sequence of compressed pages of blocks in Morton order (module `frames`).
+//! `occupancy_section`, and `colour_section` for colours of the TSDF), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
+mod colour_section;
 mod error;
 mod files;
 mod frames;

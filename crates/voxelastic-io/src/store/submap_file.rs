@@ -10,7 +10,7 @@
 use super::bytes::Bytes;
 use super::error::{Result, StoreError};
 use super::frames::Section;
-use super::{FORMAT_VERSION, files, occupancy_section, tsdf_section};
+use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
 use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -44,15 +44,18 @@ pub(super) struct Fields {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Tsdf,
+    /// Of the TSDF before it.
+    Colour,
     Occupancy,
 }
 
 impl Kind {
-    const ALL: [Self; 2] = [Self::Tsdf, Self::Occupancy];
+    const ALL: [Self; 3] = [Self::Tsdf, Self::Colour, Self::Occupancy];
 
     fn tag(self) -> [u8; 4] {
         match self {
             Self::Tsdf => *b"tsdf",
+            Self::Colour => *b"colr",
             Self::Occupancy => *b"occu",
         }
     }
@@ -61,6 +64,7 @@ impl Kind {
     fn name(self) -> &'static str {
         match self {
             Self::Tsdf => "tsdf section",
+            Self::Colour => "colour section",
             Self::Occupancy => "occupancy section",
         }
     }
@@ -69,6 +73,7 @@ impl Kind {
     fn head(self) -> usize {
         match self {
             Self::Tsdf => tsdf_section::HEAD,
+            Self::Colour => colour_section::HEAD,
             Self::Occupancy => occupancy_section::HEAD,
         }
     }
@@ -76,6 +81,7 @@ impl Kind {
     fn is_in(self, submap: &Submap) -> bool {
         match self {
             Self::Tsdf => !submap.tsdf.is_empty(),
+            Self::Colour => !submap.tsdf.colours().is_empty(),
             Self::Occupancy => !submap.occupancy.is_empty(),
         }
     }
@@ -83,6 +89,7 @@ impl Kind {
     fn digest(self, submap: &Submap) -> u64 {
         match self {
             Self::Tsdf => tsdf_section::digest(&submap.tsdf),
+            Self::Colour => colour_section::digest(&submap.tsdf),
             Self::Occupancy => occupancy_section::digest(&submap.occupancy),
         }
     }
@@ -90,6 +97,7 @@ impl Kind {
     fn write(self, submap: &Submap, out: &mut (impl Write + Send)) -> io::Result<()> {
         match self {
             Self::Tsdf => tsdf_section::write(&submap.tsdf, out),
+            Self::Colour => colour_section::write(&submap.tsdf, out),
             Self::Occupancy => occupancy_section::write(&submap.occupancy, out),
         }
     }
@@ -97,6 +105,7 @@ impl Kind {
     fn read(self, section: &Section<'_>, fields: &mut Fields) -> Result<()> {
         match self {
             Self::Tsdf => fields.tsdf = tsdf_section::read(section)?,
+            Self::Colour => colour_section::read(section, &mut fields.tsdf)?,
             Self::Occupancy => fields.occupancy = occupancy_section::read(section)?,
         }
         Ok(())

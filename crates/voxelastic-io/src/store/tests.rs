@@ -3,11 +3,11 @@
 use super::bytes::Bytes;
 use super::frames::Section;
 use super::manifest::{Manifest, MapDetails};
-use super::{manifest_text, occupancy_section, tsdf_page, tsdf_section};
+use super::{colour_section, manifest_text, occupancy_section, tsdf_page, tsdf_section};
 use proptest::prelude::*;
 use std::path::Path;
 use voxelastic::field::occupancy::{OccupancyField, Summary};
-use voxelastic::field::tsdf::{TsdfField, Voxel};
+use voxelastic::field::tsdf::{Tint, TsdfField, Voxel};
 use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
 use voxelastic::octree::voxels_at;
 use voxelastic::surface::{MeshOptions, extract};
@@ -44,6 +44,17 @@ fn tsdf() -> TsdfField {
     builder.finish()
 }
 
+/// The same, with colours in every third block.
+fn coloured() -> TsdfField {
+    let mut field = tsdf();
+    for i in (0..40u64).step_by(3) {
+        let scale = (i % 4) as u8;
+        let tint = |v: usize| if v.is_multiple_of(3) { Tint::default() } else { Tint { rgb: [v as u8, i as u8, 9], seen: 1 + v as u8 % 5 } };
+        field.set_colours(3 * i, scale, &(0..voxels_at(scale.into())).map(tint).collect::<Vec<_>>()).expect("a block that is there");
+    }
+    field
+}
+
 fn occupancy() -> OccupancyField {
     let octant = |linked| OctantRecord { linked, summary: Summary::uniform(-3) };
     let mut builder = OccupancyBuilder::new(0, 2, octant(true)).expect("a possible root");
@@ -65,6 +76,27 @@ proptest! {
         tsdf_section::write(&tsdf(), &mut bytes).unwrap();
         if let Ok(field) = tsdf_section::read(&section("tsdf section", &changed(bytes, &changes, cut))) {
             extract(&field, 0.1, &MeshOptions::default());
+        }
+    }
+
+    #[test]
+    fn any_colour_section_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0), whole in any::<bool>()) {
+        let (mut bytes, mut field) = (Vec::new(), tsdf());
+        colour_section::write(&coloured(), &mut bytes).unwrap();
+        let bytes = if whole { bytes } else { changed(bytes, &changes, cut) };
+        let read = colour_section::read(&section("colour section", &bytes), &mut field);
+        prop_assert!(read.is_ok() || !whole);
+        prop_assert!(!whole || colour_section::digest(&field) == colour_section::digest(&coloured()));
+        extract(&field, 0.1, &MeshOptions::default());
+    }
+
+    #[test]
+    fn any_colour_page_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0), items in 0usize..40) {
+        let mut raw = Vec::new();
+        let true_items = colour_section::fill(&coloured(), &colour_section::coloured(&coloured()), &mut raw);
+        let items = if items % 2 == 0 { true_items } else { items };
+        if let Ok(page) = colour_section::parse(Bytes::new(&changed(raw, &changes, cut)), items) {
+            let _ = page.paint(&mut tsdf());
         }
     }
 

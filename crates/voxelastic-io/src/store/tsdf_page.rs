@@ -56,7 +56,7 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
 }
 
 /// Appends a bit per value: whether it is anything but the default.
-fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values: &[T]) {
+pub(super) fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values: &[T]) {
     let zero = T::default();
     out.extend(values.chunks(8).map(|c| c.iter().enumerate().fold(0, |m, (i, v)| m | u8::from(*v != zero) << i)));
 }
@@ -128,7 +128,7 @@ fn heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String>
 }
 
 /// Takes the mask of `count` values and says how many of them are set.
-fn mask<'a>(bytes: &mut Bytes<'a>, count: usize) -> Result<(&'a [u8], usize), String> {
+pub(super) fn mask<'a>(bytes: &mut Bytes<'a>, count: usize) -> Result<(&'a [u8], usize), String> {
     let mask = bytes.take(count.div_ceil(8))?;
     let set = mask.iter().map(|b| b.count_ones() as usize).sum();
     let tail = mask.last().filter(|_| !count.is_multiple_of(8)).is_some_and(|b| b >> (count % 8) != 0);
@@ -137,7 +137,7 @@ fn mask<'a>(bytes: &mut Bytes<'a>, count: usize) -> Result<(&'a [u8], usize), St
 
 /// Calls `set` with the index of every bit that is set.
 #[inline(always)]
-fn for_each_set(mask: &[u8], mut set: impl FnMut(usize)) {
+pub(super) fn for_each_set(mask: &[u8], mut set: impl FnMut(usize)) {
     for (i, &byte) in mask.iter().enumerate() {
         let mut left = byte;
         while left != 0 {

@@ -3,9 +3,10 @@
 use super::{Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
 use crate::{Error, Position, Result};
-use e57::{CartesianCoordinate, E57Reader, E57Writer, Quaternion, Record, RecordValue, Transform, Translation};
+use e57::{CartesianCoordinate, E57Reader, E57Writer, PointCloud, Quaternion, Record, RecordValue, Transform, Translation};
 use nalgebra::UnitQuaternion;
-use std::io::{Cursor, Write};
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek, Write};
 use std::path::Path;
 use voxelastic::{Cloud, Pose};
 
@@ -33,28 +34,64 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<E57Scan>> {
 /// # Errors
 /// As [`read`], without [`Error::Io`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Vec<E57Scan>> {
-    let fail = |e: e57::Error| Error::content(path, Position::File, format!("not readable as E57: {e}"), "copy it again or export it anew");
-    let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(fail)?;
-    let mut scans = Vec::new();
-    for described in reader.pointclouds() {
-        let t_map_scan = described.transform.as_ref().map_or_else(Pose::identity, pose);
-        let mut gather = Gather::default();
-        let mut points = reader.pointcloud_simple(&described).map_err(fail)?;
-        points.apply_pose(false);
-        points.intensity_to_color(false);
-        for point in points {
-            let point = point.map_err(fail)?;
-            let CartesianCoordinate::Valid { x, y, z } = point.cartesian else { continue };
-            gather.add([x, y, z]);
-            gather.intensity.extend(point.intensity);
-            gather.colours.extend(point.color.map(|c| [c.red, c.green, c.blue].map(|v| (v * 255.0).round().clamp(0.0, 255.0) as u8)));
-        }
-        scans.push(E57Scan { name: described.name.clone(), t_map_scan, survey: gather.finish(path)? });
+    let mut reader = E57Reader::new(Cursor::new(bytes)).map_err(|e| damaged(path, &e))?;
+    let scans = reader.pointclouds().iter().map(|described| scan(&mut reader, described, path)).collect::<Result<Vec<_>>>()?;
+    if scans.is_empty() { Err(Error::NoReturn { path: path.into(), points: 0 }) } else { Ok(scans) }
+}
+
+/// Poses of the scanner at all scans of an E57 file. Points are not read.
+///
+/// # Errors
+/// As [`read`].
+pub fn poses(path: impl AsRef<Path>) -> Result<Vec<Pose>> {
+    let described = open(path.as_ref())?.pointclouds();
+    if described.is_empty() {
+        return Err(Error::NoReturn { path: path.as_ref().into(), points: 0 });
     }
-    if scans.is_empty() {
-        return Err(Error::NoReturn { path: path.into(), points: 0 });
+    Ok(described.iter().map(t_map_scan).collect())
+}
+
+/// Reads one scan of an E57 file, the others are passed over.
+///
+/// # Errors
+/// As [`read`]; [`Error::Content`] if there is no such scan.
+pub fn read_one(path: impl AsRef<Path>, number: usize) -> Result<E57Scan> {
+    let path = path.as_ref();
+    let mut reader = open(path)?;
+    let described = reader.pointclouds();
+    let Some(described) = described.get(number) else {
+        let problem = format!("scan {number} is missing: there are {}", described.len());
+        return Err(Error::content(path, Position::File, problem, "the file has changed: open it again"));
+    };
+    scan(&mut reader, described, path)
+}
+
+fn open(path: &Path) -> Result<E57Reader<BufReader<File>>> {
+    let file = File::open(path).map_err(|e| Error::io(path, "open", e))?;
+    E57Reader::new(BufReader::new(file)).map_err(|e| damaged(path, &e))
+}
+
+fn damaged(path: &Path, error: &e57::Error) -> Error {
+    Error::content(path, Position::File, format!("not readable as E57: {error}"), "copy it again or export it anew")
+}
+
+fn t_map_scan(described: &PointCloud) -> Pose {
+    described.transform.as_ref().map_or_else(Pose::identity, pose)
+}
+
+fn scan<R: Read + Seek>(reader: &mut E57Reader<R>, described: &PointCloud, path: &Path) -> Result<E57Scan> {
+    let mut gather = Gather::default();
+    let mut points = reader.pointcloud_simple(described).map_err(|e| damaged(path, &e))?;
+    points.apply_pose(false);
+    points.intensity_to_color(false);
+    for point in points {
+        let point = point.map_err(|e| damaged(path, &e))?;
+        let CartesianCoordinate::Valid { x, y, z } = point.cartesian else { continue };
+        gather.add([x, y, z]);
+        gather.intensity.extend(point.intensity);
+        gather.colours.extend(point.color.map(|c| [c.red, c.green, c.blue].map(|v| (v * 255.0).round().clamp(0.0, 255.0) as u8)));
     }
-    Ok(scans)
+    Ok(E57Scan { name: described.name.clone(), t_map_scan: t_map_scan(described), survey: gather.finish(path)? })
 }
 
 /// All points of an E57 file in the file's frame.
@@ -69,7 +106,7 @@ pub fn merge(scans: &[E57Scan], path: &Path) -> Result<SurveyCloud> {
             gather.add(q.coords.into());
         }
         gather.intensity.extend(scan.survey.cloud.intensity.iter().flatten());
-        gather.colours.extend(scan.survey.colours.iter().flatten());
+        gather.colours.extend(scan.survey.cloud.colours.iter().flatten());
     }
     gather.finish(path)
 }
@@ -108,7 +145,7 @@ fn write_scan(writer: &mut E57Writer<&mut Cursor<Vec<u8>>>, number: usize, scan:
     if survey.cloud.intensity.is_some() {
         records.push(Record::INTENSITY_UNIT_F32);
     }
-    if survey.colours.is_some() {
+    if survey.cloud.colours.is_some() {
         records.extend([Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8]);
     }
     let mut out = writer.add_pointcloud(&format!("voxelastic-{number}"), records)?;
@@ -124,7 +161,7 @@ fn write_scan(writer: &mut E57Writer<&mut Cursor<Vec<u8>>>, number: usize, scan:
         let mut values: Vec<RecordValue> = (0..3).map(|k| RecordValue::Double(f64::from(p[k]) + survey.offset[k])).collect();
         values.push(RecordValue::Integer(0));
         values.extend(survey.cloud.intensity.as_ref().map(|v| RecordValue::Single((v[i] / brightest).clamp(0.0, 1.0))));
-        values.extend(survey.colours.iter().flat_map(|c| c[i]).map(|v| RecordValue::Integer(v.into())));
+        values.extend(survey.cloud.colours.iter().flat_map(|c| c[i]).map(|v| RecordValue::Integer(v.into())));
         out.add_point(values)?;
     }
     out.finalize()

@@ -1,8 +1,8 @@
 //! LAS 1.0 to 1.4 and LAZ, through the `las` and `laz` crates.
 //!
-//! A damaged LAZ file was seen to keep its decoder busy for 71 s before it was refused, probably because the sizes that a chunk gives for its
-//! layers are believed. Claims that can be seen from outside (points, chunks) are checked before.
+//! The decoder of LAZ makes room for whatever a file claims; what can be seen from outside is checked before.
 
+use super::laz::exaggerates;
 use super::{CHUNK, Gather, SurveyCloud, check};
 use crate::file::{self, write_atomically};
 use crate::{Error, Position, Result};
@@ -71,23 +71,6 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
     gather.finish(path)
 }
 
-/// Whether a LAZ file claims more chunks than it has bytes, for which the decoder would ask for memory.
-fn exaggerates(bytes: &[u8]) -> Option<String> {
-    let u32_at = |at: usize| Some(u32::from_le_bytes(*bytes.get(at..)?.first_chunk::<4>()?));
-    let u64_at = |at: usize| Some(u64::from_le_bytes(*bytes.get(at..)?.first_chunk::<8>()?));
-    // The header says where points begin, and in the type of points whether they are packed; packed ones begin with the place of the
-    // table of chunks, or its place is the last number of the file.
-    if bytes.get(104)? & 0x80 == 0 {
-        return None;
-    }
-    let table = match u64_at(u32_at(96)? as usize)? {
-        u64::MAX => u64_at(bytes.len().checked_sub(8)?)?,
-        at => at,
-    };
-    let chunks = u32_at(usize::try_from(table).ok()?.checked_add(4)?)?;
-    (chunks as usize > bytes.len()).then(|| format!("a table of {chunks} chunks in {} bytes", bytes.len()))
-}
-
 /// Writes a cloud as LAS 1.4, packed as LAZ if the name says so, atomically. Points without a return are left out; intensities are rounded
 /// to whole numbers from 0 to 65535; coordinates to a tenth of a millimetre.
 ///
@@ -98,7 +81,7 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     check(path, survey)?;
     let fail = |e: las::Error| Error::unwritable(path, e.to_string());
     let mut builder = Builder::from((1, 4));
-    builder.point_format = Format::new(if survey.colours.is_some() { 7 } else { 6 }).map_err(fail)?;
+    builder.point_format = Format::new(if survey.cloud.colours.is_some() { 7 } else { 6 }).map_err(fail)?;
     builder.point_format.is_compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
     let transform = |k: usize| Transform { scale: STEP, offset: survey.offset[k] };
     builder.transforms = Vector { x: transform(0), y: transform(1), z: transform(2) };
@@ -107,7 +90,7 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     for (i, p) in survey.cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p)) {
         let [x, y, z] = std::array::from_fn(|k| f64::from(p[k]) + survey.offset[k]);
         let intensity = survey.cloud.intensity.as_ref().map_or(0.0, |v| v[i]).round().clamp(0.0, 65535.0) as u16;
-        let color = survey.colours.as_ref().map(|c| c[i].map(|v| u16::from(v) * 257)).map(|[red, green, blue]| Color { red, green, blue });
+        let color = survey.cloud.colours.as_ref().map(|c| c[i].map(|v| u16::from(v) * 257)).map(|[red, green, blue]| Color { red, green, blue });
         let gps_time = Some(0.0);
         writer
             .write_point(Point { x, y, z, intensity, color, gps_time, return_number: 1, number_of_returns: 1, ..Point::default() })

@@ -5,6 +5,7 @@
 
 pub mod e57;
 pub mod las;
+mod laz;
 
 use crate::{Error, Result};
 use std::path::Path;
@@ -22,8 +23,6 @@ pub struct SurveyCloud {
     pub offset: [f64; 3],
     /// The points; intensity as in the file.
     pub cloud: Cloud,
-    /// Colour of each point, sRGB, where the file has them.
-    pub colours: Option<Vec<[u8; 3]>>,
 }
 
 /// Gathers points and takes the offset off them.
@@ -48,15 +47,16 @@ impl Gather {
         if !self.points.iter().any(Cloud::is_return) {
             return Err(Error::NoReturn { path: path.into(), points: n });
         }
-        let cloud = Cloud { intensity: Some(self.intensity).filter(|v| v.len() == n), ..Cloud::from_points(self.points) };
-        Ok(SurveyCloud { offset: self.offset.unwrap_or_default(), cloud, colours: Some(self.colours).filter(|c| c.len() == n) })
+        let intensity = Some(self.intensity).filter(|v| v.len() == n);
+        let colours = Some(self.colours).filter(|c| c.len() == n);
+        Ok(SurveyCloud { offset: self.offset.unwrap_or_default(), cloud: Cloud { intensity, colours, ..Cloud::from_points(self.points) } })
     }
 }
 
 /// Refuses channels that are not as long as the points.
 fn check(path: &Path, survey: &SurveyCloud) -> Result<()> {
     let n = survey.cloud.len();
-    let lengths = [("intensity", survey.cloud.intensity.as_ref().map(Vec::len)), ("colours", survey.colours.as_ref().map(Vec::len))];
+    let lengths = [("intensity", survey.cloud.intensity.as_ref().map(Vec::len)), ("colours", survey.cloud.colours.as_ref().map(Vec::len))];
     match lengths.into_iter().find(|(_, len)| len.is_some_and(|len| len != n)) {
         Some((name, len)) => Err(Error::unwritable(path, format!("{} values of {name} for {n} points", len.unwrap_or(0)))),
         None => Ok(()),

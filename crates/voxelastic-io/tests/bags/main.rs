@@ -1,6 +1,8 @@
 //! Recordings written by other people's software (`write.py`: rosbags, mcap). The fixtures are some of what it wrote; the rest is written
 //! anew where Python has the packages (`VOXELASTIC_PYTHON`, default `python3`).
 
+#[path = "../common/damage.rs"]
+mod damage;
 mod drive;
 mod harm;
 mod written;

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from mcap.writer import CompressionType, Writer as McapWriter
+from rosbags import rosbag2
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore, get_types_from_msg
@@ -124,31 +125,34 @@ class Drive:
         return sorted(out, key=lambda m: m[1])
 
 
+def fill(writer, messages, drive, serialize):
+    """Writes messages with a writer of rosbags."""
+    with writer:
+        connections = {}
+        for topic, time, message in messages:
+            kind = message.__msgtype__
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=drive.store)
+            writer.write(connections[topic], time, serialize(message, kind))
+
+
 def bag1(path, messages, drive, compression=None):
     writer = Writer1(path)
     writer.chunk_threshold = 40_000
     if compression:
         writer.set_compression(compression)
-    with writer:
-        connections = {}
-        for topic, time, message in messages:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=drive.store)
-            writer.write(connections[topic], time, drive.store.serialize_ros1(message, kind))
+    fill(writer, messages, drive, drive.store.serialize_ros1)
 
 
 def sqlite(path, messages, drive, packed=False):
-    writer = Writer2(path)
+    try:
+        writer = Writer2(path, version=8)
+    except TypeError:
+        writer = Writer2(path)  # rosbags before 0.10 knows one version
     if packed:
-        writer.set_compression(Writer2.CompressionMode.MESSAGE, Writer2.CompressionFormat.ZSTD)
-    with writer:
-        connections = {}
-        for topic, time, message in messages:
-            kind = message.__msgtype__
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=drive.store)
-            writer.write(connections[topic], time, drive.store.serialize_cdr(message, kind))
+        names = Writer2 if hasattr(Writer2, "CompressionMode") else rosbag2
+        writer.set_compression(names.CompressionMode.MESSAGE, names.CompressionFormat.ZSTD)
+    fill(writer, messages, drive, drive.store.serialize_cdr)
 
 
 def mcap(path, messages, drive, compression, chunked=True):
@@ -165,6 +169,23 @@ def mcap(path, messages, drive, compression, chunked=True):
         writer.finish()
 
 
+def split(folder, messages, drive):
+    """A drive in two files of each kind, as `ros2 bag record --max-bag-size` leaves it."""
+    half = len(messages) // 2
+    for kind in ("db3", "mcap"):
+        out = folder / f"split_{kind}"
+        out.mkdir()
+        for part, some in enumerate((messages[:half], messages[half:])):
+            name = out / f"drive_{part}.{kind}"
+            if kind == "mcap":
+                mcap(name, some, drive, CompressionType.ZSTD)
+            else:
+                sqlite(out / "part", some, drive)
+                (out / "part" / "part.db3").rename(name)
+                (out / "part" / "metadata.yaml").rename(out / "metadata.yaml")
+                (out / "part").rmdir()
+
+
 def main():
     folder = Path(sys.argv[1])
     one, two = Drive(ros1=True), Drive(ros1=False)
@@ -175,6 +196,7 @@ def main():
     mcap(folder / "ouster_flat.mcap", two.messages(), two, CompressionType.NONE, chunked=False)
     sqlite(folder / "ouster_plain", two.messages(), two)
     sqlite(folder / "ouster_packed", two.messages(), two, packed=True)
+    split(folder, two.messages(), two)
     for clouds in ("velodyne", "hesai", "big", "livox"):
         bag1(folder / f"{clouds}_layout.bag", one.messages(clouds), one)
         mcap(folder / f"{clouds}_layout.mcap", two.messages(clouds), two, CompressionType.ZSTD)

@@ -7,7 +7,8 @@ use voxelastic::event::Event;
 use voxelastic::geometry::PoseExt;
 use voxelastic_io::bag::{self, BagFormat, Recording};
 use voxelastic_io::dataset::Every;
-use voxelastic_io::{Error, OpenOptions, PoseGraph, g2o, poses};
+use voxelastic_io::ouster::{Capture, find_metadata};
+use voxelastic_io::{Error, OpenOptions, PoseGraph, clouds, g2o, poses};
 
 const OUSTER: Has = Has { ring: true, time: true, rows: 16 };
 const LINES: Has = Has { ring: true, time: true, rows: 1 };
@@ -29,6 +30,12 @@ fn everything_that_other_software_writes() {
     let at = |name: &str| dir.path().join(name);
     for name in ["none.bag", "bz2.bag", "lz4.bag", "none.mcap", "lz4.mcap", "zstd.mcap", "flat.mcap", "plain", "packed", "tf.bag", "tf"] {
         check(&at(&format!("ouster_{name}")), &OUSTER, 1.5);
+    }
+    for name in ["split_db3", "split_mcap"] {
+        check(&at(name), &OUSTER, 1.5);
+        let d = bag::describe(at(name), &OpenOptions::default()).unwrap();
+        let clouds = d.topics.iter().find(|t| t.name == "/points").unwrap().messages;
+        assert_eq!((d.files.len(), clouds, d.times.map(|[a, b]| (10.0 * (b - a)).round())), (2, Some(12), Some(15.0)), "{name}");
     }
     // These do not say whose poses they are: taken as those of the lidar.
     for name in ["pose_stamped.bag", "path.bag", "pose_stamped", "path"] {
@@ -103,6 +110,36 @@ fn poses_and_a_graph_from_files_beside() {
 }
 
 #[test]
+fn corrected_trajectories_beside_a_recording_come_when_they_were_known() {
+    let dir = tempfile::tempdir().unwrap();
+    // As of scan 5 the poses of the vehicle are 1 m higher, as of the end 2 m.
+    for (time, height) in [("100.55", 1.0), ("200", 2.0)] {
+        let stamped: Vec<(f64, _)> = (0..SCANS).map(|k| (100.0 + 0.1 * k as f64, t_map_lidar(k, height))).collect();
+        poses::write_tum(dir.path().join(format!("poses@{time}.tum")), &stamped).unwrap();
+    }
+    let options = OpenOptions { graph: Some(dir.path().into()), ..every_scan() };
+    let recording = Recording::open(fixture("ouster_bz2.bag"), &options).unwrap();
+    assert!(recording.description().to_string().contains("corrected 2 times"), "{}", recording.description());
+    let (mut scans, mut updates) = (0, Vec::new());
+    for event in recording.events() {
+        match event.unwrap() {
+            Event::Scan(_) => scans += 1,
+            Event::PoseUpdate(poses) => {
+                let last = poses.last().unwrap();
+                let expected = t_map_lidar(last.0 as usize, updates.len() as f64 + 1.0 + 1.5);
+                assert!(last.1.translation_distance(&expected) < 1e-6, "the lidar is 1.5 m above the vehicle: {last:?}");
+                updates.push((scans, poses.len()));
+            }
+            _ => {}
+        }
+    }
+    assert_eq!((scans, updates), (SCANS, vec![(6, 6), (12, 12)]));
+    let empty = tempfile::tempdir().unwrap();
+    let none = Recording::open(fixture("ouster_bz2.bag"), &OpenOptions { graph: Some(empty.path().into()), ..every_scan() }).unwrap_err();
+    assert!(none.to_string().contains("no corrected poses"), "{none}");
+}
+
+#[test]
 fn what_cannot_be_meant_is_said() {
     let open = |options: OpenOptions| Recording::open(fixture("ouster_bz2.bag"), &options).unwrap_err();
     let topic = open(OpenOptions { cloud_topic: Some("/velodyne".into()), ..OpenOptions::default() });
@@ -121,30 +158,56 @@ fn what_cannot_be_meant_is_said() {
     assert!(scans[1].t_map_lidar.translation_distance(&t_map_lidar(4, 1.5)) < 1e-9);
 }
 
-/// Not a check but a table: format, size, time to read a scan. `cargo test --release -p voxelastic-io --test bags -- --ignored --nocapture`
+/// A line of the table of [`figures_of_a_real_street`]: what `read` takes for the files in `path`, which returns the number of scans.
+fn figure(path: &Path, by: &str, read: impl FnOnce() -> usize) {
+    let files = if path.is_dir() { std::fs::read_dir(path).unwrap().map(|e| e.unwrap().path()).collect() } else { vec![path.to_owned()] };
+    let mb = files.iter().map(|f| std::fs::metadata(f).unwrap().len()).sum::<u64>() as f64 / 1e6;
+    let clock = std::time::Instant::now();
+    let scans = read();
+    let seconds = clock.elapsed().as_secs_f64();
+    let (name, ms) = (path.file_name().unwrap().to_string_lossy().into_owned(), 1e3 * seconds / scans as f64);
+    eprintln!("| {name} | {by} | {scans} | {mb:.1} | {ms:.2} | {:.0} |", mb / seconds);
+}
+
+/// Not a check but a table. `cargo test --release -p voxelastic-io --test bags -- --ignored --nocapture`
 #[test]
 #[ignore = "figures: minutes of writing"]
 fn figures_of_a_real_street() {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let street = Path::new(&std::env::var("VOXELASTIC_DATA").unwrap_or_else(|_| default.into())).join("kitti00-street");
+    let data = std::path::PathBuf::from(std::env::var("VOXELASTIC_DATA").unwrap_or_else(|_| default.into()));
+    let street = data.join("kitti00-street");
     let dir = tempfile::tempdir().unwrap();
     let script = [include_str!("write.py"), include_str!("street.py")].concat();
     if !street.is_dir() || !python("rosbags, mcap", &script, &[&street, dir.path()]) {
         eprintln!("skipped: needs kitti00-street (VOXELASTIC_DATA)");
         return;
     }
-    let mut recordings: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().path()).collect();
-    recordings.sort();
-    for path in recordings {
-        let files = if path.is_dir() { std::fs::read_dir(&path).unwrap().map(|e| e.unwrap().path()).collect() } else { vec![path.clone()] };
-        let bytes: u64 = files.iter().map(|f| std::fs::metadata(f).unwrap().len()).sum();
-        let clock = std::time::Instant::now();
-        let recording = Recording::open(&path, &every_scan()).unwrap();
-        let opened = clock.elapsed().as_secs_f64();
-        let scans = recording.events().filter(|e| matches!(e, Ok(Event::Scan(_)))).count();
-        let seconds = clock.elapsed().as_secs_f64() - opened;
-        let (name, mb) = (path.file_name().unwrap().to_string_lossy().into_owned(), bytes as f64 / 1e6);
-        let ms = 1e3 * seconds / scans as f64;
-        eprintln!("{name:<20} {scans} scans, {mb:6.1} MB, opened in {:5.1} ms, {ms:6.2} ms a scan, {:6.0} MB/s", 1e3 * opened, mb / seconds);
+    let sorted = |folder: &Path| {
+        let mut all: Vec<_> = std::fs::read_dir(folder).into_iter().flatten().map(|e| e.unwrap().path()).collect();
+        all.sort();
+        all
+    };
+    eprintln!("| format | written by | scans | MB | ms a scan | MB/s |\n| --- | --- | --- | --- | --- | --- |");
+    for path in sorted(&dir.path().join("recordings")) {
+        let by = if path.extension().is_some_and(|e| e == "mcap") { "mcap" } else { "rosbags" };
+        let play = || Recording::open(&path, &every_scan()).unwrap().events().filter(|e| matches!(e, Ok(Event::Scan(_)))).count();
+        figure(&path, by, play);
+    }
+    for folder in sorted(&dir.path().join("clouds")) {
+        let by = match folder.file_name().and_then(|n| n.to_str()) {
+            Some("las" | "laz") => "laspy",
+            Some("e57") => "pye57",
+            Some("bin") => "KITTI",
+            _ => "Open3D",
+        };
+        figure(&folder, by, || sorted(&folder).iter().filter(|f| clouds::read(f).is_ok()).count());
+    }
+    for capture in sorted(&data.join("ouster")).iter().filter(|p| p.extension().is_some_and(|e| e == "pcap")) {
+        let metadata = find_metadata(capture).unwrap();
+        let read = || {
+            let mut capture = Capture::open(capture, &metadata).unwrap();
+            std::iter::from_fn(|| capture.next_scan()).filter(Result::is_ok).count()
+        };
+        figure(capture, "Ouster sensor", read);
     }
 }

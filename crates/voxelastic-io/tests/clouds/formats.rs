@@ -71,7 +71,7 @@ fn expected(table: &Table) -> Cloud {
         intensity: Some(column("intensity").iter().map(|v| *v as f32).collect()),
         ring: Some(column("ring").iter().map(|v| *v as u16).collect()),
         time: Some(column("t").iter().map(|v| (v * 1e-9) as f32).collect()),
-        motion: None,
+        ..Cloud::default()
     }
 }
 
@@ -92,7 +92,7 @@ proptest! {
     }
 
     #[test]
-    fn written_clouds_read_back(points in prop::collection::vec(prop::array::uniform3(-500.0f32..500.0), 1..50), channels: [bool; 3], rows in 1usize..3) {
+    fn written_clouds_read_back(points in prop::collection::vec(prop::array::uniform3(-500.0f32..500.0), 1..50), channels: [bool; 4], rows in 1usize..3) {
         let n = points.len() / rows * rows;
         prop_assume!(n > 0 && points[..n].iter().any(Cloud::is_return));
         let mut points = points[..n].to_vec();
@@ -106,8 +106,9 @@ proptest! {
             intensity: channels[0].then(|| channel(3.5)),
             time: channels[1].then(|| channel(0.001)),
             ring: channels[2].then(|| (0..n as u16).collect()),
+            colours: channels[3].then(|| (0..n).map(|k| [k as u8, 255 - k as u8, 7]).collect()),
             points,
-            motion: None,
+            ..Cloud::default()
         };
         let dir = tempfile::tempdir().unwrap();
         pcd::write(dir.path().join("c.pcd"), &cloud).unwrap();
@@ -115,7 +116,7 @@ proptest! {
         let bits = |c: &Cloud| c.points.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
         prop_assert_eq!(bits(&back), bits(&cloud));
         prop_assert_eq!((back.width, back.height), (cloud.width, cloud.height));
-        prop_assert_eq!((back.intensity, back.time, back.ring), (cloud.intensity, cloud.time, cloud.ring));
+        prop_assert_eq!((back.intensity, back.colours, back.time, back.ring), (cloud.intensity, cloud.colours, cloud.time, cloud.ring));
     }
 }
 

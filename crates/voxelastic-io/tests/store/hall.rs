@@ -42,7 +42,7 @@ struct Scanner {
 
 impl Scanner {
     fn new(voxel: f32, max_range: f32, first: &Cloud) -> Self {
-        let front = Front::open(&Settings { voxel, max_range, ..Settings::default() }, first).unwrap();
+        let front = Front::open(&Settings { voxel, max_range, ..Settings::default() }, None, first).unwrap();
         let occupancy = OccupancyIntegrator::new(OccupancySettings { voxel, max_range, ..OccupancySettings::default() }, front.model());
         Self { tsdf: TsdfIntegrator::new(TsdfSettings { voxel, max_range, ..TsdfSettings::default() }), occupancy, front }
     }

@@ -3,7 +3,7 @@
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapScan};
 use voxelastic::field::occupancy::{OccupancyField, Summary};
-use voxelastic::field::tsdf::{TsdfField, Voxel};
+use voxelastic::field::tsdf::{Tint, TsdfField, Voxel};
 use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
@@ -102,6 +102,23 @@ pub fn made_up_field(seed: u64, blocks: usize) -> TsdfField {
     builder.finish()
 }
 
+/// Gives most blocks of a field colours that depend on `seed` only.
+fn colour(field: &mut TsdfField, seed: u64) {
+    let mut numbers = Numbers(seed ^ 2);
+    for id in field.ids_in_morton_order() {
+        let key = field.block(id).key;
+        let scale = (numbers.next() % 5) as u8;
+        if scale < 4 {
+            let mut tint = |_| match numbers.next() {
+                n if n.is_multiple_of(3) => Tint { rgb: [(n >> 16) as u8, (n >> 24) as u8, (n >> 32) as u8], seen: 1 + (n >> 40) as u8 % 16 },
+                _ => Tint::default(),
+            };
+            let tints: Vec<Tint> = (0..voxels_at(scale.into())).map(&mut tint).collect();
+            field.set_colours(key, scale, &tints).expect("the block is there");
+        }
+    }
+}
+
 /// An occupancy field with about `octants` octants and made-up content that depends on `seed` only, on any machine.
 pub fn made_up_occupancy(seed: u64, octants: usize) -> OccupancyField {
     let mut numbers = Numbers(seed);
@@ -146,6 +163,9 @@ pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
         // Every second and third of four has one field only.
         if id % 4 != 2 {
             submap.tsdf = made_up_field(field_seed, blocks);
+            if id % 4 == 3 {
+                colour(&mut submap.tsdf, field_seed);
+            }
         }
         if id % 4 != 1 {
             submap.occupancy = made_up_occupancy(field_seed, 4 * blocks);
@@ -164,9 +184,15 @@ pub fn details(words: &str) -> MapDetails {
     MapDetails { generator: format!("tests of {words}"), settings: pairs("voxel"), sensor: pairs("model") }
 }
 
+/// A block of a TSDF: head, voxels, intensities, scale of its colours and these.
+pub type BlockImage = (BlockHead, Vec<Voxel>, Vec<u8>, Option<(usize, Vec<Tint>)>);
+
 /// Everything that a field is, without ids and slots.
-pub fn image(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
-    let block = |id| (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_shades(id).collect::<Vec<_>>().concat());
+pub fn image(field: &TsdfField) -> Vec<BlockImage> {
+    let block = |id| {
+        let colours = field.colours().of(id).map(|(scale, tints)| (scale, tints.to_vec()));
+        (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_shades(id).collect::<Vec<_>>().concat(), colours)
+    };
     field.ids_in_morton_order().into_iter().map(block).collect()
 }
 

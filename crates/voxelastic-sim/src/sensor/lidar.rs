@@ -198,7 +198,7 @@ impl Lidar {
             intensity: Some(intensity),
             ring: Some(pixels().map(|(row, _)| self.ring_of_row[row]).collect()),
             time: Some(pixels().map(|(row, column)| self.offset(self.model.firing_column(row, column)) as f32).collect()),
-            motion: None,
+            ..Cloud::default()
         }
     }
 

@@ -2,6 +2,7 @@
 
 mod band;
 mod bridge;
+mod colour;
 pub mod occupancy;
 pub mod radix;
 pub mod scale;
@@ -11,6 +12,7 @@ pub mod tsdf;
 mod walk;
 
 pub use bridge::{Bridge, BridgeSettings};
+pub use colour::paint;
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use scale::ScaleRule;
 pub use transform::Returns;

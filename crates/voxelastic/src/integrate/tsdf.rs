@@ -377,7 +377,7 @@ impl BlockUpdate<'_> {
         }
     }
 
-    /// Intensities move between scales by plain copy and mean.
+    /// Intensities move between scales by plain copy and mean of what was observed.
     #[allow(unsafe_code)]
     unsafe fn change_shade_scale(&self, block: &Block, change: Change, shades: &mut [u8]) {
         use crate::field::tsdf::propagate::children;
@@ -385,9 +385,11 @@ impl BlockUpdate<'_> {
         match change {
             Change::Coarser => {
                 // SAFETY: as in `change_scale`.
-                let fine = unsafe { self.shades.get(scale - 1, block.shade[scale - 1]) };
+                let (fine, voxels) =
+                    unsafe { (self.shades.get(scale - 1, block.shade[scale - 1]), self.voxels.get(scale - 1, block.data[scale - 1])) };
                 for (i, shade) in shades.iter_mut().enumerate() {
-                    *shade = (children(i, scale - 1).map(|c| u32::from(fine[c])).sum::<u32>() / 8) as u8;
+                    let observed = || children(i, scale - 1).filter(|&c| voxels[c].is_observed());
+                    *shade = (observed().map(|c| u32::from(fine[c])).sum::<u32>() / observed().count().max(1) as u32) as u8;
                 }
             }
             Change::FinerNew => {

@@ -1,4 +1,4 @@
-//! The way from a cloud to beams: which sensor it is, and the strengths of its returns on one scale.
+//! The way from a cloud to beams: which sensor it is, the strengths of its returns on one scale, and their colours.
 
 use crate::Cloud;
 use crate::sensor::{BeamModel, Layout, Limits, PreparedScan, Preparer, SensorError, detect, layout_for, preset};
@@ -11,34 +11,44 @@ pub struct Front {
     description: String,
     shade_scale: Option<f32>,
     shades: Vec<u8>,
+    colours: Vec<[u8; 3]>,
 }
 
 impl Front {
-    /// Recognises the sensor from its first cloud, or takes the one that the settings name.
+    /// Takes the sensor that the settings name, else the `known` one if the first cloud has its pixels, else the one that this cloud shows.
     ///
     /// # Errors
     /// An unknown name, or a cloud from which no sensor can be made out.
-    pub fn open(settings: &Settings, first: &Cloud) -> Result<Self, SensorError> {
+    pub fn open(settings: &Settings, known: Option<&BeamModel>, first: &Cloud) -> Result<Self, SensorError> {
         let limits = Limits { near: settings.min_range, max: settings.max_range };
-        let (model, layout, description) = if settings.sensor == "auto" {
-            let found = detect(&[first])?;
-            (found.model, found.layout, found.description)
-        } else {
+        let known = known.filter(|model| first.is_organised() && (first.height, first.width) == (model.rows(), model.columns()));
+        let (model, layout, description) = if settings.sensor != "auto" {
             let model = preset(&settings.sensor)?;
             let layout = layout_for(&model, first);
             let description = format!("{}: {} rows x {} columns, as told; {layout}", model.name(), model.rows(), model.columns());
             (model, layout, description)
+        } else if let Some(model) = known {
+            let description = format!("{}: {} rows x {} columns, by the sensor's own tables", model.name(), model.rows(), model.columns());
+            (model.clone(), Layout::grid_of(model), description)
+        } else {
+            let found = detect(&[first])?;
+            (found.model, found.layout, found.description)
         };
         let shade_scale = first.intensity.as_deref().and_then(scale_of);
-        Ok(Self { preparer: Preparer::new(model, layout, limits), description, shade_scale, shades: Vec::new() })
+        Ok(Self { preparer: Preparer::new(model, layout, limits), description, shade_scale, shades: Vec::new(), colours: Vec::new() })
     }
 
-    /// Prepares `cloud`; [`scan`](Self::scan) and [`shades`](Self::shades) then speak of it.
+    /// Prepares `cloud`; [`scan`](Self::scan), [`shades`](Self::shades) and [`colours`](Self::colours) then speak of it.
     pub fn prepare(&mut self, cloud: &Cloud) {
         let scan = self.preparer.prepare(cloud);
         self.shades.clear();
         if let (Some(scale), Some(intensity)) = (self.shade_scale, &cloud.intensity) {
             self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(0.0, 255.0) as u8));
+        }
+        self.colours.clear();
+        // A field for colours that nobody filled is all black.
+        if let Some(colours) = cloud.colours.as_ref().filter(|colours| colours.iter().any(|c| *c != [0; 3])) {
+            self.colours.extend(scan.beams.source.iter().map(|&i| colours[i as usize]));
         }
     }
 
@@ -50,6 +60,11 @@ impl Front {
     /// Strength of each beam's return, 0 to 255; empty when the scan has none.
     pub fn shades(&self) -> &[u8] {
         &self.shades
+    }
+
+    /// Colour of each beam's return, sRGB; empty when the scan has none.
+    pub fn colours(&self) -> &[[u8; 3]] {
+        &self.colours
     }
 
     /// The sensor.

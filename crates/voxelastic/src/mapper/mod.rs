@@ -22,7 +22,8 @@ use crate::atlas::graph::{Agreement, EdgeOutcome, GraphCounts, LinkKind, PoseGra
 use crate::atlas::{Atlas, Members, Submap};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
-use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats};
+use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats, paint};
+use crate::sensor::BeamModel;
 use crate::settings::{NoReturn, SettingError, Settings};
 use fusing::Fusing;
 use std::time::{Duration, Instant};
@@ -37,6 +38,8 @@ pub struct Mapper {
     members: Members,
     fusing: Fusing,
     front: Option<Front>,
+    /// The sensor, where its beams are known from elsewhere.
+    known: Option<BeamModel>,
     integrators: Integrators,
     /// The node that came last, whether its scan could be used or not.
     last_node: Option<NodeId>,
@@ -59,11 +62,18 @@ impl Mapper {
             members: Members::default(),
             fusing: Fusing::new((&settings).into()),
             front: None,
+            known: None,
             integrators: Integrators::new(&settings),
             last_node: None,
             counts: ElasticCounts::default(),
             settings,
         })
+    }
+
+    /// Tells the sensor's own tables of beams. They are used for organised clouds that have the model's pixels in their places, unless the
+    /// settings name a sensor; to be called before the first scan.
+    pub fn know_sensor(&mut self, model: BeamModel) {
+        self.known = Some(model);
     }
 
     /// The settings.
@@ -139,7 +149,7 @@ impl Mapper {
         }
         let mut front = match self.front.take() {
             Some(front) => front,
-            None => Front::open(&self.settings, &scan.cloud).map_err(|source| MapError::Sensor { node: scan.node, source })?,
+            None => Front::open(&self.settings, self.known.as_ref(), &scan.cloud).map_err(|source| MapError::Sensor { node: scan.node, source })?,
         };
         let start = Instant::now();
         front.prepare(&scan.cloud);
@@ -217,6 +227,9 @@ impl Integrators {
         };
         let kind = settings.field;
         let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns));
+        if tsdf.is_some() && !front.colours().is_empty() {
+            paint(&mut submap.tsdf, &t_submap_lidar, &returns, front.colours(), settings.voxel, settings.max_range);
+        }
         let occupancy = kind.has_occupancy().then(|| {
             let integrator = self.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(occupancy_settings(settings), front.model()));
             let (image, fills_gaps) = prepared.from_one_place(front.fills_gaps());

@@ -65,7 +65,7 @@ impl Mapper {
             new.place_scan(node, t_submap_lidar);
             let front = match &mut self.front {
                 Some(front) => front,
-                None => match Front::open(&self.settings, &cloud) {
+                None => match Front::open(&self.settings, self.known.as_ref(), &cloud) {
                     Ok(front) => self.front.insert(front),
                     Err(error) => return Err(RebuildError::Scan { submap: id, node, source: Box::new(error) }),
                 },

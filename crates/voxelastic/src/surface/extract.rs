@@ -8,6 +8,7 @@
 
 use super::cases::{CASES, EDGES};
 use super::cells::{Cells, bits, case, corners, is_owned};
+use super::colour;
 use super::gaps;
 use super::join::join;
 use super::mesh::Mesh;
@@ -114,7 +115,9 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
             part
         })
         .collect();
-    join(parts, field.ids().len(), voxel)
+    let mut mesh = join(parts, field.ids().len(), voxel);
+    mesh.colours = colour::of_vertices(field, voxel, &mesh);
+    mesh
 }
 
 /// Ids of all blocks, neighbours in space near each other.

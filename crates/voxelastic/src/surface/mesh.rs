@@ -11,6 +11,8 @@ pub struct Mesh {
     pub normals: Vec<[f32; 3]>,
     /// Strength of return per vertex, 0 to 255; empty when the map has none.
     pub shades: Vec<u8>,
+    /// Colour per vertex as the scans had it, sRGB; empty when the map has none.
+    pub colours: Vec<[u8; 3]>,
     /// Integration scale per vertex, 0 to 3 (the finer of the two voxels that it lies between).
     pub scales: Vec<u8>,
     /// Vertex indices of each triangle, counter-clockwise seen from free space.
@@ -59,14 +61,11 @@ impl Mesh {
         [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     }
 
-    /// Adds the shades, if there are any, of the vertices from `first` on. A map may have submaps, and a submap blocks, with and without
-    /// intensity: the latter count as mid grey.
-    pub(super) fn append_shades(&mut self, first: usize, shades: &[u8]) {
-        if !self.shades.is_empty() || !shades.is_empty() {
-            self.shades.resize(first, 128);
-            self.shades.extend_from_slice(shades);
-            self.shades.resize(self.positions.len(), 128);
-        }
+    /// Adds what vertices from `first` on bear, if anything. A map may have submaps, and a submap blocks, with and without intensity or
+    /// colour: those without count as mid grey.
+    fn append_marks(&mut self, first: usize, shades: &[u8], colours: &[[u8; 3]]) {
+        append(&mut self.shades, shades, first, self.positions.len(), 128);
+        append(&mut self.colours, colours, first, self.positions.len(), [128; 3]);
     }
 
     /// Appends `other`, moved by `t`.
@@ -74,7 +73,7 @@ impl Mesh {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions.iter().map(|&p| t.apply(p)));
         self.normals.extend(other.normals.iter().map(|&n| t.rotate(n)));
-        self.append_shades(first as usize, &other.shades);
+        self.append_marks(first as usize, &other.shades, &other.colours);
         self.scales.extend_from_slice(&other.scales);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }
@@ -83,4 +82,13 @@ impl Mesh {
 #[inline(always)]
 fn add(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Appends `values` for the vertices from `first` to `end`, with `unknown` for those that have none; nothing if nobody has any.
+fn append<V: Copy>(all: &mut Vec<V>, values: &[V], first: usize, end: usize, unknown: V) {
+    if !all.is_empty() || !values.is_empty() {
+        all.resize(first, unknown);
+        all.extend_from_slice(values);
+        all.resize(end, unknown);
+    }
 }

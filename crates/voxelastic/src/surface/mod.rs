@@ -6,6 +6,7 @@
 
 mod cases;
 mod cells;
+mod colour;
 mod extract;
 mod gaps;
 mod join;

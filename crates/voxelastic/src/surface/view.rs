@@ -1,5 +1,6 @@
 //! Each block's voxels as a mesh sees them: at one scale, with everything learnt at coarser scales carried down.
 
+use crate::field::tsdf::colour::cube;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_up};
 use crate::field::tsdf::{TsdfField, Voxel};
 use crate::octree::{SCALES, voxels_at};
@@ -33,15 +34,19 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Intensity at voxel `index` of block `id` as seen here, if the map has any.
+    /// Intensity at voxel `index` of block `id` as seen here, if the map has any: where it is known finer, the mean of what was observed.
     pub fn shade(&self, id: u32, index: usize) -> Option<u8> {
         let block = self.field.block(id);
-        let from = usize::from(block.scale);
+        let (from, here) = (usize::from(block.scale), self.scale(id));
         let shades = self.field.shade(block)?;
-        let c = crate::octree::voxel_coords(index, self.scale(id));
-        let here = self.scale(id);
-        let there = c.map(|v| if from >= here { v >> (from - here) } else { v << (here - from) });
-        Some(shades[crate::octree::voxel_index(there, from)])
+        let c = crate::octree::voxel_coords(index, here);
+        if from >= here {
+            return Some(shades[crate::octree::voxel_index(c.map(|v| v >> (from - here)), from)]);
+        }
+        let voxels = self.field.current(block);
+        let observed = cube(c, here, from).filter(|&i| voxels[i].is_observed());
+        let (sum, count) = observed.fold((0, 0), |(sum, count), i| (sum + u32::from(shades[i]), count + 1));
+        Some((sum / count.max(1)) as u8)
     }
 }
 

@@ -1,5 +1,6 @@
 //! The TSDF integrator against the obvious: a dense map updated voxel by voxel, on random rooms.
 
+mod colour;
 mod reference;
 #[path = "../common/room.rs"]
 mod room;

@@ -5,9 +5,10 @@
 //! two steps. [`Resampled::new`] depends on the source and the transform alone, so it can run beside integration; its result lies in the
 //! target's lattice, and [`Merge`] adds it voxel by voxel, a few blocks at a time if integration must not wait:
 //!
-//! - TSDF: trilinear samples, weighted mean of the distances, weights add up to the cap;
+//! - TSDF: trilinear samples, weighted mean of the distances, weights add up to the cap; colours of the nearest voxel;
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 
+mod colour;
 mod occupancy;
 mod tsdf;
 
@@ -15,6 +16,7 @@ use super::Submap;
 use crate::field::tsdf::WEIGHT_ONE;
 use crate::geometry::{Pose, Rigid};
 use crate::settings::Settings;
+use colour::ColourPatch;
 use occupancy::OccupancyPatch;
 use tsdf::TsdfPatch;
 
@@ -48,6 +50,7 @@ impl FusionSettings {
 #[derive(Debug)]
 pub struct Resampled {
     tsdf: TsdfPatch,
+    colours: ColourPatch,
     occupancy: OccupancyPatch,
 }
 
@@ -55,7 +58,9 @@ impl Resampled {
     /// Samples `source` at the voxels of a submap in which it lies at `t_target_source`. Parallel; the result does not depend on how.
     pub fn new(source: &Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
         let placement = Placement::new(t_target_source, settings.voxel);
-        Self { tsdf: TsdfPatch::sample(&source.tsdf, &placement), occupancy: OccupancyPatch::sample(&source.occupancy, &placement) }
+        let tsdf = TsdfPatch::sample(&source.tsdf, &placement);
+        let colours = ColourPatch::sample(&source.tsdf, &placement, &tsdf.places());
+        Self { tsdf, colours, occupancy: OccupancyPatch::sample(&source.occupancy, &placement) }
     }
 
     /// Blocks and octants to be merged.
@@ -88,7 +93,9 @@ impl Merge {
         let end = self.done.saturating_add(blocks).min(self.resampled.len());
         let border = self.resampled.tsdf.len();
         if self.done < border {
-            self.resampled.tsdf.merge(self.done..end.min(border), &mut target.tsdf, self.settings.weight_cap());
+            let blocks = self.done..end.min(border);
+            self.resampled.tsdf.merge(blocks.clone(), &mut target.tsdf, self.settings.weight_cap());
+            self.resampled.colours.merge(blocks, &mut target.tsdf);
         }
         if end > border {
             let steps = |log_odds| crate::field::occupancy::steps(log_odds);

@@ -42,6 +42,11 @@ impl TsdfPatch {
         self.blocks.len()
     }
 
+    /// Keys and scales of its blocks.
+    pub fn places(&self) -> Vec<(u64, u8)> {
+        self.blocks.iter().map(|block| (block.key, block.scale)).collect()
+    }
+
     /// Samples `source` wherever it reaches.
     pub fn sample(source: &TsdfField, placement: &Placement) -> Self {
         if source.is_empty() {

@@ -55,6 +55,12 @@ pub enum ImageError {
         /// How many there should be, as far as it is known.
         expected: usize,
     },
+    /// Colours of a block that is not there.
+    #[error("block {key:#x} has colours but no distances")]
+    NoBlock {
+        /// The block's key.
+        key: u64,
+    },
     /// Arrays that are longer or shorter than the block's scales demand.
     #[error("block {key:#x} has {got} {of}, but its scales demand {expected}")]
     Length {

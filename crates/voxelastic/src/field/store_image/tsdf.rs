@@ -1,7 +1,7 @@
 //! The TSDF's image: its blocks in Morton order, each with the arrays that it holds. The octree follows from the keys.
 
 use super::ImageError;
-use crate::field::tsdf::{Block, TsdfField, Voxel};
+use crate::field::tsdf::{Block, Tint, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
 use crate::octree::{Cursor, NONE, SCALES, voxels_at};
 use std::ops::RangeInclusive;
@@ -82,6 +82,23 @@ impl TsdfField {
     pub fn stored_shades(&self, id: u32) -> impl Iterator<Item = &[u8]> {
         let (head, block) = (self.head(id), self.block(id));
         head.data_scales().filter(move |_| head.shaded).map(|s| self.shades.get(s, block.shade[s]))
+    }
+
+    /// Gives the block with `key` its colours at `scale`: what [`colours`](Self::colours) told of it.
+    ///
+    /// # Errors
+    /// [`ImageError::NoBlock`], [`ImageError::Scale`] and [`ImageError::Length`].
+    pub fn set_colours(&mut self, key: u64, scale: u8, tints: &[Tint]) -> Result<(), ImageError> {
+        if usize::from(scale) >= SCALES {
+            return Err(ImageError::Scale { key, scale, finest: scale });
+        }
+        let expected = voxels_at(scale.into());
+        if tints.len() != expected {
+            return Err(ImageError::Length { key, of: "colours", got: tints.len(), expected });
+        }
+        let id = self.find(key).ok_or(ImageError::NoBlock { key })?;
+        self.colours.replace(id, scale.into()).copy_from_slice(tints);
+        Ok(())
     }
 }
 

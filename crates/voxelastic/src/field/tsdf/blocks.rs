@@ -3,6 +3,7 @@
 //! A block is integrated at one scale at a time. Going coarser keeps the finer array and remembers what the coarse one
 //! started from ([`Block::past`]); going finer again carries only the difference down, so that detail is never lost.
 
+use super::colour::ColourLayer;
 use super::voxel::Voxel;
 use crate::field::BlockStore;
 use crate::octree::{Cursor, NONE, Octree, Pool, SCALES};
@@ -37,6 +38,7 @@ pub struct TsdfField {
     pub(crate) blocks: Pool<Block>,
     pub(crate) voxels: BlockStore<Voxel>,
     pub(crate) shades: BlockStore<u8>,
+    pub(crate) colours: ColourLayer,
 }
 
 impl TsdfField {
@@ -92,6 +94,11 @@ impl TsdfField {
     pub fn shade(&self, block: &Block) -> Option<&[u8]> {
         let slot = block.shade[usize::from(block.scale)];
         (slot != NONE).then(|| self.shades.get(usize::from(block.scale), slot))
+    }
+
+    /// Colours of surfaces, where the scans had any.
+    pub fn colours(&self) -> &ColourLayer {
+        &self.colours
     }
 
     /// Finds block `key` or makes it at `scale`. The tree's root must cover the key.
@@ -169,6 +176,6 @@ impl TsdfField {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes()
+        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes() + self.colours.bytes()
     }
 }

@@ -1,0 +1,97 @@
+//! The surface as a cloud.
+
+use super::ExportArgs;
+use crate::meshing::{MapMesh, submap_meshes};
+use crate::{map_files, output};
+use anyhow::Context;
+use serde::Serialize;
+use std::path::Path;
+use std::time::Instant;
+use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::geometry::Rigid;
+use voxelastic::surface::Mesh;
+use voxelastic::{Cloud, Pose};
+use voxelastic_io::mesh_io::{MeshRef, write_ply};
+use voxelastic_io::pcd;
+use voxelastic_io::survey::{SurveyCloud, e57, las};
+
+/// File formats of clouds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    Ply,
+    Pcd,
+    /// LAS, or LAZ by the file's name.
+    Las,
+    E57,
+}
+
+impl Format {
+    /// By a file's ending.
+    pub fn of(ending: &str) -> Option<Self> {
+        match ending {
+            "ply" => Some(Self::Ply),
+            "pcd" => Some(Self::Pcd),
+            "las" | "laz" => Some(Self::Las),
+            "e57" => Some(Self::E57),
+            _ => None,
+        }
+    }
+}
+
+/// What was written.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    file: &'a Path,
+    points: usize,
+    intensity: bool,
+    colours: bool,
+    seconds: f64,
+}
+
+/// Writes the file.
+pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
+    let pool = args.surface.pool()?;
+    let clock = Instant::now();
+    let map = pool.install(|| map_files::load(&args.map))?;
+    let parts = pool.install(|| submap_meshes(&map.atlas, map.settings.voxel, &args.surface))?;
+    let mut all = Mesh::default();
+    parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
+    match format {
+        Format::Ply => write_cloud_ply(&args.output, &all),
+        Format::Pcd => pcd::write(&args.output, &cloud(&all, 1.0)),
+        Format::Las => las::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
+        Format::E57 => e57::write(&args.output, &stations(&map.atlas, &parts)),
+    }
+    .with_context(|| format!("cannot write the cloud {}", args.output.display()))?;
+    let (points, intensity, colours) = (all.positions.len(), !all.shades.is_empty(), !all.colours.is_empty());
+    tracing::info!("{points} points in {}", args.output.display());
+    if args.json {
+        output::print_json(&Summary { file: &args.output, points, intensity, colours, seconds: clock.elapsed().as_secs_f64() })?;
+    }
+    Ok(())
+}
+
+fn write_cloud_ply(path: &Path, mesh: &Mesh) -> voxelastic_io::Result<()> {
+    let intensity: Option<Vec<f32>> = (!mesh.shades.is_empty()).then(|| mesh.shades.iter().map(|&s| f32::from(s)).collect());
+    let colours = (!mesh.colours.is_empty()).then_some(&mesh.colours[..]);
+    write_ply(path, &MeshRef { positions: &mesh.positions, normals: &mesh.normals, colours, intensity: intensity.as_deref(), triangles: &[] })
+}
+
+/// The vertices with what they bear; intensities, 0 to 255, times `scale`.
+fn cloud(mesh: &Mesh, scale: f32) -> Cloud {
+    let intensity = (!mesh.shades.is_empty()).then(|| mesh.shades.iter().map(|&s| f32::from(s) * scale).collect());
+    let colours = (!mesh.colours.is_empty()).then(|| mesh.colours.clone());
+    Cloud { intensity, colours, ..Cloud::from_points(mesh.positions.clone()) }
+}
+
+/// A scan for each submap, in the submap's frame.
+fn stations(atlas: &Atlas, parts: &[(SubmapId, MapMesh)]) -> Vec<e57::E57Scan> {
+    let station = |(id, part): &(SubmapId, MapMesh)| {
+        let t_map_scan = atlas.submap(*id).map_or_else(Pose::identity, |submap| submap.t_map_submap);
+        let mut local = Mesh::default();
+        local.append(&part.mesh, &Rigid::from(&t_map_scan.inverse()));
+        let survey = SurveyCloud { cloud: cloud(&local, 1.0 / 255.0), ..SurveyCloud::default() };
+        e57::E57Scan { name: Some(format!("submap {id}")), t_map_scan, survey }
+    };
+    parts.iter().map(station).collect()
+}

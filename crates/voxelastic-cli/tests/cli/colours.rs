@@ -1,0 +1,111 @@
+//! Colours and intensities, from scans through a map to meshes and clouds that other people's software reads.
+
+use crate::{fails, json, room, works};
+use std::process::Command;
+use voxelastic_io::{clouds, pcd, ply};
+
+/// The paint at a place of the room.
+fn painted(p: [f64; 3]) -> [u8; 3] {
+    p.map(|c| (128.0 + 110.0 * (0.4 * c).sin()) as u8)
+}
+
+/// A map of the room, scanned with colours.
+fn mapped() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(dir.path().join("room/scans")).unwrap();
+    for i in 0..12 {
+        let pose = room::pose(i);
+        let mut scan = room::scan(&pose);
+        let place = |p: &[f32; 3]| (pose * nalgebra::Point3::from(p.map(f64::from))).coords.into();
+        scan.colours = Some(scan.points.iter().map(|p| painted(place(p))).collect());
+        pcd::write(dir.path().join(format!("room/scans/{i:06}.pcd")), &scan).unwrap();
+    }
+    room::write_poses(&dir.path().join("room"), 12);
+    works(dir.path(), "map room -o room.vox --voxel 0.1 --max-range 20");
+    dir
+}
+
+#[test]
+fn colours_of_scans_reach_meshes_and_clouds() {
+    let dir = mapped();
+    let path = |name: &str| dir.path().join(name);
+    works(dir.path(), "mesh room.vox -o room.ply");
+    let mesh = ply::read_mesh(path("room.ply")).unwrap();
+    let colours = mesh.colours.unwrap();
+    let right = |(p, colour): &(&[f32; 3], &[u8; 3])| painted(p.map(f64::from)).iter().zip(*colour).all(|(a, b)| a.abs_diff(*b) < 20);
+    let good = mesh.positions.iter().zip(&colours).filter(right).count();
+    assert!(good * 100 > 98 * colours.len() && colours.len() > 2000, "{good} of {}", colours.len());
+    assert_eq!(mesh.intensity.map(|i| i.len()), Some(colours.len()));
+    works(dir.path(), "mesh room.vox -o height.ply --colour height");
+    assert_ne!(ply::read_mesh(path("height.ply")).unwrap().colours.unwrap(), colours, "height is asked for");
+    works(dir.path(), "render room.vox -o room.png --size 320x240");
+    for name in ["cloud.ply", "cloud.pcd", "cloud.las", "cloud.laz", "cloud.e57"] {
+        let said = json(dir.path(), &format!("export room.vox -o {name} --json"));
+        assert_eq!(
+            (said["points"].as_u64(), &said["colours"], &said["intensity"]),
+            (Some(colours.len() as u64), &true.into(), &true.into()),
+            "{name}"
+        );
+        let cloud = clouds::read(path(name)).unwrap().cloud;
+        assert_eq!(cloud.colours.as_ref(), Some(&colours), "{name}");
+        let off = cloud.points.iter().zip(&mesh.positions).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())).fold(0.0, f32::max);
+        assert!(off < 1e-4 && cloud.intensity.is_some_and(|i| i.iter().any(|v| *v > 0.0)), "{name}: {off} m");
+    }
+    let thin = json(dir.path(), "export room.vox -o thin.pcd --lod 2 --json");
+    assert!(thin["points"].as_u64().unwrap() * 4 < colours.len() as u64, "{thin}");
+    fails(dir.path(), "export room.vox -o cloud.ply --voxel 0.2", 2, &["--voxel is for OctoMaps", "--lod"]);
+    read_by_others(dir.path(), &colours);
+}
+
+#[test]
+fn maps_of_scans_without_colours_say_so() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 4);
+    works(dir.path(), "map room -o room.vox --voxel 0.2 --max-range 20");
+    fails(dir.path(), "mesh room.vox -o room.ply --colour scans", 1, &["no colours", "--colour"]);
+    let said = json(dir.path(), "export room.vox -o room.laz --json");
+    assert!(said["colours"] == false && said["intensity"] == true, "{said}");
+    assert!(clouds::read(dir.path().join("room.laz")).unwrap().cloud.colours.is_none());
+}
+
+/// Prints, for each library that is there and each file that it reads: points, and the sum of their colours.
+const READ: &str = r#"
+import sys, numpy as np
+folder = sys.argv[1]
+def say(name, points, colours):
+    print(name, len(points), int(np.asarray(colours).round().astype(np.int64).sum()))
+try:
+    import open3d as o3d
+    for name in ("cloud.ply", "cloud.pcd"):
+        cloud = o3d.io.read_point_cloud(f"{folder}/{name}")
+        say(name, cloud.points, np.asarray(cloud.colors) * 255)
+except ImportError: pass
+try:
+    import laspy
+    for name in ("cloud.las", "cloud.laz"):
+        cloud = laspy.read(f"{folder}/{name}")
+        say(name, cloud.x, np.stack([cloud.red, cloud.green, cloud.blue]) // 257)
+except ImportError: pass
+try:
+    import pye57
+    file = pye57.E57(f"{folder}/cloud.e57")
+    scans = [file.read_scan(k, intensity=True, colors=True, ignore_missing_fields=True) for k in range(file.scan_count)]
+    points = np.concatenate([s["cartesianX"] for s in scans])
+    say("cloud.e57", points, np.concatenate([s[c] for s in scans for c in ("colorRed", "colorGreen", "colorBlue")]))
+except ImportError: pass
+"#;
+
+/// Holds the exported files against what Open3D, laspy and pye57 read in them, as far as these are installed.
+fn read_by_others(folder: &std::path::Path, colours: &[[u8; 3]]) {
+    let python = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
+    let output = Command::new(&python).args(["-c", READ]).arg(folder).output();
+    let Some(output) = output.ok().filter(|o| o.status.success() && !o.stdout.is_empty()) else {
+        eprintln!("skipped: {python} has none of open3d, laspy and pye57 (VOXELASTIC_PYTHON)");
+        return;
+    };
+    let sum: u64 = colours.iter().flatten().map(|c| u64::from(*c)).sum();
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        assert_eq!(words[1..], [colours.len().to_string(), sum.to_string()], "{line}");
+    }
+}

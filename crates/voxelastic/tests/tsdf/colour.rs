@@ -1,0 +1,135 @@
+//! Colours: a room painted by its places, seen by scans, must show the same paint in the mesh.
+
+use crate::room::Room;
+use crate::{Scans, scans_of};
+use proptest::prelude::*;
+use voxelastic::atlas::fusion::{FusionSettings, fuse};
+use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::field::tsdf::TsdfField;
+use voxelastic::geometry::{Pose, Rigid};
+use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings, paint};
+use voxelastic::surface::{Mesh, MeshOptions, extract};
+
+/// The paint at a place of the room: it changes by about 40 of 255 a metre.
+fn painted(p: [f32; 3]) -> [u8; 3] {
+    p.map(|c| (128.0 + 110.0 * (0.4 * c).sin()) as u8)
+}
+
+fn settings(voxel: f32) -> TsdfSettings {
+    TsdfSettings { voxel, coarser_factor: 1.0, ..TsdfSettings::default() }
+}
+
+/// Integrates and paints all scans into a field whose frame lies at `t_map_field`.
+fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> TsdfField {
+    let mut field = TsdfField::default();
+    let mut integrator = TsdfIntegrator::new(settings.clone());
+    let to_field = Rigid::from(&t_map_field.inverse());
+    for (pose, points, normals) in &scans.scans {
+        let returns = Returns { points, normals, shades: &[], origins: &[], smallest_angle: scans.smallest_angle };
+        let rotation = std::array::from_fn(|i| std::array::from_fn(|k| (0..3).map(|j| to_field.rotation[i][j] * pose.rotation[j][k]).sum()));
+        let pose_in_field = Rigid { rotation, translation: to_field.apply(pose.translation) };
+        integrator.integrate(&mut field, &pose_in_field, &returns);
+        let colours: Vec<[u8; 3]> = points.iter().map(|p| painted(pose.apply(*p))).collect();
+        paint(&mut field, &pose_in_field, &returns, &colours, settings.voxel, settings.max_range);
+    }
+    field
+}
+
+/// Vertices whose colour is farther from the paint than a step of it from voxel to voxel explains, of all.
+fn wrong(mesh: &Mesh, t_map_mesh: &Rigid, voxel: f32) -> (usize, usize) {
+    assert_eq!(mesh.colours.len(), mesh.positions.len());
+    let off = mesh.positions.iter().zip(&mesh.colours).zip(&mesh.scales).filter(|((p, colour), scale)| {
+        let expected = painted(t_map_mesh.apply(**p));
+        let step = 44.0 * voxel * (2 << **scale) as f32;
+        colour.iter().zip(expected).any(|(a, b)| f32::from(a.abs_diff(b)) > 10.0 + 1.5 * step)
+    });
+    (off.count(), mesh.positions.len())
+}
+
+const STILL: Rigid = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(5))]
+    #[test]
+    fn the_mesh_has_the_colours_of_the_room(seed in any::<u64>(), voxel in 0.04f32..0.15, lod in 0usize..3) {
+        let scans = scans_of(&Room::random(seed), 4, 64, 300, 0.005, true);
+        let field = colour_field(&scans, &settings(voxel), &Pose::identity());
+        let mesh = extract(&field, voxel, &MeshOptions { lod, ..MeshOptions::default() });
+        let (wrong, all) = wrong(&mesh, &STILL, voxel);
+        prop_assert!(all > 300 && wrong * 100 <= all, "{wrong} of {all}");
+        let grey = mesh.colours.iter().filter(|c| **c == [128; 3]).count();
+        prop_assert!(grey * 1000 <= all, "{grey} of {all} unknown");
+    }
+
+    #[test]
+    fn fused_submaps_keep_their_colours(seed in any::<u64>(), angle in -3.0f64..3.0, shift in -2.0f64..2.0) {
+        let (mut first, mut second) = (scans_of(&Room::random(seed), 6, 48, 300, 0.005, true), scans_of(&Room::random(seed), 6, 48, 300, 0.005, true));
+        first.scans.truncate(3);
+        second.scans.drain(..3);
+        let voxel = 0.08;
+        let t_map_second = Pose::new(nalgebra::Vector3::new(shift, 1.3, -0.4), nalgebra::Vector3::new(0.1, -0.2, angle));
+        let mut target = Submap { tsdf: colour_field(&first, &settings(voxel), &Pose::identity()), ..Submap::new(0, Pose::identity()) };
+        let source = Submap { tsdf: colour_field(&second, &settings(voxel), &t_map_second), ..Submap::new(1, t_map_second) };
+        let fusion = FusionSettings { voxel, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+        let bytes_of_two = target.bytes() + source.bytes();
+        fuse(&mut target, &source, &t_map_second, &fusion);
+        let (wrong, all) = wrong(&extract(&target.tsdf, voxel, &MeshOptions::default()), &STILL, voxel);
+        prop_assert!(all > 1000 && wrong * 50 <= all, "{wrong} of {all}");
+        prop_assert!(target.bytes() < bytes_of_two);
+        // Into a map without colours they come as well, and one without takes none away.
+        let mut bare = Submap { tsdf: crate::integrate(&first, &settings(voxel)), ..Submap::new(2, Pose::identity()) };
+        fuse(&mut bare, &source, &t_map_second, &fusion);
+        prop_assert!(!bare.tsdf.colours().is_empty());
+    }
+}
+
+#[test]
+fn a_map_without_colours_has_no_layer_and_one_with_them_the_same_distances() {
+    let scans = scans_of(&Room::random(3), 3, 48, 300, 0.01, true);
+    let (bare, coloured) = (crate::integrate(&scans, &settings(0.06)), colour_field(&scans, &settings(0.06), &Pose::identity()));
+    assert!(bare.colours().is_empty() && bare.colours().bytes() == 0 && bare.bytes() < coloured.bytes());
+    assert!(extract(&bare, 0.06, &MeshOptions::default()).colours.is_empty());
+    for id in bare.ids() {
+        assert_eq!(bare.block(id), coloured.block(id));
+        assert_eq!(bare.current(bare.block(id)), coloured.current(coloured.block(id)));
+    }
+    let (a, b) = (extract(&bare, 0.06, &MeshOptions::default()), extract(&coloured, 0.06, &MeshOptions::default()));
+    assert!(a.positions == b.positions && a.triangles == b.triangles);
+    // Submaps without colours beside one with them are grey in the mesh of the whole map.
+    let mut all = Mesh::default();
+    all.append(&a, &STILL);
+    all.append(&b, &STILL);
+    assert!(all.colours.len() == all.positions.len() && all.colours[0] == [128; 3] && all.colours[a.positions.len()..] == b.colours);
+    let atlas = Atlas::from_submaps(vec![Submap { tsdf: coloured, ..Submap::new(0, Pose::identity()) }]);
+    assert!(atlas.bytes() > bare.bytes());
+}
+
+#[test]
+fn points_without_colour_take_none_away() {
+    let scans = scans_of(&Room::random(5), 1, 48, 300, 0.0, true);
+    let mut field = colour_field(&scans, &settings(0.08), &Pose::identity());
+    let before = extract(&field, 0.08, &MeshOptions::default());
+    let (pose, points, normals) = &scans.scans[0];
+    let returns = Returns { points, normals, shades: &[], origins: &[], smallest_angle: scans.smallest_angle };
+    paint(&mut field, pose, &returns, &vec![[0; 3]; points.len()], 0.08, 60.0);
+    paint(&mut field, pose, &returns, &vec![[9; 3]; points.len()], 0.08, 0.01);
+    assert!(extract(&field, 0.08, &MeshOptions::default()) == before, "black is no colour, and beyond the range nothing is painted");
+}
+
+#[test]
+fn intensities_do_not_darken_where_a_block_becomes_coarser() {
+    let settings = settings(0.05);
+    let (mut field, mut integrator) = (TsdfField::default(), TsdfIntegrator::new(settings.clone()));
+    // A wall at x = 8, everywhere as bright, from which the sensor backs away.
+    for x in [5.0, 0.0, -8.0, -12.0] {
+        let at = 8.0 - x;
+        let points: Vec<[f32; 3]> =
+            (0..200 * 200).map(|i| [1.0, (i % 200) as f32 / 200.0 - 0.5, (i / 200) as f32 / 200.0 - 0.5].map(|c| c * at)).collect();
+        let (normals, shades) = (vec![[-1.0, 0.0, 0.0]; points.len()], vec![200; points.len()]);
+        let returns = Returns { points: &points, normals: &normals, shades: &shades, origins: &[], smallest_angle: 0.01 };
+        integrator.integrate(&mut field, &Rigid { translation: [x, 0.0, 0.0], ..STILL }, &returns);
+        let seen = extract(&field, 0.05, &MeshOptions { lod: 3, ..MeshOptions::default() }).shades;
+        assert!(!seen.is_empty() && seen.iter().all(|s| s.abs_diff(200) <= 1), "{:?} from {at} m", seen.iter().min());
+    }
+    assert!(field.blocks_by_scale()[1..].iter().sum::<usize>() > 10, "blocks must become coarser");
+}
