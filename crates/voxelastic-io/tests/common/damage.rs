@@ -17,9 +17,9 @@ impl Random {
         (self.0 % n.max(1) as u64) as usize
     }
 
-    /// Changes `bytes` in up to six places, half of them in the first `head` bytes, where lengths are; at least `head` bytes stay.
+    /// Changes `bytes` in up to three places, half of them in the first `head` bytes, where lengths are; at least `head` bytes stay.
     pub fn damage(&mut self, bytes: &mut Vec<u8>, head: usize) {
-        for _ in 0..=self.below(6) {
+        for _ in 0..=self.below(3) {
             let reach = if self.below(2) == 0 { bytes.len() } else { head.min(bytes.len()) };
             let at = self.below(reach);
             match self.below(6) {

@@ -10,9 +10,10 @@ use voxelastic::geometry::{Pose, Rigid};
 use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings, paint};
 use voxelastic::surface::{Mesh, MeshOptions, extract};
 
-/// The paint at a place of the room: it changes by about 40 of 255 a metre.
-fn painted(p: [f32; 3]) -> [u8; 3] {
-    p.map(|c| (128.0 + 110.0 * (0.4 * c).sin()) as u8)
+/// The paint at a place of the room: it changes by at most 44 of 255 a metre, and is nowhere grey.
+fn painted([x, y, z]: [f32; 3]) -> [u8; 3] {
+    let wave = |c: f32| (0.4 * c).sin();
+    [128.0 + 110.0 * wave(x), 128.0 + 110.0 * wave(y), 60.0 + 50.0 * wave(z)].map(|v| v as u8)
 }
 
 fn settings(voxel: f32) -> TsdfSettings {
@@ -58,7 +59,8 @@ proptest! {
         let (wrong, all) = wrong(&mesh, &STILL, voxel);
         prop_assert!(all > 300 && wrong * 100 <= all, "{wrong} of {all}");
         let grey = mesh.colours.iter().filter(|c| **c == [128; 3]).count();
-        prop_assert!(grey * 1000 <= all, "{grey} of {all} unknown");
+        // Faces where the end of one band meets another are no surface, and no point lies near them.
+        prop_assert!(grey * 500 <= all, "{grey} of {all} unknown");
     }
 
     #[test]
