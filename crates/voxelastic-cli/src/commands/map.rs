@@ -82,6 +82,8 @@ struct Summary {
     submaps: usize,
     /// Submaps that were fused into others.
     fusions: usize,
+    /// Finest voxels that one scan had called occupied and other submaps knew to be free.
+    voxels_freed: usize,
     /// Root poses that corrections moved.
     submap_moves: usize,
     /// Submaps made anew from their scans at the end.
@@ -236,6 +238,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         interrupted: tally.interrupted,
         submaps: atlas.submaps().len(),
         fusions: mapper.elastic_counts().fusions,
+        voxels_freed: mapper.elastic_counts().voxels_freed,
         submap_moves: mapper.elastic_counts().submap_moves,
         submaps_rebuilt: tally.rebuilt,
         field: settings.field.name(),

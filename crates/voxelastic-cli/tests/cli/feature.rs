@@ -27,7 +27,7 @@ fn a_folder_becomes_a_map_a_mesh_a_picture_and_figures() {
     room::write(&dir.path().join("room"), 20);
     let map = json(dir.path(), &format!("map room --json --hold-out 5 {QUICK} --lambda-odom 2"));
     let expected = "blocks field file_mb fusions integrate_cpu_ms integrate_ms interrupted map_mb max_range_m output peak_rss_mb phases_ms scans \
-                    scans_held_out scans_skipped sensor submap_moves submaps submaps_rebuilt threads total_s voxel_m";
+                    scans_held_out scans_skipped sensor submap_moves submaps submaps_rebuilt threads total_s voxel_m voxels_freed";
     assert_eq!(keys(&map), expected.split_whitespace().collect());
     for spread in ["integrate_ms", "integrate_cpu_ms"] {
         assert_eq!(keys(&map[spread]), BTreeSet::from(["mean", "median", "p95"]));

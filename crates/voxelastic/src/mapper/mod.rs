@@ -18,6 +18,7 @@ pub use rebuild::{RebuildError, RebuildReport, ScanSource};
 pub use report::{ElasticCounts, MapError, Placed, ScanReport};
 
 use crate::atlas::cluster::ClusterRule;
+use crate::atlas::fusion::settle_doubts;
 use crate::atlas::graph::{Agreement, EdgeOutcome, GraphCounts, LinkKind, PoseGraph, is_rigid};
 use crate::atlas::{Atlas, Members, Submap};
 use crate::event::{Edge, Event, NodeId, Scan};
@@ -92,9 +93,12 @@ impl Mapper {
         self.atlas
     }
 
-    /// Does all fusions that are under way or due. To be called before the map is stored; more events may follow.
+    /// Does all fusions that are under way or due, and lets submaps settle their [doubts](settle_doubts). To be called before the map is
+    /// stored; more events may follow.
     pub fn finish(&mut self) {
         self.fusing.finish(&mut self.atlas, &self.graph);
+        let hit = occupancy_settings(&self.settings).hit;
+        self.counts.voxels_freed += settle_doubts(&mut self.atlas, &(&self.settings).into(), hit);
     }
 
     /// What was found out about the sensor; none before the first scan.

@@ -43,6 +43,8 @@ pub struct ElasticCounts {
     pub submap_moves: usize,
     /// Edges whose measurement replaced an earlier one.
     pub edges_replaced: usize,
+    /// Finest voxels that a single scan had called occupied and other submaps knew to be free.
+    pub voxels_freed: usize,
 }
 
 impl ElasticCounts {

@@ -9,14 +9,17 @@
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 
 mod colour;
+mod doubts;
 mod occupancy;
 mod tsdf;
 
-use super::Submap;
+use super::{Atlas, Submap};
+use crate::field::occupancy::steps;
 use crate::field::tsdf::WEIGHT_ONE;
 use crate::geometry::{Pose, Rigid};
 use crate::settings::Settings;
 use colour::ColourPatch;
+use doubts::Doubts;
 use occupancy::OccupancyPatch;
 use tsdf::TsdfPatch;
 
@@ -41,6 +44,10 @@ impl From<&Settings> for FusionSettings {
 }
 
 impl FusionSettings {
+    fn log_odds_limits(&self) -> [i8; 2] {
+        [steps(self.min_log_odds), steps(self.max_log_odds)]
+    }
+
     fn weight_cap(&self) -> u16 {
         (self.max_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16
     }
@@ -98,9 +105,8 @@ impl Merge {
             self.resampled.colours.merge(blocks, &mut target.tsdf);
         }
         if end > border {
-            let steps = |log_odds| crate::field::occupancy::steps(log_odds);
-            let limits = [steps(self.settings.min_log_odds), steps(self.settings.max_log_odds)];
-            self.resampled.occupancy.merge(self.done.max(border) - border..end - border, &mut target.occupancy, limits);
+            let range = self.done.max(border) - border..end - border;
+            self.resampled.occupancy.merge(range, &mut target.occupancy, self.settings.log_odds_limits());
         }
         self.done = end;
         target.revision += 1;
@@ -112,6 +118,19 @@ impl Merge {
 pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
     Merge::new(Resampled::new(source, t_target_source, settings), *settings).step(target, usize::MAX);
     move_scans(target, source, t_target_source);
+}
+
+/// Lets the submaps of `atlas` settle what one of them calls occupied because of a single `hit` (log-odds) and the others
+/// together know to be free; returns how many finest voxels that freed.
+pub fn settle_doubts(atlas: &mut Atlas, settings: &FusionSettings, hit: f32) -> usize {
+    let doubts = Doubts::of(atlas, settings.voxel, steps(hit));
+    let mut freed = 0;
+    for (submap, doubts) in atlas.submaps_mut().iter_mut().zip(doubts) {
+        let settled = doubts.settle(&mut submap.occupancy, settings.log_odds_limits());
+        submap.revision += u64::from(settled > 0);
+        freed += settled;
+    }
+    freed
 }
 
 /// Notes the scans of `source` as scans of `target`.

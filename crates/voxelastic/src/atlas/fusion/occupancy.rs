@@ -48,6 +48,17 @@ impl OccupancyPatch {
         self.pieces.len()
     }
 
+    /// A patch of whole blocks at the finest scale, in any order.
+    pub fn of_blocks(blocks: &[(u64, Box<[i8]>)]) -> Self {
+        let mut patch = Self::default();
+        for (key, values) in blocks {
+            let slot = patch.voxels.insert(0);
+            patch.voxels.get_mut(0, slot).copy_from_slice(values);
+            patch.pieces.push(Piece::Block { key: *key, scale: 0, slot });
+        }
+        patch
+    }
+
     /// Samples `source` wherever something was observed.
     pub fn sample(source: &OccupancyField, placement: &Placement) -> Self {
         if source.is_empty() {
