@@ -14,7 +14,7 @@ use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::{BLOCK_EDGE, Cursor, Pool, SCALES, block_coords, prefetch};
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, prefetch};
 use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -180,18 +180,43 @@ impl TsdfIntegrator {
             field.tree.grow_to(crate::octree::block_key(low));
             field.tree.grow_to(crate::octree::block_key(high));
         }
+        let found = self.find(field, rule, |c| (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt());
         let mut cursor = Cursor::new(&field.tree);
-        self.runs.clear();
         let mut new_blocks = 0;
-        for &BlockBeams { key, start, end } in &self.selection.blocks {
-            let c = block_coords(key);
-            let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
-            let (block, is_new) = field.make(&mut cursor, key, rule.fitting(distance) as u8, shaded);
-            let change = if is_new { Change::None } else { adapt_scale(field, block, rule, distance) };
-            new_blocks += usize::from(is_new);
-            self.runs.push(Run { block, start, end, change });
+        for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {
+            match run.change {
+                _ if run.block == NONE => {
+                    run.block = field.make(&mut cursor, key, scale, shaded).0;
+                    new_blocks += 1;
+                }
+                Change::None => {}
+                Change::Coarser => field.reserve_coarser(run.block),
+                Change::Finer | Change::FinerNew => field.reserve_finer(run.block),
+            }
         }
         new_blocks
+    }
+
+    /// Finds the selected blocks that exist, in parallel, and decides on their scales; returns the scale that fits each.
+    fn find(&mut self, field: &TsdfField, rule: &ScaleRule, distance: impl Fn([i32; 3]) -> f32 + Sync) -> Vec<u8> {
+        /// Few enough that threads share evenly, many enough that a cursor seldom starts anew.
+        const BLOCKS_PER_TASK: usize = 1024;
+        let blocks = &self.selection.blocks;
+        let mut fitting = vec![0; blocks.len()];
+        self.runs.clear();
+        self.runs.resize(blocks.len(), Run { block: NONE, start: 0, end: 0, change: Change::None });
+        let tasks = (self.runs.par_chunks_mut(BLOCKS_PER_TASK), fitting.par_chunks_mut(BLOCKS_PER_TASK), blocks.par_chunks(BLOCKS_PER_TASK));
+        tasks.into_par_iter().for_each(|(runs, fitting, blocks)| {
+            let mut cursor = Cursor::new(&field.tree);
+            for ((run, fitting), &BlockBeams { key, start, end }) in runs.iter_mut().zip(fitting).zip(blocks) {
+                let distance = distance(block_coords(key));
+                *fitting = rule.fitting(distance) as u8;
+                let block = cursor.block(&field.tree, key);
+                let change = block.map_or(Change::None, |id| scale_change(&field.blocks[id], rule, distance));
+                *run = Run { block: block.unwrap_or(NONE), start, end, change };
+            }
+        });
+        fitting
     }
 
     fn update(&mut self, field: &mut TsdfField) {
@@ -214,19 +239,14 @@ impl TsdfIntegrator {
     }
 }
 
-/// Decides whether `block` changes scale and allocates what it needs for that.
-fn adapt_scale(field: &mut TsdfField, id: u32, rule: &ScaleRule, distance: f32) -> Change {
-    let block = &field.blocks[id];
+/// Decides whether `block`, `distance` metres from the sensor, changes scale.
+fn scale_change(block: &Block, rule: &ScaleRule, distance: f32) -> Change {
     let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
-    let next = rule.next(current, distance);
-    if next > current {
-        field.reserve_coarser(id);
-        Change::Coarser
-    } else if next < current {
-        field.reserve_finer(id);
-        if next < finest { Change::FinerNew } else { Change::Finer }
-    } else {
-        Change::None
+    match rule.next(current, distance) {
+        next if next > current => Change::Coarser,
+        next if next == current => Change::None,
+        next if next < finest => Change::FinerNew,
+        _ => Change::Finer,
     }
 }
 
@@ -338,7 +358,7 @@ impl BlockUpdate<'_> {
             // references end with this step of the loop.
             let (voxels, shades) = unsafe {
                 let voxels = self.voxels.get(scale, block.data[scale]);
-                let has_shade = block.shade[scale] != crate::octree::NONE;
+                let has_shade = block.shade[scale] != NONE;
                 (voxels, has_shade.then(|| self.shades.get(scale, block.shade[scale])))
             };
             self.band.apply(&formation.trace, &formation.observations, lane, voxels, shades, formation.shade[lane]);
@@ -371,7 +391,7 @@ impl BlockUpdate<'_> {
                     propagate_down(self.voxels.get(scale + 1, block.data[scale + 1]), voxels, scale, INTERPOLATED_WEIGHT);
                 }
             }
-            if block.shade[scale] != crate::octree::NONE {
+            if block.shade[scale] != NONE {
                 self.change_shade_scale(block, change, self.shades.get(scale, block.shade[scale]));
             }
         }

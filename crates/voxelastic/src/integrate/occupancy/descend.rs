@@ -105,8 +105,6 @@ impl Kernel for Subtree<'_> {
 impl Descent<'_> {
     /// Finds the free octants of the field, which covers everything within the scan's reach.
     pub fn run(&self) -> Finds {
-        /// Level of the subtrees that are descended in parallel: 32 blocks along an edge.
-        const SPLIT: u32 = 5;
         let tree = &self.field.tree;
         let root = Cube {
             key: tree.root_key(),
@@ -118,8 +116,8 @@ impl Descent<'_> {
             coarse: 0.0,
         };
         let mut subtrees = vec![root];
-        while let Some(level) = subtrees.iter().map(|c| c.level).max().filter(|&l| l > SPLIT) {
-            subtrees = subtrees.iter().flat_map(|cube| if cube.level == level { self.children(cube).1 } else { vec![*cube] }).collect();
+        while subtrees.iter().any(|cube| self.is_too_much_work(cube)) {
+            subtrees = subtrees.iter().flat_map(|cube| if self.is_too_much_work(cube) { self.children(cube).1 } else { vec![*cube] }).collect();
         }
         let parts: Vec<Finds> = subtrees
             .par_iter()
@@ -140,6 +138,14 @@ impl Descent<'_> {
             all.visited += part.visited;
         }
         all
+    }
+
+    /// Whether a cube is cut further before threads share the work. Cubes are refined to the beams' spacing, which grows with the range, so
+    /// those that look equally large from the sensor are about equal work.
+    fn is_too_much_work(&self, cube: &Cube) -> bool {
+        const LARGEST: u32 = 5;
+        let (centre, half) = self.place(cube);
+        cube.level > LARGEST || (cube.level > 1 && 2.0 * half > self.sight.range(centre))
     }
 
     /// How many children of a cube were looked at, and those that may hold something free, in Morton order.

@@ -124,17 +124,19 @@ impl OccupancyIntegrator {
         let reach = self.cover(field, t_submap_lidar.translation);
         let sight = Sight::new(&self.visibility, &settings, t_submap_lidar);
         let descent = Descent { field, sight, settings: &settings, steps };
-        let finds = descent.run();
-        let descended = Instant::now();
-
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        self.selection.select(&self.beams, sensor, reach, |beam| {
-            let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
-            let local = (1 << beam.scale) as f32;
-            (-before * local, behind * local)
-        });
-        let selected = Instant::now();
+        let (selection, beams) = (&mut self.selection, &self.beams);
+        let select = || {
+            selection.select(beams, sensor, reach, |beam| {
+                let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
+                let local = (1 << beam.scale) as f32;
+                (-before * local, behind * local)
+            });
+        };
+        // Neither needs the other, and a sort leaves threads idle.
+        let ((finds, descend), ((), select)) = rayon::join(|| timed(|| descent.run()), || timed(select));
 
+        let selected = Instant::now();
         let mut touched = Touched::default();
         self.allocate(field, &finds, &rule, t_submap_lidar.translation, &steps, &mut touched);
         let allocated = Instant::now();
@@ -153,8 +155,8 @@ impl OccupancyIntegrator {
             blocks: self.touches.len(),
             phases: OccupancyPhases {
                 see: seen - start,
-                descend: descended - seen,
-                select: selected - descended,
+                descend,
+                select,
                 allocate: allocated - selected,
                 update: updated - allocated,
                 propagate: done - updated,
@@ -252,6 +254,12 @@ impl OccupancyIntegrator {
             touched.add(key, 0);
         }
     }
+}
+
+/// What `work` gives, and how long it took.
+fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let start = Instant::now();
+    (work(), start.elapsed())
 }
 
 /// Everything that a thread needs to update blocks.
