@@ -18,7 +18,7 @@ mod usage;
 use clap::{Args, Parser, Subcommand};
 #[cfg(feature = "optimize")]
 use commands::optimize;
-use commands::{config as config_command, demo, eval, export, heldout, info, map, mesh, plan, render, report, simulate, slice};
+use commands::{bench, config as config_command, demo, eval, export, heldout, info, map, mesh, plan, render, report, simulate, slice};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -63,6 +63,7 @@ enum Command {
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
+    Bench(bench::BenchArgs),
     #[cfg(feature = "optimize")]
     Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
@@ -119,6 +120,7 @@ fn main() -> ExitCode {
         Command::Heldout(args) => heldout::run(args, quiet),
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),
+        Command::Bench(args) => bench::run(args),
         #[cfg(feature = "optimize")]
         Command::Optimize(args) => optimize::run(args),
         Command::Config(args) => config_command::run(args),

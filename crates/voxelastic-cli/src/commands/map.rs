@@ -100,6 +100,8 @@ struct Summary {
     threads: usize,
     #[serde(flatten)]
     times: TimeSummary,
+    /// From the first scan that is read to the last that is integrated, seconds.
+    mapping_s: f64,
     /// From start to saved map, seconds.
     total_s: f64,
     /// Most memory the process ever held, megabytes (10^6 bytes); `null` where the system does not tell.
@@ -119,6 +121,7 @@ struct Tally {
     held_out: usize,
     rebuilt: usize,
     interrupted: bool,
+    mapping_s: f64,
 }
 
 /// Maps the data.
@@ -185,6 +188,7 @@ impl Selection {
 
 /// Feeds the events to the mapper until they end or the user has enough.
 fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
+    let clock = Instant::now();
     let Selection { source, held_out } = selection;
     let mut tally = Tally::default();
     let mut progress = Progress::new("scans", source.scans().map(|n| n as u64), quiet);
@@ -218,6 +222,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
             break;
         }
     }
+    tally.mapping_s = clock.elapsed().as_secs_f64();
     tally.skipped += source.without_pose();
     tally.held_out = held_out.load(Ordering::Relaxed);
     let last = corrector.last().and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
@@ -247,6 +252,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         sensor: mapper.sensor().unwrap_or_default().to_owned(),
         threads: session.threads(),
         times: session.times(),
+        mapping_s: tally.mapping_s,
         total_s: clock.elapsed().as_secs_f64(),
         peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
         map_mb: usage::megabytes(atlas.bytes() as u64),

@@ -1,5 +1,6 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
+pub mod bench;
 pub mod config;
 pub mod demo;
 pub mod eval;
