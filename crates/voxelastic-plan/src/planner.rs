@@ -199,7 +199,14 @@ impl<S: Space> Task<'_, S> {
 
     fn finish(&self, best: &[Point], tree: &Tree, first: First, samples: usize) -> Plan {
         let mut path: Vec<Point> = best.first().copied().into_iter().collect();
-        best.windows(2).for_each(|w| self.space.trace(w[0], w[1], &mut path));
+        for w in best.windows(2) {
+            // On wheels the last piece may have ended a little above or below this one's start: go on from there if that is free as well.
+            let at = path.last().copied().filter(|at| self.space.reach(*at, w[1]).is_some());
+            if at.is_none() {
+                path.push(w[0]);
+            }
+            self.space.trace(at.unwrap_or(w[0]), w[1], &mut path);
+        }
         let Robot { radius, unknown, .. } = self.request.robot;
         // Where submaps share space the query is careful by a voxel; the path was checked for the radius itself.
         let ask = |p: Point| self.map.clearance(p, radius + CLEARANCE, unknown).max(radius);
