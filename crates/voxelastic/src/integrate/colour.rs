@@ -41,7 +41,7 @@ pub fn paint(field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &Returns<'_
             }
             home.block
         };
-        let Some((_, scale)) = find(point.map(|c| (c / BLOCK_EDGE as f32).floor() as i32)) else { continue };
+        let Some((_, scale)) = find(point.map(|c| c.floor() as i32 >> BLOCK_SHIFT)) else { continue };
         let step = (1 << scale) as f32 / SAMPLES;
         let samples = (REACH * SAMPLES) as i32;
         let mut last = None;
