@@ -75,14 +75,15 @@ pub struct Corrector {
 }
 
 impl Corrector {
-    /// The events that an event becomes, in order.
+    /// The events that an event becomes, in order. The session's log notes what an optimisation took.
     ///
     /// # Errors
     /// When the pose graph cannot be optimised.
-    pub fn take(&mut self, event: Event) -> anyhow::Result<Vec<Event>> {
+    #[cfg_attr(not(feature = "optimize"), allow(unused_variables))]
+    pub fn take(&mut self, event: Event, session: &mut Session) -> anyhow::Result<Vec<Event>> {
         #[cfg(feature = "optimize")]
         if let Some(live) = &mut self.live {
-            return Ok(live.handle(event)?);
+            return Ok(timed(live, session, |live| live.handle(event))?);
         }
         Ok(vec![event])
     }
@@ -91,13 +92,29 @@ impl Corrector {
     ///
     /// # Errors
     /// When the pose graph cannot be optimised.
-    pub fn last(&mut self) -> anyhow::Result<Option<Event>> {
+    #[cfg_attr(not(feature = "optimize"), allow(unused_variables))]
+    pub fn last(&mut self, session: &mut Session) -> anyhow::Result<Option<Event>> {
         #[cfg(feature = "optimize")]
         if let Some(live) = &mut self.live {
-            return Ok(live.finish()?);
+            return Ok(timed(live, session, voxelastic_optimize::LiveOptimiser::finish)?);
         }
         Ok(None)
     }
+}
+
+/// Does something with the optimiser, and notes the time if the graph was optimised.
+#[cfg(feature = "optimize")]
+fn timed<T>(
+    live: &mut voxelastic_optimize::LiveOptimiser,
+    session: &mut Session,
+    what: impl FnOnce(&mut voxelastic_optimize::LiveOptimiser) -> T,
+) -> T {
+    let (runs, clock) = (live.runs(), std::time::Instant::now());
+    let done = what(live);
+    if live.runs() > runs {
+        session.optimised(clock.elapsed());
+    }
+    done
 }
 
 /// The elastic part of the run in a line, if there was one.
@@ -112,6 +129,10 @@ fn tell(session: &Session) {
             counts.submap_moves,
             counts.fusions
         );
+        if counts.groups_apart > 0 {
+            let why = "together they would reach farther than lambda_odom + lambda_cluster";
+            tracing::info!("{} groups of submaps that loops join stay apart: {why}", counts.groups_apart);
+        }
     }
     if counts.unknown_poses + graph.waiting_edges > 0 {
         tracing::warn!("{} corrected poses and {} edges name nodes that never came", counts.unknown_poses, graph.waiting_edges);

@@ -1,11 +1,11 @@
 //! Mapping under way: events into the mapper, in a pool of threads of its own, with a log of how it went.
 
 use crate::output::Spread;
-use crate::recorder::Recorder;
+use crate::recorder::{Outcome, Recorder};
 use crate::usage;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic::mapper::{MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
@@ -40,7 +40,7 @@ impl Session {
     /// # Errors
     /// Those of the mapper: the event was refused and the map is as before.
     pub fn take(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
-        let what = Recorder::look(&event);
+        let seen = Recorder::look(&event, &self.mapper);
         let before = usage::pool_cpu_time(&self.pool);
         let clock = Instant::now();
         let mapper = &mut self.mapper;
@@ -48,9 +48,15 @@ impl Session {
         let wall = clock.elapsed();
         if let Ok(report) = &done {
             let cpu = before.zip(usage::pool_cpu_time(&self.pool)).map(|(before, after)| after.saturating_sub(before));
-            self.recorder.note(&what, report.as_ref(), wall, cpu, self.mapper.atlas());
+            self.recorder.note(&seen, &Outcome { report: report.as_ref(), wall, cpu }, &self.mapper);
         }
         done
+    }
+
+    /// Notes for the log that the correction that comes next took this long to be found.
+    #[cfg_attr(not(feature = "optimize"), allow(dead_code))]
+    pub fn optimised(&mut self, took: Duration) {
+        self.recorder.optimised(took);
     }
 
     /// Finishes the fusions that are under way.
@@ -104,6 +110,7 @@ impl Session {
         RunLog {
             threads: self.threads(),
             fusions: counts.fusions,
+            groups_apart: counts.groups_apart,
             submap_moves: counts.submap_moves,
             peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
             ..self.recorder.log().clone()

@@ -4,65 +4,111 @@ use crate::usage;
 use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
-use voxelastic::event::Event;
-use voxelastic::mapper::ScanReport;
+use voxelastic::event::{Event, NodeId};
+use voxelastic::mapper::{Mapper, ScanReport};
 use voxelastic_report::{Correction, FORMAT, LoopEdge, RunLog};
 
 /// Writes a [`RunLog`].
 #[derive(Debug)]
-pub struct Recorder(RunLog);
+pub struct Recorder {
+    log: RunLog,
+    /// What the next correction took to find.
+    optimise: Option<Duration>,
+}
 
 impl Default for Recorder {
     fn default() -> Self {
-        Self(RunLog { format: FORMAT, generator: concat!("voxelastic ", env!("CARGO_PKG_VERSION")).to_owned(), ..RunLog::default() })
+        let generator = concat!("voxelastic ", env!("CARGO_PKG_VERSION")).to_owned();
+        Self { log: RunLog { format: FORMAT, generator, ..RunLog::default() }, optimise: None }
     }
 }
 
-/// What is remembered of an event that the mapper takes away.
+/// What is remembered of an event that the mapper takes away, and of the mapper before it.
 pub enum Seen {
     /// A scan: when and where.
     Scan { time: f64, t_map_lidar: Pose },
     /// A loop edge.
-    Loop(LoopEdge),
+    Loop { from: NodeId, to: NodeId, before: Elastic },
     /// Corrected poses.
-    Correction,
+    Correction { before: Elastic },
     /// Something that is not logged.
     Other,
 }
 
+/// Counts of the elastic part.
+pub struct Elastic {
+    open_loops: usize,
+    moves: usize,
+    /// Done, under way and waiting.
+    fusions: usize,
+}
+
+impl Elastic {
+    fn of(mapper: &Mapper) -> Self {
+        let counts = mapper.elastic_counts();
+        Self { open_loops: mapper.graph_counts().open_loops, moves: counts.submap_moves, fusions: counts.fusions + counts.fusions_due }
+    }
+}
+
+/// What the mapper made of an event.
+pub struct Outcome<'a> {
+    /// Of a scan.
+    pub report: Option<&'a ScanReport>,
+    /// From giving it to the mapper until it was done.
+    pub wall: Duration,
+    /// Processor time, where it is known.
+    pub cpu: Option<Duration>,
+}
+
 impl Recorder {
-    /// Remembers of `event` what [`note`](Self::note) needs.
-    pub fn look(event: &Event) -> Seen {
+    /// Remembers of `event` what [`note`](Self::note) needs. To be called before the mapper gets it.
+    pub fn look(event: &Event, mapper: &Mapper) -> Seen {
         match event {
             Event::Scan(scan) => Seen::Scan { time: scan.time, t_map_lidar: scan.t_map_lidar },
-            Event::LoopEdge(edge) => Seen::Loop(LoopEdge { from: edge.from, to: edge.to }),
-            Event::PoseUpdate(_) => Seen::Correction,
+            Event::LoopEdge(edge) => Seen::Loop { from: edge.from, to: edge.to, before: Elastic::of(mapper) },
+            Event::PoseUpdate(_) => Seen::Correction { before: Elastic::of(mapper) },
             Event::OdometryEdge(_) => Seen::Other,
         }
     }
 
+    /// Notes that the next correction took this long to be found.
+    #[cfg_attr(not(feature = "optimize"), allow(dead_code))]
+    pub fn optimised(&mut self, took: Duration) {
+        self.optimise = Some(took);
+    }
+
     /// Notes an event that the mapper took.
-    pub fn note(&mut self, seen: &Seen, report: Option<&ScanReport>, wall: Duration, cpu: Option<Duration>, atlas: &Atlas) {
-        match (seen, report) {
+    pub fn note(&mut self, seen: &Seen, outcome: &Outcome<'_>, mapper: &Mapper) {
+        let (after, wall_ms) = (self.log.scans.node.len(), milliseconds(outcome.wall));
+        match (seen, outcome.report) {
             (Seen::Scan { time, t_map_lidar }, Some(report)) => {
-                self.scan(*time, t_map_lidar, report, atlas);
-                self.0.scans.wall_ms.push(milliseconds(wall));
-                self.0.scans.cpu_ms.extend(cpu.map(milliseconds));
+                self.scan(*time, t_map_lidar, report, mapper.atlas());
+                self.log.scans.wall_ms.push(wall_ms);
+                self.log.scans.cpu_ms.extend(outcome.cpu.map(milliseconds));
                 self.phases(report);
             }
-            (Seen::Loop(edge), _) => self.0.loops.push(*edge),
-            (Seen::Correction, _) => self.0.corrections.push(Correction { after: self.0.scans.node.len(), wall_ms: milliseconds(wall) }),
+            (Seen::Loop { from, to, before }, _) => {
+                let fusions = Elastic::of(mapper).fusions - before.fusions;
+                self.log.loops.push(LoopEdge { from: *from, to: *to, after, wall_ms, fusions });
+            }
+            (Seen::Correction { before }, _) => {
+                let now = Elastic::of(mapper);
+                let optimise_ms = self.optimise.take().map(milliseconds);
+                let (moved, closed) = (now.moves - before.moves, before.open_loops.saturating_sub(now.open_loops));
+                let fusions = now.fusions - before.fusions;
+                self.log.corrections.push(Correction { after, wall_ms, optimise_ms, moved, closed, fusions });
+            }
             (Seen::Scan { .. } | Seen::Other, _) => {}
         }
     }
 
     /// The log so far.
     pub fn log(&self) -> &RunLog {
-        &self.0
+        &self.log
     }
 
     fn scan(&mut self, time: f64, t_map_lidar: &Pose, report: &ScanReport, atlas: &Atlas) {
-        let scans = &mut self.0.scans;
+        let scans = &mut self.log.scans;
         scans.node.push(report.node);
         scans.time_s.push(time);
         scans.position.push(<[f64; 3]>::from(t_map_lidar.translation.vector).map(rounded));
@@ -74,7 +120,7 @@ impl Recorder {
     }
 
     fn phases(&mut self, report: &ScanReport) {
-        let mut phase = |name: &str, time: Duration| self.0.phases_ms.entry(name.to_owned()).or_default().push(milliseconds(time));
+        let mut phase = |name: &str, time: Duration| self.log.phases_ms.entry(name.to_owned()).or_default().push(milliseconds(time));
         phase("prepare", report.prepare);
         phase("elastic", report.elastic);
         if let Some(tsdf) = &report.tsdf {

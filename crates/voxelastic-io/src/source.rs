@@ -98,7 +98,7 @@ impl Source {
     /// Takes no more than the first `most` scans.
     pub fn limit(&mut self, most: usize) {
         match self {
-            Self::Folder(_) => self.retain(move |place| place < most),
+            Self::Folder(folder) => folder.truncate(most),
             Self::Recording(recording) => recording.limit(most),
         }
     }

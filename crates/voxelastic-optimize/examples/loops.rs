@@ -131,8 +131,8 @@ fn row(name: &str, truth: &PointIndex, map: &Outcome) {
     let ((mean, p90), c) = (error(truth, map), &map.counts);
     let Outcome { submaps, megabytes, seconds, .. } = map;
     println!(
-        "{name:24} | {mean:6.3} | {p90:6.3} | {submaps:4} | {megabytes:7.1} | {seconds:6.1} | {:4} | {:4} | {:4} | {:4}",
-        c.fusions, c.revisits, c.overlaps, c.submap_moves
+        "{name:24} | {mean:6.3} | {p90:6.3} | {submaps:4} | {megabytes:7.1} | {seconds:6.1} | {:4} | {:5} | {:4} | {:4} | {:5}",
+        c.fusions, c.groups_apart, c.revisits, c.overlaps, c.submap_moves
     );
 }
 
@@ -164,7 +164,7 @@ fn main() -> Result<(), Failure> {
     let data = open("odom")?;
     let truth: HashMap<NodeId, Pose> = open("groundtruth")?.scans().iter().map(|s| (s.node, s.t_map_lidar)).collect();
     let none = HashMap::new();
-    println!("map                      |  mean  |  90 %  | subs |    MB   |    s   | fuse | revi | over | moves");
+    println!("map                      |  mean  |  90 %  | subs |    MB   |    s   | fuse | apart | revi | over | moves");
     let true_map = map(&data, &settings, Way::Truth, &truth, false)?;
     let index = PointIndex::new(&true_map.surface, "the true map")?;
     row("true poses", &index, &true_map);

@@ -23,6 +23,8 @@ pub struct LiveOptimiser {
     index_of: HashMap<NodeId, usize>,
     /// Poses of the nodes as the odometry said.
     told: Vec<Pose>,
+    /// Pose of the last node in the frame in which the next scan comes: as it came, or as somebody else has corrected it.
+    last_came: Option<Pose>,
     edges: Vec<Edge>,
     /// Pairs of neighbours in `nodes` that have a measured odometry edge.
     measured: HashSet<usize>,
@@ -40,6 +42,7 @@ impl LiveOptimiser {
             nodes: Vec::new(),
             index_of: HashMap::new(),
             told: Vec::new(),
+            last_came: None,
             edges: Vec::new(),
             measured: HashSet::new(),
             is_due: false,
@@ -64,13 +67,17 @@ impl LiveOptimiser {
             Event::Scan(mut scan) => {
                 let mut out: Vec<Event> = if self.is_due { self.solve()?.into_iter().collect() } else { Vec::new() };
                 if !self.index_of.contains_key(&scan.node) && voxelastic::atlas::graph::is_rigid(&scan.t_map_lidar) {
-                    let told = scan.t_map_lidar;
-                    if let (Some(last_told), Some((_, last))) = (self.told.last(), self.nodes.last()) {
-                        scan.t_map_lidar = renormalised(last * last_told.inv_mul(&told));
+                    let came = scan.t_map_lidar;
+                    let mut told = came;
+                    if let (Some(last_came), Some(last_told), Some((_, last))) = (&self.last_came, self.told.last(), self.nodes.last()) {
+                        let motion = last_came.inv_mul(&came);
+                        scan.t_map_lidar = renormalised(last * motion);
+                        told = renormalised(last_told * motion);
                     }
                     self.index_of.insert(scan.node, self.nodes.len());
                     self.nodes.push((scan.node, scan.t_map_lidar));
                     self.told.push(told);
+                    self.last_came = Some(came);
                 }
                 out.push(Event::Scan(scan));
                 Ok(out)
@@ -96,6 +103,10 @@ impl LiveOptimiser {
                 for (node, pose) in &poses {
                     if let Some(&i) = self.index_of.get(node) {
                         self.nodes[i].1 = *pose;
+                        if i + 1 == self.nodes.len() {
+                            // The scans that follow come on top of this correction.
+                            self.last_came = Some(*pose);
+                        }
                     }
                 }
                 Ok(vec![Event::PoseUpdate(poses)])

@@ -53,6 +53,9 @@ pub struct Solved {
     pub cost: f64,
     /// Whether it stopped because nothing improved any more, and not at the limit of iterations.
     pub is_converged: bool,
+    /// Edges whose information matrix was not positive definite: what it says of translation and of rotation was used, what couples
+    /// the two was not.
+    pub uncoupled: usize,
 }
 
 /// Sigmas of a node that keeps its pose: far below any edge's.
@@ -71,7 +74,7 @@ pub fn default_information(length: f64) -> [f64; 6] {
 pub fn optimise(problem: &Problem<'_>, options: &Options) -> Result<Solved, OptimiseError> {
     let index_of = check(problem)?;
     let values = start(problem);
-    let graph = factors(problem, options, &index_of)?;
+    let (graph, uncoupled) = factors(problem, options, &index_of)?;
     let base = BaseOptParams { max_iterations: options.max_iterations, ..BaseOptParams::default() };
     let params = LevenParams { base, ..LevenParams::default() };
     let cost_before = graph.error(&values);
@@ -86,7 +89,7 @@ pub fn optimise(problem: &Problem<'_>, options: &Options) -> Result<Solved, Opti
             pose.map(|pose| (*node, pose)).ok_or_else(|| OptimiseError::Failed { reason: format!("node {node} got no finite pose") })
         })
         .collect::<Result<Vec<_>, _>>()?;
-    Ok(Solved { poses, cost_before, cost, is_converged })
+    Ok(Solved { poses, cost_before, cost, is_converged, uncoupled })
 }
 
 /// Steps until nothing improves any more; whether that was so before the iterations ran out. The library's own loop loses what
@@ -161,31 +164,43 @@ fn start(problem: &Problem<'_>) -> Values {
     values
 }
 
-fn factors(problem: &Problem<'_>, options: &Options, index_of: &HashMap<NodeId, usize>) -> Result<Graph, OptimiseError> {
+/// All factors, and how many edges had to be uncoupled.
+fn factors(problem: &Problem<'_>, options: &Options, index_of: &HashMap<NodeId, usize>) -> Result<(Graph, usize), OptimiseError> {
     let mut graph = Graph::with_capacity(problem.edges.len() + 1);
     for i in anchors(problem, index_of) {
         let noise = GaussianNoise::<6>::from_scalar_sigma(FIXED_SIGMA);
         graph.add_factor(FactorBuilder::new1_unchecked(PriorResidual::new(se3(&problem.nodes[i].1)), key(i)).noise(noise).build());
     }
+    let mut uncoupled = 0;
     for edge in problem.edges {
-        graph.add_factor(factor(edge, index_of[&edge.from], index_of[&edge.to], options)?);
+        let (noise, is_whole) = noise(edge)?;
+        uncoupled += usize::from(!is_whole);
+        graph.add_factor(factor(edge, noise, index_of[&edge.from], index_of[&edge.to], options));
     }
-    Ok(graph)
+    Ok((graph, uncoupled))
 }
 
-fn factor(edge: &Edge, from: usize, to: usize, options: &Options) -> Result<Factor, OptimiseError> {
-    let information = solver_information(edge);
-    let noise = GaussianNoise::<6>::from_matrix_inf(information.as_view()).ok_or(OptimiseError::BadEdge {
-        from: edge.from,
-        to: edge.to,
-        reason: "its information matrix is not positive definite",
-    })?;
+fn factor(edge: &Edge, noise: GaussianNoise<6>, from: usize, to: usize, options: &Options) -> Factor {
     let builder = FactorBuilder::new2_unchecked(BetweenResidual::new(se3(&edge.t_from_to)), key(from), key(to)).noise(noise);
     let is_loop = from.abs_diff(to) != 1;
-    Ok(match options.huber.filter(|_| is_loop) {
+    match options.huber.filter(|_| is_loop) {
         Some(k) => builder.robust(Huber::new(k)).build(),
         None => builder.build(),
-    })
+    }
+}
+
+/// The noise of an edge, and whether its information was used whole. Public graphs (`cubicle`) have edges whose information is not positive
+/// definite only for what couples translation and rotation; without it, it is.
+fn noise(edge: &Edge) -> Result<(GaussianNoise<6>, bool), OptimiseError> {
+    let whole = solver_information(edge);
+    if let Some(noise) = GaussianNoise::from_matrix_inf(whole.as_view()) {
+        return Ok((noise, true));
+    }
+    let blocks = SolverMatrix6::from_fn(|i, j| if (i < 3) == (j < 3) { whole[(i, j)] } else { 0.0 });
+    match GaussianNoise::from_matrix_inf(blocks.as_view()) {
+        Some(noise) => Ok((noise, false)),
+        None => Err(OptimiseError::BadEdge { from: edge.from, to: edge.to, reason: "its information matrix is not positive definite" }),
+    }
 }
 
 /// The information as the solver orders it: rotation first.

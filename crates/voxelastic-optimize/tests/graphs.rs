@@ -40,6 +40,25 @@ fn costs_equal_those_of_gtsam() {
     }
 }
 
+#[test]
+fn information_that_is_not_positive_definite_only_for_its_couplings_is_uncoupled() {
+    let (nodes, mut edges) = chain(4);
+    let mut information = [0.0; 21];
+    [0, 6, 11, 15, 18, 20].iter().for_each(|i| information[*i] = 100.0);
+    let plain = Edge { information: Some(information), ..edge(0, 3, 3.3) };
+    information[13] = 5000.0; // z against pitch
+    let coupled = Edge { information: Some(information), ..plain.clone() };
+    let mut solve = |loop_edge: &Edge| {
+        edges.push(loop_edge.clone());
+        let solved = optimise(&Problem { nodes: &nodes, edges: &edges, fixed: &[] }, &Options::default()).unwrap();
+        edges.pop();
+        solved
+    };
+    let (plain, coupled) = (solve(&plain), solve(&coupled));
+    assert_eq!((plain.uncoupled, coupled.uncoupled), (0, 1));
+    assert!(plain.poses == coupled.poses && plain.cost == coupled.cost && plain.cost < plain.cost_before);
+}
+
 fn edge(from: NodeId, to: NodeId, x: f64) -> Edge {
     Edge { from, to, t_from_to: Pose::translation(x, 0.0, 0.0), information: None }
 }
@@ -111,9 +130,14 @@ fn a_stream_is_corrected_after_its_loops() {
     let step = poses[40].1.inv_mul(&next.t_map_lidar);
     assert!((step.translation.vector - nalgebra::Vector3::new(1.0, 0.01, 0.0)).norm() < 1e-9, "odometry goes on from there");
     assert!(live.finish().unwrap().is_none() && live.runs() == 1);
+    // Corrections from elsewhere are gone on from.
+    live.handle(Event::PoseUpdate(vec![(41, Pose::translation(7.0, 0.0, 0.0))])).unwrap();
+    let after = live.handle(scan(42, 8.0, 0.0)).unwrap();
+    assert!(matches!(&after[..], [Event::Scan(s)] if (s.t_map_lidar.translation.x - 8.0).abs() < 1e-9), "{after:?}");
+    live.handle(Event::PoseUpdate(vec![(41, next.t_map_lidar), (42, next.t_map_lidar * Pose::translation(1.0, 0.0, 0.0))])).unwrap();
     // A loop that says nothing new waits for the end.
     let known = Edge { from: 0, to: 40, t_from_to: poses[0].1.inv_mul(&poses[40].1), information: None };
     live.handle(Event::LoopEdge(known)).unwrap();
-    assert_eq!(live.handle(scan(42, 2.0, 0.42)).unwrap().len(), 1);
-    assert!(matches!(live.finish().unwrap(), Some(Event::PoseUpdate(poses)) if poses.len() == 43));
+    assert_eq!(live.handle(scan(43, 3.0, 0.0)).unwrap().len(), 1);
+    assert!(matches!(live.finish().unwrap(), Some(Event::PoseUpdate(poses)) if poses.len() == 44));
 }

@@ -4,12 +4,16 @@ function facts() {
   byId("facts").append(...DATA.facts.map((f) => el("div", {}, el("dt", {}, f.label), el("dd", {}, f.value, el("small", {}, f.unit)), el("p", {}, f.note))));
 }
 
+/** A table whose first column names the rows. */
+function table(columns, rows) {
+  return el("div", { class: "scroller" }, el("table", {},
+    el("thead", {}, el("tr", {}, ...columns.map((c) => el("th", { scope: "col" }, c)))),
+    el("tbody", {}, ...rows.map((row) => el("tr", {}, ...row.map((cell, i) => el(i ? "td" : "th", i ? {} : { scope: "row" }, cell)))))));
+}
+
 function tables() {
   const section = byId("tables");
-  section.append(...DATA.tables.map((t) => el("div", { class: "tables" }, el("h2", {}, t.title), el("p", { class: "lead" }, t.note),
-    el("div", { class: "scroller" }, el("table", {},
-      el("thead", {}, el("tr", {}, ...t.columns.map((c) => el("th", { scope: "col" }, c)))),
-      el("tbody", {}, ...t.rows.map((row) => el("tr", {}, ...row.map((cell, i) => el(i ? "td" : "th", i ? {} : { scope: "row" }, cell))))))))));
+  section.append(...DATA.tables.map((t) => el("div", { class: "tables" }, el("h2", {}, t.title), el("p", { class: "lead" }, t.note), table(t.columns, t.rows))));
   if (DATA.distances.length) {
     const colours = ["--accent", "--warm", "--violet", "--gold"];
     section.append(el("div", { class: "tables" }, el("h2", {}, "Distances from the truth"),
@@ -26,6 +30,21 @@ function run() {
   byId("run-lead").textContent = `${scans.node.length} scans in ${short(total)} s with ${threads} thread${threads === 1 ? "" : "s"}, reading included` +
     `${interrupted ? "; ended early" : ""}. Across: the number of the scan.`;
   byId("run-charts").append(...runCharts(DATA.run));
+  byId("charts").append(...closures(DATA.run));
+}
+
+/** Loop closures and corrections, each with its time. */
+function closures({ loops, corrections }) {
+  const ms = (time) => (time === null || time === undefined ? "–" : `${short(time)} ms`);
+  const events = [
+    ...loops.map((l) => ({ ...l, cells: [`loop ${l.from} – ${l.to}`, ms(l.wall_ms), "–", "–", "–", l.fusions] })),
+    ...corrections.map((c) => ({ ...c, cells: ["poses corrected", ms(c.wall_ms), ms(c.optimise_ms), c.moved, c.closed, c.fusions] })),
+  ].filter((e) => e.wall_ms > 0).sort((a, b) => a.after - b.after);
+  if (!events.length) return [];
+  const slowest = most(events.map((e) => e.wall_ms));
+  const rows = events.map((e) => [String(e.after), ...e.cells.map(String)]);
+  return [el("details", { id: "closures" }, el("summary", {}, `Loop closures: at most ${short(slowest)} ms each`),
+    table(["scans before", "what", "mapper", "optimiser", "submaps moved", "loops closed", "fusions asked"], rows))];
 }
 
 function details() {

@@ -57,15 +57,17 @@ function overlay(place, wide, tall, turnedMap) {
   const colours = new Map(DATA.surfaces.map((s) => [s.submap, hex(s.colour)]));
   const parts = [];
   const stroke = (d, attributes) => parts.push(svg("path", { d, fill: "none", "stroke-linecap": "round", "stroke-linejoin": "round", ...attributes }));
-  if (DATA.run && DATA.run.scans.position.length > 1)
-    stroke(`M${text(DATA.run.scans.position)}`, { stroke: "var(--soft)", "stroke-width": thin, "stroke-dasharray": `${thin * 2} ${thin * 2.5}` });
+  const at = new Map(node.map((n, i) => [n, position[i]]));
+  const came = DATA.run ? DATA.run.scans.position : [];
+  const isMoved = came.some((p, i) => at.has(DATA.run.scans.node[i]) && Math.hypot(...sub(p, at.get(DATA.run.scans.node[i]))) > 0.02);
+  if (isMoved && came.length > 1)
+    stroke(`M${text(came)}`, { stroke: "var(--soft)", "stroke-width": thin, "stroke-dasharray": `${thin * 2} ${thin * 2.5}` });
   // One line per stretch within a submap.
   for (let i = 0, start = 0; i < position.length; i++)
     if (i + 1 === position.length || submap[i + 1] !== submap[i]) {
       stroke(`M${text(position.slice(start, i + 2))}`, { stroke: colours.get(submap[i]) || "var(--warm)", "stroke-width": thin * 2.4 });
       start = i + 1;
     }
-  const at = new Map(node.map((n, i) => [n, position[i]]));
   const loops = (DATA.run ? DATA.run.loops : []).filter((l) => at.has(l.from) && at.has(l.to));
   for (const l of loops) {
     stroke(`M${text([at.get(l.from), at.get(l.to)])}`, { stroke: "var(--rose)", "stroke-width": thin * 1.6 });
@@ -88,7 +90,7 @@ function overlay(place, wide, tall, turnedMap) {
     if (point) { const [x, y] = place(point); dot.setAttribute("cx", x); dot.setAttribute("cy", y); }
   });
   const key = [...(colours.size > 1 ? [["Trajectory, a colour per submap", [...colours.values()][0]]] : [["Trajectory", "var(--warm)"]]),
-    ...(DATA.run && DATA.run.scans.position.length ? [["Poses as they came", "var(--soft)"]] : []), ...(loops.length ? [["Loop closures", "var(--rose)"]] : []),
+    ...(isMoved ? [["Poses as they came", "var(--soft)"]] : []), ...(loops.length ? [["Loop closures", "var(--rose)"]] : []),
     ...(DATA.plan ? [["Planned path", "#2f6fe0"], ["Search tree", "#d23b3b"]] : [])];
   byId("plan-key").replaceChildren(...key.map(([name, c]) => el("span", { style: `--c:${c}` }, name)));
   byId("plan-lead").textContent = `Upright surfaces are ink. ${turnedMap ? "Map x points down, y to the right" : "Map y points up"}; ` +

@@ -110,26 +110,31 @@ class View {
     this.fill(this.lines.plan, DATA.plan ? planSegments(DATA.plan) : []);
   }
 
-  /** The whole map, from the side and above. */
+  /** The whole map, from the side and above: from whichever side it fills the picture better. */
   reset(now) {
-    const { low, high } = this.bounds;
-    const size = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]);
-    // Look along the shorter side, so that a long map fills the picture.
-    const yaw = high[0] - low[0] > high[1] - low[1] ? -1.15 : -0.42;
-    this.fly({ target: scaled(add(low, high), 0.5), distance: Math.max(size * this.fit(), 0.5), yaw, pitch: 0.62 }, now);
+    const views = [-0.42, -1.15].map((yaw) => this.fitted(yaw, 0.62));
+    this.fly(views[0].distance <= views[1].distance ? views[0] : views[1], now);
   }
 
   /** From straight above, map y up. */
   top() {
-    const { low, high } = this.bounds;
-    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
-    const tall = Math.max(high[1] - low[1], (high[0] - low[0]) / aspect);
-    this.fly({ target: scaled(add(low, high), 0.5), distance: tall * 0.54 / Math.tan(FOV / 2) + (high[2] - low[2]) / 2, yaw: -Math.PI / 2, pitch: 1.5707 });
+    this.fly(this.fitted(-Math.PI / 2, 1.5707));
   }
 
-  fit() {
-    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
-    return aspect > 1.2 ? 0.82 : 0.95 / Math.max(aspect, 0.4);
+  /** The camera that has the whole map in what the panel leaves of the picture. */
+  fitted(yaw, pitch) {
+    const { low, high } = this.bounds, { canvas } = this;
+    const middle = scaled(add(low, high), 0.5), [across, up] = this.axes({ yaw, pitch });
+    const towards = [Math.cos(yaw) * Math.cos(pitch), Math.sin(yaw) * Math.cos(pitch), Math.sin(pitch)];
+    const panel = byId("panel"), covered = getComputedStyle(panel).position === "absolute" ? panel.offsetLeft + panel.offsetWidth : 0;
+    const tall = Math.tan(FOV / 2) * 1.05, wide = (tall * Math.max(canvas.clientWidth - covered, 50)) / Math.max(canvas.clientHeight, 1);
+    const distances = [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => {
+      const c = sub([0, 1, 2].map((k) => ((corner >> k) & 1 ? high : low)[k]), middle);
+      return dot(c, towards) + Math.max(Math.abs(dot(c, across)) / wide, Math.abs(dot(c, up)) / tall);
+    });
+    const distance = Math.max(...distances, 0.5);
+    const metresPerPixel = (2 * Math.tan(FOV / 2) * distance) / Math.max(canvas.clientHeight, 1);
+    return { target: add(middle, scaled(across, (-covered / 2) * metresPerPixel)), distance, yaw, pitch };
   }
 
   /** Moves the camera there, in half a second or at once. */
@@ -160,8 +165,7 @@ class View {
   }
 
   /** Directions of the picture in the map: across and up. */
-  axes() {
-    const { yaw, pitch } = this.camera;
+  axes({ yaw, pitch } = this.camera) {
     return [[-Math.sin(yaw), Math.cos(yaw), 0], [-Math.cos(yaw) * Math.sin(pitch), -Math.sin(yaw) * Math.sin(pitch), Math.cos(pitch)]];
   }
 

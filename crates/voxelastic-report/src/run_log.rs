@@ -28,6 +28,8 @@ pub struct RunLog {
     pub scans_skipped: usize,
     /// Submaps fused into others.
     pub fusions: usize,
+    /// Groups of submaps that closed loops join and that stay apart, because together they would be too large.
+    pub groups_apart: usize,
     /// Root poses that corrections moved.
     pub submap_moves: usize,
     /// Most memory that the process held, megabytes (10^6 bytes).
@@ -68,14 +70,20 @@ pub struct ScanLog {
     pub rss_mb: Vec<f64>,
 }
 
-/// A loop edge.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+/// A loop edge, and what came of it at once. Where the poses contradict it, it closes with a later [`Correction`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LoopEdge {
     /// One node.
     pub from: u64,
     /// The other.
     pub to: u64,
+    /// Scans integrated before it.
+    pub after: usize,
+    /// Time that the mapper took for it.
+    pub wall_ms: f64,
+    /// Fusions of submaps that it asked for; they are done beside the scans that follow.
+    pub fusions: usize,
 }
 
 /// A correction of poses.
@@ -86,6 +94,14 @@ pub struct Correction {
     pub after: usize,
     /// Time that the mapper took for it.
     pub wall_ms: f64,
+    /// Time that the optimiser took to find it; none where the poses came from elsewhere.
+    pub optimise_ms: Option<f64>,
+    /// Submaps that it moved.
+    pub moved: usize,
+    /// Loops that it closed.
+    pub closed: usize,
+    /// Fusions of submaps that it asked for; they are done beside the scans that follow.
+    pub fusions: usize,
 }
 
 impl RunLog {
@@ -135,7 +151,14 @@ mod tests {
     fn log() -> RunLog {
         let scans = ScanLog { node: vec![3, 4], wall_ms: vec![1.5, 2.5], submaps: vec![1, 1], ..ScanLog::default() };
         let phases_ms = [("prepare".to_owned(), vec![0.5, 0.25])].into_iter().collect();
-        RunLog { format: FORMAT, threads: 2, scans, phases_ms, loops: vec![LoopEdge { from: 3, to: 4 }], ..RunLog::default() }
+        RunLog {
+            format: FORMAT,
+            threads: 2,
+            scans,
+            phases_ms,
+            loops: vec![LoopEdge { from: 3, to: 4, after: 2, ..LoopEdge::default() }],
+            ..RunLog::default()
+        }
     }
 
     #[test]

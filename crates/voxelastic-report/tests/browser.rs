@@ -116,7 +116,7 @@ fn the_page_draws_and_its_controls_act() {
         assert_eq!(acted, true, "{what} changes nothing: {seen}");
     }
     assert!(seen["acts"].as_object().unwrap().len() >= 20, "{seen}");
-    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(5), Some(1), Some(2)), "{seen}");
+    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(5), Some(1), Some(4)), "{seen}");
     assert_eq!(seen["overflow"], false, "the page is wider than the window");
 }
 

@@ -31,14 +31,16 @@ use voxelastic_io::mesh_io::{MeshRef, write_ply};
 /// Against a simulated folder, or its world.toml: distances to the world are exact, completeness counts what the sensor could see, free and
 /// occupied space are judged, and the map's poses are compared with the true ones. Nothing is aligned: map and world have one frame.
 ///
-/// Against any other folder of scans with ground truth poses: the poses alone.
+/// Against any other folder of scans: the poses alone, scan by scan. The true ones are those in the file that calls itself ground truth, or in
+/// the one that --poses names.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic eval quad.vox --truth survey.ply                 a map against a survey, aligned to it
   voxelastic eval quad.ply --truth survey.pcd --error-ply errors.ply
   voxelastic eval campus.vox --truth campus                   against the world that was simulated into campus
   voxelastic eval campus.vox --truth campus --field occupancy --max-range 20
-  voxelastic eval hall.vox --truth hall                       the poses used, against ground truth poses in hall
+  voxelastic eval kitti00.vox --truth kitti00                 the poses used, against the ground truth poses in kitti00
+  voxelastic eval kitti00.vox --truth kitti00 --poses gps.tum the same, where the name does not say which are true
   voxelastic eval quad.vox --truth survey.ply --thresholds 0.05,0.2 --json")]
 pub struct EvalArgs {
     /// The map; or a mesh or cloud (.ply, .pcd, .bin) of anyone's making
@@ -47,6 +49,9 @@ pub struct EvalArgs {
     /// What is true: a cloud, a mesh, a simulated folder or its world.toml, or a folder with ground truth poses
     #[arg(long, value_name = "CLOUD|MESH|DIR|world.toml")]
     truth: PathBuf,
+    /// Which pose file of the folder after --truth is true: a path, a name, or a part of one [default: the one called ground truth]
+    #[arg(long, value_name = "FILE")]
+    poses: Option<PathBuf>,
     /// Compare as they lie, where the truth is a cloud or mesh in the frame of the map
     #[arg(long)]
     no_align: bool,
@@ -100,6 +105,7 @@ impl EvalArgs {
         Self {
             map: map.to_owned(),
             truth: truth.to_owned(),
+            poses: None,
             no_align: false,
             align: false,
             thresholds: CompareSettings::default().thresholds,
@@ -176,7 +182,7 @@ pub fn run(args: &EvalArgs) -> anyhow::Result<u8> {
 
 fn measure(args: &EvalArgs) -> anyhow::Result<Summary> {
     let measured = Measured::open(args)?;
-    let truth = Truth::open(&args.truth, &args.limits())?;
+    let truth = Truth::open(&args.truth, args.poses.as_deref(), &args.limits())?;
     against_truth(args, measured, &truth)
 }
 

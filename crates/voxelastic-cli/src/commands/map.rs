@@ -21,7 +21,7 @@ use voxelastic::event::Event;
 use voxelastic::mapper::Mapper;
 use voxelastic_io::source::Source;
 use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
-use voxelastic_report::RunLog;
+use voxelastic_report::{Correction, LoopEdge, RunLog};
 
 /// Map a folder of scans and poses, or a recording
 ///
@@ -86,6 +86,12 @@ struct Summary {
     voxels_freed: usize,
     /// Root poses that corrections moved.
     submap_moves: usize,
+    /// Groups of submaps that closed loops join and that stay apart, because together they would be too large.
+    groups_apart: usize,
+    /// Loop edges as they came, each with its time.
+    loops: Vec<LoopEdge>,
+    /// Corrections of the poses as they came, each with its time.
+    corrections: Vec<Correction>,
     /// Submaps made anew from their scans at the end.
     submaps_rebuilt: usize,
     /// What the map stores: `tsdf`, `occupancy`, `both`.
@@ -204,7 +210,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     for event in source.events() {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
-        match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event)) {
+        match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event, session)) {
             Ok(events) => events.into_iter().try_for_each(|event| session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())))?,
             Err(problem) => skip(problem)?,
         }
@@ -225,7 +231,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     tally.mapping_s = clock.elapsed().as_secs_f64();
     tally.skipped += source.without_pose();
     tally.held_out = held_out.load(Ordering::Relaxed);
-    let last = corrector.last().and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
+    let last = corrector.last(session).and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
     if let Err(problem) = last {
         tracing::warn!("the last correction is missing: {problem:#}");
     }
@@ -233,7 +239,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
 }
 
 fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
-    let mapper = session.mapper();
+    let (mapper, log) = (session.mapper(), session.log());
     let (settings, atlas) = (mapper.settings(), mapper.atlas());
     Summary {
         output: output.to_owned(),
@@ -242,9 +248,12 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         scans_held_out: tally.held_out,
         interrupted: tally.interrupted,
         submaps: atlas.submaps().len(),
-        fusions: mapper.elastic_counts().fusions,
+        fusions: log.fusions,
         voxels_freed: mapper.elastic_counts().voxels_freed,
-        submap_moves: mapper.elastic_counts().submap_moves,
+        submap_moves: log.submap_moves,
+        groups_apart: log.groups_apart,
+        loops: log.loops,
+        corrections: log.corrections,
         submaps_rebuilt: tally.rebuilt,
         field: settings.field.name(),
         voxel_m: settings.voxel,

@@ -45,6 +45,8 @@ struct Summary {
     cost_before: f64,
     cost: f64,
     converged: bool,
+    /// Edges whose information matrix was not positive definite until what couples translation and rotation was left out.
+    uncoupled: usize,
     seconds: f64,
 }
 
@@ -62,12 +64,17 @@ pub fn run(args: &OptimizeArgs) -> anyhow::Result<u8> {
         cost_before: solved.cost_before,
         cost: solved.cost,
         converged: solved.is_converged,
+        uncoupled: solved.uncoupled,
         seconds: clock.elapsed().as_secs_f64(),
     };
     graph.nodes = solved.poses;
     g2o::write(&args.output, &graph)?;
     let Summary { nodes, edges, cost_before, cost, seconds, .. } = summary;
     tracing::info!("{nodes} nodes, {edges} edges: cost {cost_before:.6} before, {cost:.6} after, {seconds:.2} s");
+    if summary.uncoupled > 0 {
+        let what = "an information matrix that is not positive definite: what couples translation and rotation in it was left out";
+        tracing::warn!("{} of {edges} edges have {what}", summary.uncoupled);
+    }
     if !summary.converged {
         tracing::warn!("still improving after {} iterations; allow more with --iterations", args.iterations);
     }

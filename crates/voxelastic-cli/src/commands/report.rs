@@ -90,7 +90,7 @@ fn make(args: &ReportArgs) -> anyhow::Result<u8> {
     report.error_max = args.error_max as f32;
     report.plan = args.plan.as_deref().map(StoredPath::read).transpose()?.map(StoredPath::drawn);
     if let Some(path) = &args.truth {
-        let truth = Truth::open(path, &Limits::default())?;
+        let truth = Truth::open(path, None, &Limits::default())?;
         reporting::judge(&mut report, &args.map, path, &truth)?;
     }
     let file = args.output.clone().unwrap_or_else(|| page_of(&args.map));

@@ -80,6 +80,30 @@ fn drifting_poses_show_in_the_figures() {
 }
 
 #[test]
+fn true_poses_are_found_by_name_or_named() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), "simulate room -o room --scans 8 --spacing 0.5 --columns 64 --drift 10 --loop-radius 0");
+    works(dir.path(), "map room --voxel 0.2");
+    let file = |name: &str| dir.path().join("room").join(name);
+    std::fs::remove_file(file("world.toml")).unwrap();
+    let by_name = json(dir.path(), "eval room.vox --truth room --json");
+    assert!(number(&by_name, "/trajectory/ate/translation_m/rmse") > 1e-3, "{by_name}");
+
+    // Other estimates beside do not matter; two truths do, until one is named; one that says nothing of itself can be named.
+    std::fs::copy(file("poses.tum"), file("slam.tum")).unwrap();
+    assert_eq!(json(dir.path(), "eval room.vox --truth room --json")["trajectory"], by_name["trajectory"]);
+    let own = json(dir.path(), "eval room.vox --truth room --poses slam --json");
+    assert!(number(&own, "/trajectory/ate/translation_m/max") < 1e-6, "{own}");
+    std::fs::copy(file("groundtruth.tum"), file("gt.tum")).unwrap();
+    fails(dir.path(), "eval room.vox --truth room", 1, &["groundtruth.tum", "gt.tum", "--poses"]);
+    assert_eq!(json(dir.path(), "eval room.vox --truth room --poses gt.tum --json")["trajectory"], by_name["trajectory"]);
+    ["gt.tum", "groundtruth.tum"].iter().for_each(|f| std::fs::remove_file(file(f)).unwrap());
+    fails(dir.path(), "eval room.vox --truth room", 1, &["ground truth", "--poses FILE"]);
+    cloud(&dir, "survey.ply", &corner(1.0, 0.0));
+    fails(dir.path(), "eval room.vox --truth survey.ply --poses slam", 2, &["survey.ply", "--poses"]);
+}
+
+#[test]
 fn clouds_are_aligned_unless_told_not_to() {
     let dir = tempfile::tempdir().unwrap();
     cloud(&dir, "truth.ply", &corner(1.0, 0.0));

@@ -1,6 +1,7 @@
 //! The `voxelastic` command as its users run it: `feature` is what works, `misc` is what goes wrong and how it is said.
 
 mod colours;
+mod corrections;
 mod evaluation;
 mod feature;
 mod misc;

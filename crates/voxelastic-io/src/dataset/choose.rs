@@ -29,6 +29,19 @@ pub(super) fn poses(folder: &Folder, asked: Option<&Path>) -> Result<PoseFile> {
     }
 }
 
+/// The pose file to hold others against: the one that is asked for, or the only one that calls itself ground truth; none if none does.
+pub(super) fn truth(folder: &Folder, asked: Option<&Path>) -> Result<Option<PoseFile>> {
+    if let Some(asked) = asked {
+        return resolve(folder, asked, "pose files", "--poses", |_| true).map(Some);
+    }
+    let claim: Vec<&PoseFile> = folder.poses.iter().filter(|p| p.is_ground_truth()).collect();
+    match claim.as_slice() {
+        [] => Ok(None),
+        [one] => Ok(Some((*one).clone())),
+        several => Err(ambiguous(folder, "ground truth files", "--poses", several.iter().copied())),
+    }
+}
+
 /// The pose graph to take edges from: the one that is asked for, the one that the poses are from, or the only one.
 pub(super) fn graph(folder: &Folder, asked: Option<&Path>, poses: &PoseFile) -> Result<Option<PoseFile>> {
     let is_graph = |p: &PoseFile| p.format == PoseFormat::G2o;

@@ -40,6 +40,12 @@ impl Edges {
         before - self.loops.len()
     }
 
+    /// The way from one scan to the next, if it was measured.
+    pub(super) fn measured(&self, from: &ScanEntry, to: &ScanEntry) -> Option<Pose> {
+        let edge = self.odometry.get(&(from.node.min(to.node), from.node.max(to.node)))?.first()?;
+        Some(if edge.from == from.node { edge.t_from_to } else { edge.t_from_to.inverse() })
+    }
+
     /// Odometry from one scan to the next: as measured, else as their poses say.
     pub(crate) fn odometry(&self, from: &ScanEntry, to: &ScanEntry) -> Vec<Edge> {
         let measured = self.odometry.get(&(from.node.min(to.node), from.node.max(to.node)));

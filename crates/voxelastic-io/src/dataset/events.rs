@@ -1,6 +1,7 @@
 //! The registered cloud list as a stream, decoded ahead on a thread of its own.
 
 use super::folder::Snapshot;
+use super::onward::Onward;
 use super::{Dataset, ScanEntry, snapshot};
 use crate::{Error, Result, StampedCloud};
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -8,8 +9,8 @@ use std::io;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
-use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId, Scan};
+use voxelastic::{Cloud, Pose};
 
 /// Clouds that wait decoded for their turn.
 const AHEAD: usize = 2;
@@ -24,6 +25,7 @@ pub struct Events {
     context: Arc<snapshot::Context>,
     /// Snapshots not yet read, in the order of their scans.
     snapshots: VecDeque<Snapshot>,
+    onward: Onward,
     /// Numbers of the loop edges at each node.
     loops_at: HashMap<NodeId, Vec<usize>>,
     decoded: Receiver<Result<StampedCloud>>,
@@ -54,6 +56,7 @@ impl Events {
             edges: Arc::clone(&dataset.edges),
             context: Arc::clone(&dataset.context),
             snapshots: dataset.snapshots.iter().cloned().collect(),
+            onward: Onward::new(),
             loops_at,
             decoded,
             next: 0,
@@ -68,7 +71,8 @@ impl Events {
         let scans = Arc::clone(&self.scans);
         let entry = &scans[k];
         let cloud = self.context.in_motion(in_scan_time(decoded, entry.time), entry);
-        self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar: entry.t_map_lidar, cloud })));
+        let t_map_lidar = self.pose(k);
+        self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         if let Some(previous) = self.previous {
             let odometry = self.edges.odometry(&scans[previous], entry);
             self.ready.extend(odometry.into_iter().map(|e| Ok(Event::OdometryEdge(e))));
@@ -83,11 +87,25 @@ impl Events {
         }
     }
 
+    /// Pose of scan `k`: as the file says, or on from the last correction.
+    fn pose(&mut self, k: usize) -> Pose {
+        let (scans, told) = (&self.scans, &self.scans[k].t_map_lidar);
+        let Some(previous) = self.previous else { return *told };
+        let measured = self.edges.measured(&scans[previous], &scans[k]);
+        // Without a measurement, the motion before it is the best guess.
+        let motion = measured.or_else(|| Some(scans[previous.checked_sub(1)?].t_map_lidar.inv_mul(&scans[previous].t_map_lidar)));
+        self.onward.pose(told, &scans[previous].t_map_lidar, motion.as_ref())
+    }
+
     /// Queues the snapshots that were taken before the scan that comes next.
     fn update_poses(&mut self) {
         let coming = self.scans.get(self.next).map(|s| s.node);
         while let Some(snapshot) = self.snapshots.pop_front_if(|s| coming.is_none_or(|node| s.after < node)) {
-            self.ready.push_back(snapshot::read(&snapshot, &self.context, &self.seen).map(Event::PoseUpdate));
+            let update = snapshot::read(&snapshot, &self.context, &self.seen);
+            if let (Ok(poses), Some(previous)) = (&update, self.previous) {
+                self.onward.corrected(poses, &self.scans[..=previous]);
+            }
+            self.ready.push_back(update.map(Event::PoseUpdate));
         }
     }
 }

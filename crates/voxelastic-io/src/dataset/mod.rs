@@ -23,6 +23,7 @@ mod every;
 mod folder;
 mod matching;
 mod names;
+mod onward;
 pub(crate) use names::natural;
 mod snapshot;
 
@@ -208,6 +209,18 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     })
 }
 
+/// Opens a dataset for the sake of its true poses: those in the file `poses`, named as in [`OpenOptions`], or in the only file that calls
+/// itself ground truth. Whatever other pose files are there does not matter. `None` if no file was named and none calls itself so.
+///
+/// # Errors
+/// [`Error::Ambiguous`] if several files call themselves ground truth, and as [`open`].
+pub fn open_truth(path: impl AsRef<Path>, poses: Option<&Path>) -> Result<Option<(PathBuf, Dataset)>> {
+    let path = path.as_ref();
+    let Some(file) = choose::truth(&folder::scan(path)?, poses)? else { return Ok(None) };
+    let data = open(path, &OpenOptions { poses: Some(file.path.clone()), ..OpenOptions::default() })?;
+    Ok(Some((file.path, data)))
+}
+
 /// A folder that a SLAM system or a data set left in a layout of its own.
 fn from_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> {
     let mut description = Description::of_dump(path, &dump)?;
@@ -301,9 +314,17 @@ impl Dataset {
         self.description.loop_edges_without_scan += edges.retain(&self.scans);
     }
 
+    /// Keeps the first `most` scans and what was known by then: snapshots of the poses that were taken after a later scan go.
+    pub fn truncate(&mut self, most: usize) {
+        let Some(first_left_out) = self.scans.get(most).map(|scan| scan.node) else { return };
+        let mut place = 0..;
+        self.retain(|_| place.next().is_some_and(|place| place < most));
+        self.snapshots = self.snapshots.iter().filter(|s| s.after < first_left_out).cloned().collect();
+    }
+
     /// The registered cloud list: each scan when its turn comes, an odometry edge from the scan before it (measured if the
     /// graph has it, else the relative pose), loop edges once both ends have been seen, pose updates from snapshots at
-    /// their scan.
+    /// their scan. Scans that come after a snapshot go on from the corrected poses, unless the pose file has the corrections in it.
     ///
     /// Clouds are decoded on a thread of their own, at most two ahead, so memory does not grow with the dataset. A cloud that
     /// cannot be read is an `Err` item, and the iteration goes on with the next.

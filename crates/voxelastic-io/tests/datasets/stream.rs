@@ -95,9 +95,38 @@ fn snapshots_become_pose_updates() {
     });
     assert_eq!(update.unwrap(), [(0, pose(0.5)), (1, pose(2.5))]);
     assert_eq!(dataset.description().snapshots, 3);
+    for (most, cut_short) in
+        [(9, "S0 S1 O0-1 U2 S2 O1-2 S3 O2-3 U4 S4 O3-4 U5"), (4, "S0 S1 O0-1 U2 S2 O1-2 S3 O2-3 U4"), (3, "S0 S1 O0-1 U2 S2 O1-2")]
+    {
+        let mut first = dataset.clone();
+        first.truncate(most);
+        assert_eq!(story(&first), cut_short, "what came later is not known yet");
+    }
 
     folder.text("poses@000001.txt", "1 0 0 0 0 1 0 0 0 0 1 zero\n1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 0\n");
     assert_eq!(story(&folder.open().unwrap()), "S0 S1 O0-1 ! S2 O1-2 S3 O2-3 U4 S4 O3-4 U5");
+}
+
+#[test]
+fn scans_after_a_snapshot_go_on_from_it() {
+    let taken = |folder: &Folder| -> Vec<f64> {
+        let events = folder.open().unwrap().events().map(Result::unwrap);
+        events.filter_map(|e| if let Event::Scan(scan) = e { Some(scan.t_map_lidar.translation.x) } else { None }).collect()
+    };
+    let write = |folder: &Folder, xs: &[f64]| poses::write_kitti(folder.file("poses.txt"), &xs.iter().map(|x| pose(*x)).collect::<Vec<_>>()).unwrap();
+    for has_graph in [false, true] {
+        let folder = Folder::with_scans(6);
+        if has_graph {
+            let chain = PoseGraph { edges: (0..5).map(|k| edge(k, k + 1, 2.0)).collect(), ..graph(&[0, 1, 2, 3, 4, 5], &[]) };
+            g2o::write(folder.file("graph.g2o"), &chain).unwrap();
+        }
+        folder.kitti("poses@000002.txt", 3, 0.5);
+        folder.kitti("poses@000004.txt", 5, -1.0);
+        write(&folder, &[0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
+        assert_eq!(taken(&folder), [0.0, 2.0, 4.0, 6.5, 8.5, 9.0], "odometry goes on from the corrected poses");
+        write(&folder, &[0.0, 2.0, 4.0, 6.5, 8.5, 9.0]);
+        assert_eq!(taken(&folder), [0.0, 2.0, 4.0, 6.5, 8.5, 9.0], "a file with the corrections in it is left alone");
+    }
 }
 
 #[test]

@@ -24,8 +24,8 @@ pub struct Hit {
 
 /// A union of solids in a map frame with z up, metres.
 ///
-/// The distance to it is exact outside, and inside down to [`World::DEPTH_LIMIT`]: also where solids overlap or touch, whose
-/// inner faces do not count as surface. Rays are cast in closed form.
+/// The distance to it is exact outside, and inside down to a limit: also where solids overlap or touch, whose inner faces do not count as
+/// surface. Rays are cast in closed form.
 #[derive(Clone, Debug)]
 pub struct World {
     name: String,
@@ -38,7 +38,7 @@ pub struct World {
 }
 
 impl World {
-    /// Distances inside of solids are exact down to this depth in metres; deeper points all get minus this.
+    /// Usual limit of [`distance`](Self::distance): inside of solids it is exact down to this depth in metres; deeper points all get minus this.
     pub const DEPTH_LIMIT: f64 = 1.0;
 
     /// What the world is called.
@@ -66,12 +66,17 @@ impl World {
     ///
     /// Exact to rounding outside. Inside it is exact to about 2e-5 m. NaN for a point that is not finite.
     pub fn distance(&self, p: [f64; 3]) -> f64 {
+        self.distance_within(p, Self::DEPTH_LIMIT)
+    }
+
+    /// As [`distance`](Self::distance), down to a depth of `limit` metres: the search for the way out grows with it.
+    pub fn distance_within(&self, p: [f64; 3], limit: f64) -> f64 {
         let p = Vec3::from(p);
         if !p.iter().all(|c| c.is_finite()) {
             return f64::NAN;
         }
         match self.nearest_solid(&p) {
-            Some((d, _)) if d < interior::SKIN / 10.0 => -self.depth(&p, Self::DEPTH_LIMIT),
+            Some((d, _)) if d < interior::SKIN / 10.0 => -self.depth(&p, limit),
             Some((d, _)) => d,
             None => f64::INFINITY,
         }

@@ -110,6 +110,9 @@ proptest! {
             if depth < World::DEPTH_LIMIT {
                 prop_assert!(found <= depth * 1.1 + 0.03, "{depth} but no way out below {found}");
             }
+            let deeper = -world.distance_within(p.into(), 6.0);
+            prop_assert!(deeper <= found + 1e-4 && deeper >= depth - 1e-4, "{deeper} m to 6 m of depth, {depth} to 1 m, by rays {found}");
+            prop_assert!(found <= deeper * 1.1 + 0.03 || found > 6.0, "{deeper} but no way out below {found}");
         }
     }
 

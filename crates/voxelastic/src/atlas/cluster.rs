@@ -5,6 +5,8 @@
 //! is a bound: **every node of a submap lies within `lambda_odom + lambda_cluster` of the submap's root along the graph.** A fusion that
 //! would break it is not done; the submaps stay apart, each rigid over a stretch that drift over that distance can describe.
 //!
+//! What the bound keeps apart now may fit later, when another loop shortens the way; the mapper asks again then.
+//!
 //! Traversals still fuse. A later submap covers at most `lambda_odom` of path; of the older submaps beside it, one has its root beside
 //! that stretch, and then no node of the later one is farther from it than `lambda_odom` and the loop edge's own length. Each newer
 //! submap goes into the older one whose root is nearest in that sense, and two neighbours of the same traversal, whose far ends are two
@@ -24,6 +26,16 @@ pub struct ClusterRule {
     pub lambda_cluster: f64,
 }
 
+/// What a closed loop leads to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Clustered {
+    /// The fusions that it asks for, newest source first.
+    pub fusions: Vec<Fusion>,
+    /// Submaps that its cluster is in after them, in ascending order: more than one where the bound keeps some apart. Whether they can
+    /// fuse later is a matter of these submaps alone, whatever loop asks.
+    pub left: Vec<SubmapId>,
+}
+
 /// A submap that is to become part of an older one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fusion {
@@ -39,8 +51,14 @@ impl ClusterRule {
         self.lambda_odom + self.lambda_cluster
     }
 
-    /// The fusions that the closed loop between `ends` asks for, newest source first. `members` is left as it will be after them.
-    pub fn fusions(&self, graph: &PoseGraph, members: &mut Members, ends: [NodeId; 2]) -> Vec<Fusion> {
+    /// Farthest along the graph from the ends of a loop that has just closed that another loop's cluster can be if it is to fuse now and
+    /// was not to before: such a fusion needs a way through the new loop from a root to a node, and the cluster is with the node's submap.
+    pub fn influence(&self) -> f64 {
+        3.0 * self.bound() + self.lambda_cluster
+    }
+
+    /// What the closed loop between `ends` asks for. `members` is left as it will be after the fusions.
+    pub fn cluster(&self, graph: &PoseGraph, members: &mut Members, ends: [NodeId; 2]) -> Clustered {
         let cluster = graph.within(&ends, self.lambda_cluster);
         let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| members.submap_of(*node)).collect();
         let mut fusions = Vec::new();
@@ -53,7 +71,7 @@ impl ClusterRule {
                 fusions.push(Fusion { source, target });
             }
         }
-        fusions
+        Clustered { fusions, left: submaps.into_iter().collect() }
     }
 
     /// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
@@ -137,7 +155,7 @@ mod tests {
             let t_from_to = graph.pose(partner).unwrap().inv_mul(&here);
             graph.add_edge(LinkKind::Loop, &Edge { from: partner, to: node, t_from_to, information: None }).unwrap();
             for ends in graph.take_closed() {
-                done.extend(RULE.fusions(graph, members, ends));
+                done.extend(RULE.cluster(graph, members, ends).fusions);
             }
         }
         done

@@ -17,16 +17,17 @@ pub use front::Front;
 pub use rebuild::{RebuildError, RebuildReport, ScanSource};
 pub use report::{ElasticCounts, MapError, Placed, ScanReport};
 
-use crate::atlas::cluster::ClusterRule;
+use crate::atlas::cluster::{ClusterRule, Clustered};
 use crate::atlas::fusion::settle_doubts;
 use crate::atlas::graph::{Agreement, EdgeOutcome, GraphCounts, LinkKind, PoseGraph, is_rigid};
-use crate::atlas::{Atlas, Members, Submap};
+use crate::atlas::{Atlas, Members, Submap, SubmapId};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats, paint};
 use crate::sensor::BeamModel;
 use crate::settings::{NoReturn, SettingError, Settings};
 use fusing::Fusing;
+use std::collections::{BTreeMap, HashSet};
 use std::time::{Duration, Instant};
 
 /// Turns a stream of events into an [`Atlas`].
@@ -44,6 +45,8 @@ pub struct Mapper {
     integrators: Integrators,
     /// The node that came last, whether its scan could be used or not.
     last_node: Option<NodeId>,
+    /// Groups of submaps that a closed loop joins and the bound keeps apart, each with the ends of such a loop.
+    apart: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
     counts: ElasticCounts,
 }
 
@@ -66,6 +69,7 @@ impl Mapper {
             known: None,
             integrators: Integrators::new(&settings),
             last_node: None,
+            apart: BTreeMap::new(),
             counts: ElasticCounts::default(),
             settings,
         })
@@ -108,7 +112,7 @@ impl Mapper {
 
     /// What the elastic part did so far.
     pub fn elastic_counts(&self) -> ElasticCounts {
-        ElasticCounts { fusions: self.fusing.done(), fusions_due: self.fusing.due(), ..self.counts }
+        ElasticCounts { fusions: self.fusing.done(), fusions_due: self.fusing.due(), groups_apart: self.apart.len(), ..self.counts }
     }
 
     /// What is in the pose graph.
@@ -136,11 +140,21 @@ impl Mapper {
         Ok(())
     }
 
-    /// Lets the loops that closed ask for fusions (Sec. IV-A, IV-C).
+    /// Lets the loops that closed ask for fusions (Sec. IV-A, IV-C), and those near them again that the bound has kept apart so far.
     fn cluster(&mut self) {
-        for ends in self.graph.take_closed() {
-            let fusions = self.rule.fusions(&self.graph, &mut self.members, ends);
+        let closed = self.graph.take_closed();
+        if closed.is_empty() {
+            return;
+        }
+        let near: HashSet<NodeId> = self.graph.within(closed.as_flattened(), self.rule.influence()).into_iter().map(|(node, _)| node).collect();
+        let mut asking: Vec<[NodeId; 2]> = self.apart.extract_if(.., |_, ends| near.contains(&ends[0])).map(|(_, ends)| ends).collect();
+        asking.extend(closed);
+        for ends in asking {
+            let Clustered { fusions, left } = self.rule.cluster(&self.graph, &mut self.members, ends);
             self.fusing.ask(fusions);
+            if left.len() > 1 {
+                self.apart.insert(left, ends);
+            }
         }
     }
 

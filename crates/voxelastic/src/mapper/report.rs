@@ -33,6 +33,9 @@ pub struct ElasticCounts {
     pub fusions: usize,
     /// Fusions under way or waiting.
     pub fusions_due: usize,
+    /// Groups of submaps that closed loops join and that stay apart, because together they would be larger than the bound. They are tried
+    /// again whenever a loop near them closes.
+    pub groups_apart: usize,
     /// Submaps rebuilt from their scans.
     pub rebuilds: usize,
     /// Pose updates taken.

@@ -129,6 +129,32 @@ fn a_mesh_is_extracted_once_whatever_the_pose_does() {
 }
 
 #[test]
+fn what_is_too_far_apart_fuses_when_another_loop_shortens_the_way() {
+    // Out along y = 0, back along y = 2, up, over, and down beside where it began.
+    let mut path: Vec<[f64; 2]> = (0..6).map(|i| [2.0 * f64::from(i), 0.0]).collect();
+    path.extend((0..3).map(|i| [10.0 - 2.0 * f64::from(i), 2.0]));
+    path.extend((2..8).map(|i| [6.0, 2.0 * f64::from(i)]));
+    path.push([4.5, 15.5]);
+    path.extend((0..8).map(|i| [3.0, 15.2 - 2.0 * f64::from(i)]));
+    let poses: Vec<Pose> = path.iter().map(|[x, y]| Pose::translation(*x, *y, 0.0)).collect();
+    let mut mapper = Mapper::new(Settings { lambda_odom: 10.1, lambda_cluster: 3.0, min_overlap: 1.0, ..settings() }).unwrap();
+    for (node, pose) in poses.iter().enumerate() {
+        let cloud = Cloud::from_points((0..50).map(|i| [2.0, 0.01 * i as f32, 0.0]).collect());
+        let scan = voxelastic::event::Scan { node: node as NodeId, time: 0.0, t_map_lidar: *pose, cloud };
+        mapper.handle(Event::Scan(scan)).unwrap();
+    }
+    let mut close = |from: usize, to: usize| {
+        let t_from_to = poses[from].inv_mul(&poses[to]);
+        mapper.handle(Event::LoopEdge(Edge { from: from as NodeId, to: to as NodeId, t_from_to, information: None })).unwrap();
+        mapper.finish();
+        (mapper.atlas().submaps().len(), mapper.elastic_counts().fusions, mapper.elastic_counts().groups_apart)
+    };
+    assert_eq!(close(4, 7), (4, 0, 1), "the end of the second submap is 18 m from the root of the first");
+    assert_eq!(close(0, 23), (4, 0, 2));
+    assert_eq!(close(8, 23), (3, 1, 1), "now it is 12.3 m: the first loop's fusion is done, though this one joins two others");
+}
+
+#[test]
 fn correcting_a_thousand_submaps_takes_no_time() {
     let point = || Cloud::from_points((0..50).map(|i| [2.0, 0.01 * i as f32, 0.0]).collect());
     let mut mapper = Mapper::new(Settings { lambda_odom: 1.0, lambda_cluster: 0.0, min_overlap: 1.0, ..settings() }).unwrap();

@@ -11,12 +11,15 @@ use voxelastic_eval::align::moved;
 use voxelastic_eval::mesh_distance::{MeshIndex, sample_surface};
 use voxelastic_eval::metrics::exact_errors;
 use voxelastic_eval::{MeshView, PointIndex, metrics};
-use voxelastic_io::dataset::{self, OpenOptions};
+use voxelastic_io::dataset;
 use voxelastic_sim::dataset::WORLD_FILE;
 use voxelastic_sim::{Simulation, World};
 
 /// Most points that a mesh is sampled with.
 const MOST_SAMPLES: f64 = 3e7;
+
+/// Map that lies deeper than this inside of things counts as this far from the true surface, metres.
+const DEEPEST_M: f64 = 10.0;
 
 /// What of a truth counts.
 #[derive(Clone, Copy, Debug)]
@@ -79,12 +82,17 @@ impl TrueSurface {
 }
 
 impl Truth {
-    /// Reads it.
-    pub fn open(path: &Path, limits: &Limits) -> anyhow::Result<Self> {
+    /// Reads it. `poses` names the true ones among the pose files of a folder of scans.
+    pub fn open(path: &Path, poses: Option<&Path>, limits: &Limits) -> anyhow::Result<Self> {
         if !path.exists() {
             return Err(Failure::new(format!("{}: there is nothing of this name", path.display()), "check the path after --truth").into());
         }
-        if path.is_file() && path.extension().is_some_and(|e| e == "toml") || path.join(WORLD_FILE).is_file() {
+        let is_world = path.is_file() && path.extension().is_some_and(|e| e == "toml") || path.join(WORLD_FILE).is_file();
+        if poses.is_some() && (is_world || !path.is_dir()) {
+            let what = format!("{}: --poses chooses among the pose files of a folder of scans, and this is none", path.display());
+            return Err(Failure::usage(what, "leave out --poses: a simulated world knows its true poses, a cloud or mesh has none").into());
+        }
+        if is_world {
             return Self::of_world(Simulation::load(path)?, limits);
         }
         if map_files::looks_like_map(path) {
@@ -92,7 +100,7 @@ impl Truth {
             return Err(Failure::new(format!("{}: a map, not a truth", path.display()), remedy).into());
         }
         if path.is_dir() {
-            return Self::of_folder(path);
+            return Self::of_folder(path, poses);
         }
         Self::of_file(path, limits).with_context(|| format!("{}: no truth to measure against", path.display()))
     }
@@ -128,22 +136,22 @@ impl Truth {
         let all = if near < reach { add(reach) } else { near_count };
         let visible = Some((0..all).map(|i| i < near_count).collect());
         let world: World = simulation.world().clone();
-        let distance: Distance = Box::new(move |p| world.distance(p.map(f64::from)) as f32);
+        let distance: Distance = Box::new(move |p| world.distance_within(p.map(f64::from), DEEPEST_M) as f32);
         let poses = (0..).zip(simulation.ground_truth().iter().copied()).collect();
         Ok(Self { kind: "world", surface: Some(TrueSurface { points, visible, distance: Some(distance) }), simulation: Some(simulation), poses })
     }
 
-    /// A folder of scans, whose poses may have a truth.
-    fn of_folder(path: &Path) -> anyhow::Result<Self> {
-        let data = dataset::open(path, &OpenOptions::default()).with_context(|| format!("{}: no truth to measure against", path.display()))?;
-        let Some(truth) = data.ground_truth() else {
-            let what =
-                format!("{}: neither a simulated folder ({WORLD_FILE} is missing) nor one with ground truth poses beside others", path.display());
-            let remedy = "give a survey (a cloud or mesh) as --truth; `voxelastic heldout` measures a map with scans alone";
+    /// A folder of scans, one of whose pose files is the truth.
+    fn of_folder(path: &Path, poses: Option<&Path>) -> anyhow::Result<Self> {
+        let found = dataset::open_truth(path, poses).with_context(|| format!("{}: no truth to measure against", path.display()))?;
+        let Some((file, data)) = found else {
+            let what = format!("{}: neither a simulated folder ({WORLD_FILE} is missing) nor one with ground truth poses", path.display());
+            let remedy = "name the file with the true poses (--poses FILE), or give a survey (a cloud or mesh) as --truth; \
+                          `voxelastic heldout` measures a map with scans alone";
             return Err(Failure::new(what, remedy).into());
         };
-        tracing::info!("true poses from {}", truth.path.display());
-        let poses = data.scans().iter().zip(&truth.t_map_lidar).filter_map(|(scan, pose)| Some((scan.node, (*pose)?))).collect();
+        tracing::info!("true poses from {}", file.display());
+        let poses = data.scans().iter().map(|scan| (scan.node, scan.t_map_lidar)).collect();
         Ok(Self { kind: "poses", surface: None, simulation: None, poses })
     }
 }

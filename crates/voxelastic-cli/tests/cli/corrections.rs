@@ -1,0 +1,76 @@
+//! Maps that follow corrections of their poses, and what is told of them.
+
+use crate::{json, works};
+
+/// The numbers at `key` of the objects of a list.
+fn numbers(list: &serde_json::Value, key: &str) -> Vec<f64> {
+    list.as_array().unwrap().iter().map(|entry| entry[key].as_f64().unwrap_or_else(|| panic!("no {key} in {entry}"))).collect()
+}
+
+#[test]
+fn a_street_driven_again_is_bent_into_place() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), "simulate street -o street --laps 1.3 --spacing 5 --columns 64");
+    let told = json(dir.path(), "map street --voxel 0.4 --max-range 20 --report --json");
+    let (loops, corrections) = (&told["loops"], &told["corrections"]);
+    assert!(loops.as_array().unwrap().len() >= 5 && numbers(corrections, "after").len() == numbers(loops, "after").len(), "{told}");
+    assert_eq!(numbers(loops, "after"), numbers(corrections, "after"), "a correction comes with each loop");
+    assert!(numbers(corrections, "wall_ms").iter().all(|ms| *ms > 0.0) && corrections[0]["optimise_ms"].is_null(), "{corrections}");
+    assert!(numbers(corrections, "moved")[0] >= 3.0 && numbers(corrections, "closed")[0] == 1.0, "{corrections}");
+    let log = std::fs::read_to_string(dir.path().join("street.vox/run.json")).unwrap();
+    assert_eq!(serde_json::from_str::<serde_json::Value>(&log).unwrap()["loops"], *loops);
+    assert!(std::fs::read_to_string(dir.path().join("street.html")).unwrap().contains("Loop closures"));
+
+    // All scans end where they were taken, those after corrections included: what is left is drift within a submap.
+    let error = |map: &str| {
+        let found = json(dir.path(), &format!("eval {map} --truth street --field tsdf --max-points 2000 --json"));
+        found["trajectory"]["ate_in_place"]["translation_m"]["max"].as_f64().unwrap()
+    };
+    let elastic = error("street.vox");
+    works(dir.path(), "map street -o all.vox --voxel 0.4 --max-range 20 --rebuild");
+    let rebuilt = error("all.vox");
+    std::fs::read_dir(dir.path().join("street"))
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .filter(|p| p.to_string_lossy().contains("poses@"))
+        .for_each(|snapshot| std::fs::remove_file(snapshot).unwrap());
+    works(dir.path(), "map street -o odometry.vox --voxel 0.4 --max-range 20");
+    let odometry = error("odometry.vox");
+    println!("largest error of a pose: odometry {odometry:.2} m, elastic {elastic:.2} m, rebuilt {rebuilt:.2} m");
+    assert!(elastic < 0.3 * odometry && rebuilt < 0.5 * elastic && rebuilt < 0.2, "{odometry} {elastic} {rebuilt}");
+}
+
+#[cfg(feature = "optimize")]
+mod optimize {
+    use super::*;
+    use crate::fails;
+    use std::fs;
+
+    /// Four nodes along x whose loop edge says that the last is at 3.3 m and not at 3.
+    fn graph(loop_information: &str) -> String {
+        let unit = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 100 0 0 100 0 100";
+        let vertices: String = (0..4).map(|i| format!("VERTEX_SE3:QUAT {i} {i} 0 0 0 0 0 1\n")).collect();
+        let edges: String = (0..3).map(|i| format!("EDGE_SE3:QUAT {i} {} 1 0 0 0 0 0 1 {unit}\n", i + 1)).collect();
+        format!("{vertices}{edges}EDGE_SE3:QUAT 0 3 3.3 0 0 0 0 0 1 {}\n", if loop_information.is_empty() { unit } else { loop_information })
+    }
+
+    #[test]
+    fn a_graph_is_optimised_and_a_bad_one_named() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("graph.g2o"), graph("")).unwrap();
+        let told = json(dir.path(), "optimize graph.g2o -o out.g2o --json");
+        // Three equal springs against one: half of 100 x (3 x 0.075^2 + 0.075^2).
+        assert!((told["cost_before"].as_f64().unwrap() - 4.5).abs() < 1e-6 && (told["cost"].as_f64().unwrap() - 1.125).abs() < 1e-3, "{told}");
+        assert!(told["converged"] == true && told["uncoupled"] == 0);
+        let again = json(dir.path(), "optimize out.g2o -o twice.g2o --json");
+        assert!((again["cost_before"].as_f64().unwrap() - told["cost"].as_f64().unwrap()).abs() < 1e-6, "{again}");
+
+        fs::write(dir.path().join("coupled.g2o"), graph("100 0 0 0 0 0 100 0 0 0 0 100 5000 0 0 100 0 0 100 0 100")).unwrap();
+        let coupled = json(dir.path(), "optimize coupled.g2o -o out.g2o --json");
+        assert!(coupled["uncoupled"] == 1 && coupled["cost"] == told["cost"], "{coupled}");
+        fs::write(dir.path().join("negative.g2o"), graph("-100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 100 0 0 100 0 100")).unwrap();
+        fails(dir.path(), "optimize negative.g2o -o out.g2o", 1, &["negative.g2o", "node 0 to node 3", "positive definite"]);
+        fails(dir.path(), "optimize nowhere.g2o -o out.g2o", 1, &["nowhere.g2o"]);
+        fails(dir.path(), "optimize graph.g2o -o out.g2o --huber -1", 2, &["--huber"]);
+    }
+}
