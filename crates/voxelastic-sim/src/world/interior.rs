@@ -27,9 +27,16 @@ struct Search<'a> {
 impl World {
     /// Depth of `p` below the surface of the union, metres, no more than `limit`; negative by up to [`SKIN`] outside.
     pub(super) fn depth(&self, p: &Vec3, limit: f64) -> f64 {
-        let mut search = Search { world: self, p: *p, best: limit + SKIN, lookups: 0 };
-        search.descend(&mut Vec::with_capacity(MOST_FACES), *p);
-        search.best - SKIN
+        // A near way out is found soon if far ones are not tried first.
+        let mut reach = limit.min(Self::DEPTH_LIMIT);
+        loop {
+            let mut search = Search { world: self, p: *p, best: reach + SKIN, lookups: 0 };
+            search.descend(&mut Vec::with_capacity(MOST_FACES), *p);
+            if search.best < reach + SKIN || reach >= limit {
+                return search.best - SKIN;
+            }
+            reach = (1.5 * reach).min(limit);
+        }
     }
 }
 
