@@ -71,6 +71,6 @@ mod optimize {
         fs::write(dir.path().join("negative.g2o"), graph("-100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 100 0 0 100 0 100")).unwrap();
         fails(dir.path(), "optimize negative.g2o -o out.g2o", 1, &["negative.g2o", "node 0 to node 3", "positive definite"]);
         fails(dir.path(), "optimize nowhere.g2o -o out.g2o", 1, &["nowhere.g2o"]);
-        fails(dir.path(), "optimize graph.g2o -o out.g2o --huber -1", 2, &["--huber"]);
+        fails(dir.path(), "optimize graph.g2o -o out.g2o --huber=-1", 2, &["--huber", "0 or more"]);
     }
 }
