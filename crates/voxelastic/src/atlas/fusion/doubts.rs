@@ -79,7 +79,7 @@ impl Witnesses<'_> {
                 })
                 .filter(|(_, evidence)| i32::from(value) + evidence < 0)
                 .collect();
-            if !outvoted.is_empty() && !self.see_a_surface(std::array::from_fn(|k| corner[k] + first[k] as f32 + half), half) {
+            if !outvoted.is_empty() && !self.see_a_surface(std::array::from_fn(|k| corner[k] + first[k] as f32 + half), half, most) {
                 let more = more.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into());
                 outvoted.into_iter().for_each(|(voxel, evidence)| more[voxel] = evidence.max(-127) as i8);
             }
@@ -87,11 +87,12 @@ impl Witnesses<'_> {
         more.map(|more| (key, more))
     }
 
-    /// Whether any of the others has something occupied around the voxel at `centre` that is `half` its edge to each side.
-    fn see_a_surface(&self, centre: [f32; 3], half: f32) -> bool {
+    /// Whether any of the others has something occupied, no doubt of its own (`most`), around the voxel at `centre` that is `half` its
+    /// edge to each side.
+    fn see_a_surface(&self, centre: [f32; 3], half: f32, most: i8) -> bool {
         [half, half + 0.5 * BESIDE, half + BESIDE].into_iter().any(|r| {
             let steps = (0..27).filter(|i| *i != 13).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(|d| d as f32 * r));
-            steps.map(|d| [centre[0] + d[0], centre[1] + d[1], centre[2] + d[2]]).any(|p| self.values(p).any(|v| v > 0))
+            steps.map(|d| [centre[0] + d[0], centre[1] + d[1], centre[2] + d[2]]).any(|p| self.values(p).any(|v| v > most))
         })
     }
 
