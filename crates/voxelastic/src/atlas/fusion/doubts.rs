@@ -2,7 +2,7 @@
 //!
 //! In one submap a stray return is outvoted by the beams that pass there later. Between submaps it is not, because a place is occupied if any
 //! submap says so. So the end of mapping does for such voxels what fusing the submaps would do for all: evidence adds up. Submaps may lie a
-//! little apart, so voxels that more than one scan met are left alone, and so are those that have a surface of another submap beside them.
+//! little apart, so voxels that more than one scan met are left alone, and so are the finest that have a surface of another submap beside them.
 
 use super::Placement;
 use super::occupancy::OccupancyPatch;
@@ -79,7 +79,8 @@ impl Witnesses<'_> {
                 })
                 .filter(|(_, evidence)| i32::from(value) + evidence < 0)
                 .collect();
-            if !outvoted.is_empty() && !self.see_a_surface(std::array::from_fn(|k| corner[k] + first[k] as f32 + half), half, most) {
+            // What was seen from so far that only larger voxels told it apart gives way also beside a surface: that one is known better.
+            if !outvoted.is_empty() && (scale > 0 || !self.see_a_surface(std::array::from_fn(|k| corner[k] + first[k] as f32 + half), half, most)) {
                 let more = more.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into());
                 outvoted.into_iter().for_each(|(voxel, evidence)| more[voxel] = evidence.max(-127) as i8);
             }
