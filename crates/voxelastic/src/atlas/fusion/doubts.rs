@@ -71,6 +71,11 @@ impl Witnesses<'_> {
         let half = 0.5 * (1 << scale) as f32;
         for (i, &value) in values.iter().enumerate().filter(|(_, v)| (1..=most).contains(*v)) {
             let first = voxel_coords(i, scale).map(|c| c << scale);
+            let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + first[k] as f32 + half);
+            // Most doubts are nobody else's business: one look tells.
+            if i32::from(value) + self.evidence(centre) >= 0 {
+                continue;
+            }
             let outvoted: Vec<(usize, i32)> = (0..voxels_at(SCALES - 1 - scale))
                 .map(|sub| {
                     let within = voxel_coords(sub, SCALES - 1 - scale);
@@ -80,7 +85,7 @@ impl Witnesses<'_> {
                 .filter(|(_, evidence)| i32::from(value) + evidence < 0)
                 .collect();
             // What was seen from so far that only larger voxels told it apart gives way also beside a surface: that one is known better.
-            if !outvoted.is_empty() && (scale > 0 || !self.see_a_surface(std::array::from_fn(|k| corner[k] + first[k] as f32 + half), half, most)) {
+            if scale > 0 || !self.see_a_surface(centre, half, most) {
                 let more = more.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into());
                 outvoted.into_iter().for_each(|(voxel, evidence)| more[voxel] = evidence.max(-127) as i8);
             }
@@ -114,7 +119,7 @@ mod tests {
     use crate::atlas::fusion::{FusionSettings, settle_doubts};
     use crate::field::occupancy::{OccupancyField, State, UNKNOWN};
     use crate::geometry::Pose;
-    use crate::octree::{Cursor, block_key, voxel_coords, voxel_index};
+    use crate::octree::{Cursor, block_key, voxel_coords, voxel_index, voxels_at};
     use crate::settings::Settings;
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
@@ -128,7 +133,8 @@ mod tests {
         for i in 0..64 {
             let block = [i % 4 - 2, i / 4 % 4 - 2, i / 16 - 2];
             let scale = scale(block);
-            let values = (0..512).map(|v| value(std::array::from_fn(|k| block[k] * 8 + (voxel_coords(v, 0)[k] >> scale << scale) as i32))).collect();
+            let corner = |v: usize| std::array::from_fn(|k| block[k] * 8 + (voxel_coords(v, scale)[k] << scale) as i32);
+            let values = (0..voxels_at(scale)).map(|v| value(corner(v))).collect();
             blocks.push((block_key(block), values));
         }
         let mut field = OccupancyField::default();
@@ -153,24 +159,31 @@ mod tests {
                 let id = atlas.spawn(Pose::from_parts(Translation3::from(shift.map(|s| s * w as f64)), turn));
                 if let Some(submap) = atlas.submap_mut(id) {
                     submap.occupancy = if w == 0 {
-                        field(first, |b| (b[0] + b[1] + b[2]).rem_euclid(4) as usize)
+                        field(first, |b| b.iter().sum::<i32>().rem_euclid(4) as usize)
                     } else {
                         field(other(w as u64), |_| 0)
                     };
                 }
             }
+            let scale_of = |c: [i32; 3]| c.map(|v| v.div_euclid(8)).iter().sum::<i32>().rem_euclid(4) as u32;
             let before = atlas.clone();
             let freed = settle_doubts(&mut atlas, &FusionSettings::from(&Settings { voxel: VOXEL, ..Settings::default() }), HIT);
             let (mut expected, mut different) = (0, 0);
             for i in 0..32 * 32 * 32 {
                 let c = [i % 32 - 16, i / 32 % 32 - 16, i / 1024 - 16];
                 let value = before.submaps()[0].occupancy.value_at(c);
-                let p = before.submaps()[0].t_map_submap * nalgebra::Point3::from(c.map(|v| (f64::from(v) + 0.5) * f64::from(VOXEL)));
-                let votes: i32 = before.submaps()[1..].iter().map(|s| {
-                    let q = s.t_map_submap.inverse() * p;
-                    i32::from(s.occupancy.value_at([q.x, q.y, q.z].map(|v| (v / f64::from(VOXEL)).floor() as i32)))
-                }).filter(|v| *v != i32::from(UNKNOWN)).sum();
-                let outvoted = (1..=70).contains(&value) && i32::from(value) + votes < 0;
+                let votes = |c: [f64; 3]| -> i32 {
+                    let p = before.submaps()[0].t_map_submap * nalgebra::Point3::from(c.map(|v| v * f64::from(VOXEL)));
+                    let said = before.submaps()[1..].iter().map(|s| {
+                        let q = s.t_map_submap.inverse() * p;
+                        i32::from(s.occupancy.value_at([q.x, q.y, q.z].map(|v| (v / f64::from(VOXEL)).floor() as i32)))
+                    });
+                    said.filter(|v| *v != i32::from(UNKNOWN)).sum()
+                };
+                let edge = 1 << scale_of(c);
+                let middle = c.map(|v| f64::from(v.div_euclid(edge) * edge) + 0.5 * f64::from(edge));
+                let is_outvoted = |p: [f64; 3]| i32::from(value) + votes(p) < 0;
+                let outvoted = (1..=70).contains(&value) && is_outvoted(middle) && is_outvoted(c.map(|v| f64::from(v) + 0.5));
                 expected += usize::from(outvoted);
                 let now = atlas.submaps()[0].occupancy.value_at(c);
                 let right = if outvoted { crate::field::occupancy::state_of(now) == State::Free } else { now == value };

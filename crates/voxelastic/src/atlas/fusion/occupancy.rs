@@ -48,13 +48,14 @@ impl OccupancyPatch {
         self.pieces.len()
     }
 
-    /// A patch of whole blocks at the finest scale, in any order.
+    /// A patch of whole blocks, in any order; the number of its values tells a block's scale.
     pub fn of_blocks(blocks: &[(u64, Box<[i8]>)]) -> Self {
         let mut patch = Self::default();
         for (key, values) in blocks {
-            let slot = patch.voxels.insert(0);
-            patch.voxels.get_mut(0, slot).copy_from_slice(values);
-            patch.pieces.push(Piece::Block { key: *key, scale: 0, slot });
+            let scale = (0..SCALES).find(|&scale| voxels_at(scale) == values.len()).unwrap_or(0);
+            let slot = patch.voxels.insert(scale);
+            patch.voxels.get_mut(scale, slot).copy_from_slice(values);
+            patch.pieces.push(Piece::Block { key: *key, scale: scale as u8, slot });
         }
         patch
     }
