@@ -37,7 +37,7 @@ const PATH_M: f64 = 418.0;
 /// The world's surface is looked for in the map at points this far apart, metres.
 const TRUTH_VOXEL_M: f32 = 0.1;
 /// Points of each map that are measured.
-const MOST_POINTS: usize = 400_000;
+const MOST_POINTS: usize = 200_000;
 
 /// Simulate a campus, map it with drift and loop closures, measure the map, and show it
 ///
