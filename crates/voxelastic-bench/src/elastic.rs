@@ -2,7 +2,6 @@
 
 use crate::data::{Dataset, Truth, simulated};
 use crate::error::{BenchError, Result};
-use crate::figures::Spread;
 use crate::run::Case;
 use crate::setting::HARD;
 use crate::workshop::{Workshop, words};
@@ -11,6 +10,7 @@ use std::time::Instant;
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::settings::{FieldKind, Settings};
 use voxelastic::{Mapper, Pose};
+use voxelastic_eval::Spread;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// What was measured beside the runs.

@@ -169,8 +169,8 @@ fn real(ours: &Ours<'_>) -> Vec<Goal> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::Spread;
     use crate::run::Series;
+    use voxelastic_eval::Spread;
 
     fn run(field: &str, threads: usize, ms: f64) -> Run {
         let series = Series { cpu_ms: vec![ms; 100], ..Series::default() };

@@ -31,7 +31,7 @@ mod workshop;
 
 pub use data::{Dataset, Truth};
 pub use error::{BenchError, Result};
-pub use figures::Spread;
 pub use quality::Quality;
 pub use setting::{FIELDS, HARD, SETTINGS, Setting};
+pub use voxelastic_eval::Spread;
 pub use workshop::Workshop;

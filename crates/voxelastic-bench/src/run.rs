@@ -2,7 +2,6 @@
 
 use crate::data::Dataset;
 use crate::error::{BenchError, Result};
-use crate::figures::Spread;
 use crate::quality::{self, Quality};
 use crate::setting::Setting;
 use crate::workshop::{Workshop, load, words};
@@ -12,6 +11,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use voxelastic::settings::FieldKind;
+use voxelastic_eval::Spread;
 use voxelastic_report::RunLog;
 
 /// The name of our own runs in tables, beside those of peers.

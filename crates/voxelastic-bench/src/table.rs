@@ -170,7 +170,7 @@ fn sweep(sweep: &Sweep) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::figures::Spread;
+    use voxelastic_eval::Spread;
 
     #[test]
     fn columns_stand_below_each_other() {

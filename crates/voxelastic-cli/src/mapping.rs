@@ -1,6 +1,5 @@
 //! Mapping under way: events into the mapper, in a pool of threads of its own, with a log of how it went.
 
-use crate::output::Spread;
 use crate::recorder::{Outcome, Recorder};
 use crate::usage;
 use serde::Serialize;
@@ -9,6 +8,7 @@ use std::time::{Duration, Instant};
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic::mapper::{MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
+use voxelastic_eval::Spread;
 use voxelastic_report::RunLog;
 
 /// A mapper at work.

@@ -76,7 +76,7 @@ impl Subject<'_> {
         let note = if fused > 0 { format!("{fused} more were fused into them") } else { String::new() };
         facts.push(fact("Submaps", self.atlas.submaps().len().to_string(), "", note));
         if let Some(times) = self.run.as_ref().map(|r| &r.scans.wall_ms).filter(|t| !t.is_empty()) {
-            let spread = crate::output::Spread::of(times);
+            let spread = voxelastic_eval::Spread::of(times);
             let note = format!("95 % within {:.0} ms", spread.p95.unwrap_or(0.0));
             facts.push(fact("Time of a scan", format!("{:.0}", spread.median.unwrap_or(0.0)), "ms", note));
         }

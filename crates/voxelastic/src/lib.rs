@@ -2,6 +2,7 @@
 
 pub mod atlas;
 pub mod cloud;
+mod dispatch;
 pub mod event;
 pub mod field;
 pub mod geometry;

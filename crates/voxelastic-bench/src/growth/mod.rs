@@ -9,7 +9,6 @@ mod submaps;
 
 use crate::data::{Dataset, Truth, simulated};
 use crate::error::Result;
-use crate::figures::Spread;
 use crate::run::{Case, Run};
 use crate::setting::{FIELDS, HARD, Setting, centimetres};
 use crate::suite::{Machine, generator, machine};
@@ -20,6 +19,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic::settings::FieldKind;
+use voxelastic_eval::Spread;
 
 /// All of it. The keys of `growth.json`; they stay, further ones may come.
 #[derive(Clone, Debug, Default, Serialize)]

@@ -4,11 +4,11 @@ use super::{Point, Sweep, dataset};
 use crate::data::simulated;
 use crate::elastic;
 use crate::error::Result;
-use crate::figures::Spread;
 use crate::run::{Case, Run};
 use crate::setting::Setting;
 use crate::workshop::Workshop;
 use voxelastic::settings::FieldKind;
+use voxelastic_eval::Spread;
 
 /// Submaps at which costs are looked at.
 const SUBMAPS: [usize; 4] = [30, 100, 300, 1000];

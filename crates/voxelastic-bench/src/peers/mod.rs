@@ -24,7 +24,6 @@
 mod request;
 
 use crate::error::Result;
-use crate::figures::Spread;
 use crate::process::{End, lines};
 use crate::run::{Case, Run, Series};
 use crate::workshop::{Workshop, load};
@@ -34,6 +33,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
+use voxelastic_eval::Spread;
 
 /// A mapping system that takes part through an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -200,7 +200,7 @@ impl Demo<'_> {
         let page = self.args.output.join("report.html");
         let mut figures = Figures::new(rows, self.args.output.clone(), page);
         (figures.scans, figures.loop_closures, figures.largest_drift_m, figures.fusions) = (scans, loops, drift, log.fusions);
-        figures.integrate_ms = output::Spread::of(&log.scans.wall_ms);
+        figures.integrate_ms = voxelastic_eval::Spread::of(&log.scans.wall_ms);
         self::page(&figures, log, &elastic, &truth, [&bent[0], &rigid[0]])?;
         figures.total_s = clock.elapsed().as_secs_f64();
         figures.peak_rss_mb = usage::peak_resident_bytes().map(usage::megabytes);

@@ -10,12 +10,12 @@ use super::scale::ScaleRule;
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
 use super::walk::{LANES, Line, Lines, Trace};
+use crate::dispatch::{Kernel, dispatch};
 use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, prefetch};
-use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,10 @@
 //! Gives every point of a cloud its pixel.
 
-use super::dispatch::{Kernel, dispatch};
 use super::layout::{Grid, Layout, ring_ends};
 use super::model::{BeamModel, Sight};
 use super::prepare::Limits;
 use crate::Cloud;
+use crate::dispatch::{Kernel, dispatch};
 use rayon::prelude::*;
 
 /// The point is seen by no row. Codes are larger than any pixel.

@@ -7,7 +7,6 @@
 
 mod assign;
 mod detect;
-mod dispatch;
 mod error;
 mod image;
 mod layout;
@@ -20,7 +19,6 @@ mod rows;
 mod trig;
 
 pub use detect::{Detected, Fit, detect, layout_for};
-pub(crate) use dispatch::{Kernel, dispatch};
 pub use error::SensorError;
 pub use image::{NO_POINT, RangeImage};
 pub use layout::{Grid, Layout};

@@ -15,7 +15,7 @@ use super::mesh::Mesh;
 use super::padded::{Padded, sides};
 use super::view::View;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
-use crate::octree::{Cursor, NONE};
+use crate::octree::Cursor;
 use rayon::prelude::*;
 
 /// What to extract.
@@ -99,7 +99,8 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
     let view = View::new(field, options.lod);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
     let sides: Vec<u8> = field.ids().into_par_iter().map(|id| sides(view.voxels(id), min_weight)).collect();
-    let parts = morton_order(field)
+    let parts = field
+        .ids_in_morton_order()
         .par_chunks(BLOCKS_PER_PART)
         .map(|ids| {
             let (mut part, mut padded, mut cursor) = (Part::default(), Padded::new(), Cursor::new(field.tree()));
@@ -118,17 +119,6 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
     let mut mesh = join(parts, field.ids().len(), voxel);
     mesh.colours = colour::of_vertices(field, voxel, &mesh);
     mesh
-}
-
-/// Ids of all blocks, neighbours in space near each other.
-fn morton_order(field: &TsdfField) -> Vec<u32> {
-    let mut ids = Vec::with_capacity(field.len());
-    field.tree().for_each(|_, level, octant| {
-        if level == 0 && octant.link != NONE {
-            ids.push(octant.link);
-        }
-    });
-    ids
 }
 
 impl Part {

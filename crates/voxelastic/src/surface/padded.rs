@@ -2,9 +2,9 @@
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
 use super::view::View;
+use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, block_coords, block_key, edge_at, voxel_coords, voxel_index};
-use crate::sensor::{Kernel, dispatch};
 
 /// A voxel, by block and index in its array as the view sees it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

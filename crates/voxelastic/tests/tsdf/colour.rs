@@ -53,14 +53,16 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(5))]
     #[test]
     fn the_mesh_has_the_colours_of_the_room(seed in any::<u64>(), voxel in 0.04f32..0.15, lod in 0usize..3) {
-        let scans = scans_of(&Room::random(seed), 4, 64, 300, 0.005, true);
+        let room = Room::random(seed);
+        let scans = scans_of(&room, 4, 64, 300, 0.005, true);
         let field = colour_field(&scans, &settings(voxel), &Pose::identity());
         let mesh = extract(&field, voxel, &MeshOptions { lod, ..MeshOptions::default() });
         let (wrong, all) = wrong(&mesh, &STILL, voxel);
         prop_assert!(all > 300 && wrong * 100 <= all, "{wrong} of {all}");
-        let grey = mesh.colours.iter().filter(|c| **c == [128; 3]).count();
-        // Faces where the end of one band meets another are no surface, and no point lies near them.
-        prop_assert!(grey * 500 <= all, "{grey} of {all} unknown");
+        let grey: Vec<usize> = (0..all).filter(|&v| mesh.colours[v] == [128; 3]).collect();
+        // Faces where the end of one band meets another are no surface, and no point lies near them; on the surface all but a few know.
+        let on_surface = grey.iter().filter(|&&v| room.distance(mesh.positions[v]).abs() < voxel * (1 << mesh.scales[v]) as f32).count();
+        prop_assert!(on_surface * 1000 <= all && grey.len() * 500 <= all, "{} of {all} unknown, {on_surface} of them on the surface", grey.len());
     }
 
     #[test]

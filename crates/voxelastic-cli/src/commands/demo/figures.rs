@@ -1,9 +1,9 @@
 //! The figures of the demo: for scripts, for a terminal, for the page.
 
 use super::super::eval::Summary;
-use crate::output::Spread;
 use serde::Serialize;
 use std::path::PathBuf;
+use voxelastic_eval::Spread;
 use voxelastic_report::content::Table;
 
 /// The keys of `demo --json`.

@@ -6,9 +6,9 @@
 
 use super::model::{OccupancySettings, Steps};
 use super::sight::{Classes, Sight, bits};
+use crate::dispatch::{Kernel, dispatch};
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::octree::{BLOCK_EDGE, NONE, block_coords};
-use crate::sensor::{Kernel, dispatch};
 use rayon::prelude::*;
 
 // Where nothing was seen nearby there is no surface to be told apart from, so free space may end roughly there.

@@ -10,6 +10,7 @@ use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
 use super::sight::Sight;
 use super::visibility::Visibility;
+use crate::dispatch::{Kernel, dispatch};
 use crate::field::StoreCells;
 use crate::field::occupancy::{OccupancyBlock, OccupancyField, Summary};
 use crate::geometry::Rigid;
@@ -17,7 +18,7 @@ use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use crate::integrate::transform::{Beam, Returns, ToSubmap, to_submap};
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
-use crate::sensor::{BeamModel, Kernel, RangeImage, dispatch};
+use crate::sensor::{BeamModel, RangeImage};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 

@@ -1,10 +1,10 @@
 //! The range image in the coordinates of the plane fit, and where its surfaces end.
 
-use super::super::dispatch::{Kernel, dispatch};
 use super::super::image::{NO_POINT, RangeImage};
 use super::super::model::BeamModel;
 use super::super::trig::{larger, smaller};
 use super::STRIP;
+use crate::dispatch::{Kernel, dispatch};
 
 /// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
 /// the differences at its ends.

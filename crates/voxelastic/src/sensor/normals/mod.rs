@@ -15,10 +15,10 @@ mod grid;
 mod moments;
 mod plane;
 
-use super::dispatch::dispatch;
 use super::image::RangeImage;
 use super::model::BeamModel;
 use super::prepare::Beams;
+use crate::dispatch::dispatch;
 use assign::Shared;
 use grid::Grid;
 use moments::{Scratch, Width, WindowRule};

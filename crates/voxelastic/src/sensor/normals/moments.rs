@@ -1,10 +1,10 @@
 //! Sums over each pixel's window: first along the row, then down the column.
 
-use super::super::dispatch::{Kernel, dispatch};
 use super::super::model::BeamModel;
 use super::super::trig::{larger, smaller};
 use super::STRIP;
 use super::grid::{Grid, PAD};
+use crate::dispatch::{Kernel, dispatch};
 
 /// Largest window: pixels on each side of the centre, along the row and down the column.
 pub(crate) const MAX_REACH: [usize; 2] = [8, 5];

@@ -1,9 +1,9 @@
 //! From sums to planes, and which of them to believe.
 
-use super::super::dispatch::Kernel;
 use super::super::trig::larger;
 use super::moments::{ColumnSums, Width};
 use super::{NormalSettings, STRIP};
+use crate::dispatch::Kernel;
 
 /// Planes of one row of a strip.
 #[derive(Clone, Copy, Debug)]

@@ -44,7 +44,7 @@ fn with_avx2(kernel: impl Kernel) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::trig::atan2;
+    use crate::sensor::atan2;
     use proptest::prelude::*;
 
     struct Angles<'a> {
