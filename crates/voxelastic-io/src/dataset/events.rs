@@ -102,8 +102,11 @@ impl Events {
         let coming = self.scans.get(self.next).map(|s| s.node);
         while let Some(snapshot) = self.snapshots.pop_front_if(|s| coming.is_none_or(|node| s.after < node)) {
             let update = snapshot::read(&snapshot, &self.context, &self.seen);
-            if let (Ok(poses), Some(previous)) = (&update, self.previous) {
-                self.onward.corrected(poses, &self.scans[..=previous]);
+            // The last scan that it is about.
+            let seen = self.previous.map_or(&[][..], |previous| &self.scans[..=previous]);
+            let now = |scan: &ScanEntry| update.as_ref().ok()?.iter().rev().find(|(node, _)| *node == scan.node).map(|(_, pose)| *pose);
+            if let Some((scan, now)) = seen.iter().rev().find_map(|scan| Some((scan, now(scan)?))) {
+                self.onward.corrected(&scan.t_map_lidar, &now);
             }
             self.ready.push_back(update.map(Event::PoseUpdate));
         }

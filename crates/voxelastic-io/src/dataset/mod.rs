@@ -39,6 +39,7 @@ pub(crate) use edges::Edges;
 pub(crate) use events::in_scan_time;
 pub(crate) use every::Picker;
 pub(crate) use folder::holds_clouds;
+pub(crate) use onward::Onward;
 
 use crate::playback::Track;
 use folder::{Folder, PoseFile, Snapshot, name_of};

@@ -14,8 +14,27 @@ use voxelastic::event::NodeId;
 pub(crate) struct Corrections {
     /// When each became known, seconds, and its file; in the order of time.
     files: VecDeque<(f64, PathBuf)>,
-    /// Times and nodes of the scans that were delivered.
-    taken: Vec<(f64, NodeId)>,
+    /// The scans that were delivered.
+    taken: Vec<Delivered>,
+}
+
+/// A scan that was delivered, and the pose that was told of it then.
+#[derive(Clone, Debug)]
+struct Delivered {
+    time: f64,
+    node: NodeId,
+    told: Pose,
+}
+
+/// What a file corrects.
+#[derive(Clone, Debug)]
+pub(crate) struct Correction {
+    /// The lidar's poses at the scans that it is about, in their order.
+    pub(crate) poses: Vec<(NodeId, Pose)>,
+    /// What was told of the last of them.
+    pub(crate) told: Pose,
+    /// Its pose now.
+    pub(crate) now: Pose,
 }
 
 impl Corrections {
@@ -44,10 +63,10 @@ impl Corrections {
         self.files.len()
     }
 
-    /// Notes a scan that was delivered.
-    pub(crate) fn note(&mut self, time: f64, node: NodeId) {
+    /// Notes a scan that is delivered, and the pose that was told of it.
+    pub(crate) fn note(&mut self, time: f64, node: NodeId, told: Pose) {
         if !self.files.is_empty() {
-            self.taken.push((time, node));
+            self.taken.push(Delivered { time, node, told });
         }
     }
 
@@ -56,18 +75,19 @@ impl Corrections {
         self.files.pop_front_if(|(at, _)| *at < time && !self.taken.is_empty()).map(|(_, path)| path)
     }
 
-    /// The poses that a file gives the lidar at the scans delivered so far; it lies at `t_child_lidar` in what the file's poses are of.
+    /// What a file says of the scans delivered so far; the lidar lies at `t_child_lidar` in what the file's poses are of.
     ///
     /// # Errors
     /// Those of [`read_track`], and when no pose belongs to a scan.
-    pub(crate) fn read(&self, path: &Path, t_child_lidar: &Pose, tolerance_s: f64) -> Result<Vec<(NodeId, Pose)>> {
+    pub(crate) fn read(&self, path: &Path, t_child_lidar: &Pose, tolerance_s: f64) -> Result<Correction> {
         let track = read_track(path)?;
-        let at = |(time, node): &(f64, NodeId)| Some((*node, track.at(*time, LONGEST_GAP_S, tolerance_s)? * t_child_lidar));
-        let updates: Vec<(NodeId, Pose)> = self.taken.iter().filter_map(at).collect();
-        if updates.is_empty() {
+        let at = |scan: &Delivered| Some((scan.node, track.at(scan.time, LONGEST_GAP_S, tolerance_s)? * t_child_lidar));
+        let found: Vec<(&Delivered, (NodeId, Pose))> = self.taken.iter().filter_map(|scan| Some((scan, at(scan)?))).collect();
+        let Some((last, (_, now))) = found.last() else {
             return Err(Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording"));
-        }
-        Ok(updates)
+        };
+        let (told, now) = (last.told, *now);
+        Ok(Correction { poses: found.into_iter().map(|(_, update)| update).collect(), told, now })
     }
 }
 

@@ -1,10 +1,10 @@
 //! Scans and poses by time into registered scans.
 
-use super::corrections::Corrections;
+use super::corrections::{Correction, Corrections};
 use super::select::{Ledger, Selection, Taken};
 use super::track::{LONGEST_GAP_S, Track, Tree};
 use super::{Heard, HeardCloud, Tape, sweep};
-use crate::dataset::{Edges, Picker, ScanEntry, in_scan_time};
+use crate::dataset::{Edges, Onward, Picker, ScanEntry, in_scan_time};
 use crate::{Error, Result};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::path::PathBuf;
@@ -76,7 +76,10 @@ pub(crate) struct Player {
     lost: (usize, f64),
     /// Longest time behind a scan's stamp that its points were from, seconds.
     sweep: f64,
+    /// The last scan that was delivered, with the pose that was told of it, and the way to it from the one before.
     previous: Option<ScanEntry>,
+    step: Option<Pose>,
+    onward: Onward,
     seen: HashSet<NodeId>,
     loops_at: HashMap<NodeId, Vec<usize>>,
     ready: VecDeque<Result<Event>>,
@@ -102,6 +105,8 @@ impl Player {
             lost: (0, 0.0),
             sweep: SWEEP_S,
             previous: None,
+            step: None,
+            onward: Onward::new(),
             seen: HashSet::new(),
             loops_at,
             ready: VecDeque::new(),
@@ -209,8 +214,9 @@ impl Player {
     /// Queues a scan and what becomes known with it.
     fn arrive(&mut self, entry: ScanEntry, cloud: Cloud) {
         self.correct(entry.time);
-        self.options.corrections.note(entry.time, entry.node);
-        self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar: entry.t_map_lidar, cloud })));
+        self.options.corrections.note(entry.time, entry.node, entry.t_map_lidar);
+        let t_map_lidar = self.corrected(&entry.t_map_lidar);
+        self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         let edges = self.options.nodes.as_ref().map(|(_, edges)| edges);
         if let Some(previous) = &self.previous {
             let odometry = match edges {
@@ -232,13 +238,25 @@ impl Player {
         self.previous = Some(entry);
     }
 
+    /// Pose of the scan that comes next, of which `told` is told: the same, or on from the last correction.
+    fn corrected(&mut self, told: &Pose) -> Pose {
+        let Some(previous) = &self.previous else { return *told };
+        let last = previous.t_map_lidar;
+        // Nothing measures the motion; that before it is the best guess.
+        let step = self.step.replace(last.inv_mul(told));
+        self.onward.pose(told, &last, step.as_ref())
+    }
+
     /// Queues the corrections that became known before `time`.
     fn correct(&mut self, time: f64) {
         while let Some(path) = self.options.corrections.due(time) {
             // In a transform tree scans have poses of their own, and nobody says whose a file's are.
             let t_child_lidar = self.t_child_lidar.or(self.options.t_base_lidar).unwrap_or_default();
-            let updates = self.options.corrections.read(&path, &t_child_lidar, self.options.tolerance_s);
-            self.ready.push_back(updates.map(Event::PoseUpdate));
+            let correction = self.options.corrections.read(&path, &t_child_lidar, self.options.tolerance_s);
+            if let Ok(Correction { told, now, .. }) = &correction {
+                self.onward.corrected(told, now);
+            }
+            self.ready.push_back(correction.map(|c| Event::PoseUpdate(c.poses)));
         }
     }
 

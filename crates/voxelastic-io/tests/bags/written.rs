@@ -140,6 +140,27 @@ fn corrected_trajectories_beside_a_recording_come_when_they_were_known() {
 }
 
 #[test]
+fn scans_after_a_correction_go_on_from_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, height: fn(usize) -> f64| {
+        let stamped: Vec<(f64, _)> = (0..SCANS).map(|k| (100.0 + 0.1 * k as f64, t_map_lidar(k, height(k)))).collect();
+        poses::write_tum(dir.path().join(name), &stamped).unwrap();
+    };
+    write("poses@100.55.tum", |_| 1.0);
+    write("poses@100.85.tum", |_| 3.0);
+    write("as_it_went.tum", |k| [0.0, 1.0, 3.0][usize::from(k > 5) + usize::from(k > 8)]);
+    let heights = |options: OpenOptions, lidar: f64| -> Vec<i64> {
+        let recording = Recording::open(fixture("ouster_bz2.bag"), &OpenOptions { graph: Some(dir.path().into()), ..options }).unwrap();
+        let scans = recording.events().filter_map(|e| if let Event::Scan(scan) = e.unwrap() { Some(scan) } else { None });
+        scans.map(|scan| ((scan.t_map_lidar.translation.z - lidar) * 1000.0).round() as i64).collect()
+    };
+    let expected = [[0; 6].as_slice(), &[1000; 3], &[3000; 3]].concat();
+    assert_eq!(heights(every_scan(), 1.5), expected, "the odometry of the recording knows of no correction");
+    let as_it_went = OpenOptions { poses: Some(dir.path().join("as_it_went.tum")), ..every_scan() };
+    assert_eq!(heights(as_it_went, 0.0), expected, "these poses have the corrections in them");
+}
+
+#[test]
 fn what_cannot_be_meant_is_said() {
     let open = |options: OpenOptions| Recording::open(fixture("ouster_bz2.bag"), &options).unwrap_err();
     let topic = open(OpenOptions { cloud_topic: Some("/velodyne".into()), ..OpenOptions::default() });
