@@ -1,5 +1,6 @@
 //! Bytes of a recording in the order of the file, through compressed chunks as if they were not there.
 
+use super::ahead::{Ahead, FindChunk};
 use crate::{Error, Position, Result};
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -39,6 +40,8 @@ pub(super) struct Feed {
     in_place_until: u64,
     /// Whether the last error left the feed where reading can go on.
     sound: bool,
+    /// Unpacks the chunks that follow.
+    pub(super) ahead: Option<Box<Ahead>>,
 }
 
 impl Feed {
@@ -46,7 +49,13 @@ impl Feed {
         let fail = |e| Error::io(path, "read", e);
         let file = File::open(path).map_err(fail)?;
         let len = file.metadata().map_err(fail)?.len();
-        Ok(Self { path: path.into(), file: BufReader::with_capacity(1 << 18, file), len, next: 0, chunk: None, in_place_until: 0, sound: false })
+        let file = BufReader::with_capacity(1 << 18, file);
+        Ok(Self { path: path.into(), file, len, next: 0, chunk: None, in_place_until: 0, sound: false, ahead: None })
+    }
+
+    /// Unpacks chunks ahead of their turn from now on.
+    pub(super) fn look_ahead(&mut self, find: FindChunk) {
+        self.ahead = Self::open(&self.path).ok().map(|scout| Box::new(Ahead::new(scout, find)));
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -155,13 +164,14 @@ impl Feed {
     pub(super) fn enter(&mut self, packing: Packing, packed: u64, unpacked: u64, crc: Option<u32>) -> Result<()> {
         let at = self.next;
         let held = packed.min(self.left());
-        let bytes = self.take(held)?;
+        let ready = if self.chunk.is_none() { self.ahead.as_mut().and_then(|ahead| ahead.take(at, held)) } else { None };
+        let bytes = if ready.is_some() { self.skip(held).map(|()| Vec::new())? } else { self.take(held)? };
         self.sound = true;
         let damaged = |problem: String| Error::content(&self.path, Position::Byte(at), problem, "copy or record the file again");
-        if unpacked > LARGEST_CHUNK || unpacked > LARGEST_RATIO.saturating_mul(packed.max(256)) {
+        if !is_plausible(packed, unpacked) {
             return Err(damaged(format!("a chunk of {packed} bytes claims to unpack to {unpacked}")));
         }
-        let (bytes, failed) = unpack(packing, &bytes, unpacked);
+        let (bytes, failed) = ready.unwrap_or_else(|| unpack(packing, &bytes, unpacked));
         let complete = bytes.len() as u64 == unpacked && failed.is_none();
         let problem = if held < packed {
             Some("the file ends within a chunk".to_owned())
@@ -188,6 +198,11 @@ impl Feed {
         let problem = format!("a record of {count} bytes, but the {place} ends after {}", self.left());
         Err(Error::content(&self.path, Position::Byte(self.position()), problem, "the recording is cut or damaged here: record or copy it again"))
     }
+}
+
+/// Whether a chunk may unpack to as much as it claims.
+pub(super) fn is_plausible(packed: u64, unpacked: u64) -> bool {
+    unpacked <= LARGEST_CHUNK && unpacked <= LARGEST_RATIO.saturating_mul(packed.max(256))
 }
 
 /// Unpacks up to `size` bytes; what went wrong, if something did.

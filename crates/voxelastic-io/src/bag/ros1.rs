@@ -1,5 +1,6 @@
 //! ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): records with named header fields, most of them in chunks.
 
+use super::ahead::ChunkHead;
 use super::container::{Encoding, Index, Message, Topic};
 use super::feed::{Feed, Packing};
 use super::records::{Records, Topics};
@@ -84,6 +85,7 @@ impl Ros1 {
             bag.index = bag.read_index(index_at).ok();
         }
         bag.feed.seek(first)?;
+        bag.feed.look_ahead(next_chunk);
         Ok(bag)
     }
 
@@ -186,6 +188,19 @@ impl Records for Ros1 {
             None => Err(damaged_at(&self.feed, at, "a record without op code")),
         }
     }
+}
+
+/// The next chunk that takes long to unpack, from a record outside of chunks on.
+fn next_chunk(feed: &mut Feed) -> Option<ChunkHead> {
+    while !feed.at_end() {
+        let header = Fields(header_bytes(feed).ok()?);
+        let packed = u64::from(feed.u32().ok()?);
+        if header.op() == Some(CHUNK) && header.get(b"compression") == Some(b"bz2") {
+            return Some(ChunkHead { packing: Packing::Bzip2, packed, unpacked: header.u32(b"size")?.into() });
+        }
+        feed.skip(packed).ok()?;
+    }
+    None
 }
 
 fn header_bytes(feed: &mut Feed) -> Result<Vec<u8>> {
