@@ -24,7 +24,7 @@ mod folder;
 mod matching;
 mod names;
 mod onward;
-pub(crate) use names::natural;
+pub(crate) use names::{natural, stamp};
 mod snapshot;
 
 pub use describe::{Description, Used};

@@ -36,7 +36,7 @@ pub(super) fn number(stem: &str) -> Option<u64> {
 
 /// The time in seconds since 1970 that a file's stem ends with: `cloud_<sec>_<nsec>`, `<sec>.<fraction>`, or a whole number of
 /// seconds, milli-, micro- or nanoseconds. Smaller numbers are not dates and mean nothing here.
-pub(super) fn stamp(stem: &str) -> Option<f64> {
+pub(crate) fn stamp(stem: &str) -> Option<f64> {
     let is_digits = |w: &str| !w.is_empty() && w.bytes().all(|b| b.is_ascii_digit());
     let mut words = stem.rsplit('_');
     let last = words.next()?;

@@ -8,10 +8,12 @@
 //! | BALM, HBA | `hba.rs` |
 //! | KITTI odometry, as downloaded | `kitti_odometry.rs` |
 //! | MulRan, as downloaded | `mulran.rs` |
+//! | Newer College (2020), as downloaded | `newer_college.rs` |
 //! | laser scanners: one E57 file instead of a folder | `e57.rs` |
 //!
-//! SC-A-LOAM, SC-LIO-SAM and Newer College folders are what [`crate::dataset`] reads as it is. LIO-SAM saves no scans with its map: its
-//! `transformations.pcd` gives the poses of a recording (`--poses`).
+//! SC-A-LOAM and SC-LIO-SAM folders are what [`crate::dataset`] reads as it is: `Scans/000000.pcd`, `odom_poses.txt` and
+//! `optimized_poses.txt` as KITTI rows, `times.txt`, `singlesession_posegraph.g2o` (SC-A-LOAM's `src/laserPosegraphOptimization.cpp`). LIO-SAM
+//! saves no scans with its map: its `transformations.pcd` gives the poses of a recording (`--poses`).
 
 mod e57;
 mod glim;
@@ -20,6 +22,7 @@ mod hdl_graph_slam;
 mod kitti_odometry;
 mod matrices;
 mod mulran;
+mod newer_college;
 
 use crate::dataset::ScanEntry;
 use crate::{PoseGraph, Result};
@@ -70,7 +73,7 @@ type Adapter = fn(&Path) -> Result<Option<Dump>>;
 /// # Errors
 /// Those of the files of a folder that was recognised.
 pub(crate) fn find(path: &Path) -> Result<Option<Dump>> {
-    let adapters: [Adapter; 6] = [e57::find, hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find];
+    let adapters: [Adapter; 7] = [e57::find, hdl_graph_slam::find, glim::find, hba::find, kitti_odometry::find, mulran::find, newer_college::find];
     for find in adapters {
         if let Some(dump) = find(path)? {
             return Ok(Some(dump));

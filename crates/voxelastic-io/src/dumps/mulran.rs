@@ -6,9 +6,10 @@
 //!   Ouster/<stamp>.bin     clouds, lidar frame: x y z intensity as 32-bit floats; also in sensor_data/Ouster
 //! ```
 //!
-//! Layout and the lidar's place on the vehicle are written down from memory of the data set's documentation, and not yet checked against it:
-//! x 1.7042 m, y -0.021 m, z 1.8047 m, roll 0.0001, pitch 0.0003, yaw 179.6654 degrees. The map begins at the first pose, since UTM
-//! coordinates are too large for meshes.
+//! Layout as KISS-ICP's `datasets/mulran.py` reads it. The lidar's place on the vehicle is that of the data set's `calib_base2ouster.txt`, as
+//! quoted there and in LoGG3D-Net's `mulran_dataset.py`: x 1.7042 m, y -0.021 m, z 1.8047 m, roll 0.0001, pitch 0.0003, yaw 179.6654
+//! degrees. It is taken as the lidar's pose in the vehicle's frame, as the latter does: the lidar is on the roof. The map begins at the first
+//! pose, since UTM coordinates are too large for meshes.
 
 use super::Dump;
 use super::matrices::rigid;

@@ -1,6 +1,6 @@
 //! `transformations.pcd`, the key poses that LIO-SAM saves with its map: x y z, roll pitch yaw, time.
 //!
-//! Layout from memory of the project's point type `PointXYZIRPYT` and its service that saves the map; not yet checked against a file that it wrote.
+//! Layout from the project's `src/mapOptmization.cpp`: the point type `PointXYZIRPYT`, written by the service that saves the map.
 
 use super::Trajectory;
 use crate::{Error, Position, Result, pcd};
