@@ -132,58 +132,111 @@ fn a_mapper_takes_the_sensors_own_tables() {
     }
 }
 
-#[test]
-fn ranges_points_and_times_are_those_of_the_sdk() {
-    let Some(folder) = folder() else { return };
+/// A Python with `ouster-sdk`; none, with a word, where there is no such.
+fn sdk() -> Option<String> {
     let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    if !Command::new(&interpreter).args(["-c", "import ouster.sdk, numpy"]).output().is_ok_and(|o| o.status.success()) {
-        eprintln!("skipped: {interpreter} cannot import ouster.sdk (set VOXELASTIC_PYTHON to an interpreter that can)");
-        return;
+    if Command::new(&interpreter).args(["-c", "import ouster.sdk, numpy"]).output().is_ok_and(|o| o.status.success()) {
+        return Some(interpreter);
     }
+    eprintln!("skipped: {interpreter} cannot import ouster.sdk (set VOXELASTIC_PYTHON to an interpreter that can)");
+    None
+}
+
+/// Holds ranges, points and times of a capture of `count` turns against the sdk's.
+fn hold_against_the_sdk(interpreter: &str, capture: &Path, metadata: &Path, count: usize) {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("frames");
-    for (capture, metadata, rows, count) in CAPTURES {
-        let (capture, metadata) = (folder.join(capture), folder.join(metadata));
-        let said = Command::new(&interpreter).args(["-c", ORACLE]).args([&capture, &metadata, &out]).output().unwrap();
-        assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
-        let bytes = std::fs::read(&out).unwrap();
-        let (columns, pixels) = (1024, rows * 1024);
-        let frame = pixels * 8 * 4 + columns * 8;
-        assert_eq!(bytes.len(), frame * count);
-        let scans = scans(&capture, &metadata);
-        let (mut worst, mut returns) = (0.0f64, 0);
-        for (scan, bytes) in scans.iter().zip(bytes.chunks_exact(frame)) {
-            let number = |k: usize| f64::from_le_bytes(bytes[8 * k..8 * k + 8].try_into().unwrap());
-            let time = |c: usize| u64::from_le_bytes(bytes[8 * (4 * pixels + c)..][..8].try_into().unwrap());
-            let first = (0..columns).map(time).filter(|t| *t > 0).min().unwrap();
-            assert!((scan.stamp.unwrap() - first as f64 * 1e-9).abs() < 1e-6);
-            // Each row is the sdk's turned by a whole number of columns.
-            for row in 0..rows {
-                let same = |shift: usize| {
-                    (0..columns)
-                        .all(|c| (number(row * columns + c) > 0.0) == Cloud::is_return(&scan.cloud.points[row * columns + (c + shift) % columns]))
-                };
-                let fits = |shift: &usize| {
-                    same(*shift)
-                        && (0..columns).filter(|c| number(row * columns + c) > 0.0).all(|c| {
-                            let p = scan.cloud.points[row * columns + (c + shift) % columns];
-                            (0..3).all(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs() < 1e-3)
-                        })
-                };
-                let shift = (0..columns).find(fits).unwrap_or_else(|| panic!("{}: row {row} is another", capture.display()));
-                for c in (0..columns).filter(|c| number(row * columns + c) > 0.0) {
-                    let i = row * columns + (c + shift) % columns;
-                    let p = scan.cloud.points[i];
-                    let off = (0..3).map(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs()).fold(0.0, f64::max);
-                    worst = worst.max(off);
-                    returns += 1;
-                    let t = scan.cloud.time.as_ref().unwrap()[i];
-                    assert!((f64::from(t) - (time(c) - first) as f64 * 1e-9).abs() < 1e-6);
-                }
+    let said = Command::new(interpreter).args(["-c", ORACLE]).args([capture, metadata, &out]).output().unwrap();
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let bytes = std::fs::read(&out).unwrap();
+    let scans = scans(capture, metadata);
+    let rows = scans[0].cloud.height;
+    let (columns, pixels) = (1024, rows * 1024);
+    let frame = pixels * 8 * 4 + columns * 8;
+    assert_eq!((bytes.len(), scans.len()), (frame * count, count));
+    let (mut worst, mut returns) = (0.0f64, 0);
+    for (scan, bytes) in scans.iter().zip(bytes.chunks_exact(frame)) {
+        let number = |k: usize| f64::from_le_bytes(bytes[8 * k..8 * k + 8].try_into().unwrap());
+        let time = |c: usize| u64::from_le_bytes(bytes[8 * (4 * pixels + c)..][..8].try_into().unwrap());
+        let first = (0..columns).map(time).filter(|t| *t > 0).min().unwrap();
+        assert!((scan.stamp.unwrap() - first as f64 * 1e-9).abs() < 1e-6);
+        // Each row is the sdk's turned by a whole number of columns.
+        for row in 0..rows {
+            let same = |shift: usize| {
+                (0..columns).all(|c| (number(row * columns + c) > 0.0) == Cloud::is_return(&scan.cloud.points[row * columns + (c + shift) % columns]))
+            };
+            let fits = |shift: &usize| {
+                same(*shift)
+                    && (0..columns).filter(|c| number(row * columns + c) > 0.0).all(|c| {
+                        let p = scan.cloud.points[row * columns + (c + shift) % columns];
+                        (0..3).all(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs() < 1e-3)
+                    })
+            };
+            let shift = (0..columns).find(fits).unwrap_or_else(|| panic!("{}: row {row} is another", capture.display()));
+            for c in (0..columns).filter(|c| number(row * columns + c) > 0.0) {
+                let i = row * columns + (c + shift) % columns;
+                let p = scan.cloud.points[i];
+                let off = (0..3).map(|k| (f64::from(p[k]) - number(pixels + 3 * (row * columns + c) + k)).abs()).fold(0.0, f64::max);
+                worst = worst.max(off);
+                returns += 1;
+                let t = scan.cloud.time.as_ref().unwrap()[i];
+                assert!((f64::from(t) - (time(c) - first) as f64 * 1e-9).abs() < 1e-6);
             }
         }
-        eprintln!("{}: {returns} returns, at most {:.4} mm from the sdk's", capture.display(), 1e3 * worst);
-        assert!(returns > 15_000);
+    }
+    eprintln!("{}: {returns} returns, at most {:.4} mm from the sdk's", capture.display(), 1e3 * worst);
+    assert!(returns > 15_000);
+}
+
+#[test]
+fn ranges_points_and_times_are_those_of_the_sdk() {
+    let (Some(folder), Some(interpreter)) = (folder(), sdk()) else { return };
+    for (capture, metadata, _, count) in CAPTURES {
+        hold_against_the_sdk(&interpreter, &folder.join(capture), &folder.join(metadata), count);
+    }
+}
+
+/// Packs a turn of a real capture anew, in the ways of packing that the captures are not in: a capture and its metadata for each.
+const REPACK: &str = r#"
+import json, sys
+from ouster.sdk import core, open_source, pcap
+capture, meta, folder = sys.argv[1:4]
+source = open_source(capture, meta=[meta])
+frame = next(iter(source))[0]
+for profile in ("RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"):
+    described = json.loads(source.sensor_info[0].to_json_string())
+    for section in ("config_params", "lidar_data_format"):
+        described[section]["udp_profile_lidar"] = profile
+    info = core.SensorInfo(json.dumps(described))
+    again = core.LidarFrame(info)
+    again.frame_id = frame.frame_id
+    again.timestamp[:], again.status[:], again.measurement_id[:] = frame.timestamp, frame.status, frame.measurement_id
+    for name, shift in (("RANGE", 0), ("REFLECTIVITY", 0), ("RANGE2", 4000), ("REFLECTIVITY2", 0)):
+        if again.has_field(name):
+            field = frame.field(name.strip("2"))
+            again.field(name)[:] = field + (field > 0).astype(field.dtype) * shift
+    packets = core.frame_to_packets(again, core.PacketFormat.from_info(info), info.init_id, int(info.sn))
+    pcap.record(packets, f"{folder}/{profile}.pcap")
+    with open(f"{folder}/{profile}.json", "w") as file:
+        file.write(json.dumps(described))
+"#;
+
+#[test]
+fn other_ways_of_packing_are_read_as_the_sdk_reads_them() {
+    let (Some(folder), Some(interpreter)) = (folder(), sdk()) else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (capture, metadata, ..) = CAPTURES[2];
+    let said =
+        Command::new(&interpreter).args(["-c", REPACK]).args([&folder.join(capture), &folder.join(metadata)]).arg(dir.path()).output().unwrap();
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let original = &scans(&folder.join(capture), &folder.join(metadata))[0];
+    for profile in ["RNG19_RFL8_SIG16_NIR16", "RNG19_RFL8_SIG16_NIR16_DUAL"] {
+        let at = |ending: &str| dir.path().join(format!("{profile}.{ending}"));
+        hold_against_the_sdk(&interpreter, &at("pcap"), &at("json"), 1);
+        let again = &scans(&at("pcap"), &at("json"))[0];
+        // Bits, because a pixel without return is NaN.
+        let bits = |scan: &StampedCloud| scan.cloud.points.iter().flatten().map(|v| v.to_bits()).collect::<Vec<u32>>();
+        assert!(bits(again) == bits(original) && again.cloud.intensity == original.cloud.intensity, "{profile}");
     }
 }
 
