@@ -194,4 +194,14 @@ fn layers_larger_than_the_file_are_refused_at_once() {
         let refused = las::parse(bad, Path::new("a.laz")).unwrap_err().to_string();
         assert!(refused.contains("layers of 42949"), "{refused}");
     }
+    let record = good.windows(14).position(|w| w == b"laszip encoded").unwrap() + 52;
+    let refused = |bad: Vec<u8>| las::parse(bad, Path::new("a.laz")).unwrap_err().to_string();
+    // Chunks of one point: the second begins where the table of chunks lies.
+    let mut bad = [good.as_slice(), &[0xff; 200]].concat();
+    bad[record + 12..][..4].copy_from_slice(&1u32.to_le_bytes());
+    assert!(refused(bad).contains("layers of"));
+    // 60,000 bytes of something at each point, for each of which the decoder keeps tables.
+    let mut bad = good;
+    bad[record + 40..][..4].copy_from_slice(&[14, 0, 0x60, 0xea]);
+    assert!(refused(bad).contains("points of 60030 bytes"));
 }

@@ -42,42 +42,77 @@ pub(super) fn exaggerates(file: &[u8]) -> Option<String> {
         at if at <= points as i64 => u64_at(file, file.len().checked_sub(8)?)?,
         at => at as u64,
     };
-    let table = usize::try_from(table).ok()?;
-    let chunks = u32_at(file, table.checked_add(4)?);
-    if let Some(chunks) = chunks.filter(|chunks| *chunks > file.len()) {
+    let chunks = u32_at(file, usize::try_from(table).ok()?.checked_add(4)?).unwrap_or(0);
+    if chunks > file.len() {
         return Some(format!("a table of {chunks} chunks in {} bytes", file.len()));
     }
-    layers_beyond(file, points + 8, table)
+    let packing = Packing::read(laszip_record(file)?)?;
+    if packing.point > LARGEST_POINT {
+        return Some(format!("points of {} bytes", packing.point));
+    }
+    packing.beyond(file, points + 8, chunks)
 }
 
-/// The first layers that reach beyond the end of the file, in chunks from `at` to `table`. The decoder would make room for them before it
-/// reads.
-fn layers_beyond(file: &[u8], mut at: usize, table: usize) -> Option<String> {
-    let record = laszip_record(file)?;
-    let items = u16_at(record, 32)?.into();
-    let item = |k: usize| Some((u16_at(record, 34 + 6 * k)?, u16_at(record, 36 + 6 * k)?));
-    let (mut point, mut count) = (0usize, 0);
-    for k in 0..items {
-        let (kind, bytes) = item(k)?;
-        point += usize::from(bytes);
-        count += layers(kind, bytes);
-    }
-    if count == 0 {
-        return None; // not layered
-    }
-    while at < table {
-        let sizes = at.checked_add(point + 4)?;
-        let begin = sizes.checked_add(4 * count)?;
-        let mut end = begin;
-        for k in 0..count {
-            end = end.checked_add(u32_at(file, sizes + 4 * k)?)?;
-            if end > file.len() {
-                return Some(format!("layers of {} bytes at byte {begin}, where {} are left", end - begin, file.len().saturating_sub(begin)));
-            }
+/// What the decoder keeps for each byte of a point takes thousands of bytes, and nobody has points as large as this.
+const LARGEST_POINT: usize = 4096;
+
+/// How points are packed.
+struct Packing {
+    /// Bytes of a point.
+    point: usize,
+    /// Layers of a chunk; 0 if chunks are not layered.
+    layers: usize,
+    /// Points in a chunk, if that is always the same.
+    chunk_size: Option<u64>,
+}
+
+impl Packing {
+    /// From the "laszip encoded" record.
+    fn read(record: &[u8]) -> Option<Self> {
+        let (mut point, mut count) = (0, 0);
+        for k in 0..usize::from(u16_at(record, 32)?) {
+            let (kind, bytes) = (u16_at(record, 34 + 6 * k)?, u16_at(record, 36 + 6 * k)?);
+            point += usize::from(bytes);
+            count += layers(kind, bytes);
         }
-        at = end;
+        let chunk_size = match number(record, 12).map(u32::from_le_bytes)? {
+            u32::MAX => None,
+            0 => Some(u64::MAX),
+            size => Some(size.into()),
+        };
+        Some(Self { point, layers: count, chunk_size })
     }
-    None
+
+    /// The first layers that reach beyond the end of the file. The decoder would make room for them before it reads, and it goes from one
+    /// chunk to the next, whatever lies there, until it has all points that are claimed.
+    fn beyond(&self, file: &[u8], mut at: usize, chunks: usize) -> Option<String> {
+        if self.layers == 0 {
+            return None;
+        }
+        let (claimed, mut seen, mut chunk) = (points_claimed(file), 0u64, 0);
+        while seen < claimed || (self.chunk_size.is_none() && chunk < chunks) {
+            let sizes = at.checked_add(self.point + 4)?;
+            let begin = sizes.checked_add(4 * self.layers)?;
+            let mut end = begin;
+            for k in 0..self.layers {
+                end = end.checked_add(u32_at(file, sizes + 4 * k)?)?;
+                if end > file.len() {
+                    return Some(format!("layers of {} bytes at byte {begin}, where {} are left", end - begin, file.len().saturating_sub(begin)));
+                }
+            }
+            let counted = u32_at(file, sizes - 4)? as u64;
+            seen = seen.saturating_add(self.chunk_size.unwrap_or(counted));
+            (at, chunk) = (end, chunk + 1);
+        }
+        None
+    }
+}
+
+/// Points that the header claims; it has one number for old readers and a larger one in LAS 1.4.
+fn points_claimed(file: &[u8]) -> u64 {
+    let old = u32_at(file, 107).unwrap_or(0) as u64;
+    let is_new = file.get(25).is_some_and(|minor| *minor >= 4);
+    if is_new { old.max(u64_at(file, 247).unwrap_or(0)) } else { old }
 }
 
 /// The content of the record that says how points are packed.
