@@ -5,7 +5,7 @@ mod header;
 mod lzf;
 mod write;
 
-pub use write::write;
+pub use write::{write, write_with_normals};
 
 use crate::{Result, StampedCloud, file};
 use std::path::Path;

@@ -15,9 +15,21 @@ use voxelastic::Cloud;
 /// [`Error::Unwritable`] if a channel differs in length from the points or the grid does not match them;
 /// [`Error::Io`] if the disk refuses.
 pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
-    let path = path.as_ref();
+    write_fields(path.as_ref(), cloud, None)
+}
+
+/// Writes a cloud whose points lie on a surface: as [`write`], with the unit normal of each point as `normal_x normal_y normal_z`.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_with_normals(path: impl AsRef<Path>, cloud: &Cloud, normals: &[[f32; 3]]) -> Result<()> {
+    write_fields(path.as_ref(), cloud, Some(normals))
+}
+
+fn write_fields(path: &Path, cloud: &Cloud, normals: Option<&[[f32; 3]]>) -> Result<()> {
     let n = cloud.len();
     let lengths = [
+        ("the normal", normals.map(<[_]>::len)),
         ("intensity", cloud.intensity.as_ref().map(Vec::len)),
         ("rgb", cloud.colours.as_ref().map(Vec::len)),
         ("time", cloud.time.as_ref().map(Vec::len)),
@@ -32,11 +44,14 @@ pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
         return Err(Error::unwritable(path, format!("a grid of {} x {} for {n} points", cloud.width, cloud.height)));
     }
     write_atomically(path, |w| {
-        w.write_all(header(cloud).as_bytes())?;
-        let mut record = Vec::with_capacity(26);
+        w.write_all(header(cloud, normals.is_some()).as_bytes())?;
+        let mut record = Vec::with_capacity(38);
         for i in 0..n {
             record.clear();
             cloud.points[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
+            if let Some(v) = normals {
+                v[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
+            }
             if let Some(v) = &cloud.intensity {
                 record.extend_from_slice(&v[i].to_le_bytes());
             }
@@ -56,7 +71,7 @@ pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
     })
 }
 
-fn header(cloud: &Cloud) -> String {
+fn header(cloud: &Cloud, has_normals: bool) -> String {
     let (mut fields, mut sizes, mut types, mut counts) = ("x y z".to_owned(), "4 4 4".to_owned(), "F F F".to_owned(), "1 1 1".to_owned());
     let mut add = |present: bool, field: &str, size: &str, kind: &str| {
         if present {
@@ -66,6 +81,7 @@ fn header(cloud: &Cloud) -> String {
             }
         }
     };
+    ["normal_x", "normal_y", "normal_z"].iter().for_each(|field| add(has_normals, field, "4", "F"));
     add(cloud.intensity.is_some(), "intensity", "4", "F");
     add(cloud.colours.is_some(), "rgb", "4", "F");
     add(cloud.time.is_some(), "time", "4", "F");
