@@ -1,9 +1,9 @@
 """Files for the fuzz targets to start from, written by other people's software: rosbags, mcap, laspy, pye57, Open3D.
 
-usage: seeds.py FOLDER [OUSTER]
+usage: seeds.py FOLDER [DATA]
 
-OUSTER is a folder with captures (.pcap) and their metadata (.json); of each the first packets are taken. Libraries that are not
-installed are left out, with a word.
+DATA is a folder with real data (see VOXELASTIC_DATA); of each kind of file the beginning is taken. Libraries that are not installed are
+left out, with a word.
 """
 import shutil
 import sys
@@ -22,12 +22,25 @@ def recordings(folder):
     import write
 
     write.SCANS, write.POINTS = 3, 32
+    messages(folder / "message", write)
     with tempfile.TemporaryDirectory() as out:
         sys.argv = ["write.py", out]
         write.main()
         for target, pattern in (("ros1", "*.bag"), ("mcap", "*.mcap"), ("sqlite", "*/*.db3")):
             for file in Path(out).glob(pattern):
                 shutil.copy(file, folder / target / file.name)
+
+
+def messages(folder, write):
+    """A letter for the type (as in fuzz_targets/message.rs; upper case for ROS 2), a message."""
+    for ros1 in (True, False):
+        drive = write.Drive(ros1=ros1)
+        some = {f"a_{layout}": drive.cloud(1, layout) for layout in write.LAYOUTS}
+        some |= {"b": drive.livox(1), "c": drive.odometry(1), "d": drive.pose_stamped(1), "f": drive.path(1), "g": drive.mounting()}
+        for name, message in some.items():
+            serialize = drive.store.serialize_ros1 if ros1 else drive.store.serialize_cdr
+            letter = name[0] if ros1 else name[0].upper()
+            (folder / f"{name}{1 if ros1 else 2}").write_bytes(letter.encode() + bytes(serialize(message, message.__msgtype__)))
 
 
 def las(folder):
@@ -79,6 +92,53 @@ def texts(folder):
     np.concatenate([XYZ, XYZ[:, :1]], axis=1).astype("<f4").tofile(folder / "bin" / "kitti")
 
 
+def dumps(folder):
+    """A letter for the layout, as in src/dumps.rs, and its file."""
+    unit, row = "1 0 0 2\n0 1 0 3\n0 0 1 4\n0 0 0 1\n", "1 0 0 2 0 1 0 3 0 0 1 4"
+    fields = ("x", "y", "z", "intensity", "roll", "pitch", "yaw", "time")
+    poses = np.array([[1, 2, 3, k, 0, 0, 0.5, 10 + k] for k in range(3)])
+    files = {
+        "a": f"stamp 1 5\nestimate\n{unit}odom\n{unit}accum_distance 1\nfloor_coeffs 0 0 1 2\nid 7\n",
+        "b": (folder.parent / "poses" / "g2o").read_text(),
+        "c": f"id: 0\nT_world_origin: \n{unit}T_origin_endpoint_L: \n{unit}num_frames: 1\nframe_0\nid: 0\nstamp: 1.25\nT_odom_lidar: \n{unit}",
+        "d": "1 2 3 1 0 0 0\n1.5 2 3 0.8 0 0.6 0\n",
+        "e": f"P0: {row}\nTr: {row}\n",
+        "f": "".join(f"{k}00000000,{row.replace(' ', ',')}\n" for k in (9, 10, 11, 12)),
+        "g": pcd_text(fields, poses),
+        "h": (folder.parent / "poses" / "tum").read_text(),
+        "i": "0.0\n1.5e0\n",
+        "j": f"{row}\n",
+        "k": (folder.parent / "poses" / "newer_college").read_text().replace("1,500000000", "1583836591,500000000"),
+    }
+    for letter, text in files.items():
+        (folder / letter).write_text(letter + text)
+
+
+def pcd_text(fields, rows):
+    n = len(fields)
+    head = f"FIELDS {' '.join(fields)}\nSIZE {'4 ' * (n - 1)}8\nTYPE {'F ' * n}\nCOUNT {'1 ' * n}\nWIDTH {len(rows)}\nHEIGHT 1\nPOINTS {len(rows)}\n"
+    return f"VERSION 0.7\n{head}DATA ascii\n" + "\n".join(" ".join(map(str, row)) for row in rows) + "\n"
+
+
+def real(folder, data):
+    """Beginnings of real files."""
+    ouster(folder / "ouster", data / "ouster")
+    for name in ("hall/poses.tum", "kitti00-street/poses_odometry.txt", "kitti00-loops/times.txt"):
+        lines = (data / name).read_text().splitlines()[:6]
+        (folder / "poses" / name.replace("/", "_")).write_text("\n".join(lines) + "\n")
+    for graph in data.glob("posegraphs/*.g2o"):
+        lines = graph.read_text().splitlines()
+        edges = [line for line in lines if line.startswith("EDGE")][:4]
+        (folder / "poses" / graph.name).write_text("\n".join(lines[:5] + edges) + "\n")
+    for scan in (data / "kitti00-street/velodyne/000000.bin", data / "newer-college-sample/raw_00.bin"):
+        if scan.is_file():
+            (folder / "bin" / f"{scan.parent.name}_{scan.name}").write_bytes(scan.read_bytes()[:960])
+    for scan in (data / "hall/scans/000000.pcd", data / "kitti00-loops/Scans/000000.pcd"):
+        head, body = scan.read_bytes().split(b"DATA binary\n", 1)
+        count = head.split(b"POINTS ")[1].split()[0]
+        (folder / "pcd" / f"{scan.parent.parent.name}.pcd").write_bytes(head.replace(count, b"20") + b"DATA binary\n" + body[: 20 * 12])
+
+
 def ouster(folder, captures):
     for metadata in captures.glob("*.json"):
         for capture in captures.glob(metadata.stem[:6] + "*.pcap"):
@@ -87,12 +147,13 @@ def ouster(folder, captures):
 
 def main():
     folder = Path(sys.argv[1])
-    captures = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    for target in ("ros1", "mcap", "sqlite", "las", "e57", "pcd", "ply", "poses", "bin", "ouster"):
+    data = Path(sys.argv[2]) if len(sys.argv) > 2 else None
+    for target in ("ros1", "mcap", "sqlite", "message", "las", "e57", "pcd", "ply", "poses", "bin", "ouster", "dumps"):
         (folder / target).mkdir(parents=True, exist_ok=True)
     texts(folder)
-    if captures:
-        ouster(folder / "ouster", captures)
+    dumps(folder / "dumps")
+    if data:
+        real(folder, data)
     for write, where in ((las, folder / "las"), (e57, folder / "e57"), (open3d, folder), (recordings, folder)):
         try:
             write(where)

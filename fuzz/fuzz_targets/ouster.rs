@@ -1,6 +1,6 @@
 #![no_main]
 
-use voxelastic_fuzz::{check, file};
+use voxelastic_fuzz::{check, check_memory, file};
 use voxelastic_io::ouster::Capture;
 
 /// Metadata of the sensor, a zero byte, packets.
@@ -11,6 +11,7 @@ fn read(data: &[u8]) {
         let _ = capture.model();
         std::iter::from_fn(|| capture.next_scan()).flatten().for_each(|scan| check(&scan.cloud));
     }
+    check_memory();
 }
 
 libfuzzer_sys::fuzz_target!(|data: &[u8]| read(data));
