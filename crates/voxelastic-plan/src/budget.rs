@@ -22,6 +22,11 @@ impl Budget {
         Self { time: self.time.mul_f64(share), samples, ..*self }
     }
 
+    /// The same time with this many samples, counted anew.
+    pub(crate) fn samples(&self, samples: usize) -> Self {
+        Self { samples, ..*self }
+    }
+
     pub(crate) fn is_spent(&self, samples: usize) -> bool {
         samples >= self.samples || self.begun.elapsed() >= self.time
     }

@@ -33,14 +33,21 @@ enum Growth {
 }
 
 /// Grows the trees, rooted in the start and in the goal, in steps of `stride` metres until they meet; none when the budget ends
-/// before.
-pub(crate) fn connect<S: Space>(sampler: &mut Sampler<'_, S>, space: &S, trees: &mut [Tree; 2], stride: f64, budget: &Budget) -> Option<Meeting> {
+/// before. `doorways` are states that are known to be on the way, likely.
+pub(crate) fn connect<S: Space>(
+    sampler: &mut Sampler<'_, S>,
+    space: &S,
+    trees: &mut [Tree; 2],
+    stride: f64,
+    doorways: &[Point],
+    budget: &Budget,
+) -> Option<Meeting> {
     let [start, goal] = trees;
     let mut near = Vec::new();
     if let Growth::Arrived(node) = grow(space, start, 0, goal.point(0), stride, false) {
         return Some(Meeting { from_start: node, from_goal: 0 });
     }
-    let mut waiting: Vec<Point> = Vec::new();
+    let mut waiting = doorways.to_vec();
     let mut turned = false;
     while !budget.is_spent(sampler.drawn) {
         // By turns: a tree that cannot grow must not keep the other from it.
@@ -153,7 +160,7 @@ mod tests {
         let mut sampler = Sampler::new(wall, 7);
         let mut trees = [Tree::new([-5.0, -8.0, 0.0], 3), Tree::new([5.0, -8.0, 0.0], 3)];
         let budget = Budget::new(Duration::from_secs(60), Some(samples));
-        let met = connect(&mut sampler, wall, &mut trees, 1.5, &budget);
+        let met = connect(&mut sampler, wall, &mut trees, 1.5, &[], &budget);
         (trees, met, sampler.drawn)
     }
 

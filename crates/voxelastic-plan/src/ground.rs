@@ -3,10 +3,9 @@
 use crate::error::PlanError;
 use crate::points::{Point, between};
 use crate::robot::Robot;
-use crate::space::{Air, Space, is_within};
+use crate::space::{Air, Fit, Space, is_within};
 use std::cell::RefCell;
 use std::collections::HashMap;
-use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, Ray, RayHit, UnknownAs};
 
 /// The floor is looked at in steps of this length along the way, metres: about a wheel's footprint.
@@ -19,13 +18,17 @@ const DEPTH: f64 = 20.0;
 const GAP: f64 = 1.0;
 /// The floor is looked at in the middles of columns of this width, from heights this far apart, metres.
 const COLUMN: f64 = 0.125;
+/// Between hits, in the middles of columns of this width, metres.
+const WIDE: f64 = 0.25;
+/// So many hits say how high the floor between them is.
+const FEW: usize = 5;
 /// Where a sensor stood it did not see the floor: free space ends up to this far above it, metres.
 const BLIND: f64 = 1.5;
 
 /// A ball that is kept at one height over the floor.
 ///
-/// The floor is the first occupied voxel straight below. Where free space ends in unknown space instead, the floor is that of the nearest
-/// occupied voxel within a metre to the side, if it is not much higher; otherwise wheels do not go there. If unknown space counts as free, they
+/// The floor is the first occupied voxel straight below. Where there is none and free space ends in unknown space, the floor is that of the nearest
+/// occupied voxels within a metre to the side, if it is not much higher; otherwise wheels do not go there. If unknown space counts as free, they
 /// keep their height where no floor is known. Small differences (a voxel: the floor's own thickness) are not followed.
 #[derive(Clone, Debug)]
 pub struct Ground<'a> {
@@ -35,8 +38,14 @@ pub struct Ground<'a> {
     height: f64,
     step: f64,
     /// Heights of the floor seen so far, by the column and the height looked from.
-    floors: RefCell<HashMap<[i32; 3], Option<f64>>>,
+    floors: Seen,
+    /// The same of hits alone, in wider columns.
+    hits: Seen,
+    /// The wider columns around one, the nearest first.
+    around: Vec<[i32; 2]>,
 }
+
+type Seen = RefCell<HashMap<[i32; 3], Option<f64>>>;
 
 impl<'a> Ground<'a> {
     /// The space of a wheeled `robot` that starts at `start`.
@@ -55,7 +64,16 @@ impl<'a> Ground<'a> {
             });
         }
         let air = Air::new(map, robot, bounds);
-        let mut ground = Self { air, map, unknown: robot.unknown, height: 0.0, step: wheels.step.unwrap_or(STEP), floors: RefCell::default() };
+        let mut ground = Self {
+            air,
+            map,
+            unknown: robot.unknown,
+            height: 0.0,
+            step: wheels.step.unwrap_or(STEP),
+            floors: Seen::default(),
+            hits: Seen::default(),
+            around: around(),
+        };
         ground.height = wheels.height.unwrap_or_else(|| ground.floor(start, DEPTH).map_or(least, |floor| (start[2] - floor).max(least)));
         Ok(ground)
     }
@@ -67,31 +85,36 @@ impl<'a> Ground<'a> {
 
     /// Height of the floor below `p`, map frame, if one is known within `depth` metres.
     fn floor(&self, p: Point, depth: f64) -> Option<f64> {
-        let hit = self.down(p, depth, self.unknown).filter(|hit| hit.distance > 0.0)?;
-        let end = p[2] - hit.distance;
-        if hit.state == State::Occupied {
-            return Some(end);
+        if let Some(hit) = self.down(p, depth, UnknownAs::Free) {
+            return Some(p[2] - hit.distance).filter(|_| hit.distance > 0.0);
         }
-        self.floor_beside([p[0], p[1], end], depth.min(hit.distance + BLIND) - hit.distance)
+        let hit = self.down(p, depth, self.unknown).filter(|hit| hit.distance > 0.0)?;
+        self.floor_beside([p[0], p[1], p[2] - hit.distance], depth.min(hit.distance + BLIND) - hit.distance)
     }
 
     fn down(&self, origin: Point, length: f64, unknown: UnknownAs) -> Option<RayHit> {
         self.map.cast(&Ray { origin, direction: [0.0, 0.0, -1.0], length }, unknown)
     }
 
-    /// Height of the floor around `p`, where free space ends: that of a hit to the side, the nearest first, no more than a step
-    /// above or `depth` metres below.
+    /// Height of the floor around `p`, where free space ends: the middle one of the nearest hits to the side, no more than a step
+    /// above or `depth` metres below. A single one may be of the foot of a wall.
     fn floor_beside(&self, p: Point, depth: f64) -> Option<f64> {
-        (1..=4u32).find_map(|ring| {
-            let radius = GAP * f64::from(ring) / 4.0;
-            let count = 4 * ring;
-            (0..count).find_map(|i| {
-                let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
-                let from = [p[0] + radius * cos, p[1] + radius * sin, p[2] + self.step];
-                let hit = self.down(from, self.step + depth, UnknownAs::Free).filter(|hit| hit.distance > 0.0)?;
-                Some(from[2] - hit.distance)
-            })
-        })
+        let [x, y, z] = [p[0] / WIDE, p[1] / WIDE, (p[2] + self.step) / COLUMN].map(|c| c.floor() as i32);
+        let is_near = |hit: &f64| *hit >= p[2] - depth;
+        let beside = self.around.iter().filter_map(|[dx, dy]| self.hit_near([x.saturating_add(*dx), y.saturating_add(*dy), z]).filter(is_near));
+        let mut hits: Vec<f64> = beside.take(FEW).collect();
+        hits.sort_unstable_by(f64::total_cmp);
+        hits.get(hits.len().saturating_sub(1) / 2).copied()
+    }
+
+    /// Height of the nearest hit below the height of a wider column.
+    fn hit_near(&self, key: [i32; 3]) -> Option<f64> {
+        let seen = || {
+            let from = [(f64::from(key[0]) + 0.5) * WIDE, (f64::from(key[1]) + 0.5) * WIDE, f64::from(key[2]) * COLUMN];
+            let hit = self.down(from, self.step + BLIND, UnknownAs::Free).filter(|hit| hit.distance > 0.0)?;
+            Some(from[2] - hit.distance)
+        };
+        *self.hits.borrow_mut().entry(key).or_insert_with(seen)
     }
 
     /// Height of the floor under a robot over `[x, y]` at height `z`.
@@ -144,6 +167,16 @@ impl<'a> Ground<'a> {
     }
 }
 
+/// The wider columns no farther than [`GAP`] from one, the nearest first.
+fn around() -> Vec<[i32; 2]> {
+    let count = (GAP / WIDE) as i32;
+    let all = (-count..=count).flat_map(|x| (-count..=count).map(move |y| [x, y]));
+    let squared = |c: &[i32; 2]| c[0] * c[0] + c[1] * c[1];
+    let mut near: Vec<[i32; 2]> = all.filter(|c| squared(c) <= count * count).collect();
+    near.sort_by_key(|c| (squared(c), *c));
+    near
+}
+
 impl Space for Ground<'_> {
     fn reach(&self, from: Point, to: Point) -> Option<Point> {
         if !self.may_pass(from, to) {
@@ -166,7 +199,16 @@ impl Space for Ground<'_> {
             (None, UnknownAs::Free) => p[2],
             (floor, _) => floor? + self.height,
         };
-        Some([p[0], p[1], z])
+        // Where the robot that comes from elsewhere would be.
+        self.follow(p[0], p[1], z)
+    }
+
+    fn alongside(&self, from: Point, to: Point) -> Option<Point> {
+        self.follow(to[0], to[1], from[2])
+    }
+
+    fn fit(&self, p: Point, less: f64) -> Fit {
+        self.air.fit(p, less)
     }
 
     fn bounds(&self) -> [Point; 2] {

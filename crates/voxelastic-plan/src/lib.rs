@@ -1,6 +1,7 @@
 //! Paths for robots in occupancy maps (paper Sec. V-B): the shortest way from one place to another that touches nothing.
 //!
-//! [`plan()`] takes a map and a [`Request`] and gives a [`Plan`]. Two trees find a first path (RRT-Connect), RRT* looks for shorter ones
+//! [`plan()`] takes a map and a [`Request`] and gives a [`Plan`]. Two trees find a first path (RRT-Connect) or, where they do not meet soon, a search
+//! over a coarse lattice does, with small trees where that is too coarse. The lattice is asked for other ways round, RRT* looks for shorter paths
 //! as long as there is time, and the best is pulled tight and made round ([`shorten`]). Every motion is checked as a whole against the map's octree: no
 //! wall is too thin to be seen, and large free octants answer at a glance.
 //!
@@ -8,6 +9,7 @@
 //! | --- | --- |
 //! | `robot`, `space`, `ground` | what moves, and what asks the map whether it can: [`Air`] for balls that fly, [`Ground`] for wheels |
 //! | `planner`, `ends` | from request to plan; what is wrong with a start or goal, and where the robot would fit |
+//! | `guide` | which way round: the lattice |
 //! | `connect`, `star`, `tree`, `nearest`, `sample` | the search |
 //! | `shorten` | shortcuts, corners |
 //! | `elastic`, `snapshot` | maps that change: [`recheck`], [`anchor`] and [`place`], and a [`Snapshot`] to plan in meanwhile |
@@ -38,6 +40,7 @@ mod elastic;
 mod ends;
 mod error;
 pub mod ground;
+mod guide;
 mod nearest;
 mod planner;
 mod points;
@@ -57,4 +60,4 @@ pub use points::{Point, between, distance, length, sharpest_turn};
 pub use robot::{Robot, Wheels};
 pub use shorten::{Effort, shorten};
 pub use snapshot::Snapshot;
-pub use space::{Air, Space};
+pub use space::{Air, Fit, Space};

@@ -1,10 +1,11 @@
-//! From a request to a path: the ends, the first path, shorter ones, the shortest made round.
+//! From a request to a path: the ends, the first path, other ways round, shorter paths, the shortest made round.
 
 use crate::budget::Budget;
 use crate::connect::connect;
 use crate::ends;
 use crate::error::{End, PlanError};
 use crate::ground::Ground;
+use crate::guide::{Guide, Wish};
 use crate::points::{Point, between, distance, length};
 use crate::robot::Robot;
 use crate::sample::Sampler;
@@ -17,11 +18,13 @@ use voxelastic::query::{AtlasQuery, UnknownAs};
 
 /// Share of the time that is left for the last shortening.
 const LAST: f64 = 0.1;
-/// Share of the time, the first path included, after which no other way round is looked for any more, and how often one is.
-const ELSEWHERE: f64 = 0.5;
-const MOST_ELSEWHERE: usize = 8;
-/// A path that is longer than the straight line by less than this needs none.
-const STRAIGHT: f64 = 1.03;
+/// Share of the time that two trees have for the first path before the lattice is asked, and that the lattice has, what is before it included.
+const TREES: f64 = 0.03;
+const LATTICE: f64 = 0.8;
+/// How greedily the lattice is searched, for a first path and then for others.
+const GREED: [f32; 3] = [2.0, 1.3, 1.0];
+/// A path that is longer than the straight line by less than this needs no other way round.
+const STRAIGHT: f64 = 1.02;
 /// Clearance is told up to this much beyond the robot's radius, metres.
 const CLEARANCE: f64 = 2.0;
 
@@ -38,8 +41,8 @@ pub struct Request {
     pub bounds: Option<[Point; 2]>,
     /// How long to look for shorter paths, and at most for one at all.
     pub time: Duration,
-    /// Most samples to draw; none for as many as time allows. With a limit that is met before the time the result is the same
-    /// on every machine.
+    /// Most samples to draw, 32 places of the lattice counting as one; none for as many as time allows. With a limit that is
+    /// met before the time the result is the same on every machine.
     pub samples: Option<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
@@ -138,6 +141,14 @@ struct Way {
     goal: u32,
 }
 
+impl Way {
+    /// A path, hung into a tree with the same root.
+    fn along(path: Vec<Point>, mut tree: Tree) -> Self {
+        let goal = path.iter().skip(1).fold(0, |node, p| tree.add(node, *p));
+        Self { path, tree, goal }
+    }
+}
+
 /// A request in its space.
 struct Task<'a, S> {
     space: &'a S,
@@ -153,40 +164,51 @@ impl<S: Space> Task<'_, S> {
         let settle = |end, place| ends::settle(self.space, self.map, self.known, robot.unknown, end, place);
         let (start, goal) = (settle(End::Start, self.request.start)?, settle(End::Goal, self.request.goal)?);
         let mut sampler = Sampler::new(self.space, seed);
-        let found = self.search(&mut sampler, [start, goal], &self.budget);
+        let mut guide = Guide::new(self.space, [start, goal], robot.radius);
+        let found = self.first(&mut sampler, &mut guide, [start, goal]);
         let mut way = found.map_err(|reach| PlanError::NotFound { samples: sampler.drawn, seconds: self.budget.seconds(), reach })?;
         let first = First { seconds: self.budget.seconds(), samples: sampler.drawn, length: length(&way.path) };
         way.path = shorten(self.space, way.path, Effort::Quick);
-        self.look_elsewhere(&mut sampler, &mut way);
+        self.look_elsewhere(&mut sampler, &mut guide, &mut way);
         let until = self.budget.part(1.0 - LAST);
         let best = Star::new(self.space, &mut way.tree, way.goal, self.stride(), way.path).run(&mut sampler, &until);
         let best = shorten(self.space, best, Effort::Thorough);
         Ok(self.finish(&best, &way.tree, first, sampler.drawn))
     }
 
-    /// A way between two places, as the trees have it; how far they reached when the budget ends before they meet.
-    fn search(&self, sampler: &mut Sampler<'_, S>, ends: [Point; 2], budget: &Budget) -> Result<Way, [f64; 2]> {
+    /// A way between two places: of two trees that meet soon, or else over the lattice, or else of trees that meet late. How far they reached
+    /// when the budget ends before that.
+    fn first(&self, sampler: &mut Sampler<'_, S>, guide: &mut Guide<'_, S>, ends: [Point; 2]) -> Result<Way, [f64; 2]> {
         let mut trees = ends.map(|end| Tree::new(end, self.space.dimensions()));
-        let Some(meeting) = connect(sampler, self.space, &mut trees, self.stride(), budget) else { return Err(trees.map(|tree| tree.reach())) };
+        let mut met = connect(sampler, self.space, &mut trees, self.stride(), &[], &self.budget.part(TREES));
+        if met.is_none() {
+            let wish = Wish { greed: GREED[0], longest: f64::INFINITY };
+            if let Some(path) = guide.path(sampler, wish, &self.budget.part(LATTICE)) {
+                let [tree, _] = trees;
+                return Ok(Way::along(path, tree));
+            }
+            met = connect(sampler, self.space, &mut trees, self.stride(), &[], &self.budget);
+        }
+        let Some(meeting) = met else { return Err(trees.map(|tree| tree.reach())) };
         let [mut tree, from_goal] = trees;
         let goal = tree.graft(meeting.from_start, &from_goal, meeting.from_goal)[0];
         Ok(Way { path: tree.way_to(goal), tree, goal })
     }
 
-    /// New pairs of trees may find a shorter way round, through another door, which a tree that has grown seldom does.
-    fn look_elsewhere(&self, sampler: &mut Sampler<'_, S>, way: &mut Way) {
+    /// The lattice may know a shorter way round, through another door, which a tree that has grown seldom finds. Soon any shorter one, so that
+    /// the search for the shortest has less to look at.
+    fn look_elsewhere(&self, sampler: &mut Sampler<'_, S>, guide: &mut Guide<'_, S>, way: &mut Way) {
         let ends = [way.path[0], way.path[way.path.len() - 1]];
-        let until = self.budget.part(ELSEWHERE);
-        for _ in 0..MOST_ELSEWHERE {
-            let shortest = length(&way.path);
-            if shortest < STRAIGHT * distance(ends[0], ends[1]) || until.is_spent(sampler.drawn) {
+        let until = self.budget.part(LATTICE);
+        for greed in GREED {
+            let longest = length(&way.path);
+            if longest < STRAIGHT * distance(ends[0], ends[1]) || until.is_spent(sampler.drawn) {
                 return;
             }
-            sampler.keep_within(ends, shortest);
-            let Ok(mut other) = self.search(sampler, ends, &until) else { return };
-            other.path = shorten(self.space, other.path, Effort::Quick);
-            if length(&other.path) < shortest {
-                *way = other;
+            let Some(path) = guide.path(sampler, Wish { greed, longest }, &until) else { continue };
+            let path = shorten(self.space, path, Effort::Quick);
+            if length(&path) < longest {
+                *way = Way::along(path, Tree::new(ends[0], self.space.dimensions()));
             }
         }
     }

@@ -17,6 +17,8 @@ const BRIDGES: [f64; 3] = [1.2, 2.5, 5.0];
 pub(crate) struct Sampler<'a, S> {
     space: &'a S,
     random: StdRng,
+    /// Corners of the box to draw from.
+    region: [Point; 2],
     /// Only places over which the way between these two is shorter than this are of use.
     within: Option<([Point; 2], f64)>,
     /// States drawn or given up on.
@@ -25,12 +27,29 @@ pub(crate) struct Sampler<'a, S> {
 
 impl<'a, S: Space> Sampler<'a, S> {
     pub(crate) fn new(space: &'a S, seed: u64) -> Self {
-        Self { space, random: StdRng::seed_from_u64(seed), within: None, drawn: 0 }
+        Self { space, random: StdRng::seed_from_u64(seed), region: space.bounds(), within: None, drawn: 0 }
+    }
+
+    /// Another one, for a part of the work.
+    pub(crate) fn child(&mut self) -> Self {
+        Self::new(self.space, self.random.random())
     }
 
     /// From now on draws nothing over which the way between two places is longer than `longest`.
     pub(crate) fn keep_within(&mut self, ends: [Point; 2], longest: f64) {
         self.within = Some((ends, longest));
+        let bounds = self.space.bounds();
+        // The box around the ellipsoid; where the floor leads up and down is not chosen, so it may go there as well.
+        let straight = flat_distance(self.space, ends[0], ends[1]);
+        let (long, short) = (0.5 * longest, 0.5 * (longest * longest - straight * straight).max(0.0).sqrt());
+        let reach = |k: usize| {
+            let along = (ends[1][k] - ends[0][k]) / straight.max(1e-9);
+            let is_free = self.space.dimensions() == 3 || k < 2;
+            if is_free { (long * along).hypot(short * (1.0 - along * along).max(0.0).sqrt()) } else { short + 0.5 * (ends[1][k] - ends[0][k]).abs() }
+        };
+        let middle = between(ends[0], ends[1], 0.5);
+        self.region =
+            [std::array::from_fn(|k| bounds[0][k].max(middle[k] - reach(k))), std::array::from_fn(|k| bounds[1][k].min(middle[k] + reach(k)))];
     }
 
     fn is_within(&self, p: Point) -> bool {
@@ -50,7 +69,7 @@ impl<'a, S: Space> Sampler<'a, S> {
     }
 
     fn place(&mut self) -> Point {
-        let [low, high] = self.space.bounds();
+        let [low, high] = self.region;
         std::array::from_fn(|k| low[k] + self.random.random::<f64>() * (high[k] - low[k]))
     }
 

@@ -2,8 +2,9 @@
 
 use crate::points::{Point, between, distance};
 use crate::robot::Robot;
+use voxelastic::Pose;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Capsule, Sphere, UnknownAs};
+use voxelastic::query::{AtlasQuery, Capsule, OrientedBox, Sphere, UnknownAs};
 
 /// The space that a robot moves in. A state is the place of the robot's centre.
 ///
@@ -59,10 +60,36 @@ pub trait Space {
         self.joins(from, to)
     }
 
+    /// Where a robot in a state would be over `to`, near by. Whether it fits there, and on the way, is not looked at.
+    fn alongside(&self, _from: Point, to: Point) -> Option<Point> {
+        Some(to)
+    }
+
+    /// How the robot fits in a state: whole, or as a ball whose radius is smaller by `less`.
+    fn fit(&self, p: Point, _less: f64) -> Fit {
+        if self.settle(p).is_some() { Fit::Whole } else { Fit::Not }
+    }
+
+    /// Whether the robot certainly fits wherever its centre is in a box, asked of all of it at once.
+    fn is_open(&self, _corners: [Point; 2]) -> bool {
+        false
+    }
+
     /// Whether the robot can go straight from one state to the other.
     fn joins(&self, from: Point, to: Point) -> bool {
         self.reach(from, to).is_some_and(|arrived| self.is_same(arrived, to))
     }
+}
+
+/// How a robot fits in a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fit {
+    /// As it is.
+    Whole,
+    /// If it were smaller: it may fit near by.
+    Nearly,
+    /// Not at all.
+    Not,
 }
 
 /// A ball that flies through a map.
@@ -85,6 +112,12 @@ impl<'a> Air<'a> {
         // Points are cheap to ask for, and where something is in the way one of a few is in it, most often.
         let may_be = [1.0, 0.5, 0.25, 0.75].into_iter().all(|share| self.is_free_at(between(from, to, share)));
         may_be && self.map.is_free(&Capsule { from, to, radius: self.radius }.into(), self.unknown)
+    }
+
+    /// Whether nothing is in the way of the ball's farthest points along the axes.
+    fn is_free_around(&self, p: Point) -> bool {
+        let tip = |axis: usize, off: f64| std::array::from_fn(|k| if k == axis { p[k] + off } else { p[k] });
+        (0..3).all(|axis| [-self.radius, self.radius].into_iter().all(|off| self.is_free_at(tip(axis, off))))
     }
 
     /// Whether nothing is in the way of a point.
@@ -113,6 +146,36 @@ impl Space for Air<'_> {
 
     fn is_blocked(&self, p: Point) -> bool {
         !self.is_free_at(p)
+    }
+
+    /// What of space is unknown is asked thoroughly only where a look at some places says that it is worth the time.
+    fn fit(&self, p: Point, less: f64) -> Fit {
+        let ball = |radius: f64| Sphere { centre: p, radius }.into();
+        let touches = |radius: f64| !self.map.is_free(&ball(radius), UnknownAs::Free);
+        let is_strict = self.unknown == UnknownAs::Blocked;
+        if !is_within(&self.bounds, p) || !self.is_free_at(p) {
+            Fit::Not
+        } else if is_strict && self.map.is_free_by_one(&ball(self.radius)) {
+            Fit::Whole
+        } else if touches(self.radius) {
+            if touches((self.radius - less).max(0.0)) { Fit::Not } else { Fit::Nearly }
+        } else if !is_strict || (self.is_free_around(p) && self.map.is_free(&ball(self.radius), self.unknown)) {
+            Fit::Whole
+        } else {
+            Fit::Nearly
+        }
+    }
+
+    fn is_open(&self, [low, high]: [Point; 2]) -> bool {
+        let middle = between(low, high, 0.5);
+        let half = std::array::from_fn(|k| 0.5 * (high[k] - low[k]) + self.radius);
+        let around = OrientedBox { t_frame_box: Pose::translation(middle[0], middle[1], middle[2]), half };
+        is_within(&self.bounds, low)
+            && is_within(&self.bounds, high)
+            && match self.unknown {
+                UnknownAs::Blocked => self.map.is_free_by_one(&around.into()),
+                UnknownAs::Free => self.map.is_free(&around.into(), self.unknown),
+            }
     }
 
     fn bounds(&self) -> [Point; 2] {

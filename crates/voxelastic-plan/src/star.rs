@@ -47,12 +47,14 @@ impl<'a, S: Space> Star<'a, S> {
 
     /// Searches until the budget ends; the best path.
     pub(crate) fn run(mut self, sampler: &mut Sampler<'_, S>, budget: &Budget) -> Vec<Point> {
+        sampler.keep_within([self.tree.point(0), self.tree.point(self.goal)], self.best_length);
         while !budget.is_spent(sampler.drawn) {
             if let Some(sample) = self.sample(sampler) {
                 self.extend(sample);
             }
             if self.tree.cost(self.goal) < WORTHWHILE * self.shortened {
                 self.shorten();
+                sampler.keep_within([self.tree.point(0), self.tree.point(self.goal)], self.best_length);
             }
         }
         if self.tree.cost(self.goal) < self.shortened {

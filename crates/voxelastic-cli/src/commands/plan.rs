@@ -18,8 +18,8 @@ use voxelastic_plan::{PlanError, Point, Request, Robot, Wheels, plan, sharpest_t
 
 /// Plan a path through a map that touches nothing
 ///
-/// RRT-Connect finds a first path, RRT* shorter ones as long as there is time; the best is pulled tight and made round. The robot is a
-/// ball that flies, or with --ground one that keeps its height over the floor.
+/// RRT-Connect or a search over a lattice finds a first path, RRT* shorter ones as long as there is time; the best is pulled tight and made
+/// round. The robot is a ball that flies, or with --ground one that keeps its height over the floor.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic plan mine.vox --start 0,0,0.9 --goal 76,76,0.9 -o path.json --picture path.png

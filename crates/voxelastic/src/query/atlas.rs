@@ -171,6 +171,23 @@ impl<'a> AtlasQuery<'a> {
         is_known || self.is_covered(shape, &local)
     }
 
+    /// Whether some submap knows all of `shape` (map frame) to be free and none of the others has anything occupied in it: what is free by that is
+    /// free by [`is_free`](Self::is_free), which also puts together what several submaps know, and takes its time for that.
+    pub fn is_free_by_one(&self, shape: &Shape) -> bool {
+        if !shape.is_valid() {
+            return false;
+        }
+        let mut is_known = false;
+        for (part, shape) in self.near(shape) {
+            let knows = !is_known && part.query.is_free(&shape, UnknownAs::Blocked);
+            is_known |= knows;
+            if !knows && !part.query.is_free(&shape, UnknownAs::Free) {
+                return false;
+            }
+        }
+        is_known
+    }
+
     /// The submaps that may know something of the shape, with the shape in their frames.
     fn near(&self, shape: &Shape) -> Vec<(&Part<'a>, Shape)> {
         let local = |part: &'_ Part<'a>| shape.moved(&part.t_submap_map);

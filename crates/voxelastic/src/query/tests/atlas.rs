@@ -144,6 +144,9 @@ proptest! {
         let query = AtlasQuery::new(&atlas, VOXEL);
         for shape in &shapes {
             prop_assert_eq!(query.is_free(shape, unknown), slow_is_free(&fields, shape, unknown), "{:?}", shape);
+            let alone = |unknown| move |(f, pose): &(OccupancyField, Pose)| FieldQuery::new(f, VOXEL).is_free(&shape.moved(&pose.inverse()), unknown);
+            let by_one = fields.iter().any(alone(UnknownAs::Blocked)) && fields.iter().all(alone(UnknownAs::Free));
+            prop_assert_eq!(query.is_free_by_one(shape), by_one, "{:?}", shape);
         }
     }
 
