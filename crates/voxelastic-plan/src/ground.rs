@@ -4,8 +4,8 @@ use crate::error::PlanError;
 use crate::points::{Point, between};
 use crate::robot::Robot;
 use crate::space::{Air, Fit, Space, is_within};
+use hashbrown::HashMap;
 use std::cell::RefCell;
-use std::collections::HashMap;
 use voxelastic::query::{AtlasQuery, Ray, RayHit, UnknownAs};
 
 /// The floor is looked at in steps of this length along the way, metres: about a wheel's footprint.

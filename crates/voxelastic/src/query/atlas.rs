@@ -44,6 +44,13 @@ impl Part<'_> {
         if self.reaches(local, local) { self.query.value(local) } else { UNKNOWN }
     }
 
+    /// Whether anything observed may be on a ray (submap frame).
+    fn may_meet(&self, ray: &Ray) -> bool {
+        let end: [f64; 3] = std::array::from_fn(|k| ray.origin[k] + ray.direction[k] * ray.length);
+        let is_apart = |k: usize| ray.origin[k].max(end[k]) < self.low[k] || ray.origin[k].min(end[k]) > self.high[k];
+        !(ray.length.is_finite() && (0..3).any(is_apart))
+    }
+
     /// The ray in the submap's frame.
     fn ray(&self, ray: &Ray) -> Ray {
         Ray {
@@ -205,7 +212,11 @@ impl<'a> AtlasQuery<'a> {
         let mut nearest: Option<RayHit> = None;
         let mut left = ray;
         for part in &self.parts {
-            if let Some(hit) = part.query.cast_from(&part.ray(&left), 0.0, UnknownAs::Free) {
+            let local = part.ray(&left);
+            if !part.may_meet(&local) {
+                continue;
+            }
+            if let Some(hit) = part.query.cast_from(&local, 0.0, UnknownAs::Free) {
                 let normal = (part.t_map_submap.rotation * nalgebra::Vector3::from(hit.normal)).into();
                 // The first of equals stays.
                 if nearest.is_none_or(|n| hit.distance < n.distance) {
