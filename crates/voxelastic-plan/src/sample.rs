@@ -125,3 +125,48 @@ impl<'a, S: Space> Sampler<'a, S> {
         self.space.settle(std::array::from_fn(|k| on[k] + by[k]))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::distance;
+    use proptest::prelude::*;
+
+    /// Everything, in the air or on the ground.
+    struct Empty(usize);
+
+    impl Space for Empty {
+        fn reach(&self, _: Point, to: Point) -> Option<Point> {
+            Some(to)
+        }
+
+        fn settle(&self, p: Point) -> Option<Point> {
+            Some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-50.0; 3], [50.0; 3]]
+        }
+
+        fn dimensions(&self) -> usize {
+            self.0
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_region_holds_every_way_that_is_short_enough(
+            ends in prop::array::uniform2(prop::array::uniform3(-9.0..9.0f64)), p in prop::array::uniform3(-15.0..15.0f64), more in 0.0..9.0f64, flat in any::<bool>(),
+        ) {
+            let space = Empty(if flat { 2 } else { 3 });
+            let mut sampler = Sampler::new(&space, 1);
+            let longest = distance(ends[0], ends[1]) + more;
+            sampler.keep_within(ends, longest);
+            let [low, high] = sampler.region;
+            let is_short = distance(ends[0], p) + distance(p, ends[1]) < longest;
+            prop_assert!(!is_short || (0..3).all(|k| p[k] >= low[k] - 1e-9 && p[k] <= high[k] + 1e-9), "{:?}", sampler.region);
+            let drawn = sampler.anywhere();
+            prop_assert!(drawn.is_none_or(|p| sampler.is_within(p)));
+        }
+    }
+}

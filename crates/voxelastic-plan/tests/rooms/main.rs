@@ -125,6 +125,11 @@ fn robots_of_any_size_get_an_answer() {
     let brief = Request { time: Duration::from_millis(200), samples: None, ..wide };
     assert!(matches!(plan(&map, &brief), Err(PlanError::NotFound { .. })));
     assert!(begun.elapsed() < Duration::from_secs(5));
+    // Bounds without end leave nothing to draw from and no lattice, and are no reason to panic.
+    for bounds in [[[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]], [[-1e300; 3], [1e300; 3]]] {
+        let endless = Request { bounds: Some(bounds), samples: Some(50), ..request(WEST, EAST, Robot::flying(RADIUS)) };
+        assert!(matches!(plan(&map, &endless), Ok(_) | Err(PlanError::NotFound { .. })));
+    }
     for radius in [f64::NAN, -1.0, f64::INFINITY] {
         assert!(matches!(plan(&map, &request(WEST, EAST, Robot::flying(radius))), Err(PlanError::Setting { .. })));
     }
