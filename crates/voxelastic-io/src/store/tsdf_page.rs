@@ -42,8 +42,8 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
         raw.push(head.scale | head.finest << 2 | u8::from(head.shaded) << 4);
         push_varint(&mut keys, head.key - last);
         last = head.key;
-        field.stored_voxels(id).for_each(|array| voxels.extend_from_slice(array));
-        field.stored_shades(id).for_each(|array| shades.extend_from_slice(array));
+        field.stored_voxels(id).for_each(|array| voxels.extend_from_slice(&array));
+        field.stored_shades(id).for_each(|array| shades.extend_from_slice(&array));
     }
     raw.extend_from_slice(&keys);
     push_mask(raw, &voxels);

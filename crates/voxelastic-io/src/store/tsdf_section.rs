@@ -25,8 +25,8 @@ fn digest_page(field: &TsdfField, ids: &[u32]) -> u64 {
         let head = field.head(id);
         hash.update(&head.key.to_le_bytes());
         hash.update(&[head.scale, head.finest, u8::from(head.shaded)]);
-        field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(array)));
-        field.stored_shades(id).for_each(|array| hash.update(array));
+        field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(&array)));
+        field.stored_shades(id).for_each(|array| hash.update(&array));
     }
     hash.digest()
 }

@@ -83,6 +83,20 @@ impl Atlas {
         &mut self.submaps
     }
 
+    /// Lets all submaps but `busy` come to rest, a step further.
+    pub(crate) fn rest_beside(&mut self, busy: SubmapId) {
+        self.submaps.iter_mut().filter(|s| s.id != busy && s.tsdf.is_awake()).for_each(|s| s.tsdf.rest_oldest());
+    }
+
+    /// Lets all submaps come to rest.
+    pub(crate) fn rest(&mut self) {
+        for submap in &mut self.submaps {
+            while submap.tsdf.is_awake() {
+                submap.tsdf.rest_oldest();
+            }
+        }
+    }
+
     /// The submap with `id`.
     pub fn submap(&self, id: SubmapId) -> Option<&Submap> {
         self.submaps.binary_search_by_key(&id, |s| s.id).ok().map(|i| &self.submaps[i])

@@ -86,7 +86,7 @@ fn distance_at(field: &TsdfField, cursor: &mut Cursor, point: [f32; 3]) -> Optio
     if block.data[scale] == NONE {
         return None;
     }
-    let voxel = field.current(block)[voxel_index(c.map(|v| (v & 7) as usize >> scale), scale)];
+    let voxel = field.voxel(block, voxel_index(c.map(|v| (v & 7) as usize >> scale), scale));
     (voxel.weight >= WELL_OBSERVED).then(|| (voxel.distance_in_voxels(), (1 << scale) as f32))
 }
 

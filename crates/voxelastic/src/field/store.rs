@@ -60,6 +60,14 @@ impl<V: Copy + Default> BlockStore<V> {
         }
     }
 
+    /// Gives the memory of scales back of which no array is in use.
+    pub fn trim(&mut self) {
+        self.fine.trim();
+        self.half.trim();
+        self.quarter.trim();
+        self.single.trim();
+    }
+
     /// Arrays in use at each scale.
     pub fn live(&self) -> [usize; SCALES] {
         [self.fine.live(), self.half.live(), self.quarter.live(), self.single.live()]

@@ -151,6 +151,7 @@ impl TsdfIntegrator {
         let changes: Vec<u32> = self.runs.iter().filter(|r| r.change != Change::None).map(|r| r.block).collect();
         self.update(field);
         changes.iter().for_each(|&id| field.release_coarser(id));
+        field.note_changed(self.runs.iter().map(|run| run.block).collect());
         let updated = Instant::now();
 
         TsdfStats {
@@ -181,6 +182,7 @@ impl TsdfIntegrator {
             field.tree.grow_to(crate::octree::block_key(high));
         }
         let found = self.find(field, rule, |c| (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt());
+        field.wake(self.runs.iter().filter(|run| run.block != NONE).map(|run| run.block));
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;
         for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {

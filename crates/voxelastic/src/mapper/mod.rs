@@ -102,6 +102,7 @@ impl Mapper {
     pub fn finish(&mut self) {
         self.fusing.finish(&mut self.atlas, &self.graph);
         let hit = occupancy_settings(&self.settings).hit;
+        self.atlas.rest();
         self.counts.voxels_freed += settle_doubts(&mut self.atlas, &(&self.settings).into(), hit);
     }
 
@@ -200,6 +201,7 @@ impl Mapper {
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
         submap.place_scan(node, t_submap_lidar);
         let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings);
+        self.atlas.rest_beside(id);
         let is_new_submap = placed == Placed::NewSubmap;
         self.counts.note(placed);
         Ok(ScanReport { node, submap: id, is_new_submap, placed, counts: prepared.counts, prepare, elastic, tsdf, occupancy })

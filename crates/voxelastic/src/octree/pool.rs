@@ -57,6 +57,13 @@ impl<T> Pool<T> {
         self.free.push(index);
     }
 
+    /// Gives all memory back if no item is in use.
+    pub fn trim(&mut self) {
+        if self.live() == 0 {
+            *self = Self::default();
+        }
+    }
+
     /// Indices ever handed out: every valid index is below this.
     pub fn capacity_used(&self) -> u32 {
         self.len
@@ -109,5 +116,10 @@ mod tests {
             assert_eq!(pool[id][0], if i == 7 { 200 } else { i as u8 });
         }
         assert!(pool.bytes() >= 100 * 4096 && pool.bytes() < 120 * 4096);
+        pool.trim();
+        assert_eq!(pool[ids[9]][0], 9);
+        ids.iter().for_each(|&id| pool.remove(id));
+        pool.trim();
+        assert_eq!((pool.bytes(), pool.insert([1; 4096])), (0, 0));
     }
 }

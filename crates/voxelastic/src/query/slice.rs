@@ -184,7 +184,7 @@ impl<'a> DistanceQuery<'a> {
         let block = field.block(field.find(block_key(c.map(|v| v >> BLOCK_SHIFT)))?);
         let scale = usize::from(block.scale);
         let local = c.map(|v| (v as usize & (BLOCK_EDGE - 1)) >> scale);
-        let voxel = field.current(block)[voxel_index(local, scale)];
+        let voxel = field.voxel(block, voxel_index(local, scale));
         voxel.is_observed().then(|| voxel.distance_in_voxels() * (self.voxel * f64::from(1 << scale)) as f32)
     }
 

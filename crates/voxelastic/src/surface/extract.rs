@@ -13,6 +13,7 @@ use super::gaps;
 use super::join::join;
 use super::mesh::Mesh;
 use super::padded::{Padded, sides};
+use super::unpacked::Unpacked;
 use super::view::View;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::octree::Cursor;
@@ -98,15 +99,16 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
     }
     let view = View::new(field, options.lod);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
-    let sides: Vec<u8> = field.ids().into_par_iter().map(|id| sides(view.voxels(id), min_weight)).collect();
+    let sides: Vec<u8> = field.ids().into_par_iter().map(|id| sides(view.held(id), min_weight)).collect();
     let parts = field
         .ids_in_morton_order()
         .par_chunks(BLOCKS_PER_PART)
         .map(|ids| {
             let (mut part, mut padded, mut cursor) = (Part::default(), Padded::new(), Cursor::new(field.tree()));
+            let mut unpacked = Unpacked::new();
             for &id in ids {
                 if padded.enter(&view, &sides, &mut cursor, id) {
-                    padded.load(&view, min_weight);
+                    padded.load(&view, &mut unpacked, min_weight);
                     if options.close_gaps {
                         gaps::close(&mut padded);
                     }

@@ -15,6 +15,7 @@ pub mod occupied;
 mod padded;
 #[cfg(test)]
 mod tests;
+mod unpacked;
 pub(crate) mod view;
 
 pub use extract::{MeshOptions, extract};

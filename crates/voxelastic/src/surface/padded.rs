@@ -1,6 +1,7 @@
 //! A block with a rim of its neighbours' voxels: all that its part of a mesh depends on.
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
+use super::unpacked::Unpacked;
 use super::view::View;
 use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
@@ -154,8 +155,9 @@ impl Padded {
     }
 
     /// Loads the samples: voxels of at least `min_weight` count as observed.
-    pub fn load(&mut self, view: &View<'_>, min_weight: u16) {
-        let voxels = self.ids.map(|id| if id == NONE { &[][..] } else { view.voxels(id) });
+    pub fn load(&mut self, view: &View<'_>, unpacked: &mut Unpacked, min_weight: u16) {
+        self.ids.iter().filter(|id| **id != NONE).for_each(|&id| unpacked.hold(view, id));
+        let voxels = self.ids.map(|id| if id == NONE { &[][..] } else { unpacked.voxels(view, id) });
         dispatch(Load { padded: self, voxels, min_weight });
     }
 

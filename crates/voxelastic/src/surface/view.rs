@@ -2,8 +2,8 @@
 
 use crate::field::tsdf::colour::cube;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_up};
-use crate::field::tsdf::{TsdfField, Voxel};
-use crate::octree::{SCALES, voxels_at};
+use crate::field::tsdf::{TsdfField, Voxel, VoxelBuffer};
+use crate::octree::{SCALES, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
 /// A field seen at the finest scale that each block holds, but not finer than a chosen one.
@@ -26,11 +26,34 @@ impl<'a> View<'a> {
         usize::from(self.scales[id as usize])
     }
 
-    #[inline(always)]
-    pub fn voxels(&self, id: u32) -> &[Voxel] {
+    /// The voxels of block `id`; none while they are at rest.
+    #[inline]
+    pub fn in_place(&self, id: u32) -> Option<&[Voxel]> {
+        match &self.settled[id as usize] {
+            Some(voxels) => Some(voxels),
+            None => self.field.in_place(self.field.block(id)),
+        }
+    }
+
+    /// Unpacks the voxels of block `id`, which are at rest, into the first ones of `array`.
+    pub fn unpack(&self, id: u32, array: &mut VoxelBuffer) {
+        self.field.unpack(self.field.block(id), array);
+    }
+
+    /// Those voxels of block `id` that were observed, and maybe others.
+    pub fn held(&self, id: u32) -> &[Voxel] {
         match &self.settled[id as usize] {
             Some(voxels) => voxels,
-            None => self.field.current(self.field.block(id)),
+            None => self.field.held(self.field.block(id), self.scale(id)),
+        }
+    }
+
+    /// Voxel `index` of block `id`.
+    #[inline]
+    pub fn voxel(&self, id: u32, index: usize) -> Voxel {
+        match &self.settled[id as usize] {
+            Some(voxels) => voxels[index],
+            None => self.field.voxel(self.field.block(id), index),
         }
     }
 
@@ -38,14 +61,15 @@ impl<'a> View<'a> {
     pub fn shade(&self, id: u32, index: usize) -> Option<u8> {
         let block = self.field.block(id);
         let (from, here) = (usize::from(block.scale), self.scale(id));
-        let shades = self.field.shade(block)?;
-        let c = crate::octree::voxel_coords(index, here);
-        if from >= here {
-            return Some(shades[crate::octree::voxel_index(c.map(|v| v >> (from - here)), from)]);
+        if !self.field.is_shaded(block) {
+            return None;
         }
-        let voxels = self.field.current(block);
-        let observed = cube(c, here, from).filter(|&i| voxels[i].is_observed());
-        let (sum, count) = observed.fold((0, 0), |(sum, count), i| (sum + u32::from(shades[i]), count + 1));
+        let c = voxel_coords(index, here);
+        if from >= here {
+            return Some(self.field.shade(block, voxel_index(c.map(|v| v >> (from - here)), from)));
+        }
+        let observed = cube(c, here, from).filter(|&i| self.field.voxel(block, i).is_observed());
+        let (sum, count) = observed.fold((0, 0), |(sum, count), i| (sum + u32::from(self.field.shade(block, i)), count + 1));
         Some((sum / count.max(1)) as u8)
     }
 }

@@ -48,7 +48,7 @@ fn observed(field: &TsdfField) -> impl Iterator<Item = ([i32; 3], f32, u16)> + '
         let block = field.block(id);
         assert_eq!(block.scale, 0);
         let corner = block_coords(block.key).map(|c| c * BLOCK_EDGE as i32);
-        field.current(block).iter().enumerate().filter(|(_, v)| v.is_observed()).map(move |(i, v)| {
+        field.current(block).into_owned().into_iter().enumerate().filter(|(_, v)| v.is_observed()).map(move |(i, v)| {
             let c = voxel_coords(i, 0);
             (std::array::from_fn(|k| corner[k] + c[k] as i32), f32::from(v.distance) / DISTANCE_STEPS, v.weight)
         })

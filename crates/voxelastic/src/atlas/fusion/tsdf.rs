@@ -1,7 +1,7 @@
 //! TSDF fusion: the source sampled at the target's voxels, then weighted means.
 
 use super::Placement;
-use crate::field::BlockStore;
+use crate::field::tsdf::packed::Packed;
 use crate::field::tsdf::propagate::propagate_down;
 use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{
@@ -11,31 +11,25 @@ use crate::surface::view::{View, settle};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Blocks sampled before their arrays are stored: bounds the memory that lies about in pieces.
-const BATCH: usize = 4096;
 /// Neighbouring samples that differ by more than this many voxels are not of one surface: between the band in front of one and the band
 /// behind another there is nothing to interpolate. A distance changes by at most the diagonal, 1.73, within a cell.
 const ONE_SURFACE: f32 = 2.5;
 
 /// A block of the target's lattice.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 struct PatchBlock {
     key: u64,
     scale: u8,
-    slot: u32,
-    shade: u32,
+    shaded: bool,
+    /// Its array, until it is merged.
+    packed: Packed,
 }
 
 /// The source in the target's lattice, blocks in Morton order.
 #[derive(Debug, Default)]
 pub(super) struct TsdfPatch {
     blocks: Vec<PatchBlock>,
-    voxels: BlockStore<Voxel>,
-    shades: BlockStore<u8>,
 }
-
-/// Voxels of one block, and their intensities.
-type Arrays = (Vec<Voxel>, Option<Vec<u8>>);
 
 impl TsdfPatch {
     pub fn len(&self) -> usize {
@@ -53,45 +47,34 @@ impl TsdfPatch {
             return Self::default();
         }
         let sampler = Sampler { placement, views: std::array::from_fn(|scale| View::new(source, scale)) };
-        let mut patch = Self::default();
-        for batch in sampler.reached().chunks(BATCH) {
-            let sampled: Vec<Option<Arrays>> = batch
-                .par_iter()
-                .with_min_len(32)
-                .map_init(|| Cursor::new(source.tree()), |cursor, &(key, scale)| sampler.block(cursor, key, usize::from(scale)))
-                .collect();
-            for (&(key, scale), arrays) in batch.iter().zip(sampled) {
-                if let Some((voxels, shades)) = arrays {
-                    let slot = store(&mut patch.voxels, usize::from(scale), &voxels);
-                    let shade = shades.map_or(NONE, |s| store(&mut patch.shades, usize::from(scale), &s));
-                    patch.blocks.push(PatchBlock { key, scale, slot, shade });
-                }
-            }
-        }
-        patch
+        let sampled = sampler
+            .reached()
+            .into_par_iter()
+            .with_min_len(32)
+            .map_init(|| Cursor::new(source.tree()), |cursor, (key, scale)| sampler.block(cursor, key, scale));
+        Self { blocks: sampled.flatten_iter().collect() }
     }
 
-    /// Adds the blocks numbered `range` to `target`.
-    pub fn merge(&self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
-        for block in &self.blocks[range.clone()] {
+    /// Adds the blocks numbered `range` to `target`, and forgets them.
+    pub fn merge(&mut self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
+        let blocks = &mut self.blocks[range];
+        for block in blocks.iter() {
             if !target.tree.covers(block.key) {
                 target.tree.grow_to(block.key);
             }
         }
         let mut cursor = Cursor::new(&target.tree);
-        for block in &self.blocks[range] {
-            let scale = usize::from(block.scale);
-            let voxels = self.voxels.get(scale, block.slot);
-            let shades = (block.shade != NONE).then(|| self.shades.get(scale, block.shade));
-            merge_block(target, &mut cursor, block, voxels, shades, max_weight);
+        let there: Vec<Option<u32>> = blocks.iter().map(|block| cursor.block(&target.tree, block.key)).collect();
+        target.wake(there.iter().copied().flatten());
+        for (block, &id) in blocks.iter_mut().zip(&there) {
+            let packed = std::mem::take(&mut block.packed);
+            match id {
+                Some(id) => merge_block(target, id, &Addend::unpack(block, &packed), max_weight),
+                None => _ = target.add(&mut cursor, block.key, block.scale, packed, block.shaded),
+            }
         }
+        target.note_changed(there.into_iter().flatten().collect());
     }
-}
-
-fn store<V: Copy + Default>(pool: &mut BlockStore<V>, scale: usize, values: &[V]) -> u32 {
-    let slot = pool.insert(scale);
-    pool.get_mut(scale, slot).copy_from_slice(values);
-    slot
 }
 
 /// Most blocks of the source along an axis that a block of the target can need: its diagonal, and a coarsest voxel on both sides.
@@ -165,7 +148,8 @@ impl Sampler<'_> {
     }
 
     /// The arrays of the target's block `key` at `scale`; none when nothing of it was observed.
-    fn block(&self, cursor: &mut Cursor, key: u64, scale: usize) -> Option<Arrays> {
+    fn block(&self, cursor: &mut Cursor, key: u64, scale: u8) -> Option<PatchBlock> {
+        let (at, scale) = (scale, usize::from(scale));
         let edge = (1 << scale) as f32;
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let mut voxels = vec![Voxel::default(); voxels_at(scale)];
@@ -183,7 +167,7 @@ impl Sampler<'_> {
                 shades.get_or_insert_with(|| vec![0; voxels_at(scale)])[i] = shade;
             }
         }
-        is_observed.then_some((voxels, shades))
+        is_observed.then(|| PatchBlock { key, scale: at, shaded: shades.is_some(), packed: Packed::new(&voxels, shades.as_deref()) })
     }
 
     /// The source's blocks around the target's block whose smallest corner is at `corner`.
@@ -231,7 +215,7 @@ impl Sampler<'_> {
                 return Cell::Coarser;
             }
             let index = voxel_index(c.map(|v| v as usize & (edge_at(scale) - 1)), scale);
-            corners.voxels[i] = view.voxels(id)[index];
+            corners.voxels[i] = view.voxel(id, index);
             if i == nearest {
                 if !corners.voxels[i].is_observed() {
                     return Cell::Unobserved;
@@ -300,31 +284,47 @@ impl Corners {
     }
 }
 
-/// Adds one block: the target's block, brought to the finer of both scales, takes the weighted means.
-fn merge_block(target: &mut TsdfField, cursor: &mut Cursor, patch: &PatchBlock, voxels: &[Voxel], shades: Option<&[u8]>, max_weight: u16) {
-    let scale = usize::from(patch.scale);
-    let (id, is_new) = target.make(cursor, patch.key, patch.scale, shades.is_some());
-    if is_new {
-        let block = *target.block(id);
-        target.voxels.get_mut(scale, block.data[scale]).copy_from_slice(voxels);
-        if let Some(shades) = shades {
-            target.shades.get_mut(scale, block.shade[scale]).copy_from_slice(shades);
-        }
-        return;
+/// The arrays of a block that is added to another.
+struct Addend {
+    scale: usize,
+    voxels: Vec<Voxel>,
+    shades: Option<Vec<u8>>,
+}
+
+impl Addend {
+    fn unpack(block: &PatchBlock, packed: &Packed) -> Self {
+        let scale = usize::from(block.scale);
+        let mut voxels = vec![Voxel::default(); voxels_at(scale)];
+        packed.unpack(scale, &mut voxels);
+        let shades = block.shaded.then(|| {
+            let mut shades = vec![0; voxels_at(scale)];
+            packed.unpack_shades(scale, &mut shades);
+            shades
+        });
+        Self { scale, voxels, shades }
     }
+}
+
+/// Adds to block `id` of the target, which is awake: brought to the finer of both scales, it takes the weighted means.
+fn merge_block(target: &mut TsdfField, id: u32, addend: &Addend, max_weight: u16) {
     let block = *target.block(id);
+    let Addend { scale, voxels, shades } = addend;
+    let (scale, shades) = (*scale, shades.as_deref());
     // The common case: one array of the same scale on both sides.
-    if (block.scale, block.finest) == (patch.scale, patch.scale) && shades.is_some() == (block.shade[scale] != NONE) {
+    if [block.scale, block.finest].map(usize::from) == [scale; 2] && shades.is_some() == (block.shade[scale] != NONE) {
         merge_in_place(target, &block, voxels, shades, max_weight);
         return;
     }
     let (seen_at, settled) = settle(target, id, 0);
     let seen_at = usize::from(seen_at);
-    let own = settled.map_or_else(|| target.current(target.block(id)).to_vec(), Vec::from);
-    let own_shades = target.shade(target.block(id)).map(|s| resize_shades(s, usize::from(target.block(id).scale), seen_at.min(scale)));
     let finest = seen_at.min(scale);
+    let own = settled.map_or_else(|| target.voxels.get(block.scale.into(), block.data[usize::from(block.scale)]).to_vec(), Vec::from);
+    let own_shades = target.is_shaded(&block).then(|| {
+        let shades = target.shades.get(block.scale.into(), block.shade[usize::from(block.scale)]);
+        resize_shades(shades, block.scale.into(), finest)
+    });
     let mut sum = refine(own, seen_at, finest);
-    let other = refine(voxels.to_vec(), scale, finest);
+    let other = refine(voxels.clone(), scale, finest);
     let shades = merge_shades(own_shades, shades.map(|s| resize_shades(s, scale, finest)), &sum, &other);
     for (voxel, other) in sum.iter_mut().zip(&other) {
         *voxel = mean(*voxel, *other, max_weight);

@@ -1,9 +1,11 @@
 //! The TSDF's image: its blocks in Morton order, each with the arrays that it holds. The octree follows from the keys.
 
 use super::ImageError;
+use crate::field::tsdf::packed::Packed;
 use crate::field::tsdf::{Block, Tint, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
 use crate::octree::{Cursor, NONE, SCALES, voxels_at};
+use std::borrow::Cow;
 use std::ops::RangeInclusive;
 
 /// What there is to know about a block besides its voxels.
@@ -72,16 +74,16 @@ impl TsdfField {
     }
 
     /// All arrays of block `id`, in the order that [`BlockHead::voxel_count`] counts them.
-    pub fn stored_voxels(&self, id: u32) -> impl Iterator<Item = &[Voxel]> {
+    pub fn stored_voxels(&self, id: u32) -> impl Iterator<Item = Cow<'_, [Voxel]>> {
         let (head, block) = (self.head(id), self.block(id));
-        let data = head.data_scales().map(|s| self.voxels.get(s, block.data[s]));
-        data.chain(head.past_scales().map(|s| self.voxels.get(s, block.past[s])))
+        let data = head.data_scales().map(|s| self.voxels(block, s));
+        data.chain(head.past_scales().map(|s| self.past(block, s).into()))
     }
 
     /// All intensity arrays of block `id`, in the order that [`BlockHead::shade_count`] counts them.
-    pub fn stored_shades(&self, id: u32) -> impl Iterator<Item = &[u8]> {
+    pub fn stored_shades(&self, id: u32) -> impl Iterator<Item = Cow<'_, [u8]>> {
         let (head, block) = (self.head(id), self.block(id));
-        head.data_scales().filter(move |_| head.shaded).map(|s| self.shades.get(s, block.shade[s]))
+        head.data_scales().filter(move |_| head.shaded).map(|s| self.shades(block, s))
     }
 
     /// Gives the block with `key` its colours at `scale`: what [`colours`](Self::colours) told of it.
@@ -135,34 +137,28 @@ impl TsdfBuilder {
             }
         }
         self.last = Some(key);
-        let mut block = Block { key, scale: head.scale, finest: head.finest, data: [NONE; SCALES], past: [NONE; SCALES], shade: [NONE; SCALES] };
+        let mut block = Block::new(key, head.scale, head.finest);
         self.fill(&mut block, &head, voxels, shades);
         let field = &mut self.field;
         if !field.tree.covers(key) {
             field.tree.grow_to(key);
             self.cursor = Cursor::new(&field.tree);
         }
-        let (group, place) = self.cursor.make(&mut field.tree, key);
-        field.tree.siblings_mut(group)[place].link = field.blocks.insert(block);
+        field.hang(&mut self.cursor, block);
         Ok(())
     }
 
+    /// Stores the block's arrays, those that can be packed at rest.
     fn fill(&mut self, block: &mut Block, head: &BlockHead, mut voxels: &[Voxel], mut shades: &[u8]) {
-        let TsdfField { voxels: store, shades: shade_store, .. } = &mut self.field;
-        let mut take = |scale: usize| {
-            let (array, rest) = voxels.split_at(voxels_at(scale));
-            voxels = rest;
-            let slot = store.insert(scale);
-            store.get_mut(scale, slot).copy_from_slice(array);
-            slot
-        };
-        head.data_scales().for_each(|scale| block.data[scale] = take(scale));
-        head.past_scales().for_each(|scale| block.past[scale] = take(scale));
-        for scale in head.data_scales().filter(|_| head.shaded) {
-            let (array, rest) = shades.split_at(voxels_at(scale));
-            shades = rest;
-            block.shade[scale] = shade_store.insert(scale);
-            shade_store.get_mut(scale, block.shade[scale]).copy_from_slice(array);
+        for scale in head.data_scales() {
+            let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
+            let shades = head.shaded.then(|| shades.split_off(..voxels_at(scale)).unwrap_or_default());
+            self.field.put(block, scale, Packed::new(array, shades), shades.is_some());
+        }
+        for scale in head.past_scales() {
+            let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
+            block.past[scale] = self.field.voxels.insert(scale);
+            self.field.voxels.get_mut(scale, block.past[scale]).copy_from_slice(array);
         }
     }
 

@@ -4,9 +4,11 @@
 //! started from ([`Block::past`]); going finer again carries only the difference down, so that detail is never lost.
 
 use super::colour::ColourLayer;
+use super::rest::{COARSEST_PACKED, Resting};
 use super::voxel::Voxel;
 use crate::field::BlockStore;
-use crate::octree::{Cursor, NONE, Octree, Pool, SCALES};
+use crate::octree::{Cursor, NONE, Octree, Pool, SCALES, voxels_at};
+use std::borrow::Cow;
 
 /// One block of 8 x 8 x 8 finest voxels: where it is and which arrays it holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +19,10 @@ pub struct Block {
     pub scale: u8,
     /// The finest scale for which it holds an array.
     pub finest: u8,
+    /// Whether the arrays of the finest scales are at rest: their slots are then those of packed arrays.
+    pub(crate) packed: [bool; COARSEST_PACKED + 1],
+    /// When it was last changed, by the field's count of changes.
+    pub(crate) changed: u32,
     /// Slots of the arrays from `finest` to `scale`.
     pub data: [u32; SCALES],
     /// Slots of what the arrays from `finest + 1` to `scale` held when the block went up to them.
@@ -26,10 +32,21 @@ pub struct Block {
 }
 
 impl Block {
-    fn new(key: u64) -> Self {
-        Self { key, scale: 0, finest: 0, data: [NONE; SCALES], past: [NONE; SCALES], shade: [NONE; SCALES] }
+    /// A block without arrays.
+    pub(crate) fn new(key: u64, scale: u8, finest: u8) -> Self {
+        let (packed, none) = ([false; COARSEST_PACKED + 1], [NONE; SCALES]);
+        Self { key, scale, finest, packed, changed: 0, data: none, past: none, shade: none }
+    }
+
+    /// Whether its array at `scale` is at rest.
+    #[inline(always)]
+    fn is_packed(&self, scale: usize) -> bool {
+        scale <= COARSEST_PACKED && self.packed[scale]
     }
 }
+
+/// Room for the largest array of a block.
+pub(crate) type VoxelBuffer = [Voxel; voxels_at(0)];
 
 /// A TSDF over an octree of blocks, in a submap's frame.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +55,7 @@ pub struct TsdfField {
     pub(crate) blocks: Pool<Block>,
     pub(crate) voxels: BlockStore<Voxel>,
     pub(crate) shades: BlockStore<u8>,
+    pub(super) resting: Resting,
     pub(crate) colours: ColourLayer,
 }
 
@@ -73,10 +91,42 @@ impl TsdfField {
         self.tree.block(key)
     }
 
-    /// The array of `block` at `scale`; the scale lies between the block's `finest` and `scale`.
-    #[inline(always)]
-    pub fn voxels(&self, block: &Block, scale: usize) -> &[Voxel] {
-        self.voxels.get(scale, block.data[scale])
+    /// The array of `block` at `scale`, unpacked if it is at rest; the scale lies between the block's `finest` and `scale`.
+    pub fn voxels(&self, block: &Block, scale: usize) -> Cow<'_, [Voxel]> {
+        if block.is_packed(scale) {
+            let mut voxels = vec![Voxel::default(); voxels_at(scale)];
+            self.resting.arrays[block.data[scale]].unpack(scale, &mut voxels);
+            return voxels.into();
+        }
+        self.voxels.get(scale, block.data[scale]).into()
+    }
+
+    /// The array that the block is integrated into, unpacked if it is at rest.
+    pub fn current(&self, block: &Block) -> Cow<'_, [Voxel]> {
+        self.voxels(block, usize::from(block.scale))
+    }
+
+    /// The array that the block is integrated into; none while it is at rest.
+    #[inline]
+    pub(crate) fn in_place(&self, block: &Block) -> Option<&[Voxel]> {
+        let scale = usize::from(block.scale);
+        (!block.is_packed(scale)).then(|| self.voxels.get(scale, block.data[scale]))
+    }
+
+    /// Those voxels of the array of `block` at `scale` that were observed, and maybe others, in order.
+    pub(crate) fn held(&self, block: &Block, scale: usize) -> &[Voxel] {
+        if block.is_packed(scale) { self.resting.arrays[block.data[scale]].values(scale) } else { self.voxels.get(scale, block.data[scale]) }
+    }
+
+    /// Voxel `index` of the array that the block is integrated into.
+    #[inline]
+    pub fn voxel(&self, block: &Block, index: usize) -> Voxel {
+        let scale = usize::from(block.scale);
+        if block.is_packed(scale) {
+            self.resting.arrays[block.data[scale]].voxel(scale, index)
+        } else {
+            self.voxels.get(scale, block.data[scale])[index]
+        }
     }
 
     /// What the array of `block` at `scale` held when the block became that coarse; finer than `scale` an array exists.
@@ -84,16 +134,37 @@ impl TsdfField {
         self.voxels.get(scale, block.past[scale])
     }
 
-    /// The array that the block is integrated into.
-    #[inline(always)]
-    pub fn current(&self, block: &Block) -> &[Voxel] {
-        self.voxels(block, usize::from(block.scale))
+    /// Unpacks the array that the block is integrated into, which is at rest, into the first voxels of `array`.
+    pub(crate) fn unpack(&self, block: &Block, array: &mut VoxelBuffer) {
+        let scale = usize::from(block.scale);
+        self.resting.arrays[block.data[scale]].unpack(scale, &mut array[..voxels_at(scale)]);
     }
 
-    /// Intensities of the current array, 0 to 255, where the scans had any.
-    pub fn shade(&self, block: &Block) -> Option<&[u8]> {
-        let slot = block.shade[usize::from(block.scale)];
-        (slot != NONE).then(|| self.shades.get(usize::from(block.scale), slot))
+    /// Whether the scans that made the block's current array had intensities.
+    #[inline(always)]
+    pub fn is_shaded(&self, block: &Block) -> bool {
+        block.shade[usize::from(block.scale)] != NONE
+    }
+
+    /// Intensity of voxel `index` of the array that a block with intensities is integrated into, 0 to 255.
+    #[inline]
+    pub fn shade(&self, block: &Block, index: usize) -> u8 {
+        let scale = usize::from(block.scale);
+        if block.is_packed(scale) {
+            self.resting.arrays[block.data[scale]].shade(scale, index)
+        } else {
+            self.shades.get(scale, block.shade[scale])[index]
+        }
+    }
+
+    /// Intensities of the array of a block with intensities at `scale`, unpacked if they are at rest.
+    pub fn shades(&self, block: &Block, scale: usize) -> Cow<'_, [u8]> {
+        if block.is_packed(scale) {
+            let mut shades = vec![0; voxels_at(scale)];
+            self.resting.arrays[block.data[scale]].unpack_shades(scale, &mut shades);
+            return shades.into();
+        }
+        self.shades.get(scale, block.shade[scale]).into()
     }
 
     /// Colours of surfaces, where the scans had any.
@@ -108,7 +179,7 @@ impl TsdfField {
         if link != NONE {
             return (link, false);
         }
-        let mut block = Block { scale, finest: scale, ..Block::new(key) };
+        let mut block = Block::new(key, scale, scale);
         block.data[usize::from(scale)] = self.voxels.insert(usize::from(scale));
         if shaded {
             block.shade[usize::from(scale)] = self.shades.insert(usize::from(scale));
@@ -116,6 +187,14 @@ impl TsdfField {
         let id = self.blocks.insert(block);
         self.tree.siblings_mut(group)[place].link = id;
         (id, true)
+    }
+
+    /// Hangs `block`, whose key is not there yet, into the tree and returns its id. The tree's root must cover the key.
+    pub(in crate::field) fn hang(&mut self, cursor: &mut Cursor, block: Block) -> u32 {
+        let (group, place) = cursor.make(&mut self.tree, block.key);
+        let id = self.blocks.insert(block);
+        self.tree.siblings_mut(group)[place].link = id;
+        id
     }
 
     /// Allocates what block `id` needs to be integrated one scale coarser and makes that its scale.
@@ -162,9 +241,13 @@ impl TsdfField {
         }
     }
 
-    /// Arrays in use at each scale, past ones included.
+    /// Arrays in use at each scale, past ones included and those at rest.
     pub fn arrays(&self) -> [usize; SCALES] {
-        self.voxels.live()
+        let mut arrays = self.voxels.live();
+        for id in self.ids() {
+            self.blocks[id].packed.iter().zip(&mut arrays).for_each(|(&packed, count)| *count += usize::from(packed));
+        }
+        arrays
     }
 
     /// Blocks integrated at each scale.
@@ -176,6 +259,6 @@ impl TsdfField {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes() + self.colours.bytes()
+        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes() + self.resting.bytes() + self.colours.bytes()
     }
 }

@@ -1,0 +1,154 @@
+//! Blocks at rest: arrays that no scan has touched for a while are [packed](super::packed), and unpacked when one comes back to them.
+
+use super::blocks::{Block, TsdfField};
+use super::packed::Packed;
+use crate::octree::{Cursor, NONE, Pool};
+use rayon::prelude::*;
+use std::collections::VecDeque;
+
+/// Coarsest scale whose arrays rest packed: those of coarser ones are smaller than their administration.
+pub(crate) const COARSEST_PACKED: usize = 1;
+/// Changes, scans or steps of a fusion, after which a block that none of them touched comes to rest.
+const CHANGES_AWAKE: usize = 4;
+/// Stands for the slot of intensities that lie with their packed voxels.
+pub(super) const PACKED_TOO: u32 = 0;
+/// Blocks that a thread takes at a time: each is a fraction of a microsecond.
+const BLOCKS_PER_TASK: usize = 64;
+
+/// What is at rest, and what may be next.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Resting {
+    pub(super) arrays: Pool<Packed>,
+    bytes: usize,
+    /// The blocks of the last changes, oldest first, and when they were.
+    recent: VecDeque<(u32, Vec<u32>)>,
+    /// Counts changes.
+    clock: u32,
+}
+
+impl Resting {
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes + self.arrays.bytes() + self.recent.iter().map(|(_, ids)| 4 * ids.capacity()).sum::<usize>()
+    }
+
+    fn insert(&mut self, packed: Packed) -> u32 {
+        self.bytes += packed.bytes();
+        self.arrays.insert(packed)
+    }
+
+    fn remove(&mut self, slot: u32) -> Packed {
+        let packed = std::mem::take(&mut self.arrays[slot]);
+        self.bytes -= packed.bytes();
+        self.arrays.remove(slot);
+        packed
+    }
+}
+
+/// An array on its way from rest.
+struct Waking {
+    scale: usize,
+    packed: Packed,
+    voxels: u32,
+    shades: u32,
+}
+
+/// The arrays of a block, packed, on their way to rest.
+type Packs = [Option<Packed>; COARSEST_PACKED + 1];
+
+impl TsdfField {
+    /// Unpacks whatever blocks `ids` have at rest; each is named once.
+    pub(crate) fn wake(&mut self, ids: impl IntoIterator<Item = u32>) {
+        let mut waking = Vec::new();
+        for id in ids {
+            let block = &mut self.blocks[id];
+            for scale in (0..=COARSEST_PACKED).filter(|&scale| std::mem::take(&mut block.packed[scale])) {
+                let packed = self.resting.remove(block.data[scale]);
+                block.data[scale] = self.voxels.insert(scale);
+                if block.shade[scale] != NONE {
+                    block.shade[scale] = self.shades.insert(scale);
+                }
+                waking.push(Waking { scale, packed, voxels: block.data[scale], shades: block.shade[scale] });
+            }
+        }
+        let (voxels, shades) = (self.voxels.cells(), self.shades.cells());
+        waking.into_par_iter().with_min_len(BLOCKS_PER_TASK).for_each(|array| {
+            // SAFETY: every slot was handed out just now, for one array each.
+            #[allow(unsafe_code)]
+            unsafe {
+                array.packed.unpack(array.scale, voxels.get(array.scale, array.voxels));
+                if array.shades != NONE {
+                    array.packed.unpack_shades(array.scale, shades.get(array.scale, array.shades));
+                }
+            }
+        });
+    }
+
+    /// Notes that blocks `ids` have just been changed, and lays those to rest that none of the last changes touched.
+    pub(crate) fn note_changed(&mut self, ids: Vec<u32>) {
+        self.resting.clock = self.resting.clock.wrapping_add(1);
+        let clock = self.resting.clock;
+        ids.iter().for_each(|&id| self.blocks[id].changed = clock);
+        self.resting.recent.push_back((clock, ids));
+        if self.resting.recent.len() > CHANGES_AWAKE {
+            self.rest_oldest();
+        }
+    }
+
+    /// Gives `block` an array at `scale` that it does not have yet: at rest if arrays of that scale can be.
+    pub(in crate::field) fn put(&mut self, block: &mut Block, scale: usize, packed: Packed, shaded: bool) {
+        if scale <= COARSEST_PACKED {
+            (block.data[scale], block.packed[scale]) = (self.resting.insert(packed), true);
+            block.shade[scale] = if shaded { PACKED_TOO } else { NONE };
+            return;
+        }
+        block.data[scale] = self.voxels.insert(scale);
+        packed.unpack(scale, self.voxels.get_mut(scale, block.data[scale]));
+        if shaded {
+            block.shade[scale] = self.shades.insert(scale);
+            packed.unpack_shades(scale, self.shades.get_mut(scale, block.shade[scale]));
+        }
+    }
+
+    /// Makes block `key`, which is not there yet, of an array at `scale`. The tree's root must cover the key.
+    pub(crate) fn add(&mut self, cursor: &mut Cursor, key: u64, scale: u8, packed: Packed, shaded: bool) -> u32 {
+        let mut block = Block::new(key, scale, scale);
+        self.put(&mut block, scale.into(), packed, shaded);
+        self.hang(cursor, block)
+    }
+
+    /// Whether blocks are awake that may rest when nothing changes the field any more.
+    pub(crate) fn is_awake(&self) -> bool {
+        !self.resting.recent.is_empty()
+    }
+
+    /// Lays those blocks to rest that have not been touched for longest.
+    pub(crate) fn rest_oldest(&mut self) {
+        let Some((clock, mut ids)) = self.resting.recent.pop_front() else { return };
+        ids.retain(|&id| self.blocks[id].changed == clock);
+        let pack = |&id: &u32| {
+            let block = &self.blocks[id];
+            std::array::from_fn(|scale| {
+                let is_here = block.data[scale] != NONE && !block.packed[scale];
+                let shades = || (block.shade[scale] != NONE).then(|| self.shades.get(scale, block.shade[scale]));
+                is_here.then(|| Packed::new(self.voxels.get(scale, block.data[scale]), shades()))
+            })
+        };
+        let packs: Vec<Packs> = ids.par_iter().with_min_len(BLOCKS_PER_TASK).map(pack).collect();
+        for (id, packs) in ids.into_iter().zip(packs) {
+            let block = &mut self.blocks[id];
+            for (scale, packed) in packs.into_iter().enumerate() {
+                let Some(packed) = packed else { continue };
+                self.voxels.remove(scale, block.data[scale]);
+                if block.shade[scale] != NONE {
+                    self.shades.remove(scale, block.shade[scale]);
+                    block.shade[scale] = PACKED_TOO;
+                }
+                (block.data[scale], block.packed[scale]) = (self.resting.insert(packed), true);
+            }
+        }
+        if self.resting.recent.is_empty() {
+            self.voxels.trim();
+            self.shades.trim();
+        }
+    }
+}
