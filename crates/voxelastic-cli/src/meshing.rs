@@ -114,10 +114,9 @@ pub struct MapMesh {
 pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
     let mut meshes = Vec::new();
     for submap in atlas.submaps() {
-        let found = surface.extract(submap, voxel);
-        if !found.triangles.is_empty() {
-            let mut mesh = Mesh::default();
-            mesh.append(&found, &Rigid::from(&submap.t_map_submap));
+        let mut mesh = surface.extract(submap, voxel);
+        if !mesh.triangles.is_empty() {
+            mesh.transform(&Rigid::from(&submap.t_map_submap));
             let submaps = vec![submap.id; mesh.positions.len()];
             meshes.push((submap.id, MapMesh { mesh, submaps }));
         }
@@ -131,8 +130,9 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
 
 /// The mesh of the whole map, in the map frame.
 pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
-    let mut all = MapMesh::default();
-    for (_, part) in submap_meshes(atlas, voxel, surface)? {
+    let mut parts = submap_meshes(atlas, voxel, surface)?.into_iter().map(|(_, part)| part);
+    let mut all = parts.next().unwrap_or_default();
+    for part in parts {
         all.mesh.append(&part.mesh, &Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] });
         all.submaps.extend(part.submaps);
     }

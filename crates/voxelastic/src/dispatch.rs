@@ -17,11 +17,11 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::is_x86_feature_detected as has;
-        if has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
-            // SAFETY: the machine has the features that the function is compiled for, as just tested.
-            return unsafe { with_avx512(kernel) };
-        }
-        if has!("avx2") {
+        if has_avx2() {
+            if has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
+                // SAFETY: the machine has the features that the function is compiled for, as just tested.
+                return unsafe { with_avx512(kernel) };
+            }
             // SAFETY: as above.
             return unsafe { with_avx2(kernel) };
         }
@@ -29,14 +29,22 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
     kernel.run();
 }
 
+/// Whether the machine has AVX2 and the instructions for single bits that came with it.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,avx512f,avx512vl,avx512dq,avx512bw")]
+#[inline]
+fn has_avx2() -> bool {
+    use std::arch::is_x86_feature_detected as has;
+    has!("avx2") && has!("bmi1") && has!("bmi2") && has!("lzcnt") && has!("popcnt")
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt,avx512f,avx512vl,avx512dq,avx512bw")]
 fn with_avx512(kernel: impl Kernel) {
     kernel.run();
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn with_avx2(kernel: impl Kernel) {
     kernel.run();
 }
@@ -70,8 +78,8 @@ mod tests {
             let narrow = angles(&|kernel| kernel.run());
             prop_assert_eq!(&angles(&|kernel| dispatch(kernel)), &narrow);
             #[cfg(target_arch = "x86_64")]
-            if std::arch::is_x86_feature_detected!("avx2") {
-                // SAFETY: the machine has the feature, as just tested.
+            if has_avx2() {
+                // SAFETY: the machine has the features, as just tested.
                 prop_assert_eq!(&angles(&|kernel| unsafe { with_avx2(kernel) }), &narrow);
             }
         }

@@ -28,6 +28,16 @@ impl<V: Copy + Default> BlockStore<V> {
         }
     }
 
+    /// As [`insert`](Self::insert), for an array that will be overwritten: its voxels are anything.
+    pub fn claim(&mut self, scale: usize) -> u32 {
+        match scale {
+            0 => self.fine.claim([V::default(); voxels_at(0)]),
+            1 => self.half.claim([V::default(); voxels_at(1)]),
+            2 => self.quarter.claim([V::default(); voxels_at(2)]),
+            _ => self.single.claim([V::default(); voxels_at(3)]),
+        }
+    }
+
     /// Gives an array back for reuse.
     pub fn remove(&mut self, scale: usize, slot: u32) {
         match scale {

@@ -29,11 +29,13 @@ impl Band {
     pub fn observations(&self, trace: &Trace, observations: &mut Observations) {
         for step in 0..trace.longest {
             let (quantity, distance, weight) = (&trace.quantity[step], &mut observations.distance[step], &mut observations.weight[step]);
+            let is_near = &mut observations.is_near[step];
             for lane in 0..LANES {
                 let d = quantity[lane];
                 let w = self.weight_at(d);
                 distance[lane] = d * DISTANCE_STEPS;
                 weight[lane] = if d.abs() < self.truncation && w >= 1.0 { w } else { 0.0 };
+                is_near[lane] = d.abs() < SHADED;
             }
         }
     }
@@ -43,13 +45,12 @@ impl Band {
     /// A voxel that the beam's line passes through within the band sees the distance from its centre to the local plane
     /// at the beam's point, not the distance along the beam: the centre is rarely on the line.
     #[inline(always)]
-    pub fn apply(&self, trace: &Trace, observations: &Observations, lane: usize, voxels: &mut [Voxel], shades: Option<&mut [u8]>, shade: f32) {
+    pub fn apply(&self, trace: &Trace, observations: &Observations, lane: usize, voxels: &mut [Voxel], shades: Option<&mut [u8]>, shade: u8) {
         let steps = trace.steps[lane] as usize;
         if let Some(shades) = shades {
             for step in 0..steps {
-                let index = trace.index[step][lane] as usize;
-                if observations.weight[step][lane] > 0.0 {
-                    observe_shade(&mut shades[index], shade, voxels[index].weight == 0);
+                if observations.is_near[step][lane] {
+                    observe_shade(&mut shades[trace.index[step][lane] as usize], shade);
                 }
             }
         }
@@ -67,18 +68,46 @@ impl Band {
 pub(crate) struct Observations {
     distance: [[f32; LANES]; MAX_STEPS],
     weight: [[f32; LANES]; MAX_STEPS],
+    /// Whether the voxel is so near to the surface that it takes part in showing it.
+    is_near: [[bool; LANES]; MAX_STEPS],
 }
 
 impl Observations {
     pub fn new() -> Self {
-        Self { distance: [[0.0; LANES]; MAX_STEPS], weight: [[0.0; LANES]; MAX_STEPS] }
+        Self { distance: [[0.0; LANES]; MAX_STEPS], weight: [[0.0; LANES]; MAX_STEPS], is_near: [[false; LANES]; MAX_STEPS] }
     }
 }
 
-/// Moves a voxel's intensity an eighth of the way to the observed one, and at least by one.
+/// How far from the surface voxels have an intensity, in voxels: a vertex has that of the voxel beside it.
+const SHADED: f32 = 1.5;
+
+/// Moves a voxel's intensity, 0 while it is unknown, an eighth of the way to the observed one, and at least by one.
 #[inline(always)]
-fn observe_shade(shade: &mut u8, observed: f32, first: bool) {
-    let old = f32::from(*shade);
-    let change = (observed - old) / 8.0;
-    *shade = if first { observed } else { old + change + 0.5f32.copysign(change) } as u8;
+fn observe_shade(shade: &mut u8, observed: u8) {
+    let (old, observed) = (i32::from(*shade), i32::from(observed));
+    let change = observed - old;
+    // Shifting rounds downwards: away from zero where it is negative, and where it is positive with what is added.
+    let towards = old + ((change + if change > 0 { 7 } else { 0 }) >> 3);
+    *shade = if old == 0 { observed } else { towards } as u8;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intensities_come_to_what_is_observed() {
+        for (first, then) in [(1, 255), (255, 1), (100, 101), (101, 100), (7, 7)] {
+            let mut shade = 0;
+            observe_shade(&mut shade, first);
+            assert_eq!(shade, first);
+            let mut before = shade;
+            for _ in 0..60 {
+                observe_shade(&mut shade, then);
+                assert!(shade.abs_diff(then) < before.abs_diff(then) || shade == then);
+                before = shade;
+            }
+            assert_eq!(shade, then);
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Stable radix sort of packed records by their upper bits.
 
-/// Bits sorted per pass: 2048 counters stay in the first-level cache.
-const DIGIT: u32 = 11;
+/// Most bits sorted per pass: 4096 counters stay in the first-level cache.
+const DIGIT: u32 = 12;
 
 /// Fewer records than this are not worth a second thread.
 const LEAST_SHARED: usize = 1 << 14;
@@ -57,8 +57,9 @@ fn merge_back(a: &[u64], b: &[u64], to: &mut [u64], key: impl Fn(u64) -> u64) {
 fn sort<'a>(mut records: &'a mut [u64], mut spare: &'a mut [u64], low: u32, high: u32) -> bool {
     let mut is_swapped = false;
     let mut shift = low;
+    let digit = (high - low).div_ceil((high - low).div_ceil(DIGIT));
     while shift < high {
-        let bits = DIGIT.min(high - shift);
+        let bits = digit.min(high - shift);
         let mask = (1usize << bits) - 1;
         let mut starts = [0u32; 1 << DIGIT];
         for &record in records.iter() {

@@ -36,7 +36,8 @@ pub(crate) struct Selection {
     chunks: Vec<Vec<u64>>,
 }
 
-/// Block coordinates wrapped to a window around the sensor, each spread over every third bit: a step is an addition.
+/// Block coordinates wrapped to a window around the sensor, each spread over every third bit: subtracting the mask of these bits
+/// steps up, because what is between them carries on, and subtracting one steps down.
 #[derive(Clone, Copy)]
 struct Window {
     bits: u32,
@@ -49,18 +50,6 @@ impl Window {
         debug_assert!(bits <= MAX_AXIS_BITS);
         let mask = (0..bits).fold(0u64, |m, b| m | 1 << (3 * b));
         Self { bits, mask }
-    }
-
-    /// Coordinate + 1 of a spread coordinate.
-    #[inline(always)]
-    fn up(self, spread: u64) -> u64 {
-        spread.wrapping_sub(self.mask) & self.mask
-    }
-
-    /// Coordinate - 1 of a spread coordinate.
-    #[inline(always)]
-    fn down(self, spread: u64) -> u64 {
-        spread.wrapping_sub(1) & self.mask
     }
 }
 
@@ -127,18 +116,18 @@ fn walk_blocks(beam: &Beam, band: (f32, f32), corner: [i32; 3], window: Window, 
         step[k] = inverse;
         spread[k] = spread_wrapped(first + corner[k], window);
     }
+    // Subtracted from a spread coordinate, the mask steps up and one steps down, see [`Window`].
+    let onward: [u64; 3] = std::array::from_fn(|k| if beam.direction[k] > 0.0 { window.mask } else { 1 });
     let mut push = |s: &[u64; 3]| records.push((s[0] | s[1] << 1 | s[2] << 2) << BEAM_BITS | index);
     push(&spread);
     for _ in 0..crossings {
-        let axis = if next[0] <= next[1] && next[0] <= next[2] {
-            0
-        } else if next[1] <= next[2] {
-            1
-        } else {
-            2
-        };
-        next[axis] += step[axis];
-        spread[axis] = if beam.direction[axis] > 0.0 { window.up(spread[axis]) } else { window.down(spread[axis]) };
+        // Which face comes next is as good as random: selected by masks, not by branches.
+        let x = next[0] <= next[1] && next[0] <= next[2];
+        let y = !x && next[1] <= next[2];
+        for (k, chosen) in [x, y, !(x || y)].into_iter().enumerate() {
+            next[k] += if chosen { step[k] } else { 0.0 };
+            spread[k] = spread[k].wrapping_sub(if chosen { onward[k] } else { 0 }) & window.mask;
+        }
         push(&spread);
     }
 }

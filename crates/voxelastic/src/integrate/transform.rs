@@ -63,7 +63,8 @@ pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, scale_of: impl Fn
             let range = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt();
             let ray = t_submap_lidar.rotate(way);
             let place = t_submap_lidar.apply(p);
-            let direction = ray.map(|c| c / range);
+            let per_range = 1.0 / range;
+            let direction = ray.map(|c| c * per_range);
             let has_plane = n != [0.0; 3];
             let normal = if has_plane { t_submap_lidar.rotate(n) } else { direction.map(|c| -c) };
             *beam = Beam {

@@ -210,12 +210,20 @@ impl TsdfIntegrator {
         let tasks = (self.runs.par_chunks_mut(BLOCKS_PER_TASK), fitting.par_chunks_mut(BLOCKS_PER_TASK), blocks.par_chunks(BLOCKS_PER_TASK));
         tasks.into_par_iter().for_each(|(runs, fitting, blocks)| {
             let mut cursor = Cursor::new(&field.tree);
-            for ((run, fitting), &BlockBeams { key, start, end }) in runs.iter_mut().zip(fitting).zip(blocks) {
+            // Heads are asked for long before they are read: few of them are near.
+            for (run, &BlockBeams { key, start, end }) in runs.iter_mut().zip(blocks) {
+                let block = cursor.block(&field.tree, key);
+                *run = Run { block: block.unwrap_or(NONE), start, end, change: Change::None };
+                if let Some(id) = block {
+                    prefetch(&raw const field.blocks[id]);
+                }
+            }
+            for ((run, fitting), &BlockBeams { key, .. }) in runs.iter_mut().zip(fitting).zip(blocks) {
                 let distance = distance(block_coords(key));
                 *fitting = rule.fitting(distance) as u8;
-                let block = cursor.block(&field.tree, key);
-                let change = block.map_or(Change::None, |id| scale_change(&field.blocks[id], rule, distance));
-                *run = Run { block: block.unwrap_or(NONE), start, end, change };
+                if run.block != NONE {
+                    run.change = scale_change(&field.blocks[run.block], rule, distance);
+                }
             }
         });
         fitting
@@ -284,8 +292,12 @@ impl Kernel for Runs<'_> {
             if run.change != Change::None {
                 self.task.change_scale(block, run.change);
             }
-            for &record in &self.task.records[run.start as usize..run.end as usize] {
-                formations[next].push(run.block, block, &self.task.beams[beam_of(record)], self.task.band.truncation);
+            let home = Home::new(run.block, block);
+            for record in run.start as usize..run.end as usize {
+                if let Some(&later) = self.task.records.get(record + BEAMS_AHEAD) {
+                    ask_for_all(&self.task.beams[beam_of(later)]);
+                }
+                formations[next].push(&home, &self.task.beams[beam_of(self.task.records[record])], self.task.band.truncation);
                 if formations[next].lines.len() == LANES {
                     self.task.ask_for(&mut formations[next]);
                     next = 1 - next;
@@ -299,32 +311,58 @@ impl Kernel for Runs<'_> {
     }
 }
 
+/// How far ahead a beam is asked for: records follow blocks, beams lie in the order of the scan.
+const BEAMS_AHEAD: usize = 24;
+
+/// Asks for all cache lines of `item`.
+#[inline(always)]
+fn ask_for_all<T>(item: &T) {
+    let first = std::ptr::from_ref(item).cast::<u8>();
+    prefetch(first);
+    prefetch(first.wrapping_add(size_of::<T>() - 1));
+}
+
+/// The block that beams are walked through.
+struct Home {
+    id: u32,
+    scale: u32,
+    /// Its smallest corner, finest voxels.
+    corner: [f32; 3],
+}
+
+impl Home {
+    #[inline(always)]
+    fn new(id: u32, block: &Block) -> Self {
+        let [x, y, z] = block_coords(block.key);
+        let edge = BLOCK_EDGE as i32;
+        Self { id, scale: u32::from(block.scale), corner: [(x * edge) as f32, (y * edge) as f32, (z * edge) as f32] }
+    }
+}
+
 /// Beams that are walked together, each through a block of its own or one that it shares.
 struct Formation {
     lines: Lines,
     trace: Trace,
     observations: Observations,
     block: [u32; LANES],
-    shade: [f32; LANES],
+    shade: [u8; LANES],
 }
 
 impl Formation {
     fn new() -> Self {
-        Self { lines: Lines::new(), trace: Trace::new(), observations: Observations::new(), block: [0; LANES], shade: [0.0; LANES] }
+        Self { lines: Lines::new(), trace: Trace::new(), observations: Observations::new(), block: [0; LANES], shade: [0; LANES] }
     }
 
     #[inline(always)]
-    fn push(&mut self, id: u32, block: &Block, beam: &Beam, truncation: f32) {
+    fn push(&mut self, home: &Home, beam: &Beam, truncation: f32) {
         let lane = self.lines.len() % LANES;
-        (self.block[lane], self.shade[lane]) = (id, beam.shade);
-        let c = block_coords(block.key);
-        let edge = BLOCK_EDGE as i32;
+        (self.block[lane], self.shade[lane]) = (home.id, beam.shade as u8);
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
             gradient: beam.normal,
-            corner: [(c[0] * edge) as f32, (c[1] * edge) as f32, (c[2] * edge) as f32],
-            scale: u32::from(block.scale),
+            corner: home.corner,
+            scale: home.scale,
             reach: [-truncation, truncation],
         });
     }
@@ -399,7 +437,7 @@ impl BlockUpdate<'_> {
         }
     }
 
-    /// Intensities move between scales by plain copy and mean of what was observed.
+    /// Intensities move between scales by plain copy and mean of what is known.
     #[allow(unsafe_code)]
     unsafe fn change_shade_scale(&self, block: &Block, change: Change, shades: &mut [u8]) {
         use crate::field::tsdf::propagate::children;
@@ -407,11 +445,10 @@ impl BlockUpdate<'_> {
         match change {
             Change::Coarser => {
                 // SAFETY: as in `change_scale`.
-                let (fine, voxels) =
-                    unsafe { (self.shades.get(scale - 1, block.shade[scale - 1]), self.voxels.get(scale - 1, block.data[scale - 1])) };
+                let fine = unsafe { self.shades.get(scale - 1, block.shade[scale - 1]) };
                 for (i, shade) in shades.iter_mut().enumerate() {
-                    let observed = || children(i, scale - 1).filter(|&c| voxels[c].is_observed());
-                    *shade = (observed().map(|c| u32::from(fine[c])).sum::<u32>() / observed().count().max(1) as u32) as u8;
+                    let known = || children(i, scale - 1).map(|c| u32::from(fine[c])).filter(|&s| s > 0);
+                    *shade = (known().sum::<u32>() / known().count().max(1) as u32) as u8;
                 }
             }
             Change::FinerNew => {

@@ -43,7 +43,7 @@ impl Front {
         let scan = self.preparer.prepare(cloud);
         self.shades.clear();
         if let (Some(scale), Some(intensity)) = (self.shade_scale, &cloud.intensity) {
-            self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(0.0, 255.0) as u8));
+            self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(1.0, 255.0) as u8));
         }
         self.colours.clear();
         // A field for colours that nobody filled is all black.
@@ -57,7 +57,7 @@ impl Front {
         self.preparer.scan()
     }
 
-    /// Strength of each beam's return, 0 to 255; empty when the scan has none.
+    /// Strength of each beam's return, 1 to 255; empty when the scan has none.
     pub fn shades(&self) -> &[u8] {
         &self.shades
     }

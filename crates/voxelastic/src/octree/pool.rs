@@ -51,6 +51,11 @@ impl<T> Pool<T> {
         index
     }
 
+    /// As [`insert`](Self::insert), but a place that is reused keeps what was in it last: for items that are overwritten anyway.
+    pub fn claim(&mut self, item: T) -> u32 {
+        self.free.pop().unwrap_or_else(|| self.insert(item))
+    }
+
     /// Gives the place of item `index` back for reuse. The item itself stays until it is overwritten.
     pub fn remove(&mut self, index: u32) {
         debug_assert!(index < self.len);

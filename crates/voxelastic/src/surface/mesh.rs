@@ -68,6 +68,12 @@ impl Mesh {
         append(&mut self.colours, colours, first, self.positions.len(), [128; 3]);
     }
 
+    /// Moves the mesh by `t`.
+    pub fn transform(&mut self, t: &crate::geometry::Rigid) {
+        self.positions.par_iter_mut().for_each(|p| *p = t.apply(*p));
+        self.normals.par_iter_mut().for_each(|n| *n = t.rotate(*n));
+    }
+
     /// Appends `other`, moved by `t`.
     pub fn append(&mut self, other: &Mesh, t: &crate::geometry::Rigid) {
         let first = self.positions.len() as u32;

@@ -57,7 +57,7 @@ impl<'a> View<'a> {
         }
     }
 
-    /// Intensity at voxel `index` of block `id` as seen here, if the map has any: where it is known finer, the mean of what was observed.
+    /// Intensity at voxel `index` of block `id` as seen here, if it is known: where it is known finer, the mean of that.
     pub fn shade(&self, id: u32, index: usize) -> Option<u8> {
         let block = self.field.block(id);
         let (from, here) = (usize::from(block.scale), self.scale(id));
@@ -65,12 +65,13 @@ impl<'a> View<'a> {
             return None;
         }
         let c = voxel_coords(index, here);
+        let known = |shade: u32| (shade > 0).then_some(shade as u8);
         if from >= here {
-            return Some(self.field.shade(block, voxel_index(c.map(|v| v >> (from - here)), from)));
+            return known(self.field.shade(block, voxel_index(c.map(|v| v >> (from - here)), from)).into());
         }
-        let observed = cube(c, here, from).filter(|&i| self.field.voxel(block, i).is_observed());
-        let (sum, count) = observed.fold((0, 0), |(sum, count), i| (sum + u32::from(self.field.shade(block, i)), count + 1));
-        Some((sum / count.max(1)) as u8)
+        let shades = cube(c, here, from).map(|i| u32::from(self.field.shade(block, i))).filter(|&s| s > 0);
+        let (sum, count) = shades.fold((0, 0), |(sum, count), s| (sum + s, count + 1));
+        known(sum / count.max(1))
     }
 }
 

@@ -349,7 +349,9 @@ fn merge_in_place(target: &mut TsdfField, block: &Block, voxels: &[Voxel], shade
 
 /// The mean of two intensities by the weights of their voxels.
 fn mean_shade((a, at): (u8, Voxel), (b, bt): (u8, Voxel)) -> u8 {
-    let (wa, wb) = (u32::from(at.weight), u32::from(bt.weight));
+    // Unknown ones weigh nothing.
+    let weight = |shade: u8, at: Voxel| if shade == 0 { 0 } else { u32::from(at.weight) };
+    let (wa, wb) = (weight(a, at), weight(b, bt));
     ((u32::from(a) * wa + u32::from(b) * wb) / (wa + wb).max(1)) as u8
 }
 

@@ -146,7 +146,7 @@ impl TsdfField {
         block.shade[usize::from(block.scale)] != NONE
     }
 
-    /// Intensity of voxel `index` of the array that a block with intensities is integrated into, 0 to 255.
+    /// Intensity of voxel `index` of the array that a block with intensities is integrated into, 1 to 255; 0 where it is unknown.
     #[inline]
     pub fn shade(&self, block: &Block, index: usize) -> u8 {
         let scale = usize::from(block.scale);

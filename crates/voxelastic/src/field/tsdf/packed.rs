@@ -50,27 +50,38 @@ struct Pieces<'a> {
 }
 
 impl Packed {
-    /// Packs the array of a block at any scale.
+    /// Packs the array of a block at any scale. Inlined, and made of loops only, for kernels that pack many.
+    #[inline(always)]
     pub fn new(voxels: &[Voxel], shades: Option<&[u8]>) -> Self {
         let mut map = [Entry::default(); voxels_at(0) / GROUP];
         let map = &mut map[..voxels.len().div_ceil(GROUP)];
-        let mut held = 0;
+        let mut held = [0u16; voxels_at(0)];
+        let mut count = 0;
         for (i, entry) in map.iter_mut().enumerate() {
             let place = i * GROUP..voxels.len().min((i + 1) * GROUP);
-            let mask = mask(&voxels[place.clone()], shades.map(|s| &s[place]));
-            *entry = Entry { mask: [mask as u32, (mask >> 32) as u32], before: held };
-            held += mask.count_ones();
+            let shades = if let Some(shades) = shades { &shades[place.clone()] } else { &[] };
+            let mut left = mask(&voxels[place], shades);
+            *entry = Entry { mask: [left as u32, (left >> 32) as u32], before: count as u32 };
+            while left != 0 {
+                held[count % voxels_at(0)] = (i * GROUP) as u16 + left.trailing_zeros() as u16;
+                count += 1;
+                left &= left - 1;
+            }
         }
-        let held = held as usize;
-        let shade_words = if shades.is_some() { held.div_ceil(4) } else { 0 };
-        let mut words = Vec::with_capacity(3 * map.len() + held + shade_words);
+        let held = &held[..count];
+        let shade_words = if shades.is_some() { count.div_ceil(4) } else { 0 };
+        let mut words = Vec::with_capacity(3 * map.len() + count + shade_words);
         words.extend_from_slice(bytemuck::cast_slice(map));
-        for_each(map, |i| words.push(bytemuck::cast(voxels[i])));
+        words.resize(3 * map.len() + count + shade_words, 0);
+        let (values, packed_shades) = words[3 * map.len()..].split_at_mut(count);
+        for (value, &i) in values.iter_mut().zip(held) {
+            *value = bytemuck::cast(voxels[usize::from(i)]);
+        }
         if let Some(shades) = shades {
-            let start = words.len();
-            words.resize(start + shade_words, 0);
-            let mut to = bytemuck::cast_slice_mut(&mut words[start..]).iter_mut();
-            for_each(map, |i| *to.next().unwrap_or(&mut 0) = shades[i]);
+            let packed_shades: &mut [u8] = bytemuck::cast_slice_mut(packed_shades);
+            for (shade, &i) in packed_shades.iter_mut().zip(held) {
+                *shade = shades[usize::from(i)];
+            }
         }
         Self { words: words.into_boxed_slice() }
     }
@@ -124,29 +135,21 @@ impl Packed {
 
 /// Which of 64 voxels, or their intensities, are anything but zero.
 #[inline(always)]
-fn mask(voxels: &[Voxel], shades: Option<&[u8]>) -> u64 {
+fn mask(voxels: &[Voxel], shades: &[u8]) -> u64 {
     let mut bytes = [0u8; GROUP];
     for (byte, v) in bytes.iter_mut().zip(voxels) {
         *byte = u8::from((v.distance as u16 | v.weight) != 0);
     }
-    for (byte, &shade) in bytes.iter_mut().zip(shades.unwrap_or_default()) {
+    for (byte, &shade) in bytes.iter_mut().zip(shades) {
         *byte |= u8::from(shade != 0);
     }
-    // The product gathers the lowest bits of eight bytes in its topmost byte.
-    let eight = |b: &[u8]| u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]).wrapping_mul(0x0102_0408_1020_4080) >> 56;
-    bytes.chunks_exact(8).enumerate().fold(0, |mask, (i, b)| mask | eight(b) << (8 * i))
-}
-
-/// Calls `visit` with the index of every voxel that is held, in order.
-#[inline(always)]
-fn for_each(map: &[Entry], mut visit: impl FnMut(usize)) {
-    for (i, entry) in map.iter().enumerate() {
-        let mut left = entry.mask();
-        while left != 0 {
-            visit(i * GROUP + left.trailing_zeros() as usize);
-            left &= left - 1;
-        }
+    let mut mask = 0;
+    for (i, b) in bytes.chunks_exact(8).enumerate() {
+        let eight = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]);
+        // The product gathers the lowest bits of eight bytes in its topmost byte.
+        mask |= (eight.wrapping_mul(0x0102_0408_1020_4080) >> 56) << (8 * i);
     }
+    mask
 }
 
 #[inline(always)]

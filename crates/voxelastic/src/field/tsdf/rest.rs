@@ -2,14 +2,16 @@
 
 use super::blocks::{Block, TsdfField};
 use super::packed::Packed;
-use crate::octree::{Cursor, NONE, Pool};
+use super::voxel::Voxel;
+use crate::dispatch::{Kernel, dispatch};
+use crate::octree::{Cursor, NONE, Pool, prefetch};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
 /// Coarsest scale whose arrays rest packed: those of coarser ones are smaller than their administration.
 pub(crate) const COARSEST_PACKED: usize = 1;
 /// Changes, scans or steps of a fusion, after which a block that none of them touched comes to rest.
-const CHANGES_AWAKE: usize = 4;
+const CHANGES_AWAKE: usize = 8;
 /// Stands for the slot of intensities that lie with their packed voxels.
 pub(super) const PACKED_TOO: u32 = 0;
 /// Blocks that a thread takes at a time: each is a fraction of a microsecond.
@@ -63,9 +65,9 @@ impl TsdfField {
             let block = &mut self.blocks[id];
             for scale in (0..=COARSEST_PACKED).filter(|&scale| std::mem::take(&mut block.packed[scale])) {
                 let packed = self.resting.remove(block.data[scale]);
-                block.data[scale] = self.voxels.insert(scale);
+                block.data[scale] = self.voxels.claim(scale);
                 if block.shade[scale] != NONE {
-                    block.shade[scale] = self.shades.insert(scale);
+                    block.shade[scale] = self.shades.claim(scale);
                 }
                 waking.push(Waking { scale, packed, voxels: block.data[scale], shades: block.shade[scale] });
             }
@@ -125,15 +127,9 @@ impl TsdfField {
     pub(crate) fn rest_oldest(&mut self) {
         let Some((clock, mut ids)) = self.resting.recent.pop_front() else { return };
         ids.retain(|&id| self.blocks[id].changed == clock);
-        let pack = |&id: &u32| {
-            let block = &self.blocks[id];
-            std::array::from_fn(|scale| {
-                let is_here = block.data[scale] != NONE && !block.packed[scale];
-                let shades = || (block.shade[scale] != NONE).then(|| self.shades.get(scale, block.shade[scale]));
-                is_here.then(|| Packed::new(self.voxels.get(scale, block.data[scale]), shades()))
-            })
-        };
-        let packs: Vec<Packs> = ids.par_iter().with_min_len(BLOCKS_PER_TASK).map(pack).collect();
+        let mut packs: Vec<Packs> = vec![[const { None }; COARSEST_PACKED + 1]; ids.len()];
+        let tasks = packs.par_chunks_mut(BLOCKS_PER_TASK).zip(ids.par_chunks(BLOCKS_PER_TASK));
+        tasks.for_each(|(packs, ids)| dispatch(Pack { field: self, ids, packs }));
         for (id, packs) in ids.into_iter().zip(packs) {
             let block = &mut self.blocks[id];
             for (scale, packed) in packs.into_iter().enumerate() {
@@ -149,6 +145,50 @@ impl TsdfField {
         if self.resting.recent.is_empty() {
             self.voxels.trim();
             self.shades.trim();
+        }
+    }
+}
+
+/// Packs the arrays of blocks.
+struct Pack<'a> {
+    field: &'a TsdfField,
+    ids: &'a [u32],
+    packs: &'a mut [Packs],
+}
+
+impl Kernel for Pack<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let TsdfField { blocks, voxels, shades, .. } = self.field;
+        for (i, (&id, packs)) in self.ids.iter().zip(self.packs).enumerate() {
+            if let Some(&next) = self.ids.get(i + 1) {
+                ask_for(self.field, &blocks[next]);
+            }
+            let block = &blocks[id];
+            for (scale, pack) in packs.iter_mut().enumerate() {
+                if block.data[scale] != NONE && !block.packed[scale] {
+                    let shades = if block.shade[scale] == NONE { None } else { Some(shades.get(scale, block.shade[scale])) };
+                    *pack = Some(Packed::new(voxels.get(scale, block.data[scale]), shades));
+                }
+            }
+        }
+    }
+}
+
+/// Asks for the arrays of `block` to be brought near.
+#[inline(always)]
+fn ask_for(field: &TsdfField, block: &Block) {
+    const LINE: usize = 64;
+    for scale in 0..=COARSEST_PACKED {
+        if block.data[scale] != NONE && !block.packed[scale] {
+            for line in field.voxels.get(scale, block.data[scale]).chunks(LINE / size_of::<Voxel>()) {
+                prefetch(line.as_ptr());
+            }
+            if block.shade[scale] != NONE {
+                for line in field.shades.get(scale, block.shade[scale]).chunks(LINE) {
+                    prefetch(line.as_ptr());
+                }
+            }
         }
     }
 }
