@@ -1,6 +1,6 @@
 //! Voxel arrays in one pool per scale, so that a block pays only for the scales that it holds.
 
-use crate::octree::{Cells, Pool, SCALES, voxels_at};
+use crate::octree::{Cells, Place, Pool, SCALES, voxels_at};
 
 /// Voxel arrays of 512, 64, 8 and 1 voxels, for blocks at scales 0, 1, 2 and 3.
 #[derive(Clone, Debug)]
@@ -118,6 +118,12 @@ impl<V> StoreCells<'_, V> {
             2 => self.quarter.address(slot).cast(),
             _ => self.single.address(slot).cast(),
         }
+    }
+
+    /// The place of the array in `slot` at `scale`.
+    #[inline(always)]
+    pub fn place(&self, scale: usize, slot: u32) -> Place<V> {
+        Place::new(self.address(scale, slot))
     }
 
     /// The array in `slot` at `scale`.

@@ -24,71 +24,104 @@ impl Band {
         self.weight * if fade < 1.0 { fade } else { 1.0 }
     }
 
-    /// What lines tell the voxels that they pass: distances in steps of [`Voxel::distance`], and weights, 0 for nothing.
-    #[inline(always)]
-    pub fn observations(&self, trace: &Trace, observations: &mut Observations) {
-        for step in 0..trace.longest {
-            let (quantity, distance, weight) = (&trace.quantity[step], &mut observations.distance[step], &mut observations.weight[step]);
-            let is_near = &mut observations.is_near[step];
-            for lane in 0..LANES {
-                let d = quantity[lane];
-                let w = self.weight_at(d);
-                distance[lane] = d * DISTANCE_STEPS;
-                weight[lane] = if d.abs() < self.truncation && w >= 1.0 { w } else { 0.0 };
-                is_near[lane] = d.abs() < SHADED;
-            }
-        }
-    }
-
-    /// Folds what the line of `lane` says into its block's voxels.
+    /// Collects what lines tell the voxels that they pass, line by line.
     ///
     /// A voxel that the beam's line passes through within the band sees the distance from its centre to the local plane
     /// at the beam's point, not the distance along the beam: the centre is rarely on the line.
+    ///
+    /// How many voxels a line passes is as good as random. So nothing loops over them, and nothing branches on whether one is within the
+    /// band: what is not is written where nobody looks.
     #[inline(always)]
-    pub fn apply(&self, trace: &Trace, observations: &Observations, lane: usize, voxels: &mut [Voxel], shades: Option<&mut [u8]>, shade: u8) {
-        let steps = trace.steps[lane] as usize;
-        if let Some(shades) = shades {
-            for step in 0..steps {
-                if observations.is_near[step][lane] {
-                    observe_shade(&mut shades[trace.index[step][lane] as usize], shade);
-                }
+    pub fn collect(&self, trace: &Trace, hits: &mut Hits) {
+        let mut counts = [0u32; LANES];
+        for step in 0..trace.longest {
+            for lane in 0..LANES {
+                counts[lane] += self.is_hit(trace, step, lane);
             }
         }
-        for step in 0..steps {
-            let weight = observations.weight[step][lane];
-            if weight > 0.0 {
-                voxels[trace.index[step][lane] as usize].observe(observations.distance[step][lane], weight, self.max_weight);
+        let mut next = [0u32; LANES];
+        for lane in 1..LANES {
+            next[lane] = next[lane - 1] + counts[lane - 1];
+        }
+        hits.len = (next[LANES - 1] + counts[LANES - 1]) as usize;
+        for step in 0..trace.longest {
+            let mut to = [0u32; LANES];
+            for lane in 0..LANES {
+                let hit = self.is_hit(trace, step, lane);
+                to[lane] = if hit == 1 { next[lane] } else { MOST_HITS as u32 };
+                next[lane] += hit;
+            }
+            for lane in 0..LANES {
+                let to = (to[lane] as usize).min(MOST_HITS);
+                hits.target[to] = (lane as u32) << 16 | trace.index[step][lane];
+                hits.quantity[to] = trace.quantity[step][lane];
             }
         }
+        // A whole number of vectors.
+        for i in 0..hits.len.next_multiple_of(LANES) {
+            hits.weight[i] = self.weight_at(hits.quantity[i]);
+        }
+    }
+
+    /// 1 if the line of `lane` tells something to the voxel that it passes in `step`, else 0.
+    #[inline(always)]
+    fn is_hit(&self, trace: &Trace, step: usize, lane: usize) -> u32 {
+        let d = trace.quantity[step][lane];
+        let is_alive = (step as u32) < trace.steps[lane];
+        u32::from(is_alive & (d.abs() < self.truncation) & (self.weight_at(d) >= 1.0))
+    }
+
+    /// Folds hit `i` into its voxel.
+    #[inline(always)]
+    pub fn observe(&self, hits: &Hits, i: usize, voxel: &mut Voxel) {
+        voxel.observe(hits.quantity[i] * DISTANCE_STEPS, hits.weight[i], self.max_weight);
     }
 }
 
-/// See [`Band::observations`].
+/// Most voxels that the lines of a formation pass.
+const MOST_HITS: usize = LANES * MAX_STEPS;
+
+/// What lines tell voxels, see [`Band::collect`].
 #[derive(Clone, Debug)]
-pub(crate) struct Observations {
-    distance: [[f32; LANES]; MAX_STEPS],
-    weight: [[f32; LANES]; MAX_STEPS],
-    /// Whether the voxel is so near to the surface that it takes part in showing it.
-    is_near: [[bool; LANES]; MAX_STEPS],
+pub(crate) struct Hits {
+    /// The line in the upper half, the voxel in its block's array in the lower.
+    target: [u32; MOST_HITS + 1],
+    /// Distance from the voxel's centre to the plane, voxels.
+    quantity: [f32; MOST_HITS + 1],
+    weight: [f32; MOST_HITS + 1],
+    pub len: usize,
 }
 
-impl Observations {
+impl Hits {
     pub fn new() -> Self {
-        Self { distance: [[0.0; LANES]; MAX_STEPS], weight: [[0.0; LANES]; MAX_STEPS], is_near: [[false; LANES]; MAX_STEPS] }
+        Self { target: [0; MOST_HITS + 1], quantity: [0.0; MOST_HITS + 1], weight: [0.0; MOST_HITS + 1], len: 0 }
+    }
+
+    /// The line that hit `i` comes from, and the index of the voxel in its block's array.
+    #[inline(always)]
+    pub fn target(&self, i: usize) -> (usize, usize) {
+        ((self.target[i] >> 16) as usize % LANES, self.target[i] as usize & 0xffff)
+    }
+
+    /// Folds the strength of the return into the intensity of the voxel of hit `i`, if that is near the surface.
+    #[inline(always)]
+    pub fn observe_shade(&self, i: usize, shade: &mut u8, observed: u8) {
+        let new = towards(*shade, observed);
+        *shade = if self.quantity[i].abs() < SHADED { new } else { *shade };
     }
 }
 
 /// How far from the surface voxels have an intensity, in voxels: a vertex has that of the voxel beside it.
 const SHADED: f32 = 1.5;
 
-/// Moves a voxel's intensity, 0 while it is unknown, an eighth of the way to the observed one, and at least by one.
+/// An intensity, 0 while it is unknown, moved an eighth of the way to the observed one, and at least by one.
 #[inline(always)]
-fn observe_shade(shade: &mut u8, observed: u8) {
-    let (old, observed) = (i32::from(*shade), i32::from(observed));
+fn towards(shade: u8, observed: u8) -> u8 {
+    let (old, observed) = (i32::from(shade), i32::from(observed));
     let change = observed - old;
     // Shifting rounds downwards: away from zero where it is negative, and where it is positive with what is added.
-    let towards = old + ((change + if change > 0 { 7 } else { 0 }) >> 3);
-    *shade = if old == 0 { observed } else { towards } as u8;
+    let moved = old + ((change + if change > 0 { 7 } else { 0 }) >> 3);
+    (if old == 0 { observed } else { moved }) as u8
 }
 
 #[cfg(test)]
@@ -98,12 +131,11 @@ mod tests {
     #[test]
     fn intensities_come_to_what_is_observed() {
         for (first, then) in [(1, 255), (255, 1), (100, 101), (101, 100), (7, 7)] {
-            let mut shade = 0;
-            observe_shade(&mut shade, first);
+            let mut shade = towards(0, first);
             assert_eq!(shade, first);
             let mut before = shade;
             for _ in 0..60 {
-                observe_shade(&mut shade, then);
+                shade = towards(shade, then);
                 assert!(shade.abs_diff(then) < before.abs_diff(then) || shade == then);
                 before = shade;
             }

@@ -5,7 +5,7 @@
 //! its beams in beam order, and *release* what scale changes left over. Blocks are independent in the update, so threads
 //! share nothing and change nothing but the time.
 
-use super::band::{Band, Observations};
+use super::band::{Band, Hits};
 use super::scale::ScaleRule;
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
@@ -15,7 +15,7 @@ use crate::field::StoreCells;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, prefetch};
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, Place, Pool, SCALES, block_coords, prefetch};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -280,34 +280,39 @@ impl Kernel for Runs<'_> {
     /// Lines fly in formation through whatever blocks come next; while one formation's voxels are on their way from memory,
     /// the one before is applied.
     #[inline(always)]
+    #[allow(unsafe_code)]
     fn run(self) {
+        let Self { runs, task } = self;
         let mut formations = [Formation::new(), Formation::new()];
         let mut next = 0;
         // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
-        for (i, run) in self.runs.iter().enumerate() {
-            if let Some(later) = self.runs.get(i + 6) {
-                prefetch(&raw const self.task.blocks[later.block]);
+        for (i, run) in runs.iter().enumerate() {
+            if let Some(later) = runs.get(i + 6) {
+                prefetch(&raw const task.blocks[later.block]);
             }
-            let block = &self.task.blocks[run.block];
+            let block = &task.blocks[run.block];
             if run.change != Change::None {
-                self.task.change_scale(block, run.change);
+                task.change_scale(block, run.change);
             }
-            let home = Home::new(run.block, block);
+            let home = task.home(block);
             for record in run.start as usize..run.end as usize {
-                if let Some(&later) = self.task.records.get(record + BEAMS_AHEAD) {
-                    ask_for_all(&self.task.beams[beam_of(later)]);
+                if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
+                    ask_for_all(&task.beams[beam_of(later)]);
                 }
-                formations[next].push(&home, &self.task.beams[beam_of(self.task.records[record])], self.task.band.truncation);
+                formations[next].push(&home, &task.beams[beam_of(task.records[record])], task.band.truncation);
                 if formations[next].lines.len() == LANES {
-                    self.task.ask_for(&mut formations[next]);
+                    formations[next].walk(&task.band);
                     next = 1 - next;
-                    self.task.apply(&mut formations[next]);
+                    // SAFETY: each block occurs in one run only, so in one thread only, and arrays belong to one block only.
+                    unsafe { formations[next].apply(&task.band) };
                 }
             }
         }
-        self.task.ask_for(&mut formations[next]);
-        self.task.apply(&mut formations[1 - next]);
-        self.task.apply(&mut formations[next]);
+        formations[next].walk(&task.band);
+        for formation in [1 - next, next] {
+            // SAFETY: as above.
+            unsafe { formations[formation].apply(&task.band) };
+        }
     }
 }
 
@@ -324,39 +329,33 @@ fn ask_for_all<T>(item: &T) {
 
 /// The block that beams are walked through.
 struct Home {
-    id: u32,
     scale: u32,
     /// Its smallest corner, finest voxels.
     corner: [f32; 3],
-}
-
-impl Home {
-    #[inline(always)]
-    fn new(id: u32, block: &Block) -> Self {
-        let [x, y, z] = block_coords(block.key);
-        let edge = BLOCK_EDGE as i32;
-        Self { id, scale: u32::from(block.scale), corner: [(x * edge) as f32, (y * edge) as f32, (z * edge) as f32] }
-    }
+    voxels: Place<Voxel>,
+    shades: Place<u8>,
 }
 
 /// Beams that are walked together, each through a block of its own or one that it shares.
 struct Formation {
     lines: Lines,
     trace: Trace,
-    observations: Observations,
-    block: [u32; LANES],
+    hits: Hits,
+    voxels: [Place<Voxel>; LANES],
+    shades: [Place<u8>; LANES],
     shade: [u8; LANES],
 }
 
 impl Formation {
     fn new() -> Self {
-        Self { lines: Lines::new(), trace: Trace::new(), observations: Observations::new(), block: [0; LANES], shade: [0; LANES] }
+        let (voxels, shades) = ([Place::NOWHERE; LANES], [Place::NOWHERE; LANES]);
+        Self { lines: Lines::new(), trace: Trace::new(), hits: Hits::new(), voxels, shades, shade: [0; LANES] }
     }
 
     #[inline(always)]
     fn push(&mut self, home: &Home, beam: &Beam, truncation: f32) {
         let lane = self.lines.len() % LANES;
-        (self.block[lane], self.shade[lane]) = (home.id, beam.shade as u8);
+        (self.voxels[lane], self.shades[lane], self.shade[lane]) = (home.voxels, home.shades, beam.shade as u8);
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
@@ -366,44 +365,55 @@ impl Formation {
             reach: [-truncation, truncation],
         });
     }
+
+    /// Finds out what the lines pass, and asks for it to be brought near.
+    #[inline(always)]
+    fn walk(&mut self, band: &Band) {
+        self.trace.walk(&self.lines);
+        band.collect(&self.trace, &mut self.hits);
+        for i in 0..self.hits.len {
+            let (lane, index) = self.hits.target(i);
+            prefetch(self.voxels[lane].address(index));
+            prefetch(self.shades[lane].address(index));
+        }
+    }
+
+    /// Updates the voxels that the lines pass, and disbands the formation.
+    ///
+    /// # Safety
+    /// No other thread may touch the arrays of the blocks that the lines were pushed for, and none of them may have gone since.
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    unsafe fn apply(&mut self, band: &Band) {
+        let Self { lines, hits, voxels, shades, shade, .. } = self;
+        for i in 0..hits.len {
+            let (lane, index) = hits.target(i);
+            // SAFETY: the caller's promise; a trace's indices lie within the array of its line's block.
+            band.observe(hits, i, unsafe { voxels[lane].at(index) });
+        }
+        for i in 0..hits.len {
+            let (lane, index) = hits.target(i);
+            if !shades[lane].is_nowhere() {
+                // SAFETY: as above; intensities are as many as voxels.
+                hits.observe_shade(i, unsafe { shades[lane].at(index) }, shade[lane]);
+            }
+        }
+        hits.len = 0;
+        lines.clear();
+    }
 }
 
 impl BlockUpdate<'_> {
-    /// Finds out what the formation passes, and asks for it to be brought near.
     #[inline(always)]
-    fn ask_for(&self, formation: &mut Formation) {
-        let Formation { lines, trace, observations, block, .. } = formation;
-        trace.walk(lines);
-        for lane in 0..lines.len() {
-            let block = &self.blocks[block[lane]];
-            let scale = usize::from(block.scale);
-            let voxels = self.voxels.address(scale, block.data[scale]);
-            let shades = self.shades.address(scale, block.shade[scale]);
-            for step in 0..trace.steps[lane] as usize {
-                prefetch(voxels.wrapping_add(trace.index[step][lane] as usize));
-                prefetch(shades.wrapping_add(trace.index[step][lane] as usize));
-            }
+    fn home(&self, block: &Block) -> Home {
+        let [x, y, z] = block_coords(block.key);
+        let (edge, scale) = (BLOCK_EDGE as i32, usize::from(block.scale));
+        Home {
+            scale: u32::from(block.scale),
+            corner: [(x * edge) as f32, (y * edge) as f32, (z * edge) as f32],
+            voxels: self.voxels.place(scale, block.data[scale]),
+            shades: if block.shade[scale] == NONE { Place::NOWHERE } else { self.shades.place(scale, block.shade[scale]) },
         }
-        self.band.observations(trace, observations);
-    }
-
-    /// Updates the voxels that the formation passes, and disbands it.
-    #[inline(always)]
-    #[allow(unsafe_code)]
-    fn apply(&self, formation: &mut Formation) {
-        for lane in 0..formation.lines.len() {
-            let block = &self.blocks[formation.block[lane]];
-            let scale = usize::from(block.scale);
-            // SAFETY: each block occurs in one run only, so in one thread only, and arrays belong to one block only; the
-            // references end with this step of the loop.
-            let (voxels, shades) = unsafe {
-                let voxels = self.voxels.get(scale, block.data[scale]);
-                let has_shade = block.shade[scale] != NONE;
-                (voxels, has_shade.then(|| self.shades.get(scale, block.shade[scale])))
-            };
-            self.band.apply(&formation.trace, &formation.observations, lane, voxels, shades, formation.shade[lane]);
-        }
-        formation.lines.clear();
     }
 
     /// Fills the array of the block's new scale from the one that it leaves (paper Sec. III-A, propagation).

@@ -58,6 +58,50 @@ impl<T> Cells<'_, T> {
     }
 }
 
+/// Where an array lies: its items can be had one by one, for writes that no loop over the array would make.
+#[derive(Debug)]
+pub struct Place<T>(*mut T);
+
+impl<T> Clone for Place<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<T> Copy for Place<T> {}
+
+impl<T> Place<T> {
+    /// No array.
+    pub const NOWHERE: Self = Self(std::ptr::null_mut());
+
+    /// The place of an array that begins at `first`.
+    pub(crate) fn new(first: *const T) -> Self {
+        Self(first.cast_mut())
+    }
+
+    /// Whether there is no array.
+    #[inline(always)]
+    pub fn is_nowhere(self) -> bool {
+        self.0.is_null()
+    }
+
+    /// Where item `index` lies, for [`prefetch`].
+    #[inline(always)]
+    pub fn address(self, index: usize) -> *const T {
+        self.0.wrapping_add(index)
+    }
+
+    /// Item `index`.
+    ///
+    /// # Safety
+    /// There is an array of more than `index` items, the [`Cells`] that it is from still lives, and no other reference to the item does.
+    #[inline(always)]
+    pub unsafe fn at<'a>(self, index: usize) -> &'a mut T {
+        // SAFETY: the caller's promise; pointers to the items of a pool may be written through, see `Cells::get`.
+        unsafe { &mut *self.0.add(index) }
+    }
+}
+
 /// Asks for the cache line at `address` to be brought near, for use soon. Any address will do: it is never read.
 #[inline(always)]
 pub fn prefetch<T>(address: *const T) {

@@ -8,7 +8,7 @@ mod cursor;
 mod pool;
 mod tree;
 
-pub use cells::{Cells, prefetch};
+pub use cells::{Cells, Place, prefetch};
 pub use cursor::Cursor;
 pub use pool::Pool;
 pub use tree::{Octant, Octree};
