@@ -202,7 +202,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         if args.strict {
             return Err(problem.context("a scan cannot be used (--strict); no map was written"));
         }
-        tracing::warn!("scan skipped: {problem:#}");
+        tracing::warn!("scan skipped: {problem}");
         tally.skipped += 1;
         Ok(())
     };

@@ -68,9 +68,14 @@ fn maps_of_scans_without_colours_say_so() {
     assert!(clouds::read(dir.path().join("room.laz")).unwrap().cloud.colours.is_none());
 }
 
-/// Prints, for each library that is there and each file that it reads: points, and the sum of their colours.
+/// Prints, for each library that is there and each file that it reads: points (those with a normal, where the format has normals), and the
+/// sum of their colours.
 const READ: &str = r#"
-import sys, numpy as np
+import sys
+try:
+    import numpy as np
+except ImportError:
+    sys.exit()
 folder = sys.argv[1]
 def say(name, points, colours):
     print(name, len(points), int(np.asarray(colours).round().astype(np.int64).sum()))
@@ -78,7 +83,8 @@ try:
     import open3d as o3d
     for name in ("cloud.ply", "cloud.pcd"):
         cloud = o3d.io.read_point_cloud(f"{folder}/{name}")
-        say(name, cloud.points, np.asarray(cloud.colors) * 255)
+        unit = np.abs(np.linalg.norm(np.asarray(cloud.normals), axis=1) - 1) < 1e-3
+        say(name, np.asarray(cloud.points)[unit], np.asarray(cloud.colors) * 255)
 except ImportError: pass
 try:
     import laspy
@@ -99,10 +105,11 @@ except ImportError: pass
 fn read_by_others(folder: &std::path::Path, colours: &[[u8; 3]]) {
     let python = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
     let output = Command::new(&python).args(["-c", READ]).arg(folder).output();
-    let Some(output) = output.ok().filter(|o| o.status.success() && !o.stdout.is_empty()) else {
+    let Some(output) = output.ok().filter(|o| !o.status.success() || !o.stdout.is_empty()) else {
         eprintln!("skipped: {python} has none of open3d, laspy and pye57 (VOXELASTIC_PYTHON)");
         return;
     };
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let sum: u64 = colours.iter().flatten().map(|c| u64::from(*c)).sum();
     for line in String::from_utf8_lossy(&output.stdout).lines() {
         let words: Vec<&str> = line.split_whitespace().collect();

@@ -21,13 +21,13 @@ fn info_tells_topics_and_what_would_be_used() {
     assert!(text.contains("sensor_msgs/PointCloud2") && text.contains("clouds to map"), "{text}");
 }
 
-/// Puts the first scans of a KITTI street into a bag and into a folder, with the same poses in both.
+/// Puts the first scans of a KITTI street, driven a number of times, into a bag and into a folder, with the same poses in both.
 const SPLIT: &str = r#"
 import sys, shutil, numpy as np
 from pathlib import Path
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
-street, out, count = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+street, out, count, rounds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 store = get_typestore(Stores.ROS1_NOETIC)
 t = lambda name: store.types[name]
 (out / "folder" / "velodyne").mkdir(parents=True)
@@ -42,7 +42,7 @@ fields = [field(name=n, offset=4 * k, datatype=7, count=1) for k, n in enumerate
 with Writer(out / "street.bag") as bag, open(out / "folder" / "poses.tum", "w") as tum:
     clouds = bag.add_connection("/velodyne_points", "sensor_msgs/msg/PointCloud2", typestore=store)
     poses = bag.add_connection("/odometry", "geometry_msgs/msg/PoseStamped", typestore=store)
-    for k, (scan, row) in enumerate(zip(scans, rows)):
+    for k, (scan, row) in enumerate(list(zip(scans, rows)) * rounds):
         shutil.copy(scan, out / "folder" / "velodyne")
         q, p = quaternion(row[:, :3]), row[:, 3]
         tum.write(f"{100 + k}.0 " + " ".join(repr(float(v)) for v in (*p, *q)) + "\n")
@@ -68,20 +68,45 @@ fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-#[test]
-fn a_street_from_a_bag_is_the_street_from_the_folder_bit_for_bit() {
+/// `street.bag` and `folder` with the street driven so many times, and the number of its scans; none, with a word, without data or library.
+fn street(rounds: usize) -> Option<(tempfile::TempDir, String)> {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
     let street = PathBuf::from(std::env::var_os("VOXELASTIC_DATA").unwrap_or_else(|| default.into())).join("kitti00-street");
     let python = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
     let has_rosbags = Command::new(&python).args(["-c", "import rosbags, numpy"]).output().is_ok_and(|o| o.status.success());
     if !street.is_dir() || !has_rosbags {
         eprintln!("skipped: needs kitti00-street (VOXELASTIC_DATA) and a Python with rosbags (VOXELASTIC_PYTHON)");
-        return;
+        return None;
     }
     let dir = tempfile::tempdir().unwrap();
     let scans = std::env::var("VOXELASTIC_STREET_SCANS").unwrap_or_else(|_| "6".into());
-    let said = Command::new(&python).args(["-c", SPLIT]).args([&street, dir.path()]).arg(&scans).output().unwrap();
+    let said = Command::new(&python).args(["-c", SPLIT]).args([&street, dir.path()]).args([&scans, &rounds.to_string()]).output().unwrap();
     assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    Some((dir, scans))
+}
+
+#[test]
+fn memory_does_not_grow_with_the_bag() {
+    let figures = |rounds: usize| {
+        let (dir, scans) = street(rounds)?;
+        // All rounds go into one submap, so that the map is as large.
+        let one_submap = "--voxel 0.2 --max-range 30 --lambda-odom 100000 --min-overlap 1";
+        let told = json(dir.path(), &format!("map street.bag --every scan {one_submap} --json"));
+        assert_eq!((told["scans"].as_u64(), told["submaps"].as_u64()), (Some(scans.parse::<u64>().unwrap() * rounds as u64), Some(1)));
+        let bag = std::fs::metadata(dir.path().join("street.bag")).unwrap().len() as f64 / 1e6;
+        Some([bag, told["peak_rss_mb"].as_f64()?, told["map_mb"].as_f64()?])
+    };
+    let (Some(once), Some(often)) = (figures(1), figures(4)) else { return };
+    for [bag, peak, map] in [once, often] {
+        eprintln!("bag of {bag:.0} MB: peak {peak:.0} MB, of them {map:.0} MB of map");
+    }
+    let (longer, more) = (often[0] - once[0], (often[1] - often[2]) - (once[1] - once[2]));
+    assert!(more < 0.25 * longer, "{longer:.0} MB more of bag take {more:.0} MB more of memory");
+}
+
+#[test]
+fn a_street_from_a_bag_is_the_street_from_the_folder_bit_for_bit() {
+    let Some((dir, scans)) = street(1) else { return };
     let quick = "--voxel 0.2 --max-range 30 --json";
     let folder = json(dir.path(), &format!("map folder -o folder.vox {quick}"));
     let bag = json(dir.path(), &format!("map street.bag -o bag.vox --every scan {quick}"));

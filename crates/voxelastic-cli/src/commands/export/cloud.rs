@@ -58,7 +58,7 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
     match format {
         Format::Ply => write_cloud_ply(&args.output, &all),
-        Format::Pcd => pcd::write(&args.output, &cloud(&all, 1.0)),
+        Format::Pcd => pcd::write_with_normals(&args.output, &cloud(&all, 1.0), &all.normals),
         Format::Las => las::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
         Format::E57 => e57::write(&args.output, &stations(&map.atlas, &parts)),
     }

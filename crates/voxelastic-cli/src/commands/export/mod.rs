@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Write a map as a cloud or as an OctoMap
 ///
 /// A cloud has a point wherever the surface passes between two voxels, in the map frame, with intensity and colour where the scans had
-/// them, and normals in PLY. E57 has one scan per submap, with the submap's pose.
+/// them, and normals in PLY and PCD. E57 has one scan per submap, with the submap's pose.
 ///
 /// An OctoMap is made of the map's occupancy. All submaps become one: a voxel is occupied if any submap says so, free if some submap says so
 /// and none occupied, and absent otherwise. Where submaps are turned against the OctoMap's grid, no occupied voxel is lost.
