@@ -200,6 +200,11 @@ fn layers_larger_than_the_file_are_refused_at_once() {
     let mut bad = [good.as_slice(), &[0xff; 200]].concat();
     bad[record + 12..][..4].copy_from_slice(&1u32.to_le_bytes());
     assert!(refused(bad).contains("layers of"));
+    // Points of 32 kB, not packed: more than the file has.
+    las::write(dir.path().join("a.las"), &survey([0.0; 3])).unwrap();
+    let mut bad = std::fs::read(dir.path().join("a.las")).unwrap();
+    bad[105..107].copy_from_slice(&[0, 0x80]);
+    assert!(refused(bad).contains("cannot hold more than"));
     // 60,000 bytes of something at each point, for each of which the decoder keeps tables.
     let mut bad = good;
     bad[record + 40..][..4].copy_from_slice(&[14, 0, 0x60, 0xea]);

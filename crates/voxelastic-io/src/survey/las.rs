@@ -14,6 +14,8 @@ use voxelastic::Cloud;
 
 /// No packing gets more points into a byte.
 const MOST_POINTS_PER_BYTE: u64 = 256;
+/// Points are decoded in parts of this size at most, or of [`CHUNK`] points.
+const CHUNK_BYTES: u64 = 1 << 24;
 /// Coordinates are written in steps of this, metres.
 const STEP: f64 = 1e-4;
 
@@ -41,10 +43,13 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
     if let Some(problem) = exaggerates(&bytes) {
         return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));
     }
-    let most = bytes.len() as u64 * MOST_POINTS_PER_BYTE;
+    let size = bytes.len() as u64;
     let mut reader = Reader::new(Cursor::new(bytes)).map_err(fail)?;
-    if reader.header().number_of_points() > most {
-        let problem = format!("{} points are claimed by a file that cannot hold more than {most}", reader.header().number_of_points());
+    let (claimed, format) = (reader.header().number_of_points(), *reader.header().point_format());
+    let length = u64::from(format.len()).max(1);
+    let most = if format.is_compressed { size * MOST_POINTS_PER_BYTE } else { size / length };
+    if claimed > most {
+        let problem = format!("{claimed} points are claimed by a file that cannot hold more than {most}");
         return Err(Error::content(path, Position::File, problem, "copy it again or write it anew"));
     }
     let has_colour = reader.header().point_format().has_color;
@@ -52,7 +57,7 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
     // Sixteen bits are the rule for colours, but some programs write eight.
     let mut colours: Vec<[u16; 3]> = Vec::new();
     loop {
-        let read = reader.read_points(CHUNK as u64).map_err(fail)?;
+        let read = reader.read_points((CHUNK_BYTES / length).clamp(1, CHUNK as u64)).map_err(fail)?;
         if read.is_empty() {
             break;
         }

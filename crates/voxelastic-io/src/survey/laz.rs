@@ -47,8 +47,10 @@ pub(super) fn exaggerates(file: &[u8]) -> Option<String> {
         return Some(format!("a table of {chunks} chunks in {} bytes", file.len()));
     }
     let packing = Packing::read(laszip_record(file)?)?;
-    if packing.point > LARGEST_POINT {
-        return Some(format!("points of {} bytes", packing.point));
+    // The header says it too, and the decoder believes both.
+    let point = packing.point.max(u16_at(file, 105)?.into());
+    if point > LARGEST_POINT {
+        return Some(format!("points of {point} bytes"));
     }
     packing.beyond(file, points + 8, chunks)
 }
