@@ -83,6 +83,7 @@ impl Recorder {
         match (seen, outcome.report) {
             (Seen::Scan { time, t_map_lidar }, Some(report)) => {
                 self.scan(*time, t_map_lidar, report, mapper.atlas());
+                self.log.scans.fusions_due.push(mapper.elastic_counts().fusions_due as u32);
                 self.log.scans.wall_ms.push(wall_ms);
                 self.log.scans.cpu_ms.extend(outcome.cpu.map(milliseconds));
                 self.phases(report);

@@ -99,6 +99,7 @@ impl Subject<'_> {
                 positions: mesh.positions,
                 normals: mesh.normals,
                 shades: mesh.shades,
+                colours: mesh.colours,
                 scales: mesh.scales,
                 errors: Vec::new(),
                 triangles: mesh.triangles,

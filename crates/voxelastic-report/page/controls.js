@@ -7,7 +7,10 @@ const COLOURS = [
   { name: "Intensity", ramp: "intensity", wants: "has_shades" },
   { name: "Scale", ramp: "scale" },
   { name: "Error", ramp: "error", wants: "has_errors" },
+  { name: "As seen", ramp: null, wants: "has_colours" },
 ];
+
+const TITLES = { has_errors: "Distance from the truth: voxelastic report MAP --truth T (5)", has_colours: "The scans' own colours (6)" };
 
 /** Turns, moves and zooms `view` as the pointer, the wheel and the keys say. */
 function steer(view) {
@@ -108,18 +111,19 @@ function fillScreen() {
 function panel(view) {
   const { show } = view;
   const redraw = () => { legend(view); view.draw(); };
-  const buttons = COLOURS.map(({ name, wants }, mode) => el("button", {
+  const has = (wants) => !wants || DATA.surfaces.some((s) => s[wants]);
+  // What nobody misses is left out; errors are shown as something that could be had.
+  const buttons = COLOURS.map(({ name, wants }, mode) => has(wants) || wants === "has_errors" ? el("button", {
     type: "button", "data-mode": mode, "aria-pressed": String(mode === show.mode),
-    disabled: Boolean(wants) && !DATA.surfaces.some((s) => s[wants]),
-    title: wants === "has_errors" ? "Distance from the truth: voxelastic report MAP --truth T" : `Colour by ${name.toLowerCase()} (${mode + 1})`,
+    disabled: !has(wants), title: TITLES[wants] || `Colour by ${name.toLowerCase()} (${mode + 1})`,
     onclick: () => {
       show.mode = mode;
-      buttons.forEach((b, i) => b.setAttribute("aria-pressed", i === mode));
+      buttons.forEach((b, i) => b?.setAttribute("aria-pressed", i === mode));
       redraw();
     },
-  }, name));
+  }, name) : null);
   byId("panel").append(
-    el("fieldset", {}, el("legend", {}, "Colour"), el("div", { class: "choices" }, ...buttons)),
+    el("fieldset", {}, el("legend", {}, "Colour"), el("div", { class: "choices" }, ...buttons.filter(Boolean))),
     sliceSliders(view),
     layers(view, redraw),
     ...(DATA.surfaces.some((s) => s.first_pose) ? [bendSlider(view)] : []),
@@ -186,7 +190,7 @@ function legend(view) {
   const box = byId("legend");
   const { ramp, name } = COLOURS[view.show.mode];
   const [low, high] = view.bounds.heights.map((h) => `${h.toFixed(1)} m`);
-  if (!ramp) return void box.replaceChildren(el("b", {}, `${DATA.surfaces.length} submaps`));
+  if (!ramp) return void box.replaceChildren(el("b", {}, name === "Submap" ? `${DATA.surfaces.length} submaps` : "Colours of the scans"));
   if (ramp === "scale") {
     const stops = DATA.ramps.scale, finest = DATA.voxel_m || 0;
     const swatch = (s) => el("span", { style: `--c:${hex(stops[Math.round((1 - s / 3) * (stops.length - 1))])}` }, finest ? `${short(finest * 100 * 2 ** s)} cm` : `scale ${s}`);

@@ -14,8 +14,9 @@ precision highp float;
 layout(location = 0) in vec3 at;
 layout(location = 1) in vec2 facing;
 layout(location = 2) in vec3 values; // shade, scale, error
+layout(location = 3) in vec3 tint;
 uniform mat4 toMap, toScreen;
-out vec3 map, normal;
+out vec3 map, normal, own;
 out float shade, error, away;
 flat out float level;
 void main() {
@@ -29,16 +30,17 @@ void main() {
   shade = values.x / 255.0;
   level = values.y;
   error = values.z;
+  own = tint;
   gl_Position = toScreen * m;
   away = gl_Position.w;
 }`;
 
 const SURFACE_FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 map, normal;
+in vec3 map, normal, own;
 in float shade, error, away;
 flat in float level;
-uniform int mode;            // 0 height, 1 submap, 2 intensity, 3 scale, 4 error
+uniform int mode;            // 0 height, 1 submap, 2 intensity, 3 scale, 4 error, 5 the scans' own
 uniform vec3 submapColour, eye, unknown;
 uniform vec2 heights, slice;
 uniform float farthest;
@@ -55,7 +57,8 @@ void main() {
   else if (mode == 1) c = submapColour;
   else if (mode == 2) c = look(shade);
   else if (mode == 3) c = look(1.0 - level / 3.0);
-  else c = error > 254.5 ? unknown : look(error / 254.0);
+  else if (mode == 4) c = error > 254.5 ? unknown : look(error / 254.0);
+  else c = own;
   vec3 n = normalize(normal) * (gl_FrontFacing ? 1.0 : -1.0);
   vec3 view = normalize(eye - map);
   vec3 side = normalize(cross(vec3(0.0, 0.0, 1.0), view) + vec3(1e-5, 0.0, 0.0));

@@ -11,7 +11,7 @@ async function blobBytes() {
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-/** Every surface's chunks as {vertices: Uint8Array, indices: Uint16Array}. */
+/** Every surface's chunks as {vertices: Uint8Array, colours: Uint8Array or null, indices: Uint16Array}. */
 function unpacked(bytes) {
   let at = 0;
   const take = (n) => bytes.subarray(at, (at += n));
@@ -30,6 +30,11 @@ function unpacked(bytes) {
       const column = take(v);
       for (let i = 0; i < v; i++) vertices[i * STRIDE + k] = column[i];
     }
+    const colours = surface.has_colours ? new Uint8Array(4 * v) : null;
+    for (let k = 0; colours && k < 3; k++) {
+      const column = take(v);
+      for (let i = 0; i < v; i++) colours[4 * i + k] = column[i];
+    }
     const indices = new Uint16Array(3 * t);
     const low = take(3 * t), high = take(3 * t);
     for (let i = 0, newest = 0; i < 3 * t; i++) {
@@ -37,7 +42,7 @@ function unpacked(bytes) {
       if (corner === newest) newest++;
       indices[i] = corner;
     }
-    return { vertices, indices };
+    return { vertices, colours, indices };
   }));
 }
 

@@ -9,7 +9,8 @@ class View {
     const gl = canvas.getContext("webgl2", { preserveDrawingBuffer: true, antialias: false, alpha: false, powerPreference: "high-performance" });
     if (!gl) throw new Error("this browser has no WebGL 2");
     Object.assign(this, { canvas, gl, listeners: [] });
-    this.show = { mode: 0, backs: false, low: -Infinity, high: Infinity, path: true, loops: true, plan: true, bend: 1 };
+    const mode = DATA.surfaces.some((s) => s.has_colours) ? COLOURS.findIndex((c) => c.wants === "has_colours") : 0;
+    this.show = { mode, backs: false, low: -Infinity, high: Infinity, path: true, loops: true, plan: true, bend: 1 };
     this.surfaceProgram = program(gl, SURFACE_VERTEX, SURFACE_FRAGMENT);
     this.lineProgram = program(gl, LINE_VERTEX, LINE_FRAGMENT);
     this.screenProgram = program(gl, SCREEN_VERTEX, SCREEN_FRAGMENT);
@@ -24,7 +25,7 @@ class View {
     canvas.addEventListener("webglcontextlost", (e) => e.preventDefault());
   }
 
-  upload({ vertices, indices }) {
+  upload({ vertices, colours, indices }) {
     const { gl } = this;
     const vao = gl.createVertexArray();
     gl.bindVertexArray(vao);
@@ -39,6 +40,12 @@ class View {
     attribute(0, 3, gl.UNSIGNED_SHORT, false, 0);
     attribute(1, 2, gl.UNSIGNED_BYTE, true, 6);
     attribute(2, 3, gl.UNSIGNED_BYTE, false, 8);
+    if (colours) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+      gl.bufferData(gl.ARRAY_BUFFER, colours, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(3);
+      gl.vertexAttribPointer(3, 3, gl.UNSIGNED_BYTE, true, 4, 0);
+    }
     return { vao, count: indices.length };
   }
 
@@ -251,6 +258,7 @@ class View {
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.ramps[COLOURS[show.mode].ramp] || this.ramps.height);
     gl.uniform1i(u.ramp, 0);
+    gl.vertexAttrib3f(3, 0.5, 0.5, 0.5); // of surfaces without colours among others that have some
     for (const s of this.surfaces) {
       gl.uniformMatrix4fv(u.toMap, false, s.matrix);
       gl.uniform3fv(u.submapColour, s.colour.map((c) => c / 255));

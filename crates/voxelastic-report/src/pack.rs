@@ -11,6 +11,7 @@
 //! | v | shades (0 where unknown) |
 //! | v | scales |
 //! | v | errors: 0 to 254 from none to the largest shown, 255 for unknown |
+//! | 3 v | colours, in surfaces that have some: all reds, all greens, all blues |
 //! | 6 t | corners: low bytes, high bytes |
 
 use crate::surface::Surface;
@@ -90,6 +91,9 @@ impl Builder {
         bytes.extend(self.vertices.iter().map(|v| surface.shades.get(at(v)).copied().unwrap_or(0)));
         bytes.extend(self.vertices.iter().map(|v| surface.scales.get(at(v)).copied().unwrap_or(0)));
         bytes.extend(self.vertices.iter().map(|v| surface.errors.get(at(v)).map_or(255, |e| error_code(*e, error_max))));
+        if !surface.colours.is_empty() {
+            (0..3).for_each(|k| bytes.extend(self.vertices.iter().map(|v| surface.colours[at(v)][k])));
+        }
         planes(&self.codes, bytes);
         self.vertices.clear();
         self.codes.clear();
@@ -204,7 +208,7 @@ mod tests {
         let packed = chunks(&surface, [0.0, 0.0, -1.0], 1e-3, 0.1, &mut bytes);
         assert!(packed.len() > 1 && packed.iter().all(|c| c.v <= MOST));
         assert_eq!(packed.iter().map(|c| c.t).sum::<usize>(), surface.triangles.len());
-        assert_eq!(bytes.len(), packed.iter().map(|c| 11 * c.v + 6 * c.t).sum::<usize>());
+        assert_eq!(bytes.len(), packed.iter().map(|c| 14 * c.v + 6 * c.t).sum::<usize>());
     }
 
     #[test]

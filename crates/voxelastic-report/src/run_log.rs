@@ -64,6 +64,8 @@ pub struct ScanLog {
     pub submap: Vec<u32>,
     /// Submaps after it.
     pub submaps: Vec<u32>,
+    /// Fusions under way or waiting after it.
+    pub fusions_due: Vec<u32>,
     /// Memory of the map's fields after it, megabytes.
     pub map_mb: Vec<f64>,
     /// Memory of the process after it, megabytes; empty where the system does not tell.
@@ -139,7 +141,7 @@ impl RunLog {
         fit(&mut s.position, scans);
         fit(&mut s.orientation, scans);
         [&mut s.wall_ms, &mut s.cpu_ms, &mut s.map_mb, &mut s.rss_mb].into_iter().for_each(|c| fit(c, scans));
-        [&mut s.submap, &mut s.submaps].into_iter().for_each(|c| fit(c, scans));
+        [&mut s.submap, &mut s.submaps, &mut s.fusions_due].into_iter().for_each(|c| fit(c, scans));
         self.phases_ms.retain(|_, column| column.len() == scans);
     }
 }

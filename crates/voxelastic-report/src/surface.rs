@@ -26,6 +26,8 @@ pub struct Surface {
     pub normals: Vec<[f32; 3]>,
     /// Strength of return per vertex; empty when unknown.
     pub shades: Vec<u8>,
+    /// The scans' own colour per vertex, sRGB; empty when they had none.
+    pub colours: Vec<[u8; 3]>,
     /// Integration scale per vertex, 0 to 3; empty when unknown.
     pub scales: Vec<u8>,
     /// Distance of each vertex from the truth, metres; empty when unknown.
@@ -50,9 +52,10 @@ impl Surface {
     fn check(&self, surface: usize) -> Result<()> {
         let n = self.positions.len();
         let wrong = |what: String| Err(ReportError::Surface { surface, what });
-        let arrays = [("normals", self.normals.len(), false), ("shades", self.shades.len(), true), ("scales", self.scales.len(), true)];
-        for (name, length, may_be_empty) in arrays.into_iter().chain([("errors", self.errors.len(), true)]) {
-            if length != n && !(may_be_empty && length == 0) {
+        let may_be_empty =
+            [("shades", self.shades.len()), ("colours", self.colours.len()), ("scales", self.scales.len()), ("errors", self.errors.len())];
+        for (name, length) in may_be_empty.into_iter().filter(|(_, length)| *length > 0).chain([("normals", self.normals.len())]) {
+            if length != n {
                 return wrong(format!("{length} {name} for {n} vertices"));
             }
         }
@@ -74,6 +77,7 @@ pub(crate) struct PackedSurface {
     origin: [f32; 3],
     step: f32,
     has_shades: bool,
+    has_colours: bool,
     has_errors: bool,
     chunks: Vec<Chunk>,
 }
@@ -112,6 +116,7 @@ fn pack_one(surface: &Surface, keep: f64, error_max: f32) -> (PackedSurface, Vec
         origin,
         step,
         has_shades: !surface.shades.is_empty(),
+        has_colours: !surface.colours.is_empty(),
         has_errors: !surface.errors.is_empty(),
         chunks,
     };

@@ -12,6 +12,7 @@ struct Sum {
     position: [f64; 3],
     normal: [f32; 3],
     shade: u32,
+    colour: [u32; 3],
     scale: u32,
     error: f64,
     judged: u32,
@@ -100,6 +101,7 @@ fn add(sum: &mut Sum, surface: &Surface, v: usize) {
     (0..3).for_each(|k| sum.position[k] += f64::from(surface.positions[v][k]));
     (0..3).for_each(|k| sum.normal[k] += surface.normals[v][k]);
     sum.shade += surface.shades.get(v).copied().map_or(0, u32::from);
+    (0..3).for_each(|k| sum.colour[k] += surface.colours.get(v).map_or(0, |c| u32::from(c[k])));
     sum.scale += surface.scales.get(v).copied().map_or(0, u32::from);
     if let Some(error) = surface.errors.get(v).filter(|e| e.is_finite()) {
         sum.error += f64::from(error.abs());
@@ -114,10 +116,12 @@ fn means(surface: &Surface, sums: &[Sum], triangles: Vec<[u32; 3]>) -> Surface {
     };
     let rounded = |total: u32, count: u32| ((total + count / 2) / count.max(1)) as u8;
     let of = |wanted: bool, f: &dyn Fn(&Sum) -> u8| if wanted { sums.iter().map(f).collect() } else { Vec::new() };
+    let colours = sums.iter().map(|s| s.colour.map(|c| rounded(c, s.count)));
     Surface {
         positions: sums.iter().map(|s| s.position.map(|c| (c / f64::from(s.count)) as f32)).collect(),
         normals: sums.iter().map(|s| unit(s.normal)).collect(),
         shades: of(!surface.shades.is_empty(), &|s| rounded(s.shade, s.count)),
+        colours: if surface.colours.is_empty() { Vec::new() } else { colours.collect() },
         scales: of(!surface.scales.is_empty(), &|s| rounded(s.scale, s.count)),
         errors: if surface.errors.is_empty() {
             Vec::new()
@@ -145,6 +149,7 @@ pub(crate) mod tests {
                 s.positions.push([(i % (n + 1)) as f32 * 0.1, (i / (n + 1)) as f32 * 0.1, z]);
                 s.normals.push([0.0, 0.0, up]);
                 s.shades.push((i % 256) as u8);
+                s.colours.push([200, 100, (i % 7) as u8]);
                 s.errors.push(0.01 * up);
             }
             for i in 0..n * n {
@@ -163,6 +168,7 @@ pub(crate) mod tests {
         assert!((0.12..0.25).contains(&share), "{share}");
         assert!(thinned.positions.iter().all(|p| p[2] == 0.0 || (p[2] + 0.02).abs() < 1e-6), "no vertex between the sides");
         assert!(thinned.errors.iter().all(|e| (e - 0.01).abs() < 1e-6));
+        assert!(thinned.colours.len() == thinned.positions.len() && thinned.colours.iter().all(|c| c[..2] == [200, 100] && c[2] < 7));
         let area: f32 = thinned
             .triangles
             .iter()

@@ -115,7 +115,7 @@ fn the_page_draws_and_its_controls_act() {
     for (what, acted) in seen["acts"].as_object().unwrap() {
         assert_eq!(acted, true, "{what} changes nothing: {seen}");
     }
-    assert!(seen["acts"].as_object().unwrap().len() >= 20, "{seen}");
+    assert!(seen["acts"].as_object().unwrap().len() >= 21 && seen["acts"]["key 6"] == true, "{seen}");
     assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(5), Some(1), Some(4)), "{seen}");
     assert_eq!(seen["overflow"], false, "the page is wider than the window");
 }
@@ -125,9 +125,10 @@ fn the_page_fits_a_phone_and_does_without_what_is_not_known() {
     let mut report = sample::report();
     (report.run, report.plan) = (None, None);
     report.distances.clear();
-    report.surface.iter_mut().for_each(|s| (s.errors, s.first_pose) = (Vec::new(), None));
+    report.surface.iter_mut().for_each(|s| (s.errors, s.colours, s.first_pose) = (Vec::new(), Vec::new(), None));
     let Some(seen) = driven(&report.html().unwrap(), "500,800") else { return };
     assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
     assert!(seen["ready"] == "yes" && seen["colours"].as_u64().unwrap() > 100 && seen["charts"].as_u64() == Some(0), "{seen}");
+    assert!(seen["acts"]["key 6"].is_null() && seen["acts"]["colour Error"].is_null(), "there are no such colours: {seen}");
     assert_eq!(seen["overflow"], false, "the page is wider than the window: {seen}");
 }

@@ -50,6 +50,7 @@
       before = now;
     };
     for (const button of document.querySelectorAll("#panel [data-mode]:not(:disabled):not([aria-pressed=true])")) await step(`colour ${button.textContent}`, () => button.click());
+    if (find('[data-mode="5"]')) await step("key 6", () => key("6"));
     await step("key 1", () => key("1"));
     await step("slice below", () => slide("#slice-high", 300));
     await step("slice off", () => slide("#slice-high", 1000));

@@ -23,6 +23,8 @@ fn lawn(submap: u32, shift: f64) -> Surface {
         first_pose: Some(RootPose([shift * 1.1, 0.5 * shift.signum(), 0.0, 0.0, 0.0, 0.0, 1.0])),
         normals: positions.iter().map(|p| unit(slope(p[0], p[1]))).collect(),
         shades: positions.iter().map(|p| (p[1] * 14.0) as u8).collect(),
+        // One of both submaps was mapped with a camera.
+        colours: if submap == 0 { positions.iter().map(|p| [(p[0] * 13.0) as u8, 90, (p[1] * 13.0) as u8]).collect() } else { Vec::new() },
         scales: positions.iter().map(|p| (p[0] / 5.0) as u8).collect(),
         errors: positions.iter().map(|p| p[0] * 0.006).collect(),
         triangles: (0..N * N).map(|i| i / N * (N + 1) + i % N).flat_map(|a| [[a, a + 1, a + N + 2], [a, a + N + 2, a + N + 1]]).collect(),
