@@ -35,6 +35,11 @@ fn slices_show_the_air_of_the_room_within_its_walls() {
     assert_eq!((part["width"].as_u64(), part["height"].as_u64()), (Some(80), Some(40)));
     works(dir.path(), "slice room.vox --y -0.5 -o side.png");
     assert!(["plan.png", "thick.png", "part.png", "side.png"].iter().all(|f| is_png(&dir.path().join(f))));
+    let info = json(dir.path(), "info room.vox --check --json");
+    for k in 0..3 {
+        let bound = |end: &str| info["bounds_m"][end][k].as_f64().unwrap();
+        assert!((bound("min") - room::MIN[k]).abs() < 2.0 && (bound("max") - room::MAX[k]).abs() < 2.0, "a map without TSDF has bounds: {info}");
+    }
     fails(dir.path(), "slice room.vox -o none.png", 2, &["--z"]);
     fails(dir.path(), "slice room.vox --z 1 --x 2 -o none.png", 2, &["cannot be used with"]);
     fails(dir.path(), "slice room.vox --z 1 --bounds 1,2 -o none.png", 2, &["six numbers"]);

@@ -157,8 +157,8 @@ impl<'a> FieldQuery<'a> {
         self.bounds_in(&Pose::identity())
     }
 
-    /// Box around all octants that were observed, in the frame that `t_frame_submap` maps to.
-    pub(super) fn bounds_in(&self, t_frame_submap: &Pose) -> Aabb {
+    /// Box around all octants that were observed, in the frame that `t_frame_submap` maps to; empty when nothing was.
+    pub fn bounds_in(&self, t_frame_submap: &Pose) -> Aabb {
         let tree = self.field.tree();
         let mut bounds = Aabb::default();
         if tree.is_empty() {

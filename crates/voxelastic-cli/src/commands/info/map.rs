@@ -12,6 +12,7 @@ use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
+use voxelastic::query::FieldQuery;
 use voxelastic_io::store::{MapStore, SubmapEntry};
 
 /// The keys of `--json`.
@@ -31,7 +32,7 @@ pub struct MapInfo {
     file_mb: f64,
     /// Box around the positions of the scans in the map frame.
     path_bounds_m: Option<Bounds>,
-    /// Box around all blocks in the map frame; only with `--check`.
+    /// Box around all blocks of the TSDF and all space known to be free or occupied, map frame; only with `--check`.
     bounds_m: Option<Bounds>,
     /// Known space of all submaps; only with `--check`, and for maps with occupancy.
     known_m3: Option<KnownSpace>,
@@ -114,7 +115,7 @@ fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
     }
 }
 
-/// Box around all blocks, map frame, and the known space; reads, and so verifies, one submap after the other.
+/// Box around everything, map frame, and the known space; reads, and so verifies, one submap after the other.
 fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
     let voxel = settings_of(store)?.voxel;
     let mut all = Aabb::default();
@@ -123,6 +124,11 @@ fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
         let submap = store.load_submap(entry.id)?;
         add_blocks(&mut all, &submap, voxel);
         if !submap.occupancy.is_empty() {
+            let known = FieldQuery::new(&submap.occupancy, voxel).bounds_in(&submap.t_map_submap);
+            if !known.is_empty() {
+                all.add(known.min);
+                all.add(known.max);
+            }
             volumes.get_or_insert_default().add(&submap.occupancy.volumes());
         }
     }
