@@ -82,3 +82,40 @@ fn events_out_of_order_and_a_graph_in_pieces_lose_nothing() {
     assert_eq!(mapper.atlas().scan_count(), 59);
     assert_eq!(mapper.atlas().submaps().iter().map(|s| s.tsdf.len()).filter(|blocks| *blocks == 0).count(), 0);
 }
+
+#[test]
+fn the_update_that_came_last_counts_whatever_was_in_it_and_before() {
+    let (_, mut mapper) = mapper_with(&(0..30).map(|i| (i, 2.0 * i as f64)).collect::<Vec<_>>());
+    let roots: Vec<NodeId> = mapper.atlas().submaps().iter().filter_map(|s| s.root_node()).collect();
+    assert!(roots.len() > 2);
+    let moved = |i: NodeId, up: f64| (i, Pose::translation(0.0, 0.0, up) * Town::pose(2.0 * i as f64));
+    // Newer poses first, older ones after them, one of a part of the nodes last, and one node twice in it.
+    mapper.handle(Event::PoseUpdate((0..30).map(|i| moved(i, 2.0)).collect())).unwrap();
+    mapper.handle(Event::PoseUpdate((0..30).rev().map(|i| moved(i, 1.0)).collect())).unwrap();
+    mapper.handle(Event::PoseUpdate(vec![moved(roots[1], 9.0), moved(roots[1], 3.0)])).unwrap();
+    for (submap, &root) in mapper.atlas().submaps().iter().zip(&roots) {
+        let up = if root == roots[1] { 3.0 } else { 1.0 };
+        assert_eq!(submap.t_map_submap, moved(root, up).1, "submap of node {root}");
+    }
+}
+
+#[test]
+fn a_graph_in_two_pieces_is_two_maps_until_an_edge_joins_them() {
+    // Two stretches of the lap, no edge between them: the second begins with a node that follows no other.
+    let (town, mut mapper) = mapper_with(&(0..12).map(|i| (i, 2.0 * i as f64)).collect::<Vec<_>>());
+    let there = |i: NodeId| Town::pose(2.0 * i as f64);
+    for i in 40..52 {
+        mapper.handle(town.scan(i, &there(i), &there(i))).unwrap();
+    }
+    let of = |mapper: &Mapper, node: NodeId| mapper.atlas().submaps().iter().find(|s| s.scans.iter().any(|scan| scan.node == node)).unwrap().id;
+    assert_ne!(of(&mapper, 11), of(&mapper, 40));
+    // A correction of one piece leaves the other where it is.
+    let lifted = |i: NodeId| Pose::translation(0.0, 0.0, 5.0) * there(i);
+    mapper.handle(Event::PoseUpdate((40..52).map(|i| (i, lifted(i))).collect())).unwrap();
+    for submap in mapper.atlas().submaps() {
+        let root = submap.root_node().unwrap();
+        assert_eq!(submap.t_map_submap, if root < 40 { there(root) } else { lifted(root) });
+    }
+    mapper.finish();
+    assert_eq!((mapper.atlas().scan_count(), mapper.elastic_counts().fusions), (24, 0));
+}
