@@ -35,10 +35,10 @@ impl ElasticArgs {
         Corrector {}
     }
 
-    /// Ends the run: fusions under way are finished, and submaps rebuilt if that was asked for and nobody interrupts. Returns how many
-    /// were; one that cannot be rebuilt stays as it is.
+    /// Ends the run: fusions under way are finished, submaps rebuilt if that was asked for and nobody interrupts, and doubts settled. Returns
+    /// how many were rebuilt; one that cannot be stays as it is.
     pub fn finish(self, source: &Source, session: &mut Session, quiet: bool) -> usize {
-        session.finish();
+        session.finish_fusions();
         tell(session);
         let deformed = session.mapper().deformed();
         if !deformed.is_empty() {
@@ -64,6 +64,7 @@ impl ElasticArgs {
             }
             progress.step(String::new);
         }
+        session.finish();
         rebuilt
     }
 }

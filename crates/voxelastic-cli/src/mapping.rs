@@ -59,7 +59,13 @@ impl Session {
         self.recorder.optimised(took);
     }
 
-    /// Finishes the fusions that are under way.
+    /// Does the fusions that are under way or due.
+    pub fn finish_fusions(&mut self) {
+        let mapper = &mut self.mapper;
+        self.pool.install(|| mapper.finish_fusions());
+    }
+
+    /// Finishes the map: fusions, and doubts between submaps.
     pub fn finish(&mut self) {
         let mapper = &mut self.mapper;
         self.pool.install(|| mapper.finish());

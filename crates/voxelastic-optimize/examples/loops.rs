@@ -96,13 +96,14 @@ fn map(data: &Dataset, settings: &Settings, way: Way, poses: &HashMap<NodeId, Po
     if let Some(event) = live.as_mut().map(LiveOptimiser::finish).transpose()?.flatten() {
         take(&mut mapper, event)?;
     }
-    mapper.finish();
+    mapper.finish_fusions();
     if way == Way::Rebuilt {
         let mut source = Clouds(data.scans().iter().map(|s| (s.node, s.path.clone())).collect());
         for id in mapper.atlas().submaps().iter().map(|s| s.id).collect::<Vec<_>>() {
             mapper.rebuild(id, &mut source)?;
         }
     }
+    mapper.finish();
     if trace {
         println!("deformed: {:.3?}", mapper.deformed().iter().map(|d| d.distance).collect::<Vec<_>>());
         println!("{:?}", mapper.graph_counts());

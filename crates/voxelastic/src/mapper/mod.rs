@@ -48,6 +48,8 @@ pub struct Mapper {
     /// Groups of submaps that a closed loop joins and the bound keeps apart, each with the ends of such a loop.
     apart: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
     counts: ElasticCounts,
+    /// Whether nothing has come since submaps settled their doubts.
+    is_settled: bool,
 }
 
 impl Mapper {
@@ -71,6 +73,7 @@ impl Mapper {
             last_node: None,
             apart: BTreeMap::new(),
             counts: ElasticCounts::default(),
+            is_settled: true,
             settings,
         })
     }
@@ -100,10 +103,17 @@ impl Mapper {
     /// Does all fusions that are under way or due, and lets submaps settle their [doubts](settle_doubts). To be called before the map is
     /// stored; more events may follow.
     pub fn finish(&mut self) {
-        self.fusing.finish(&mut self.atlas, &self.graph);
-        let hit = occupancy_settings(&self.settings).hit;
+        self.finish_fusions();
         self.atlas.rest();
-        self.counts.voxels_freed += settle_doubts(&mut self.atlas, &(&self.settings).into(), hit);
+        if !std::mem::replace(&mut self.is_settled, true) {
+            let hit = occupancy_settings(&self.settings).hit;
+            self.counts.voxels_freed += settle_doubts(&mut self.atlas, &(&self.settings).into(), hit);
+        }
+    }
+
+    /// Does all fusions that are under way or due.
+    pub fn finish_fusions(&mut self) {
+        self.fusing.finish(&mut self.atlas, &self.graph);
     }
 
     /// What was found out about the sensor; none before the first scan.
@@ -126,6 +136,7 @@ impl Mapper {
     /// # Errors
     /// An event that cannot be used is refused and named; the map is as it was before, and further events are welcome.
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
+        self.is_settled = false;
         match event {
             Event::Scan(scan) => self.integrate(&scan).map(Some),
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),

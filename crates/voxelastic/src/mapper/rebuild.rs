@@ -48,12 +48,14 @@ pub enum RebuildError {
 }
 
 impl Mapper {
-    /// Makes submap `id` anew from its scans at the current poses of their nodes; fusions under way are finished first.
+    /// Makes submap `id` anew from its scans at the current poses of their nodes; fusions under way are finished first. Its doubts are
+    /// open again until [`finish`](Self::finish).
     ///
     /// # Errors
     /// [`RebuildError`]; the submap is as it was before.
     pub fn rebuild(&mut self, id: SubmapId, source: &mut dyn ScanSource) -> Result<RebuildReport, RebuildError> {
-        self.finish();
+        self.finish_fusions();
+        self.is_settled = false;
         let old = self.atlas.submap(id).ok_or(RebuildError::NoSuchSubmap { submap: id })?;
         let root = old.root_node().and_then(|root| self.graph.pose(root)).copied().unwrap_or(old.t_map_submap);
         let mut new = Submap { revision: old.revision + 1, ..Submap::new(id, root) };

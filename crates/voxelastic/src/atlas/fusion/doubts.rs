@@ -6,9 +6,10 @@
 
 use super::Placement;
 use super::occupancy::OccupancyPatch;
+use super::window::{Blocks, MARGIN, Window};
 use crate::atlas::{Atlas, Submap};
-use crate::field::occupancy::{OccupancyField, UNKNOWN};
-use crate::octree::{BLOCK_EDGE, NONE, SCALES, block_coords, voxel_coords, voxel_index, voxels_at};
+use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN};
+use crate::octree::{BLOCK_EDGE, NONE, Octant, SCALES, block_coords, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
 /// How far around a doubtful voxel another submap's surface still is the same one, finest voxels.
@@ -17,11 +18,17 @@ const BESIDE: f32 = 3.0;
 /// Largest uniform octant that is looked into, as a level: such an octant is made of single hits from afar.
 const LARGEST: u32 = 2;
 
+/// Subtrees up to this level (16 blocks) are looked through in parallel.
+const TASK_LEVEL: u32 = 4;
+
 /// What the other submaps say of one submap's doubtful voxels, block by block.
 pub(super) struct Doubts {
     /// Key of the block, and the evidence to add at each finest voxel; [`UNKNOWN`] for none.
-    blocks: Vec<(u64, Box<[i8]>)>,
+    blocks: Vec<Evidence>,
 }
+
+/// A block's key, and what is to be added at each finest voxel.
+type Evidence = (u64, Box<[i8]>);
 
 impl Doubts {
     /// For each submap, what the others say of its voxels that have at most `most` (steps of log-odds), wherever that makes them free.
@@ -31,23 +38,26 @@ impl Doubts {
     }
 
     fn of_submap(submap: &Submap, all: &[Submap], voxel: f32, most: i8) -> Self {
-        let others = all
+        let others: Vec<Witness<'_>> = all
             .iter()
             .filter(|other| other.id != submap.id && !other.occupancy.is_empty())
-            .map(|other| (&other.occupancy, Placement::new(&submap.t_map_submap.inv_mul(&other.t_map_submap), voxel)))
+            .map(|other| Witness { field: &other.occupancy, placement: Placement::new(&submap.t_map_submap.inv_mul(&other.t_map_submap), voxel) })
             .collect();
-        let witnesses = Witnesses { others };
-        let mut blocks = Vec::new();
-        let is_doubtful = |value: i8| (1..=most).contains(&value);
-        submap.occupancy.tree().for_each(|key, level, octant| {
-            if octant.link == NONE && level <= LARGEST && is_doubtful(octant.payload.value) {
-                (0..1u64 << (3 * level)).for_each(|i| blocks.extend(witnesses.ask(key | i, 3, &[octant.payload.value], most)));
-            } else if octant.link != NONE && level == 0 && octant.payload.max > 0 {
-                let block = submap.occupancy.block(octant.link);
-                blocks.extend(witnesses.ask(key, usize::from(block.scale), submap.occupancy.values(block), most));
-            }
-        });
-        Self { blocks }
+        let hearing = Hearing { field: &submap.occupancy, most };
+        let tree = submap.occupancy.tree();
+        let mut places = vec![Place { key: tree.root_key(), level: tree.root_level(), octant: tree.root(), witnesses: others.iter().collect() }];
+        while places.iter().any(|p| p.level > TASK_LEVEL) {
+            places = places.iter().flat_map(|place| if place.level > TASK_LEVEL { hearing.open(place) } else { vec![place.clone()] }).collect();
+        }
+        let parts: Vec<Vec<Evidence>> = places
+            .par_iter()
+            .map(|place| {
+                let mut found = Vec::new();
+                hearing.descend(place, &mut found);
+                found
+            })
+            .collect();
+        Self { blocks: parts.into_iter().flatten().collect() }
     }
 
     /// Adds the evidence to the submap that it was gathered for; returns how many finest voxels changed.
@@ -58,71 +68,162 @@ impl Doubts {
     }
 }
 
-/// The submaps that may know better, each with its place in the doubtful one.
-struct Witnesses<'a> {
-    others: Vec<(&'a OccupancyField, Placement)>,
+/// Another submap, which may know better, and its place in the doubtful one.
+struct Witness<'a> {
+    field: &'a OccupancyField,
+    placement: Placement,
 }
 
-impl Witnesses<'_> {
+/// An octant of the doubtful submap, and who knows anything around it.
+#[derive(Clone)]
+struct Place<'a> {
+    key: u64,
+    level: u32,
+    octant: &'a Octant<Summary>,
+    witnesses: Vec<&'a Witness<'a>>,
+}
+
+/// The search of one submap for doubts.
+struct Hearing<'a> {
+    field: &'a OccupancyField,
+    most: i8,
+}
+
+impl<'a> Hearing<'a> {
+    fn is_doubtful(&self, value: i8) -> bool {
+        (1..=self.most).contains(&value)
+    }
+
+    /// The children of a place that may hold doubts and have witnesses.
+    fn open(&self, place: &Place<'a>) -> Vec<Place<'a>> {
+        if place.octant.link == NONE {
+            return Vec::new();
+        }
+        let level = place.level - 1;
+        let children = self.field.tree().siblings(place.octant.link).iter().zip(0u64..);
+        let may_doubt = |octant: &Octant<Summary>| octant.payload.max > 0 && (octant.link != NONE || level <= LARGEST);
+        let child = |(octant, i): (&'a Octant<Summary>, u64)| {
+            let key = place.key | i << (3 * level);
+            let half = 0.5 * (BLOCK_EDGE << level) as f32;
+            let centre = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32 + half);
+            let knows = |w: &&&Witness<'a>| Blocks::around(&w.placement, centre, half + BESIDE).have_more_than(UNKNOWN, w.field);
+            let witnesses: Vec<&Witness<'a>> = place.witnesses.iter().filter(knows).copied().collect();
+            (!witnesses.is_empty()).then_some(Place { key, level, octant, witnesses })
+        };
+        children.filter(|(octant, _)| may_doubt(octant)).filter_map(child).collect()
+    }
+
+    fn descend(&self, place: &Place<'a>, found: &mut Vec<Evidence>) {
+        let Place { key, level, octant, ref witnesses } = *place;
+        if octant.link == NONE {
+            let blocks = if level <= LARGEST { 1u64 << (3 * level) } else { 0 };
+            found.extend((0..blocks).filter_map(|i| self.ask(witnesses, key | i, 3, &[octant.payload.value])));
+        } else if level > 1 {
+            self.open(place).iter().for_each(|child| self.descend(child, found));
+        } else {
+            // Who knows anything around a block is found out together with what it is.
+            let blocks = self.field.tree().siblings(octant.link).iter().zip(0u64..).filter(|(octant, _)| octant.payload.max > 0);
+            found.extend(blocks.filter_map(|(octant, i)| match octant.link {
+                NONE => self.ask(witnesses, key | i, 3, &[octant.payload.value]),
+                id => {
+                    let block = self.field.block(id);
+                    self.ask(witnesses, key | i, usize::from(block.scale), self.field.values(block))
+                }
+            }));
+        }
+    }
+
     /// The evidence that makes doubtful voxels of a block free, at the finest scale; none where nobody knows better.
-    fn ask(&self, key: u64, scale: usize, values: &[i8], most: i8) -> Option<(u64, Box<[i8]>)> {
+    fn ask(&self, witnesses: &[&'a Witness<'a>], key: u64, scale: usize, values: &[i8]) -> Option<Evidence> {
+        if !values.iter().any(|v| self.is_doubtful(*v)) {
+            return None;
+        }
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let testimony = Testimony::hear(witnesses, corner, 0.0, UNKNOWN);
+        let mut beside: Option<Testimony<'_>> = None;
         let mut more: Option<Box<[i8]>> = None;
         let half = 0.5 * (1 << scale) as f32;
-        for (i, &value) in values.iter().enumerate().filter(|(_, v)| (1..=most).contains(*v)) {
+        for (i, &value) in values.iter().enumerate().filter(|(_, v)| self.is_doubtful(**v)) {
             let first = voxel_coords(i, scale).map(|c| c << scale);
             let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + first[k] as f32 + half);
             // Most doubts are nobody else's business: one look tells.
-            if i32::from(value) + self.evidence(centre) >= 0 {
+            if i32::from(value) + testimony.evidence(centre) >= 0 {
                 continue;
             }
-            let outvoted: Vec<(usize, i32)> = (0..voxels_at(SCALES - 1 - scale))
-                .map(|sub| {
-                    let within = voxel_coords(sub, SCALES - 1 - scale);
-                    let c = [first[0] + within[0], first[1] + within[1], first[2] + within[2]];
-                    (voxel_index(c, 0), self.evidence(std::array::from_fn(|k| corner[k] + c[k] as f32 + 0.5)))
-                })
-                .filter(|(_, evidence)| i32::from(value) + evidence < 0)
-                .collect();
             // What was seen from so far that only larger voxels told it apart gives way also beside a surface: that one is known better.
-            if scale > 0 || !self.see_a_surface(centre, half, most) {
-                let more = more.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into());
-                outvoted.into_iter().for_each(|(voxel, evidence)| more[voxel] = evidence.max(-127) as i8);
+            if scale == 0 && beside.get_or_insert_with(|| Testimony::hear(witnesses, corner, BESIDE, self.most)).has_a_surface(centre, self.most) {
+                continue;
+            }
+            for sub in 0..voxels_at(SCALES - 1 - scale) {
+                let within = voxel_coords(sub, SCALES - 1 - scale);
+                let c = [first[0] + within[0], first[1] + within[1], first[2] + within[2]];
+                let evidence = testimony.evidence(std::array::from_fn(|k| corner[k] + c[k] as f32 + 0.5));
+                if i32::from(value) + evidence < 0 {
+                    more.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into())[voxel_index(c, 0)] = evidence.max(-127) as i8;
+                }
             }
         }
         more.map(|more| (key, more))
     }
+}
 
-    /// Whether any of the others has something occupied, no doubt of its own (`most`), around the voxel at `centre` that is `half` its
-    /// edge to each side.
-    fn see_a_surface(&self, centre: [f32; 3], half: f32, most: i8) -> bool {
-        [half, half + 0.5 * BESIDE, half + BESIDE].into_iter().any(|r| {
-            let steps = (0..27).filter(|i| *i != 13).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(|d| d as f32 * r));
-            steps.map(|d| [centre[0] + d[0], centre[1] + d[1], centre[2] + d[2]]).any(|p| self.values(p).any(|v| v > most))
-        })
+/// What the witnesses know in and around a block.
+struct Testimony<'a> {
+    /// Of those who say different things in different places.
+    windows: Vec<(&'a Placement, Window<'a>)>,
+    /// Sum of what the others say everywhere here.
+    everywhere: i32,
+}
+
+impl<'a> Testimony<'a> {
+    /// Of the block whose smallest corner is at `corner` and of `around` voxels about it, from those that hold more than `least` there.
+    fn hear(witnesses: &[&'a Witness<'a>], corner: [f32; 3], around: f32, least: i8) -> Self {
+        let half = 0.5 * BLOCK_EDGE as f32;
+        let mut testimony = Self { windows: Vec::new(), everywhere: 0 };
+        for w in witnesses {
+            let blocks = Blocks::around(&w.placement, corner.map(|c| c + half), half + around);
+            let Some(window) = Window::new(w.field, &blocks, least) else { continue };
+            match window.uniform() {
+                Some(value) if least == UNKNOWN => testimony.everywhere += i32::from(value),
+                _ => testimony.windows.push((&w.placement, window)),
+            }
+        }
+        testimony
     }
 
-    /// Sum of what the others hold at `p`, finest voxels of the doubtful submap.
+    /// Sum of what the witnesses hold at `p`, finest voxels of the doubtful submap.
     #[inline(always)]
     fn evidence(&self, p: [f32; 3]) -> i32 {
-        self.values(p).filter(|v| *v != UNKNOWN).map(i32::from).sum()
+        let values = self.windows.iter().map(|(placement, window)| window.value(placement.t_source_target.apply(p)));
+        self.everywhere + values.filter(|v| *v != UNKNOWN).map(i32::from).sum::<i32>()
     }
 
-    fn values(&self, p: [f32; 3]) -> impl Iterator<Item = i8> {
-        self.others.iter().map(move |(field, placement)| field.value_at(placement.t_source_target.apply(p).map(|v| v.floor() as i32)))
+    /// Whether any of them has something occupied, no doubt of its own (`most`), around the finest voxel at `centre`.
+    fn has_a_surface(&self, centre: [f32; 3], most: i8) -> bool {
+        self.windows.iter().any(|(placement, window)| {
+            let t = &placement.t_source_target;
+            let reach = t.rotation.map(|row| row.iter().map(|r| r.abs()).sum::<f32>() * (0.5 + BESIDE) + MARGIN);
+            let is_occupied = |[x, y, z]: [f32; 3]| window.value(t.apply([centre[0] + x, centre[1] + y, centre[2] + z])) > most;
+            window.has_blocks_around(t.apply(centre), reach)
+                && [0.5, 0.5 + 0.5 * BESIDE, 0.5 + BESIDE]
+                    .into_iter()
+                    .any(|r| (0..27).filter(|i| *i != 13).any(|i| is_occupied([i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(|d| d as f32 * r))))
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::atlas::Atlas;
+    use super::{Doubts, LARGEST, Placement};
     use crate::atlas::fusion::{FusionSettings, settle_doubts};
+    use crate::atlas::{Atlas, Submap};
     use crate::field::occupancy::{OccupancyField, State, UNKNOWN};
     use crate::geometry::Pose;
-    use crate::octree::{Cursor, block_key, voxel_coords, voxel_index, voxels_at};
+    use crate::octree::{Cursor, NONE, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
     use crate::settings::Settings;
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
+    use std::collections::BTreeMap;
 
     const VOXEL: f32 = 0.1;
     const HIT: f32 = 2.2;
@@ -193,6 +294,87 @@ mod tests {
             prop_assert!(different <= 4 && freed.abs_diff(expected) <= 4, "{different} different, {freed} freed, {expected} expected");
             prop_assert!(witnesses == 1 || expected > 100);
             prop_assert!(before.submaps()[1..].iter().zip(&atlas.submaps()[1..]).all(|(a, b)| a.occupancy.volumes() == b.occupancy.volumes()));
+        }
+    }
+
+    /// What the others say of a submap's doubtful voxels, each asked from the root up: the definition of [`Doubts`].
+    fn slow(submap: &Submap, all: &[Submap], most: i8) -> BTreeMap<u64, Vec<i8>> {
+        let others = all.iter().filter(|other| other.id != submap.id);
+        let others: Vec<(&Submap, Placement)> =
+            others.map(|other| (other, Placement::new(&submap.t_map_submap.inv_mul(&other.t_map_submap), VOXEL))).collect();
+        let values = |p: [f32; 3]| {
+            let value = |(other, t): &(&Submap, Placement)| other.occupancy.value_at(t.t_source_target.apply(p).map(|v| v.floor() as i32));
+            others.iter().map(value).collect::<Vec<_>>()
+        };
+        let votes = |p| -> i32 { values(p).into_iter().filter(|v| *v != UNKNOWN).map(i32::from).sum() };
+        let mut found = BTreeMap::new();
+        let mut ask = |first: [i32; 3], edge: i32, value: i8| {
+            let centre = first.map(|c| c as f32 + 0.5 * edge as f32);
+            let outvoted = |p| i32::from(value) + votes(p) < 0;
+            let at = |i: i32, r: f32| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(|d| d as f32 * r);
+            let is_wall = |i, r| values(std::array::from_fn(|k| centre[k] + at(i, r)[k])).into_iter().any(|v| v > most);
+            if !(1..=most).contains(&value) || !outvoted(centre) {
+                return;
+            }
+            if edge == 1 && [0.5, 2.0, 3.5].into_iter().any(|r| (0..27).any(|i| i != 13 && is_wall(i, r))) {
+                return;
+            }
+            for i in 0..edge.pow(3) {
+                let c = [first[0] + i % edge, first[1] + i / edge % edge, first[2] + i / (edge * edge)];
+                let middle = c.map(|v| v as f32 + 0.5);
+                if outvoted(middle) {
+                    let block: &mut Vec<i8> = found.entry(block_key(c.map(|v| v >> 3))).or_insert_with(|| vec![UNKNOWN; 512]);
+                    block[voxel_index(c.map(|v| (v & 7) as usize), 0)] = votes(middle).max(-127) as i8;
+                }
+            }
+        };
+        submap.occupancy.tree().for_each(|key, level, octant| {
+            let corner = |key| block_coords(key).map(|c| 8 * c);
+            if octant.link == NONE && level <= LARGEST {
+                (0..1 << (3 * level)).for_each(|i| ask(corner(key | i), 8, octant.payload.value));
+            } else if octant.link != NONE && level == 0 {
+                let block = submap.occupancy.block(octant.link);
+                for (i, value) in submap.occupancy.values(block).iter().enumerate() {
+                    let c = voxel_coords(i, block.scale.into());
+                    ask(std::array::from_fn(|k| corner(key)[k] + (c[k] << block.scale) as i32), 1 << block.scale, *value);
+                }
+            }
+        });
+        found
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn doubts_are_those_that_asking_voxel_by_voxel_finds(
+            seed in any::<u64>(), turns in prop::collection::vec(prop::array::uniform3(-3f64..3.0), 2..5), spread in 0f64..3.0, detail in 0u32..3,
+        ) {
+            let noise = |c: [i32; 3], salt: u64| c.iter().fold(seed ^ salt, |h, v| (h ^ *v as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29)) >> 50;
+            let mut atlas = Atlas::default();
+            for (w, &[roll, pitch, yaw]) in (0u64..).zip(&turns) {
+                // Cubes of one value, of two sizes, and here and there a surface, a hit, or nothing known.
+                let value = |c: [i32; 3]| match (noise(c, w) % 64, noise(c.map(|v| v >> (2 + detail)), 9 + w) % 16) {
+                    (0..2, _) => 112,
+                    (2..6, _) | (_, 0) => 70,
+                    (6..8, _) | (_, 1..5) => UNKNOWN,
+                    (_, 5) => 35,
+                    (_, 6..9) => -16,
+                    _ => -64,
+                };
+                let shift = Translation3::new(spread * roll.sin(), spread * pitch.sin(), 0.3 * yaw);
+                let id = atlas.spawn(Pose::from_parts(shift, UnitQuaternion::from_euler_angles(0.1 * roll, 0.1 * pitch, yaw)));
+                if let Some(submap) = atlas.submap_mut(id) {
+                    submap.occupancy = field(value, |b| (noise(b, 5 + w) % 4) as usize);
+                }
+            }
+            let mut count = 0;
+            for (submap, doubts) in atlas.submaps().iter().zip(Doubts::of(&atlas, VOXEL, 70)) {
+                let doubts: BTreeMap<u64, Vec<i8>> = doubts.blocks.into_iter().map(|(key, more)| (key, more.into())).collect();
+                let slow = slow(submap, atlas.submaps(), 70);
+                count += slow.values().flatten().filter(|v| **v != UNKNOWN).count();
+                prop_assert!(doubts == slow);
+            }
+            prop_assert!(spread > 2.0 || count > 10, "{count}");
         }
     }
 

@@ -12,6 +12,7 @@ mod colour;
 mod doubts;
 mod occupancy;
 mod tsdf;
+mod window;
 
 use super::{Atlas, Submap};
 use crate::field::occupancy::steps;
