@@ -134,7 +134,7 @@ class View {
     const middle = scaled(add(low, high), 0.5), [across, up] = this.axes({ yaw, pitch });
     const towards = [Math.cos(yaw) * Math.cos(pitch), Math.sin(yaw) * Math.cos(pitch), Math.sin(pitch)];
     const panel = byId("panel"), covered = getComputedStyle(panel).position === "absolute" ? panel.offsetLeft + panel.offsetWidth : 0;
-    const tall = Math.tan(FOV / 2) * 1.05, wide = (tall * Math.max(canvas.clientWidth - covered, 50)) / Math.max(canvas.clientHeight, 1);
+    const tall = Math.tan(FOV / 2) * 0.98, wide = (tall * Math.max(canvas.clientWidth - covered, 50)) / Math.max(canvas.clientHeight, 1);
     const distances = [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => {
       const c = sub([0, 1, 2].map((k) => ((corner >> k) & 1 ? high : low)[k]), middle);
       return dot(c, towards) + Math.max(Math.abs(dot(c, across)) / wide, Math.abs(dot(c, up)) / tall);
