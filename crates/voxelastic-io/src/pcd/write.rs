@@ -18,10 +18,10 @@ pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
     write_fields(path.as_ref(), cloud, None)
 }
 
-/// Writes a cloud whose points lie on a surface: as [`write`], with the unit normal of each point as `normal_x normal_y normal_z`.
+/// Writes a cloud whose points lie on a surface: as [`write()`], with the unit normal of each point as `normal_x normal_y normal_z`.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_with_normals(path: impl AsRef<Path>, cloud: &Cloud, normals: &[[f32; 3]]) -> Result<()> {
     write_fields(path.as_ref(), cloud, Some(normals))
 }
