@@ -83,9 +83,17 @@ impl Atlas {
         &mut self.submaps
     }
 
-    /// Lets all submaps but `busy` come to rest, a step further.
+    /// Lets all submaps but `busy` come to rest, a step further, and gives it the memory that this frees: a scan that enters a submap
+    /// would else wait for much that is new.
     pub(crate) fn rest_beside(&mut self, busy: SubmapId) {
-        self.submaps.iter_mut().filter(|s| s.id != busy && s.tsdf.is_awake()).for_each(|s| s.tsdf.rest_oldest());
+        let mut spare = Vec::new();
+        for submap in self.submaps.iter_mut().filter(|s| s.id != busy) {
+            submap.tsdf.rest_oldest();
+            spare.push(submap.tsdf.take_spare());
+        }
+        if let Some(submap) = self.submap_mut(busy) {
+            spare.into_iter().for_each(|spare| submap.tsdf.lend(spare));
+        }
     }
 
     /// Lets all submaps come to rest.
@@ -94,6 +102,7 @@ impl Atlas {
             while submap.tsdf.is_awake() {
                 submap.tsdf.rest_oldest();
             }
+            submap.tsdf.take_spare();
         }
     }
 

@@ -70,12 +70,15 @@ impl<V: Copy + Default> BlockStore<V> {
         }
     }
 
-    /// Gives the memory of scales back of which no array is in use.
-    pub fn trim(&mut self) {
-        self.fine.trim();
-        self.half.trim();
-        self.quarter.trim();
-        self.single.trim();
+    /// Takes the memory that holds nothing.
+    pub fn take_spare(&mut self) -> Spare<V> {
+        Spare { fine: self.fine.take_spare(), half: self.half.take_spare() }
+    }
+
+    /// Adds memory to spare, taken from another store.
+    pub fn lend(&mut self, spare: Spare<V>) {
+        self.fine.lend(spare.fine);
+        self.half.lend(spare.half);
     }
 
     /// Arrays in use at each scale.
@@ -97,6 +100,13 @@ impl<V: Copy + Default> BlockStore<V> {
             single: Cells::new(&mut self.single),
         }
     }
+}
+
+/// Memory of a store that holds nothing, for another one. Coarser arrays are not worth it.
+#[derive(Debug)]
+pub struct Spare<V> {
+    fine: Vec<Vec<[V; voxels_at(0)]>>,
+    half: Vec<Vec<[V; voxels_at(1)]>>,
 }
 
 /// A [`BlockStore`] opened for parallel writing.

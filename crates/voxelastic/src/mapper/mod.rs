@@ -207,12 +207,12 @@ impl Mapper {
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may lag behind by `update_distance`.
         let root = self.members.root(id).and_then(|root| self.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
+        self.atlas.rest_beside(id);
         let Some(submap) = self.atlas.submap_mut(id) else { return Err(MapError::LostSubmap { node, submap: id }) };
         self.members.add(node, id);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
         submap.place_scan(node, t_submap_lidar);
         let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings);
-        self.atlas.rest_beside(id);
         let is_new_submap = placed == Placed::NewSubmap;
         self.counts.note(placed);
         Ok(ScanReport { node, submap: id, is_new_submap, placed, counts: prepared.counts, prepare, elastic, tsdf, occupancy })

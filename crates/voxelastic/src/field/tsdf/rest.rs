@@ -4,6 +4,7 @@ use super::blocks::{Block, TsdfField};
 use super::packed::Packed;
 use super::voxel::Voxel;
 use crate::dispatch::{Kernel, dispatch};
+use crate::field::Spare;
 use crate::octree::{Cursor, NONE, Pool, prefetch};
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -142,10 +143,17 @@ impl TsdfField {
                 (block.data[scale], block.packed[scale]) = (self.resting.insert(packed), true);
             }
         }
-        if self.resting.recent.is_empty() {
-            self.voxels.trim();
-            self.shades.trim();
-        }
+    }
+
+    /// Takes the memory that holds nothing: while the field changes what it has to spare, and all when it has come to rest.
+    pub(crate) fn take_spare(&mut self) -> (Spare<Voxel>, Spare<u8>) {
+        (self.voxels.take_spare(), self.shades.take_spare())
+    }
+
+    /// Adds memory to spare, taken from another field.
+    pub(crate) fn lend(&mut self, (voxels, shades): (Spare<Voxel>, Spare<u8>)) {
+        self.voxels.lend(voxels);
+        self.shades.lend(shades);
     }
 }
 
