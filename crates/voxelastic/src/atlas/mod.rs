@@ -88,7 +88,7 @@ impl Atlas {
     pub(crate) fn rest_beside(&mut self, busy: SubmapId) {
         let mut spare = Vec::new();
         for submap in self.submaps.iter_mut().filter(|s| s.id != busy) {
-            submap.tsdf.rest_oldest();
+            submap.tsdf.rest_a_step();
             spare.push(submap.tsdf.take_spare());
         }
         if let Some(submap) = self.submap_mut(busy) {
@@ -99,9 +99,7 @@ impl Atlas {
     /// Lets all submaps come to rest.
     pub(crate) fn rest(&mut self) {
         for submap in &mut self.submaps {
-            while submap.tsdf.is_awake() {
-                submap.tsdf.rest_oldest();
-            }
+            submap.tsdf.rest_all();
             submap.tsdf.take_spare();
         }
     }

@@ -3,8 +3,9 @@
 //! A surface passes through a block, it does not fill it: of a fine array one voxel in five is ever observed. Arrays that no scan has
 //! touched for a while are kept like this; nothing is lost, and any voxel can be read where it lies.
 
+use super::rest::LINE;
 use super::voxel::Voxel;
-use crate::octree::voxels_at;
+use crate::octree::{prefetch, voxels_at};
 use bytemuck::{Pod, Zeroable};
 
 /// Voxels that share an entry of the map.
@@ -116,15 +117,25 @@ impl Packed {
     }
 
     /// Fills `voxels`, the array of a block at `scale`.
+    #[inline(always)]
     pub fn unpack(&self, scale: usize, voxels: &mut [Voxel]) {
         let Pieces { map, values, .. } = self.pieces(scale);
         scatter(map, values, voxels);
     }
 
     /// Fills `shades`, the intensities of a block at `scale`.
+    #[inline(always)]
     pub fn unpack_shades(&self, scale: usize, shades: &mut [u8]) {
         let pieces = self.pieces(scale);
         scatter(pieces.map, pieces.shades, shades);
+    }
+
+    /// Asks for all of it to be brought near.
+    #[inline(always)]
+    pub fn ask_for(&self) {
+        for line in self.words.chunks(LINE / size_of::<u32>()) {
+            prefetch(line.as_ptr());
+        }
     }
 
     /// Bytes held, and what an allocator adds.

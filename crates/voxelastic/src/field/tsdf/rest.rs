@@ -4,8 +4,8 @@ use super::blocks::{Block, TsdfField};
 use super::packed::Packed;
 use super::voxel::Voxel;
 use crate::dispatch::{Kernel, dispatch};
-use crate::field::Spare;
-use crate::octree::{Cursor, NONE, Pool, prefetch};
+use crate::field::{Spare, StoreCells};
+use crate::octree::{Cursor, NONE, Pool, prefetch, voxels_at};
 use rayon::prelude::*;
 use std::collections::VecDeque;
 
@@ -15,8 +15,13 @@ pub(crate) const COARSEST_PACKED: usize = 1;
 const CHANGES_AWAKE: usize = 8;
 /// Stands for the slot of intensities that lie with their packed voxels.
 pub(super) const PACKED_TOO: u32 = 0;
+/// Blocks that are laid to rest beside a scan, at most: nobody waits for them.
+const MOST_AT_ONCE: usize = 2048;
 /// Blocks that a thread takes at a time: each is a fraction of a microsecond.
 const BLOCKS_PER_TASK: usize = 64;
+
+/// Bytes of a cache line.
+pub(super) const LINE: usize = 64;
 
 /// What is at rest, and what may be next.
 #[derive(Clone, Debug, Default)]
@@ -74,16 +79,7 @@ impl TsdfField {
             }
         }
         let (voxels, shades) = (self.voxels.cells(), self.shades.cells());
-        waking.into_par_iter().with_min_len(BLOCKS_PER_TASK).for_each(|array| {
-            // SAFETY: every slot was handed out just now, for one array each.
-            #[allow(unsafe_code)]
-            unsafe {
-                array.packed.unpack(array.scale, voxels.get(array.scale, array.voxels));
-                if array.shades != NONE {
-                    array.packed.unpack_shades(array.scale, shades.get(array.scale, array.shades));
-                }
-            }
-        });
+        waking.par_chunks(BLOCKS_PER_TASK).for_each(|waking| dispatch(Unpack { waking, voxels: &voxels, shades: &shades }));
     }
 
     /// Notes that blocks `ids` have just been changed, and lays those to rest that none of the last changes touched.
@@ -92,9 +88,7 @@ impl TsdfField {
         let clock = self.resting.clock;
         ids.iter().for_each(|&id| self.blocks[id].changed = clock);
         self.resting.recent.push_back((clock, ids));
-        if self.resting.recent.len() > CHANGES_AWAKE {
-            self.rest_oldest();
-        }
+        self.rest(CHANGES_AWAKE, MOST_AT_ONCE);
     }
 
     /// Gives `block` an array at `scale` that it does not have yet: at rest if arrays of that scale can be.
@@ -119,15 +113,30 @@ impl TsdfField {
         self.hang(cursor, block)
     }
 
-    /// Whether blocks are awake that may rest when nothing changes the field any more.
-    pub(crate) fn is_awake(&self) -> bool {
-        !self.resting.recent.is_empty()
+    /// Goes on to lay the field to rest, while it is not changed itself.
+    pub(crate) fn rest_a_step(&mut self) {
+        self.rest(0, MOST_AT_ONCE);
     }
 
-    /// Lays those blocks to rest that have not been touched for longest.
-    pub(crate) fn rest_oldest(&mut self) {
-        let Some((clock, mut ids)) = self.resting.recent.pop_front() else { return };
-        ids.retain(|&id| self.blocks[id].changed == clock);
+    /// Lays all of the field to rest.
+    pub(crate) fn rest_all(&mut self) {
+        self.rest(0, usize::MAX);
+    }
+
+    /// Lays blocks to rest, the longest untouched first, until those of `awake` changes are left or `most` have been.
+    fn rest(&mut self, awake: usize, mut most: usize) {
+        while self.resting.recent.len() > awake && most > 0 {
+            let Some((clock, mut ids)) = self.resting.recent.pop_front() else { return };
+            ids.retain(|&id| self.blocks[id].changed == clock);
+            if ids.len() > most {
+                self.resting.recent.push_front((clock, ids.split_off(most)));
+            }
+            most -= ids.len();
+            self.lay_to_rest(ids);
+        }
+    }
+
+    fn lay_to_rest(&mut self, ids: Vec<u32>) {
         let mut packs: Vec<Packs> = vec![[const { None }; COARSEST_PACKED + 1]; ids.len()];
         let tasks = packs.par_chunks_mut(BLOCKS_PER_TASK).zip(ids.par_chunks(BLOCKS_PER_TASK));
         tasks.for_each(|(packs, ids)| dispatch(Pack { field: self, ids, packs }));
@@ -154,6 +163,35 @@ impl TsdfField {
     pub(crate) fn lend(&mut self, (voxels, shades): (Spare<Voxel>, Spare<u8>)) {
         self.voxels.lend(voxels);
         self.shades.lend(shades);
+    }
+}
+
+/// Unpacks arrays, each into slots of its own.
+struct Unpack<'a> {
+    waking: &'a [Waking],
+    voxels: &'a StoreCells<'a, Voxel>,
+    shades: &'a StoreCells<'a, u8>,
+}
+
+impl Kernel for Unpack<'_> {
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn run(self) {
+        for (i, array) in self.waking.iter().enumerate() {
+            if let Some(next) = self.waking.get(i + 1) {
+                next.packed.ask_for();
+                for line in 0..(size_of::<Voxel>() * voxels_at(next.scale)).div_ceil(LINE) {
+                    prefetch(self.voxels.address(next.scale, next.voxels).cast::<u8>().wrapping_add(LINE * line));
+                }
+            }
+            // SAFETY: every slot was handed out just now, for one array each.
+            unsafe {
+                array.packed.unpack(array.scale, self.voxels.get(array.scale, array.voxels));
+                if array.shades != NONE {
+                    array.packed.unpack_shades(array.scale, self.shades.get(array.scale, array.shades));
+                }
+            }
+        }
     }
 }
 
@@ -186,7 +224,6 @@ impl Kernel for Pack<'_> {
 /// Asks for the arrays of `block` to be brought near.
 #[inline(always)]
 fn ask_for(field: &TsdfField, block: &Block) {
-    const LINE: usize = 64;
     for scale in 0..=COARSEST_PACKED {
         if block.data[scale] != NONE && !block.packed[scale] {
             for line in field.voxels.get(scale, block.data[scale]).chunks(LINE / size_of::<Voxel>()) {
