@@ -52,7 +52,11 @@ fn a_map_survives_being_killed_at_any_moment() {
     let dir = dir.path().join("killed.vox");
     let mut numbers = Numbers(42);
     let (mut last, mut advanced) = (None, 0);
-    for round in 0..40 {
+    // On a busy machine few saves are done between two kills: as many rounds as it takes, within reason.
+    for round in 0.. {
+        if round >= 40 && (advanced >= 10 || round == 1000) {
+            break;
+        }
         let mut child = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "saves_for_ever", "--nocapture"])
             .env(DIR, &dir)
@@ -73,7 +77,7 @@ fn a_map_survives_being_killed_at_any_moment() {
         advanced += usize::from(step > last);
         last = step;
     }
-    assert!(advanced >= 10, "kills must hit between saves, not before the first: {advanced} of 40 rounds saved, last step {last:?}");
+    assert!(advanced >= 10, "kills must hit between saves, not before the first: {advanced} rounds saved, last step {last:?}");
     // A last save leaves nothing behind but the map.
     let atlas = atlas_at(0);
     let mut writer = MapWriter::open(&dir).unwrap();

@@ -68,7 +68,12 @@ impl Atlas {
     /// Takes submap `id` out of the list to be fused into `target`, in which it lies at `t_target_submap`.
     pub(crate) fn retire(&mut self, id: SubmapId, target: SubmapId, t_target_submap: Pose) -> Option<Arc<Submap>> {
         let place = self.submaps.binary_search_by_key(&id, |s| s.id).ok()?;
-        let submap = Arc::new(self.submaps.remove(place));
+        let mut submap = self.submaps.remove(place);
+        let spare = submap.tsdf.take_spare();
+        if let Some(target) = self.submap_mut(target) {
+            target.tsdf.lend(spare);
+        }
+        let submap = Arc::new(submap);
         self.retiring = Some(Retired { submap: Arc::clone(&submap), target, t_target_submap });
         Some(submap)
     }

@@ -80,6 +80,8 @@ impl TsdfField {
         }
         let (voxels, shades) = (self.voxels.cells(), self.shades.cells());
         waking.par_chunks(BLOCKS_PER_TASK).for_each(|waking| dispatch(Unpack { waking, voxels: &voxels, shades: &shades }));
+        // Giving so many small pieces of memory back takes as long as unpacking them.
+        waking.into_par_iter().with_min_len(BLOCKS_PER_TASK).for_each(drop);
     }
 
     /// Notes that blocks `ids` have just been changed, and lays those to rest that none of the last changes touched.
