@@ -99,7 +99,7 @@ pub fn run(shop: &Workshop, real_data: &Path, campus: Option<&Path>) -> Result<G
         growth.sweeps.push(settings(shop, &usual, field, ("range", "m", format!("{}, 64 rings", centimetres(HARD.voxel))), &points)?);
     }
     for field in FIELDS {
-        let points = VOXELS.map(|v| (f64::from(v), Setting { voxel: v, ..HARD }));
+        let points = VOXELS.map(|v| ((f64::from(v) * 1e4).round() / 1e4, Setting { voxel: v, ..HARD }));
         growth.sweeps.push(settings(shop, &usual, field, ("voxel", "m", format!("{} m, 64 rings", HARD.max_range)), &points)?);
     }
     growth.sweeps.push(submaps::sweep(shop)?);
