@@ -1,119 +1,171 @@
-//! Which dual cells of a block the surface passes through.
+//! Which dual cells of a block the surface passes through, and where their corners are.
 //!
 //! A cell's corners are the eight voxels that meet at a corner of the grid; cell `c` lies between the voxels `c - 1` and `c`.
+#![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
-use super::cases::EDGES;
-use super::padded::{CENTRE, Padded, neighbour_offset};
+use super::gaps::Closed;
+use super::layout::{Around, CENTRE, Head, neighbour_offset};
+use super::rows::{LAYER, Padded, ROWS, Rows};
+use super::samples::{MAX_SLOPE, coords, place};
+use crate::field::tsdf::DISTANCE_STEPS;
 use crate::octree::BLOCK_EDGE;
 
-/// A distance between neighbouring voxels that changes faster than this many times their spacing is no surface, but the
-/// place where the band in front of one surface meets the band behind another.
-const MAX_SLOPE: f32 = 4.0;
-
-/// Cells along an edge of a block, those that it shares with its neighbours included.
-const WIDTH: usize = BLOCK_EDGE + 1;
-
-/// The cells of a block that have a piece of the surface: a mask per row along x, bit c for the cell at c.
-pub(super) struct Cells {
-    rows: [u16; WIDTH * WIDTH],
+/// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface: bit c of row
+/// y in layer z for the cell at (c, y, z).
+#[inline(always)]
+pub(super) fn find(padded: &Padded, closed: &Closed<'_>, around: &Around, head: &Head) -> Rows {
+    let mut cells = [0; ROWS];
+    let (known, behind, far) = (&padded.known, &padded.behind, &padded.far);
+    let mut doubtful = 0;
+    for i in 0..9 * LAYER {
+        let k = known[i] & known[i + 1] & known[i + LAYER] & known[i + LAYER + 1];
+        let any = behind[i] | behind[i + 1] | behind[i + LAYER] | behind[i + LAYER + 1];
+        let all = behind[i] & behind[i + 1] & behind[i + LAYER] & behind[i + LAYER + 1];
+        let distant = far[i] | far[i + 1] | far[i + LAYER] | far[i + LAYER + 1];
+        cells[i] = k & k >> 1 & (any | any >> 1) & !(all & all >> 1);
+        doubtful |= cells[i] & (distant | distant >> 1);
+    }
+    if doubtful != 0 {
+        leave_out_steep(&mut cells, padded, closed, around, head);
+    }
+    cells
 }
 
-impl Cells {
-    /// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface.
-    pub fn find(padded: &Padded) -> Self {
-        let n = padded.edge as i32;
-        let mut cells = Self { rows: [0; WIDTH * WIDTH] };
-        for z in 0..=n {
-            for y in 0..=n {
-                let rows = rows_around(y, z);
-                let [known, any, all] = rows.iter().fold([u16::MAX, 0, u16::MAX], |[known, any, all], &row| {
-                    [known & padded.known[row], any | padded.behind[row], all & padded.behind[row]]
-                });
-                let both = (known & known >> 1) & (any | any >> 1) & !(all & all >> 1);
-                // Bit `bit(c - 1)` of `both` is the cell at c.
-                let mut active = both >> Padded::bit(-1) & ((1 << (n + 1)) - 1);
-                for x in bits(active) {
-                    if too_steep(padded, [x, y, z]) {
-                        active &= !(1 << x);
+/// Leaves out the cells around every crossed edge that is too steep to be a surface, see [`MAX_SLOPE`].
+fn leave_out_steep(cells: &mut Rows, padded: &Padded, closed: &Closed<'_>, around: &Around, head: &Head) {
+    let (known, behind, far) = (&padded.known, &padded.behind, &padded.far);
+    for i in 0..10 * LAYER {
+        // Bit c for the edge from the voxel at bit c to the next one along each axis.
+        let beyond = |rows: &Rows| [rows[i] >> 1, rows[i + 1], rows[i + LAYER]];
+        let [known_there, behind_there, far_there] = [beyond(known), beyond(behind), beyond(far)];
+        for axis in 0..3 {
+            let mut left = known[i] & known_there[axis] & (behind[i] ^ behind_there[axis]) & (far[i] | far_there[axis]);
+            while left != 0 {
+                let x = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let here = [x as i32 - 1, (i % LAYER) as i32 - 1, (i / LAYER) as i32 - 1];
+                if is_too_steep(here, axis, closed, around, head) {
+                    let at = (1 << x) | if axis == 0 { 0 } else { (1 << x) >> 1 };
+                    for dy in 0..1 + usize::from(axis != 1) {
+                        for dz in 0..1 + usize::from(axis != 2) {
+                            // Beyond the first row and layer there is no cell.
+                            if let Some(row) = i.checked_sub(dy + LAYER * dz) {
+                                cells[row] &= !at;
+                            }
+                        }
                     }
                 }
-                cells.rows[y as usize + z as usize * WIDTH] = active;
             }
         }
-        cells
     }
+}
 
-    /// Mask of the cells at `y` and `z`.
+/// Whether the crossing between voxel `here` and the next one along `axis` is too steep.
+fn is_too_steep(here: [i32; 3], axis: usize, closed: &Closed<'_>, around: &Around, head: &Head) -> bool {
+    let mut there = here;
+    there[axis] += 1;
+    let [a, b] = [here, there].map(|c| Corner::at(c, closed, around, head));
+    let spacing = (0..3).map(|k| (a.centre[k] - b.centre[k]).powi(2)).sum::<f32>().sqrt();
+    (a.distance - b.distance).abs() > MAX_SLOPE * spacing
+}
+
+/// The voxels of row `i` that are corners of cell `x`, as a case of marching cubes.
+#[inline(always)]
+pub(super) fn case(behind: &Rows, i: usize, x: usize) -> usize {
+    let [a, b, c, d] = [behind[i], behind[i + 1], behind[i + LAYER], behind[i + LAYER + 1]];
+    usize::from((a >> x & 3) | (b >> x & 3) << 2 | (c >> x & 3) << 4 | (d >> x & 3) << 6)
+}
+
+/// Blocks around that the cells of each zone touch. In each axis a cell may lie between the block and the one before it (0), in the
+/// block (1), or between the block and the one beyond (2); zones are numbered x fastest.
+const TOUCHED: [u32; 27] = {
+    let mut touched = [0; 27];
+    let mut zone = 0;
+    while zone < 27 {
+        let mut block = 0;
+        while block < 27 {
+            let (z, b) = ([zone % 3, zone / 3 % 3, zone / 9], [block % 3, block / 3 % 3, block / 9]);
+            let mut k = 0;
+            let mut within = true;
+            while k < 3 {
+                within &= b[k] == 1 || b[k] == z[k];
+                k += 1;
+            }
+            touched[zone] |= (within as u32) << block;
+            block += 1;
+        }
+        zone += 1;
+    }
+    touched
+};
+
+/// The cells between blocks of different scales that a block owns, as rows like those of [`find`]: none of the blocks that meet there
+/// is finer, and it is the first in z, y, x order of those that are as fine.
+pub(super) fn owned_seams(around: &Around, n: usize) -> Option<Rows> {
+    let (native, coarser) = (around.native, around.coarser);
+    let before = (1 << CENTRE) - 1;
+    let owned = |touched: u32| touched & !(native | coarser) == 0 && touched & coarser != 0 && touched & native & before == 0;
+    let zones = (0..27).filter(|&zone| owned(TOUCHED[zone])).fold(0u32, |zones, zone| zones | 1 << zone);
+    if zones == 0 {
+        return None;
+    }
+    let parts = [1, ((1u32 << n) - 2) as u16, 1 << n];
+    let mut rows = [0; ROWS];
+    let zone_of = |v: usize| usize::from(v > 0) + usize::from(v == n);
+    for (z, y) in (0..=n).flat_map(|z| (0..=n).map(move |y| (z, y))) {
+        let first = 3 * zone_of(y) + 9 * zone_of(z);
+        rows[y + LAYER * z] = (0..3).filter(|x| zones >> (first + x) & 1 == 1).fold(0, |row, x| row | parts[x]);
+    }
+    Some(rows)
+}
+
+/// A voxel at a corner of a cell.
+#[derive(Clone, Copy)]
+pub(super) struct Corner {
+    pub rank: u32,
+    pub place: u16,
+    pub scale: u8,
+    /// Centre and distance, in finest voxels.
+    pub centre: [f32; 3],
+    pub distance: f32,
+}
+
+/// A cell whose corners are known.
+pub(super) struct Cell {
+    pub corners: [Corner; 8],
+}
+
+impl Cell {
+    /// Looks up the corners of cell `c` of a block.
+    pub fn at(c: [i32; 3], closed: &Closed<'_>, around: &Around, head: &Head) -> Self {
+        Self { corners: corners(c).map(|voxel| Corner::at(voxel, closed, around, head)) }
+    }
+}
+
+impl Corner {
+    /// Looks up voxel `c` of a block or of one of the blocks around that are not finer.
     #[inline(always)]
-    pub fn row(&self, y: i32, z: i32) -> u16 {
-        self.rows[y as usize + z as usize * WIDTH]
+    pub fn at(c: [i32; 3], closed: &Closed<'_>, around: &Around, head: &Head) -> Self {
+        let n = head.edge() as i32;
+        let side = c.map(|v| usize::from(v >= 0) + usize::from(v >= n));
+        let neighbour = side[0] + 3 * side[1] + 9 * side[2];
+        let rank = around.ranks[neighbour];
+        let scale = closed.layout.heads[rank as usize].scale;
+        let place = place(c.map(|v| (v & (n - 1)) as usize >> (scale - head.scale)));
+        let (origin, offset, edge) = (head.origin(), neighbour_offset(neighbour), (1u32 << scale) as f32);
+        let local = coords(place);
+        Self {
+            rank,
+            place: place as u16,
+            scale,
+            centre: std::array::from_fn(|k| (origin[k] + offset[k] * BLOCK_EDGE as i32) as f32 + (local[k] as f32 + 0.5) * edge),
+            distance: closed.steps(rank as usize, place) * (edge / DISTANCE_STEPS),
+        }
     }
-}
-
-/// The positions of the bits that are set.
-#[inline(always)]
-pub(super) fn bits(mut mask: u16) -> impl Iterator<Item = i32> {
-    std::iter::from_fn(move || {
-        let bit = mask.trailing_zeros();
-        (mask != 0).then(|| {
-            mask &= mask - 1;
-            bit as i32
-        })
-    })
-}
-
-/// Rows of samples that the cells at `y` and `z` lie between, in the order of a cell's corners.
-#[inline(always)]
-fn rows_around(y: i32, z: i32) -> [usize; 4] {
-    [Padded::row(y - 1, z - 1), Padded::row(y, z - 1), Padded::row(y - 1, z), Padded::row(y, z)]
 }
 
 /// The voxels at the corners of cell `c`.
 #[inline(always)]
 pub(super) fn corners(c: [i32; 3]) -> [[i32; 3]; 8] {
     std::array::from_fn(|i| [c[0] - 1 + (i & 1) as i32, c[1] - 1 + (i >> 1 & 1) as i32, c[2] - 1 + (i >> 2) as i32])
-}
-
-/// The case of cell `c`: a bit for each corner behind the surface.
-#[inline(always)]
-pub(super) fn case(padded: &Padded, c: [i32; 3]) -> usize {
-    rows_around(c[1], c[2]).iter().rev().fold(0, |case, &row| case << 2 | usize::from(padded.behind[row] >> Padded::bit(c[0] - 1) & 3))
-}
-
-/// Of the finest blocks that meet in a cell, the first in z, y, x order owns it. Finer neighbours were excluded before.
-pub(super) fn is_owned(padded: &Padded, c: [i32; 3]) -> bool {
-    if padded.uniform {
-        return c.iter().all(|&v| v > 0);
-    }
-    corners(c).iter().all(|&corner| {
-        let neighbour = padded.neighbour(corner);
-        if neighbour == CENTRE || usize::from(padded.scales[neighbour]) != padded.scale {
-            return true;
-        }
-        let [x, y, z] = neighbour_offset(neighbour);
-        (z, y, x) > (0, 0, 0)
-    })
-}
-
-/// Whether a crossing of the cell is too steep to be a surface, see [`MAX_SLOPE`].
-fn too_steep(padded: &Padded, c: [i32; 3]) -> bool {
-    let corners = corners(c);
-    let samples = corners.map(Padded::at);
-    let (low, high) =
-        samples.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &s| (low.min(padded.distances[s]), high.max(padded.distances[s])));
-    if high - low <= MAX_SLOPE * (1 << padded.scale) as f32 {
-        return false;
-    }
-    EDGES.iter().any(|&[i, j]| {
-        let (a, b) = (samples[i], samples[j]);
-        padded.crosses(a, b) && {
-            let spacing = if padded.uniform {
-                (1 << padded.scale) as f32
-            } else {
-                let (p, q) = (padded.position(padded.corner(corners[i])), padded.position(padded.corner(corners[j])));
-                (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()
-            };
-            (padded.distances[a] - padded.distances[b]).abs() > MAX_SLOPE * spacing
-        }
-    })
 }

@@ -2,70 +2,221 @@
 //!
 //! Beams leave gaps of a voxel everywhere; marching cubes, which needs all eight corners of a cell, makes a hole of each. What
 //! lies between two observed voxels is interpolated, never extrapolated, so that the surface grows nowhere.
+#![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
-use super::cells::bits;
-use super::padded::{LAYER, Padded, ROW};
-use crate::octree::NONE;
+use super::layout::{Around, CENTRE, Layout, PART, neighbour_offset, part_of};
+use super::samples::{Bits, FAR, Field, Samples, coords, place, rank, valid};
+use crate::dispatch::{Kernel, dispatch};
+use crate::field::tsdf::DISTANCE_STEPS;
+use rayon::prelude::*;
 
-/// Neighbours that differ by more than this many voxels belong to different surfaces: a distance changes by one at most.
-const MOST_STEP: f32 = 1.5;
+/// Neighbours that differ by more than this many steps belong to different surfaces: a distance changes by one voxel at most.
+const MOST_STEP: f32 = 1.5 * DISTANCE_STEPS;
+/// The column of voxels at x = 0 in a layer, and the row at y = 0.
+const COLUMN: u64 = 0x0101_0101_0101_0101;
+const ROW: u64 = 0xff;
 
-/// Closes gaps in the block and the first ring of its rim, from what was observed, at the block's own scale.
-///
-/// Blocks that see the same voxel must agree on it, so nothing is closed next to finer blocks, which cannot know.
-pub(super) fn close(padded: &mut Padded) {
-    if padded.edge == 1 {
-        return;
+/// A field with its gaps closed.
+pub(super) struct Closed<'a> {
+    field: &'a Field,
+    pub layout: &'a Layout,
+    /// What is known of each block now, by rank. The values that go with it are those of voxels that were gaps.
+    pub blocks: Vec<Samples>,
+    /// Distances of the voxels that were gaps, by part.
+    filled: Vec<Vec<f32>>,
+}
+
+impl<'a> Closed<'a> {
+    /// Closes gaps, each block's from what was observed at its own scale; none at all unless `wanted`.
+    ///
+    /// Blocks that see the same voxel must agree on it, so nothing is closed next to finer blocks, which cannot know.
+    pub fn new(field: &'a Field, layout: &'a Layout, wanted: bool) -> Self {
+        let mut blocks = field.blocks.clone();
+        let filled = if wanted {
+            let parts = blocks.par_chunks_mut(PART).enumerate();
+            parts
+                .map(|(part, blocks)| {
+                    let mut filled = Vec::new();
+                    dispatch(Close { field, layout, first: part * PART, blocks, filled: &mut filled });
+                    filled
+                })
+                .collect()
+        } else {
+            Vec::new()
+        };
+        Self { field, layout, blocks, filled }
     }
-    let n = padded.edge as i32;
-    let native = padded.rows_of_blocks(|i| padded.ids[i] != NONE && usize::from(padded.scales[i]) == padded.scale);
-    let finer = padded.rows_of_blocks(|i| padded.ids[i] != NONE && usize::from(padded.scales[i]) < padded.scale);
-    let of = |rows: &[[u16; 3]; 3], y: i32, z: i32| rows[padded.side(z)][padded.side(y)];
-    let observed = |y: i32, z: i32| padded.known[Padded::row(y, z)] & of(&native, y, z);
-    let beside_finer = |y: i32, z: i32| {
-        let around = |row: i32| of(&finer, y - 1, row) | of(&finer, y, row) | of(&finer, y + 1, row);
-        let any = around(z - 1) | around(z) | around(z + 1);
-        any | any << 1 | any >> 1
-    };
-    let voxel = (1 << padded.scale) as f32;
-    let inside = ((1u32 << (n + 2)) - 1) << Padded::bit(-1);
-    let mut closed = Vec::new();
-    for z in -1..=n {
-        for y in -1..=n {
-            let here = observed(y, z);
-            let along = (here << 1) & (here >> 1);
-            let across = observed(y - 1, z) & observed(y + 1, z);
-            let upward = observed(y, z - 1) & observed(y, z + 1);
-            let row = Padded::row(y, z);
-            let mut gaps = (along | across | upward) & !padded.known[row] & of(&native, y, z) & inside as u16;
-            if !padded.uniform {
-                gaps &= !beside_finer(y, z);
-            }
-            for bit in bits(gaps) {
-                let sample = row * ROW + bit as usize;
-                let pairs = [(along, 1), (across, ROW), (upward, LAYER * ROW)];
-                if let Some(distance) = between(padded, sample, pairs.map(|(mask, step)| (mask >> bit & 1 == 1).then_some(step)), voxel) {
-                    closed.push((row, bit, distance));
-                }
-            }
+
+    /// Distance of the known voxel at `place` in block `rank`, in steps of its scale.
+    #[inline(always)]
+    pub fn steps(&self, rank: usize, place: usize) -> f32 {
+        match self.field.steps(rank, place) {
+            Some(steps) => f32::from(steps),
+            None => self.filled_steps(rank, place),
         }
     }
-    for (row, bit, distance) in closed {
-        padded.distances[row * ROW + bit as usize] = distance;
-        padded.known[row] |= 1 << bit;
-        padded.behind[row] |= u16::from(distance < 0.0) << bit;
+
+    #[inline(always)]
+    fn filled_steps(&self, rank: usize, place: usize) -> f32 {
+        let samples = &self.blocks[rank];
+        let (layer, bit) = (place >> 6, place & 63);
+        let filled = samples.known[layer] & !self.field.blocks[rank].known[layer];
+        let index = samples.start as usize + usize::from(samples.before[layer]) + self::rank(filled, bit);
+        self.filled[part_of(rank)][index]
+    }
+
+    /// Intensity at a voxel if it was measured.
+    #[inline(always)]
+    pub fn measured_shade(&self, rank: usize, place: usize) -> Option<u8> {
+        self.field.shade(rank, place)
     }
 }
 
-/// The mean of the pairs of samples `steps` to either side of `sample`, unless it is far from one of the neighbours.
-fn between(padded: &Padded, sample: usize, pairs: [Option<usize>; 3], voxel: f32) -> Option<f32> {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for step in pairs.into_iter().flatten() {
-        sum += padded.distances[sample - step] + padded.distances[sample + step];
-        count += 2.0;
+/// Closes the gaps of a part's blocks.
+struct Close<'a> {
+    field: &'a Field,
+    layout: &'a Layout,
+    /// Rank of the first block.
+    first: usize,
+    blocks: &'a mut [Samples],
+    filled: &'a mut Vec<f32>,
+}
+
+impl Kernel for Close<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for i in 0..self.blocks.len() {
+            let (around, n) = (&self.layout.around[self.first + i], self.layout.heads[self.first + i].edge());
+            let samples = &mut self.blocks[i];
+            samples.start = self.filled.len() as u32;
+            samples.before = [0; 8];
+            if n > 1 {
+                self.field.close(self.layout, around, n, samples, self.filled);
+            }
+        }
     }
-    let mean = sum / count;
-    // Comparisons with NaN, the unknown, are false.
-    let far = |step: usize| [sample - step, sample + step].iter().any(|&s| (padded.distances[s] - mean).abs() > MOST_STEP * voxel);
-    (![1, ROW, LAYER * ROW].into_iter().any(far)).then_some(mean)
+}
+
+impl Field {
+    #[inline(always)]
+    fn close(&self, layout: &Layout, around: &Around, n: usize, samples: &mut Samples, filled: &mut Vec<f32>) {
+        let gaps = self.gaps(around, n);
+        let finer = if around.finer == 0 { [0; 8] } else { beside_finer(around, n) };
+        let first = filled.len();
+        for z in 0..n {
+            samples.before[z] = (filled.len() - first) as u16;
+            let mut left = gaps[z] & !finer[z];
+            while left != 0 {
+                let bit = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let Some(steps) = self.between(layout, around, n, 64 * z + bit) else { continue };
+                filled.push(steps);
+                samples.known[z] |= 1 << bit;
+                samples.behind[z] |= u64::from(steps < 0.0) << bit;
+                samples.far[z] |= u64::from(steps.abs() > f32::from(FAR)) << bit;
+            }
+        }
+    }
+
+    /// Unknown voxels between two known ones.
+    #[inline(always)]
+    fn gaps(&self, around: &Around, n: usize) -> Bits {
+        let here = self.native(around, CENTRE);
+        let [left, right, front, back] =
+            [self.native(around, CENTRE - 1), self.native(around, CENTRE + 1), self.native(around, CENTRE - 3), self.native(around, CENTRE + 3)];
+        let (below, above) = (self.native(around, CENTRE - 9)[n - 1], self.native(around, CENTRE + 9)[0]);
+        let (valid, last) = (valid(n), n - 1);
+        let mut upright = [0; 10];
+        upright[0] = below;
+        upright[1..9].copy_from_slice(here);
+        upright[n + 1] = above;
+        let mut gaps = [0; 8];
+        for z in 0..8 {
+            let k = here[z];
+            let along = (k << 1 & !COLUMN | left[z] >> last & COLUMN) & (k >> 1 & !(COLUMN << last) | (right[z] & COLUMN) << last);
+            let across = (k << 8 | front[z] >> (8 * last)) & (k >> 8 | (back[z] & ROW) << (8 * last));
+            gaps[z] = (along | across | upright[z] & upright[z + 2]) & !k & valid;
+        }
+        gaps
+    }
+
+    /// The known voxels of one of the blocks around if it has the same scale.
+    #[inline(always)]
+    fn native(&self, around: &Around, neighbour: usize) -> &Bits {
+        if around.native >> neighbour & 1 == 1 { &self.blocks[around.ranks[neighbour] as usize].known } else { &Samples::EMPTY.known }
+    }
+
+    /// The mean of the pairs of known voxels on opposite sides of a gap, unless it is far from one of the neighbours.
+    #[inline(always)]
+    fn between(&self, layout: &Layout, around: &Around, n: usize, gap: usize) -> Option<f32> {
+        let c = coords(gap);
+        // Along each axis the voxel before and the one beyond.
+        let mut beside = [[f32::NAN; 2]; 3];
+        let (mut sum, mut count) = (0.0, 0.0);
+        for k in 0..3 {
+            let step = 1 << (3 * k);
+            let (inside_before, inside_beyond) = (c[k] > 0, c[k] + 1 < n);
+            let here = around.ranks[CENTRE] as usize;
+            let (mut native_before, mut native_beyond) = (true, true);
+            beside[k][0] = if inside_before {
+                self.known_steps(here, gap - step)
+            } else {
+                let neighbour = CENTRE - [1, 3, 9][k];
+                native_before = around.native >> neighbour & 1 == 1;
+                self.steps_outside(layout, around, n, neighbour, c, k, n - 1)
+            };
+            beside[k][1] = if inside_beyond {
+                self.known_steps(here, gap + step)
+            } else {
+                let neighbour = CENTRE + [1, 3, 9][k];
+                native_beyond = around.native >> neighbour & 1 == 1;
+                self.steps_outside(layout, around, n, neighbour, c, k, 0)
+            };
+            let pair = beside[k][0] + beside[k][1];
+            if native_before & native_beyond & !pair.is_nan() {
+                sum += pair;
+                count += 2.0;
+            }
+        }
+        let mean = sum / count;
+        for k in 0..3 {
+            // Comparisons with NaN, the unknown, are false.
+            if (beside[k][0] - mean).abs() > MOST_STEP || (beside[k][1] - mean).abs() > MOST_STEP {
+                return None;
+            }
+        }
+        Some(mean)
+    }
+
+    /// Distance of a voxel in steps of its scale, NaN where it is unknown.
+    #[inline(always)]
+    fn known_steps(&self, rank: usize, place: usize) -> f32 {
+        self.steps(rank, place).map_or(f32::NAN, f32::from)
+    }
+
+    /// The same in steps of the block's own scale for the voxel beside `c` in one of the blocks around, there at `at` along `axis`.
+    fn steps_outside(&self, layout: &Layout, around: &Around, n: usize, neighbour: usize, mut c: [usize; 3], axis: usize, at: usize) -> f32 {
+        if (around.native | around.coarser) >> neighbour & 1 == 0 {
+            return f32::NAN;
+        }
+        c[axis] = at;
+        let rank = around.ranks[neighbour] as usize;
+        let coarser = n.trailing_zeros() - layout.heads[rank].edge().trailing_zeros();
+        self.known_steps(rank, place(c.map(|v| v >> coarser))) * (1 << coarser) as f32
+    }
+}
+
+/// The voxels beside a finer block.
+fn beside_finer(around: &Around, n: usize) -> Bits {
+    let mut beside = [0; 8];
+    for i in (0..27).filter(|i| around.finer >> i & 1 == 1) {
+        let [columns, rows, layers] = neighbour_offset(i).map(|offset| match offset {
+            -1 => 1u8,
+            0 => u8::MAX,
+            _ => 1 << (n - 1),
+        });
+        let layer = (0..8).filter(|y| rows >> y & 1 == 1).fold(0, |layer, y| layer | u64::from(columns) << (8 * y));
+        (0..8).filter(|z| layers >> z & 1 == 1).for_each(|z| beside[z] |= layer);
+    }
+    beside
 }

@@ -7,15 +7,18 @@
 mod cases;
 mod cells;
 mod colour;
+mod crossings;
 mod extract;
 mod gaps;
-mod join;
+mod layout;
 mod mesh;
 pub mod occupied;
-mod padded;
+mod rows;
+mod samples;
 #[cfg(test)]
 mod tests;
-mod unpacked;
+mod triangles;
+mod vertices;
 pub(crate) mod view;
 
 pub use extract::{MeshOptions, extract};

@@ -26,26 +26,31 @@ impl<'a> View<'a> {
         usize::from(self.scales[id as usize])
     }
 
-    /// The voxels of block `id`; none while they are at rest.
-    #[inline]
-    pub fn in_place(&self, id: u32) -> Option<&[Voxel]> {
-        match &self.settled[id as usize] {
-            Some(voxels) => Some(voxels),
-            None => self.field.in_place(self.field.block(id)),
+    /// Copies the voxels of block `id` into the first ones of `voxels`.
+    pub fn copy(&self, id: u32, voxels: &mut VoxelBuffer) {
+        let block = self.field.block(id);
+        match (&self.settled[id as usize], self.field.in_place(block)) {
+            (Some(array), _) => voxels[..array.len()].copy_from_slice(array),
+            (None, Some(array)) => voxels[..array.len()].copy_from_slice(array),
+            (None, None) => self.field.unpack(block, voxels),
         }
     }
 
-    /// Unpacks the voxels of block `id`, which are at rest, into the first ones of `array`.
-    pub fn unpack(&self, id: u32, array: &mut VoxelBuffer) {
-        self.field.unpack(self.field.block(id), array);
-    }
-
-    /// Those voxels of block `id` that were observed, and maybe others.
-    pub fn held(&self, id: u32) -> &[Voxel] {
-        match &self.settled[id as usize] {
-            Some(voxels) => voxels,
-            None => self.field.held(self.field.block(id), self.scale(id)),
+    /// Copies the intensities that the voxels of block `id` have, 0 where unknown, into the first of `shades`, unless it has none.
+    pub fn copy_shades(&self, id: u32, shades: &mut [u8; voxels_at(0)]) -> bool {
+        let block = self.field.block(id);
+        if !self.field.is_shaded(block) {
+            return false;
         }
+        let (from, here) = (usize::from(block.scale), self.scale(id));
+        let held = self.field.shades(block, from);
+        let shades = &mut shades[..voxels_at(here)];
+        if from == here {
+            shades.copy_from_slice(&held);
+        } else {
+            (0..shades.len()).for_each(|i| shades[i] = shade_at(voxel_coords(i, here), here, from, |i| held[i]));
+        }
+        true
     }
 
     /// Voxel `index` of block `id`.
@@ -64,15 +69,19 @@ impl<'a> View<'a> {
         if !self.field.is_shaded(block) {
             return None;
         }
-        let c = voxel_coords(index, here);
-        let known = |shade: u32| (shade > 0).then_some(shade as u8);
-        if from >= here {
-            return known(self.field.shade(block, voxel_index(c.map(|v| v >> (from - here)), from)).into());
-        }
-        let shades = cube(c, here, from).map(|i| u32::from(self.field.shade(block, i))).filter(|&s| s > 0);
-        let (sum, count) = shades.fold((0, 0), |(sum, count), s| (sum + s, count + 1));
-        known(sum / count.max(1))
+        let shade = shade_at(voxel_coords(index, here), here, from, |i| self.field.shade(block, i));
+        (shade > 0).then_some(shade)
     }
+}
+
+/// Intensity of voxel `c` at scale `here` of a block that has `shades` at scale `from`.
+fn shade_at(c: [usize; 3], here: usize, from: usize, shades: impl Fn(usize) -> u8) -> u8 {
+    if from >= here {
+        return shades(voxel_index(c.map(|v| v >> (from - here)), from));
+    }
+    let known = cube(c, here, from).map(|i| u32::from(shades(i))).filter(|&s| s > 0);
+    let (sum, count) = known.fold((0, 0), |(sum, count), s| (sum + s, count + 1));
+    (sum / count.max(1)) as u8
 }
 
 /// The scale at which block `id` is seen, and its voxels there unless its current array is just that.
