@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
-use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 
 /// What surfaces are extracted.
@@ -62,14 +62,35 @@ impl SurfaceArgs {
 
     /// The surface of a submap in its frame.
     pub fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
-        let kind = match self.surface {
-            Surface::Measured if submap.tsdf.is_empty() => OccupancySurface::Occupied,
-            Surface::Measured => return extract(&submap.tsdf, voxel, &self.options()),
-            Surface::Occupied => OccupancySurface::Occupied,
-            Surface::FreeHull => OccupancySurface::FreeHull,
-            Surface::Frontier => OccupancySurface::Frontier,
-        };
-        extract_occupancy(&submap.occupancy, voxel, kind)
+        match self.occupancy(submap) {
+            Some(kind) => extract_occupancy(&submap.occupancy, voxel, kind),
+            None => extract(&submap.tsdf, voxel, &self.options()),
+        }
+    }
+
+    /// Appends the surface of a submap to `mesh`, in the map frame.
+    pub fn extract_onto(&self, mesh: &mut Mesh, submap: &Submap, voxel: f32) {
+        let t = Rigid::from(&submap.t_map_submap);
+        match self.occupancy(submap) {
+            Some(kind) => mesh.append(&extract_occupancy(&submap.occupancy, voxel, kind), &t),
+            None => extract_onto(mesh, &submap.tsdf, voxel, &self.options(), Some(&t)),
+        }
+    }
+
+    /// Which surface of the submap's occupancy is wanted; none for that of its TSDF.
+    fn occupancy(&self, submap: &Submap) -> Option<OccupancySurface> {
+        match self.surface {
+            Surface::Measured => submap.tsdf.is_empty().then_some(OccupancySurface::Occupied),
+            Surface::Occupied => Some(OccupancySurface::Occupied),
+            Surface::FreeHull => Some(OccupancySurface::FreeHull),
+            Surface::Frontier => Some(OccupancySurface::Frontier),
+        }
+    }
+
+    /// Why there is no mesh.
+    fn nothing(&self) -> anyhow::Error {
+        let remedy = "lower --min-weight, or map more scans: `voxelastic info` shows what is in a map";
+        Failure::new(format!("the map has no surface seen {} times or more", self.min_weight), remedy).into()
     }
 
     /// The pool to work in.
@@ -122,19 +143,20 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
         }
     }
     if meshes.is_empty() {
-        let remedy = "lower --min-weight, or map more scans: `voxelastic info` shows what is in a map";
-        return Err(Failure::new(format!("the map has no surface seen {} times or more", surface.min_weight), remedy).into());
+        return Err(surface.nothing());
     }
     Ok(meshes)
 }
 
 /// The mesh of the whole map, in the map frame.
 pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
-    let mut parts = submap_meshes(atlas, voxel, surface)?.into_iter().map(|(_, part)| part);
-    let mut all = parts.next().unwrap_or_default();
-    for part in parts {
-        all.mesh.append(&part.mesh, &Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] });
-        all.submaps.extend(part.submaps);
+    let mut all = MapMesh::default();
+    for submap in atlas.submaps() {
+        surface.extract_onto(&mut all.mesh, submap, voxel);
+        all.submaps.resize(all.mesh.positions.len(), submap.id);
+    }
+    if all.mesh.triangles.is_empty() {
+        return Err(surface.nothing());
     }
     Ok(all)
 }

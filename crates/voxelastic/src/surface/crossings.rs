@@ -33,15 +33,20 @@ impl Vertices {
         self.first + u32::from(self.before[word]) + rank(self.words[word], bit) as u32
     }
 
-    /// Counts the vertices.
+    /// How many there are.
     #[inline(always)]
-    fn count(&mut self) -> u32 {
+    pub fn count(&self) -> u32 {
+        u32::from(self.before[26]) + self.words[26].count_ones()
+    }
+
+    /// Counts those before each word.
+    #[inline(always)]
+    fn number_words(&mut self) {
         let mut count = 0;
         for i in 0..27 {
             self.before[i] = count;
             count += self.words[i].count_ones() as u16;
         }
-        count.into()
     }
 }
 
@@ -106,27 +111,25 @@ pub(super) fn find(closed: &Closed<'_>) -> (Vec<Vertices>, Vec<Part>) {
     for name in parts.iter().flat_map(|part| &part.seams).flatten() {
         vertices[name.rank as usize].words[usize::from(name.word)] |= 1 << name.bit;
     }
-    let mut counts = vec![0; vertices.len()];
-    (vertices.par_chunks_mut(PART), counts.par_chunks_mut(PART)).into_par_iter().for_each(|(vertices, counts)| dispatch(Count { vertices, counts }));
+    vertices.par_chunks_mut(PART).for_each(|vertices| dispatch(Number { vertices }));
     let mut first = 0;
-    for (vertices, count) in vertices.iter_mut().zip(counts) {
-        vertices.first = first;
-        first += count;
+    for block in &mut vertices {
+        block.first = first;
+        first += block.count();
     }
     (vertices, parts)
 }
 
 /// Counts vertices.
-struct Count<'a> {
+struct Number<'a> {
     vertices: &'a mut [Vertices],
-    counts: &'a mut [u32],
 }
 
-impl Kernel for Count<'_> {
+impl Kernel for Number<'_> {
     #[inline(always)]
     fn run(self) {
         for i in 0..self.vertices.len() {
-            self.counts[i] = self.vertices[i].count();
+            self.vertices[i].number_words();
         }
     }
 }

@@ -15,6 +15,7 @@ use super::vertices::PlaceAll;
 use super::view::View;
 use crate::dispatch::dispatch;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
+use crate::geometry::Rigid;
 use rayon::prelude::*;
 
 /// What to extract.
@@ -36,8 +37,15 @@ impl Default for MeshOptions {
 
 /// Extracts the zero crossings of `field`, in metres of the submap frame, with voxels of `voxel` metres.
 pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
+    let mut mesh = Mesh::default();
+    extract_onto(&mut mesh, field, voxel, options, None);
+    mesh
+}
+
+/// Appends to `mesh` what [`extract`] gives, moved by `t`. For a large mesh of many fields this costs less than to append their meshes.
+pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) {
     if field.is_empty() {
-        return Mesh::default();
+        return;
     }
     let view = View::new(field, options.lod);
     let layout = Layout::new(&view);
@@ -45,49 +53,60 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
     let measured = Field::take(&view, &layout, min_weight);
     let closed = Closed::new(&measured, &layout, options.close_gaps);
     let (vertices, parts) = crossings::find(&closed);
-    let mut mesh = Mesh::default();
-    let counts = place(&mut mesh, &closed, &view, &vertices, voxel);
-    connect(&mut mesh, &layout, &vertices, &parts, &counts);
-    mesh.colours = colour::of_vertices(field, voxel, &mesh);
-    mesh
+    let first = [mesh.positions.len(), mesh.triangles.len()];
+    let (counts, shades) = place(mesh, &closed, &view, &vertices, voxel);
+    connect(mesh, first[0], &layout, &vertices, &parts, &counts);
+    let colours = colour::of_vertices(field, voxel, mesh, first);
+    mesh.append_marks(first[0], &shades, &colours);
+    if let Some(t) = t {
+        mesh.transform_from(first[0], t);
+    }
 }
 
-/// Places all vertices; returns how many each part has.
-fn place(mesh: &mut Mesh, closed: &Closed<'_>, view: &View<'_>, vertices: &[Vertices], voxel: f32) -> Vec<usize> {
-    let total = vertices.last().map_or(0, |v| v.first as usize + v.words.iter().map(|w| w.count_ones() as usize).sum::<usize>());
+/// Places all vertices; returns how many each part has, and their intensities if there are any.
+fn place(mesh: &mut Mesh, closed: &Closed<'_>, view: &View<'_>, vertices: &[Vertices], voxel: f32) -> (Vec<usize>, Vec<u8>) {
+    let total = vertices.last().map_or(0, |last| last.first + last.count()) as usize;
     let first = |part: usize| vertices.get(part * PART).map_or(total, |v| v.first as usize);
     let counts: Vec<usize> = (0..vertices.len().div_ceil(PART)).map(|part| first(part + 1) - first(part)).collect();
-    (mesh.positions, mesh.scales, mesh.shades) = (vec![[0.0; 3]; total], vec![0; total], vec![0; total]);
-    let (positions, scales, shades) = (cut(&mut mesh.positions, &counts), cut(&mut mesh.scales, &counts), cut(&mut mesh.shades, &counts));
-    let shaded =
-        (vertices.par_chunks(PART), positions, scales, shades).into_par_iter().enumerate().map(|(part, (blocks, positions, scales, shades))| {
-            let mut shaded = false;
-            dispatch(PlaceAll { closed, view, voxel, first: part * PART, blocks, positions, scales, shades, shaded: &mut shaded });
-            shaded
-        });
+    let mut shades = vec![0; total];
+    let (positions, scales) = (grow(&mut mesh.positions, total, [0.0; 3]), grow(&mut mesh.scales, total, 0));
+    let tasks = (vertices.par_chunks(PART), cut(positions, &counts), cut(scales, &counts), cut(&mut shades, &counts)).into_par_iter();
+    let shaded = tasks.enumerate().map(|(part, (blocks, positions, scales, shades))| {
+        let mut shaded = false;
+        dispatch(PlaceAll { closed, view, voxel, first: part * PART, blocks, positions, scales, shades, shaded: &mut shaded });
+        shaded
+    });
     if !shaded.reduce(|| false, |a, b| a | b) {
-        mesh.shades = Vec::new();
+        shades = Vec::new();
     }
-    counts
+    (counts, shades)
 }
 
-/// Makes all triangles and sets each vertex normal to the mean of its triangles' normals, weighted by their areas.
-fn connect(mesh: &mut Mesh, layout: &Layout, vertices: &[Vertices], parts: &[Part], counts: &[usize]) {
+/// Makes all triangles and sets each vertex normal to the mean of its triangles' normals, weighted by their areas, for the vertices of the mesh from
+/// `offset` on.
+fn connect(mesh: &mut Mesh, offset: usize, layout: &Layout, vertices: &[Vertices], parts: &[Part], counts: &[usize]) {
     let sizes: Vec<usize> = parts.iter().map(Part::triangles).collect();
-    mesh.triangles = vec![[0; 3]; sizes.iter().sum()];
-    mesh.normals = vec![[0.0; 3]; mesh.positions.len()];
-    let positions = &mesh.positions;
-    let tasks = (parts, cut(&mut mesh.triangles, &sizes), cut(&mut mesh.normals, counts)).into_par_iter().enumerate();
+    let positions = &mesh.positions[offset..];
+    let triangles = grow(&mut mesh.triangles, sizes.iter().sum(), [0; 3]);
+    let normals = grow(&mut mesh.normals, positions.len(), [0.0; 3]);
+    let tasks = (parts, cut(triangles, &sizes), cut(normals, counts)).into_par_iter().enumerate();
     let spilt: Vec<Vec<(u32, [f32; 3])>> = tasks
         .map(|(i, (part, triangles, normals))| {
             let (first, mut spilt) = (i * PART, Vec::new());
-            let first_normal = vertices[first].first;
-            dispatch(Connect { layout, vertices, first, part, positions, triangles, offset: 0, normals, first_normal, spilt: &mut spilt });
+            let (first_normal, offset) = (vertices[first].first, offset as u32);
+            dispatch(Connect { layout, vertices, first, part, positions, triangles, offset, normals, first_normal, spilt: &mut spilt });
             spilt
         })
         .collect();
-    mesh.add_to_normals(spilt.into_iter().flatten());
-    mesh.normalise();
+    mesh.add_to_normals(offset, spilt.into_iter().flatten());
+    mesh.normalise_from(offset);
+}
+
+/// Makes room for `count` more items and returns it.
+fn grow<T: Copy>(items: &mut Vec<T>, count: usize, empty: T) -> &mut [T] {
+    let first = items.len();
+    items.resize(first + count, empty);
+    &mut items[first..]
 }
 
 /// Cuts `items` into pieces of the given lengths.

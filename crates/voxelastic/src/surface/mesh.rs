@@ -1,5 +1,6 @@
 //! A triangle mesh with shared vertices.
 
+use crate::geometry::Rigid;
 use rayon::prelude::*;
 
 /// A triangle mesh; vertices are shared between triangles. The frame is that of what it was extracted from.
@@ -20,17 +21,17 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Adds to the normals of some vertices.
-    pub(super) fn add_to_normals(&mut self, normals: impl Iterator<Item = (u32, [f32; 3])>) {
+    /// Adds to the normals of some vertices, which are numbered from `first` on.
+    pub(super) fn add_to_normals(&mut self, first: usize, normals: impl Iterator<Item = (u32, [f32; 3])>) {
         for (vertex, n) in normals {
-            let normal = &mut self.normals[vertex as usize];
+            let normal = &mut self.normals[first + vertex as usize];
             *normal = std::array::from_fn(|k| normal[k] + n[k]);
         }
     }
 
-    /// Makes all normals unit vectors; a vertex without any faces up.
-    pub(super) fn normalise(&mut self) {
-        self.normals.par_iter_mut().for_each(|n| {
+    /// Makes unit vectors of the normals of vertices from `first` on; a vertex without any faces up.
+    pub(super) fn normalise_from(&mut self, first: usize) {
+        self.normals[first..].par_iter_mut().for_each(|n| {
             let length = n.iter().map(|c| c * c).sum::<f32>().sqrt();
             *n = if length > 0.0 { n.map(|c| c / length) } else { [0.0, 0.0, 1.0] };
         });
@@ -38,19 +39,24 @@ impl Mesh {
 
     /// Adds what vertices from `first` on bear, if anything. A map may have submaps, and a submap blocks, with and without intensity or
     /// colour: those without count as mid grey.
-    fn append_marks(&mut self, first: usize, shades: &[u8], colours: &[[u8; 3]]) {
+    pub(super) fn append_marks(&mut self, first: usize, shades: &[u8], colours: &[[u8; 3]]) {
         append(&mut self.shades, shades, first, self.positions.len(), 128);
         append(&mut self.colours, colours, first, self.positions.len(), [128; 3]);
     }
 
     /// Moves the mesh by `t`.
-    pub fn transform(&mut self, t: &crate::geometry::Rigid) {
-        self.positions.par_iter_mut().for_each(|p| *p = t.apply(*p));
-        self.normals.par_iter_mut().for_each(|n| *n = t.rotate(*n));
+    pub fn transform(&mut self, t: &Rigid) {
+        self.transform_from(0, t);
+    }
+
+    /// Moves the vertices from `first` on by `t`.
+    pub(super) fn transform_from(&mut self, first: usize, t: &Rigid) {
+        self.positions[first..].par_iter_mut().for_each(|p| *p = t.apply(*p));
+        self.normals[first..].par_iter_mut().for_each(|n| *n = t.rotate(*n));
     }
 
     /// Appends `other`, moved by `t`.
-    pub fn append(&mut self, other: &Mesh, t: &crate::geometry::Rigid) {
+    pub fn append(&mut self, other: &Mesh, t: &Rigid) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions.iter().map(|&p| t.apply(p)));
         self.normals.extend(other.normals.iter().map(|&n| t.rotate(n)));

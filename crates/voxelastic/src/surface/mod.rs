@@ -21,6 +21,6 @@ mod triangles;
 mod vertices;
 pub(crate) mod view;
 
-pub use extract::{MeshOptions, extract};
+pub use extract::{MeshOptions, extract, extract_onto};
 pub use mesh::Mesh;
 pub use occupied::{OccupancySurface, extract_occupancy};
