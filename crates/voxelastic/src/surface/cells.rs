@@ -6,51 +6,83 @@
 use super::gaps::Closed;
 use super::layout::{Around, CENTRE, Head, neighbour_offset};
 use super::rows::{LAYER, Padded, ROWS, Rows};
-use super::samples::{MAX_SLOPE, coords, place};
+use super::samples::{MAX_SLOPE, Which, coords, place};
 use crate::field::tsdf::DISTANCE_STEPS;
 use crate::octree::BLOCK_EDGE;
 
-/// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface: bit c of row
-/// y in layer z for the cell at (c, y, z).
-#[inline(always)]
-pub(super) fn find(padded: &Padded, closed: &Closed<'_>, around: &Around, head: &Head) -> Rows {
-    let mut cells = [0; ROWS];
-    let (known, behind, far) = (&padded.known, &padded.behind, &padded.far);
-    let mut doubtful = 0;
-    for i in 0..9 * LAYER {
-        let k = known[i] & known[i + 1] & known[i + LAYER] & known[i + LAYER + 1];
-        let any = behind[i] | behind[i + 1] | behind[i + LAYER] | behind[i + LAYER + 1];
-        let all = behind[i] & behind[i + 1] & behind[i + LAYER] & behind[i + LAYER + 1];
-        let distant = far[i] | far[i + 1] | far[i + LAYER] | far[i + LAYER + 1];
-        cells[i] = k & k >> 1 & (any | any >> 1) & !(all & all >> 1);
-        doubtful |= cells[i] & (distant | distant >> 1);
-    }
-    if doubtful != 0 {
-        leave_out_steep(&mut cells, padded, closed, around, head);
-    }
-    cells
+/// The cells of a block that the surface passes through.
+pub(super) struct Cells {
+    /// Bit c of row y in layer z for the cell at (c, y, z).
+    pub rows: Rows,
+    /// The voxels behind the surface, as [`Padded`] has them.
+    pub behind: Rows,
 }
 
-/// Leaves out the cells around every crossed edge that is too steep to be a surface, see [`MAX_SLOPE`].
-fn leave_out_steep(cells: &mut Rows, padded: &Padded, closed: &Closed<'_>, around: &Around, head: &Head) {
-    let (known, behind, far) = (&padded.known, &padded.behind, &padded.far);
-    for i in 0..10 * LAYER {
-        // Bit c for the edge from the voxel at bit c to the next one along each axis.
-        let beyond = |rows: &Rows| [rows[i] >> 1, rows[i + 1], rows[i + LAYER]];
-        let [known_there, behind_there, far_there] = [beyond(known), beyond(behind), beyond(far)];
-        for axis in 0..3 {
-            let mut left = known[i] & known_there[axis] & (behind[i] ^ behind_there[axis]) & (far[i] | far_there[axis]);
-            while left != 0 {
-                let x = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let here = [x as i32 - 1, (i % LAYER) as i32 - 1, (i / LAYER) as i32 - 1];
-                if is_too_steep(here, axis, closed, around, head) {
-                    let at = (1 << x) | if axis == 0 { 0 } else { (1 << x) >> 1 };
-                    for dy in 0..1 + usize::from(axis != 1) {
-                        for dz in 0..1 + usize::from(axis != 2) {
-                            // Beyond the first row and layer there is no cell.
-                            if let Some(row) = i.checked_sub(dy + LAYER * dz) {
-                                cells[row] &= !at;
+impl Cells {
+    /// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface. None if there is none.
+    #[inline(always)]
+    pub fn find(padded: &Padded<'_>, closed: &Closed<'_>, around: &Around, head: &Head) -> Option<Self> {
+        let (known, behind) = (padded.rows(Which::Known), padded.rows(Which::Behind));
+        let mut rows = [0; ROWS];
+        let mut found = 0;
+        for i in 0..9 * LAYER {
+            let k = known[i] & known[i + 1] & known[i + LAYER] & known[i + LAYER + 1];
+            let any = behind[i] | behind[i + 1] | behind[i + LAYER] | behind[i + LAYER + 1];
+            let all = behind[i] & behind[i + 1] & behind[i + LAYER] & behind[i + LAYER + 1];
+            rows[i] = k & k >> 1 & (any | any >> 1) & !(all & all >> 1);
+            found |= rows[i];
+        }
+        if found == 0 {
+            return None;
+        }
+        let far = padded.rows(Which::Far);
+        let mut doubtful = 0;
+        for i in 0..9 * LAYER {
+            let distant = far[i] | far[i + 1] | far[i + LAYER] | far[i + LAYER + 1];
+            doubtful |= rows[i] & (distant | distant >> 1);
+        }
+        let mut cells = Self { rows, behind };
+        if doubtful != 0 {
+            cells.leave_out_steep(&known, &far, closed, around, head);
+        }
+        Some(cells)
+    }
+
+    /// The corners of cell `x` of row `i` that are behind the surface, as a case of marching cubes.
+    #[inline(always)]
+    pub fn case(&self, i: usize, x: usize) -> usize {
+        let [a, b, c, d] = [self.behind[i], self.behind[i + 1], self.behind[i + LAYER], self.behind[i + LAYER + 1]];
+        usize::from((a >> x & 3) | (b >> x & 3) << 2 | (c >> x & 3) << 4 | (d >> x & 3) << 6)
+    }
+
+    /// Leaves out the cells around every crossed edge that is too steep to be a surface, see [`MAX_SLOPE`].
+    fn leave_out_steep(&mut self, known: &Rows, far: &Rows, closed: &Closed<'_>, around: &Around, head: &Head) {
+        let behind = &self.behind;
+        let mut doubtful = [0; ROWS];
+        for i in 0..10 * LAYER {
+            let along = known[i] >> 1 & (behind[i] ^ behind[i] >> 1) & (far[i] | far[i] >> 1);
+            let across = known[i + 1] & (behind[i] ^ behind[i + 1]) & (far[i] | far[i + 1]);
+            let upward = known[i + LAYER] & (behind[i] ^ behind[i + LAYER]) & (far[i] | far[i + LAYER]);
+            doubtful[i] = known[i] & (along | across | upward);
+        }
+        for i in (0..10 * LAYER).filter(|&i| doubtful[i] != 0) {
+            // Bit c for the edge from the voxel at bit c to the next one along each axis.
+            let beyond = |rows: &Rows| [rows[i] >> 1, rows[i + 1], rows[i + LAYER]];
+            let [known_there, behind_there, far_there] = [beyond(known), beyond(behind), beyond(far)];
+            for axis in 0..3 {
+                let mut left = known[i] & known_there[axis] & (behind[i] ^ behind_there[axis]) & (far[i] | far_there[axis]);
+                while left != 0 {
+                    let x = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    let here = [x as i32 - 1, (i % LAYER) as i32 - 1, (i / LAYER) as i32 - 1];
+                    if is_too_steep(here, axis, closed, around, head) {
+                        let at = (1 << x) | if axis == 0 { 0 } else { (1 << x) >> 1 };
+                        for dy in 0..1 + usize::from(axis != 1) {
+                            for dz in 0..1 + usize::from(axis != 2) {
+                                // Beyond the first row and layer there is no cell.
+                                if let Some(row) = i.checked_sub(dy + LAYER * dz) {
+                                    self.rows[row] &= !at;
+                                }
                             }
                         }
                     }
@@ -67,13 +99,6 @@ fn is_too_steep(here: [i32; 3], axis: usize, closed: &Closed<'_>, around: &Aroun
     let [a, b] = [here, there].map(|c| Corner::at(c, closed, around, head));
     let spacing = (0..3).map(|k| (a.centre[k] - b.centre[k]).powi(2)).sum::<f32>().sqrt();
     (a.distance - b.distance).abs() > MAX_SLOPE * spacing
-}
-
-/// The voxels of row `i` that are corners of cell `x`, as a case of marching cubes.
-#[inline(always)]
-pub(super) fn case(behind: &Rows, i: usize, x: usize) -> usize {
-    let [a, b, c, d] = [behind[i], behind[i + 1], behind[i + LAYER], behind[i + LAYER + 1]];
-    usize::from((a >> x & 3) | (b >> x & 3) << 2 | (c >> x & 3) << 4 | (d >> x & 3) << 6)
 }
 
 /// Blocks around that the cells of each zone touch. In each axis a cell may lie between the block and the one before it (0), in the
@@ -99,7 +124,7 @@ const TOUCHED: [u32; 27] = {
     touched
 };
 
-/// The cells between blocks of different scales that a block owns, as rows like those of [`find`]: none of the blocks that meet there
+/// The cells between blocks of different scales that a block owns, as rows like those of [`Cells`]: none of the blocks that meet there
 /// is finer, and it is the first in z, y, x order of those that are as fine.
 pub(super) fn owned_seams(around: &Around, n: usize) -> Option<Rows> {
     let (native, coarser) = (around.native, around.coarser);

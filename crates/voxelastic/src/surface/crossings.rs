@@ -5,10 +5,10 @@
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
 use super::cases::{CASES, EDGES};
-use super::cells::{self, Cell};
+use super::cells::{Cell, Cells, owned_seams};
 use super::gaps::Closed;
 use super::layout::{Around, Head, PART};
-use super::rows::{LAYER, Padded, Rows};
+use super::rows::{LAYER, Padded};
 use super::samples::{rank, valid};
 use super::triangles::TABLE;
 use crate::dispatch::{Kernel, dispatch};
@@ -151,20 +151,19 @@ impl Kernel for Find<'_> {
         for i in 0..vertices.len() {
             let (around, head) = (&closed.layout.around[first + i], &closed.layout.heads[first + i]);
             let n = head.edge();
-            let mut padded = Padded::native(around, n, &closed.blocks);
-            let cells = cells::find(&padded, closed, around, head);
-            used(&mut vertices[i], &padded.behind, &cells, n);
-            part.add_cells(&padded.behind, &cells, n, triangles);
+            let padded = Padded::native(around, n, closed);
+            if let Some(cells) = Cells::find(&padded, closed, around, head) {
+                use_edges(&mut vertices[i], &cells, n);
+                part.add_cells(&cells, n, triangles);
+            }
             part.ends.push(part.cells.len() as u32);
             if around.coarser != 0 {
-                if let Some(seams) = cells::owned_seams(around, n) {
-                    padded.add_coarser(around, n, closed.layout, &closed.blocks);
-                    let mut cells = cells::find(&padded, closed, around, head);
-                    for i in 0..cells.len() {
-                        cells[i] &= seams[i];
-                    }
-                    part.add_seams(&cells, closed, around, head);
+                let Some(seams) = owned_seams(around, n) else { continue };
+                let Some(mut cells) = Cells::find(&padded.with_coarser(), closed, around, head) else { continue };
+                for i in 0..seams.len() {
+                    cells.rows[i] &= seams[i];
                 }
+                part.add_seams(&cells, closed, around, head);
             }
         }
     }
@@ -172,7 +171,7 @@ impl Kernel for Find<'_> {
 
 /// Notes the edges that are crossed and have a cell beside them.
 #[inline(always)]
-fn used(vertices: &mut Vertices, behind: &Rows, cells: &Rows, n: usize) {
+fn use_edges(vertices: &mut Vertices, Cells { rows: cells, behind }: &Cells, n: usize) {
     let valid = valid(n);
     for z in 0..n {
         let mut rows = [[0u8; 8]; 3];
@@ -194,11 +193,11 @@ fn used(vertices: &mut Vertices, behind: &Rows, cells: &Rows, n: usize) {
 impl Part {
     /// Adds the cells above the block's lower faces; those on the faces belong to the blocks before.
     #[inline(always)]
-    fn add_cells(&mut self, behind: &Rows, cells: &Rows, n: usize, triangles: &[u8; 256]) {
+    fn add_cells(&mut self, cells: &Cells, n: usize, triangles: &[u8; 256]) {
         for z in 0..n {
             let mut rows = [0u8; 8];
             for y in 0..8 {
-                rows[y] = (cells[y + 1 + LAYER * (z + 1)] >> 1) as u8;
+                rows[y] = (cells.rows[y + 1 + LAYER * (z + 1)] >> 1) as u8;
             }
             let mut left = u64::from_le_bytes(rows);
             while left != 0 {
@@ -206,7 +205,7 @@ impl Part {
                 left &= left - 1;
                 let (x, y) = (bit & 7, bit >> 3);
                 let i = y + 1 + LAYER * (z + 1);
-                let case = cells::case(behind, i, x + 1);
+                let case = cells.case(i, x + 1);
                 self.cells.push((x + WIDE * (y + WIDE * z)) as u32 | (case as u32) << CASE_SHIFT);
                 self.cell_triangles += usize::from(triangles[case]);
             }
@@ -214,9 +213,9 @@ impl Part {
     }
 
     /// Adds the triangles of cells where scales meet.
-    fn add_seams(&mut self, cells: &Rows, closed: &Closed<'_>, around: &Around, head: &Head) {
+    fn add_seams(&mut self, cells: &Cells, closed: &Closed<'_>, around: &Around, head: &Head) {
         for i in 0..WIDE * LAYER {
-            let mut left = cells[i];
+            let mut left = cells.rows[i];
             while left != 0 {
                 let x = left.trailing_zeros() as i32;
                 left &= left - 1;

@@ -5,9 +5,10 @@
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
 use super::layout::{Around, CENTRE, Layout, PART, neighbour_offset, part_of};
-use super::samples::{Bits, FAR, Field, Samples, coords, place, rank, valid};
+use super::samples::{Bits, FAR, Field, Measured, Samples, coords, place, rank, valid};
 use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::DISTANCE_STEPS;
+use crate::octree::voxels_at;
 use rayon::prelude::*;
 
 /// Neighbours that differ by more than this many steps belong to different surfaces: a distance changes by one voxel at most.
@@ -31,32 +32,37 @@ impl<'a> Closed<'a> {
     ///
     /// Blocks that see the same voxel must agree on it, so nothing is closed next to finer blocks, which cannot know.
     pub fn new(field: &'a Field, layout: &'a Layout, wanted: bool) -> Self {
-        let mut blocks = field.blocks.clone();
-        let filled = if wanted {
-            let parts = blocks.par_chunks_mut(PART).enumerate();
-            parts
-                .map(|(part, blocks)| {
-                    let mut filled = Vec::new();
-                    dispatch(Close { field, layout, first: part * PART, blocks, filled: &mut filled });
-                    filled
-                })
-                .collect()
-        } else {
-            Vec::new()
-        };
+        let mut blocks: Vec<Samples> = bytemuck::allocation::zeroed_vec(field.blocks.len());
+        let parts = blocks.par_chunks_mut(PART).enumerate().map(|(part, blocks)| {
+            let mut filled = Vec::new();
+            dispatch(Close { field, layout, wanted, first: part * PART, blocks, filled: &mut filled });
+            filled
+        });
+        let filled = parts.collect();
         Self { field, layout, blocks, filled }
     }
 
     /// Distance of the known voxel at `place` in block `rank`, in steps of its scale.
     #[inline(always)]
     pub fn steps(&self, rank: usize, place: usize) -> f32 {
-        match self.field.steps(rank, place) {
+        self.steps_in(self.field.of(rank), rank, place)
+    }
+
+    /// What was measured in block `rank`.
+    #[inline(always)]
+    pub fn measured(&self, rank: usize) -> Measured<'_> {
+        self.field.of(rank)
+    }
+
+    /// As [`steps`](Self::steps), with what was measured in the block at hand.
+    #[inline(always)]
+    pub fn steps_in(&self, measured: Measured<'_>, rank: usize, place: usize) -> f32 {
+        match measured.steps(place) {
             Some(steps) => f32::from(steps),
             None => self.filled_steps(rank, place),
         }
     }
 
-    #[inline(always)]
     fn filled_steps(&self, rank: usize, place: usize) -> f32 {
         let samples = &self.blocks[rank];
         let (layer, bit) = (place >> 6, place & 63);
@@ -64,18 +70,13 @@ impl<'a> Closed<'a> {
         let index = samples.start as usize + usize::from(samples.before[layer]) + self::rank(filled, bit);
         self.filled[part_of(rank)][index]
     }
-
-    /// Intensity at a voxel if it was measured.
-    #[inline(always)]
-    pub fn measured_shade(&self, rank: usize, place: usize) -> Option<u8> {
-        self.field.shade(rank, place)
-    }
 }
 
 /// Closes the gaps of a part's blocks.
 struct Close<'a> {
     field: &'a Field,
     layout: &'a Layout,
+    wanted: bool,
     /// Rank of the first block.
     first: usize,
     blocks: &'a mut [Samples],
@@ -88,9 +89,8 @@ impl Kernel for Close<'_> {
         for i in 0..self.blocks.len() {
             let (around, n) = (&self.layout.around[self.first + i], self.layout.heads[self.first + i].edge());
             let samples = &mut self.blocks[i];
-            samples.start = self.filled.len() as u32;
-            samples.before = [0; 8];
-            if n > 1 {
+            *samples = Samples { start: self.filled.len() as u32, before: [0; 8], ..self.field.blocks[self.first + i] };
+            if self.wanted && n > 1 {
                 self.field.close(self.layout, around, n, samples, self.filled);
             }
         }
@@ -100,16 +100,26 @@ impl Kernel for Close<'_> {
 impl Field {
     #[inline(always)]
     fn close(&self, layout: &Layout, around: &Around, n: usize, samples: &mut Samples, filled: &mut Vec<f32>) {
-        let gaps = self.gaps(around, n);
-        let finer = if around.finer == 0 { [0; 8] } else { beside_finer(around, n) };
+        let mut gaps = self.gaps(around, n);
+        if around.finer != 0 {
+            let finer = beside_finer(around, n);
+            for z in 0..8 {
+                gaps[z] &= !finer[z];
+            }
+        }
+        if gaps == [0; 8] {
+            return;
+        }
+        let mut here = [f32::NAN; voxels_at(0)];
+        self.of(around.ranks[CENTRE] as usize).spread(&mut here);
         let first = filled.len();
         for z in 0..n {
             samples.before[z] = (filled.len() - first) as u16;
-            let mut left = gaps[z] & !finer[z];
+            let mut left = gaps[z];
             while left != 0 {
                 let bit = left.trailing_zeros() as usize;
                 left &= left - 1;
-                let Some(steps) = self.between(layout, around, n, 64 * z + bit) else { continue };
+                let Some(steps) = self.between(layout, around, n, &here, 64 * z + bit) else { continue };
                 filled.push(steps);
                 samples.known[z] |= 1 << bit;
                 samples.behind[z] |= u64::from(steps < 0.0) << bit;
@@ -146,34 +156,22 @@ impl Field {
         if around.native >> neighbour & 1 == 1 { &self.blocks[around.ranks[neighbour] as usize].known } else { &Samples::EMPTY.known }
     }
 
-    /// The mean of the pairs of known voxels on opposite sides of a gap, unless it is far from one of the neighbours.
+    /// The mean of the pairs of known voxels on opposite sides of a gap, unless it is far from one of the neighbours. Distances `here` in the block
+    /// are by place, NaN where unknown.
     #[inline(always)]
-    fn between(&self, layout: &Layout, around: &Around, n: usize, gap: usize) -> Option<f32> {
+    fn between(&self, layout: &Layout, around: &Around, n: usize, here: &[f32; voxels_at(0)], gap: usize) -> Option<f32> {
         let c = coords(gap);
-        // Along each axis the voxel before and the one beyond.
         let mut beside = [[f32::NAN; 2]; 3];
         let (mut sum, mut count) = (0.0, 0.0);
         for k in 0..3 {
-            let step = 1 << (3 * k);
-            let (inside_before, inside_beyond) = (c[k] > 0, c[k] + 1 < n);
-            let here = around.ranks[CENTRE] as usize;
-            let (mut native_before, mut native_beyond) = (true, true);
-            beside[k][0] = if inside_before {
-                self.known_steps(here, gap - step)
-            } else {
-                let neighbour = CENTRE - [1, 3, 9][k];
-                native_before = around.native >> neighbour & 1 == 1;
-                self.steps_outside(layout, around, n, neighbour, c, k, n - 1)
-            };
-            beside[k][1] = if inside_beyond {
-                self.known_steps(here, gap + step)
-            } else {
-                let neighbour = CENTRE + [1, 3, 9][k];
-                native_beyond = around.native >> neighbour & 1 == 1;
-                self.steps_outside(layout, around, n, neighbour, c, k, 0)
-            };
+            let (step, offset) = (1 << (3 * k), [1, 3, 9][k]);
+            let (before, beyond) = (CENTRE - offset, CENTRE + offset);
+            let (first, last) = (c[k] == 0, c[k] + 1 == n);
+            beside[k][0] = if first { self.outside(layout, around, before, c, k, n - 1) } else { here[(gap - step) % here.len()] };
+            beside[k][1] = if last { self.outside(layout, around, beyond, c, k, 0) } else { here[(gap + step) % here.len()] };
+            let native = !(first & (around.native >> before & 1 == 0) | last & (around.native >> beyond & 1 == 0));
             let pair = beside[k][0] + beside[k][1];
-            if native_before & native_beyond & !pair.is_nan() {
+            if native & !pair.is_nan() {
                 sum += pair;
                 count += 2.0;
             }
@@ -188,21 +186,19 @@ impl Field {
         Some(mean)
     }
 
-    /// Distance of a voxel in steps of its scale, NaN where it is unknown.
+    /// Distance of the voxel beside `c` in one of the blocks around, there at `at` along `axis`: in steps of the block's own scale, NaN where it
+    /// is unknown.
     #[inline(always)]
-    fn known_steps(&self, rank: usize, place: usize) -> f32 {
-        self.steps(rank, place).map_or(f32::NAN, f32::from)
-    }
-
-    /// The same in steps of the block's own scale for the voxel beside `c` in one of the blocks around, there at `at` along `axis`.
-    fn steps_outside(&self, layout: &Layout, around: &Around, n: usize, neighbour: usize, mut c: [usize; 3], axis: usize, at: usize) -> f32 {
+    fn outside(&self, layout: &Layout, around: &Around, neighbour: usize, mut c: [usize; 3], axis: usize, at: usize) -> f32 {
         if (around.native | around.coarser) >> neighbour & 1 == 0 {
             return f32::NAN;
         }
         c[axis] = at;
         let rank = around.ranks[neighbour] as usize;
-        let coarser = n.trailing_zeros() - layout.heads[rank].edge().trailing_zeros();
-        self.known_steps(rank, place(c.map(|v| v >> coarser))) * (1 << coarser) as f32
+        let (scale, own) = (layout.heads[rank].scale, layout.heads[around.ranks[CENTRE] as usize].scale);
+        let coarser = scale - own;
+        let place = place([c[0] >> coarser, c[1] >> coarser, c[2] >> coarser]);
+        self.of(rank).steps(place).map_or(f32::NAN, f32::from) * (1u32 << coarser) as f32
     }
 }
 

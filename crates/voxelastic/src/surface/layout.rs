@@ -15,6 +15,7 @@ const CUBE: usize = 4;
 const CUBE_BITS: u32 = 6;
 /// The same with a rim of one block.
 const RIMMED: usize = CUBE + 2;
+const RIMMED_BLOCKS: usize = RIMMED * RIMMED * RIMMED;
 
 /// The block itself among the 27 around it, x fastest.
 pub(super) const CENTRE: usize = 13;
@@ -73,7 +74,7 @@ impl Layout {
         heads.iter().zip(0..).for_each(|(head, rank)| ranks[head.id as usize] = rank);
         let mut around = vec![Around::NOTHING; heads.len()];
         (around.par_chunks_mut(PART), heads.par_chunks(PART)).into_par_iter().for_each(|(mut around, part)| {
-            let mut cube = Cube { heads: &heads, of_id: &ranks, ranks: [NONE; RIMMED * RIMMED * RIMMED] };
+            let mut cube = Cube { heads: &heads, of_id: &ranks, ranks: [NONE; RIMMED_BLOCKS], scales: [0; RIMMED_BLOCKS] };
             let mut cursor = Cursor::new(view.field.tree());
             for members in part.chunk_by(|a, b| a.key >> CUBE_BITS == b.key >> CUBE_BITS) {
                 cube.load(view, &mut cursor, members[0].key);
@@ -92,23 +93,44 @@ pub(super) fn part_of(rank: usize) -> usize {
     rank >> PART_SHIFT
 }
 
+/// From the first of 27 blocks in a rimmed cube to each.
+const OFFSETS: [usize; 27] = {
+    let mut offsets = [0; 27];
+    let mut i = 0;
+    while i < 27 {
+        offsets[i] = i % 3 + RIMMED * (i / 3 % 3 + RIMMED * (i / 9));
+        i += 1;
+    }
+    offsets
+};
+
 /// Ranks of the blocks of a cube and of a rim around it.
 struct Cube<'a> {
     heads: &'a [Head],
     of_id: &'a [u32],
-    ranks: [u32; RIMMED * RIMMED * RIMMED],
+    ranks: [u32; RIMMED_BLOCKS],
+    /// Their scales; anything where there is none.
+    scales: [u8; RIMMED_BLOCKS],
 }
 
 impl Cube<'_> {
     /// Loads the cube that block `key` lies in.
     fn load(&mut self, view: &View<'_>, cursor: &mut Cursor, key: u64) {
         let low = block_coords(key >> CUBE_BITS << CUBE_BITS).map(|c| c - 1);
-        for z in 0..RIMMED {
-            for y in 0..RIMMED {
-                for x in 0..RIMMED {
-                    let key = block_key([low[0] + x as i32, low[1] + y as i32, low[2] + z as i32]);
-                    let id = cursor.block(view.field.tree(), key);
-                    self.ranks[x + RIMMED * (y + RIMMED * z)] = id.map_or(NONE, |id| self.of_id[id as usize]);
+        // Eight siblings after each other, which the cursor has at hand: the first of them lie around the cube's lowest corner.
+        for group in 0..64usize {
+            let first = [group & 3, group >> 2 & 3, group >> 4].map(|c| 2 * c);
+            let key = block_key([0, 1, 2].map(|k| low[k] + first[k] as i32 - 1));
+            for sibling in 0..8usize {
+                let [x, y, z] = [0, 1, 2].map(|k| (first[k] + (sibling >> k & 1)).wrapping_sub(1));
+                if x >= RIMMED || y >= RIMMED || z >= RIMMED {
+                    continue;
+                }
+                let (i, id) = (x + RIMMED * (y + RIMMED * z), cursor.block(view.field.tree(), key | sibling as u64));
+                self.ranks[i] = NONE;
+                if let Some(id) = id {
+                    self.ranks[i] = self.of_id[id as usize];
+                    self.scales[i] = self.heads[self.ranks[i] as usize].scale;
                 }
             }
         }
@@ -121,14 +143,13 @@ impl Cube<'_> {
         let corner = (x - low[0]) as usize + RIMMED * ((y - low[1]) as usize + RIMMED * (z - low[2]) as usize);
         let mut around = Around::NOTHING;
         for i in 0..27 {
-            let rank = self.ranks[corner + i % 3 + RIMMED * (i / 3 % 3 + RIMMED * (i / 9))];
+            let at = corner + OFFSETS[i];
+            let (rank, scale) = (self.ranks[at], self.scales[at]);
+            let exists = rank != NONE;
             around.ranks[i] = rank;
-            if rank != NONE {
-                let scale = self.heads[rank as usize].scale;
-                around.native |= u32::from(scale == head.scale) << i;
-                around.coarser |= u32::from(scale > head.scale) << i;
-                around.finer |= u32::from(scale < head.scale) << i;
-            }
+            around.native |= u32::from(exists & (scale == head.scale)) << i;
+            around.coarser |= u32::from(exists & (scale > head.scale)) << i;
+            around.finer |= u32::from(exists & (scale < head.scale)) << i;
         }
         around
     }

@@ -1,5 +1,6 @@
 //! A triangle mesh with shared vertices.
 
+use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
 use rayon::prelude::*;
 
@@ -31,10 +32,7 @@ impl Mesh {
 
     /// Makes unit vectors of the normals of vertices from `first` on; a vertex without any faces up.
     pub(super) fn normalise_from(&mut self, first: usize) {
-        self.normals[first..].par_iter_mut().for_each(|n| {
-            let length = n.iter().map(|c| c * c).sum::<f32>().sqrt();
-            *n = if length > 0.0 { n.map(|c| c / length) } else { [0.0, 0.0, 1.0] };
-        });
+        self.normals[first..].par_chunks_mut(1024).for_each(|normals| dispatch(Normalise { normals }));
     }
 
     /// Adds what vertices from `first` on bear, if anything. A map may have submaps, and a submap blocks, with and without intensity or
@@ -72,5 +70,34 @@ fn append<V: Copy>(all: &mut Vec<V>, values: &[V], first: usize, end: usize, unk
         all.resize(first, unknown);
         all.extend_from_slice(values);
         all.resize(end, unknown);
+    }
+}
+
+/// Normals made unit vectors at a time.
+const LANES: usize = 16;
+
+struct Normalise<'a> {
+    normals: &'a mut [[f32; 3]],
+}
+
+impl Kernel for Normalise<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for normals in self.normals.chunks_mut(LANES) {
+            let mut lanes = [[0f32; LANES]; 3];
+            for (i, n) in normals.iter().enumerate() {
+                [lanes[0][i], lanes[1][i], lanes[2][i]] = *n;
+            }
+            let [x, y, z] = &mut lanes;
+            for i in 0..LANES {
+                let length = (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
+                let known = length > 0.0;
+                (x[i], y[i], z[i]) = (x[i] / length, y[i] / length, z[i] / length);
+                (x[i], y[i], z[i]) = (if known { x[i] } else { 0.0 }, if known { y[i] } else { 0.0 }, if known { z[i] } else { 1.0 });
+            }
+            for (i, n) in normals.iter_mut().enumerate() {
+                *n = [lanes[0][i], lanes[1][i], lanes[2][i]];
+            }
+        }
     }
 }

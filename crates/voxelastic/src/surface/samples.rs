@@ -5,7 +5,7 @@ use super::layout::{Layout, PART, part_of};
 use super::view::View;
 use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel, VoxelBuffer};
-use crate::octree::{edge_at, voxels_at};
+use crate::octree::{edge_at, voxel_index, voxels_at};
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
@@ -42,8 +42,9 @@ pub(super) const MAX_SLOPE: f32 = 4.0;
 /// Only between voxels of which one is farther away than this does a distance change that fast, in steps.
 pub(super) const FAR: u16 = (MAX_SLOPE / 2.0 * DISTANCE_STEPS) as u16;
 
-/// The voxels of a block that count.
+/// The voxels of a block that count. In lines of a cache, because blocks around are asked for little.
 #[derive(Clone, Copy, Zeroable)]
+#[repr(C, align(64))]
 pub(super) struct Samples {
     /// Those that were observed often enough, or lie in gaps that were closed.
     pub known: Bits,
@@ -57,22 +58,63 @@ pub(super) struct Samples {
 }
 
 impl Samples {
+    /// One of the three.
+    #[inline(always)]
+    pub fn bits(&self, which: Which) -> &Bits {
+        match which {
+            Which::Known => &self.known,
+            Which::Behind => &self.behind,
+            Which::Far => &self.far,
+        }
+    }
+
     pub const EMPTY: Self = Self { known: [0; 8], behind: [0; 8], far: [0; 8], start: 0, before: [0; 8] };
 }
 
-/// What was measured at the known voxels of a part's blocks, block by block and place by place.
-#[derive(Default)]
-pub(super) struct Measured {
-    /// In steps of the block's scale.
-    distances: Vec<i16>,
-    /// Intensities, 0 where unknown; nothing from the end of the list on.
-    shades: Vec<u8>,
+/// Names the bits of [`Samples`].
+#[derive(Clone, Copy)]
+pub(super) enum Which {
+    Known,
+    Behind,
+    Far,
 }
 
-/// The measured voxels of all blocks, by rank, and their values by part.
+/// What was measured in a block.
+#[derive(Clone, Copy)]
+pub(super) struct Measured<'a> {
+    samples: &'a Samples,
+    distances: &'a [i16],
+}
+
+impl Measured<'_> {
+    /// Writes all distances to their places.
+    #[inline(always)]
+    pub fn spread(&self, steps: &mut [f32; voxels_at(0)]) {
+        let mut next = 0;
+        for z in 0..8 {
+            let mut left = self.samples.known[z];
+            while left != 0 {
+                steps[64 * z + left.trailing_zeros() as usize] = f32::from(self.distances[next]);
+                next += 1;
+                left &= left - 1;
+            }
+        }
+    }
+
+    /// Distance of the voxel at `place` in steps of its scale; none where nothing was measured.
+    #[inline(always)]
+    pub fn steps(&self, place: usize) -> Option<i16> {
+        let (layer, bit) = (place >> 6 & 7, place & 63);
+        let known = self.samples.known[layer];
+        (known >> bit & 1 == 1).then(|| self.distances[usize::from(self.samples.before[layer]) + rank(known, bit)])
+    }
+}
+
+/// The measured voxels of all blocks, by rank.
 pub(super) struct Field {
     pub blocks: Vec<Samples>,
-    measured: Vec<Measured>,
+    /// Their distances in steps of the block's scale, by part, block and place.
+    distances: Vec<Vec<i16>>,
 }
 
 impl Field {
@@ -80,89 +122,56 @@ impl Field {
     pub fn take(view: &View<'_>, layout: &Layout, min_weight: u16) -> Self {
         let mut blocks: Vec<Samples> = bytemuck::allocation::zeroed_vec(layout.heads.len());
         let parts = blocks.par_chunks_mut(PART).zip(layout.heads.par_chunks(PART));
-        let measured = parts.map(|(blocks, heads)| {
-            let mut taker = Taker::new(min_weight);
+        let distances = parts.map(|(blocks, heads)| {
+            let mut distances = Vec::with_capacity(PART * voxels_at(0) / 4);
+            let mut voxels = [Voxel::default(); voxels_at(0)];
             for (samples, head) in blocks.iter_mut().zip(heads) {
-                view.copy(head.id, &mut taker.voxels);
-                taker.shaded = view.copy_shades(head.id, &mut taker.shades);
-                dispatch(Take { taker: &mut taker, samples, scale: head.scale.into() });
+                view.copy(head.id, &mut voxels);
+                dispatch(Take { voxels: &voxels, samples, distances: &mut distances, scale: head.scale.into(), min_weight });
             }
-            taker.measured
+            distances
         });
-        let measured = measured.collect();
-        Self { blocks, measured }
+        let distances = distances.collect();
+        Self { blocks, distances }
     }
 
-    /// Distance of the voxel at `place` in block `rank`, in steps of its scale; none where nothing was measured.
+    /// What was measured in block `rank`.
     #[inline(always)]
-    pub fn steps(&self, rank: usize, place: usize) -> Option<i16> {
-        let index = self.index(rank, place)?;
-        Some(self.measured[part_of(rank)].distances[index])
-    }
-
-    /// Intensity of the voxel at `place` in block `rank`, 0 where it is unknown; none where nothing was measured.
-    #[inline(always)]
-    pub fn shade(&self, rank: usize, place: usize) -> Option<u8> {
-        let index = self.index(rank, place)?;
-        Some(self.measured[part_of(rank)].shades.get(index).copied().unwrap_or(0))
-    }
-
-    /// Where the voxel is in the lists of its part.
-    #[inline(always)]
-    fn index(&self, rank: usize, place: usize) -> Option<usize> {
+    pub fn of(&self, rank: usize) -> Measured<'_> {
         let samples = &self.blocks[rank];
-        let (layer, bit) = (place >> 6, place & 63);
-        let known = samples.known[layer];
-        (known >> bit & 1 == 1).then(|| samples.start as usize + usize::from(samples.before[layer]) + self::rank(known, bit))
+        Measured { samples, distances: &self.distances[part_of(rank)][samples.start as usize..] }
     }
 }
 
-/// Takes blocks one by one.
-struct Taker {
-    min_weight: u16,
-    /// The block's voxels and intensities.
-    voxels: Box<VoxelBuffer>,
-    shades: Box<[u8; voxels_at(0)]>,
-    shaded: bool,
-    measured: Measured,
-}
-
-impl Taker {
-    fn new(min_weight: u16) -> Self {
-        Self {
-            min_weight,
-            voxels: bytemuck::allocation::zeroed_box(),
-            shades: bytemuck::allocation::zeroed_box(),
-            shaded: false,
-            measured: Measured::default(),
-        }
-    }
-}
-
+/// Takes the voxels of a block.
 struct Take<'a> {
-    taker: &'a mut Taker,
+    voxels: &'a VoxelBuffer,
     samples: &'a mut Samples,
+    distances: &'a mut Vec<i16>,
     scale: usize,
+    min_weight: u16,
 }
 
 impl Kernel for Take<'_> {
     #[inline(always)]
     fn run(self) {
-        let Taker { min_weight, voxels, shades, shaded, measured } = self.taker;
-        let n = edge_at(self.scale);
-        if n < 8 {
-            spread(&mut voxels[..], n, Voxel::default());
-            spread(&mut shades[..], n, 0);
+        let (voxels, n) = (self.voxels, edge_at(self.scale));
+        // By place, a bit for each of known, behind and far.
+        let mut flags = [0; voxels_at(0)];
+        if n == 8 {
+            for i in 0..voxels_at(0) {
+                flags[i] = flags_of(voxels[i], self.min_weight);
+            }
+        } else {
+            for z in 0..n {
+                for y in 0..n {
+                    for x in 0..n {
+                        flags[place([x, y, z])] = flags_of(voxels[voxel_index([x, y, z], self.scale) % voxels_at(0)], self.min_weight);
+                    }
+                }
+            }
         }
-        // A bit for each of known, behind and far.
-        let mut flags = [0u8; voxels_at(0)];
-        for i in 0..voxels_at(0) {
-            let Voxel { distance, weight } = voxels[i];
-            let known = weight >= *min_weight;
-            flags[i] = u8::from(known) | u8::from(known & (distance < 0)) << 1 | u8::from(known & (distance.unsigned_abs() > FAR)) << 2;
-        }
-        let (mut distances, mut known_shades, mut count) = ([0i16; voxels_at(0)], [0u8; voxels_at(0)], 0);
-        self.samples.start = measured.distances.len() as u32;
+        let (mut distances, mut count) = ([0; voxels_at(0)], 0);
         for z in 0..n {
             let [mut known, mut behind, mut far] = [0; 3];
             for y in 0..8 {
@@ -178,19 +187,21 @@ impl Kernel for Take<'_> {
             self.samples.before[z] = count as u16;
             let mut left = known;
             while left != 0 {
-                let place = 64 * z + left.trailing_zeros() as usize;
-                distances[count % voxels_at(0)] = voxels[place % voxels_at(0)].distance;
-                known_shades[count % voxels_at(0)] = shades[place % voxels_at(0)];
+                let at = voxel_index(coords(64 * z + left.trailing_zeros() as usize), self.scale);
+                distances[count % voxels_at(0)] = voxels[at % voxels_at(0)].distance;
                 count += 1;
                 left &= left - 1;
             }
         }
-        if *shaded {
-            measured.shades.resize(measured.distances.len(), 0);
-            measured.shades.extend_from_slice(&known_shades[..count]);
-        }
-        measured.distances.extend_from_slice(&distances[..count]);
+        self.samples.start = self.distances.len() as u32;
+        self.distances.extend_from_slice(&distances[..count]);
     }
+}
+
+#[inline(always)]
+fn flags_of(Voxel { distance, weight }: Voxel, min_weight: u16) -> u8 {
+    let known = weight >= min_weight;
+    u8::from(known) | u8::from(known & (distance < 0)) << 1 | u8::from(known & (distance.unsigned_abs() > FAR)) << 2
 }
 
 /// The lowest bits of eight bytes.
@@ -200,15 +211,35 @@ fn gather(bytes: u64) -> u64 {
     (bytes & 0x0101_0101_0101_0101).wrapping_mul(0x0102_0408_1020_4080) >> 56
 }
 
-/// Moves the items of an array with an edge of `n`, the first ones of `items`, to their places.
-#[inline(always)]
-fn spread<T: Copy>(items: &mut [T], n: usize, empty: T) {
-    // From the last row on: a row moves to the right, onto what has moved already.
-    for z in (0..8).rev() {
-        for y in (0..8).rev() {
-            for x in (0..8).rev() {
-                let inside = x < n && y < n && z < n;
-                items[x + 8 * y + 64 * z] = if inside { items[x + n * (y + n * z)] } else { empty };
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_was_taken_is_found_again(voxels in prop::collection::vec((any::<i16>(), 0u16..4), voxels_at(0)), scale in 0usize..4) {
+            let mut all = [Voxel::default(); voxels_at(0)];
+            voxels.iter().zip(&mut all).for_each(|(&(distance, weight), voxel)| *voxel = Voxel { distance, weight });
+            let (mut samples, mut distances) = (Samples::EMPTY, vec![7; 5]);
+            dispatch(Take { voxels: &all, samples: &mut samples, distances: &mut distances, scale, min_weight: 2 });
+            let measured = Measured { samples: &samples, distances: &distances[5..] };
+            let mut spread = [f32::NAN; voxels_at(0)];
+            measured.spread(&mut spread);
+            let n = edge_at(scale);
+            for at in 0..voxels_at(0) {
+                let c = coords(at);
+                let voxel = if c.iter().all(|&v| v < n) { all[voxel_index(c, scale)] } else { Voxel::default() };
+                let known = voxel.weight >= 2;
+                let bit = |bits: &Bits| bits[at / 64] >> (at % 64) & 1 == 1;
+                prop_assert_eq!(place(c), at);
+                prop_assert_eq!(valid(n) >> (at % 64) & 1 == 1, c[0] < n && c[1] < n);
+                prop_assert_eq!(measured.steps(at), known.then_some(voxel.distance));
+                prop_assert_eq!(spread[at].is_nan(), !known);
+                prop_assert!(!known || spread[at] == f32::from(voxel.distance));
+                prop_assert_eq!(bit(&samples.known), known);
+                prop_assert_eq!(bit(&samples.behind), known && voxel.distance < 0);
+                prop_assert_eq!(bit(&samples.far), known && f32::from(voxel.distance).abs() > f32::from(FAR));
             }
         }
     }

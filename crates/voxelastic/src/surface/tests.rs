@@ -163,6 +163,50 @@ fn by_the_book(known: &HashMap<[i32; 3], f32>, inside: impl Fn([i32; 3]) -> bool
     triangles
 }
 
+/// Marching cubes among scales by the book: around each point of the grid a cell of the finest voxels that meet there, larger ones counting as
+/// often as they fill its corners.
+fn mixed_by_the_book(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i32; 3]) -> usize) -> Vec<[[i32; 3]; 3]> {
+    let inside = |c: [i32; 3]| c.iter().all(|v| (-8 * reach..8 * reach).contains(v));
+    // Centre and distance of the voxel that covers a finest one, and its scale.
+    let sample = |c: [i32; 3]| {
+        let scale = scale_of(c.map(|v| v >> 3));
+        let size = (1 << scale) as f32;
+        let centre = c.map(|v| ((v >> scale) as f32 + 0.5) * size);
+        let steps = (distance(centre) / size).clamp(-15.0, 15.0) * DISTANCE_STEPS;
+        (centre, if steps.is_nan() { f32::NAN } else { f32::from(steps as i16) * size / DISTANCE_STEPS }, scale)
+    };
+    let mut triangles = Vec::new();
+    let width = 16 * reach - 1;
+    for i in 0..width * width * width {
+        let c = [i % width, i / width % width, i / (width * width)].map(|v| v - 8 * reach + 1);
+        let voxels = cells::corners(c);
+        assert!(voxels.iter().all(|&v| inside(v)));
+        let corners = voxels.map(sample);
+        let finest = corners.iter().map(|corner| corner.2).min().unwrap_or(0);
+        let spacing = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
+        let steep = |&[a, b]: &[usize; 2]| {
+            let (a, b) = (corners[a], corners[b]);
+            (a.1 < 0.0) != (b.1 < 0.0) && (a.1 - b.1).abs() > 4.0 * spacing(a.0, b.0)
+        };
+        if c.iter().any(|v| v % (1 << finest) != 0) || corners.iter().any(|corner| corner.1.is_nan()) || cases::EDGES.iter().any(steep) {
+            continue;
+        }
+        let case = (0..8).fold(0, |case, i| case | usize::from(corners[i].1 < 0.0) << i);
+        for triangle in &cases::CASES[case] {
+            let edges = triangle.map(|edge| cases::EDGES[usize::from(edge)].map(|i| corners[i]));
+            // Edges between the same two voxels are one.
+            let same = |a: usize, b: usize| edges[a].map(|corner| corner.0) == edges[b].map(|corner| corner.0);
+            if !same(0, 1) && !same(1, 2) && !same(2, 0) {
+                triangles.push(edges.map(|[a, b]| {
+                    let t = a.1 / (a.1 - b.1);
+                    std::array::from_fn(|k| ((a.0[k] + t * (b.0[k] - a.0[k])) * 64.0).round() as i32)
+                }));
+            }
+        }
+    }
+    triangles
+}
+
 /// Triangles as a set that does not depend on the order or on which vertex comes first.
 fn canonical(triangles: impl IntoIterator<Item = [[i32; 3]; 3]>) -> Vec<[[i32; 3]; 3]> {
     let mut sorted: Vec<_> = triangles
@@ -209,6 +253,20 @@ proptest! {
         let mut used = vec![false; mesh.positions.len()];
         mesh.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
         prop_assert!(used.iter().all(|&u| u), "a vertex is in no triangle");
+    }
+
+    #[test]
+    fn mixed_scales_are_meshed_as_by_the_book(seed in any::<u64>(), scales in prop::collection::vec(0usize..4, 64), gaps in 0.0f32..0.05) {
+        let at = |c: [i32; 3]| scales[((c[0] + 2) + 4 * (c[1] + 2) + 16 * (c[2] + 2)) as usize];
+        let shape = |p: [f32; 3]| if hash(p, seed) < gaps { f32::NAN } else { sphere(9.0)(p) + 3.0 * hash(p, !seed) };
+        let mesh = extract(&field_of(2, shape, at), 1.0, &MeshOptions { close_gaps: false, ..MeshOptions::default() });
+        let points: Vec<[i32; 3]> = mesh.positions.iter().map(|p| p.map(|v| (v * 64.0).round() as i32)).collect();
+        let fast = canonical(mesh.triangles.iter().map(|t| t.map(|v| points[v as usize])));
+        let slow = canonical(mixed_by_the_book(2, shape, at));
+        let differing = slow.iter().filter(|t| fast.binary_search(t).is_err()).count() + fast.iter().filter(|t| slow.binary_search(t).is_err()).count();
+        prop_assert!(fast.len() > 20 && fast.len() == slow.len(), "{} triangles instead of {}", fast.len(), slow.len());
+        // A crossing may round to either side.
+        prop_assert!(differing <= 2 + fast.len() / 50, "{differing} differ of {}", fast.len());
     }
 
     #[test]

@@ -4,10 +4,10 @@ use super::cells::Corner;
 use super::crossings::Vertices;
 use super::gaps::Closed;
 use super::layout::{Around, CENTRE, Head};
-use super::samples::coords;
+use super::samples::{Measured, coords};
 use super::view::View;
 use crate::dispatch::Kernel;
-use crate::octree::voxel_index;
+use crate::octree::{voxel_index, voxels_at};
 
 /// Intensity of a vertex whose voxel has none: mid grey. A map may have blocks with and without.
 const GREY: u8 = 128;
@@ -31,27 +31,25 @@ pub(super) struct PlaceAll<'a> {
 impl Kernel for PlaceAll<'_> {
     #[inline(always)]
     fn run(self) {
+        let mut shades = [0; voxels_at(0)];
         let mut next = 0;
         for (i, block) in self.blocks.iter().enumerate() {
-            let rank = self.first + i;
-            let (around, head) = (&self.closed.layout.around[rank], &self.closed.layout.heads[rank]);
+            let count = block.count() as usize;
+            if count == 0 {
+                continue;
+            }
+            let owner = Owner::new(self.closed, self.first + i, self.voxel);
+            let head = owner.head;
+            let shaded = self.view.copy_shades(head.id, &mut shades);
+            self.scales[next..next + count].fill(head.scale);
             for (word, &bits) in block.words.iter().enumerate() {
                 let mut left = bits;
                 while left != 0 {
                     let bit = left.trailing_zeros() as usize;
                     left &= left - 1;
                     let place = place(word, bit);
-                    self.positions[next] = if word < 24 {
-                        position(self.closed, around, head, rank, place, word / 8, self.voxel)
-                    } else {
-                        let direction = word - 21;
-                        between(self.closed, around, head, place, direction).map(|c| c * self.voxel)
-                    };
-                    self.scales[next] = head.scale;
-                    let shade = match self.closed.measured_shade(rank, place) {
-                        Some(shade) => shade,
-                        None => shade_of_gap(self.view, head, place),
-                    };
+                    self.positions[next] = if word < 24 { owner.crossing(place, word / 8) } else { owner.between(place, word - 21) };
+                    let shade = if shaded { shades[voxel_index(coords(place), head.scale.into()) % voxels_at(0)] } else { 0 };
                     *self.shaded |= shade > 0;
                     self.shades[next] = if shade > 0 { shade } else { GREY };
                     next += 1;
@@ -72,38 +70,56 @@ fn place(word: usize, bit: usize) -> usize {
     }
 }
 
-/// The crossing between the voxel at `place` and the next one along `axis`, in metres.
-#[inline(always)]
-fn position(closed: &Closed<'_>, around: &Around, head: &Head, rank: usize, place: usize, axis: usize, voxel: f32) -> [f32; 3] {
-    let (n, c) = (head.edge(), coords(place));
-    let step = 1 << (3 * axis);
-    let (next, there) = if c[axis] + 1 < n {
-        (rank, place + step)
-    } else {
-        let neighbour = CENTRE + [1, 3, 9][axis];
-        if around.native >> neighbour & 1 == 0 {
-            return between(closed, around, head, place, axis).map(|c| c * voxel);
+/// A block that owns vertices.
+struct Owner<'a> {
+    closed: &'a Closed<'a>,
+    rank: usize,
+    head: &'a Head,
+    around: &'a Around,
+    measured: Measured<'a>,
+    origin: [i32; 3],
+    /// Edge of a finest voxel in metres.
+    voxel: f32,
+}
+
+impl<'a> Owner<'a> {
+    #[inline(always)]
+    fn new(closed: &'a Closed<'a>, rank: usize, voxel: f32) -> Self {
+        let (head, around) = (&closed.layout.heads[rank], &closed.layout.around[rank]);
+        Self { closed, rank, head, around, measured: closed.measured(rank), origin: head.origin(), voxel }
+    }
+
+    /// The crossing between the voxel at `place` and the next one along `axis`, in metres.
+    #[inline(always)]
+    fn crossing(&self, place: usize, axis: usize) -> [f32; 3] {
+        let (n, c, step) = (self.head.edge(), coords(place), 1 << (3 * axis));
+        let a = self.closed.steps_in(self.measured, self.rank, place);
+        let b = if c[axis] + 1 < n {
+            self.closed.steps_in(self.measured, self.rank, place + step)
+        } else {
+            let neighbour = CENTRE + [1, 3, 9][axis];
+            if self.around.native >> neighbour & 1 == 0 {
+                return self.between(place, axis);
+            }
+            self.closed.steps(self.around.ranks[neighbour] as usize, place - (n - 1) * step)
+        };
+        let mut at = [c[0] as f32 + 0.5, c[1] as f32 + 0.5, c[2] as f32 + 0.5];
+        at[axis] += a / (a - b);
+        let size = (1u32 << self.head.scale) as f32;
+        let mut position = [0.0; 3];
+        for k in 0..3 {
+            position[k] = (self.origin[k] as f32 + at[k] * size) * self.voxel;
         }
-        (around.ranks[neighbour] as usize, place - (n - 1) * step)
-    };
-    let (a, b) = (closed.steps(rank, place), closed.steps(next, there));
-    let mut at = [c[0] as f32 + 0.5, c[1] as f32 + 0.5, c[2] as f32 + 0.5];
-    at[axis] += a / (a - b);
-    let (origin, size) = (head.origin(), (1u32 << head.scale) as f32);
-    [0, 1, 2].map(|k| (origin[k] as f32 + at[k] * size) * voxel)
-}
+        position
+    }
 
-/// The crossing between the voxel at `place` and its neighbour in `direction`, which may be larger, in finest voxels.
-fn between(closed: &Closed<'_>, around: &Around, head: &Head, place: usize, direction: usize) -> [f32; 3] {
-    let here = coords(place).map(|v| v as i32);
-    let mut there = here;
-    there[direction % 3] += if direction < 3 { 1 } else { -1 };
-    let [p, q] = [here, there].map(|c| Corner::at(c, closed, around, head));
-    let t = p.distance / (p.distance - q.distance);
-    std::array::from_fn(|k| p.centre[k] + t * (q.centre[k] - p.centre[k]))
-}
-
-/// Intensity at a voxel that was not measured often enough but may have been hit, 0 if it is unknown.
-fn shade_of_gap(view: &View<'_>, head: &Head, place: usize) -> u8 {
-    view.shade(head.id, voxel_index(coords(place), head.scale.into())).unwrap_or(0)
+    /// The crossing between the voxel at `place` and its neighbour in `direction`, which may be larger, in metres.
+    fn between(&self, place: usize, direction: usize) -> [f32; 3] {
+        let here = coords(place).map(|v| v as i32);
+        let mut there = here;
+        there[direction % 3] += if direction < 3 { 1 } else { -1 };
+        let [p, q] = [here, there].map(|c| Corner::at(c, self.closed, self.around, self.head));
+        let t = p.distance / (p.distance - q.distance);
+        std::array::from_fn(|k| (p.centre[k] + t * (q.centre[k] - p.centre[k])) * self.voxel)
+    }
 }
