@@ -113,11 +113,6 @@ impl TsdfField {
         (!block.is_packed(scale)).then(|| self.voxels.get(scale, block.data[scale]))
     }
 
-    /// Those voxels of the array of `block` at `scale` that were observed, and maybe others, in order.
-    pub(crate) fn held(&self, block: &Block, scale: usize) -> &[Voxel] {
-        if block.is_packed(scale) { self.resting.arrays[block.data[scale]].values(scale) } else { self.voxels.get(scale, block.data[scale]) }
-    }
-
     /// Voxel `index` of the array that the block is integrated into.
     #[inline]
     pub fn voxel(&self, block: &Block, index: usize) -> Voxel {

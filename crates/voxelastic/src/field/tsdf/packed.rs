@@ -96,12 +96,6 @@ impl Packed {
         Pieces { map, values: bytemuck::cast_slice(values), shades: bytemuck::cast_slice(shades) }
     }
 
-    /// The voxels that are held, of the array of a block at `scale`.
-    #[inline]
-    pub fn values(&self, scale: usize) -> &[Voxel] {
-        self.pieces(scale).values
-    }
-
     /// Voxel `index` of the array.
     #[inline]
     pub fn voxel(&self, scale: usize, index: usize) -> Voxel {
@@ -204,9 +198,6 @@ mod tests {
                 packed.unpack_shades(scale, &mut back);
                 prop_assert_eq!(&back, &shades);
                 prop_assert!((0..voxels.len()).all(|i| packed.shade(scale, i) == shades[i]));
-            } else {
-                let held: Vec<Voxel> = voxels.iter().copied().filter(|v| *v != Voxel::default()).collect();
-                prop_assert_eq!(packed.values(scale), held);
             }
             prop_assert!(packed.bytes() <= 16 + 3 * 32 + 5 * voxels.len());
         }
