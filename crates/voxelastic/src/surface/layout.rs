@@ -142,8 +142,8 @@ impl Cube<'_> {
         let [x, y, z] = block_coords(head.key);
         let corner = (x - low[0]) as usize + RIMMED * ((y - low[1]) as usize + RIMMED * (z - low[2]) as usize);
         let mut around = Around::NOTHING;
-        for i in 0..27 {
-            let at = corner + OFFSETS[i];
+        for (i, offset) in OFFSETS.iter().enumerate() {
+            let at = corner + offset;
             let (rank, scale) = (self.ranks[at], self.scales[at]);
             let exists = rank != NONE;
             around.ranks[i] = rank;
