@@ -29,6 +29,23 @@ pub(crate) fn dispatch(kernel: impl Kernel) {
     kernel.run();
 }
 
+/// Writes the items of `from` at each `index`: one test for all of them, where indexing has a test for each and so no vector instruction.
+///
+/// # Panics
+/// If an index lies beyond the end.
+#[inline(always)]
+pub(crate) fn gather<T: Copy>(from: &[T], index: &[u32], to: &mut [T]) {
+    let mut last = 0;
+    for &i in index {
+        last = if i > last { i } else { last };
+    }
+    assert!((last as usize) < from.len());
+    for (to, &i) in to.iter_mut().zip(index) {
+        // SAFETY: no index is larger than the last one, which lies within.
+        *to = unsafe { *from.get_unchecked(i as usize) };
+    }
+}
+
 /// Whether the machine has AVX2 and the instructions for single bits that came with it.
 #[cfg(target_arch = "x86_64")]
 #[inline]
@@ -83,5 +100,19 @@ mod tests {
                 prop_assert_eq!(&angles(&|kernel| unsafe { with_avx2(kernel) }), &narrow);
             }
         }
+
+        #[test]
+        fn gathering_is_indexing(items in prop::collection::vec(0u32..1000, 1..50), places in prop::collection::vec(any::<prop::sample::Index>(), 0..40)) {
+            let places: Vec<u32> = places.iter().map(|place| place.index(items.len()) as u32).collect();
+            let mut gathered = vec![0; places.len()];
+            gather(&items, &places, &mut gathered);
+            prop_assert_eq!(gathered, places.iter().map(|&i| items[i as usize]).collect::<Vec<u32>>());
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "last as usize")]
+    fn gathering_stays_within() {
+        gather(&[1, 2, 3], &[0, 3, 1], &mut [0; 3]);
     }
 }

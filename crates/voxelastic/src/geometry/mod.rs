@@ -3,6 +3,8 @@
 pub mod aabb;
 pub mod morton;
 pub mod pose;
+mod whole;
 
 pub use aabb::Aabb;
 pub use pose::{Pose, PoseExt, Rigid};
+pub(crate) use whole::whole;

@@ -5,8 +5,7 @@
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
 use super::model::{OccupancySettings, Steps};
-use super::sight::{Classes, Sight, bits};
-use crate::dispatch::{Kernel, dispatch};
+use super::sight::{Classes, Scratch, Sight, bits};
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::octree::{BLOCK_EDGE, NONE, block_coords};
 use rayon::prelude::*;
@@ -88,17 +87,52 @@ pub(super) struct Descent<'a> {
     pub steps: Steps,
 }
 
-/// A subtree to descend and where to note what is found.
-struct Subtree<'a> {
-    descent: &'a Descent<'a>,
-    root: Cube,
-    finds: &'a mut Finds,
+/// A cube below a block that holds nothing larger than voxels: a quarter or a pair across.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    /// Place in the list of blocks.
+    block: u32,
+    /// Which part of the block's mask, in steps of its own size.
+    place: usize,
 }
 
-impl Kernel for Subtree<'_> {
-    #[inline(always)]
-    fn run(self) {
-        self.descent.descend(self.root, self.finds);
+/// A block that is looked into.
+#[derive(Clone, Copy, Debug)]
+struct Inner {
+    block: Cube,
+    mask: Mask,
+    finest: usize,
+    /// Beams across a cube of half the block's edge.
+    beams: f32,
+}
+
+/// Memory of a descent: cubes of one size and what is seen of their children.
+#[derive(Clone, Debug)]
+struct Memory {
+    scratch: Scratch,
+    centres: Vec<[f32; 3]>,
+    classes: Vec<Classes>,
+    cubes: Vec<Cube>,
+    children: Vec<Cube>,
+    stack: Vec<Cube>,
+    inner: Vec<Inner>,
+    parts: Vec<Part>,
+    smaller: Vec<Part>,
+}
+
+impl Memory {
+    fn new() -> Self {
+        Self {
+            scratch: Scratch::new(),
+            centres: Vec::new(),
+            classes: Vec::new(),
+            cubes: Vec::new(),
+            children: Vec::new(),
+            stack: Vec::new(),
+            inner: Vec::new(),
+            parts: Vec::new(),
+            smaller: Vec::new(),
+        }
     }
 }
 
@@ -115,15 +149,12 @@ impl Descent<'_> {
             crossed: false,
             coarse: 0.0,
         };
-        let mut subtrees = vec![root];
-        while subtrees.iter().any(|cube| self.is_too_much_work(cube)) {
-            subtrees = subtrees.iter().flat_map(|cube| if self.is_too_much_work(cube) { self.children(cube).1 } else { vec![*cube] }).collect();
-        }
+        let subtrees = self.subtrees(root);
         let parts: Vec<Finds> = subtrees
             .par_iter()
-            .map(|&root| {
+            .map_init(Memory::new, |memory, &root| {
                 let mut finds = Finds::default();
-                dispatch(Subtree { descent: self, root, finds: &mut finds });
+                self.descend(root, memory, &mut finds);
                 finds
             })
             .collect();
@@ -140,6 +171,27 @@ impl Descent<'_> {
         all
     }
 
+    /// The tree cut into shares for threads.
+    fn subtrees(&self, root: Cube) -> Vec<Cube> {
+        let mut memory = Memory::new();
+        let mut subtrees = vec![root];
+        while subtrees.iter().any(|cube| self.is_too_much_work(cube)) {
+            subtrees = subtrees
+                .iter()
+                .flat_map(|cube| {
+                    if !self.is_too_much_work(cube) {
+                        return vec![*cube];
+                    }
+                    let mut children = Vec::new();
+                    self.look(std::slice::from_ref(cube), &mut memory);
+                    self.open(cube, &memory.classes[0], |child| children.push(child));
+                    children
+                })
+                .collect();
+        }
+        subtrees
+    }
+
     /// Whether a cube is cut further before threads share the work. Cubes are refined to the beams' spacing, which grows with the range, so
     /// those that look equally large from the sensor are about equal work.
     fn is_too_much_work(&self, cube: &Cube) -> bool {
@@ -148,26 +200,18 @@ impl Descent<'_> {
         cube.level > LARGEST || (cube.level > 1 && 2.0 * half > self.sight.range(centre))
     }
 
-    /// How many children of a cube were looked at, and those that may hold something free, in Morton order.
-    fn children(&self, cube: &Cube) -> (usize, Vec<Cube>) {
-        let mut children = Vec::new();
-        let visited = self.open(cube, |child| children.push(child));
-        children.reverse();
-        (visited, children)
+    /// Looks at the children of `cubes`, which are equally large.
+    fn look(&self, cubes: &[Cube], memory: &mut Memory) {
+        memory.centres.clear();
+        memory.centres.extend(cubes.iter().map(|cube| self.place(cube).0));
+        let half = cubes.first().map_or(0.0, |cube| self.place(cube).1);
+        self.sight.classify(&memory.centres, half, &mut memory.scratch, &mut memory.classes);
     }
 
-    /// Hands over the children that may hold something free, last in Morton order first; returns how many were looked at.
-    #[inline(always)]
-    fn open(&self, cube: &Cube, mut push: impl FnMut(Cube)) -> usize {
-        let classes = if cube.free {
-            Classes { free: u8::MAX, ..Classes::default() }
-        } else {
-            let (centre, half) = self.place(cube);
-            self.sight.classify(centre, half)
-        };
-        let (free, mixed) = (classes.free, classes.mixed);
-        let level = cube.level - 1;
-        for i in (0..8usize).rev().filter(|i| (free | mixed) >> i & 1 == 1) {
+    /// Hands over the children that may hold something free, in Morton order.
+    fn open(&self, cube: &Cube, classes: &Classes, mut push: impl FnMut(Cube)) {
+        let (free, level) = (if cube.free { u8::MAX } else { classes.free }, cube.level - 1);
+        for i in bits(free | classes.mixed) {
             let (link, summary) = if cube.link == NONE {
                 (NONE, cube.summary)
             } else {
@@ -182,11 +226,10 @@ impl Descent<'_> {
                     summary,
                     free: free >> i & 1 == 1,
                     crossed: classes.crossed >> i & 1 == 1,
-                    coarse: coarse(&classes, i),
+                    coarse: coarse(classes, i),
                 });
             }
         }
-        if cube.free { 0 } else { 8 }
     }
 
     /// Centre and half the edge of a cube, metres, submap frame.
@@ -199,59 +242,109 @@ impl Descent<'_> {
         ([middle(0), middle(1), middle(2)], half * edge)
     }
 
-    #[inline(always)]
-    fn descend(&self, root: Cube, finds: &mut Finds) {
-        let mut stack = vec![root];
+    /// Finds what is free below `root`, all cubes of one size after the other.
+    fn descend(&self, root: Cube, memory: &mut Memory, finds: &mut Finds) {
+        memory.cubes.clear();
+        memory.inner.clear();
+        self.sort_out(root, memory, finds);
+        std::mem::swap(&mut memory.cubes, &mut memory.children);
+        while !memory.cubes.is_empty() {
+            let cubes = std::mem::take(&mut memory.cubes);
+            self.look(&cubes, memory);
+            finds.visited += 8 * cubes.len();
+            let classes = std::mem::take(&mut memory.classes);
+            for (cube, classes) in cubes.iter().zip(&classes) {
+                self.open(cube, classes, |child| self.sort_out(child, memory, finds));
+            }
+            (memory.cubes, memory.classes) = (cubes, classes);
+            memory.cubes.clear();
+            std::mem::swap(&mut memory.cubes, &mut memory.children);
+        }
+        self.look_into_blocks(memory, finds);
+        // Lists by size become one in Morton order.
+        finds.found.sort_by_key(|found| match *found {
+            Found::Octant { key, .. } | Found::Block { key } | Found::Voxels { key, .. } => key,
+        });
+    }
+
+    /// Notes all that is free of a free cube, or where to look on.
+    fn sort_out(&self, cube: Cube, memory: &mut Memory, finds: &mut Finds) {
+        if !cube.free {
+            if cube.level > 0 {
+                memory.children.push(cube);
+            } else {
+                self.enter(cube, memory, finds);
+            }
+            return;
+        }
+        let Memory { stack, .. } = memory;
+        stack.push(cube);
         while let Some(cube) = stack.pop() {
-            if cube.free && cube.link == NONE {
+            if cube.link == NONE {
                 finds.found.push(Found::Octant { key: cube.key, level: cube.level });
-            } else if cube.level > 0 {
-                finds.visited += self.open(&cube, |child| stack.push(child));
-            } else if cube.free {
+            } else if cube.level == 0 {
                 finds.found.push(Found::Block { key: cube.key });
             } else {
-                self.look_into_block(&cube, finds);
+                self.open(&cube, &Classes::default(), |child| stack.push(child));
             }
         }
     }
 
-    /// Looks for free voxels in a block of which only a part may be free: three scales down, or as far as beams tell apart.
-    #[inline(always)]
-    fn look_into_block(&self, block: &Cube, finds: &mut Finds) {
-        let (centre, half) = self.place(block);
+    /// Whether to look for free voxels in a block of which only a part may be free.
+    fn enter(&self, block: Cube, memory: &mut Memory, finds: &mut Finds) {
+        let (centre, half) = self.place(&block);
         let range = self.sight.range(centre);
         let finest = self.finest_free_scale(range);
-        // Beams across a cube of half the block's edge, of a quarter, of an eighth.
         let beams = half / (self.sight.spacing() * range);
         if finest > 2 || 2.0 * beams < block.coarse {
             if block.crossed {
-                finds.found.push(whole(block));
+                finds.found.push(whole(&block));
             }
             return;
         }
-        // A small cube that is not looked into is free if a beam crossed it, whatever the beams without return might have met.
-        let mut mask: Mask = [0; 8];
-        let quarters = self.sight.classify(centre, half);
-        let look = if finest < 2 { worth_a_look(&quarters, beams) } else { 0 };
-        bits(quarters.free | quarters.crossed & !look).for_each(|i| mask[i] = u64::MAX);
-        finds.visited += 8;
-        for i in bits(look) {
-            let (centre, half) = (child_centre(centre, half, i), 0.5 * half);
-            let pairs = self.sight.classify(centre, half);
-            let look = if finest < 1 { worth_a_look(&pairs, 0.5 * beams) } else { 0 };
-            bits(pairs.free | pairs.crossed & !look).for_each(|j| mask[i] |= 0xff << (8 * j));
-            finds.visited += 8;
-            for j in bits(look) {
-                let voxels = self.sight.classify(child_centre(centre, half, j), 0.5 * half);
-                mask[i] |= u64::from(voxels.free | voxels.crossed) << (8 * j);
-                finds.visited += 8;
-            }
+        memory.inner.push(Inner { block, mask: [0; 8], finest, beams });
+    }
+
+    /// Looks for free voxels in blocks: three scales down, or as far as beams tell apart.
+    ///
+    /// A small cube that is not looked into is free if a beam crossed it, whatever the beams without return might have met.
+    fn look_into_blocks(&self, memory: &mut Memory, finds: &mut Finds) {
+        let Memory { scratch, centres, classes, inner, parts, smaller, .. } = memory;
+        let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel;
+        parts.clear();
+        centres.clear();
+        for i in 0..inner.len() {
+            parts.push(Part { block: i as u32, place: 0 });
+            centres.push(self.place(&inner[i].block).0);
         }
-        if mask == [u64::MAX; 8] {
-            finds.found.push(whole(block));
-        } else if mask != [0; 8] {
-            finds.found.push(Found::Voxels { key: block.key, mask: finds.masks.len() as u32, scale: coarsest_scale(&mask) });
-            finds.masks.push(mask);
+        for depth in 0..3usize {
+            let half = half / (1 << depth) as f32;
+            self.sight.classify(centres, half, scratch, classes);
+            finds.visited += 8 * parts.len();
+            smaller.clear();
+            let mut children = Vec::new();
+            for ((part, classes), &centre) in parts.iter().zip(classes.iter()).zip(centres.iter()) {
+                let Inner { mask, finest, beams, .. } = &mut inner[part.block as usize];
+                let look = if *finest + depth < 2 { worth_a_look(classes, *beams / (1 << depth) as f32) } else { 0 };
+                let free = classes.free | classes.crossed & !look;
+                for i in bits(free) {
+                    note(mask, 8 * part.place + i, depth);
+                }
+                for i in bits(look) {
+                    smaller.push(Part { block: part.block, place: 8 * part.place + i });
+                    children.push(child_centre(centre, half, i));
+                }
+            }
+            std::mem::swap(parts, smaller);
+            *centres = children;
+        }
+        for Inner { block, mask, .. } in inner.iter() {
+            if *mask == [u64::MAX; 8] {
+                finds.found.push(whole(block));
+            } else if *mask != [0; 8] {
+                finds.found.push(Found::Voxels { key: block.key, mask: finds.masks.len() as u32, scale: coarsest_scale(mask) });
+                finds.masks.push(*mask);
+            }
         }
     }
 
@@ -261,6 +354,16 @@ impl Descent<'_> {
     fn finest_free_scale(&self, range: f32) -> usize {
         let voxels = range * self.sight.spacing() / self.settings.voxel;
         usize::from(voxels > 1.0) + usize::from(voxels > 2.0) + usize::from(voxels > 4.0)
+    }
+}
+
+/// Marks the `place`-th cube of a block as free: of its quarters, pairs or voxels, by depth.
+#[inline(always)]
+fn note(mask: &mut Mask, place: usize, depth: usize) {
+    match depth {
+        0 => mask[place] = u64::MAX,
+        1 => mask[place / 8] |= 0xff << (8 * (place % 8)),
+        _ => mask[place / 64] |= 1 << (place % 64),
     }
 }
 

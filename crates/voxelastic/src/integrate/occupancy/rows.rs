@@ -1,5 +1,7 @@
 //! Elevation to row by a table: beams need not be evenly spaced.
 
+use crate::dispatch::gather;
+use crate::geometry::whole;
 use std::f32::consts::PI;
 
 /// Maps directions to rows and columns of the image.
@@ -43,28 +45,30 @@ impl Rows {
         Self { table, per_sine, lowest, highest, count, per_radian }
     }
 
-    /// Fractional rows at sines of elevation: 0 is the centre of the top row. Beyond the rim by at most a row; NaN never.
+    /// Fractional rows at sines of elevation: 0 is the centre of the top row. Beyond the rim by at most a row; NaN never. All slices are
+    /// equally long; `bins` and `next` are scratch.
     #[inline(always)]
-    pub fn rows(&self, sines: &[f32; 8]) -> [f32; 8] {
-        let (lowest, per_sine) = (self.lowest, self.per_sine);
-        let (mut bin, mut rest, mut low, mut high) = ([0u32; 8], [0f32; 8], [0f32; 8], [0f32; 8]);
-        for i in 0..8 {
-            let at = (sines[i] - lowest) * per_sine;
-            let at = if at > 0.0 { at } else { 0.0 };
-            let at = if at < Self::BINS as f32 - 1.0 { at } else { Self::BINS as f32 - 1.0 };
-            bin[i] = at as u32;
-            rest[i] = at - bin[i] as f32;
+    pub fn rows(&self, sines: &[f32], rows: &mut [f32], bins: &mut [u32], next: &mut [f32]) {
+        let (lowest, per_sine, count) = (self.lowest, self.per_sine, sines.len());
+        let (rows, bins, next) = (&mut rows[..count], &mut bins[..count], &mut next[..count]);
+        for i in 0..count {
+            bins[i] = whole(bin(sines[i], lowest, per_sine)) as u32;
         }
-        for i in 0..8 {
-            let bin = bin[i] as usize;
-            (low[i], high[i]) = (self.table[bin], self.table[bin + 1]);
+        gather(&self.table[..Self::BINS], bins, rows);
+        gather(&self.table[1..], bins, next);
+        for i in 0..count {
+            let rest = bin(sines[i], lowest, per_sine) - bins[i] as i32 as f32;
+            rows[i] += (next[i] - rows[i]) * rest;
         }
-        let mut rows = [0f32; 8];
-        for i in 0..8 {
-            rows[i] = low[i] + (high[i] - low[i]) * rest[i];
-        }
-        rows
     }
+}
+
+/// Place in the table, fractional.
+#[inline(always)]
+fn bin(sine: f32, lowest: f32, per_sine: f32) -> f32 {
+    let at = (sine - lowest) * per_sine;
+    let at = if at > 0.0 { at } else { 0.0 };
+    if at < Rows::BINS as f32 - 1.0 { at } else { Rows::BINS as f32 - 1.0 }
 }
 
 #[cfg(test)]
@@ -74,13 +78,18 @@ mod tests {
     #[test]
     fn rows_follow_uneven_elevations() {
         let elevations: Vec<f32> = [17.0f32, 12.0, 10.0, 9.0, 5.0, -1.0, -12.0].map(f32::to_radians).into();
-        let rows = Rows::new(&elevations);
+        let table = Rows::new(&elevations);
+        let row_at = |elevation: f32| {
+            let mut row = [0f32];
+            table.rows(&[elevation.sin()], &mut row, &mut [0], &mut [0.0]);
+            row[0]
+        };
         for (i, e) in elevations.iter().enumerate() {
-            assert!((rows.rows(&[e.sin(); 8])[i % 8] - i as f32).abs() < 0.02, "row {i} at {}", rows.rows(&[e.sin(); 8])[i % 8]);
+            assert!((row_at(*e) - i as f32).abs() < 0.02, "row {i} at {}", row_at(*e));
         }
         for w in 0..elevations.len() - 1 {
             let middle = 0.5 * (elevations[w] + elevations[w + 1]);
-            assert!((rows.rows(&[middle.sin(); 8])[0] - w as f32 - 0.5).abs() < 0.02);
+            assert!((row_at(middle) - w as f32 - 0.5).abs() < 0.02);
         }
     }
 }

@@ -1,7 +1,8 @@
-//! Holding cubes against the pyramid, eight siblings at a time.
+//! Holding cubes against the pyramid, the children of many at a time.
 
 use super::model::{OccupancySettings, free_margin_terms};
-use super::visibility::{Reach, Visibility};
+use super::visibility::{HOLE_BIT, LANES, LEVELS, Looks, RIM_BIT, Visibility, far_of, level_for, near_of};
+use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
 use crate::sensor::atan2;
 
@@ -43,9 +44,6 @@ const SLACK: f32 = 0.55;
 const SIGNS: [[f32; 8]; 3] =
     [[-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0], [-1.0, -1.0, -1.0, -1.0, 1.0, 1.0, 1.0, 1.0]];
 
-/// Quantities of eight cubes, one array each, so that the arithmetic becomes SIMD.
-type Lanes = [f32; 8];
-
 /// Half of what each of eight siblings measures as the sensor sees it: an upper bound for all of them.
 #[derive(Clone, Copy, Debug)]
 struct Silhouette {
@@ -83,19 +81,133 @@ impl Silhouette {
         let depth = along(step, at) * away + radius * turn;
         let outward = 0.5 * radius * radius / points;
         let (flat_centres, flat_points) = (flat - radius, flat - 2.0 * radius);
-        if flat_points <= 2.0 * radius {
-            // The azimuth is of no use here, and "up" may be any direction.
-            return Self { depth: [depth, depth + outward], elevation: radius / points * 1.1, azimuth: f32::INFINITY };
-        }
+        // Nearly above or below, the azimuth is of no use, and "up" may be any direction.
+        let is_above = flat_points <= 2.0 * radius;
         let sideways = [-at[1] * flat_inverse, at[0] * flat_inverse, 0.0];
         let (cosine, sine) = (flat * away, at[2] * away);
         let upward = [-sine * at[0] * flat_inverse, -sine * at[1] * flat_inverse, cosine];
         let swing = radius / flat_centres;
+        // Points beside the plane through the centre are a little farther out than they seem from the side.
+        let elevation = (along(step, upward) + radius * (turn + swing)) / points + 0.5 * radius * radius / (flat_points * points);
+        let azimuth = (along(step, sideways) + radius * swing) / flat_points;
         Self {
             depth: [depth, depth + outward],
-            // Points beside the plane through the centre are a little farther out than they seem from the side.
-            elevation: (along(step, upward) + radius * (turn + swing)) / points + 0.5 * radius * radius / (flat_points * points),
-            azimuth: (along(step, sideways) + radius * swing) / flat_points,
+            elevation: if is_above { radius / points * 1.1 } else { elevation },
+            azimuth: if is_above { f32::INFINITY } else { azimuth },
+        }
+    }
+}
+
+/// Cubes whose children are looked at together.
+const COHORT: usize = LANES / 8;
+
+/// Memory for looking at many cubes: one array per quantity, so that the arithmetic becomes SIMD, and no array is cleared.
+#[derive(Clone, Debug)]
+pub(super) struct Scratch {
+    looks: Looks,
+    /// Of each cube: the middle in the lidar frame, its distance, and what its children measure.
+    at: [[f32; COHORT]; 3],
+    middle: [f32; COHORT],
+    depth: [[f32; COHORT]; 2],
+    elevation: [f32; COHORT],
+    reach: [[f32; COHORT]; 2],
+    level: [u32; COHORT],
+    /// The same of each child.
+    child_at: [[f32; LANES]; 3],
+    child_depth: [[f32; LANES]; 2],
+    child_elevation: [f32; LANES],
+    range: [f32; LANES],
+    sine: [f32; LANES],
+    bins: [u32; LANES],
+    next: [f32; LANES],
+    nearest: [f32; LANES],
+    farthest: [f32; LANES],
+    flags: [u8; LANES],
+}
+
+impl Scratch {
+    pub fn new() -> Self {
+        let (cubes, children) = ([0.0; COHORT], [0.0; LANES]);
+        Self {
+            looks: Looks::new(),
+            at: [cubes; 3],
+            middle: cubes,
+            depth: [cubes; 2],
+            elevation: cubes,
+            reach: [cubes; 2],
+            level: [0; COHORT],
+            child_at: [children; 3],
+            child_depth: [children; 2],
+            child_elevation: children,
+            range: children,
+            sine: children,
+            bins: [0; LANES],
+            next: children,
+            nearest: children,
+            farthest: children,
+            flags: [0; LANES],
+        }
+    }
+}
+
+/// Which way each child lies from the middle, for all children of a cohort.
+const WAYS: [[f32; LANES]; 3] = {
+    let mut ways = [[0.0; LANES]; 3];
+    let mut lane = 0;
+    while lane < LANES {
+        (ways[0][lane], ways[1][lane], ways[2][lane]) = (SIGNS[0][lane % 8], SIGNS[1][lane % 8], SIGNS[2][lane % 8]);
+        lane += 1;
+    }
+    ways
+};
+
+/// The level of cubes for which no texel is large enough.
+const UNFIT: u32 = 8;
+
+// What is known of a child, a bit each.
+const INSIDE: u8 = 1;
+const FREE: u8 = 2;
+const MIXED: u8 = 4;
+const RIM: u8 = 8;
+const HOLED: u8 = 16;
+const CROSSED: u8 = 32;
+
+/// `flag` if the condition holds.
+#[inline(always)]
+fn when(condition: bool, flag: u8) -> u8 {
+    if condition { flag } else { 0 }
+}
+
+/// Gives each of eight children what is known of their parent.
+#[inline(always)]
+fn hand_down<T: Copy>(parents: &[T], children: &mut [T]) {
+    for (children, &parent) in children.as_chunks_mut::<8>().0.iter_mut().zip(parents) {
+        *children = [parent; 8];
+    }
+}
+
+/// The children of which `flags` has `flag`, a bit each.
+#[inline(always)]
+fn having(flags: u64, flag: u8) -> u8 {
+    const LOWEST: u64 = 0x0101_0101_0101_0101;
+    // Each byte's lowest bit is moved to its place in the topmost byte.
+    ((flags >> flag.trailing_zeros() & LOWEST).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
+}
+
+/// Cubes of the same size to classify the children of.
+struct Look<'a> {
+    sight: &'a Sight<'a>,
+    centres: &'a [[f32; 3]],
+    half: f32,
+    scratch: &'a mut Scratch,
+    classes: &'a mut Vec<Classes>,
+}
+
+impl Kernel for Look<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for centres in self.centres.chunks(COHORT) {
+            self.sight.classify_cohort(centres, self.half, self.scratch, self.classes);
         }
     }
 }
@@ -106,91 +218,144 @@ impl<'a> Sight<'a> {
         Self { visibility, rotation: t_submap_lidar.rotation, sensor: t_submap_lidar.translation, least_margin, margin }
     }
 
-    /// Classifies the eight cubes of edge `half` around `centre` (submap frame, metres).
+    /// Classifies the eight cubes of edge `half` around each of `centres` (submap frame, metres).
+    pub fn classify(&self, centres: &[[f32; 3]], half: f32, scratch: &mut Scratch, classes: &mut Vec<Classes>) {
+        classes.clear();
+        dispatch(Look { sight: self, centres, half, scratch, classes });
+    }
+
+    // Loops, here and below: closures would not take part in the kernel's vector instructions.
     #[inline(always)]
-    pub fn classify(&self, centre: [f32; 3], half: f32) -> Classes {
-        let r = &self.rotation;
-        // Loops, here and below: closures would not take part in the kernel's vector instructions.
-        let (mut at, mut step) = ([0f32; 3], [[0f32; 3]; 3]);
+    fn classify_cohort(&self, centres: &[[f32; 3]], half: f32, scratch: &mut Scratch, classes: &mut Vec<Classes>) {
+        let (cubes, lanes) = (centres.len().min(COHORT), 8 * centres.len().min(COHORT));
+        let mut step = [[0f32; 3]; 3];
         for i in 0..3 {
             for j in 0..3 {
-                at[j] += r[i][j] * (centre[i] - self.sensor[i]);
-                step[i][j] = 0.5 * half * r[i][j];
+                step[i][j] = 0.5 * half * self.rotation[i][j];
             }
         }
         let radius = 0.5 * half * 3f32.sqrt();
-        let middle = (at[0] * at[0] + at[1] * at[1] + at[2] * at[2]).sqrt();
-        if middle < WIDE * radius {
-            return Classes { mixed: u8::MAX, ..Classes::default() };
+        self.measure(centres, &step, radius, scratch);
+        self.point(&step, lanes, scratch);
+        self.judge(lanes, scratch);
+        let flags = scratch.flags[..lanes].as_chunks::<8>().0;
+        for (cube, &flags) in flags.iter().enumerate().take(cubes) {
+            let flags = u64::from_le_bytes(flags);
+            classes.push(if scratch.middle[cube] < WIDE * radius {
+                Classes { mixed: u8::MAX, ..Classes::default() }
+            } else if scratch.level[cube] == UNFIT {
+                Classes { mixed: having(flags, INSIDE), ..Classes::default() }
+            } else {
+                Classes {
+                    free: having(flags, FREE),
+                    mixed: having(flags, MIXED),
+                    rim: having(flags, RIM),
+                    holed: having(flags, HOLED),
+                    crossed: having(flags, CROSSED),
+                }
+            });
         }
-        let silhouette = Silhouette::new(at, middle, &step, radius);
-        let rows = self.visibility.rows();
-        let (mut range, mut sine, mut column): (Lanes, Lanes, Lanes) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+    }
+
+    /// Where the cubes' middles are and what their children measure.
+    #[inline(always)]
+    fn measure(&self, centres: &[[f32; 3]], step: &[[f32; 3]; 3], radius: f32, scratch: &mut Scratch) {
+        let (r, sensor) = (&self.rotation, self.sensor);
+        let (rows, columns) = (self.visibility.rows().per_radian, self.visibility.columns_per_radian());
+        let Scratch { at, middle, depth, elevation, reach, level, .. } = scratch;
+        for i in 0..centres.len().min(COHORT) {
+            let offset = [centres[i][0] - sensor[0], centres[i][1] - sensor[1], centres[i][2] - sensor[2]];
+            let mut p = [0f32; 3];
+            for j in 0..3 {
+                p[j] = r[0][j] * offset[0] + r[1][j] * offset[1] + r[2][j] * offset[2];
+            }
+            let range = (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt();
+            let silhouette = Silhouette::new(p, range, step, radius);
+            (at[0][i], at[1][i], at[2][i], middle[i]) = (p[0], p[1], p[2], range);
+            (depth[0][i], depth[1][i], elevation[i]) = (silhouette.depth[0], silhouette.depth[1], silhouette.elevation);
+            (reach[0][i], reach[1][i]) = (rows * silhouette.elevation + SLACK, columns * silhouette.azimuth + SLACK);
+            // What no texel is large enough for is settled without one.
+            let fits = (range >= WIDE * radius) & (level_for(reach[0][i], reach[1][i]) < LEVELS as u32);
+            level[i] = if fits { level_for(reach[0][i], reach[1][i]) } else { UNFIT };
+            (reach[0][i], reach[1][i]) = if fits { (reach[0][i], reach[1][i]) } else { (SLACK, SLACK) };
+        }
+    }
+
+    /// Which way the children lie from the sensor, and how far.
+    #[inline(always)]
+    fn point(&self, step: &[[f32; 3]; 3], lanes: usize, scratch: &mut Scratch) {
+        let Scratch { looks, at, depth, elevation, reach, level, child_at, child_depth, child_elevation, range, sine, bins, next, .. } = scratch;
+        for k in 0..3 {
+            hand_down(&at[k], &mut child_at[k][..lanes]);
+        }
+        for k in 0..2 {
+            hand_down(&depth[k], &mut child_depth[k][..lanes]);
+            hand_down(&reach[k], &mut looks.reach[k][..lanes]);
+        }
+        hand_down(elevation, &mut child_elevation[..lanes]);
+        hand_down(level, &mut looks.level[..lanes]);
         let (first, per_radian) = self.visibility.columns_from();
-        for lane in 0..8 {
-            let (x, y, z) = (SIGNS[0][lane], SIGNS[1][lane], SIGNS[2][lane]);
-            let px = at[0] + x * step[0][0] + y * step[1][0] + z * step[2][0];
-            let py = at[1] + x * step[0][1] + y * step[1][1] + z * step[2][1];
-            let pz = at[2] + x * step[0][2] + y * step[1][2] + z * step[2][2];
+        let [xs, ys, zs] = child_at;
+        for i in 0..lanes {
+            let (x, y, z) = (WAYS[0][i], WAYS[1][i], WAYS[2][i]);
+            let px = xs[i] + x * step[0][0] + y * step[1][0] + z * step[2][0];
+            let py = ys[i] + x * step[0][1] + y * step[1][1] + z * step[2][1];
+            let pz = zs[i] + x * step[0][2] + y * step[1][2] + z * step[2][2];
             let r = (px * px + py * py + pz * pz).sqrt();
-            range[lane] = r;
-            sine[lane] = pz / r;
-            column[lane] = (atan2(py, px) - first) * per_radian;
+            range[i] = r;
+            sine[i] = pz / r;
+            looks.column[i] = (atan2(py, px) - first) * per_radian;
+            looks.level[i] &= !UNFIT;
         }
-        // The sine of the elevation changes by no more than the elevation does.
-        let (lowest, highest) = (rows.lowest - silhouette.elevation, rows.highest + silhouette.elevation);
-        let mut flags = [false; 8];
-        for lane in 0..8 {
-            flags[lane] = sine[lane] >= lowest && sine[lane] <= highest;
+        self.visibility.rows().rows(&sine[..lanes], &mut looks.row, bins, next);
+    }
+
+    /// Holds the children against what was seen.
+    #[inline(always)]
+    fn judge(&self, lanes: usize, scratch: &mut Scratch) {
+        let Scratch { looks, child_depth: [before, behind], child_elevation, range, sine, nearest, farthest, flags, .. } = scratch;
+        let (rows, step) = (self.visibility.rows(), self.visibility.metres_per_step());
+        let (lowest, highest) = (rows.lowest, rows.highest);
+        self.visibility.texels(looks, lanes);
+        let (least, margin) = (self.least_margin, self.margin);
+        let mut unsettled = 0u8;
+        for i in 0..lanes {
+            // No voxel inside is nearer than `nearest`, and a free one must be nearer than what was seen.
+            let margin = margin[0] + margin[1] * range[i];
+            let seen = range[i] + if margin > least { margin } else { least };
+            (nearest[i], farthest[i]) = (seen - before[i], seen + behind[i]);
+            // The sine of the elevation changes by no more than the elevation does.
+            let inside = (sine[i] >= lowest - child_elevation[i]) & (sine[i] <= highest + child_elevation[i]);
+            let texel = looks.texel[i];
+            let open = (farthest[i] < near_of(texel) * step) & (texel & (HOLE_BIT | RIM_BIT) == 0);
+            let mixed = nearest[i] < far_of(texel) * step;
+            let flag = if open { INSIDE | FREE } else { INSIDE | when(mixed, MIXED) };
+            flags[i] = if inside { flag } else { 0 };
+            unsettled |= flags[i] & MIXED;
         }
-        let inside = to_bits(flags);
-        if inside == 0 {
-            return Classes::default();
-        }
-        let reach = Reach {
-            rows: rows.per_radian * silhouette.elevation + SLACK,
-            columns: self.visibility.columns_per_radian() * silhouette.azimuth + SLACK,
-        };
-        let Some(window) = self.visibility.window_for(reach) else {
-            return Classes { mixed: inside, ..Classes::default() };
-        };
-        // No voxel inside is nearer than `nearest`, and a free one must be nearer than what was seen.
-        let row = rows.rows(&sine);
-        let (mut nearest, mut farthest): (Lanes, Lanes) = ([0.0; 8], [0.0; 8]);
-        let (least, margin, depth) = (self.least_margin, self.margin, silhouette.depth);
-        for lane in 0..8 {
-            let margin = margin[0] + margin[1] * range[lane];
-            let seen = range[lane] + if margin > least { margin } else { least };
-            nearest[lane] = seen - depth[0];
-            farthest[lane] = seen + depth[1];
-        }
-        let texels = self.visibility.texels(&window, &row, &column);
-        let mut unsettled = [false; 8];
-        for lane in 0..8 {
-            flags[lane] = farthest[lane] < texels.near[lane] && !texels.hole[lane] && !texels.rim[lane];
-            unsettled[lane] = nearest[lane] < texels.far[lane];
-        }
-        let mut classes = Classes { free: inside & to_bits(flags), ..Classes::default() };
-        let unsettled = to_bits(unsettled) & inside & !classes.free;
         if unsettled == 0 {
-            return classes;
+            return;
         }
-        let close = self.visibility.close_texels(&window, &row, &column);
-        let mut mixed = [false; 8];
-        for lane in 0..8 {
-            flags[lane] = farthest[lane] < close.near[lane];
-            mixed[lane] = nearest[lane] < close.far[lane];
+        self.visibility.close_texels(looks, lanes);
+        let mut crossed = 0u8;
+        for i in 0..lanes {
+            let texel = looks.texel[i];
+            let open = farthest[i] < near_of(texel) * step;
+            let (holed, rim) = (texel & HOLE_BIT != 0, texel & RIM_BIT != 0);
+            let free = open & !holed & !rim;
+            let mixed = (nearest[i] < far_of(texel) * step) & !free;
+            let flag = INSIDE | when(free, FREE) | when(mixed, MIXED) | when(rim, RIM) | when(holed, HOLED) | when(open & holed & !rim, CROSSED);
+            flags[i] = if flags[i] & MIXED != 0 { flag } else { flags[i] };
+            crossed |= flags[i] & CROSSED;
         }
-        let (open, holed, rim) = (to_bits(flags), to_bits(close.hole), to_bits(close.rim));
-        classes.free |= unsettled & open & !holed & !rim;
-        classes.mixed = unsettled & to_bits(mixed);
-        classes.rim = unsettled & rim;
-        classes.holed = unsettled & holed;
-        for lane in bits(unsettled & open & holed & !rim) {
-            classes.crossed |= u8::from(self.visibility.saw(row[lane], column[lane])) << lane;
+        if crossed == 0 {
+            return;
         }
-        classes.mixed &= !classes.free;
-        classes
+        self.visibility.pixels(looks, lanes);
+        for i in 0..lanes {
+            let saw = looks.texel[i] & (HOLE_BIT | RIM_BIT) == 0;
+            flags[i] &= if saw { u8::MAX } else { !CROSSED };
+        }
     }
 
     /// Distance from the sensor to a point of the submap.
@@ -206,16 +371,6 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// A bit for each flag, by a sum that compiles to vector instructions.
-#[inline(always)]
-fn to_bits(flags: [bool; 8]) -> u8 {
-    let mut sum = 0u32;
-    for (lane, flag) in flags.into_iter().enumerate() {
-        sum |= if flag { 1 << lane } else { 0 };
-    }
-    sum as u8
-}
-
 /// Bits that are set, lowest first.
 #[inline(always)]
 pub(super) fn bits(mut mask: u8) -> impl Iterator<Item = usize> {
@@ -229,7 +384,33 @@ pub(super) fn bits(mut mask: u8) -> impl Iterator<Item = usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
+    use crate::sensor::{BeamModel, RangeImage};
     use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn cubes_are_seen_in_company_as_alone(
+            ranges in prop::collection::vec(prop_oneof![8 => 20f32..40.0, 1 => Just(0f32)], 16 * 64),
+            turn in prop::array::uniform3(-0.5f64..0.5), half in prop_oneof![Just(0.2f32), Just(1.0), Just(4.0)],
+            centres in prop::collection::vec(prop::array::uniform3(-40f32..40.0), 1..3 * COHORT),
+        ) {
+            let model = BeamModel::even(16, 64, 0.3, -0.3).map_err(|e| TestCaseError::fail(e.to_string()))?;
+            let mut visibility = Visibility::new(&model);
+            visibility.build(&RangeImage { rows: 16, columns: 64, ranges, points: Vec::new() }, 60.0, false, false);
+            let t_submap_lidar = Rigid::from(&Pose::new(nalgebra::Vector3::new(1.0, 2.0, 0.5), nalgebra::Vector3::from(turn)));
+            let sight = Sight::new(&visibility, &OccupancySettings::default(), &t_submap_lidar);
+            let (mut scratch, mut together, mut alone) = (Scratch::new(), Vec::new(), Vec::new());
+            sight.classify(&centres, half, &mut scratch, &mut together);
+            prop_assert_eq!(together.len(), centres.len());
+            for (centre, classes) in centres.iter().zip(&together) {
+                sight.classify(&[*centre], half, &mut scratch, &mut alone);
+                prop_assert_eq!(&alone[..], &[*classes]);
+                prop_assert_eq!(classes.free & classes.mixed, 0);
+            }
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(2000))]
