@@ -3,12 +3,13 @@
 use crate::geometry::Rigid;
 use rayon::prelude::*;
 
-/// The returns of one scan, as the integrators take them. All slices are equally long.
+/// The returns of one scan, as the integrators take them. All slices are equally long, or empty where that is said.
 #[derive(Clone, Copy, Debug)]
 pub struct Returns<'a> {
     /// Points in the lidar frame, metres.
     pub points: &'a [[f32; 3]],
-    /// Unit normals of the local surface, facing the sensor, in the lidar frame; zero where no plane is known.
+    /// Unit normals of the local surface, facing the sensor, in the lidar frame; zero where no plane is known. Occupancy does without, then
+    /// they may be empty.
     pub normals: &'a [[f32; 3]],
     /// Strength of each return, 0 to 255; empty when the scan has none.
     pub shades: &'a [u8],
@@ -57,7 +58,7 @@ pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, scale_of: impl Fn
         let first = chunk * CHUNK;
         for (i, beam) in beams.iter_mut().enumerate() {
             let p = returns.points[first + i];
-            let n = returns.normals[first + i];
+            let n = returns.normals.get(first + i).copied().unwrap_or([0.0; 3]);
             let origin = returns.origins.get(first + i).copied().unwrap_or([0.0; 3]);
             let way: [f32; 3] = std::array::from_fn(|k| p[k] - origin[k]);
             let range = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt();

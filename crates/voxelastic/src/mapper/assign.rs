@@ -4,13 +4,12 @@
 //! begins with it. The second step makes the number of submaps level off once space is explored, also where the SLAM system has good
 //! poses but draws no loop edge: a place that an older submap describes well needs no second description.
 
-use super::{Mapper, Placed};
+use super::{Front, Mapper, Placed};
 use crate::atlas::SubmapId;
 use crate::atlas::graph::LinkKind;
 use crate::atlas::overlap::{Probe, overlap};
-use crate::event::{Edge, NodeId};
+use crate::event::{Edge, NodeId, Scan};
 use crate::geometry::{Pose, PoseExt, Rigid};
-use crate::sensor::PreparedScan;
 use std::collections::HashSet;
 
 /// Most submaps that a scan is held against.
@@ -26,13 +25,15 @@ struct Candidate {
 }
 
 impl Mapper {
-    /// The submap for the scan of `node`, which is a node of the graph already.
-    pub(super) fn assign(&mut self, node: NodeId, t_map_lidar: &Pose, scan: &PreparedScan) -> (SubmapId, Placed) {
+    /// The submap for `scan`, whose node is one of the graph already and which `front` prepared last.
+    pub(super) fn assign(&mut self, scan: &Scan, front: &mut Front) -> (SubmapId, Placed) {
+        let Scan { node, t_map_lidar, .. } = scan;
+        let node = *node;
         let home = self.graph.odometry_neighbours(node).find_map(|n| self.members.submap_of(n));
         if let Some(id) = self.rule.submap_by_distance(&self.graph, &self.members, node, home) {
             return (id, if home == Some(id) { Placed::Onward } else { Placed::Revisit });
         }
-        if let Some(found) = self.submap_by_overlap(node, t_map_lidar, scan) {
+        if let Some(found) = self.submap_by_overlap(scan, front) {
             if let Some(t_map_from) = self.graph.pose(found.node) {
                 let edge = Edge { from: found.node, to: node, t_from_to: t_map_from.inv_mul(t_map_lidar), information: None };
                 // Both nodes are known and different, and the pose is rigid: nothing here can be refused.
@@ -47,16 +48,21 @@ impl Mapper {
     ///
     /// Only a return counts: neighbours along the path see much the same, and that alone would stretch every submap to its bound. So the
     /// submap must have been here before, with a node that is near in space and far along the odometry.
-    fn submap_by_overlap(&self, node: NodeId, t_map_lidar: &Pose, scan: &PreparedScan) -> Option<Candidate> {
+    fn submap_by_overlap(&self, scan: &Scan, front: &mut Front) -> Option<Candidate> {
+        let Scan { node, t_map_lidar, cloud, .. } = scan;
         let least = self.settings.min_overlap;
         if least >= 1.0 {
             return None;
         }
-        let along: HashSet<NodeId> = self.graph.within_pass(node, self.rule.bound()).into_iter().map(|(other, _)| other).collect();
+        let along: HashSet<NodeId> = self.graph.within_pass(*node, self.rule.bound()).into_iter().map(|(other, _)| other).collect();
         let mut candidates: Vec<Candidate> = self.members.submaps().filter_map(|id| self.candidate(id, t_map_lidar, &along)).collect();
         candidates.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.submap.cmp(&b.submap)));
         candidates.truncate(CANDIDATES);
-        let probe = Probe { points: &scan.beams.points, normals: &scan.beams.normals, voxel: self.settings.voxel };
+        if !candidates.is_empty() {
+            front.fit_planes(cloud);
+        }
+        let beams = &front.scan().beams;
+        let probe = Probe { points: &beams.points, normals: &beams.normals, voxel: self.settings.voxel };
         let known = candidates.into_iter().filter_map(|candidate| {
             let submap = self.atlas.submap(candidate.submap)?;
             let root = self.graph.pose(self.members.root(candidate.submap)?)?;

@@ -8,6 +8,7 @@ use crate::settings::Settings;
 #[derive(Debug)]
 pub struct Front {
     preparer: Preparer,
+    wants_planes: bool,
     description: String,
     shade_scale: Option<f32>,
     shades: Vec<u8>,
@@ -35,12 +36,14 @@ impl Front {
             (found.model, found.layout, found.description)
         };
         let shade_scale = first.intensity.as_deref().and_then(scale_of);
-        Ok(Self { preparer: Preparer::new(model, layout, limits), description, shade_scale, shades: Vec::new(), colours: Vec::new() })
+        let preparer = Preparer::new(model, layout, limits);
+        Ok(Self { preparer, wants_planes: settings.field.has_tsdf(), description, shade_scale, shades: Vec::new(), colours: Vec::new() })
     }
 
-    /// Prepares `cloud`; [`scan`](Self::scan), [`shades`](Self::shades) and [`colours`](Self::colours) then speak of it.
+    /// Prepares `cloud`; [`scan`](Self::scan), [`shades`](Self::shades) and [`colours`](Self::colours) then speak of it. Planes are only fitted
+    /// where the map is to have a TSDF: occupancy does without.
     pub fn prepare(&mut self, cloud: &Cloud) {
-        let scan = self.preparer.prepare(cloud);
+        let scan = if self.wants_planes { self.preparer.prepare(cloud) } else { self.preparer.prepare_without_planes(cloud) };
         self.shades.clear();
         if let (Some(scale), Some(intensity)) = (self.shade_scale, &cloud.intensity) {
             self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(1.0, 255.0) as u8));
@@ -49,6 +52,13 @@ impl Front {
         // A field for colours that nobody filled is all black.
         if let Some(colours) = cloud.colours.as_ref().filter(|colours| colours.iter().any(|c| *c != [0; 3])) {
             self.colours.extend(scan.beams.source.iter().map(|&i| colours[i as usize]));
+        }
+    }
+
+    /// Fits the planes of `cloud`, which was prepared last, if that has not been done.
+    pub fn fit_planes(&mut self, cloud: &Cloud) {
+        if self.scan().beams.normals.len() < self.scan().beams.len() {
+            self.preparer.fit_planes(cloud);
         }
     }
 

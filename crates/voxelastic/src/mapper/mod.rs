@@ -189,7 +189,7 @@ impl Mapper {
         if let Some(last) = self.last_node.replace(scan.node) {
             self.graph.assume_odometry(last, scan.node);
         }
-        let result = self.integrate_prepared(scan, &front, prepare);
+        let result = self.integrate_prepared(scan, &mut front, prepare);
         self.front = Some(front);
         let clock = Instant::now();
         self.cluster();
@@ -197,13 +197,13 @@ impl Mapper {
         result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
     }
 
-    fn integrate_prepared(&mut self, scan: &Scan, front: &Front, prepare: Duration) -> Result<ScanReport, MapError> {
-        let (node, prepared) = (scan.node, front.scan());
-        if prepared.beams.is_empty() {
-            return Err(MapError::NoReturns { node, counts: prepared.counts });
+    fn integrate_prepared(&mut self, scan: &Scan, front: &mut Front, prepare: Duration) -> Result<ScanReport, MapError> {
+        let (node, counts) = (scan.node, front.scan().counts);
+        if front.scan().beams.is_empty() {
+            return Err(MapError::NoReturns { node, counts });
         }
         let clock = Instant::now();
-        let (id, placed) = self.assign(node, &scan.t_map_lidar, prepared);
+        let (id, placed) = self.assign(scan, front);
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may lag behind by `update_distance`.
         let root = self.members.root(id).and_then(|root| self.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
@@ -215,7 +215,7 @@ impl Mapper {
         let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings);
         let is_new_submap = placed == Placed::NewSubmap;
         self.counts.note(placed);
-        Ok(ScanReport { node, submap: id, is_new_submap, placed, counts: prepared.counts, prepare, elastic, tsdf, occupancy })
+        Ok(ScanReport { node, submap: id, is_new_submap, placed, counts, prepare, elastic, tsdf, occupancy })
     }
 }
 

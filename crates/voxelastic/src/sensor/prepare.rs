@@ -28,7 +28,7 @@ impl Default for Limits {
 pub struct Beams {
     /// The measured points, lidar frame at the cloud's time stamp, metres.
     pub points: Vec<[f32; 3]>,
-    /// Unit normals of the local surface, facing the sensor, lidar frame; zero where no plane could be trusted.
+    /// Unit normals of the local surface, facing the sensor, lidar frame; zero where no plane could be trusted. Empty until planes are fitted.
     pub normals: Vec<[f32; 3]>,
     /// How far the neighbours are off the local plane along its normal, metres (1 sigma); zero where there is no plane.
     pub roughness: Vec<f32>,
@@ -161,6 +161,12 @@ impl Preparer {
     ///
     /// The result is the same whatever the number of threads.
     pub fn prepare(&mut self, cloud: &Cloud) -> &PreparedScan {
+        self.prepare_without_planes(cloud);
+        self.fit_planes(cloud)
+    }
+
+    /// As [`prepare`](Self::prepare), without normals and roughness: those who do not ask for planes need not wait for them.
+    pub fn prepare_without_planes(&mut self, cloud: &Cloud) -> &PreparedScan {
         let in_pixel_order = self.assigner.assign(cloud, &self.model, self.limits, &mut self.pixels, &mut self.ranges);
         self.scan.image.reset(self.model.rows(), self.model.columns());
         self.scan.counts = Counts::default();
@@ -172,7 +178,7 @@ impl Preparer {
         }
         let has_moved = cloud.motion.as_ref().is_some_and(|motion| motion.undistort(cloud, &mut self.moved, &mut self.origins));
         let points = if has_moved { &self.moved } else { &cloud.points };
-        let PreparedScan { image, still, beams, .. } = &mut self.scan;
+        let PreparedScan { still, beams, .. } = &mut self.scan;
         beams.points.clear();
         beams.points.extend(beams.source.iter().map(|&i| points[i as usize]));
         beams.origins.clear();
@@ -181,9 +187,17 @@ impl Preparer {
         }
         beams.ranges.clear();
         beams.ranges.extend(beams.source.iter().map(|&i| self.ranges[i as usize]));
-        self.fitter.fit(points, image, beams);
+        beams.normals.clear();
+        beams.roughness.clear();
         let old = still.take();
         self.scan.still = has_moved.then(|| self.look_again(old));
+        &self.scan
+    }
+
+    /// Adds the planes to the scan that was made last, from the same `cloud`.
+    pub fn fit_planes(&mut self, cloud: &Cloud) -> &PreparedScan {
+        let PreparedScan { image, still, beams, .. } = &mut self.scan;
+        self.fitter.fit(if still.is_some() { &self.moved } else { &cloud.points }, image, beams);
         &self.scan
     }
 

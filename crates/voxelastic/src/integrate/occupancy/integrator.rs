@@ -112,7 +112,7 @@ impl OccupancyIntegrator {
         let steps = Steps::new(&settings);
         let rule = ScaleRule::new(returns.smallest_angle, settings.voxel, SCALES - 1, KEEP_DETAIL);
         let count = returns.points.len().min(MAX_BEAMS);
-        let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
+        let returns = Returns { points: &returns.points[..count], normals: &[], ..*returns };
 
         let start = Instant::now();
         self.visibility.build(image, settings.max_range, settings.clear_no_return, fill);
