@@ -28,3 +28,4 @@ pub use prepare::{Beams, Counts, Limits, PreparedScan, Preparer};
 pub use presets::{names as preset_names, preset, preset_with_columns};
 pub use pyramid::{Coverage, Pyramid, View};
 pub use trig::atan2;
+pub(crate) use trig::{larger, smaller};

@@ -58,8 +58,10 @@ fn fill_circle(from: &[Texel], to: &mut [Texel], gap: usize, similar: f32) {
     let columns = from.len();
     let Some(first) = from.iter().position(|pixel| pixel.far >= 0.0) else { return };
     let mut last = first;
-    for c in first + 1..=first + columns {
-        let here = from[c % columns];
+    // Once round, back to the first.
+    let round = (first + 1..columns).chain(columns..=first + columns);
+    for c in round {
+        let here = from[if c < columns { c } else { c - columns }];
         if here.far < 0.0 {
             continue;
         }

@@ -6,9 +6,9 @@
 
 use super::gaps::{BLANK, fill_gaps, grow};
 use super::rows::Rows;
-use crate::dispatch::gather;
+use crate::dispatch::{Kernel, dispatch, gather};
 use crate::geometry::whole;
-use crate::sensor::{BeamModel, RangeImage};
+use crate::sensor::{BeamModel, RangeImage, larger, smaller};
 use std::f32::consts::TAU;
 
 /// Most levels of the pyramid: cells of 64 x 64 pixels.
@@ -103,6 +103,8 @@ pub struct Visibility {
     unfilled: Vec<Texel>,
     cells: Vec<Packed>,
     coarser: Vec<Packed>,
+    /// A row that saw nothing.
+    blind: Vec<Packed>,
 }
 
 /// Ranges of beams on both sides of a gap differ by no more than this factor where the gap is on one surface.
@@ -135,6 +137,7 @@ impl Visibility {
             unfilled: Vec::new(),
             cells: Vec::new(),
             coarser: Vec::new(),
+            blind: Vec::new(),
         }
     }
 
@@ -156,64 +159,54 @@ impl Visibility {
     pub fn build(&mut self, image: &RangeImage, max_range: f32, clear_no_return: bool, fill: bool) {
         let (rows, columns) = (self.padded_rows(), self.columns);
         self.pixels.clear();
-        self.pixels.resize(rows * columns, BLANK);
-        for row in 0..image.rows.min(self.rows.count) {
-            let line = &mut self.pixels[row * columns..(row + 1) * columns];
-            for (column, &range) in image.ranges[row * image.columns..(row + 1) * image.columns].iter().enumerate() {
-                let pixel = &mut line[column * columns / image.columns];
-                if range > 0.0 || clear_no_return {
-                    let seen = if range > 0.0 { range.min(max_range) } else { max_range };
-                    *pixel = Texel { near: pixel.near.min(seen), far: pixel.far.max(seen) };
-                }
+        self.pixels.resize(self.rows.count * columns, BLANK);
+        let unseen = if clear_no_return { max_range } else { -1.0 };
+        for (line, ranges) in self.pixels.chunks_mut(columns).zip(image.ranges.chunks(image.columns)) {
+            if image.columns == columns {
+                dispatch(Line { ranges, max_range, unseen, pixels: line });
+            } else {
+                show_in_fewer(ranges, max_range, unseen, line);
             }
         }
         let widest = (GAP_SPACINGS * self.columns_per_radian() / self.rows.per_radian) as usize;
         let similar = if fill { f32::INFINITY } else { SAME_SURFACE };
-        let seen = &mut self.pixels[..self.rows.count * columns];
-        fill_gaps(seen, &mut self.unfilled, columns, widest.clamp(2, columns / 8 + 2), similar);
-        grow(seen, &mut self.unfilled, columns);
+        fill_gaps(&mut self.pixels, &mut self.unfilled, columns, widest.clamp(2, columns / 8 + 2), similar);
+        grow(&mut self.pixels, &mut self.unfilled, columns);
         self.metres_per_step = max_range / STEPS;
-        let per_metre = STEPS / max_range;
-        self.singles.clear();
-        self.singles.extend(self.pixels[..self.rows.count * columns].iter().map(|pixel| pack(pixel, per_metre)));
-        self.singles.resize(rows * columns, NOTHING);
-        self.cells.clone_from(&self.singles);
-        // For looks beyond the rim.
-        self.singles.push(NOTHING);
-        self.build_levels(rows);
+        dispatch(Levels { visibility: self, rows, per_metre: STEPS / max_range });
     }
 
-    /// Halves the cells level by level, and for each level joins windows of 2 x 2 cells.
-    fn build_levels(&mut self, rows: usize) {
+    /// Packs the pixels, halves the cells level by level, and for each level joins windows of 2 x 2 cells.
+    #[inline(always)]
+    fn build_levels(&mut self, rows: usize, per_metre: f32) {
+        let Self { pixels, singles, cells, coarser, windows, starts, blind, .. } = self;
         let (mut height, mut width) = (rows, self.columns);
-        let windows = &mut self.windows;
+        blind.resize(width, NOTHING);
+        singles.clear();
+        singles.resize(rows * width, NOTHING);
+        for (single, pixel) in singles.iter_mut().zip(pixels.iter()) {
+            *single = pack(pixel, per_metre);
+        }
+        cells.clone_from(singles);
+        // For looks beyond the rim.
+        singles.push(NOTHING);
         windows.clear();
-        for level in 0..LEVELS {
-            self.starts[level] = windows.len() as u32;
-            for top in 0..=height {
-                // Rows beyond the image are blind.
-                let upper = top.checked_sub(1).map(|r| &self.cells[r * width..(r + 1) * width]);
-                let lower = (top < height).then(|| &self.cells[top * width..(top + 1) * width]);
-                match (upper, lower) {
-                    (Some(a), Some(b)) => windows.extend((0..width).map(|c| {
-                        let d = (c + 1) & (width - 1);
-                        join_four([a[c], a[d], b[c], b[d]])
-                    })),
-                    (None, Some(one)) | (Some(one), None) => {
-                        windows.extend((0..width).map(|c| join_four([one[c], one[(c + 1) & (width - 1)], NOTHING, NOTHING])));
-                    }
-                    (None, None) => {}
-                }
+        for (level, start) in starts.iter_mut().enumerate() {
+            *start = windows.len() as u32;
+            // Above and below the image nothing was seen, nor in a row of windows more.
+            windows.resize(windows.len() + (height + 2) * width, NOTHING);
+            for (top, windows) in windows[*start as usize..].chunks_mut(width).take(height + 1).enumerate() {
+                let upper = if top == 0 { &blind[..width] } else { &cells[(top - 1) * width..top * width] };
+                let lower = if top == height { &blind[..width] } else { &cells[top * width..(top + 1) * width] };
+                join_rows(upper, lower, windows);
             }
-            // Below the image nothing was seen.
-            windows.resize(windows.len() + width, NOTHING);
             if level + 1 < LEVELS {
-                self.coarser.clear();
-                for row in 0..height / 2 {
-                    let (a, b) = (&self.cells[2 * row * width..], &self.cells[(2 * row + 1) * width..]);
-                    self.coarser.extend((0..width / 2).map(|c| join_four([a[2 * c], a[2 * c + 1], b[2 * c], b[2 * c + 1]])));
+                coarser.resize(height / 2 * (width / 2), NOTHING);
+                for (pair, coarser) in cells.chunks(2 * width).zip(coarser.chunks_mut(width / 2)) {
+                    let (upper, lower) = pair.split_at(width);
+                    halve(upper, lower, coarser);
                 }
-                std::mem::swap(&mut self.cells, &mut self.coarser);
+                std::mem::swap(cells, coarser);
                 (height, width) = (height / 2, width / 2);
             }
         }
@@ -353,21 +346,83 @@ fn join(a: Packed, b: Packed) -> Packed {
     (a | b) & (HOLE_BIT | RIM_BIT) | far | near
 }
 
+/// A row of pixels from as many ranges.
+struct Line<'a> {
+    ranges: &'a [f32],
+    max_range: f32,
+    unseen: f32,
+    pixels: &'a mut [Texel],
+}
+
+impl Kernel for Line<'_> {
+    #[inline(always)]
+    fn run(self) {
+        for (pixel, &range) in self.pixels.iter_mut().zip(self.ranges) {
+            let known = if range < self.max_range { range } else { self.max_range };
+            let seen = if range > 0.0 { known } else { self.unseen };
+            *pixel = Texel { near: if seen < 0.0 { f32::INFINITY } else { seen }, far: seen };
+        }
+    }
+}
+
+/// A row of pixels from more ranges.
+fn show_in_fewer(ranges: &[f32], max_range: f32, unseen: f32, pixels: &mut [Texel]) {
+    let columns = pixels.len();
+    for (column, &range) in ranges.iter().enumerate() {
+        let seen = if range > 0.0 { range.min(max_range) } else { unseen };
+        if seen >= 0.0 {
+            let pixel = &mut pixels[column * columns / ranges.len()];
+            *pixel = Texel { near: pixel.near.min(seen), far: pixel.far.max(seen) };
+        }
+    }
+}
+
+/// The pyramid from pixels.
+struct Levels<'a> {
+    visibility: &'a mut Visibility,
+    rows: usize,
+    per_metre: f32,
+}
+
+impl Kernel for Levels<'_> {
+    #[inline(always)]
+    fn run(self) {
+        self.visibility.build_levels(self.rows, self.per_metre);
+    }
+}
+
+/// Windows of two cells by two of two rows, which close on themselves.
 #[inline(always)]
-fn join_four(t: [Packed; 4]) -> Packed {
-    join(join(t[0], t[1]), join(t[2], t[3]))
+fn join_rows(upper: &[Packed], lower: &[Packed], windows: &mut [Packed]) {
+    let last = windows.len() - 1;
+    let left = upper[..last].iter().zip(&lower[..last]);
+    let right = upper[1..=last].iter().zip(&lower[1..=last]);
+    for (window, ((&a, &b), (&c, &d))) in windows.iter_mut().zip(left.zip(right)) {
+        *window = join(join(a, b), join(c, d));
+    }
+    windows[last] = join(join(upper[last], lower[last]), join(upper[0], lower[0]));
+}
+
+/// Cells of twice the size from two rows.
+#[inline(always)]
+fn halve(upper: &[Packed], lower: &[Packed], cells: &mut [Packed]) {
+    let (upper, lower) = (upper.as_chunks::<2>().0, lower.as_chunks::<2>().0);
+    for (cell, (&[a, b], &[c, d])) in cells.iter_mut().zip(upper.iter().zip(lower)) {
+        *cell = join(join(a, b), join(c, d));
+    }
 }
 
 /// A pixel in steps: what it saw lies within the packed bounds. A blank one saw nothing.
 #[inline(always)]
 fn pack(pixel: &Texel, per_metre: f32) -> Packed {
-    if pixel.far < 0.0 {
-        return HOLE;
-    }
     // The products' rounding must not push a bound inwards.
     let near = pixel.near * per_metre * (1.0 - 2.0 * f32::EPSILON);
     let far = pixel.far * per_metre * (1.0 + 2.0 * f32::EPSILON);
-    (far.ceil() as u32) << FAR_SHIFT | near as u32
+    // Rounded up; a whole number stays.
+    let (near, below) = (whole(smaller(near, FIELD as f32)), whole(larger(far, 0.0)));
+    let far = below + i32::from((below as f32) < far);
+    let packed = (far as u32) << FAR_SHIFT | near as u32;
+    if pixel.far < 0.0 { HOLE } else { packed }
 }
 
 #[cfg(test)]
