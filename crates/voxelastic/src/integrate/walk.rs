@@ -5,6 +5,7 @@
 //! What the lines pass is noted first and applied afterwards, so that its memory can be asked for in between.
 #![allow(clippy::needless_range_loop)] // A lane, or an axis, is an index into many arrays here.
 
+use crate::geometry::whole;
 use crate::octree::BLOCK_EDGE;
 
 /// Lines that are walked at once.
@@ -175,9 +176,9 @@ impl Walk {
             for lane in 0..LANES {
                 let (direction, edge) = (lines.direction[k][lane], lines.edge[lane]);
                 let at = point[k][lane] + enter[lane] * direction;
-                // Not `clamp` and not a plain cast, which would also care for NaN and for what a dead line may hold.
+                // Not `clamp`, which would also care for NaN.
                 let at = if at > 0.0 { at } else { 0.0 };
-                let cell = if at < (edge - 1) as f32 { at } else { (edge - 1) as f32 } as i32;
+                let cell = whole(if at < (edge - 1) as f32 { at } else { (edge - 1) as f32 });
                 let ahead = direction > 0.0;
                 walk.index[lane] += cell * stride[lane];
                 walk.stride[k][lane] = if ahead { stride[lane] } else { -stride[lane] };

@@ -6,10 +6,11 @@
 use super::descend::Mask;
 use super::model::{Evidence, OccupancySettings, Steps};
 use crate::field::occupancy::{LOG_ODDS_STEPS, Summary, UNKNOWN};
-use crate::geometry::morton;
+use crate::geometry::{morton, whole};
 use crate::integrate::transform::Beam;
-use crate::integrate::walk::{LANES, Line, Lines, Trace};
+use crate::integrate::walk::{LANES, Line, Lines, MAX_STEPS, Trace};
 use crate::octree::{voxel_coords, voxels_at};
+use crate::sensor::{larger, smaller};
 
 /// "No evidence" among updates: less than any evidence.
 const NO_UPDATE: i8 = i8::MIN;
@@ -46,12 +47,24 @@ pub(super) struct Formation<'a> {
     trace: Trace,
     /// Which block each line passes, by the caller's number.
     owner: [u32; LANES],
-    evidence: [Evidence; LANES],
+    /// The model, and its sigma for each line.
+    evidence: Evidence,
+    sigma: [f32; LANES],
+    /// What each line says about the voxels that it passes.
+    updates: [[i8; LANES]; MAX_STEPS],
 }
 
 impl<'a> Formation<'a> {
     pub fn new(settings: &'a OccupancySettings) -> Self {
-        Self { settings, lines: Lines::new(), trace: Trace::new(), owner: [0; LANES], evidence: [Evidence::new(settings, 0.0, 0); LANES] }
+        Self {
+            settings,
+            lines: Lines::new(),
+            trace: Trace::new(),
+            owner: [0; LANES],
+            evidence: Evidence::new(settings, 0.0, 0),
+            sigma: [0.0; LANES],
+            updates: [[0; LANES]; MAX_STEPS],
+        }
     }
 
     pub fn is_full(&self) -> bool {
@@ -64,7 +77,7 @@ impl<'a> Formation<'a> {
         let lane = self.lines.len() % LANES;
         let evidence = Evidence::new(self.settings, beam.range * self.settings.voxel, place.scale);
         let (before, behind) = evidence.reach();
-        (self.owner[lane], self.evidence[lane]) = (owner, evidence);
+        (self.owner[lane], self.sigma[lane]) = (owner, evidence.sigma());
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
@@ -79,6 +92,18 @@ impl<'a> Formation<'a> {
     #[inline(always)]
     pub fn walk(&mut self) -> usize {
         self.trace.walk(&self.lines);
+        let model = self.evidence;
+        for step in 0..self.trace.longest {
+            for lane in 0..LANES {
+                let evidence = model.with_sigma(self.sigma[lane]);
+                let (before, behind) = evidence.reach();
+                // The centre of a voxel may lie a little outside of the model's reach although the line is inside.
+                let distance = smaller(larger(self.trace.quantity[step][lane], before), behind);
+                let update = evidence.at(distance) * LOG_ODDS_STEPS;
+                let size = whole(update.abs());
+                self.updates[step][lane] = if update < 0.0 { -size } else { size } as i8;
+            }
+        }
         let lines = self.lines.len();
         self.lines.clear();
         lines
@@ -129,14 +154,10 @@ impl<'a> Updates<'a> {
     /// Notes the evidence of line `lane` where it is the largest so far.
     #[inline(always)]
     pub fn note(&mut self, formation: &Formation<'_>, lane: usize) {
-        let (evidence, trace) = (formation.evidence[lane], &formation.trace);
-        let (before, behind) = evidence.reach();
-        for step in 0..trace.steps[lane] as usize {
-            // The centre of a voxel may lie a little outside of the model's reach although the line is inside.
-            let distance = trace.quantity[step][lane].clamp(before, behind);
-            let update = (evidence.at(distance) * LOG_ODDS_STEPS) as i8;
-            let known = &mut self.updates[trace.index[step][lane] as usize];
-            *known = (*known).max(update);
+        let (index, steps) = (&formation.trace.index, formation.trace.steps[lane] as usize);
+        for (index, updates) in index.iter().zip(&formation.updates).take(steps) {
+            let known = &mut self.updates[index[lane] as usize % voxels_at(0)];
+            *known = (*known).max(updates[lane]);
         }
     }
 

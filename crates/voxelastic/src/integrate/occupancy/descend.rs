@@ -1,7 +1,7 @@
 //! Map-to-sensor descent (paper Sec. III-A): from the root down, which octants lie wholly in free space?
 //!
-//! The descent only reads the map, so it runs in parallel over subtrees; what it finds is a list of [`Found`] in Morton
-//! order. It stops at octants that are free, that hold nothing free, that are saturated free already (surfaces come from
+//! The descent only reads the map, so it runs in parallel over subtrees, in each of them through all cubes of one size before the
+//! next smaller ones, so that many are looked at together; what it finds is a list of [`Found`] in Morton order. It stops at octants that are free, that hold nothing free, that are saturated free already (surfaces come from
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
 use super::model::{OccupancySettings, Steps};
@@ -87,12 +87,12 @@ pub(super) struct Descent<'a> {
     pub steps: Steps,
 }
 
-/// A cube below a block that holds nothing larger than voxels: a quarter or a pair across.
+/// A cube of a block whose children are looked at: the block itself, half its edge or a quarter.
 #[derive(Clone, Copy, Debug)]
 struct Part {
     /// Place in the list of blocks.
     block: u32,
-    /// Which part of the block's mask, in steps of its own size.
+    /// Which of the block's cubes of this size, in Morton order.
     place: usize,
 }
 
@@ -118,6 +118,7 @@ struct Memory {
     inner: Vec<Inner>,
     parts: Vec<Part>,
     smaller: Vec<Part>,
+    smaller_centres: Vec<[f32; 3]>,
 }
 
 impl Memory {
@@ -132,6 +133,7 @@ impl Memory {
             inner: Vec::new(),
             parts: Vec::new(),
             smaller: Vec::new(),
+            smaller_centres: Vec::new(),
         }
     }
 }
@@ -158,7 +160,11 @@ impl Descent<'_> {
                 finds
             })
             .collect();
-        let mut all = Finds::default();
+        let mut all = Finds {
+            found: Vec::with_capacity(parts.iter().map(|part| part.found.len()).sum()),
+            masks: Vec::with_capacity(parts.iter().map(|part| part.masks.len()).sum()),
+            visited: 0,
+        };
         for part in parts {
             let first = all.masks.len() as u32;
             all.found.extend(part.found.iter().map(|f| match *f {
@@ -175,21 +181,26 @@ impl Descent<'_> {
     fn subtrees(&self, root: Cube) -> Vec<Cube> {
         let mut memory = Memory::new();
         let mut subtrees = vec![root];
-        while subtrees.iter().any(|cube| self.is_too_much_work(cube)) {
-            subtrees = subtrees
-                .iter()
-                .flat_map(|cube| {
-                    if !self.is_too_much_work(cube) {
-                        return vec![*cube];
+        loop {
+            // All of them are equally large: the smaller ones of earlier rounds are little enough work.
+            let large: Vec<Cube> = subtrees.iter().copied().filter(|cube| self.is_too_much_work(cube)).collect();
+            if large.is_empty() {
+                return subtrees;
+            }
+            self.look(&large, &mut memory);
+            let mut classes = memory.classes.iter();
+            let mut smaller = Vec::new();
+            for cube in &subtrees {
+                match classes.as_slice().first() {
+                    Some(seen) if self.is_too_much_work(cube) => {
+                        classes.next();
+                        self.open(cube, seen, |child| smaller.push(child));
                     }
-                    let mut children = Vec::new();
-                    self.look(std::slice::from_ref(cube), &mut memory);
-                    self.open(cube, &memory.classes[0], |child| children.push(child));
-                    children
-                })
-                .collect();
+                    _ => smaller.push(*cube),
+                }
+            }
+            subtrees = smaller;
         }
-        subtrees
     }
 
     /// Whether a cube is cut further before threads share the work. Cubes are refined to the beams' spacing, which grows with the range, so
@@ -277,7 +288,7 @@ impl Descent<'_> {
             }
             return;
         }
-        let Memory { stack, .. } = memory;
+        let stack = &mut memory.stack;
         stack.push(cube);
         while let Some(cube) = stack.pop() {
             if cube.link == NONE {
@@ -309,7 +320,7 @@ impl Descent<'_> {
     ///
     /// A small cube that is not looked into is free if a beam crossed it, whatever the beams without return might have met.
     fn look_into_blocks(&self, memory: &mut Memory, finds: &mut Finds) {
-        let Memory { scratch, centres, classes, inner, parts, smaller, .. } = memory;
+        let Memory { scratch, centres, smaller_centres, classes, inner, parts, smaller, .. } = memory;
         let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel;
         parts.clear();
         centres.clear();
@@ -322,7 +333,7 @@ impl Descent<'_> {
             self.sight.classify(centres, half, scratch, classes);
             finds.visited += 8 * parts.len();
             smaller.clear();
-            let mut children = Vec::new();
+            smaller_centres.clear();
             for ((part, classes), &centre) in parts.iter().zip(classes.iter()).zip(centres.iter()) {
                 let Inner { mask, finest, beams, .. } = &mut inner[part.block as usize];
                 let look = if *finest + depth < 2 { worth_a_look(classes, *beams / (1 << depth) as f32) } else { 0 };
@@ -332,11 +343,11 @@ impl Descent<'_> {
                 }
                 for i in bits(look) {
                     smaller.push(Part { block: part.block, place: 8 * part.place + i });
-                    children.push(child_centre(centre, half, i));
+                    smaller_centres.push(child_centre(centre, half, i));
                 }
             }
             std::mem::swap(parts, smaller);
-            *centres = children;
+            std::mem::swap(centres, smaller_centres);
         }
         for Inner { block, mask, .. } in inner.iter() {
             if *mask == [u64::MAX; 8] {

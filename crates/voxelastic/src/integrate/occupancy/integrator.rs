@@ -114,28 +114,33 @@ impl OccupancyIntegrator {
         let count = returns.points.len().min(MAX_BEAMS);
         let returns = Returns { points: &returns.points[..count], normals: &[], ..*returns };
 
-        let start = Instant::now();
-        self.visibility.build(image, settings.max_range, settings.clear_no_return, fill);
-        let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: 0.0 };
-        to_submap(&returns, &how, |range| rule.fitting(range), &mut self.beams);
-        let limit = settings.max_range / settings.voxel;
-        self.beams.retain(|beam| beam.range <= limit);
-        let seen = Instant::now();
-
         let reach = self.cover(field, t_submap_lidar.translation);
-        let sight = Sight::new(&self.visibility, &settings, t_submap_lidar);
-        let descent = Descent { field, sight, settings: &settings, steps };
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        let (selection, beams) = (&mut self.selection, &self.beams);
-        let select = || {
-            selection.select(beams, sensor, reach, |beam| {
-                let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
-                let local = (1 << beam.scale) as f32;
-                (-before * local, behind * local)
-            });
+        let Self { visibility, selection, beams, .. } = self;
+        let descend = || {
+            let ((), see) = timed(|| visibility.build(image, settings.max_range, settings.clear_no_return, fill));
+            let sight = Sight::new(visibility, &settings, t_submap_lidar);
+            let (finds, descend) = timed(|| Descent { field, sight, settings: &settings, steps }.run());
+            (finds, see, descend)
         };
-        // Neither needs the other, and a sort leaves threads idle.
-        let ((finds, descend), ((), select)) = rayon::join(|| timed(|| descent.run()), || timed(select));
+        let select = || {
+            let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: 0.0 };
+            let limit = settings.max_range / settings.voxel;
+            let ((), see) = timed(|| {
+                to_submap(&returns, &how, |range| rule.fitting(range), beams);
+                beams.retain(|beam| beam.range <= limit);
+            });
+            let ((), select) = timed(|| {
+                selection.select(beams, sensor, reach, |beam| {
+                    let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
+                    let local = (1 << beam.scale) as f32;
+                    (-before * local, behind * local)
+                });
+            });
+            (see, select)
+        };
+        // Neither needs the other, and both have parts that leave threads idle.
+        let ((finds, see, descend), (transform, select)) = rayon::join(descend, select);
 
         let selected = Instant::now();
         let mut touched = Touched::default();
@@ -155,7 +160,7 @@ impl OccupancyIntegrator {
             free_octants: finds.found.iter().filter(|f| matches!(f, Found::Octant { .. })).count(),
             blocks: self.touches.len(),
             phases: OccupancyPhases {
-                see: seen - start,
+                see: see + transform,
                 descend,
                 select,
                 allocate: allocated - selected,

@@ -1,6 +1,7 @@
 //! The inverse sensor model: log-odds as a piecewise linear function of the distance to the return.
 
 use crate::field::occupancy::steps;
+use crate::sensor::{larger, smaller};
 
 /// How scans update occupancy. Lengths in metres, evidence in log-odds.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,6 +63,7 @@ pub(super) const LEAST_SIGMA: f32 = 0.25;
 pub(super) struct Evidence {
     free: f32,
     hit: f32,
+    /// In voxels of the scale.
     sigma: f32,
     thickness: f32,
 }
@@ -75,6 +77,18 @@ impl Evidence {
         Self { free: settings.free, hit: settings.hit, sigma, thickness: settings.thickness_voxels }
     }
 
+    /// The noise at the return, in voxels of the scale; all else is the same wherever the return is.
+    #[inline(always)]
+    pub fn sigma(&self) -> f32 {
+        self.sigma
+    }
+
+    /// The model for a return with another noise.
+    #[inline(always)]
+    pub fn with_sigma(self, sigma: f32) -> Self {
+        Self { sigma, ..self }
+    }
+
     /// Distances before and behind the return between which the model says something else than "free" or nothing.
     #[inline(always)]
     pub fn reach(&self) -> (f32, f32) {
@@ -86,9 +100,15 @@ impl Evidence {
     pub fn at(&self, distance: f32) -> f32 {
         let rise = (distance + 3.0 * self.sigma) / (2.0 * self.sigma);
         let fall = (self.thickness - distance) / (0.5 * self.thickness);
-        let front = self.free + (self.hit - self.free) * rise.clamp(0.0, 1.0);
-        front.min(self.hit * fall.clamp(0.0, 1.0))
+        let front = self.free + (self.hit - self.free) * share(rise);
+        smaller(front, self.hit * share(fall))
     }
+}
+
+/// At least none, at most all.
+#[inline(always)]
+fn share(x: f32) -> f32 {
+    smaller(larger(x, 0.0), 1.0)
 }
 
 /// How far before a return a voxel must lie to count as free, metres: at least the first, and by range the line
