@@ -324,9 +324,9 @@ impl Descent<'_> {
         let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel;
         parts.clear();
         centres.clear();
-        for i in 0..inner.len() {
+        for (i, inner) in inner.iter().enumerate() {
             parts.push(Part { block: i as u32, place: 0 });
-            centres.push(self.place(&inner[i].block).0);
+            centres.push(self.place(&inner.block).0);
         }
         for depth in 0..3usize {
             let half = half / (1 << depth) as f32;

@@ -1,6 +1,6 @@
 //! Small gaps in a range image: beams without return among beams that came back.
 
-use super::visibility::Texel;
+use super::texel::Texel;
 
 /// A pixel that saw nothing.
 pub(super) const BLANK: Texel = Texel { near: f32::INFINITY, far: -1.0 };

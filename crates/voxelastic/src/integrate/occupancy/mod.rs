@@ -8,6 +8,8 @@ mod model;
 pub(crate) mod propagate;
 mod rows;
 mod sight;
+mod silhouette;
+mod texel;
 mod visibility;
 
 pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};

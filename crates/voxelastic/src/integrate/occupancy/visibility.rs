@@ -3,24 +3,18 @@
 //! A texel of level L covers a *window* of 2 x 2 cells of 2^L x 2^L pixels, so that any patch no larger than such a cell
 //! lies within one texel: classifying an octant reads one texel, whatever its size (DESIGN, core 4). The field of view's
 //! rim and beams without return count as "saw nothing".
+#![allow(clippy::needless_range_loop)] // A lane is an index into many arrays here.
 
 use super::gaps::{BLANK, fill_gaps, grow};
 use super::rows::Rows;
+use super::texel::{NOTHING, Packed, Texel, halve, join, join_rows, pack};
 use crate::dispatch::{Kernel, dispatch, gather};
 use crate::geometry::whole;
-use crate::sensor::{BeamModel, RangeImage, larger, smaller};
+use crate::sensor::{BeamModel, RangeImage};
 use std::f32::consts::TAU;
 
 /// Most levels of the pyramid: cells of 64 x 64 pixels.
 pub(super) const LEVELS: usize = 7;
-
-/// Nearest and farthest that a pixel saw, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub(super) struct Texel {
-    pub near: f32,
-    pub far: f32,
-}
 
 /// Most directions that are looked at together.
 pub(super) const LANES: usize = 256;
@@ -60,29 +54,6 @@ pub(super) fn level_for(rows: f32, columns: f32) -> u32 {
     ((size.to_bits() + 0x007f_ffff) >> 23) - 127
 }
 
-/// A texel in four bytes: near rounded down in the lowest 15 bits, far rounded up in the next 15, in steps of the pyramid;
-/// then whether a part of it is a hole, and whether a part lies beyond the rim of the field of view.
-pub(super) type Packed = u32;
-
-const FIELD: Packed = 0x7fff;
-const FAR_SHIFT: u32 = 15;
-/// A pixel within the field of view saw nothing.
-pub(super) const HOLE_BIT: Packed = 1 << 30;
-/// A part lies outside of the field of view.
-pub(super) const RIM_BIT: Packed = 1 << 31;
-
-/// The nearest that any pixel of a texel with a return saw, in steps; without such a pixel beyond the maximum range.
-#[inline(always)]
-pub(super) fn near_of(texel: Packed) -> f32 {
-    (texel & FIELD) as i32 as f32
-}
-
-/// The farthest that any pixel of a texel with a return saw, in steps; without such a pixel 0.
-#[inline(always)]
-pub(super) fn far_of(texel: Packed) -> f32 {
-    (texel >> FAR_SHIFT & FIELD) as i32 as f32
-}
-
 /// The pyramid of one scan.
 #[derive(Clone, Debug)]
 pub struct Visibility {
@@ -111,10 +82,6 @@ pub struct Visibility {
 const SAME_SURFACE: f32 = 1.1;
 /// Gaps in a row are bridged up to this many times the angle between rows.
 const GAP_SPACINGS: f32 = 1.5;
-/// Outside of the field of view.
-const NOTHING: Packed = RIM_BIT | FIELD;
-/// A beam without return.
-const HOLE: Packed = HOLE_BIT | FIELD;
 /// Steps from 0 to the maximum range, of which the pyramid's bounds are whole numbers.
 const STEPS: f32 = 32_000.0;
 
@@ -336,16 +303,6 @@ impl Place {
     }
 }
 
-/// Both texels.
-#[inline(always)]
-fn join(a: Packed, b: Packed) -> Packed {
-    let (near_a, near_b) = (a & FIELD, b & FIELD);
-    let (far_a, far_b) = (a & FIELD << FAR_SHIFT, b & FIELD << FAR_SHIFT);
-    let near = if near_a < near_b { near_a } else { near_b };
-    let far = if far_a > far_b { far_a } else { far_b };
-    (a | b) & (HOLE_BIT | RIM_BIT) | far | near
-}
-
 /// A row of pixels from as many ranges.
 struct Line<'a> {
     ranges: &'a [f32],
@@ -391,42 +348,9 @@ impl Kernel for Levels<'_> {
     }
 }
 
-/// Windows of two cells by two of two rows, which close on themselves.
-#[inline(always)]
-fn join_rows(upper: &[Packed], lower: &[Packed], windows: &mut [Packed]) {
-    let last = windows.len() - 1;
-    let left = upper[..last].iter().zip(&lower[..last]);
-    let right = upper[1..=last].iter().zip(&lower[1..=last]);
-    for (window, ((&a, &b), (&c, &d))) in windows.iter_mut().zip(left.zip(right)) {
-        *window = join(join(a, b), join(c, d));
-    }
-    windows[last] = join(join(upper[last], lower[last]), join(upper[0], lower[0]));
-}
-
-/// Cells of twice the size from two rows.
-#[inline(always)]
-fn halve(upper: &[Packed], lower: &[Packed], cells: &mut [Packed]) {
-    let (upper, lower) = (upper.as_chunks::<2>().0, lower.as_chunks::<2>().0);
-    for (cell, (&[a, b], &[c, d])) in cells.iter_mut().zip(upper.iter().zip(lower)) {
-        *cell = join(join(a, b), join(c, d));
-    }
-}
-
-/// A pixel in steps: what it saw lies within the packed bounds. A blank one saw nothing.
-#[inline(always)]
-fn pack(pixel: &Texel, per_metre: f32) -> Packed {
-    // The products' rounding must not push a bound inwards.
-    let near = pixel.near * per_metre * (1.0 - 2.0 * f32::EPSILON);
-    let far = pixel.far * per_metre * (1.0 + 2.0 * f32::EPSILON);
-    // Rounded up; a whole number stays.
-    let (near, below) = (whole(smaller(near, FIELD as f32)), whole(larger(far, 0.0)));
-    let far = below + i32::from((below as f32) < far);
-    let packed = (far as u32) << FAR_SHIFT | near as u32;
-    if pixel.far < 0.0 { HOLE } else { packed }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::texel::{HOLE_BIT, RIM_BIT, far_of, near_of};
     use super::*;
     use proptest::prelude::*;
 
