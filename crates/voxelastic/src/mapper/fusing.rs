@@ -114,7 +114,7 @@ impl Fusing {
         let (source, t_target_source) = retire(fusion, atlas, graph)?;
         let (sender, samples) = sync_channel(1);
         if self.worker.is_none() {
-            let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned());
+            let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned()).start_handler(|_| give_way());
             // Without a thread of its own, the fusion is sampled when it is due.
             self.worker = builder.build().ok();
         }
@@ -153,6 +153,13 @@ impl Fusing {
             self.job = Some(job);
         }
     }
+}
+
+/// Gives the calling thread what time others leave: a scan that has to share a core with it would take twice as long. Where the system
+/// refuses, it goes on as before.
+fn give_way() {
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::nice(19);
 }
 
 /// Takes the source out of the atlas; none if one of the submaps is not there.
