@@ -16,6 +16,7 @@ pub use members::Members;
 pub use mesh_cache::MeshCache;
 pub use submap::{Submap, SubmapId, SubmapScan};
 
+use crate::field::tsdf::BrickPages;
 use crate::geometry::Pose;
 use std::sync::Arc;
 
@@ -68,12 +69,7 @@ impl Atlas {
     /// Takes submap `id` out of the list to be fused into `target`, in which it lies at `t_target_submap`.
     pub(crate) fn retire(&mut self, id: SubmapId, target: SubmapId, t_target_submap: Pose) -> Option<Arc<Submap>> {
         let place = self.submaps.binary_search_by_key(&id, |s| s.id).ok()?;
-        let mut submap = self.submaps.remove(place);
-        let spare = submap.tsdf.take_spare();
-        if let Some(target) = self.submap_mut(target) {
-            target.tsdf.lend(spare);
-        }
-        let submap = Arc::new(submap);
+        let submap = Arc::new(self.submaps.remove(place));
         self.retiring = Some(Retired { submap: Arc::clone(&submap), target, t_target_submap });
         Some(submap)
     }
@@ -91,22 +87,20 @@ impl Atlas {
     /// Lets all submaps but `busy` come to rest, a step further, and gives it the memory that this frees: a scan that enters a submap
     /// would else wait for much that is new.
     pub(crate) fn rest_beside(&mut self, busy: SubmapId) {
-        let mut spare = Vec::new();
+        /// Bricks that are laid to rest beside a scan: a submap has left memory ten or twenty scans after it was left itself.
+        const MOST_AT_ONCE: usize = 8192;
+        let (mut pages, mut left) = (BrickPages::new(), MOST_AT_ONCE);
         for submap in self.submaps.iter_mut().filter(|s| s.id != busy) {
-            submap.tsdf.rest_a_step();
-            spare.push(submap.tsdf.take_spare());
+            left -= submap.tsdf.rest_from_the_end(left, &mut pages);
         }
         if let Some(submap) = self.submap_mut(busy) {
-            spare.into_iter().for_each(|spare| submap.tsdf.lend(spare));
+            submap.tsdf.adopt(pages);
         }
     }
 
     /// Lets all submaps come to rest.
     pub(crate) fn rest(&mut self) {
-        for submap in &mut self.submaps {
-            submap.tsdf.rest_all();
-            submap.tsdf.take_spare();
-        }
+        self.submaps.iter_mut().for_each(|submap| submap.tsdf.rest_all());
     }
 
     /// The submap with `id`.

@@ -9,7 +9,7 @@ use super::Submap;
 use crate::field::occupancy::{OccupancyField, State};
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::{BLOCK_SHIFT, Cursor, NONE, block_key, voxel_index};
+use crate::octree::{BLOCK_SHIFT, Cursor, block_key, voxel_index};
 
 /// Returns looked at: enough for a percent of accuracy.
 const SAMPLES: usize = 4096;
@@ -83,9 +83,6 @@ fn distance_at(field: &TsdfField, cursor: &mut Cursor, point: [f32; 3]) -> Optio
     let id = cursor.block(field.tree(), block_key(c.map(|v| v >> BLOCK_SHIFT)))?;
     let block = field.block(id);
     let scale = usize::from(block.scale);
-    if block.data[scale] == NONE {
-        return None;
-    }
     let voxel = field.voxel(block, voxel_index(c.map(|v| (v & 7) as usize >> scale), scale));
     (voxel.weight >= WELL_OBSERVED).then(|| (voxel.distance_in_voxels(), (1 << scale) as f32))
 }

@@ -6,5 +6,5 @@ mod store;
 mod store_image;
 pub mod tsdf;
 
-pub use store::{BlockStore, Spare, StoreCells};
+pub use store::{BlockStore, StoreCells};
 pub use store_image::{BlockHead, ImageError, OccupancyBuilder, OctantRecord, TsdfBuilder};

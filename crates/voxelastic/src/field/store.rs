@@ -1,6 +1,6 @@
 //! Voxel arrays in one pool per scale, so that a block pays only for the scales that it holds.
 
-use crate::octree::{Cells, Place, Pool, SCALES, voxels_at};
+use crate::octree::{Cells, Pool, SCALES, voxels_at};
 
 /// Voxel arrays of 512, 64, 8 and 1 voxels, for blocks at scales 0, 1, 2 and 3.
 #[derive(Clone, Debug)]
@@ -25,16 +25,6 @@ impl<V: Copy + Default> BlockStore<V> {
             1 => self.half.insert([V::default(); voxels_at(1)]),
             2 => self.quarter.insert([V::default(); voxels_at(2)]),
             _ => self.single.insert([V::default(); voxels_at(3)]),
-        }
-    }
-
-    /// As [`insert`](Self::insert), for an array that will be overwritten: its voxels are anything.
-    pub fn claim(&mut self, scale: usize) -> u32 {
-        match scale {
-            0 => self.fine.claim([V::default(); voxels_at(0)]),
-            1 => self.half.claim([V::default(); voxels_at(1)]),
-            2 => self.quarter.claim([V::default(); voxels_at(2)]),
-            _ => self.single.claim([V::default(); voxels_at(3)]),
         }
     }
 
@@ -70,17 +60,6 @@ impl<V: Copy + Default> BlockStore<V> {
         }
     }
 
-    /// Takes the memory that holds nothing.
-    pub fn take_spare(&mut self) -> Spare<V> {
-        Spare { fine: self.fine.take_spare(), half: self.half.take_spare() }
-    }
-
-    /// Adds memory to spare, taken from another store.
-    pub fn lend(&mut self, spare: Spare<V>) {
-        self.fine.lend(spare.fine);
-        self.half.lend(spare.half);
-    }
-
     /// Arrays in use at each scale.
     pub fn live(&self) -> [usize; SCALES] {
         [self.fine.live(), self.half.live(), self.quarter.live(), self.single.live()]
@@ -102,13 +81,6 @@ impl<V: Copy + Default> BlockStore<V> {
     }
 }
 
-/// Memory of a store that holds nothing, for another one. Coarser arrays are not worth it.
-#[derive(Debug)]
-pub struct Spare<V> {
-    fine: Vec<Vec<[V; voxels_at(0)]>>,
-    half: Vec<Vec<[V; voxels_at(1)]>>,
-}
-
 /// A [`BlockStore`] opened for parallel writing.
 pub struct StoreCells<'a, V> {
     fine: Cells<'a, [V; voxels_at(0)]>,
@@ -128,12 +100,6 @@ impl<V> StoreCells<'_, V> {
             2 => self.quarter.address(slot).cast(),
             _ => self.single.address(slot).cast(),
         }
-    }
-
-    /// The place of the array in `slot` at `scale`.
-    #[inline(always)]
-    pub fn place(&self, scale: usize, slot: u32) -> Place<V> {
-        Place::new(self.address(scale, slot))
     }
 
     /// The array in `slot` at `scale`.

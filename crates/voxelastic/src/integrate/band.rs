@@ -93,6 +93,9 @@ pub(crate) struct Hits {
 }
 
 impl Hits {
+    /// Most hits that there can be.
+    pub const MOST: usize = MOST_HITS;
+
     pub fn new() -> Self {
         Self { target: [0; MOST_HITS + 1], quantity: [0.0; MOST_HITS + 1], weight: [0.0; MOST_HITS + 1], len: 0 }
     }
@@ -103,25 +106,24 @@ impl Hits {
         ((self.target[i] >> 16) as usize % LANES, self.target[i] as usize & 0xffff)
     }
 
-    /// Folds the strength of the return into the intensity of the voxel of hit `i`, if that is near the surface.
+    /// Whether the voxel of hit `i` takes an intensity.
     #[inline(always)]
-    pub fn observe_shade(&self, i: usize, shade: &mut u8, observed: u8) {
-        let new = towards(*shade, observed);
-        *shade = if self.quantity[i].abs() < SHADED { new } else { *shade };
+    pub fn is_near(&self, i: usize) -> bool {
+        self.quantity[i].abs() < SHADED
     }
 }
 
 /// How far from the surface voxels have an intensity, in voxels: a vertex has that of the voxel beside it.
 const SHADED: f32 = 1.5;
 
-/// An intensity, 0 while it is unknown, moved an eighth of the way to the observed one, and at least by one.
+/// Moves an intensity, 0 while it is unknown, an eighth of the way to the observed one, and at least by one.
 #[inline(always)]
-fn towards(shade: u8, observed: u8) -> u8 {
-    let (old, observed) = (i32::from(shade), i32::from(observed));
+pub(crate) fn observe_shade(shade: &mut u8, observed: u8) {
+    let (old, observed) = (i32::from(*shade), i32::from(observed));
     let change = observed - old;
     // Shifting rounds downwards: away from zero where it is negative, and where it is positive with what is added.
     let moved = old + ((change + if change > 0 { 7 } else { 0 }) >> 3);
-    (if old == 0 { observed } else { moved }) as u8
+    *shade = (if old == 0 { observed } else { moved }) as u8;
 }
 
 #[cfg(test)]
@@ -131,11 +133,12 @@ mod tests {
     #[test]
     fn intensities_come_to_what_is_observed() {
         for (first, then) in [(1, 255), (255, 1), (100, 101), (101, 100), (7, 7)] {
-            let mut shade = towards(0, first);
+            let mut shade = 0;
+            observe_shade(&mut shade, first);
             assert_eq!(shade, first);
             let mut before = shade;
             for _ in 0..60 {
-                shade = towards(shade, then);
+                observe_shade(&mut shade, then);
                 assert!(shade.abs_diff(then) < before.abs_diff(then) || shade == then);
                 before = shade;
             }

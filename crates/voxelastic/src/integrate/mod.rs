@@ -3,6 +3,7 @@
 mod band;
 mod bridge;
 mod colour;
+mod formation;
 pub mod occupancy;
 pub mod radix;
 pub mod scale;

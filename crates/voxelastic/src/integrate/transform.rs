@@ -30,7 +30,7 @@ pub(crate) struct Beam {
     /// Unit vector along which it is walked: from the sensor to the point, but see [`steepened`].
     pub direction: [f32; 3],
     /// Strength of the return.
-    pub shade: f32,
+    pub shade: u8,
     /// Normal of the local plane, facing the sensor; against the beam where no plane is known.
     pub normal: [f32; 3],
     /// Distance from the sensor to the point.
@@ -72,7 +72,7 @@ pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, scale_of: impl Fn
                 point: place.map(|c| c * per_metre),
                 scale: scale_of(range) as u32,
                 direction: steepened(direction, normal, *least_slope),
-                shade: returns.shades.get(first + i).map_or(0.0, |&s| f32::from(s)),
+                shade: returns.shades.get(first + i).copied().unwrap_or(0),
                 normal,
                 range: range * per_metre,
             };

@@ -1,21 +1,19 @@
 //! MultiresTSDF integration (paper Sec. III-A, III-B): walk each beam through its truncation band, from the true point.
 //!
 //! A scan goes through five phases: *transform* the beams into the submap, *select* the blocks that their bands touch,
-//! *allocate* what is missing (in bulk, in Morton order, choosing each block's scale), *update* each block's voxels from
-//! its beams in beam order, and *release* what scale changes left over. Blocks are independent in the update, so threads
-//! share nothing and change nothing but the time.
+//! *allocate* the blocks that are missing (in bulk, in Morton order, choosing each block's scale), *update* each block's voxels
+//! from its beams in beam order (`formation.rs`), and *release* what scale changes left over. Blocks are
+//! independent in the update, so threads share nothing and change nothing but the time.
 
-use super::band::{Band, Hits};
+use super::band::Band;
+use super::formation::{Change, Run, Share, Update, scale_change};
 use super::scale::ScaleRule;
-use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
+use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
-use super::walk::{LANES, Line, Lines, Trace};
-use crate::dispatch::{Kernel, dispatch};
-use crate::field::StoreCells;
-use crate::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
-use crate::field::tsdf::{Block, TsdfField, Voxel, WEIGHT_ONE};
+use crate::dispatch::dispatch;
+use crate::field::tsdf::{Touched, TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, Place, Pool, SCALES, block_coords, prefetch};
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, SCALES, ask_for_all, block_coords};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
@@ -53,9 +51,9 @@ pub struct TsdfPhases {
     pub transform: Duration,
     /// Blocks touched, grouped.
     pub select: Duration,
-    /// Octants and arrays made, scales chosen.
+    /// Octants and blocks made, scales chosen.
     pub allocate: Duration,
-    /// Voxels updated, propagation between scales included.
+    /// Bricks made or woken, voxels updated, propagation between scales and coming to rest included.
     pub update: Duration,
 }
 
@@ -72,25 +70,6 @@ pub struct TsdfStats {
     pub scale_changes: usize,
     /// Where the time went.
     pub phases: TsdfPhases,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Change {
-    None,
-    Coarser,
-    /// To an array that was there before.
-    Finer,
-    /// To a new array.
-    FinerNew,
-}
-
-/// A block and the beams that touch it.
-#[derive(Clone, Copy, Debug)]
-struct Run {
-    block: u32,
-    start: u32,
-    end: u32,
-    change: Change,
 }
 
 /// Integrates scans into [`TsdfField`]s; holds the scratch memory, so keep one for all scans.
@@ -182,7 +161,6 @@ impl TsdfIntegrator {
             field.tree.grow_to(crate::octree::block_key(high));
         }
         let found = self.find(field, rule, |c| (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt());
-        field.wake(self.runs.iter().filter(|run| run.block != NONE).map(|run| run.block));
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;
         for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {
@@ -192,8 +170,8 @@ impl TsdfIntegrator {
                     new_blocks += 1;
                 }
                 Change::None => {}
-                Change::Coarser => field.reserve_coarser(run.block),
-                Change::Finer | Change::FinerNew => field.reserve_finer(run.block),
+                Change::Coarser => field.go_coarser(run.block),
+                Change::Finer | Change::FinerNew => field.go_finer(run.block),
             }
         }
         new_blocks
@@ -215,7 +193,7 @@ impl TsdfIntegrator {
                 let block = cursor.block(&field.tree, key);
                 *run = Run { block: block.unwrap_or(NONE), start, end, change: Change::None };
                 if let Some(id) = block {
-                    prefetch(&raw const field.blocks[id]);
+                    ask_for_all(&raw const field.blocks[id]);
                 }
             }
             for ((run, fitting), &BlockBeams { key, .. }) in runs.iter_mut().zip(fitting).zip(blocks) {
@@ -237,238 +215,78 @@ impl TsdfIntegrator {
             weight: f32::from(WEIGHT_ONE),
             max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),
         };
-        let task = BlockUpdate {
-            blocks: &field.blocks,
-            voxels: field.voxels.cells(),
-            shades: field.shades.cells(),
+        let task = Update {
+            field: field.open(self.runs.len(), self.runs.len().div_ceil(RUNS_PER_TASK)),
             beams: &self.beams,
             records: &self.selection.records,
             band,
         };
-        self.runs.par_chunks(RUNS_PER_TASK).for_each(|runs| dispatch(Runs { runs, task: &task }));
+        let share = |runs: &[Run]| {
+            let mut touched = Touched::default();
+            dispatch(Share { runs, task: &task, touched: &mut touched });
+            touched
+        };
+        let touched: Vec<Touched> = self.runs.par_chunks(RUNS_PER_TASK).map(share).collect();
+        let taken = task.field.taken();
+        field.close(taken, touched);
     }
 }
 
-/// Decides whether `block`, `distance` metres from the sensor, changes scale.
-fn scale_change(block: &Block, rule: &ScaleRule, distance: f32) -> Change {
-    let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
-    match rule.next(current, distance) {
-        next if next > current => Change::Coarser,
-        next if next == current => Change::None,
-        next if next < finest => Change::FinerNew,
-        _ => Change::Finer,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tsdf::Voxel;
+    use crate::field::{BlockHead, TsdfBuilder};
+    use proptest::prelude::*;
+
+    /// Everything that a field holds.
+    fn image(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
+        let of = |id| {
+            let (voxels, shades): (Vec<_>, Vec<_>) = (field.stored_voxels(id).collect(), field.stored_shades(id).collect());
+            (field.head(id), voxels.concat(), shades.concat())
+        };
+        field.ids_in_morton_order().into_iter().map(of).collect()
     }
-}
 
-/// Everything that a thread needs to update blocks.
-struct BlockUpdate<'a> {
-    blocks: &'a Pool<Block>,
-    voxels: StoreCells<'a, Voxel>,
-    shades: StoreCells<'a, u8>,
-    beams: &'a [Beam],
-    records: &'a [u64],
-    band: Band,
-}
+    /// Scans of points around the origin, from places that come and go, so that blocks change their scales both ways.
+    fn scans() -> impl Strategy<Value = Vec<([f32; 3], Vec<[f32; 3]>)>> {
+        let place = prop::array::uniform3(-20f32..20.0);
+        let points = prop::collection::vec(prop::array::uniform3(-3f32..3.0), 1..60);
+        prop::collection::vec((place, points), 1..8)
+    }
 
-/// A share of the blocks.
-struct Runs<'a> {
-    runs: &'a [Run],
-    task: &'a BlockUpdate<'a>,
-}
-
-impl Kernel for Runs<'_> {
-    /// Lines fly in formation through whatever blocks come next; while one formation's voxels are on their way from memory,
-    /// the one before is applied.
-    #[inline(always)]
-    #[allow(unsafe_code)]
-    fn run(self) {
-        let Self { runs, task } = self;
-        let mut formations = [Formation::new(), Formation::new()];
-        let mut next = 0;
-        // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
-        for (i, run) in runs.iter().enumerate() {
-            if let Some(later) = runs.get(i + 6) {
-                prefetch(&raw const task.blocks[later.block]);
-            }
-            let block = &task.blocks[run.block];
-            if run.change != Change::None {
-                task.change_scale(block, run.change);
-            }
-            let home = task.home(block);
-            for record in run.start as usize..run.end as usize {
-                if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
-                    ask_for_all(&task.beams[beam_of(later)]);
+    proptest! {
+        #[test]
+        fn a_field_that_rests_after_every_scan_holds_the_same_bits(scans in scans(), shaded in any::<bool>(), handed_on in any::<bool>()) {
+            let mut integrator = TsdfIntegrator::new(TsdfSettings { voxel: 0.1, ..TsdfSettings::default() });
+            let (mut awake, mut resting) = (TsdfField::default(), TsdfField::default());
+            for (i, (place, points)) in scans.iter().enumerate() {
+                let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+                let t_submap_lidar = Rigid { rotation, translation: *place };
+                let points: Vec<[f32; 3]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - place[k])).collect();
+                let normals = vec![[0.0; 3]; points.len()];
+                let shades: Vec<u8> = (0..points.len()).map(|p| (1 + (7 * p + i) % 255) as u8).collect();
+                let shades = if shaded { &shades[..] } else { &[] };
+                let returns = Returns { points: &points, normals: &normals, shades, origins: &[], smallest_angle: 0.01 };
+                integrator.integrate(&mut awake, &t_submap_lidar, &returns);
+                integrator.integrate(&mut resting, &t_submap_lidar, &returns);
+                if handed_on {
+                    let mut pages = Vec::new();
+                    resting.rest_from_the_end(40, &mut pages);
+                    resting.adopt(pages);
+                } else {
+                    resting.rest_all();
                 }
-                formations[next].push(&home, &task.beams[beam_of(task.records[record])], task.band.truncation);
-                if formations[next].lines.len() == LANES {
-                    formations[next].walk(&task.band);
-                    next = 1 - next;
-                    // SAFETY: each block occurs in one run only, so in one thread only, and arrays belong to one block only.
-                    unsafe { formations[next].apply(&task.band) };
-                }
+                awake.assert_sound();
+                resting.assert_sound();
             }
-        }
-        formations[next].walk(&task.band);
-        for formation in [1 - next, next] {
-            // SAFETY: as above.
-            unsafe { formations[formation].apply(&task.band) };
-        }
-    }
-}
-
-/// How far ahead a beam is asked for: records follow blocks, beams lie in the order of the scan.
-const BEAMS_AHEAD: usize = 24;
-
-/// Asks for all cache lines of `item`.
-#[inline(always)]
-fn ask_for_all<T>(item: &T) {
-    let first = std::ptr::from_ref(item).cast::<u8>();
-    prefetch(first);
-    prefetch(first.wrapping_add(size_of::<T>() - 1));
-}
-
-/// The block that beams are walked through.
-struct Home {
-    scale: u32,
-    /// Its smallest corner, finest voxels.
-    corner: [f32; 3],
-    voxels: Place<Voxel>,
-    shades: Place<u8>,
-}
-
-/// Beams that are walked together, each through a block of its own or one that it shares.
-struct Formation {
-    lines: Lines,
-    trace: Trace,
-    hits: Hits,
-    voxels: [Place<Voxel>; LANES],
-    shades: [Place<u8>; LANES],
-    shade: [u8; LANES],
-}
-
-impl Formation {
-    fn new() -> Self {
-        let (voxels, shades) = ([Place::NOWHERE; LANES], [Place::NOWHERE; LANES]);
-        Self { lines: Lines::new(), trace: Trace::new(), hits: Hits::new(), voxels, shades, shade: [0; LANES] }
-    }
-
-    #[inline(always)]
-    fn push(&mut self, home: &Home, beam: &Beam, truncation: f32) {
-        let lane = self.lines.len() % LANES;
-        (self.voxels[lane], self.shades[lane], self.shade[lane]) = (home.voxels, home.shades, beam.shade as u8);
-        self.lines.push(&Line {
-            point: beam.point,
-            direction: beam.direction,
-            gradient: beam.normal,
-            corner: home.corner,
-            scale: home.scale,
-            reach: [-truncation, truncation],
-        });
-    }
-
-    /// Finds out what the lines pass, and asks for it to be brought near.
-    #[inline(always)]
-    fn walk(&mut self, band: &Band) {
-        self.trace.walk(&self.lines);
-        band.collect(&self.trace, &mut self.hits);
-        for i in 0..self.hits.len {
-            let (lane, index) = self.hits.target(i);
-            prefetch(self.voxels[lane].address(index));
-            prefetch(self.shades[lane].address(index));
-        }
-    }
-
-    /// Updates the voxels that the lines pass, and disbands the formation.
-    ///
-    /// # Safety
-    /// No other thread may touch the arrays of the blocks that the lines were pushed for, and none of them may have gone since.
-    #[inline(always)]
-    #[allow(unsafe_code)]
-    unsafe fn apply(&mut self, band: &Band) {
-        let Self { lines, hits, voxels, shades, shade, .. } = self;
-        for i in 0..hits.len {
-            let (lane, index) = hits.target(i);
-            // SAFETY: the caller's promise; a trace's indices lie within the array of its line's block.
-            band.observe(hits, i, unsafe { voxels[lane].at(index) });
-        }
-        for i in 0..hits.len {
-            let (lane, index) = hits.target(i);
-            if !shades[lane].is_nowhere() {
-                // SAFETY: as above; intensities are as many as voxels.
-                hits.observe_shade(i, unsafe { shades[lane].at(index) }, shade[lane]);
-            }
-        }
-        hits.len = 0;
-        lines.clear();
-    }
-}
-
-impl BlockUpdate<'_> {
-    #[inline(always)]
-    fn home(&self, block: &Block) -> Home {
-        let [x, y, z] = block_coords(block.key);
-        let (edge, scale) = (BLOCK_EDGE as i32, usize::from(block.scale));
-        Home {
-            scale: u32::from(block.scale),
-            corner: [(x * edge) as f32, (y * edge) as f32, (z * edge) as f32],
-            voxels: self.voxels.place(scale, block.data[scale]),
-            shades: if block.shade[scale] == NONE { Place::NOWHERE } else { self.shades.place(scale, block.shade[scale]) },
-        }
-    }
-
-    /// Fills the array of the block's new scale from the one that it leaves (paper Sec. III-A, propagation).
-    #[allow(unsafe_code)]
-    fn change_scale(&self, block: &Block, change: Change) {
-        /// What an interpolated voxel weighs: little, because it is a guess from voxels twice as large, which a measurement at
-        /// its own scale must outweigh at once.
-        const INTERPOLATED_WEIGHT: u16 = WEIGHT_ONE / 4;
-        let scale = usize::from(block.scale);
-        // SAFETY: these arrays belong to this block alone, which no other thread touches, and differ in scale or slot.
-        unsafe {
-            let voxels = self.voxels.get(scale, block.data[scale]);
-            match change {
-                Change::None => {}
-                Change::Coarser => {
-                    propagate_up(self.voxels.get(scale - 1, block.data[scale - 1]), voxels, scale - 1);
-                    self.voxels.get(scale, block.past[scale]).copy_from_slice(voxels);
-                }
-                Change::Finer => {
-                    let now = self.voxels.get(scale + 1, block.data[scale + 1]);
-                    let past = self.voxels.get(scale + 1, block.past[scale + 1]);
-                    propagate_delta_down(now, past, voxels, scale, [self.band.max_weight as u16, INTERPOLATED_WEIGHT]);
-                }
-                Change::FinerNew => {
-                    propagate_down(self.voxels.get(scale + 1, block.data[scale + 1]), voxels, scale, INTERPOLATED_WEIGHT);
-                }
-            }
-            if block.shade[scale] != NONE {
-                self.change_shade_scale(block, change, self.shades.get(scale, block.shade[scale]));
-            }
-        }
-    }
-
-    /// Intensities move between scales by plain copy and mean of what is known.
-    #[allow(unsafe_code)]
-    unsafe fn change_shade_scale(&self, block: &Block, change: Change, shades: &mut [u8]) {
-        use crate::field::tsdf::propagate::children;
-        let scale = usize::from(block.scale);
-        match change {
-            Change::Coarser => {
-                // SAFETY: as in `change_scale`.
-                let fine = unsafe { self.shades.get(scale - 1, block.shade[scale - 1]) };
-                for (i, shade) in shades.iter_mut().enumerate() {
-                    let known = || children(i, scale - 1).map(|c| u32::from(fine[c])).filter(|&s| s > 0);
-                    *shade = (known().sum::<u32>() / known().count().max(1) as u32) as u8;
-                }
-            }
-            Change::FinerNew => {
-                // SAFETY: as in `change_scale`.
-                let coarse = unsafe { self.shades.get(scale + 1, block.shade[scale + 1]) };
-                for (i, &shade) in coarse.iter().enumerate() {
-                    children(i, scale).for_each(|c| shades[c] = shade);
-                }
-            }
-            Change::None | Change::Finer => {}
+            let expected = image(&awake);
+            prop_assert_eq!(&image(&resting), &expected);
+            let mut builder = TsdfBuilder::default();
+            expected.iter().for_each(|(head, voxels, shades)| builder.push(*head, voxels, shades).unwrap());
+            let built = builder.finish();
+            built.assert_sound();
+            prop_assert_eq!(image(&built), expected);
         }
     }
 }

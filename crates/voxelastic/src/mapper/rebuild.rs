@@ -78,6 +78,7 @@ impl Mapper {
                 scans += 1;
             }
         }
+        new.tsdf.rest_all();
         let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
         if let Some(place) = self.atlas.submap_mut(id) {
             *place = new;

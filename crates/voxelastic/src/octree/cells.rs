@@ -20,7 +20,11 @@ unsafe impl<T: Send> Send for Cells<'_, T> {}
 impl<'a, T> Cells<'a, T> {
     /// Opens `pool`.
     pub fn new(pool: &'a mut Pool<T>) -> Self {
-        let pages = pool.pages_mut();
+        Self::over(pool.pages_mut())
+    }
+
+    /// Opens pages that are laid out as a pool's.
+    pub(super) fn over(pages: &'a mut [Vec<T>]) -> Self {
         Self { pages: pages.as_mut_ptr(), page_count: pages.len(), pool: PhantomData }
     }
 
@@ -46,6 +50,12 @@ impl<'a, T> Cells<'a, T> {
 }
 
 impl<T> Cells<'_, T> {
+    /// Where the item at `index` lies; nowhere for an index never handed out.
+    #[inline(always)]
+    pub fn place(&self, index: u32) -> Place<T> {
+        Place(self.address(index).cast_mut())
+    }
+
     /// Where the item at `index` lies, for [`prefetch`]; null for an index never handed out.
     #[inline(always)]
     pub fn address(&self, index: u32) -> *const T {
@@ -58,7 +68,7 @@ impl<T> Cells<'_, T> {
     }
 }
 
-/// Where an array lies: its items can be had one by one, for writes that no loop over the array would make.
+/// Where an item of a pool lies: it can be had again and again, for writes that no loop over the pool would make.
 #[derive(Debug)]
 pub struct Place<T>(*mut T);
 
@@ -71,34 +81,29 @@ impl<T> Clone for Place<T> {
 impl<T> Copy for Place<T> {}
 
 impl<T> Place<T> {
-    /// No array.
+    /// No item.
     pub const NOWHERE: Self = Self(std::ptr::null_mut());
 
-    /// The place of an array that begins at `first`.
-    pub(crate) fn new(first: *const T) -> Self {
-        Self(first.cast_mut())
-    }
-
-    /// Whether there is no array.
+    /// Whether there is no item.
     #[inline(always)]
     pub fn is_nowhere(self) -> bool {
         self.0.is_null()
     }
 
-    /// Where item `index` lies, for [`prefetch`].
+    /// The item's address, for [`prefetch`].
     #[inline(always)]
-    pub fn address(self, index: usize) -> *const T {
-        self.0.wrapping_add(index)
+    pub fn address(self) -> *const T {
+        self.0
     }
 
-    /// Item `index`.
+    /// The item.
     ///
     /// # Safety
-    /// There is an array of more than `index` items, the [`Cells`] that it is from still lives, and no other reference to the item does.
+    /// The place is somewhere, the [`Cells`] that it is from still lives, and no other reference to the item does.
     #[inline(always)]
-    pub unsafe fn at<'a>(self, index: usize) -> &'a mut T {
+    pub unsafe fn get<'a>(self) -> &'a mut T {
         // SAFETY: the caller's promise; pointers to the items of a pool may be written through, see `Cells::get`.
-        unsafe { &mut *self.0.add(index) }
+        unsafe { &mut *self.0 }
     }
 }
 
@@ -113,6 +118,18 @@ pub fn prefetch<T>(address: *const T) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = address;
+}
+
+/// Bytes of a cache line.
+const LINE: usize = 64;
+
+/// Asks for all cache lines of the item at `item`, as [`prefetch`] does for one.
+#[inline(always)]
+pub fn ask_for_all<T>(item: *const T) {
+    for line in (0..size_of::<T>()).step_by(LINE) {
+        prefetch(item.cast::<u8>().wrapping_add(line));
+    }
+    prefetch(item.cast::<u8>().wrapping_add(size_of::<T>() - 1));
 }
 
 #[cfg(test)]

@@ -6,11 +6,13 @@
 mod cells;
 mod cursor;
 mod pool;
+mod slab;
 mod tree;
 
-pub use cells::{Cells, Place, prefetch};
+pub use cells::{Cells, Place, ask_for_all, prefetch};
 pub use cursor::Cursor;
 pub use pool::Pool;
+pub use slab::{Batch, Slab, Taking};
 pub use tree::{Octant, Octree};
 
 use crate::geometry::morton;

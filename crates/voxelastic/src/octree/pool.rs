@@ -7,15 +7,13 @@ const PAGE_BYTES: usize = 1 << 16;
 #[derive(Clone, Debug)]
 pub struct Pool<T> {
     pages: Vec<Vec<T>>,
-    /// Empty pages for what comes.
-    spare: Vec<Vec<T>>,
     free: Vec<u32>,
     len: u32,
 }
 
 impl<T> Default for Pool<T> {
     fn default() -> Self {
-        Self { pages: Vec::new(), spare: Vec::new(), free: Vec::new(), len: 0 }
+        Self { pages: Vec::new(), free: Vec::new(), len: 0 }
     }
 }
 
@@ -46,37 +44,17 @@ impl<T> Pool<T> {
         assert!(index < super::NONE, "pool is full");
         let (page, _) = Self::place(index);
         if page == self.pages.len() {
-            self.pages.push(self.spare.pop().unwrap_or_else(|| Vec::with_capacity(Self::PAGE)));
+            self.pages.push(Vec::with_capacity(Self::PAGE));
         }
         self.pages[page].push(item);
         self.len += 1;
         index
     }
 
-    /// As [`insert`](Self::insert), but a place that is reused keeps what was in it last: for items that are overwritten anyway.
-    pub fn claim(&mut self, item: T) -> u32 {
-        self.free.pop().unwrap_or_else(|| self.insert(item))
-    }
-
     /// Gives the place of item `index` back for reuse. The item itself stays until it is overwritten.
     pub fn remove(&mut self, index: u32) {
         debug_assert!(index < self.len);
         self.free.push(index);
-    }
-
-    /// Takes the pages that hold nothing: those to spare, and all if no item is in use.
-    pub fn take_spare(&mut self) -> Vec<Vec<T>> {
-        let mut pages = std::mem::take(&mut self.spare);
-        if self.live() == 0 {
-            pages.extend(std::mem::take(self).pages);
-            pages.iter_mut().for_each(Vec::clear);
-        }
-        pages
-    }
-
-    /// Adds pages to spare, taken from another pool: memory that was used before costs less than new one.
-    pub fn lend(&mut self, pages: Vec<Vec<T>>) {
-        self.spare.extend(pages);
     }
 
     /// Indices ever handed out: every valid index is below this.
@@ -91,7 +69,7 @@ impl<T> Pool<T> {
 
     /// Bytes held, pages and free list.
     pub fn bytes(&self) -> usize {
-        (self.pages.len() + self.spare.len()) * Self::PAGE * size_of::<T>() + self.pages.capacity() * size_of::<Vec<T>>() + self.free.capacity() * 4
+        self.pages.len() * Self::PAGE * size_of::<T>() + self.pages.capacity() * size_of::<Vec<T>>() + self.free.capacity() * 4
     }
 
     pub(super) fn pages_mut(&mut self) -> &mut [Vec<T>] {
@@ -131,11 +109,5 @@ mod tests {
             assert_eq!(pool[id][0], if i == 7 { 200 } else { i as u8 });
         }
         assert!(pool.bytes() >= 100 * 4096 && pool.bytes() < 120 * 4096);
-        assert!(pool.take_spare().is_empty() && pool[ids[9]][0] == 9);
-        ids.iter().for_each(|&id| pool.remove(id));
-        let (bytes, spare) = (pool.bytes(), pool.take_spare());
-        assert_eq!(pool.bytes(), 0);
-        pool.lend(spare);
-        assert!(pool.bytes() <= bytes && pool.insert([1; 4096]) == 0 && pool[0] == [1; 4096]);
     }
 }

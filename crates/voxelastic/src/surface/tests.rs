@@ -1,7 +1,7 @@
 //! Meshes of analytic shapes over blocks of mixed scales.
 
 use super::*;
-use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};
+use crate::field::tsdf::{Array, DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};
 use crate::octree::{BLOCK_EDGE, Cursor, block_key, voxel_coords, voxels_at};
 use proptest::prelude::*;
 use std::collections::HashMap;
@@ -17,16 +17,17 @@ fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i
             for x in -reach..reach {
                 let scale = scale_of([x, y, z]);
                 let (id, _) = field.make(&mut cursor, block_key([x, y, z]), scale as u8, false);
-                let slot = field.blocks[id].data[scale];
-                for i in 0..voxels_at(scale) {
+                let mut voxels = vec![Voxel::default(); voxels_at(scale)];
+                for (i, voxel) in voxels.iter_mut().enumerate() {
                     let c = voxel_coords(i, scale);
                     let size = (1 << scale) as f32;
                     let block = [x, y, z];
                     let centre = std::array::from_fn(|k| (block[k] * BLOCK_EDGE as i32) as f32 + (c[k] as f32 + 0.5) * size);
                     let steps = (distance(centre) / size).clamp(-15.0, 15.0) * DISTANCE_STEPS;
                     let weight = if steps.is_nan() { 0 } else { 10 * WEIGHT_ONE };
-                    field.voxels.get_mut(scale, slot)[i] = Voxel { distance: steps as i16, weight };
+                    *voxel = Voxel { distance: steps as i16, weight };
                 }
+                field.store(id, Array::Data(scale), &voxels, &[]);
             }
         }
     }
@@ -113,9 +114,9 @@ proptest! {
 fn blocks_without_intensity_among_others_count_as_grey() {
     let mut field = field_of(4, sphere(20.0), |_| 0);
     for id in field.ids().filter(|id| id % 3 == 0) {
-        let slot = field.shades.insert(0);
-        field.shades.get_mut(0, slot).fill(9);
-        field.blocks[id].shade[0] = slot;
+        let voxels = field.current(field.block(id));
+        field.blocks[id].shaded = true;
+        field.store(id, Array::Data(0), &voxels, &[9; voxels_at(0)]);
     }
     let mesh = extract(&field, 0.1, &MeshOptions::default());
     assert_eq!(mesh.shades.len(), mesh.positions.len());

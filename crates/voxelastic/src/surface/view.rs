@@ -2,7 +2,7 @@
 
 use crate::field::tsdf::colour::cube;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_up};
-use crate::field::tsdf::{TsdfField, Voxel, VoxelBuffer};
+use crate::field::tsdf::{Array, TsdfField, Voxel, VoxelBuffer};
 use crate::octree::{SCALES, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
@@ -28,11 +28,12 @@ impl<'a> View<'a> {
 
     /// Copies the voxels of block `id` into the first ones of `voxels`.
     pub fn copy(&self, id: u32, voxels: &mut VoxelBuffer) {
-        let block = self.field.block(id);
-        match (&self.settled[id as usize], self.field.in_place(block)) {
-            (Some(array), _) => voxels[..array.len()].copy_from_slice(array),
-            (None, Some(array)) => voxels[..array.len()].copy_from_slice(array),
-            (None, None) => self.field.unpack(block, voxels),
+        match &self.settled[id as usize] {
+            Some(array) => voxels[..array.len()].copy_from_slice(array),
+            None => {
+                let block = self.field.block(id);
+                self.field.copy(block, block.current(), &mut voxels[..voxels_at(self.scale(id))]);
+            }
         }
     }
 
@@ -43,11 +44,11 @@ impl<'a> View<'a> {
             return false;
         }
         let (from, here) = (usize::from(block.scale), self.scale(id));
-        let held = self.field.shades(block, from);
         let shades = &mut shades[..voxels_at(here)];
         if from == here {
-            shades.copy_from_slice(&held);
+            self.field.copy_shades(block, here, shades);
         } else {
+            let held = self.field.shades(block, from);
             (0..shades.len()).for_each(|i| shades[i] = shade_at(voxel_coords(i, here), here, from, |i| held[i]));
         }
         true
@@ -92,17 +93,17 @@ pub(crate) fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Bo
     if target == current {
         return (current as u8, None);
     }
-    let mut voxels: Box<[Voxel]> = field.current(block).into();
+    let mut voxels = field.current(block);
     for scale in (finest..current).rev() {
-        let mut finer: Box<[Voxel]> = field.voxels(block, scale).into();
-        let past = field.past(block, scale + 1);
-        propagate_delta_down(&voxels, past, &mut finer, scale, [u16::MAX; 2]);
+        let mut finer = field.voxels(block, Array::Data(scale));
+        let past = field.voxels(block, Array::Past(scale + 1));
+        propagate_delta_down(&voxels, &past, &mut finer, scale, [u16::MAX; 2]);
         voxels = finer;
     }
     for scale in current.min(finest)..target {
-        let mut coarser = vec![Voxel::default(); voxels_at(scale + 1)].into_boxed_slice();
+        let mut coarser = vec![Voxel::default(); voxels_at(scale + 1)];
         propagate_up(&voxels, &mut coarser, scale);
         voxels = coarser;
     }
-    (target as u8, Some(voxels))
+    (target as u8, Some(voxels.into()))
 }

@@ -94,8 +94,8 @@ fn a_map_without_colours_has_no_layer_and_one_with_them_the_same_distances() {
     assert!(bare.colours().is_empty() && bare.colours().bytes() == 0 && bare.bytes() < coloured.bytes());
     assert!(extract(&bare, 0.06, &MeshOptions::default()).colours.is_empty());
     for id in bare.ids() {
-        assert_eq!(bare.block(id), coloured.block(id));
-        assert_eq!(bare.current(bare.block(id)), coloured.current(coloured.block(id)));
+        assert_eq!(bare.head(id), coloured.head(id));
+        assert!(bare.stored_voxels(id).eq(coloured.stored_voxels(id)));
     }
     let (a, b) = (extract(&bare, 0.06, &MeshOptions::default()), extract(&coloured, 0.06, &MeshOptions::default()));
     assert!(a.positions == b.positions && a.triangles == b.triangles);

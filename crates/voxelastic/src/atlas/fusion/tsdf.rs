@@ -1,9 +1,9 @@
 //! TSDF fusion: the source sampled at the target's voxels, then weighted means.
 
 use super::Placement;
-use crate::field::tsdf::packed::Packed;
+use crate::field::tsdf::pieces::PackedArray;
 use crate::field::tsdf::propagate::propagate_down;
-use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField, Voxel};
+use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{
     BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
 };
@@ -20,9 +20,8 @@ const ONE_SURFACE: f32 = 2.5;
 struct PatchBlock {
     key: u64,
     scale: u8,
-    shaded: bool,
     /// Its array, until it is merged.
-    packed: Packed,
+    array: PackedArray,
 }
 
 /// The source in the target's lattice, blocks in Morton order.
@@ -64,16 +63,15 @@ impl TsdfPatch {
             }
         }
         let mut cursor = Cursor::new(&target.tree);
-        let there: Vec<Option<u32>> = blocks.iter().map(|block| cursor.block(&target.tree, block.key)).collect();
-        target.wake(there.iter().copied().flatten());
-        for (block, &id) in blocks.iter_mut().zip(&there) {
-            let packed = std::mem::take(&mut block.packed);
-            match id {
-                Some(id) => merge_block(target, id, &Addend::unpack(block, &packed), max_weight),
-                None => _ = target.add(&mut cursor, block.key, block.scale, packed, block.shaded),
+        for block in blocks {
+            let (array, scale) = (std::mem::take(&mut block.array), usize::from(block.scale));
+            let (id, is_new) = target.make(&mut cursor, block.key, block.scale, array.is_shaded());
+            if is_new {
+                target.install(id, scale, &array);
+            } else {
+                merge_block(target, id, Addend::unpack(scale, &array), max_weight);
             }
         }
-        target.note_changed(there.into_iter().flatten().collect());
     }
 }
 
@@ -167,7 +165,7 @@ impl Sampler<'_> {
                 shades.get_or_insert_with(|| vec![0; voxels_at(scale)])[i] = shade;
             }
         }
-        is_observed.then(|| PatchBlock { key, scale: at, shaded: shades.is_some(), packed: Packed::new(&voxels, shades.as_deref()) })
+        is_observed.then(|| PatchBlock { key, scale: at, array: PackedArray::new(scale, &voxels, shades.as_deref()) })
     }
 
     /// The source's blocks around the target's block whose smallest corner is at `corner`.
@@ -292,59 +290,29 @@ struct Addend {
 }
 
 impl Addend {
-    fn unpack(block: &PatchBlock, packed: &Packed) -> Self {
-        let scale = usize::from(block.scale);
-        let mut voxels = vec![Voxel::default(); voxels_at(scale)];
-        packed.unpack(scale, &mut voxels);
-        let shades = block.shaded.then(|| {
-            let mut shades = vec![0; voxels_at(scale)];
-            packed.unpack_shades(scale, &mut shades);
-            shades
-        });
+    fn unpack(scale: usize, array: &PackedArray) -> Self {
+        let (voxels, shades) = array.unpack(scale);
         Self { scale, voxels, shades }
     }
 }
 
-/// Adds to block `id` of the target, which is awake: brought to the finer of both scales, it takes the weighted means.
-fn merge_block(target: &mut TsdfField, id: u32, addend: &Addend, max_weight: u16) {
+/// Adds to block `id` of the target: brought to the finer of both scales, it takes the weighted means.
+fn merge_block(target: &mut TsdfField, id: u32, addend: Addend, max_weight: u16) {
     let block = *target.block(id);
+    let own_scale = usize::from(block.scale);
     let Addend { scale, voxels, shades } = addend;
-    let (scale, shades) = (*scale, shades.as_deref());
-    // The common case: one array of the same scale on both sides.
-    if [block.scale, block.finest].map(usize::from) == [scale; 2] && shades.is_some() == (block.shade[scale] != NONE) {
-        merge_in_place(target, &block, voxels, shades, max_weight);
-        return;
-    }
     let (seen_at, settled) = settle(target, id, 0);
     let seen_at = usize::from(seen_at);
     let finest = seen_at.min(scale);
-    let own = settled.map_or_else(|| target.voxels.get(block.scale.into(), block.data[usize::from(block.scale)]).to_vec(), Vec::from);
-    let own_shades = target.is_shaded(&block).then(|| {
-        let shades = target.shades.get(block.scale.into(), block.shade[usize::from(block.scale)]);
-        resize_shades(shades, block.scale.into(), finest)
-    });
+    let own = settled.map_or_else(|| target.current(&block), Vec::from);
+    let own_shades = target.is_shaded(&block).then(|| resize_shades(target.shades(&block, own_scale), own_scale, finest));
     let mut sum = refine(own, seen_at, finest);
-    let other = refine(voxels.clone(), scale, finest);
+    let other = refine(voxels, scale, finest);
     let shades = merge_shades(own_shades, shades.map(|s| resize_shades(s, scale, finest)), &sum, &other);
     for (voxel, other) in sum.iter_mut().zip(&other) {
         *voxel = mean(*voxel, *other, max_weight);
     }
-    install(target, id, finest, &sum, shades.as_deref());
-}
-
-/// Adds voxels, and intensities if there are any, to a block whose only arrays are of their scale.
-fn merge_in_place(target: &mut TsdfField, block: &Block, voxels: &[Voxel], shades: Option<&[u8]>, max_weight: u16) {
-    let scale = usize::from(block.scale);
-    let own = target.voxels.get_mut(scale, block.data[scale]);
-    if let Some(shades) = shades {
-        let own_shades = target.shades.get_mut(scale, block.shade[scale]);
-        for (i, shade) in own_shades.iter_mut().enumerate() {
-            *shade = mean_shade((*shade, own[i]), (shades[i], voxels[i]));
-        }
-    }
-    for (voxel, other) in own.iter_mut().zip(voxels) {
-        *voxel = mean(*voxel, *other, max_weight);
-    }
+    target.install(id, finest, &PackedArray::new(finest, &sum, shades.as_deref()));
 }
 
 /// The mean of two intensities by the weights of their voxels.
@@ -380,7 +348,10 @@ fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
 }
 
 /// Intensities of scale `from` at scale `to`, each from the voxel that holds its place.
-fn resize_shades(shades: &[u8], from: usize, to: usize) -> Vec<u8> {
+fn resize_shades(shades: Vec<u8>, from: usize, to: usize) -> Vec<u8> {
+    if from == to {
+        return shades;
+    }
     let place = |v: usize| if from >= to { v >> (from - to) } else { v << (to - from) };
     (0..voxels_at(to)).map(|i| shades[voxel_index(voxel_coords(i, to).map(place), from)]).collect()
 }
@@ -391,37 +362,4 @@ fn merge_shades(own: Option<Vec<u8>>, other: Option<Vec<u8>>, weights: &[Voxel],
         (Some(a), Some(b)) => Some((0..a.len()).map(|i| mean_shade((a[i], weights[i]), (b[i], others[i]))).collect()),
         (one, None) | (None, one) => one,
     }
-}
-
-/// Makes `voxels` at `scale` the only array of block `id`: what it held at other scales is part of them.
-fn install(target: &mut TsdfField, id: u32, scale: usize, voxels: &[Voxel], shades: Option<&[u8]>) {
-    let mut block = *target.block(id);
-    for other in (0..SCALES).filter(|&s| s != scale) {
-        for slot in [&mut block.data[other], &mut block.past[other]] {
-            if *slot != NONE {
-                target.voxels.remove(other, *slot);
-                *slot = NONE;
-            }
-        }
-        if block.shade[other] != NONE {
-            target.shades.remove(other, block.shade[other]);
-            block.shade[other] = NONE;
-        }
-    }
-    if block.past[scale] != NONE {
-        target.voxels.remove(scale, block.past[scale]);
-        block.past[scale] = NONE;
-    }
-    if block.data[scale] == NONE {
-        block.data[scale] = target.voxels.insert(scale);
-    }
-    target.voxels.get_mut(scale, block.data[scale]).copy_from_slice(voxels);
-    if let Some(shades) = shades {
-        if block.shade[scale] == NONE {
-            block.shade[scale] = target.shades.insert(scale);
-        }
-        target.shades.get_mut(scale, block.shade[scale]).copy_from_slice(shades);
-    }
-    (block.scale, block.finest) = (scale as u8, scale as u8);
-    target.blocks[id] = block;
 }

@@ -1,11 +1,9 @@
 //! The TSDF's image: its blocks in Morton order, each with the arrays that it holds. The octree follows from the keys.
 
 use super::ImageError;
-use crate::field::tsdf::packed::Packed;
-use crate::field::tsdf::{Block, Tint, TsdfField, Voxel};
+use crate::field::tsdf::{Array, Tint, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
 use crate::octree::{Cursor, NONE, SCALES, voxels_at};
-use std::borrow::Cow;
 use std::ops::RangeInclusive;
 
 /// What there is to know about a block besides its voxels.
@@ -70,18 +68,18 @@ impl TsdfField {
     /// The head of block `id`.
     pub fn head(&self, id: u32) -> BlockHead {
         let block = self.block(id);
-        BlockHead { key: block.key, scale: block.scale, finest: block.finest, shaded: block.shade[usize::from(block.scale)] != NONE }
+        BlockHead { key: block.key, scale: block.scale, finest: block.finest, shaded: block.shaded }
     }
 
     /// All arrays of block `id`, in the order that [`BlockHead::voxel_count`] counts them.
-    pub fn stored_voxels(&self, id: u32) -> impl Iterator<Item = Cow<'_, [Voxel]>> {
+    pub fn stored_voxels(&self, id: u32) -> impl Iterator<Item = Vec<Voxel>> {
         let (head, block) = (self.head(id), self.block(id));
-        let data = head.data_scales().map(|s| self.voxels(block, s));
-        data.chain(head.past_scales().map(|s| self.past(block, s).into()))
+        let arrays = head.data_scales().map(Array::Data).chain(head.past_scales().map(Array::Past));
+        arrays.map(|array| self.voxels(block, array))
     }
 
     /// All intensity arrays of block `id`, in the order that [`BlockHead::shade_count`] counts them.
-    pub fn stored_shades(&self, id: u32) -> impl Iterator<Item = Cow<'_, [u8]>> {
+    pub fn stored_shades(&self, id: u32) -> impl Iterator<Item = Vec<u8>> {
         let (head, block) = (self.head(id), self.block(id));
         head.data_scales().filter(move |_| head.shaded).map(|s| self.shades(block, s))
     }
@@ -137,28 +135,26 @@ impl TsdfBuilder {
             }
         }
         self.last = Some(key);
-        let mut block = Block::new(key, head.scale, head.finest);
-        self.fill(&mut block, &head, voxels, shades);
         let field = &mut self.field;
         if !field.tree.covers(key) {
             field.tree.grow_to(key);
             self.cursor = Cursor::new(&field.tree);
         }
-        field.hang(&mut self.cursor, block);
+        let (id, _) = field.make(&mut self.cursor, key, head.scale, head.shaded);
+        field.blocks[id].finest = head.finest;
+        self.fill(id, &head, voxels, shades);
         Ok(())
     }
 
-    /// Stores the block's arrays, those that can be packed at rest.
-    fn fill(&mut self, block: &mut Block, head: &BlockHead, mut voxels: &[Voxel], mut shades: &[u8]) {
+    fn fill(&mut self, id: u32, head: &BlockHead, mut voxels: &[Voxel], mut shades: &[u8]) {
         for scale in head.data_scales() {
             let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
-            let shades = head.shaded.then(|| shades.split_off(..voxels_at(scale)).unwrap_or_default());
-            self.field.put(block, scale, Packed::new(array, shades), shades.is_some());
+            let shades = if head.shaded { shades.split_off(..voxels_at(scale)).unwrap_or_default() } else { &[] };
+            self.field.store(id, Array::Data(scale), array, shades);
         }
         for scale in head.past_scales() {
             let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
-            block.past[scale] = self.field.voxels.insert(scale);
-            self.field.voxels.get_mut(scale, block.past[scale]).copy_from_slice(array);
+            self.field.store(id, Array::Past(scale), array, &[]);
         }
     }
 

@@ -1,17 +1,21 @@
-//! A TSDF's blocks: an octree of [`Block`] heads over voxel arrays, and the moves between scales.
+//! A TSDF's blocks: an octree of [`Block`] heads over bricks of voxels, and the moves between scales.
 //!
 //! A block is integrated at one scale at a time. Going coarser keeps the finer array and remembers what the coarse one
-//! started from ([`Block::past`]); going finer again carries only the difference down, so that detail is never lost.
+//! started from ([`Array::Past`]); going finer again carries only the difference down, so that detail is never lost.
 
+use super::brick::{BRICK, BRICKS, Brick, Handle, Whereabouts, gather};
 use super::colour::ColourLayer;
-use super::rest::{COARSEST_PACKED, Resting};
+use super::pieces::{Packed, PackedArray, Pieces};
+use super::rest::Recent;
 use super::voxel::Voxel;
-use crate::field::BlockStore;
-use crate::octree::{Cursor, NONE, Octree, Pool, SCALES, voxels_at};
-use std::borrow::Cow;
+use crate::octree::{Cursor, NONE, Octree, Pool, SCALES, Slab, voxels_at};
+use std::ops::Range;
+
+/// Bricks of all arrays that a block can have.
+const HANDLES: usize = BRICKS + 2 * (SCALES - 1);
 
 /// One block of 8 x 8 x 8 finest voxels: where it is and which arrays it holds.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Block {
     /// Morton key of its place, see [`crate::octree::block_key`].
     pub key: u64,
@@ -19,29 +23,59 @@ pub struct Block {
     pub scale: u8,
     /// The finest scale for which it holds an array.
     pub finest: u8,
-    /// Whether the arrays of the finest scales are at rest: their slots are then those of packed arrays.
-    pub(crate) packed: [bool; COARSEST_PACKED + 1],
+    /// Whether the scans that made it had intensities.
+    pub(crate) shaded: bool,
     /// When it was last changed, by the field's count of changes.
-    pub(crate) changed: u32,
-    /// Slots of the arrays from `finest` to `scale`.
-    pub data: [u32; SCALES],
-    /// Slots of what the arrays from `finest + 1` to `scale` held when the block went up to them.
-    pub past: [u32; SCALES],
-    /// Slots of the intensities belonging to `data`; absent when no scan had any.
-    pub shade: [u32; SCALES],
+    pub(super) changed: u32,
+    /// The bricks of its arrays, see [`Array::bricks`].
+    pub(super) bricks: [Handle; HANDLES],
+}
+
+/// One of a block's arrays of voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Array {
+    /// What the block is made of at a scale, from its finest one to its current one.
+    Data(usize),
+    /// What the array of a scale coarser than the finest held when the block went up to it. It has no intensities.
+    Past(usize),
+}
+
+impl Array {
+    /// The array's scale.
+    #[inline(always)]
+    pub fn scale(self) -> usize {
+        let (Self::Data(scale) | Self::Past(scale)) = self;
+        scale
+    }
+
+    /// Which of a block's bricks are the array's.
+    #[inline(always)]
+    pub fn bricks(self) -> Range<usize> {
+        let one = |i: usize| i..i + 1;
+        match self {
+            Self::Data(0) | Self::Past(0) => 0..BRICKS,
+            Self::Data(scale) => one(BRICKS + scale - 1),
+            Self::Past(scale) => one(BRICKS + SCALES - 1 + scale - 1),
+        }
+    }
 }
 
 impl Block {
-    /// A block without arrays.
-    pub(crate) fn new(key: u64, scale: u8, finest: u8) -> Self {
-        let (packed, none) = ([false; COARSEST_PACKED + 1], [NONE; SCALES]);
-        Self { key, scale, finest, packed, changed: 0, data: none, past: none, shade: none }
+    /// A block that holds nothing.
+    pub(crate) fn new(key: u64, scale: u8, finest: u8, shaded: bool) -> Self {
+        Self { key, scale, finest, shaded, changed: 0, bricks: [Handle::NOWHERE; HANDLES] }
     }
 
-    /// Whether its array at `scale` is at rest.
+    /// Whether its brick `brick` has intensities.
     #[inline(always)]
-    fn is_packed(&self, scale: usize) -> bool {
-        scale <= COARSEST_PACKED && self.packed[scale]
+    pub(super) fn is_shaded(&self, brick: usize) -> bool {
+        self.shaded && brick < BRICKS + SCALES - 1
+    }
+
+    /// The array that it is integrated into.
+    #[inline(always)]
+    pub(crate) fn current(&self) -> Array {
+        Array::Data(usize::from(self.scale))
     }
 }
 
@@ -53,10 +87,25 @@ pub(crate) type VoxelBuffer = [Voxel; voxels_at(0)];
 pub struct TsdfField {
     pub(crate) tree: Octree<()>,
     pub(crate) blocks: Pool<Block>,
-    pub(crate) voxels: BlockStore<Voxel>,
-    pub(crate) shades: BlockStore<u8>,
-    pub(super) resting: Resting,
+    /// Bricks that scans change; each is owned by its block, see [`owner`].
+    pub(super) bricks: Slab<Brick>,
+    /// Bricks at rest.
+    pub(super) pieces: Pieces,
+    pub(super) recent: Recent,
     pub(crate) colours: ColourLayer,
+}
+
+/// Brick `brick` of block `id`, as the owner of memory.
+#[inline(always)]
+pub(super) fn owner(id: u32, brick: usize) -> u32 {
+    debug_assert!(id >> 28 == 0);
+    id << 4 | brick as u32
+}
+
+/// Block and brick of an [`owner`].
+#[inline(always)]
+pub(super) fn owned(owner: u32) -> (u32, usize) {
+    (owner >> 4, (owner & 15) as usize)
 }
 
 impl TsdfField {
@@ -82,84 +131,13 @@ impl TsdfField {
     }
 
     /// Ids of all blocks; blocks are never removed from a field, so these are consecutive.
-    pub fn ids(&self) -> std::ops::Range<u32> {
+    pub fn ids(&self) -> Range<u32> {
         0..self.blocks.capacity_used()
     }
 
     /// The id of the block with `key`.
     pub fn find(&self, key: u64) -> Option<u32> {
         self.tree.block(key)
-    }
-
-    /// The array of `block` at `scale`, unpacked if it is at rest; the scale lies between the block's `finest` and `scale`.
-    pub fn voxels(&self, block: &Block, scale: usize) -> Cow<'_, [Voxel]> {
-        if block.is_packed(scale) {
-            let mut voxels = vec![Voxel::default(); voxels_at(scale)];
-            self.resting.arrays[block.data[scale]].unpack(scale, &mut voxels);
-            return voxels.into();
-        }
-        self.voxels.get(scale, block.data[scale]).into()
-    }
-
-    /// The array that the block is integrated into, unpacked if it is at rest.
-    pub fn current(&self, block: &Block) -> Cow<'_, [Voxel]> {
-        self.voxels(block, usize::from(block.scale))
-    }
-
-    /// The array that the block is integrated into; none while it is at rest.
-    #[inline]
-    pub(crate) fn in_place(&self, block: &Block) -> Option<&[Voxel]> {
-        let scale = usize::from(block.scale);
-        (!block.is_packed(scale)).then(|| self.voxels.get(scale, block.data[scale]))
-    }
-
-    /// Voxel `index` of the array that the block is integrated into.
-    #[inline]
-    pub fn voxel(&self, block: &Block, index: usize) -> Voxel {
-        let scale = usize::from(block.scale);
-        if block.is_packed(scale) {
-            self.resting.arrays[block.data[scale]].voxel(scale, index)
-        } else {
-            self.voxels.get(scale, block.data[scale])[index]
-        }
-    }
-
-    /// What the array of `block` at `scale` held when the block became that coarse; finer than `scale` an array exists.
-    pub(crate) fn past(&self, block: &Block, scale: usize) -> &[Voxel] {
-        self.voxels.get(scale, block.past[scale])
-    }
-
-    /// Unpacks the array that the block is integrated into, which is at rest, into the first voxels of `array`.
-    pub(crate) fn unpack(&self, block: &Block, array: &mut VoxelBuffer) {
-        let scale = usize::from(block.scale);
-        self.resting.arrays[block.data[scale]].unpack(scale, &mut array[..voxels_at(scale)]);
-    }
-
-    /// Whether the scans that made the block's current array had intensities.
-    #[inline(always)]
-    pub fn is_shaded(&self, block: &Block) -> bool {
-        block.shade[usize::from(block.scale)] != NONE
-    }
-
-    /// Intensity of voxel `index` of the array that a block with intensities is integrated into, 1 to 255; 0 where it is unknown.
-    #[inline]
-    pub fn shade(&self, block: &Block, index: usize) -> u8 {
-        let scale = usize::from(block.scale);
-        if block.is_packed(scale) {
-            self.resting.arrays[block.data[scale]].shade(scale, index)
-        } else {
-            self.shades.get(scale, block.shade[scale])[index]
-        }
-    }
-
-    /// Intensities of the array of a block with intensities at `scale`, unpacked if they are at rest.
-    pub fn shades(&self, block: &Block, scale: usize) -> Cow<'_, [u8]> {
-        if block.is_packed(scale) {
-            let mut shades = vec![0; voxels_at(scale)];
-            self.resting.arrays[block.data[scale]].unpack_shades(scale, &mut shades);
-            return shades.into();
-        }
-        self.shades.get(scale, block.shade[scale]).into()
     }
 
     /// Colours of surfaces, where the scans had any.
@@ -174,73 +152,89 @@ impl TsdfField {
         if link != NONE {
             return (link, false);
         }
-        let mut block = Block::new(key, scale, scale);
-        block.data[usize::from(scale)] = self.voxels.insert(usize::from(scale));
-        if shaded {
-            block.shade[usize::from(scale)] = self.shades.insert(usize::from(scale));
-        }
-        let id = self.blocks.insert(block);
+        let id = self.blocks.insert(Block::new(key, scale, scale, shaded));
         self.tree.siblings_mut(group)[place].link = id;
         (id, true)
     }
 
-    /// Hangs `block`, whose key is not there yet, into the tree and returns its id. The tree's root must cover the key.
-    pub(in crate::field) fn hang(&mut self, cursor: &mut Cursor, block: Block) -> u32 {
-        let (group, place) = cursor.make(&mut self.tree, block.key);
-        let id = self.blocks.insert(block);
-        self.tree.siblings_mut(group)[place].link = id;
-        id
+    /// Makes the scale of block `id` one coarser. Its array there, and what that starts from, are to be filled.
+    pub(crate) fn go_coarser(&mut self, id: u32) {
+        self.blocks[id].scale += 1;
     }
 
-    /// Allocates what block `id` needs to be integrated one scale coarser and makes that its scale.
-    pub(crate) fn reserve_coarser(&mut self, id: u32) {
+    /// Makes the scale of block `id` one finer. If it had no array there, it is to be filled; the coarser arrays stay until
+    /// [`release_coarser`](Self::release_coarser).
+    pub(crate) fn go_finer(&mut self, id: u32) {
         let block = &mut self.blocks[id];
-        let scale = usize::from(block.scale) + 1;
-        block.data[scale] = self.voxels.insert(scale);
-        block.past[scale] = self.voxels.insert(scale);
-        if block.shade[scale - 1] != NONE {
-            block.shade[scale] = self.shades.insert(scale);
-        }
-        block.scale = scale as u8;
+        block.scale -= 1;
+        block.finest = block.finest.min(block.scale);
     }
 
-    /// Allocates what block `id` needs to be integrated one scale finer and makes that its scale. The coarser arrays
-    /// stay until [`release_coarser`](Self::release_coarser).
-    pub(crate) fn reserve_finer(&mut self, id: u32) {
-        let block = &mut self.blocks[id];
-        let scale = usize::from(block.scale) - 1;
-        if block.data[scale] == NONE {
-            block.data[scale] = self.voxels.insert(scale);
-            block.finest = scale as u8;
-            if block.shade[scale + 1] != NONE {
-                block.shade[scale] = self.shades.insert(scale);
-            }
-        }
-        block.scale = scale as u8;
-    }
-
-    /// Frees the arrays coarser than the block's scale.
+    /// Forgets the arrays of block `id` that are coarser than its scale.
     pub(crate) fn release_coarser(&mut self, id: u32) {
-        let block = &mut self.blocks[id];
-        for scale in usize::from(block.scale) + 1..SCALES {
-            for slot in [&mut block.data[scale], &mut block.past[scale]] {
-                if *slot != NONE {
-                    self.voxels.remove(scale, *slot);
-                    *slot = NONE;
-                }
-            }
-            if block.shade[scale] != NONE {
-                self.shades.remove(scale, block.shade[scale]);
-                block.shade[scale] = NONE;
+        for scale in usize::from(self.blocks[id].scale) + 1..SCALES {
+            self.clear(id, Array::Data(scale));
+            self.clear(id, Array::Past(scale));
+        }
+    }
+
+    /// Forgets what `array` of block `id` holds.
+    pub(crate) fn clear(&mut self, id: u32, array: Array) {
+        for brick in array.bricks() {
+            let handle = std::mem::replace(&mut self.blocks[id].bricks[brick], Handle::NOWHERE);
+            self.forget(handle);
+        }
+    }
+
+    /// Gives back what a brick takes.
+    pub(super) fn forget(&mut self, handle: Handle) {
+        match handle.whereabouts() {
+            Whereabouts::Nowhere => {}
+            Whereabouts::Awake(slot) => self.bricks.remove(slot),
+            Whereabouts::Resting(piece) => self.remove_piece(piece),
+        }
+    }
+
+    /// Removes a piece whose brick is not there any more.
+    pub(super) fn remove_piece(&mut self, piece: u32) {
+        if let Some(moved) = self.pieces.remove(piece) {
+            let (id, brick) = owned(moved);
+            self.blocks[id].bricks[brick] = Handle::resting(piece);
+        }
+    }
+
+    /// Makes `voxels` what `array` of block `id` holds, and of an array of data `shades`, if the block has intensities; at rest.
+    pub(crate) fn store(&mut self, id: u32, array: Array, voxels: &[Voxel], shades: &[u8]) {
+        self.clear(id, array);
+        let (mut packed, scale) = (Packed::EMPTY, array.scale());
+        let shaded = self.blocks[id].shaded && array == Array::Data(scale);
+        for (k, brick) in array.bricks().enumerate() {
+            let shades = if shaded { gather(shades, scale, k) } else { [0; BRICK] };
+            packed.pack(&Brick { voxels: gather(voxels, scale, k), shades }, shaded);
+            if !packed.is_empty() {
+                self.blocks[id].bricks[brick] = Handle::resting(self.pieces.insert(owner(id, brick), packed.words()));
             }
         }
     }
 
-    /// Arrays in use at each scale, past ones included and those at rest.
+    /// Makes what was packed the only array of block `id`, at `scale`.
+    pub(crate) fn install(&mut self, id: u32, scale: usize, array: &PackedArray) {
+        (0..SCALES).for_each(|scale| self.clear(id, Array::Data(scale)));
+        (1..SCALES).for_each(|scale| self.clear(id, Array::Past(scale)));
+        let block = &mut self.blocks[id];
+        (block.scale, block.finest, block.shaded) = (scale as u8, scale as u8, array.is_shaded());
+        for (brick, words) in Array::Data(scale).bricks().zip(array.bricks()).filter(|(_, words)| !words.is_empty()) {
+            block.bricks[brick] = Handle::resting(self.pieces.insert(owner(id, brick), words));
+        }
+    }
+
+    /// Arrays in use at each scale, past ones included.
     pub fn arrays(&self) -> [usize; SCALES] {
-        let mut arrays = self.voxels.live();
+        let mut arrays = [0; SCALES];
         for id in self.ids() {
-            self.blocks[id].packed.iter().zip(&mut arrays).for_each(|(&packed, count)| *count += usize::from(packed));
+            let (scale, finest) = (usize::from(self.blocks[id].scale), usize::from(self.blocks[id].finest));
+            arrays[finest..=scale].iter_mut().for_each(|count| *count += 1);
+            arrays[finest + 1..=scale].iter_mut().for_each(|count| *count += 1);
         }
         arrays
     }
@@ -254,6 +248,32 @@ impl TsdfField {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.shades.bytes() + self.resting.bytes() + self.colours.bytes()
+        self.tree.bytes() + self.blocks.bytes() + self.bricks.bytes() + self.pieces.bytes() + self.recent.bytes() + self.colours.bytes()
+    }
+
+    /// Fails unless every brick that takes memory belongs to an array that its block has.
+    #[cfg(test)]
+    pub(crate) fn assert_sound(&self) {
+        let (mut awake, mut resting) = (0, 0);
+        for id in self.ids() {
+            let block = self.block(id);
+            let (scale, finest) = (usize::from(block.scale), usize::from(block.finest));
+            let has = |array: Array| (finest + usize::from(matches!(array, Array::Past(_)))..=scale).contains(&array.scale());
+            for array in (0..SCALES).map(Array::Data).chain((1..SCALES).map(Array::Past)) {
+                for brick in array.bricks() {
+                    let handle = block.bricks[brick];
+                    assert!(has(array) || handle == Handle::NOWHERE, "{array:?} of a block at {finest} to {scale}");
+                    match handle.whereabouts() {
+                        Whereabouts::Nowhere => {}
+                        Whereabouts::Awake(slot) => {
+                            assert_eq!(self.bricks.owner(slot), Some(owner(id, brick)));
+                            awake += 1;
+                        }
+                        Whereabouts::Resting(_) => resting += 1,
+                    }
+                }
+            }
+        }
+        assert_eq!([self.bricks.live(), self.pieces.live()], [awake, resting]);
     }
 }

@@ -1,13 +1,18 @@
-//! The truncated signed distance field (paper Sec. III-A, MultiresTSDF): voxels, blocks, propagation between scales, and rest.
+//! The truncated signed distance field (paper Sec. III-A, MultiresTSDF): voxels, bricks, blocks, propagation between scales, and rest.
 
 mod blocks;
+pub(crate) mod brick;
 pub(crate) mod colour;
-pub(crate) mod packed;
+mod open;
+pub(crate) mod pieces;
 pub mod propagate;
+mod read;
 mod rest;
 mod voxel;
 
-pub(crate) use blocks::VoxelBuffer;
+pub(crate) use blocks::{Array, VoxelBuffer};
 pub use blocks::{Block, TsdfField};
 pub use colour::{ColourLayer, Tint};
+pub(crate) use open::{OpenField, Touched};
+pub(crate) use rest::BrickPages;
 pub use voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};

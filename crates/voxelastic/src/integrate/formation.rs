@@ -1,0 +1,322 @@
+//! The update of a TSDF: beams fly through blocks in formation, and what they meet is changed one formation behind.
+//!
+//! Blocks come one after the other, each with its beams in beam order. Sixteen lines are walked at a time ([`walk`](super::walk)); the
+//! bricks that they meet are woken or made, and asked for; then the voxels of the sixteen before them are updated.
+
+use super::band::{Band, Hits, observe_shade};
+use super::scale::ScaleRule;
+use super::select::beam_of;
+use super::transform::Beam;
+use super::walk::{LANES, Line, Lines, Trace};
+use crate::dispatch::Kernel;
+use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
+use crate::field::tsdf::propagate::{children, propagate_delta_down, propagate_down, propagate_up};
+use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel, WEIGHT_ONE};
+use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
+
+/// How a block moves between scales in a scan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Change {
+    None,
+    Coarser,
+    /// To an array that was there before.
+    Finer,
+    /// To a new array.
+    FinerNew,
+}
+
+/// Decides whether `block`, `distance` metres from the sensor, changes scale.
+pub(super) fn scale_change(block: &Block, rule: &ScaleRule, distance: f32) -> Change {
+    let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
+    match rule.next(current, distance) {
+        next if next > current => Change::Coarser,
+        next if next == current => Change::None,
+        next if next < finest => Change::FinerNew,
+        _ => Change::Finer,
+    }
+}
+
+/// A block and the records of the beams that touch it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Run {
+    pub block: u32,
+    pub start: u32,
+    pub end: u32,
+    pub change: Change,
+}
+
+/// Everything that a thread needs to update blocks.
+pub(super) struct Update<'a> {
+    pub field: OpenField<'a>,
+    pub beams: &'a [Beam],
+    pub records: &'a [u64],
+    pub band: Band,
+}
+
+/// A thread's share of the blocks.
+pub(super) struct Share<'a> {
+    /// Each block occurs once in all shares.
+    pub runs: &'a [Run],
+    pub task: &'a Update<'a>,
+    pub touched: &'a mut Touched,
+}
+
+/// How far ahead a beam is asked for: records follow blocks, beams lie in the order of the scan.
+const BEAMS_AHEAD: usize = 24;
+/// How far ahead a block is asked for, and what it has at rest.
+const BLOCKS_AHEAD: [usize; 2] = [6, 3];
+
+impl Kernel for Share<'_> {
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn run(self) {
+        let Self { runs, task, touched } = self;
+        let mut formations = [Formation::new(), Formation::new()];
+        let mut next = 0;
+        // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
+        for (i, run) in runs.iter().enumerate() {
+            if let Some(later) = runs.get(i + BLOCKS_AHEAD[0]) {
+                ask_for_all(task.field.block(later.block).address());
+            }
+            if let Some(later) = runs.get(i + BLOCKS_AHEAD[1]) {
+                // SAFETY: each block occurs in one run only, so in one thread only.
+                task.field.ask_for(unsafe { task.field.block(later.block).get() });
+            }
+            if run.change != Change::None {
+                task.change_scale(run, touched);
+            }
+            let home = task.home(run.block);
+            for record in run.start as usize..run.end as usize {
+                if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
+                    ask_for_all(&raw const task.beams[beam_of(later)]);
+                }
+                formations[next].push(&home, &task.beams[beam_of(task.records[record])], task.band.truncation);
+                if formations[next].lines.len() == LANES {
+                    formations[next].walk(task, touched);
+                    next = 1 - next;
+                    // SAFETY: as above, and bricks belong to one block only.
+                    unsafe { formations[next].apply(&task.band) };
+                }
+            }
+        }
+        formations[next].walk(task, touched);
+        for formation in [1 - next, next] {
+            // SAFETY: as above.
+            unsafe { formations[formation].apply(&task.band) };
+        }
+    }
+}
+
+/// The block that beams are walked through.
+#[derive(Clone, Copy)]
+struct Home {
+    id: u32,
+    scale: u32,
+    /// Its first brick at its current scale, among all of its bricks.
+    first: usize,
+    /// The bricks at that scale; nowhere those that have to be woken or made first.
+    bricks: [Place<Brick>; BRICKS],
+    places: &'static Places,
+    shaded: bool,
+    /// Its smallest corner, finest voxels.
+    corner: [f32; 3],
+}
+
+/// Beams that are walked together, each through a block of its own or one that it shares.
+struct Formation {
+    lines: Lines,
+    trace: Trace,
+    hits: Hits,
+    /// The blocks, and which of them each lane flies through.
+    homes: [Home; LANES],
+    blocks: usize,
+    home: [u8; LANES],
+    /// Strength of each return.
+    shade: [u8; LANES],
+    /// Where the voxel of each hit lies: its brick, and its place there.
+    bricks: [Place<Brick>; Hits::MOST],
+    places: [u8; Hits::MOST],
+    /// The hits whose voxels take an intensity.
+    near: [u16; Hits::MOST],
+    near_count: usize,
+}
+
+impl Formation {
+    fn new() -> Self {
+        let bricks = [Place::NOWHERE; BRICKS];
+        let home = Home { id: NONE, scale: 0, first: 0, bricks, places: places(0), shaded: false, corner: [0.0; 3] };
+        Self {
+            lines: Lines::new(),
+            trace: Trace::new(),
+            hits: Hits::new(),
+            homes: [home; LANES],
+            blocks: 0,
+            home: [0; LANES],
+            shade: [0; LANES],
+            bricks: [Place::NOWHERE; Hits::MOST],
+            places: [0; Hits::MOST],
+            near: [0; Hits::MOST],
+            near_count: 0,
+        }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, home: &Home, beam: &Beam, truncation: f32) {
+        let lane = self.lines.len() % LANES;
+        if self.blocks == 0 || self.homes[(self.blocks - 1) % LANES].id != home.id {
+            self.homes[self.blocks % LANES] = *home;
+            self.blocks += 1;
+        }
+        (self.home[lane], self.shade[lane]) = ((self.blocks - 1) as u8, beam.shade);
+        self.lines.push(&Line {
+            point: beam.point,
+            direction: beam.direction,
+            gradient: beam.normal,
+            corner: home.corner,
+            scale: home.scale,
+            reach: [-truncation, truncation],
+        });
+    }
+
+    /// Finds out what the lines pass, and asks for it to be brought near.
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn walk(&mut self, task: &Update<'_>, touched: &mut Touched) {
+        self.trace.walk(&self.lines);
+        task.band.collect(&self.trace, &mut self.hits);
+        self.near_count = 0;
+        for i in 0..self.hits.len {
+            let (lane, index) = self.hits.target(i);
+            let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
+            let place = usize::from(home.places[index % voxels_at(0)]);
+            let brick = &mut home.bricks[place / BRICK % BRICKS];
+            if brick.is_nowhere() {
+                // SAFETY: this thread alone deals with the blocks that lines are pushed for.
+                *brick = unsafe { task.field.brick(task.field.block(home.id).get(), home.id, home.first + place / BRICK, touched) };
+            }
+            (self.bricks[i], self.places[i]) = (*brick, (place % BRICK) as u8);
+            prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * (place % BRICK)));
+            self.near[self.near_count % Hits::MOST] = i as u16;
+            self.near_count += usize::from(home.shaded & self.hits.is_near(i));
+        }
+        for &i in &self.near[..self.near_count] {
+            let (brick, place) = (self.bricks[usize::from(i)], self.places[usize::from(i)]);
+            prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * BRICK + usize::from(place)));
+        }
+    }
+
+    /// Updates the voxels that the lines pass, and disbands the formation.
+    ///
+    /// # Safety
+    /// No other thread may touch the bricks of the blocks that the lines were pushed for.
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    unsafe fn apply(&mut self, band: &Band) {
+        let Self { lines, hits, shade, bricks, places, near, near_count, blocks, .. } = self;
+        for i in 0..hits.len {
+            // SAFETY: the caller's promise; bricks stay where they are while the field is open.
+            let brick = unsafe { bricks[i].get() };
+            band.observe(hits, i, &mut brick.voxels[usize::from(places[i]) % BRICK]);
+        }
+        for &i in &near[..*near_count] {
+            let i = usize::from(i);
+            let (lane, _) = hits.target(i);
+            // SAFETY: as above.
+            let brick = unsafe { bricks[i].get() };
+            observe_shade(&mut brick.shades[usize::from(places[i]) % BRICK], shade[lane]);
+        }
+        (hits.len, *near_count, *blocks) = (0, 0, 0);
+        lines.clear();
+    }
+}
+
+impl Update<'_> {
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn home(&self, id: u32) -> Home {
+        // SAFETY: each block occurs in one run only, so in one thread only.
+        let block = unsafe { self.field.block(id).get() };
+        let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let Block { scale, shaded, .. } = *block;
+        let (first, bricks) = (block.current().bricks().start, self.field.bricks(block));
+        Home { id, scale: scale.into(), first, bricks, places: places(scale.into()), shaded, corner }
+    }
+
+    /// Fills the array of a block's new scale from the one that it leaves (paper Sec. III-A, propagation).
+    #[allow(unsafe_code)]
+    #[cold]
+    #[inline(never)]
+    fn change_scale(&self, run: &Run, touched: &mut Touched) {
+        /// What an interpolated voxel weighs: little, because it is a guess from voxels twice as large, which a measurement at
+        /// its own scale must outweigh at once.
+        const INTERPOLATED_WEIGHT: u16 = WEIGHT_ONE / 4;
+        // SAFETY: here and below, this block occurs in one run only, so in one thread only.
+        let block = unsafe { self.field.block(run.block).get() };
+        let scale = usize::from(block.scale);
+        let [mut new, mut from, mut past] = [[Voxel::default(); voxels_at(0)]; 3];
+        let new = &mut new[..voxels_at(scale)];
+        let copy = |array: Array, into: &mut [Voxel; voxels_at(0)]| {
+            // SAFETY: as above.
+            unsafe { self.field.copy(block, array, &mut into[..voxels_at(array.scale())]) };
+        };
+        match run.change {
+            Change::None => return,
+            Change::Coarser => {
+                copy(Array::Data(scale - 1), &mut from);
+                propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
+            }
+            Change::Finer => {
+                copy(Array::Data(scale + 1), &mut from);
+                copy(Array::Past(scale + 1), &mut past);
+                // SAFETY: as above.
+                unsafe { self.field.copy(block, Array::Data(scale), new) };
+                let coarse = ..voxels_at(scale + 1);
+                propagate_delta_down(&from[coarse], &past[coarse], new, scale, [self.band.max_weight as u16, INTERPOLATED_WEIGHT]);
+            }
+            Change::FinerNew => {
+                copy(Array::Data(scale + 1), &mut from);
+                propagate_down(&from[..voxels_at(scale + 1)], new, scale, INTERPOLATED_WEIGHT);
+            }
+        }
+        let mut shades = [0; voxels_at(0)];
+        let shades = &mut shades[..voxels_at(scale)];
+        if block.shaded {
+            self.change_shades(block, run.change, shades);
+        }
+        // SAFETY: as above.
+        unsafe {
+            self.field.store(block, run.block, Array::Data(scale), (new, shades), touched);
+            if run.change == Change::Coarser {
+                shades.fill(0);
+                self.field.store(block, run.block, Array::Past(scale), (new, shades), touched);
+            }
+        }
+    }
+
+    /// Intensities move between scales by plain copy and mean of what is known.
+    #[allow(unsafe_code)]
+    fn change_shades(&self, block: &Block, change: Change, shades: &mut [u8]) {
+        let scale = usize::from(block.scale);
+        let mut from = [0; voxels_at(0)];
+        let copy = |scale: usize, into: &mut [u8]| {
+            // SAFETY: as in `change_scale`.
+            unsafe { self.field.copy_shades(block, scale, into) };
+        };
+        match change {
+            Change::Coarser => {
+                copy(scale - 1, &mut from[..voxels_at(scale - 1)]);
+                for (i, shade) in shades.iter_mut().enumerate() {
+                    let known = || children(i, scale - 1).map(|c| u32::from(from[c])).filter(|&s| s > 0);
+                    *shade = (known().sum::<u32>() / known().count().max(1) as u32) as u8;
+                }
+            }
+            Change::FinerNew => {
+                copy(scale + 1, &mut from[..voxels_at(scale + 1)]);
+                for (i, &shade) in from[..voxels_at(scale + 1)].iter().enumerate() {
+                    children(i, scale).for_each(|c| shades[c] = shade);
+                }
+            }
+            Change::None | Change::Finer => copy(scale, shades),
+        }
+    }
+}
