@@ -1,6 +1,7 @@
 //! Rigid transforms, Morton keys and boxes.
 
 pub mod aabb;
+pub(crate) mod bits;
 pub mod morton;
 pub mod pose;
 mod whole;

@@ -49,16 +49,6 @@ impl<T: Zeroable> Slab<T> {
         }
     }
 
-    /// Takes an item for `owner`; it holds anything.
-    pub fn take(&mut self, owner: u32) -> u32 {
-        let mut batch = Batch::default();
-        let taking = self.open(1, 1);
-        let slot = taking.take(owner, &mut batch);
-        let taken = taking.taken();
-        self.close(taken, [batch]);
-        slot
-    }
-
     /// Opens the slab to threads that write to items and take `more` at most, with at most so many batches. To be [closed](Self::close).
     pub fn open(&mut self, more: usize, batches: usize) -> Taking<'_, T> {
         self.reserve(more + batches * BATCH as usize);
@@ -133,14 +123,6 @@ impl<T> std::ops::Index<u32> for Slab<T> {
     fn index(&self, slot: u32) -> &T {
         let (page, place) = Pool::<T>::place(slot);
         &self.pages[page][place]
-    }
-}
-
-impl<T> std::ops::IndexMut<u32> for Slab<T> {
-    #[inline(always)]
-    fn index_mut(&mut self, slot: u32) -> &mut T {
-        let (page, place) = Pool::<T>::place(slot);
-        &mut self.pages[page][place]
     }
 }
 
@@ -220,28 +202,32 @@ mod tests {
         }
     }
 
-    #[test]
+    /// Takes 150 items in five threads, for owners from `first` on, and writes to them.
     #[allow(unsafe_code)]
+    fn fill(slab: &mut Slab<Item>, slow: &mut BTreeMap<u32, u32>, first: u32) {
+        let taking = slab.open(150, 5);
+        let share = |share: u32| {
+            let mut batch = Batch::default();
+            let take = |i| {
+                let owner = first + 30 * share + i;
+                let slot = taking.take(owner, &mut batch);
+                // SAFETY: the slot was just taken, by nobody else.
+                unsafe { *taking.cells().get(slot) = [owner + 7; 1024] };
+                (slot, owner)
+            };
+            ((0..30).map(take).collect(), batch)
+        };
+        let (taken, batches): (Vec<Vec<(u32, u32)>>, Vec<Batch>) = (0..5).into_par_iter().map(share).unzip();
+        let count = taking.taken();
+        slab.close(count, batches);
+        assert!(taken.into_iter().flatten().all(|(slot, owner)| slow.insert(slot, owner).is_none()), "a slot twice");
+    }
+
+    #[test]
     fn threads_take_items_and_pages_are_handed_on() {
         let (mut slab, mut slow) = (Slab::<Item>::default(), BTreeMap::new());
         for round in 0..6u32 {
-            let taking = slab.open(150, 5);
-            let share = |share: u32| {
-                let mut batch = Batch::default();
-                let take = |i| {
-                    let owner = 1000 * round + 30 * share + i;
-                    let slot = taking.take(owner, &mut batch);
-                    // SAFETY: the slot was just taken, by nobody else.
-                    unsafe { *taking.cells().get(slot) = [owner + 7; 1024] };
-                    (slot, owner)
-                };
-                ((0..30).map(take).collect(), batch)
-            };
-            let (taken, batches): (Vec<Vec<(u32, u32)>>, Vec<Batch>) = (0..5).into_par_iter().map(share).unzip();
-            let count = taking.taken();
-            slab.close(count, batches);
-            let taken = taken.into_iter().flatten();
-            assert!({ taken }.all(|(slot, owner)| slow.insert(slot, owner).is_none()), "a slot twice");
+            fill(&mut slab, &mut slow, 1000 * round);
             for slot in (0..slab.capacity_used()).filter(|slot| slot % 3 == round % 3) {
                 if slow.remove(&slot).is_some() {
                     slab.remove(slot);
@@ -261,11 +247,7 @@ mod tests {
         assert!(pages.len() > before / 2 && slab.touched + pages.len() == before, "{} of {before} pages", pages.len());
         slab.adopt(pages);
         assert!(slab.bytes() >= before * Slab::<Item>::PAGE * size_of::<Item>());
-        for owner in 0..300 {
-            let slot = slab.take(owner);
-            slab[slot] = [owner + 7; 1024];
-            assert!(slow.insert(slot, owner).is_none());
-        }
+        (0..2).for_each(|round| fill(&mut slab, &mut slow, 150 * round));
         assert_holds(&slab, &slow);
         assert_eq!(slab.touched, before, "what was given is used again");
         assert_holds(&slab.clone(), &slow);

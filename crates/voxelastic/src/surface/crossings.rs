@@ -9,9 +9,10 @@ use super::cells::{Cell, Cells, owned_seams};
 use super::gaps::Closed;
 use super::layout::{Around, Head, PART};
 use super::rows::{LAYER, Padded};
-use super::samples::{rank, valid};
+use super::samples::valid;
 use super::triangles::TABLE;
 use crate::dispatch::{Kernel, dispatch};
+use crate::geometry::bits::rank;
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 

@@ -5,9 +5,10 @@
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
 use super::layout::{Around, CENTRE, Layout, PART, neighbour_offset, part_of};
-use super::samples::{Bits, FAR, Field, Measured, Samples, coords, place, rank, valid};
+use super::samples::{Bits, FAR, Field, Measured, Samples, coords, place, valid};
 use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::DISTANCE_STEPS;
+use crate::geometry::bits::rank;
 use crate::octree::voxels_at;
 use rayon::prelude::*;
 

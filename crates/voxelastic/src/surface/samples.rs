@@ -5,6 +5,7 @@ use super::layout::{Layout, PART, part_of};
 use super::view::View;
 use crate::dispatch::{Kernel, dispatch};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel, VoxelBuffer};
+use crate::geometry::bits::{lowest_bits, rank};
 use crate::octree::{edge_at, voxel_index, voxels_at};
 use bytemuck::Zeroable;
 use rayon::prelude::*;
@@ -28,12 +29,6 @@ pub(super) fn place(c: [usize; 3]) -> usize {
 #[inline(always)]
 pub(super) fn coords(place: usize) -> [usize; 3] {
     [place & 7, place >> 3 & 7, place >> 6]
-}
-
-/// How many bits of `bits` are set before `bit`.
-#[inline(always)]
-pub(super) fn rank(bits: u64, bit: usize) -> usize {
-    (bits & ((1 << bit) - 1)).count_ones() as usize
 }
 
 /// A distance between neighbouring voxels that changes faster than this many times their spacing is no surface, but the
@@ -179,9 +174,9 @@ impl Kernel for Take<'_> {
                 for x in 0..8 {
                     row |= u64::from(flags[64 * z + 8 * y + x]) << (8 * x);
                 }
-                known |= gather(row) << (8 * y);
-                behind |= gather(row >> 1) << (8 * y);
-                far |= gather(row >> 2) << (8 * y);
+                known |= lowest_bits(row) << (8 * y);
+                behind |= lowest_bits(row >> 1) << (8 * y);
+                far |= lowest_bits(row >> 2) << (8 * y);
             }
             (self.samples.known[z], self.samples.behind[z], self.samples.far[z]) = (known, behind, far);
             self.samples.before[z] = count as u16;
@@ -202,13 +197,6 @@ impl Kernel for Take<'_> {
 fn flags_of(Voxel { distance, weight }: Voxel, min_weight: u16) -> u8 {
     let known = weight >= min_weight;
     u8::from(known) | u8::from(known & (distance < 0)) << 1 | u8::from(known & (distance.unsigned_abs() > FAR)) << 2
-}
-
-/// The lowest bits of eight bytes.
-#[inline(always)]
-fn gather(bytes: u64) -> u64 {
-    // The product adds byte k, shifted to bit k, into the topmost byte; nothing else reaches it.
-    (bytes & 0x0101_0101_0101_0101).wrapping_mul(0x0102_0408_1020_4080) >> 56
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Meshes of analytic shapes over blocks of mixed scales.
 
 use super::*;
+use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::{Array, DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};
 use crate::octree::{BLOCK_EDGE, Cursor, block_key, voxel_coords, voxels_at};
 use proptest::prelude::*;
@@ -27,7 +28,7 @@ fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i
                     let weight = if steps.is_nan() { 0 } else { 10 * WEIGHT_ONE };
                     *voxel = Voxel { distance: steps as i16, weight };
                 }
-                field.store(id, Array::Data(scale), &voxels, &[]);
+                field.store(id, Array::Data(scale), &PackedArray::new(scale, &voxels, None));
             }
         }
     }
@@ -116,7 +117,7 @@ fn blocks_without_intensity_among_others_count_as_grey() {
     for id in field.ids().filter(|id| id % 3 == 0) {
         let voxels = field.current(field.block(id));
         field.blocks[id].shaded = true;
-        field.store(id, Array::Data(0), &voxels, &[9; voxels_at(0)]);
+        field.store(id, Array::Data(0), &PackedArray::new(0, &voxels, Some(&[9; voxels_at(0)])));
     }
     let mesh = extract(&field, 0.1, &MeshOptions::default());
     assert_eq!(mesh.shades.len(), mesh.positions.len());

@@ -1,7 +1,7 @@
 //! TSDF fusion: the source sampled at the target's voxels, then weighted means.
 
 use super::Placement;
-use crate::field::tsdf::pieces::PackedArray;
+use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::propagate::propagate_down;
 use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{

@@ -1,6 +1,7 @@
 //! The TSDF's image: its blocks in Morton order, each with the arrays that it holds. The octree follows from the keys.
 
 use super::ImageError;
+use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::{Array, Tint, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
 use crate::octree::{Cursor, NONE, SCALES, voxels_at};
@@ -149,12 +150,12 @@ impl TsdfBuilder {
     fn fill(&mut self, id: u32, head: &BlockHead, mut voxels: &[Voxel], mut shades: &[u8]) {
         for scale in head.data_scales() {
             let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
-            let shades = if head.shaded { shades.split_off(..voxels_at(scale)).unwrap_or_default() } else { &[] };
-            self.field.store(id, Array::Data(scale), array, shades);
+            let shades = head.shaded.then(|| shades.split_off(..voxels_at(scale)).unwrap_or_default());
+            self.field.store(id, Array::Data(scale), &PackedArray::new(scale, array, shades));
         }
         for scale in head.past_scales() {
             let array = voxels.split_off(..voxels_at(scale)).unwrap_or_default();
-            self.field.store(id, Array::Past(scale), array, &[]);
+            self.field.store(id, Array::Past(scale), &PackedArray::new(scale, array, None));
         }
     }
 

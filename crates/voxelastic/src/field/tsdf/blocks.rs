@@ -3,9 +3,10 @@
 //! A block is integrated at one scale at a time. Going coarser keeps the finer array and remembers what the coarse one
 //! started from ([`Array::Past`]); going finer again carries only the difference down, so that detail is never lost.
 
-use super::brick::{BRICK, BRICKS, Brick, Handle, Whereabouts, gather};
+use super::brick::{BRICKS, Brick, Handle, Whereabouts};
 use super::colour::ColourLayer;
-use super::pieces::{Packed, PackedArray, Pieces};
+use super::packed::PackedArray;
+use super::pieces::Pieces;
 use super::rest::Recent;
 use super::voxel::Voxel;
 use crate::octree::{Cursor, NONE, Octree, Pool, SCALES, Slab, voxels_at};
@@ -203,29 +204,21 @@ impl TsdfField {
         }
     }
 
-    /// Makes `voxels` what `array` of block `id` holds, and of an array of data `shades`, if the block has intensities; at rest.
-    pub(crate) fn store(&mut self, id: u32, array: Array, voxels: &[Voxel], shades: &[u8]) {
+    /// Makes what was packed what `array` of block `id` holds, at rest. It has intensities if it is data and the block has some.
+    pub(crate) fn store(&mut self, id: u32, array: Array, packed: &PackedArray) {
         self.clear(id, array);
-        let (mut packed, scale) = (Packed::EMPTY, array.scale());
-        let shaded = self.blocks[id].shaded && array == Array::Data(scale);
-        for (k, brick) in array.bricks().enumerate() {
-            let shades = if shaded { gather(shades, scale, k) } else { [0; BRICK] };
-            packed.pack(&Brick { voxels: gather(voxels, scale, k), shades }, shaded);
-            if !packed.is_empty() {
-                self.blocks[id].bricks[brick] = Handle::resting(self.pieces.insert(owner(id, brick), packed.words()));
-            }
+        for (brick, words) in array.bricks().zip(packed.bricks()).filter(|(_, words)| !words.is_empty()) {
+            self.blocks[id].bricks[brick] = Handle::resting(self.pieces.insert(owner(id, brick), words));
         }
     }
 
     /// Makes what was packed the only array of block `id`, at `scale`.
-    pub(crate) fn install(&mut self, id: u32, scale: usize, array: &PackedArray) {
+    pub(crate) fn install(&mut self, id: u32, scale: usize, packed: &PackedArray) {
         (0..SCALES).for_each(|scale| self.clear(id, Array::Data(scale)));
         (1..SCALES).for_each(|scale| self.clear(id, Array::Past(scale)));
         let block = &mut self.blocks[id];
-        (block.scale, block.finest, block.shaded) = (scale as u8, scale as u8, array.is_shaded());
-        for (brick, words) in Array::Data(scale).bricks().zip(array.bricks()).filter(|(_, words)| !words.is_empty()) {
-            block.bricks[brick] = Handle::resting(self.pieces.insert(owner(id, brick), words));
-        }
+        (block.scale, block.finest, block.shaded) = (scale as u8, scale as u8, packed.is_shaded());
+        self.store(id, Array::Data(scale), packed);
     }
 
     /// Arrays in use at each scale, past ones included.

@@ -3,7 +3,7 @@
 
 use super::blocks::{TsdfField, owned, owner};
 use super::brick::{Brick, Handle};
-use super::pieces::Packed;
+use super::packed::Packed;
 use crate::dispatch::{Kernel, dispatch};
 use crate::octree::{Slab, ask_for_all};
 use rayon::prelude::*;
