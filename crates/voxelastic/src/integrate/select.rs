@@ -1,4 +1,4 @@
-//! Selection: which blocks each beam's truncation band passes through, grouped by block in Morton order.
+//! Selection: which blocks each beam's walk passes through, grouped by block in Morton order.
 
 use super::radix::sort_by_bits;
 use super::transform::Beam;
@@ -86,10 +86,9 @@ impl Selection {
         while start < self.records.len() {
             let wrapped = self.records[start] >> BEAM_BITS;
             let length = self.records[start..].iter().take_while(|&&r| r >> BEAM_BITS == wrapped).count();
-            // The key's low bits per axis are those of the block's own key; the corner says which period it is in.
+            // The key's low bits per axis are those of the block's own key; the corner says which period it is in. The period is a power of two.
             let low = block_coords(wrapped);
-            let origin = block_coords(0);
-            let coords = std::array::from_fn(|k| corner[k] + (low[k] - origin[k] - (corner[k] - origin[k])).rem_euclid(size));
+            let coords = std::array::from_fn(|k| corner[k] + ((low[k] - corner[k]) & (size - 1)));
             self.blocks.push(BlockBeams { key: block_key(coords), start: start as u32, end: (start + length) as u32 });
             start += length;
         }

@@ -226,7 +226,7 @@ impl TsdfIntegrator {
             dispatch(Share { runs, task: &task, touched: &mut touched });
             touched
         };
-        let touched: Vec<Touched> = self.runs.par_chunks(RUNS_PER_TASK).map(share).collect();
+        let touched: Vec<Touched> = self.runs.par_chunks(RUNS_PER_TASK).with_max_len(1).map(share).collect();
         let taken = task.field.taken();
         field.close(taken, touched);
     }

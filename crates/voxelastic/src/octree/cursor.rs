@@ -63,18 +63,18 @@ impl Cursor {
         (group, (key >> (3 * lowest)) as usize & 7)
     }
 
-    /// The id of block `key`, if there is one.
+    /// The octant of `lowest` level (below the root's) that holds block `key`, as (group, place in it), if it exists.
     #[inline]
-    pub fn block<P: Copy + Default>(&mut self, tree: &Octree<P>, key: u64) -> Option<u32> {
+    pub fn find_at<P: Copy + Default>(&mut self, tree: &Octree<P>, key: u64, lowest: u32) -> Option<(u32, usize)> {
         if !tree.covers(key) {
             return None;
         }
-        let mut level = self.shared_level(key);
+        let mut level = self.shared_level(key).max(lowest);
         let mut group = self.path[level as usize];
-        while level > 0 {
+        self.key = key;
+        while level > lowest {
             let below = tree.siblings(group)[(key >> (3 * level)) as usize & 7].link;
             if below == NONE {
-                self.key = key;
                 self.low = level;
                 return None;
             }
@@ -82,9 +82,15 @@ impl Cursor {
             level -= 1;
             self.path[level as usize] = group;
         }
-        self.key = key;
-        self.low = 0;
-        let link = tree.siblings(group)[key as usize & 7].link;
+        self.low = lowest;
+        Some((group, (key >> (3 * lowest)) as usize & 7))
+    }
+
+    /// The id of block `key`, if there is one.
+    #[inline]
+    pub fn block<P: Copy + Default>(&mut self, tree: &Octree<P>, key: u64) -> Option<u32> {
+        let (group, place) = self.find_at(tree, key, 0)?;
+        let link = tree.siblings(group)[place].link;
         (link != NONE).then_some(link)
     }
 }
@@ -138,6 +144,10 @@ mod tests {
             for (id, &c) in blocks.iter().enumerate() {
                 let last = blocks.iter().rposition(|&b| b == c).unwrap_or(id);
                 prop_assert_eq!(tree.block(block_key(c)), Some(last as u32));
+                let level = id as u32 % tree.root_level();
+                let expected = tree.octant_mut(block_key(c), level).map(|octant| *octant);
+                let found = cursor.find_at(&tree, block_key(c), level);
+                prop_assert_eq!(found.map(|(group, place)| tree.siblings(group)[place]), expected);
             }
         }
     }

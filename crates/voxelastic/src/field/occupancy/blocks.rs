@@ -85,7 +85,12 @@ impl OccupancyField {
     /// Finds the block `key`, or makes it from the uniform octant that covers it, and refines it to `scale` if it is
     /// coarser. The tree's root must cover the key.
     pub(crate) fn make(&mut self, cursor: &mut Cursor, key: u64, scale: usize) -> u32 {
-        let (group, place) = cursor.make(&mut self.tree, key);
+        let octant = cursor.make(&mut self.tree, key);
+        self.make_in(octant, key, scale)
+    }
+
+    /// As [`make`](Self::make), for the block `key` whose octant is in group `group` at `place`.
+    pub(crate) fn make_in(&mut self, (group, place): (u32, usize), key: u64, scale: usize) -> u32 {
         let octant = self.tree.siblings(group)[place];
         if octant.link != NONE {
             self.refine(octant.link, scale);

@@ -7,24 +7,25 @@
 use super::model::{OccupancySettings, Steps};
 use super::sight::{Classes, Scratch, Sight, bits};
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::octree::{BLOCK_EDGE, NONE, block_coords};
+use crate::octree::{BLOCK_EDGE, NONE, ask_for_all, block_coords};
 use rayon::prelude::*;
+use std::sync::Mutex;
 
 // Where nothing was seen nearby there is no surface to be told apart from, so free space may end roughly there.
 /// Cubes of blocks at the rim of the field of view are refined while they are wider than this many beams ...
-const RIM_BEAMS: f32 = 3.0;
+const RIM_BEAMS: u8 = 3;
 /// ... and cubes beside beams without return while they are wider than this many.
-const HOLE_BEAMS: f32 = 2.0;
+const HOLE_BEAMS: u8 = 2;
 
 /// How many beams a mixed cube must be wide to be refined.
 #[inline(always)]
-fn coarse(classes: &Classes, i: usize) -> f32 {
+fn coarse(classes: &Classes, i: usize) -> u8 {
     if classes.rim >> i & 1 == 1 {
         RIM_BEAMS
     } else if classes.holed >> i & 1 == 1 {
         HOLE_BEAMS
     } else {
-        0.0
+        0
     }
 }
 
@@ -32,14 +33,17 @@ fn coarse(classes: &Classes, i: usize) -> f32 {
 #[inline(always)]
 fn worth_a_look(classes: &Classes, beams: f32) -> u8 {
     let mut mixed = classes.mixed;
-    if beams < RIM_BEAMS {
+    if beams < f32::from(RIM_BEAMS) {
         mixed &= !classes.rim;
     }
-    if beams < HOLE_BEAMS {
+    if beams < f32::from(HOLE_BEAMS) {
         mixed &= !classes.holed;
     }
     mixed
 }
+
+/// How many cubes ahead the octants below one are asked for.
+const AHEAD: usize = 4;
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
@@ -68,15 +72,32 @@ pub(super) struct Finds {
 #[derive(Clone, Copy, Debug)]
 struct Cube {
     key: u64,
-    level: u32,
+    /// The block coordinates of `key`, which are much looked at and slow to get from it.
+    corner: [i32; 3],
     link: u32,
+    level: u8,
     summary: Summary,
     /// A larger cube around it was found free.
     free: bool,
     /// A beam went through its middle, and it is free as far as beams came back.
     crossed: bool,
     /// How small it may be left alone, in beams across: more than 0 at the rim of what was seen.
-    coarse: f32,
+    coarse: u8,
+}
+
+impl Cube {
+    #[inline(always)]
+    fn level(&self) -> u32 {
+        u32::from(self.level)
+    }
+
+    /// The `i`-th of its eight children, as far as its own place says.
+    #[inline(always)]
+    fn child(&self, i: usize) -> (u64, [i32; 3]) {
+        let level = self.level() - 1;
+        let step = |k: usize| self.corner[k] + ((i as i32 >> k & 1) << level);
+        (self.key | (i as u64) << (3 * level), [step(0), step(1), step(2)])
+    }
 }
 
 /// Everything that a descent reads.
@@ -144,22 +165,28 @@ impl Descent<'_> {
         let tree = &self.field.tree;
         let root = Cube {
             key: tree.root_key(),
-            level: tree.root_level(),
+            corner: block_coords(tree.root_key()),
+            level: tree.root_level() as u8,
             link: tree.root().link,
             summary: tree.root().payload,
             free: false,
             crossed: false,
-            coarse: 0.0,
+            coarse: 0,
         };
         let subtrees = self.subtrees(root);
-        let parts: Vec<Finds> = subtrees
-            .par_iter()
-            .map_init(Memory::new, |memory, &root| {
-                let mut finds = Finds::default();
-                self.descend(root, memory, &mut finds);
-                finds
-            })
-            .collect();
+        // Memory is handed on from subtree to subtree: each may be taken by another thread, because they are not equal work.
+        let spare: Mutex<Vec<Box<Memory>>> = Mutex::default();
+        let descend = |&root: &Cube| {
+            let known = spare.lock().ok().and_then(|mut spare| spare.pop());
+            let mut memory = known.unwrap_or_else(|| Box::new(Memory::new()));
+            let mut finds = Finds::default();
+            self.descend(root, &mut memory, &mut finds);
+            if let Ok(mut spare) = spare.lock() {
+                spare.push(memory);
+            }
+            finds
+        };
+        let parts: Vec<Finds> = subtrees.par_iter().with_max_len(1).map(descend).collect();
         let mut all = Finds {
             found: Vec::with_capacity(parts.iter().map(|part| part.found.len()).sum()),
             masks: Vec::with_capacity(parts.iter().map(|part| part.masks.len()).sum()),
@@ -208,7 +235,7 @@ impl Descent<'_> {
     fn is_too_much_work(&self, cube: &Cube) -> bool {
         const LARGEST: u32 = 5;
         let (centre, half) = self.place(cube);
-        cube.level > LARGEST || (cube.level > 1 && 2.0 * half > self.sight.range(centre))
+        cube.level() > LARGEST || (cube.level > 1 && 2.0 * half > self.sight.range(centre))
     }
 
     /// Looks at the children of `cubes`, which are equally large.
@@ -222,16 +249,14 @@ impl Descent<'_> {
     /// Hands over the children that may hold something free, in Morton order.
     fn open(&self, cube: &Cube, classes: &Classes, mut push: impl FnMut(Cube)) {
         let (free, level) = (if cube.free { u8::MAX } else { classes.free }, cube.level - 1);
+        let siblings = (cube.link != NONE).then(|| self.field.tree.siblings(cube.link));
         for i in bits(free | classes.mixed) {
-            let (link, summary) = if cube.link == NONE {
-                (NONE, cube.summary)
-            } else {
-                let octant = self.field.tree.siblings(cube.link)[i];
-                (octant.link, octant.payload)
-            };
+            let (link, summary) = siblings.map_or((NONE, cube.summary), |siblings| (siblings[i].link, siblings[i].payload));
             if !summary.is_saturated_free(self.steps.min) {
+                let (key, corner) = cube.child(i);
                 push(Cube {
-                    key: cube.key | (i as u64) << (3 * level),
+                    key,
+                    corner,
                     level,
                     link,
                     summary,
@@ -243,13 +268,20 @@ impl Descent<'_> {
         }
     }
 
+    /// Asks for the octants below a cube, which are read soon.
+    #[inline(always)]
+    fn ask_for(&self, cube: Option<&Cube>) {
+        if let Some(cube) = cube.filter(|cube| cube.link != NONE) {
+            ask_for_all(&raw const *self.field.tree.siblings(cube.link));
+        }
+    }
+
     /// Centre and half the edge of a cube, metres, submap frame.
     #[inline(always)]
     fn place(&self, cube: &Cube) -> ([f32; 3], f32) {
         let edge = BLOCK_EDGE as f32 * self.settings.voxel;
         let half = 0.5 * (1u32 << cube.level) as f32;
-        let corner = block_coords(cube.key);
-        let middle = |k: usize| (corner[k] as f32 + half) * edge;
+        let middle = |k: usize| (cube.corner[k] as f32 + half) * edge;
         ([middle(0), middle(1), middle(2)], half * edge)
     }
 
@@ -264,7 +296,8 @@ impl Descent<'_> {
             self.look(&cubes, memory);
             finds.visited += 8 * cubes.len();
             let classes = std::mem::take(&mut memory.classes);
-            for (cube, classes) in cubes.iter().zip(&classes) {
+            for (i, (cube, classes)) in cubes.iter().zip(&classes).enumerate() {
+                self.ask_for(cubes.get(i + AHEAD));
                 self.open(cube, classes, |child| self.sort_out(child, memory, finds));
             }
             (memory.cubes, memory.classes) = (cubes, classes);
@@ -292,7 +325,7 @@ impl Descent<'_> {
         stack.push(cube);
         while let Some(cube) = stack.pop() {
             if cube.link == NONE {
-                finds.found.push(Found::Octant { key: cube.key, level: cube.level });
+                finds.found.push(Found::Octant { key: cube.key, level: cube.level() });
             } else if cube.level == 0 {
                 finds.found.push(Found::Block { key: cube.key });
             } else {
@@ -307,7 +340,7 @@ impl Descent<'_> {
         let range = self.sight.range(centre);
         let finest = self.finest_free_scale(range);
         let beams = half / (self.sight.spacing() * range);
-        if finest > 2 || 2.0 * beams < block.coarse {
+        if finest > 2 || 2.0 * beams < f32::from(block.coarse) {
             if block.crossed {
                 finds.found.push(whole(&block));
             }

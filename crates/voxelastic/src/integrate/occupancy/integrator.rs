@@ -17,7 +17,7 @@ use crate::geometry::Rigid;
 use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use crate::integrate::transform::{Beam, Returns, ToSubmap, to_submap};
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, Pool, SCALES, block_coords, block_key};
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, Octant, Pool, SCALES, block_coords, block_key, prefetch};
 use crate::sensor::{BeamModel, RangeImage};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -58,6 +58,9 @@ pub struct OccupancyStats {
 #[derive(Clone, Copy, Debug)]
 struct Touch {
     block: u32,
+    /// Where its octant is.
+    group: u32,
+    place: u8,
     free: Free,
     start: u32,
     end: u32,
@@ -195,10 +198,12 @@ impl OccupancyIntegrator {
                     touched.add(key, level);
                 }
                 Found::Block { key } => {
-                    self.touch(field, &mut cursor, key, SCALES - 1, Free::All);
+                    let octant = cursor.make(&mut field.tree, key);
+                    self.touch(field, octant, (key, SCALES - 1), Free::All);
                 }
                 Found::Voxels { key, mask, scale } => {
-                    self.touch(field, &mut cursor, key, usize::from(scale), Free::Mask(mask));
+                    let octant = cursor.make(&mut field.tree, key);
+                    self.touch(field, octant, (key, usize::from(scale)), Free::Mask(mask));
                 }
             }
         }
@@ -207,14 +212,15 @@ impl OccupancyIntegrator {
             let run = self.selection.blocks[i];
             let c = block_coords(run.key);
             let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
-            let at = self.touch(field, &mut cursor, run.key, rule.fitting(distance), Free::None);
+            let octant = cursor.make(&mut field.tree, run.key);
+            let at = self.touch(field, octant, (run.key, rule.fitting(distance)), Free::None);
             (self.touches[at].start, self.touches[at].end) = (run.start, run.end);
         }
     }
 
-    /// The place in `touches` of block `key`, which is made or refined to `scale` if need be.
-    fn touch(&mut self, field: &mut OccupancyField, cursor: &mut Cursor, key: u64, scale: usize, free: Free) -> usize {
-        let block = field.make(cursor, key, scale);
+    /// The place in `touches` of block `key`, which is made in its octant or refined to `scale` if need be.
+    fn touch(&mut self, field: &mut OccupancyField, (group, place): (u32, usize), (key, scale): (u64, usize), free: Free) -> usize {
+        let block = field.make_in((group, place), key, scale);
         let id = block as usize;
         if id >= self.touch_of.len() {
             self.touch_of.resize(id + 1, NONE);
@@ -224,7 +230,7 @@ impl OccupancyIntegrator {
             return known;
         }
         self.touch_of[id] = self.touches.len() as u32;
-        self.touches.push(Touch { block, free, start: 0, end: 0 });
+        self.touches.push(Touch { block, group, place: place as u8, free, start: 0, end: 0 });
         self.touches.len() - 1
     }
 
@@ -241,23 +247,28 @@ impl OccupancyIntegrator {
         };
         let mut outcomes = vec![Outcome::default(); self.touches.len()];
         let shares = self.touches.par_chunks(TOUCHES_PER_TASK).zip(outcomes.par_chunks_mut(TOUCHES_PER_TASK));
-        shares.for_each(|(touches, outcomes)| dispatch(Share { touches, outcomes, task: &task }));
+        shares.with_max_len(1).for_each(|(touches, outcomes)| dispatch(Share { touches, outcomes, task: &task }));
         outcomes
     }
 
     /// Writes each block's outcome to its octant; a block that became uniform gives its voxels back.
     fn settle(&self, field: &mut OccupancyField, outcomes: &[Outcome], touched: &mut Touched) {
-        let mut cursor = Cursor::new(&field.tree);
-        for (touch, outcome) in self.touches.iter().zip(outcomes) {
-            let key = field.blocks[touch.block].key;
-            let (group, place) = cursor.make(&mut field.tree, key);
-            if let Some(value) = outcome.uniform {
-                field.remove(touch.block);
-                field.tree.siblings_mut(group)[place] = crate::octree::Octant { link: NONE, payload: Summary::uniform(value) };
-            } else {
-                field.tree.siblings_mut(group)[place].payload = outcome.summary;
+        /// How many blocks ahead a head and an octant are asked for.
+        const AHEAD: usize = 8;
+        for (i, (touch, outcome)) in self.touches.iter().zip(outcomes).enumerate() {
+            if let Some(next) = self.touches.get(i + AHEAD) {
+                prefetch(&raw const field.blocks[next.block]);
+                prefetch(&raw const field.tree.siblings(next.group)[usize::from(next.place)]);
             }
-            touched.add(key, 0);
+            touched.add(field.blocks[touch.block].key, 0);
+            let octant = &mut field.tree.siblings_mut(touch.group)[usize::from(touch.place)];
+            match outcome.uniform {
+                Some(value) => *octant = Octant { link: NONE, payload: Summary::uniform(value) },
+                None => octant.payload = outcome.summary,
+            }
+            if outcome.uniform.is_some() {
+                field.remove(touch.block);
+            }
         }
     }
 }

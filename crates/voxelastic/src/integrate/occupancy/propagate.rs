@@ -1,7 +1,8 @@
 //! Up-propagation (paper Sec. III-A): what an octant's ancestors know, and free space merged into the coarsest octant.
 
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::octree::{NONE, Octant};
+use crate::octree::{Cursor, NONE, Octant};
+use rayon::prelude::*;
 
 /// Octants that a scan changed, by level.
 #[derive(Clone, Debug, Default)]
@@ -30,37 +31,71 @@ impl Touched {
     pub fn propagate(mut self, field: &mut OccupancyField) {
         let root_level = field.tree.root_level();
         self.parents.resize(root_level as usize, Vec::new());
-        for level in 1..=root_level {
+        for level in 1..root_level {
             let mut prefixes = std::mem::take(&mut self.parents[level as usize - 1]);
-            prefixes.sort_unstable();
+            // Stable, because that makes use of the few sorted runs that there are.
+            prefixes.sort();
             prefixes.dedup();
-            for prefix in prefixes {
-                if let Some(parent) = field.tree.octant_mut(prefix << (3 * level), level)
-                    && parent.link != NONE
-                {
-                    let group = parent.link;
-                    let summary = merge(field, group);
-                    if let Some(octant) = field.tree.octant_mut(prefix << (3 * level), level) {
-                        match summary {
-                            Merged::Uniform(payload) => *octant = Octant { link: NONE, payload },
-                            Merged::Mixed(payload) => octant.payload = payload,
-                        }
-                    }
-                    if matches!(summary, Merged::Uniform(_)) {
-                        field.tree.remove_group(group);
+            for (prefix, ancestor) in prefixes.iter().zip(ancestors(field, &prefixes, level)) {
+                if let Some(Ancestor { group, place, link, merged }) = ancestor {
+                    merged.write(&mut field.tree.siblings_mut(group)[place]);
+                    if matches!(merged, Merged::Uniform(_)) {
+                        field.tree.remove_group(link);
                     }
                 }
-                if level < root_level {
-                    self.parents[level as usize].push(prefix >> 3);
-                }
+                self.add(prefix << (3 * level), level);
+            }
+        }
+        let link = field.tree.root().link;
+        if link != NONE && self.parents.last().is_some_and(|list| !list.is_empty()) {
+            let merged = merge(field, link);
+            merged.write(field.tree.root_mut());
+            if matches!(merged, Merged::Uniform(_)) {
+                field.tree.remove_group(link);
             }
         }
     }
 }
 
+/// An octant that has something below it, and what that says about it.
+#[derive(Clone, Copy, Debug)]
+struct Ancestor {
+    group: u32,
+    place: usize,
+    link: u32,
+    merged: Merged,
+}
+
+/// The octants of `level` (below the root's) with `prefixes`, which are sorted; looked at side by side, because most are far away in memory.
+fn ancestors(field: &OccupancyField, prefixes: &[u64], level: u32) -> Vec<Option<Ancestor>> {
+    /// Few enough that threads share evenly, many enough that a cursor seldom starts anew.
+    const PER_TASK: usize = 512;
+    let mut all = vec![None; prefixes.len()];
+    all.par_chunks_mut(PER_TASK).zip(prefixes.par_chunks(PER_TASK)).for_each(|(all, prefixes)| {
+        let mut cursor = Cursor::new(&field.tree);
+        for (ancestor, prefix) in all.iter_mut().zip(prefixes) {
+            *ancestor = cursor.find_at(&field.tree, prefix << (3 * level), level).and_then(|(group, place)| {
+                let link = field.tree.siblings(group)[place].link;
+                (link != NONE).then(|| Ancestor { group, place, link, merged: merge(field, link) })
+            });
+        }
+    });
+    all
+}
+
+#[derive(Clone, Copy, Debug)]
 enum Merged {
     Uniform(Summary),
     Mixed(Summary),
+}
+
+impl Merged {
+    fn write(self, octant: &mut Octant<Summary>) {
+        match self {
+            Self::Uniform(payload) => *octant = Octant { link: NONE, payload },
+            Self::Mixed(payload) => octant.payload = payload,
+        }
+    }
 }
 
 fn merge(field: &OccupancyField, group: u32) -> Merged {

@@ -61,6 +61,8 @@ pub(super) struct Scratch {
     elevation: [f32; COHORT],
     reach: [[f32; COHORT]; 2],
     level: [u32; COHORT],
+    start: [u32; COHORT],
+    start_closer: [u32; COHORT],
     /// The same of each child.
     child_at: [[f32; LANES]; 3],
     child_depth: [[f32; LANES]; 2],
@@ -85,6 +87,8 @@ impl Scratch {
             elevation: cubes,
             reach: [cubes; 2],
             level: [0; COHORT],
+            start: [0; COHORT],
+            start_closer: [0; COHORT],
             child_at: [children; 3],
             child_depth: [children; 2],
             child_elevation: children,
@@ -211,7 +215,7 @@ impl<'a> Sight<'a> {
     fn measure(&self, centres: &[[f32; 3]], step: &[[f32; 3]; 3], radius: f32, scratch: &mut Scratch) {
         let (r, sensor) = (&self.rotation, self.sensor);
         let (rows, columns) = (self.visibility.rows().per_radian, self.visibility.columns_per_radian());
-        let Scratch { at, middle, depth, elevation, reach, level, .. } = scratch;
+        let Scratch { at, middle, depth, elevation, reach, level, start, start_closer, .. } = scratch;
         for i in 0..centres.len().min(COHORT) {
             let offset = [centres[i][0] - sensor[0], centres[i][1] - sensor[1], centres[i][2] - sensor[2]];
             let mut p = [0f32; 3];
@@ -228,12 +232,33 @@ impl<'a> Sight<'a> {
             level[i] = if fits { level_for(reach[0][i], reach[1][i]) } else { UNFIT };
             (reach[0][i], reach[1][i]) = if fits { (reach[0][i], reach[1][i]) } else { (SLACK, SLACK) };
         }
+        // Siblings are looked at in one level: where it starts need not be looked up for each.
+        for i in 0..centres.len().min(COHORT) {
+            (start[i], start_closer[i]) = self.visibility.starts_of(level[i] & !UNFIT);
+        }
     }
 
     /// Which way the children lie from the sensor, and how far.
     #[inline(always)]
     fn point(&self, step: &[[f32; 3]; 3], lanes: usize, scratch: &mut Scratch) {
-        let Scratch { looks, at, depth, elevation, reach, level, child_at, child_depth, child_elevation, range, sine, bins, next, .. } = scratch;
+        let Scratch {
+            looks,
+            at,
+            depth,
+            elevation,
+            reach,
+            level,
+            start,
+            start_closer,
+            child_at,
+            child_depth,
+            child_elevation,
+            range,
+            sine,
+            bins,
+            next,
+            ..
+        } = scratch;
         for k in 0..3 {
             hand_down(&at[k], &mut child_at[k][..lanes]);
         }
@@ -241,6 +266,8 @@ impl<'a> Sight<'a> {
             hand_down(&depth[k], &mut child_depth[k][..lanes]);
             hand_down(&reach[k], &mut looks.reach[k][..lanes]);
         }
+        hand_down(start, &mut looks.start[..lanes]);
+        hand_down(start_closer, &mut looks.start_closer[..lanes]);
         hand_down(elevation, &mut child_elevation[..lanes]);
         hand_down(level, &mut looks.level[..lanes]);
         let (first, per_radian) = self.visibility.columns_from();

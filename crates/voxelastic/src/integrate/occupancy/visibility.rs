@@ -32,15 +32,28 @@ pub(super) struct Looks {
     pub level: [u32; LANES],
     /// What was seen there.
     pub texel: [Packed; LANES],
+    /// Where the windows of that level start, and those of the next finer one, see [`Visibility::starts_of`].
+    pub start: [u32; LANES],
+    /// See [`Looks::start`].
+    pub start_closer: [u32; LANES],
     index: [u32; LANES],
-    start: [u32; LANES],
     corners: [[u32; LANES]; 4],
 }
 
 impl Looks {
     pub fn new() -> Self {
         let (number, whole) = ([0.0; LANES], [0; LANES]);
-        Self { row: number, column: number, reach: [number; 2], level: whole, texel: whole, index: whole, start: whole, corners: [whole; 4] }
+        Self {
+            row: number,
+            column: number,
+            reach: [number; 2],
+            level: whole,
+            texel: whole,
+            index: whole,
+            start: whole,
+            start_closer: whole,
+            corners: [whole; 4],
+        }
     }
 }
 
@@ -179,12 +192,18 @@ impl Visibility {
         }
     }
 
+    /// Where the windows of a level below [`LEVELS`] start, and those of the next finer one.
+    #[inline(always)]
+    pub(super) fn starts_of(&self, level: u32) -> (u32, u32) {
+        let level = level as usize % LEVELS;
+        (self.starts[level], self.starts[level.saturating_sub(1)])
+    }
+
     /// The texels that cover what the first `lanes` looks reach, all of levels below [`LEVELS`].
     #[inline(always)]
     pub(super) fn texels(&self, looks: &mut Looks, lanes: usize) {
         let Looks { row, column, reach: [rows, columns], level, texel, index, start, .. } = looks;
         let (place, index) = (self.place(), &mut index[..lanes]);
-        gather(&self.starts, &level[..lanes], &mut start[..lanes]);
         for i in 0..lanes {
             index[i] = start[i] + place.index(place.top(row[i] - rows[i], level[i]), place.left(column[i] - columns[i], level[i]), level[i]);
         }
@@ -195,12 +214,11 @@ impl Visibility {
     /// the window's own pixels and at most a row below and a column to the right. Lowers the levels.
     #[inline(always)]
     pub(super) fn close_texels(&self, looks: &mut Looks, lanes: usize) {
-        let Looks { row, column, reach: [rows, columns], level, texel, index, start, corners, .. } = looks;
+        let Looks { row, column, reach: [rows, columns], level, texel, index, start_closer: start, corners, .. } = looks;
         let place = self.place();
         for i in 0..lanes {
             level[i] = level[i].saturating_sub(1);
         }
-        gather(&self.starts, &level[..lanes], &mut start[..lanes]);
         let [a, b, c, d] = corners;
         for i in 0..lanes {
             let (start, level) = (start[i], level[i]);
@@ -371,6 +389,8 @@ mod tests {
                 prop_assert!(2.0 * row_radius.max(column_radius) > 64.0);
                 return Ok(());
             }
+            let (start, closer) = image.starts_of(looks.level[0]);
+            (looks.start, looks.start_closer) = ([start; LANES], [closer; LANES]);
             let mut seen = |look: &dyn Fn(&Visibility, &mut Looks, usize)| {
                 look(&image, &mut looks, 9);
                 looks.texel[7]
