@@ -49,6 +49,7 @@ impl Scanner {
 
     fn scan_into(&mut self, submap: &mut Submap, fields: Fields, (pose, cloud): &(Pose, Cloud)) {
         self.front.prepare(cloud);
+        self.front.finish(cloud);
         let (pose, scan) = (Rigid::from(pose), self.front.scan());
         let beams = &scan.beams;
         let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &[], smallest_angle: beams.smallest_angle };

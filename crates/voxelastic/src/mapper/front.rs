@@ -40,10 +40,10 @@ impl Front {
         Ok(Self { preparer, wants_planes: settings.field.has_tsdf(), description, shade_scale, shades: Vec::new(), colours: Vec::new() })
     }
 
-    /// Prepares `cloud`; [`scan`](Self::scan), [`shades`](Self::shades) and [`colours`](Self::colours) then speak of it. Planes are only fitted
-    /// where the map is to have a TSDF: occupancy does without.
+    /// Prepares `cloud`, all but its planes; [`scan`](Self::scan), [`shades`](Self::shades) and [`colours`](Self::colours) then speak of it. Before
+    /// it goes into a TSDF, [`finish`](Self::finish) it.
     pub fn prepare(&mut self, cloud: &Cloud) {
-        let scan = if self.wants_planes { self.preparer.prepare(cloud) } else { self.preparer.prepare_without_planes(cloud) };
+        let scan = self.preparer.prepare_without_planes(cloud);
         self.shades.clear();
         if let (Some(scale), Some(intensity)) = (self.shade_scale, &cloud.intensity) {
             self.shades.extend(scan.beams.source.iter().map(|&i| (intensity[i as usize] * scale).clamp(1.0, 255.0) as u8));
@@ -52,6 +52,13 @@ impl Front {
         // A field for colours that nobody filled is all black.
         if let Some(colours) = cloud.colours.as_ref().filter(|colours| colours.iter().any(|c| *c != [0; 3])) {
             self.colours.extend(scan.beams.source.iter().map(|&i| colours[i as usize]));
+        }
+    }
+
+    /// Fits the planes of `cloud`, which was prepared last, where the map is to have a TSDF: occupancy does without.
+    pub fn finish(&mut self, cloud: &Cloud) {
+        if self.wants_planes {
+            self.fit_planes(cloud);
         }
     }
 

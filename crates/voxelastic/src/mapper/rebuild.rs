@@ -73,6 +73,7 @@ impl Mapper {
                 },
             };
             front.prepare(&cloud);
+            front.finish(&cloud);
             if !front.scan().beams.is_empty() {
                 self.integrators.integrate(&mut new, &t_submap_lidar, front, &self.settings);
                 scans += 1;

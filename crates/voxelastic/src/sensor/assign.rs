@@ -131,14 +131,15 @@ fn range_of(p: &[f32; 3], ahead: f32, height: f32) -> f32 {
 
 /// The image itself.
 fn in_place(points: &[[f32; 3]], model: &BeamModel, limits: Limits, pixels: &mut [u32], ranges: &mut [f32]) {
+    /// Fewer rows are not worth handing out.
+    const ROWS_PER_TASK: usize = 16;
     let columns = model.columns();
     let height = model.origin_height();
-    for row in 0..model.rows() {
-        let at = row * columns..(row + 1) * columns;
-        let ahead = model.origin_ahead_of(row);
-        let (pixels, ranges) = (&mut pixels[at.clone()], &mut ranges[at.clone()]);
-        dispatch(InPlace { points: &points[at.clone()], first: at.start as u32, ahead, height, limits, pixels, ranges });
-    }
+    let rows = (points.par_chunks(columns), pixels.par_chunks_mut(columns), ranges.par_chunks_mut(columns));
+    rows.into_par_iter().take(model.rows()).with_min_len(ROWS_PER_TASK).enumerate().for_each(|(row, (points, pixels, ranges))| {
+        let (first, ahead) = ((row * columns) as u32, model.origin_ahead_of(row));
+        dispatch(InPlace { points, first, ahead, height, limits, pixels, ranges });
+    });
 }
 
 struct InPlace<'a> {

@@ -20,7 +20,7 @@ pub(crate) fn assign(shared: &Shared<'_>, image: &RangeImage, beams: &mut Beams)
     beams.roughness.resize(count, 0.0);
     let (points, pixels, source) = (&beams.points, &beams.pixel, &beams.source);
     let chunks = beams.normals.par_chunks_mut(CHUNK).zip(beams.roughness.par_chunks_mut(CHUNK));
-    chunks.enumerate().for_each(|(chunk, (normals, roughness))| {
+    chunks.with_max_len(1).enumerate().for_each(|(chunk, (normals, roughness))| {
         let first = chunk * CHUNK;
         let mut row = Row::of(pixels[first] as usize, grid.columns);
         for (i, (normal, roughness)) in normals.iter_mut().zip(roughness).enumerate() {

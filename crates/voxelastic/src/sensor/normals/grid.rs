@@ -5,10 +5,14 @@ use super::super::model::BeamModel;
 use super::super::trig::{larger, smaller};
 use super::STRIP;
 use crate::dispatch::{Kernel, dispatch};
+use rayon::prelude::*;
 
 /// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
 /// the differences at its ends.
 pub(crate) const PAD: usize = 16;
+
+/// Rows that one task takes at least: fewer are not worth handing out.
+const ROWS_PER_TASK: usize = 4;
 
 /// Differences against the trend of more than this many standard deviations of the range noise end a surface.
 const JUMP_SIGMAS: f32 = 5.0;
@@ -82,29 +86,34 @@ impl Grid {
 
     /// Takes over the points that the pixels of `image` show.
     pub(crate) fn fill(&mut self, points: &[[f32; 3]], image: &RangeImage) {
-        let (columns, stride) = (self.columns, self.stride);
-        let mut shown = vec![[0f32; 3]; columns];
-        for row in 0..self.rows {
-            let indices = &image.points[row * columns..(row + 1) * columns];
+        let Self { columns, stride, height, per_step, .. } = *self;
+        let axes = &self.axes[..columns];
+        let planes = (
+            self.inverse.par_chunks_mut(stride),
+            self.across.par_chunks_mut(stride),
+            self.rise.par_chunks_mut(stride),
+            self.centred.par_chunks_mut(stride),
+            image.points.par_chunks(columns),
+        );
+        let shown = || vec![[0f32; 3]; columns];
+        planes.into_par_iter().with_min_len(ROWS_PER_TASK).for_each_init(shown, |shown, (inverse, across, rise, centred, indices)| {
             for (p, &index) in shown.iter_mut().zip(indices) {
                 *p = if index == NO_POINT { [0.0; 3] } else { points[index as usize] };
             }
-            let at = row * stride + PAD;
+            let seen = PAD..PAD + columns;
             dispatch(Fill {
-                points: &shown,
-                axes: &self.axes[..columns],
-                height: self.height,
-                inverse: &mut self.inverse[at..at + columns],
-                across: &mut self.across[at..at + columns],
-                rise: &mut self.rise[at..at + columns],
+                points: shown,
+                axes,
+                height,
+                inverse: &mut inverse[seen.clone()],
+                across: &mut across[seen.clone()],
+                rise: &mut rise[seen],
             });
-            let whole = row * stride..(row + 1) * stride;
-            for plane in [&mut self.inverse, &mut self.across, &mut self.rise] {
-                wrap(&mut plane[whole.clone()], columns);
+            for plane in [&mut *inverse, &mut *across, rise] {
+                wrap(plane, columns);
             }
-            let (inverse, across) = (&self.inverse[whole.clone()], &self.across[whole.clone()]);
-            dispatch(Centre { inverse, across, per_step: self.per_step, centred: &mut self.centred[whole] });
-        }
+            dispatch(Centre { inverse, across, per_step, centred });
+        });
     }
 
     /// Standard deviation of the range, metres: from second differences, of which a low quantile forgets edges and rough places.
@@ -114,17 +123,18 @@ impl Grid {
     pub(crate) fn range_noise(&self) -> f32 {
         /// What is worse than this is no noise but a rough world.
         const WORST: f32 = 0.03;
-        let along = self.quantile_of(|row, column| {
+        let along = |row, column| {
             let i = self.at(row, column);
             self.deviation([i - 1, i, i + 1], 0.5)
-        });
-        let down = self.quantile_of(|row, column| {
+        };
+        let down = |row, column| {
             let i = self.at(row, column);
             let [above, below] = [i.checked_sub(self.stride)?, i + self.stride];
             let (rise_above, rise_below) = (self.rise[above], *self.rise.get(below)?);
             let share = (self.rise[i] - rise_below) / (rise_above - rise_below).max(1e-4);
             self.deviation([above, i, below], share.clamp(0.0, 1.0))
-        });
+        };
+        let (along, down) = rayon::join(|| self.quantile_of(along), || self.quantile_of(down));
         // That quantile of |x| of a normal distribution, and the variance of the sum 1 - 2 + 1 over 2.
         let to_sigma = 1.0 / (QUANTILE_OF_NORMAL * 1.5f32.sqrt());
         match (along, down) {
@@ -158,23 +168,22 @@ impl Grid {
 
     /// Finds where surfaces end, for a range noise in metres.
     pub(crate) fn link(&mut self, noise: f32) {
-        let (columns, stride) = (self.columns, self.stride);
-        for at in (0..self.rows).map(|row| row * stride) {
-            let inverse = &self.inverse[at..at + stride];
-            dispatch(LinkRight { inverse, noise, link: &mut self.link_right[at..at + stride] });
-        }
+        let Self { rows, columns, stride, .. } = *self;
+        let (inverse, centred, rise) = (&self.inverse, &self.centred, &self.rise);
         let row = |r: isize| {
-            let r = r.clamp(0, self.rows as isize - 1) as usize;
+            let r = r.clamp(0, rows as isize - 1) as usize;
             r * stride + PAD..(r + 1) * stride - PAD
         };
-        for r in 0..self.rows.saturating_sub(1) as isize {
-            let inverse = [-2, -1, 0, 1, 2, 3].map(|k| &self.centred[row(r + k)]);
-            let rise = [-2, -1, 0, 1, 2, 3].map(|k| &self.rise[row(r + k)]);
-            dispatch(LinkDown { inverse, rise, noise, link: &mut self.link_down[row(r)] });
-        }
-        for row in self.link_down.chunks_exact_mut(stride) {
-            wrap(row, columns);
-        }
+        let links = (self.link_right.par_chunks_mut(stride), self.link_down.par_chunks_mut(stride), inverse.par_chunks(stride));
+        links.into_par_iter().with_min_len(ROWS_PER_TASK).enumerate().for_each(|(r, (right, down, here))| {
+            dispatch(LinkRight { inverse: here, noise, link: right });
+            if r + 1 < rows {
+                let inverse = [-2, -1, 0, 1, 2, 3].map(|k| &centred[row(r as isize + k)]);
+                let rise = [-2, -1, 0, 1, 2, 3].map(|k| &rise[row(r as isize + k)]);
+                dispatch(LinkDown { inverse, rise, noise, link: &mut down[PAD..stride - PAD] });
+            }
+            wrap(down, columns);
+        });
     }
 }
 

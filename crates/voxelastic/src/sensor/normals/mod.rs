@@ -28,6 +28,9 @@ use rayon::prelude::*;
 /// Columns that are worked on together: the sums of a strip stay in the second-level cache.
 pub(crate) const STRIP: usize = 32;
 
+/// Shares of the image for each thread: parts of it are more work than others.
+const TASKS_PER_THREAD: usize = 4;
+
 /// Settings of the plane fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormalSettings {
@@ -72,12 +75,12 @@ impl PlaneFitter {
         self.grid.link(noise);
         let strips = image.columns.div_ceil(STRIP);
         self.planes.reset(image.rows, strips);
-        let tasks = rayon::current_num_threads().min(strips).max(1);
+        let tasks = (TASKS_PER_THREAD * rayon::current_num_threads()).min(strips).max(1);
         self.scratch.resize_with(tasks, Scratch::default);
         let per_task = strips.div_ceil(tasks);
         let (grid, rule, settings) = (&self.grid, &self.rule, self.settings);
         let parts = self.planes.split(per_task);
-        parts.into_par_iter().zip(&mut self.scratch).enumerate().for_each(|(task, (mut rows, scratch))| {
+        parts.into_par_iter().zip(&mut self.scratch).with_max_len(1).enumerate().for_each(|(task, (mut rows, scratch))| {
             let mut work = StripFit { grid, rule, settings: &settings, noise, scratch };
             let strips = rows.first().map_or(0, |row| row.len());
             for strip in 0..strips {

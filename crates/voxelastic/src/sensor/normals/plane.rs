@@ -4,6 +4,7 @@ use super::super::trig::larger;
 use super::moments::{ColumnSums, Width};
 use super::{NormalSettings, STRIP};
 use crate::dispatch::Kernel;
+use rayon::prelude::*;
 
 /// Planes of one row of a strip.
 #[derive(Clone, Copy, Debug)]
@@ -85,8 +86,7 @@ impl Planes {
     /// Notes which pixels have a plane, once all are fitted.
     pub(crate) fn note(&mut self) {
         let bits = |row: &PlaneRow| (0..STRIP).fold(0, |bits, l| bits | (u32::from(row.roughness[l] >= 0.0) << l));
-        self.believed.clear();
-        self.believed.extend(self.rows.iter().map(bits));
+        self.rows.par_iter().with_min_len(256).map(bits).collect_into_vec(&mut self.believed);
     }
 
     /// Whether a pixel has a plane, as far as noted.
