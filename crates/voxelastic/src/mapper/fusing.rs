@@ -1,11 +1,12 @@
 //! Fusions beside integration (paper Sec. IV-C): sampled by a thread of their own, merged in small steps between scans.
 //!
 //! A loop closure must not stall integration, and the map must not depend on timing. So what happens when is counted in scans: a fusion
-//! begins after the scan that finds it first in the queue, its samples are taken over a number of scans later that follows from the
-//! source's size (and are waited for if they are not there yet), and from then on every scan merges a fixed number of blocks.
+//! begins after the first scan that finds it at the head of the queue and its source at rest, and some scans later every scan merges a
+//! fixed number of blocks. The thread is a few parts ahead, no more: what is sampled and not yet merged is memory. Should a part not be
+//! there yet, the scan waits for it.
 
 use crate::atlas::cluster::Fusion;
-use crate::atlas::fusion::{FusionSettings, Merge, Resampled, move_scans};
+use crate::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling, fuse_from, move_scans};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Atlas, Submap};
 use crate::geometry::Pose;
@@ -13,12 +14,13 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 
-/// Blocks of the source sampled while one scan is integrated, at least: a fusion waits for one scan per so many. Waiting longer than the
-/// sampling takes costs memory for a while; waiting less would stall integration.
-const SAMPLED_PER_SCAN: usize = 128;
-/// Blocks merged after each scan: a few milliseconds, a fraction of what a scan takes. Four times as many made the slowest hundredth of
-/// the scans beside fusions take twice the median.
-const MERGED_PER_SCAN: usize = 512;
+/// Scans between the beginning of a fusion and its first merge, in which the thread finds out what the source reaches.
+const HEAD_START: usize = 8;
+/// Parts that wait to be merged.
+const AHEAD: usize = 2;
+/// Blocks merged after each scan: one or two milliseconds, and as many as a thread samples that gets a quarter of a core. Eight times as
+/// many made the slowest hundredth of the scans beside fusions take twice the median.
+const MERGED_PER_SCAN: usize = 256;
 
 /// The fusions that are due, and the one under way.
 #[derive(Debug)]
@@ -36,17 +38,51 @@ struct Job {
     fusion: Fusion,
     source: Arc<Submap>,
     t_target_source: Pose,
-    stage: Stage,
+    /// Scans until the first merge.
+    scans_left: usize,
+    parts: Receiver<Part>,
+    /// Parts taken so far, and whether that is all.
+    taken: usize,
+    is_last: bool,
+    /// The last part taken.
+    merge: Merge,
 }
 
+/// What the thread sends.
 #[derive(Debug)]
-enum Stage {
-    /// Samples come through the channel; they are taken after so many more scans.
-    Sampling {
-        samples: Receiver<Resampled>,
-        scans_left: usize,
-    },
-    Merging(Box<Merge>),
+struct Part {
+    resampled: Resampled,
+    is_last: bool,
+}
+
+impl Job {
+    /// Merges the next `blocks` blocks; returns whether all are merged.
+    fn merge(&mut self, target: &mut Submap, mut blocks: usize, settings: &FusionSettings) -> bool {
+        loop {
+            let now = blocks.min(self.merge.left());
+            self.merge.step(target, now);
+            blocks -= now;
+            if self.merge.left() == 0 && self.is_last {
+                return true;
+            }
+            if blocks == 0 {
+                return false;
+            }
+            let Part { resampled, is_last } = self.take(settings);
+            (self.merge, self.is_last) = (Merge::new(resampled, *settings), is_last);
+            self.taken += 1;
+        }
+    }
+
+    /// The next part.
+    fn take(&self, settings: &FusionSettings) -> Part {
+        // Where the system gave no thread, or it is gone, nothing comes: parts are sampled here, each from the beginning, which is slow but the same.
+        self.parts.recv().unwrap_or_else(|_| {
+            let sampling = Sampling::new(&self.source, &self.t_target_source, settings);
+            let resampled = if self.taken < sampling.parts() { sampling.part(self.taken) } else { Resampled::default() };
+            Part { resampled, is_last: self.taken + 1 >= sampling.parts() }
+        })
+    }
 }
 
 impl Fusing {
@@ -71,48 +107,60 @@ impl Fusing {
 
     /// Goes on by one scan.
     pub fn advance(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
-        match self.job.take() {
-            None => self.job = self.begin(atlas, graph),
-            Some(mut job) => match job.stage {
-                Stage::Sampling { samples, scans_left } if scans_left > 0 => {
-                    self.job = Some(Job { stage: Stage::Sampling { samples, scans_left: scans_left - 1 }, ..job });
-                }
-                Stage::Sampling { samples, .. } => {
-                    let resampled = self.receive(&samples, &job.source, &job.t_target_source);
-                    job.stage = Stage::Merging(Box::new(Merge::new(resampled, self.settings)));
-                    self.merge(job, atlas, MERGED_PER_SCAN);
-                }
-                Stage::Merging(_) => self.merge(job, atlas, MERGED_PER_SCAN),
-            },
+        let Some(mut job) = self.job.take() else {
+            self.job = self.begin(atlas, graph);
+            return;
+        };
+        if job.scans_left > 0 {
+            job.scans_left -= 1;
+            self.job = Some(job);
+            return;
+        }
+        let Some(target) = atlas.submap_mut(job.fusion.target) else {
+            atlas.forget_retiring();
+            return;
+        };
+        if job.merge(target, MERGED_PER_SCAN, &self.settings) {
+            move_scans(target, &job.source, &job.t_target_source);
+            atlas.forget_retiring();
+            self.done += 1;
+        } else {
+            self.job = Some(job);
         }
     }
 
     /// Does everything that is due, with all threads of the caller's pool.
     pub fn finish(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
-        loop {
-            match self.job.take() {
-                Some(Job { stage: Stage::Sampling { samples, .. }, fusion, source, t_target_source }) => {
-                    let resampled = self.receive(&samples, &source, &t_target_source);
-                    let stage = Stage::Merging(Box::new(Merge::new(resampled, self.settings)));
-                    self.merge(Job { stage, fusion, source, t_target_source }, atlas, usize::MAX);
-                }
-                Some(job) => self.merge(job, atlas, usize::MAX),
-                None => {
-                    let Some(fusion) = self.queue.pop_front() else { return };
-                    let Some((source, t_target_source)) = retire(fusion, atlas, graph) else { continue };
-                    let resampled = Resampled::new(&source, &t_target_source, &self.settings);
-                    let stage = Stage::Merging(Box::new(Merge::new(resampled, self.settings)));
-                    self.merge(Job { stage, fusion, source, t_target_source }, atlas, usize::MAX);
-                }
+        if let Some(Job { fusion, source, t_target_source, taken, mut merge, parts, .. }) = self.job.take() {
+            // The thread stops at its next part.
+            drop(parts);
+            if let Some(target) = atlas.submap_mut(fusion.target) {
+                merge.step(target, usize::MAX);
+            }
+            self.complete(atlas, fusion, taken, &source, &t_target_source);
+        }
+        while let Some(fusion) = self.queue.pop_front() {
+            if let Some((source, t_target_source)) = retire(fusion, atlas, graph) {
+                self.complete(atlas, fusion, 0, &source, &t_target_source);
             }
         }
     }
 
-    /// Starts the next fusion of the queue.
+    /// Does all of a fusion but the parts before the one numbered `first`.
+    fn complete(&mut self, atlas: &mut Atlas, fusion: Fusion, first: usize, source: &Submap, t_target_source: &Pose) {
+        if let Some(target) = atlas.submap_mut(fusion.target) {
+            fuse_from(first, target, source, t_target_source, &self.settings);
+            self.done += 1;
+        }
+        atlas.forget_retiring();
+    }
+
+    /// Starts the next fusion of the queue, unless its source has yet to come to rest: what is awake then would stay so until the end.
     fn begin(&mut self, atlas: &mut Atlas, graph: &PoseGraph) -> Option<Job> {
-        let fusion = self.queue.pop_front()?;
+        let is_ready = |fusion: &mut Fusion| atlas.submap(fusion.source).is_none_or(|source| source.tsdf.is_at_rest());
+        let fusion = self.queue.pop_front_if(is_ready)?;
         let (source, t_target_source) = retire(fusion, atlas, graph)?;
-        let (sender, samples) = sync_channel(1);
+        let (sender, parts) = sync_channel(AHEAD);
         if self.worker.is_none() {
             let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned()).start_handler(|_| give_way());
             // Without a thread of its own, the fusion is sampled when it is due.
@@ -121,37 +169,19 @@ impl Fusing {
         if let Some(worker) = &self.worker {
             let (source, settings) = (Arc::clone(&source), self.settings);
             worker.spawn(move || {
-                let resampled = Resampled::new(&source, &t_target_source, &settings);
-                drop(source);
-                // Nobody listens any more when the mapper is gone.
-                let _ = sender.send(resampled);
+                let sampling = Sampling::new(&source, &t_target_source, &settings);
+                let parts = sampling.parts();
+                for number in 0..parts {
+                    let part = Part { resampled: sampling.part(number), is_last: number + 1 == parts };
+                    if sender.send(part).is_err() {
+                        // The fusion was finished otherwise, or the mapper is gone.
+                        break;
+                    }
+                }
             });
         }
-        let blocks = source.tsdf.len() + source.occupancy.len();
-        let scans_left = blocks / SAMPLED_PER_SCAN;
-        Some(Job { fusion, source, t_target_source, stage: Stage::Sampling { samples, scans_left } })
-    }
-
-    fn receive(&self, samples: &Receiver<Resampled>, source: &Submap, t_target_source: &Pose) -> Resampled {
-        samples.recv().unwrap_or_else(|_| Resampled::new(source, t_target_source, &self.settings))
-    }
-
-    fn merge(&mut self, mut job: Job, atlas: &mut Atlas, blocks: usize) {
-        let Some(target) = atlas.submap_mut(job.fusion.target) else {
-            atlas.forget_retiring();
-            return;
-        };
-        let is_done = match &mut job.stage {
-            Stage::Merging(merge) => merge.step(target, blocks),
-            Stage::Sampling { .. } => false,
-        };
-        if is_done {
-            move_scans(target, &job.source, &job.t_target_source);
-            atlas.forget_retiring();
-            self.done += 1;
-        } else {
-            self.job = Some(job);
-        }
+        let merge = Merge::new(Resampled::default(), self.settings);
+        Some(Job { fusion, source, t_target_source, scans_left: HEAD_START, parts, taken: 0, is_last: false, merge })
     }
 }
 

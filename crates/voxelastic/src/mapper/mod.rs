@@ -207,7 +207,16 @@ impl Mapper {
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may lag behind by `update_distance`.
         let root = self.members.root(id).and_then(|root| self.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
-        self.atlas.rest_beside(id);
+        // Submaps that are left come to rest while the planes are fitted: neither needs the other.
+        let (planes, ()) = rayon::join(
+            || {
+                let clock = Instant::now();
+                front.finish(&scan.cloud);
+                clock.elapsed()
+            },
+            || self.atlas.rest_beside(id),
+        );
+        let prepare = prepare + planes;
         let Some(submap) = self.atlas.submap_mut(id) else { return Err(MapError::LostSubmap { node, submap: id }) };
         self.members.add(node, id);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);

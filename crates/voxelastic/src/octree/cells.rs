@@ -3,16 +3,22 @@
 
 use super::Pool;
 use std::marker::PhantomData;
+use std::sync::OnceLock;
+
+/// Pages that come while others are written to, each when it is first needed.
+pub(super) type Coming<T> = [OnceLock<Vec<T>>];
 
 /// A pool opened for writing to disjoint items; the pool itself can neither grow nor be read meanwhile.
 pub struct Cells<'a, T> {
     pages: *mut Vec<T>,
     page_count: usize,
+    /// The pages behind those.
+    coming: &'a Coming<T>,
     pool: PhantomData<&'a mut Pool<T>>,
 }
 
 // SAFETY: a `Cells` hands out `&mut T` from `&self`; sharing it between threads is sound exactly when `T` may be sent
-// to them, because callers of `get` promise that no two threads use the same index.
+// to them, because callers of `get` promise that no two threads use the same index. Of pages that come, too, only the headers are shared.
 unsafe impl<T: Send> Sync for Cells<'_, T> {}
 // SAFETY: as above; it stands for a `&mut Pool<T>`.
 unsafe impl<T: Send> Send for Cells<'_, T> {}
@@ -20,12 +26,37 @@ unsafe impl<T: Send> Send for Cells<'_, T> {}
 impl<'a, T> Cells<'a, T> {
     /// Opens `pool`.
     pub fn new(pool: &'a mut Pool<T>) -> Self {
-        Self::over(pool.pages_mut())
+        Self::over(pool.pages_mut(), &mut [])
     }
 
-    /// Opens pages that are laid out as a pool's.
-    pub(super) fn over(pages: &'a mut [Vec<T>]) -> Self {
-        Self { pages: pages.as_mut_ptr(), page_count: pages.len(), pool: PhantomData }
+    /// Opens pages that are laid out as a pool's, and those that may follow them.
+    pub(super) fn over(pages: &'a mut [Vec<T>], coming: &'a mut Coming<T>) -> Self {
+        Self { pages: pages.as_mut_ptr(), page_count: pages.len(), coming, pool: PhantomData }
+    }
+
+    /// The page numbered `page`, if it is there.
+    #[inline(always)]
+    fn page(&self, page: usize) -> Option<&Vec<T>> {
+        if page >= self.page_count {
+            return self.come(page);
+        }
+        // SAFETY: `page` is in bounds, pages are never reallocated while `self` borrows the pool, and only shared
+        // references to the page headers are formed here.
+        Some(unsafe { &*self.pages.add(page) })
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn come(&self, page: usize) -> Option<&Vec<T>> {
+        self.coming.get(page - self.page_count)?.get()
+    }
+
+    /// Sees to it that the page of item `index` is there.
+    pub(super) fn bring(&self, index: u32, make: impl Fn() -> Vec<T>) {
+        let (page, _) = Pool::<T>::place(index);
+        if let Some(coming) = page.checked_sub(self.page_count) {
+            self.coming[coming].get_or_init(make);
+        }
     }
 
     /// The item at `index`.
@@ -39,12 +70,10 @@ impl<'a, T> Cells<'a, T> {
     #[allow(clippy::mut_from_ref)]
     pub unsafe fn get(&self, index: u32) -> &mut T {
         let (page, place) = Pool::<T>::place(index);
-        assert!(page < self.page_count);
-        // SAFETY: `page` is in bounds, pages are never reallocated while `self` borrows the pool, and only shared
-        // references to the page headers are formed here.
-        let page = unsafe { &*self.pages.add(page) };
+        let Some(page) = self.page(page) else { panic!("item {index} was never handed out") };
         assert!(place < page.len());
-        // SAFETY: `place` is initialised (below `len`); the caller promises that this item is not aliased.
+        // SAFETY: `place` is initialised (below `len`), and `Vec::as_ptr` makes no reference to the items; the caller promises that this one is
+        // not aliased.
         unsafe { &mut *page.as_ptr().cast_mut().add(place) }
     }
 }
@@ -60,11 +89,7 @@ impl<T> Cells<'_, T> {
     #[inline(always)]
     pub fn address(&self, index: u32) -> *const T {
         let (page, place) = Pool::<T>::place(index);
-        if page >= self.page_count {
-            return std::ptr::null();
-        }
-        // SAFETY: `page` is in bounds, as in `get`; the address is not read here.
-        unsafe { (*self.pages.add(page)).as_ptr().wrapping_add(place) }
+        self.page(page).map_or(std::ptr::null(), |page| page.as_ptr().wrapping_add(place))
     }
 }
 

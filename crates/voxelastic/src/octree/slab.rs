@@ -6,14 +6,17 @@
 use super::{Cells, NONE, Pool, ask_for_all};
 use bytemuck::Zeroable;
 use std::ops::Range;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Items of one size in pages, addressed by slot; each has an owner, a number that means something to the user.
 #[derive(Debug)]
 pub struct Slab<T> {
-    /// Each of full length. Those beyond `touched` come from the system and are not there before they are used.
+    /// Each of full length.
     pages: Vec<Vec<T>>,
-    touched: usize,
+    /// Places for the pages that an opened slab may need. They are made when first needed: it seldom needs them all, and a page whose memory the
+    /// allocator had before costs its zeros even if nobody uses it.
+    coming: Vec<OnceLock<Vec<T>>>,
     /// Free slots below `len`.
     free: Vec<u32>,
     /// By slot; [`NONE`] for the free ones.
@@ -23,14 +26,14 @@ pub struct Slab<T> {
 
 impl<T> Default for Slab<T> {
     fn default() -> Self {
-        Self { pages: Vec::new(), touched: 0, free: Vec::new(), owners: Vec::new(), len: 0 }
+        Self { pages: Vec::new(), coming: Vec::new(), free: Vec::new(), owners: Vec::new(), len: 0 }
     }
 }
 
 impl<T: Clone> Clone for Slab<T> {
     fn clone(&self) -> Self {
         let owners = self.owners.iter().map(|owner| AtomicU32::new(owner.load(Ordering::Relaxed))).collect();
-        Self { pages: self.pages.clone(), touched: self.touched, free: self.free.clone(), owners, len: self.len }
+        Self { pages: self.pages.clone(), coming: Vec::new(), free: self.free.clone(), owners, len: self.len }
     }
 }
 
@@ -41,9 +44,7 @@ impl<T: Zeroable> Slab<T> {
     fn reserve(&mut self, more: usize) {
         let slots = self.len as usize + more.saturating_sub(self.free.len());
         assert!(slots < NONE as usize, "slab is full");
-        while self.pages.len() * Self::PAGE < slots {
-            self.pages.push(bytemuck::zeroed_vec(Self::PAGE));
-        }
+        self.coming.resize_with(slots.div_ceil(Self::PAGE).saturating_sub(self.pages.len()), OnceLock::new);
         if self.owners.len() < slots {
             self.owners.resize_with(slots, || AtomicU32::new(NONE));
         }
@@ -52,7 +53,8 @@ impl<T: Zeroable> Slab<T> {
     /// Opens the slab to threads that write to items and take `more` at most, with at most so many batches. To be [closed](Self::close).
     pub fn open(&mut self, more: usize, batches: usize) -> Taking<'_, T> {
         self.reserve(more + batches * BATCH as usize);
-        Taking { cells: Cells::over(&mut self.pages), free: &self.free, owners: &self.owners, fresh: self.len, taken: AtomicU32::new(0) }
+        let cells = Cells::over(&mut self.pages, &mut self.coming);
+        Taking { cells, free: &self.free, owners: &self.owners, fresh: self.len, taken: AtomicU32::new(0) }
     }
 
     /// Closes the slab after so many items were [taken](Taking::taken); what batches have left is free again.
@@ -62,7 +64,7 @@ impl<T: Zeroable> Slab<T> {
         self.free.truncate(self.free.len() - reused);
         self.len += (taken - reused) as u32;
         self.free.extend(left);
-        self.touched = self.touched.max((self.len as usize).div_ceil(Self::PAGE));
+        self.pages.extend(self.coming.drain(..).map_while(OnceLock::into_inner));
     }
 
     /// Gives an item back for reuse.
@@ -100,20 +102,17 @@ impl<T: Zeroable> Slab<T> {
             (self.free, self.owners) = (Vec::new(), Vec::new());
         }
         let kept = (len as usize).div_ceil(Self::PAGE);
-        pages.extend(self.pages.drain(kept..).take(self.touched.saturating_sub(kept)));
-        self.touched = self.touched.min(kept);
+        pages.extend(self.pages.drain(kept..));
     }
 
     /// Takes over pages that were given away.
     pub fn adopt(&mut self, pages: Vec<Vec<T>>) {
-        self.touched += pages.len();
-        let at = (self.len as usize).div_ceil(Self::PAGE);
-        self.pages.splice(at..at, pages);
+        self.pages.extend(pages);
     }
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.touched * Self::PAGE * size_of::<T>() + 4 * (self.free.capacity() + self.owners.capacity())
+        self.pages.len() * Self::PAGE * size_of::<T>() + 4 * (self.free.capacity() + self.owners.capacity())
     }
 }
 
@@ -154,7 +153,7 @@ pub struct Taking<'a, T> {
     taken: AtomicU32,
 }
 
-impl<'a, T> Taking<'a, T> {
+impl<'a, T: Zeroable> Taking<'a, T> {
     /// Takes an item for `owner`; it holds anything. Which slot it is depends on who comes first.
     ///
     /// # Panics
@@ -164,6 +163,7 @@ impl<'a, T> Taking<'a, T> {
         let number = batch.numbers.next().unwrap_or_else(|| {
             let first = self.taken.fetch_add(BATCH, Ordering::Relaxed);
             batch.numbers = first + 1..first + BATCH;
+            self.bring(first);
             first
         });
         // What comes will be written to, and is as good as never near.
@@ -171,6 +171,16 @@ impl<'a, T> Taking<'a, T> {
         let slot = slot(self.free, self.fresh, number);
         self.owners[slot as usize].store(owner, Ordering::Relaxed);
         slot
+    }
+
+    /// Sees to it that the pages of a batch are there.
+    fn bring(&self, first: u32) {
+        let last = slot(self.free, self.fresh, first + BATCH - 1);
+        if last >= self.fresh {
+            let make = || bytemuck::zeroed_vec(Slab::<T>::PAGE);
+            let first = slot(self.free, self.fresh, first).clamp(self.fresh, last);
+            (first..last).step_by(Slab::<T>::PAGE).chain([last]).for_each(|slot| self.cells.bring(slot, make));
+        }
     }
 
     /// Items taken so far, also those that batches have left.
@@ -235,7 +245,7 @@ mod tests {
             }
             assert_holds(&slab, &slow);
         }
-        let before = slab.touched;
+        let before = slab.pages.len();
         for slot in slab.capacity_used() / 3..slab.capacity_used() {
             if slow.remove(&slot).is_some() {
                 slab.remove(slot);
@@ -244,12 +254,12 @@ mod tests {
         let mut pages = Vec::new();
         slab.give_away(&mut pages);
         assert_holds(&slab, &slow);
-        assert!(pages.len() > before / 2 && slab.touched + pages.len() == before, "{} of {before} pages", pages.len());
+        assert!(pages.len() > before / 2 && slab.pages.len() + pages.len() == before, "{} of {before} pages", pages.len());
         slab.adopt(pages);
         assert!(slab.bytes() >= before * Slab::<Item>::PAGE * size_of::<Item>());
         (0..2).for_each(|round| fill(&mut slab, &mut slow, 150 * round));
         assert_holds(&slab, &slow);
-        assert_eq!(slab.touched, before, "what was given is used again");
+        assert_eq!(slab.pages.len(), before, "what was given is used again");
         assert_holds(&slab.clone(), &slow);
     }
 }

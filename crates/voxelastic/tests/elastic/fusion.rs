@@ -5,13 +5,13 @@ use nalgebra::{Translation3, UnitQuaternion};
 use proptest::prelude::*;
 use voxelastic::Pose;
 use voxelastic::atlas::Submap;
-use voxelastic::atlas::fusion::{FusionSettings, fuse};
+use voxelastic::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling, fuse};
 use voxelastic::event::NodeId;
 use voxelastic::field::occupancy::{OccupancyField, State, UNKNOWN, state_of};
 use voxelastic::field::tsdf::TsdfField;
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
-use voxelastic::octree::{BLOCK_EDGE, block_coords, voxel_coords};
+use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
 use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
 
 const ROWS: usize = 48;
@@ -161,6 +161,45 @@ proptest! {
         let [unknown, opposite, more] = shares;
         prop_assert!(unknown <= 0.01 && opposite <= 0.01 && more <= 0.01, "unknown, opposite, more: {shares:?}");
         prop_assert!((volume - 1.0).abs() <= 0.05, "{volume} of the direct volume");
+    }
+}
+
+/// Everything that the fields of a submap hold.
+fn image(submap: &Submap) -> (Vec<(u64, u8, Vec<u32>)>, String) {
+    let tsdf = submap.tsdf.ids_in_morton_order().into_iter().map(|id| {
+        let voxels = submap.tsdf.stored_voxels(id).flatten().map(|v| u32::from(v.distance as u16) | u32::from(v.weight) << 16);
+        (submap.tsdf.block(id).key, submap.tsdf.block(id).scale, voxels.collect())
+    });
+    let mut occupancy = String::new();
+    submap.occupancy.tree().for_each(|key, level, octant| {
+        let values = if level == 0 && octant.link != NONE { submap.occupancy.values(submap.occupancy.block(octant.link)) } else { &[] };
+        occupancy += &format!("{key} {level} {:?} {values:?}\n", octant.payload);
+    });
+    (tsdf.collect(), occupancy)
+}
+
+#[test]
+fn fused_in_parts_and_steps_of_any_size_is_the_same_bit_for_bit() {
+    let mut bench = Bench::new(11, 2);
+    let root = Pose::from_parts(Translation3::new(0.7, -0.4, 0.1), UnitQuaternion::from_euler_angles(0.05, -0.02, 0.9));
+    let (mut target, mut source) = (Submap::new(0, Pose::identity()), Submap::new(1, root));
+    (0..4).for_each(|i| bench.integrate(if i < 2 { &mut target } else { &mut source }, i));
+    let settings = FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+    let mut fused = target.clone();
+    fuse(&mut fused, &source, &root, &settings);
+    let expected = image(&fused);
+    assert!(expected != image(&target) && source.tsdf.len() > 1000);
+    let mut at_once = target.clone();
+    Merge::new(Resampled::new(&source, &root, &settings), settings).step(&mut at_once, usize::MAX);
+    assert!(image(&at_once) == expected, "sampled before anything is merged");
+    for (blocks, step) in [(usize::MAX, 100), (7, 64), (300, 1)] {
+        let mut streamed = target.clone();
+        let sampling = Sampling::new(&source, &root, &settings).in_parts_of(blocks);
+        for number in 0..sampling.parts() {
+            let mut merge = Merge::new(sampling.part(number), settings);
+            while !merge.step(&mut streamed, step) {}
+        }
+        assert!(image(&streamed) == expected, "parts of {blocks}, steps of {step}");
     }
 }
 

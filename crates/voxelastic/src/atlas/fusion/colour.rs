@@ -3,7 +3,6 @@
 use super::Placement;
 use crate::field::tsdf::{Tint, TsdfField};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, Cursor, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// A block of the patch.
@@ -27,11 +26,17 @@ impl ColourPatch {
         if source.colours().is_empty() {
             return Self::default();
         }
-        let sample = |cursor: &mut Cursor, &(key, scale): &(u64, u8)| {
-            let tints = block(source, cursor, placement, key, usize::from(scale));
+        let mut cursor = Cursor::new(source.tree());
+        let sample = |&(key, scale): &(u64, u8)| {
+            let tints = block(source, &mut cursor, placement, key, usize::from(scale));
             PatchBlock { key, scale, tints }
         };
-        Self { blocks: places.par_iter().with_min_len(32).map_init(|| Cursor::new(source.tree()), sample).collect() }
+        Self { blocks: places.iter().map(sample).collect() }
+    }
+
+    /// Puts `other` behind these.
+    pub fn append(&mut self, other: Self) {
+        self.blocks.extend(other.blocks);
     }
 
     /// Adds the colours of the blocks numbered `range` to `target`, which has their distances by now.

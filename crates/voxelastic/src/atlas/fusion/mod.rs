@@ -2,8 +2,8 @@
 //!
 //! The paper moves every voxel of the source into the target. Scattering voxels forward leaves holes, so this works backward: for every
 //! block of the target's lattice that the source reaches, the source is *sampled* at the centres of the target's voxels. That happens in
-//! two steps. [`Resampled::new`] depends on the source and the transform alone, so it can run beside integration; its result lies in the
-//! target's lattice, and [`Merge`] adds it voxel by voxel, a few blocks at a time if integration must not wait:
+//! two steps. [`Sampling`] depends on the source and the transform alone, so it can run beside integration; its parts lie in the
+//! target's lattice, and [`Merge`] adds them voxel by voxel, a few blocks at a time if integration must not wait:
 //!
 //! - TSDF: trilinear samples, weighted mean of the distances, weights add up to the cap; colours of the nearest voxel;
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
@@ -21,8 +21,13 @@ use crate::geometry::{Pose, Rigid};
 use crate::settings::Settings;
 use colour::ColourPatch;
 use doubts::Doubts;
-use occupancy::OccupancyPatch;
-use tsdf::TsdfPatch;
+use occupancy::{OccupancyPatch, OccupancySampling};
+use rayon::prelude::*;
+use std::ops::Range;
+use tsdf::{TsdfPatch, TsdfSampling};
+
+/// Blocks of a TSDF that are sampled as one part.
+const PART: usize = 512;
 
 /// What fusion must know about the fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +59,52 @@ impl FusionSettings {
     }
 }
 
-/// A submap's fields in the lattice of another one.
-#[derive(Debug)]
+/// A submap on its way into the lattice of another one: parts that are sampled one by one, so that they need not be there all at once.
+pub struct Sampling<'a> {
+    source: &'a Submap,
+    placement: Placement,
+    part: usize,
+    tsdf: TsdfSampling<'a>,
+    occupancy: OccupancySampling<'a>,
+}
+
+impl<'a> Sampling<'a> {
+    /// `source` as the voxels of a submap see it in which it lies at `t_target_source`. Parallel, as the parts may be; nothing depends on how.
+    pub fn new(source: &'a Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
+        let placement = Placement::new(t_target_source, settings.voxel);
+        let (tsdf, occupancy) = (TsdfSampling::new(&source.tsdf, &placement), OccupancySampling::new(&source.occupancy, &placement));
+        Self { source, placement, part: PART, tsdf, occupancy }
+    }
+
+    /// The same in parts of so many blocks of the TSDF.
+    pub fn in_parts_of(self, blocks: usize) -> Self {
+        Self { part: blocks.max(1), ..self }
+    }
+
+    /// Its parts.
+    pub fn parts(&self) -> usize {
+        self.tsdf.len().div_ceil(self.part) + self.occupancy.len()
+    }
+
+    /// Samples the part numbered `number`.
+    pub fn part(&self, number: usize) -> Resampled {
+        let start = number.saturating_mul(self.part);
+        if start >= self.tsdf.len() {
+            let occupancy = self.occupancy.part(number - self.tsdf.len().div_ceil(self.part));
+            return Resampled { occupancy, ..Resampled::default() };
+        }
+        let tsdf = self.tsdf.part(start..start.saturating_add(self.part).min(self.tsdf.len()));
+        let colours = ColourPatch::sample(&self.source.tsdf, &self.placement, &tsdf.places());
+        Resampled { tsdf, colours, ..Resampled::default() }
+    }
+
+    fn several(&self, numbers: Range<usize>) -> Vec<Resampled> {
+        numbers.into_par_iter().map(|number| self.part(number)).collect()
+    }
+}
+
+/// A submap's fields, or a part of them, in the lattice of another one.
+#[derive(Debug, Default)]
 pub struct Resampled {
     tsdf: TsdfPatch,
     colours: ColourPatch,
@@ -63,12 +112,16 @@ pub struct Resampled {
 }
 
 impl Resampled {
-    /// Samples `source` at the voxels of a submap in which it lies at `t_target_source`. Parallel; the result does not depend on how.
+    /// Samples `source` at the voxels of a submap in which it lies at `t_target_source`, all of it at once.
     pub fn new(source: &Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
-        let placement = Placement::new(t_target_source, settings.voxel);
-        let tsdf = TsdfPatch::sample(&source.tsdf, &placement);
-        let colours = ColourPatch::sample(&source.tsdf, &placement, &tsdf.places());
-        Self { tsdf, colours, occupancy: OccupancyPatch::sample(&source.occupancy, &placement) }
+        let sampling = Sampling::new(source, t_target_source, settings);
+        let mut all = Self::default();
+        for part in sampling.several(0..sampling.parts()) {
+            all.tsdf.append(part.tsdf);
+            all.colours.append(part.colours);
+            all.occupancy.append(part.occupancy);
+        }
+        all
     }
 
     /// Blocks and octants to be merged.
@@ -96,6 +149,11 @@ impl Merge {
         Self { resampled, settings, done: 0 }
     }
 
+    /// Blocks and octants that are not yet merged.
+    pub fn left(&self) -> usize {
+        self.resampled.len() - self.done
+    }
+
     /// Merges the next `blocks` blocks into `target`, always the same one; returns whether all are merged now.
     pub fn step(&mut self, target: &mut Submap, blocks: usize) -> bool {
         let end = self.done.saturating_add(blocks).min(self.resampled.len());
@@ -117,7 +175,18 @@ impl Merge {
 
 /// Fuses the fields and the scans of `source`, which lies at `t_target_source`, into `target` at once.
 pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
-    Merge::new(Resampled::new(source, t_target_source, settings), *settings).step(target, usize::MAX);
+    fuse_from(0, target, source, t_target_source, settings);
+}
+
+/// Does what is left of a fusion of which the parts before the one numbered `first` are merged.
+pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
+    let sampling = Sampling::new(source, t_target_source, settings);
+    let (parts, at_once) = (sampling.parts(), 2 * rayon::current_num_threads());
+    for start in (first..parts).step_by(at_once) {
+        for part in sampling.several(start..parts.min(start + at_once)) {
+            Merge::new(part, *settings).step(target, usize::MAX);
+        }
+    }
     move_scans(target, source, t_target_source);
 }
 

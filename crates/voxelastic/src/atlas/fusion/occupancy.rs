@@ -9,7 +9,7 @@ use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, b
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Subtrees up to this level (32 blocks) are sampled in parallel.
+/// Subtrees up to this level (32 blocks) are parts of their own.
 const TASK_LEVEL: u32 = 5;
 
 /// A piece of the target's lattice.
@@ -26,13 +26,6 @@ enum Piece {
 pub(super) struct OccupancyPatch {
     pieces: Vec<Piece>,
     voxels: BlockStore<i8>,
-}
-
-/// What one task found: pieces whose slots number its own arrays.
-#[derive(Default)]
-struct Found {
-    pieces: Vec<Piece>,
-    arrays: Vec<Vec<i8>>,
 }
 
 /// What the source holds in a box.
@@ -60,38 +53,18 @@ impl OccupancyPatch {
         patch
     }
 
-    /// Samples `source` wherever something was observed.
-    pub fn sample(source: &OccupancyField, placement: &Placement) -> Self {
-        if source.is_empty() {
-            return Self::default();
+    /// Puts `other` behind these.
+    pub fn append(&mut self, other: Self) {
+        for piece in other.pieces {
+            self.pieces.push(match piece {
+                Piece::Block { key, scale, slot } => {
+                    let stored = self.voxels.insert(usize::from(scale));
+                    self.voxels.get_mut(usize::from(scale), stored).copy_from_slice(other.voxels.get(usize::from(scale), slot));
+                    Piece::Block { key, scale, slot: stored }
+                }
+                uniform => uniform,
+            });
         }
-        let sampler = Sampler { source, placement };
-        let mut cubes = sampler.top();
-        while cubes.first().is_some_and(|c| c.1 > TASK_LEVEL) {
-            cubes = cubes.into_par_iter().flat_map_iter(|cube| sampler.open(cube)).collect();
-        }
-        let parts: Vec<Found> = cubes
-            .into_par_iter()
-            .map(|(key, level)| {
-                let mut found = Found::default();
-                sampler.descend(key, level, &mut found);
-                found
-            })
-            .collect();
-        let mut patch = Self::default();
-        for part in parts {
-            for piece in part.pieces {
-                patch.pieces.push(match piece {
-                    Piece::Block { key, scale, slot } => {
-                        let stored = patch.voxels.insert(usize::from(scale));
-                        patch.voxels.get_mut(usize::from(scale), stored).copy_from_slice(&part.arrays[slot as usize]);
-                        Piece::Block { key, scale, slot: stored }
-                    }
-                    uniform => uniform,
-                });
-            }
-        }
-        patch
     }
 
     /// Adds the pieces numbered `range` to `target`; sums stay within `limits`.
@@ -117,15 +90,43 @@ impl OccupancyPatch {
     }
 }
 
-struct Sampler<'a> {
+/// Samples a field in the lattice of another one, part by part.
+pub(super) struct OccupancySampling<'a> {
     source: &'a OccupancyField,
-    placement: &'a Placement,
+    placement: Placement,
+    /// Where something was observed; a part each.
+    cubes: Vec<Cube>,
 }
 
 /// A cube of the target: the key of its smallest block and its level.
 type Cube = (u64, u32);
 
-impl Sampler<'_> {
+impl<'a> OccupancySampling<'a> {
+    pub fn new(source: &'a OccupancyField, placement: &Placement) -> Self {
+        let mut sampling = Self { source, placement: *placement, cubes: Vec::new() };
+        if !source.is_empty() {
+            let mut cubes = sampling.top();
+            while cubes.first().is_some_and(|c| c.1 > TASK_LEVEL) {
+                cubes = cubes.into_par_iter().flat_map_iter(|cube| sampling.open(cube)).collect();
+            }
+            sampling.cubes = cubes;
+        }
+        sampling
+    }
+
+    /// Its parts.
+    pub fn len(&self) -> usize {
+        self.cubes.len()
+    }
+
+    /// Samples the part numbered `number`.
+    pub fn part(&self, number: usize) -> OccupancyPatch {
+        let (key, level) = self.cubes[number];
+        let mut patch = OccupancyPatch::default();
+        self.descend(key, level, &mut patch);
+        patch
+    }
+
     /// The cubes of the source root's size that the source reaches.
     fn top(&self) -> Vec<Cube> {
         let tree = self.source.tree();
@@ -158,7 +159,7 @@ impl Sampler<'_> {
         }
     }
 
-    fn descend(&self, key: u64, level: u32, found: &mut Found) {
+    fn descend(&self, key: u64, level: u32, found: &mut OccupancyPatch) {
         match self.content(key, level) {
             Content::Uniform(UNKNOWN) => {}
             Content::Uniform(value) => found.pieces.push(Piece::Uniform { key, level, value }),
@@ -168,7 +169,7 @@ impl Sampler<'_> {
     }
 
     /// Samples a block. At the border of free space it is sampled no coarser than scale 1, so that free space does not creep outward.
-    fn block(&self, key: u64, finest: usize, is_border: bool, found: &mut Found) {
+    fn block(&self, key: u64, finest: usize, is_border: bool, found: &mut OccupancyPatch) {
         let scale = if is_border { finest.min(1) } else { finest };
         let edge = (1 << scale) as f32;
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
@@ -180,8 +181,9 @@ impl Sampler<'_> {
             })
             .collect();
         if values.iter().any(|v| *v != values[0]) {
-            found.pieces.push(Piece::Block { key, scale: scale as u8, slot: found.arrays.len() as u32 });
-            found.arrays.push(values);
+            let slot = found.voxels.insert(scale);
+            found.voxels.get_mut(scale, slot).copy_from_slice(&values);
+            found.pieces.push(Piece::Block { key, scale: scale as u8, slot });
         } else if values[0] != UNKNOWN {
             found.pieces.push(Piece::Uniform { key, level: 0, value: values[0] });
         }

@@ -9,6 +9,7 @@ use crate::octree::{
 };
 use crate::surface::view::{View, settle};
 use rayon::prelude::*;
+use std::collections::HashMap;
 use std::ops::Range;
 
 /// Neighbouring samples that differ by more than this many voxels are not of one surface: between the band in front of one and the band
@@ -40,18 +41,9 @@ impl TsdfPatch {
         self.blocks.iter().map(|block| (block.key, block.scale)).collect()
     }
 
-    /// Samples `source` wherever it reaches.
-    pub fn sample(source: &TsdfField, placement: &Placement) -> Self {
-        if source.is_empty() {
-            return Self::default();
-        }
-        let sampler = Sampler { placement, views: std::array::from_fn(|scale| View::new(source, scale)) };
-        let sampled = sampler
-            .reached()
-            .into_par_iter()
-            .with_min_len(32)
-            .map_init(|| Cursor::new(source.tree()), |cursor, (key, scale)| sampler.block(cursor, key, scale));
-        Self { blocks: sampled.flatten_iter().collect() }
+    /// Puts `other` behind these.
+    pub fn append(&mut self, other: Self) {
+        self.blocks.extend(other.blocks);
     }
 
     /// Adds the blocks numbered `range` to `target`, and forgets them.
@@ -78,18 +70,68 @@ impl TsdfPatch {
 /// Most blocks of the source along an axis that a block of the target can need: its diagonal, and a coarsest voxel on both sides.
 const NEAR_EDGE: usize = 5;
 
-/// The source's blocks around a block of the target, looked up once for all of its voxels.
+/// The source's blocks around a block of the target, looked up once for all of its voxels: places in the views of a part.
 struct Near {
     low: [i32; 3],
-    ids: [u32; NEAR_EDGE * NEAR_EDGE * NEAR_EDGE],
+    places: [u32; NEAR_EDGE * NEAR_EDGE * NEAR_EDGE],
 }
 
 impl Near {
     /// The block at `home` (blocks, source frame), or [`NONE`].
     #[inline(always)]
-    fn id(&self, home: [i32; 3]) -> u32 {
+    fn place(&self, home: [i32; 3]) -> u32 {
         let [x, y, z] = std::array::from_fn(|k| (home[k] - self.low[k]) as usize);
-        if x.max(y).max(z) < NEAR_EDGE { self.ids[x + NEAR_EDGE * (y + NEAR_EDGE * z)] } else { NONE }
+        if x.max(y).max(z) < NEAR_EDGE { self.places[x + NEAR_EDGE * (y + NEAR_EDGE * z)] } else { NONE }
+    }
+}
+
+/// Samples a field in the lattice of another one, part by part.
+pub(super) struct TsdfSampling<'a> {
+    source: &'a TsdfField,
+    placement: Placement,
+    /// The target's blocks that the source reaches, each with the scale to sample at.
+    reached: Vec<(u64, u8)>,
+}
+
+impl<'a> TsdfSampling<'a> {
+    pub fn new(source: &'a TsdfField, placement: &Placement) -> Self {
+        Self { source, placement: *placement, reached: reached(source, placement) }
+    }
+
+    /// Blocks that may hold something.
+    pub fn len(&self) -> usize {
+        self.reached.len()
+    }
+
+    /// Samples the blocks numbered `range`. Each part sees for itself what it needs of the source: views of all of it would take as much
+    /// memory as the samples.
+    pub fn part(&self, range: Range<usize>) -> TsdfPatch {
+        let reached = &self.reached[range];
+        let mut cursor = Cursor::new(self.source.tree());
+        let (mut ids, mut places) = (Vec::new(), HashMap::new());
+        let mut place_of = |id: u32| {
+            *places.entry(id).or_insert_with(|| {
+                ids.push(id);
+                ids.len() as u32 - 1
+            })
+        };
+        let near: Vec<Near> = reached.iter().map(|&(key, _)| self.near(&mut cursor, key, &mut place_of)).collect();
+        let views = std::array::from_fn(|scale| View::of(self.source, ids.clone(), scale));
+        let sampler = Sampler { placement: &self.placement, views };
+        let blocks = reached.iter().zip(&near).filter_map(|(&(key, scale), near)| sampler.block(near, key, scale));
+        TsdfPatch { blocks: blocks.collect() }
+    }
+
+    /// The source's blocks around the target's block `key`.
+    fn near(&self, cursor: &mut Cursor, key: u64, mut place_of: impl FnMut(u32) -> u32) -> Near {
+        let half = 0.5 * BLOCK_EDGE as f32;
+        let (middle, extent) = self.placement.box_in_source(block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32 + half), half);
+        let low = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32 - 1);
+        let places = std::array::from_fn(|i| {
+            let step = [i % NEAR_EDGE, i / NEAR_EDGE % NEAR_EDGE, i / (NEAR_EDGE * NEAR_EDGE)];
+            cursor.block(self.source.tree(), block_key(std::array::from_fn(|k| low[k] + step[k] as i32))).map_or(NONE, &mut place_of)
+        });
+        Near { low, places }
     }
 }
 
@@ -108,56 +150,18 @@ struct Sample {
 }
 
 impl Sampler<'_> {
-    /// The target's blocks that the source reaches, in Morton order, each with the scale to sample at: that of the source's block in its
-    /// middle, or the coarsest of those that only touch it.
-    fn reached(&self) -> Vec<(u64, u8)> {
-        let field = self.views[0].field;
-        let half = 0.5 * BLOCK_EDGE as f32;
-        let touching = |&id: &u32| {
-            let scale = self.views[0].scale(id) as u8;
-            let home = block_coords(field.block(id).key);
-            let centre = home.map(|c| c as f32 * BLOCK_EDGE as f32 + half);
-            let (middle, extent) = self.placement.box_in_target(centre, half);
-            let low: [i32; 3] = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32);
-            let high: [i32; 3] = std::array::from_fn(|k| ((middle[k] + extent[k]) / BLOCK_EDGE as f32).floor() as i32);
-            let mut found = Vec::new();
-            for z in low[2]..=high[2] {
-                for y in low[1]..=high[1] {
-                    for x in low[0]..=high[0] {
-                        let c = [x, y, z];
-                        let (at, reach) = self.placement.box_in_source(c.map(|v| v as f32 * BLOCK_EDGE as f32 + half), half);
-                        let apart = (0..3).any(|k| (at[k] - centre[k]).abs() > reach[k] + half);
-                        if !apart && c.iter().all(|v| v.abs() < MAX_BLOCK_COORD) {
-                            let is_middle = at.map(|v| (v / BLOCK_EDGE as f32).floor() as i32) == home;
-                            // Sorts the block in the middle first, then the coarsest.
-                            let rank = if is_middle { 0 } else { SCALES as u8 - scale };
-                            found.push((block_key(c), rank, scale));
-                        }
-                    }
-                }
-            }
-            found
-        };
-        let ids: Vec<u32> = field.ids().collect();
-        let mut reached: Vec<(u64, u8, u8)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
-        reached.par_sort_unstable();
-        reached.dedup_by_key(|r| r.0);
-        reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
-    }
-
     /// The arrays of the target's block `key` at `scale`; none when nothing of it was observed.
-    fn block(&self, cursor: &mut Cursor, key: u64, scale: u8) -> Option<PatchBlock> {
+    fn block(&self, near: &Near, key: u64, scale: u8) -> Option<PatchBlock> {
         let (at, scale) = (scale, usize::from(scale));
         let edge = (1 << scale) as f32;
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let mut voxels = vec![Voxel::default(); voxels_at(scale)];
         let mut shades: Option<Vec<u8>> = None;
         let mut is_observed = false;
-        let near = self.near(cursor, corner);
         for (i, voxel) in voxels.iter_mut().enumerate() {
             let c = voxel_coords(i, scale);
             let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-            let Some(sample) = self.sample(&near, self.placement.t_source_target.apply(centre), scale) else { continue };
+            let Some(sample) = self.sample(near, self.placement.t_source_target.apply(centre), scale) else { continue };
             let steps = (sample.distance / edge * DISTANCE_STEPS).round().clamp(f32::from(i16::MIN), f32::from(i16::MAX));
             *voxel = Voxel { distance: steps as i16, weight: sample.weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 };
             is_observed = true;
@@ -166,19 +170,6 @@ impl Sampler<'_> {
             }
         }
         is_observed.then(|| PatchBlock { key, scale: at, array: PackedArray::new(scale, &voxels, shades.as_deref()) })
-    }
-
-    /// The source's blocks around the target's block whose smallest corner is at `corner`.
-    fn near(&self, cursor: &mut Cursor, corner: [f32; 3]) -> Near {
-        let half = 0.5 * BLOCK_EDGE as f32;
-        let (middle, extent) = self.placement.box_in_source(corner.map(|c| c + half), half);
-        let low = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32 - 1);
-        let tree = self.views[0].field.tree();
-        let ids = std::array::from_fn(|i| {
-            let step = [i % NEAR_EDGE, i / NEAR_EDGE % NEAR_EDGE, i / (NEAR_EDGE * NEAR_EDGE)];
-            cursor.block(tree, block_key(std::array::from_fn(|k| low[k] + step[k] as i32))).unwrap_or(NONE)
-        });
-        Near { low, ids }
     }
 
     /// The field at `point` (finest voxels, source frame), at `scale` or, beside coarser blocks, at theirs: so all samples that are
@@ -202,23 +193,23 @@ impl Sampler<'_> {
         for i in (0..8).map(|i| i ^ nearest) {
             let c: [i32; 3] = std::array::from_fn(|k| base[k] + (i >> k & 1) as i32);
             let home = c.map(|v| v >> shift);
-            let id = near.id(home);
-            if id == NONE {
+            let place = near.place(home);
+            if place == NONE {
                 if i == nearest {
                     return Cell::Unobserved;
                 }
                 continue;
             }
-            if view.scale(id) > scale {
+            if view.scale(place) > scale {
                 return Cell::Coarser;
             }
             let index = voxel_index(c.map(|v| v as usize & (edge_at(scale) - 1)), scale);
-            corners.voxels[i] = view.voxel(id, index);
+            corners.voxels[i] = view.voxel(place, index);
             if i == nearest {
                 if !corners.voxels[i].is_observed() {
                     return Cell::Unobserved;
                 }
-                (corners.block, corners.index) = (id, index);
+                (corners.block, corners.index) = (place, index);
             }
         }
         Cell::Of(corners)
@@ -229,6 +220,42 @@ impl Sampler<'_> {
         let shade = self.views[scale].shade(corners.block, corners.index);
         Sample { distance: distance * (1 << scale) as f32, weight, shade }
     }
+}
+
+/// The target's blocks that the source reaches, in Morton order, each with the scale to sample at: that of the source's block in its
+/// middle, or the coarsest of those that only touch it.
+fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
+    let half = 0.5 * BLOCK_EDGE as f32;
+    let touching = |&id: &u32| {
+        let scale = field.block(id).finest;
+        let home = block_coords(field.block(id).key);
+        let centre = home.map(|c| c as f32 * BLOCK_EDGE as f32 + half);
+        let (middle, extent) = placement.box_in_target(centre, half);
+        let low: [i32; 3] = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32);
+        let high: [i32; 3] = std::array::from_fn(|k| ((middle[k] + extent[k]) / BLOCK_EDGE as f32).floor() as i32);
+        let mut found = Vec::new();
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let c = [x, y, z];
+                    let (at, reach) = placement.box_in_source(c.map(|v| v as f32 * BLOCK_EDGE as f32 + half), half);
+                    let apart = (0..3).any(|k| (at[k] - centre[k]).abs() > reach[k] + half);
+                    if !apart && c.iter().all(|v| v.abs() < MAX_BLOCK_COORD) {
+                        let is_middle = at.map(|v| (v / BLOCK_EDGE as f32).floor() as i32) == home;
+                        // Sorts the block in the middle first, then the coarsest.
+                        let rank = if is_middle { 0 } else { SCALES as u8 - scale };
+                        found.push((block_key(c), rank, scale));
+                    }
+                }
+            }
+        }
+        found
+    };
+    let ids: Vec<u32> = field.ids().collect();
+    let mut reached: Vec<(u64, u8, u8)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
+    reached.par_sort_unstable();
+    reached.dedup_by_key(|r| r.0);
+    reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
 }
 
 /// What there is around a point at one scale.

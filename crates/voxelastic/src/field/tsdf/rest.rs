@@ -15,10 +15,10 @@ const CHANGES_AWAKE: usize = 8;
 const MOST_AT_ONCE: usize = 2048;
 /// Bricks that are packed before any of them is put away.
 const BATCH: usize = 8192;
-/// Bricks that a thread packs at a time: each takes less than a tenth of a microsecond.
+/// Bricks that a thread packs at a time: one is too little to hand out.
 const BRICKS_PER_TASK: usize = 256;
 /// Words of a brick packed, about.
-const TYPICAL: usize = 32;
+const TYPICAL: usize = 24;
 /// How far ahead blocks and bricks are asked for.
 const AHEAD: usize = 4;
 
@@ -72,7 +72,15 @@ impl TsdfField {
         let awake: Vec<Awake> = owned.take(most).map(|(slot, owner)| Awake { owner, slot, shaded: self.is_owner_shaded(owner) }).collect();
         self.lay_to_rest(&awake);
         self.bricks.give_away(pages);
+        if self.is_at_rest() {
+            self.recent.changes = VecDeque::new();
+        }
         awake.len()
+    }
+
+    /// Whether all of the field is at rest.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.bricks.live() == 0
     }
 
     /// Takes over memory that another field gave away.
