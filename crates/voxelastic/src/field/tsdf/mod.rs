@@ -1,5 +1,6 @@
 //! The truncated signed distance field (paper Sec. III-A, MultiresTSDF): voxels, bricks, blocks, propagation between scales, and rest.
 
+mod bitstream;
 mod blocks;
 pub(crate) mod brick;
 pub(crate) mod colour;

@@ -1,0 +1,104 @@
+//! Numbers of so many bits each, one behind the other in words, the lowest bits first.
+
+/// Writes numbers to words.
+pub(super) struct BitWriter<'a> {
+    words: &'a mut [u32],
+    len: usize,
+    /// Bits that are not written yet, and how many.
+    pending: u64,
+    count: u32,
+}
+
+impl<'a> BitWriter<'a> {
+    #[inline(always)]
+    pub fn new(words: &'a mut [u32]) -> Self {
+        Self { words, len: 0, pending: 0, count: 0 }
+    }
+
+    /// Appends `number`, which is less than 2^`bits`; 32 bits at most.
+    #[inline(always)]
+    pub fn push(&mut self, number: u32, bits: u32) {
+        self.pending |= u64::from(number) << self.count;
+        self.count += bits;
+        // Written whether a word is full or not: a branch on that would be as good as random.
+        self.words[self.len] = self.pending as u32;
+        let full = self.count / 32;
+        self.len += full as usize;
+        self.pending >>= 32 * full;
+        self.count %= 32;
+    }
+
+    /// Fills the last word up with zeros; returns how many words there are.
+    #[inline(always)]
+    pub fn finish(self) -> usize {
+        if self.count > 0 {
+            self.words[self.len] = self.pending as u32;
+        }
+        self.len + usize::from(self.count > 0)
+    }
+}
+
+/// Reads numbers of equal length in turn.
+pub(super) struct BitReader<'a> {
+    words: std::slice::Iter<'a, u32>,
+    pending: u64,
+    count: u32,
+    bits: u32,
+}
+
+impl<'a> BitReader<'a> {
+    /// Reads numbers of `bits` bits, 32 at most.
+    #[inline(always)]
+    pub fn new(words: &'a [u32], bits: u32) -> Self {
+        Self { words: words.iter(), pending: 0, count: 0, bits }
+    }
+
+    /// The next number; beyond the last one, zeros.
+    #[inline(always)]
+    pub fn next(&mut self) -> u32 {
+        if self.count < self.bits {
+            self.pending |= u64::from(self.words.next().copied().unwrap_or(0)) << self.count;
+            self.count += 32;
+        }
+        let number = self.pending & low_mask(self.bits);
+        self.pending >>= self.bits;
+        self.count -= self.bits;
+        number as u32
+    }
+}
+
+/// Number `index` of those that [`BitWriter`] wrote with `bits` bits each.
+#[inline(always)]
+pub(super) fn read(words: &[u32], bits: u32, index: usize) -> u32 {
+    let first = index * bits as usize;
+    let word = |i: usize| u64::from(words.get(first / 32 + i).copied().unwrap_or(0));
+    ((word(0) | word(1) << 32) >> (first % 32) & low_mask(bits)) as u32
+}
+
+#[inline(always)]
+fn low_mask(bits: u32) -> u64 {
+    (1u64 << bits) - 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn numbers_come_back(numbers in prop::collection::vec(any::<u32>(), 0..70), bits in 0u32..=32) {
+            let numbers: Vec<u32> = numbers.into_iter().map(|n| (u64::from(n) & low_mask(bits)) as u32).collect();
+            let mut words = [7; 72];
+            let mut writer = BitWriter::new(&mut words);
+            numbers.iter().for_each(|&n| writer.push(n, bits));
+            let len = writer.finish();
+            prop_assert_eq!(len, (numbers.len() * bits as usize).div_ceil(32));
+            let mut reader = BitReader::new(&words[..len], bits);
+            for (i, &number) in numbers.iter().enumerate() {
+                prop_assert_eq!(reader.next(), number);
+                prop_assert_eq!(read(&words[..len], bits, i), number);
+            }
+        }
+    }
+}
