@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 ABSENT = 77  # exit code: the peer is not installed
+OTHER_FIELD = 78  # exit code: the peer does not map this field
 
 try:
     import numpy as np
@@ -72,8 +73,10 @@ def occupied(tree, voxel):
 
 def main(path):
     request = json.loads(Path(path).read_text())
-    if request["format"] != 1 or request["field"] != "occupancy":
-        sys.exit("this adapter maps occupancy, from requests of format 1")
+    if request["format"] != 1:
+        sys.exit("this adapter reads requests of format 1")
+    if request["field"] != "occupancy":
+        sys.exit(OTHER_FIELD)
     version = getattr(octomap, "__version__", "")
     say(system=f"OctoMap ({octomap.__name__} {version})".replace(" )", ")"))
     tree = octomap.OcTree(request["voxel_m"])

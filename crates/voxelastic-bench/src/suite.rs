@@ -153,10 +153,10 @@ impl<'a> Round<'a> {
                 self.shop.discard(MAP);
                 runs.push(run);
             }
-            if let (Some(handout), FieldKind::Occupancy) = (self.handout, self.field) {
+            if let Some(handout) = self.handout {
                 for (peer, runs) in self.options.peers.iter().zip(&mut theirs) {
                     match self.peer(peer, &cases[0], handout) {
-                        Ok(run) => runs.push(run),
+                        Ok(run) => runs.extend(run),
                         Err(why) if !self.suite.skipped.contains(&why) => self.suite.skipped.push(why),
                         Err(_) => {}
                     }
@@ -191,14 +191,17 @@ impl<'a> Round<'a> {
         Ok(())
     }
 
-    /// A peer's run, or why there is none: what is wrong with a peer does not end the measuring.
-    fn peer(&self, peer: &Peer, case: &Case<'_>, handout: &peers::Handout) -> std::result::Result<Run, String> {
+    /// A peer's run if it maps the field, or why there is none: what is wrong with a peer does not end the measuring.
+    fn peer(&self, peer: &Peer, case: &Case<'_>, handout: &peers::Handout) -> std::result::Result<Option<Run>, String> {
         tracing::info!("{}, {}, {}", case.data.name, case.setting, peer.name);
         let run = peer.run(self.shop, case, handout, self.options.peer_limit).map_err(|problem| format!("{}: {problem}", peer.name))?;
+        if run.note == peers::NOT_THIS_FIELD {
+            return Ok(None);
+        }
         if !run.note.is_empty() {
             tracing::warn!("{}: {}", run.system, run.note);
         }
-        if run.scans == 0 { Err(format!("{}: {}", peer.name, run.note)) } else { Ok(run) }
+        if run.scans == 0 { Err(format!("{}: {}", peer.name, run.note)) } else { Ok(Some(run)) }
     }
 }
 

@@ -8,18 +8,19 @@
 //! | key | meaning |
 //! | --- | --- |
 //! | `format` | 1 |
-//! | `field` | `"occupancy"`: what is to be mapped |
+//! | `field` | `"tsdf"` (surfaces) or `"occupancy"`: what is to be mapped |
 //! | `voxel_m`, `max_range_m`, `min_range_m`, `threads` | how; ranges from the sensor, metres |
 //! | `time_limit_s` | no scan should be begun after so many seconds; the adapter is stopped half a minute later |
 //! | `scans` | in order: `points`, the path of a file of little-endian `f32` quadruples x, y, z, 0 in the lidar's frame (KITTI's `.bin`), returns only; `t_map_lidar`, the lidar's pose `[x, y, z, qx, qy, qz, qw]` in the map |
-//! | `surface` | where the adapter may write the centres of its occupied voxels in the map's frame, again as x, y, z, 0 |
+//! | `surface` | where the adapter may write the vertices of its mesh, or the centres of its occupied voxels, in the map's frame, again as x, y, z, 0 |
 //!
 //! The answer is a line `{"system": "OctoMap 1.10, discretised"}` first, then one for each scan, when it is in the map:
 //! `{"scan": 0, "cpu_ms": 1.5, "wall_ms": 1.6}`, with `map_mb` and `peak_rss_mb` (10^6 bytes) where the adapter knows them. Reading the points
-//! is not part of the times; what it takes until the map can be asked is. A last line `{"surface": true}` says that the voxels were written.
-//! Lines that are no JSON object are ignored, so that a library may talk. Exit with code 77 when the peer is not installed.
+//! is not part of the times; what it takes until the map can be asked is. A last line `{"surface": true}` says that they were written.
+//! Lines that are no JSON object are ignored, so that a library may talk. Exit with code 77 when the peer is not installed, and with 78 when it does
+//! not map that field.
 //!
-//! `peers/octomap_adapter.py` beside this crate's sources is an adapter; [`octomap`] runs it.
+//! `peers/octomap_adapter.py` and `peers/vdbfusion_adapter.py` beside this crate's sources are adapters; [`through_python`] runs them.
 
 mod request;
 
@@ -44,19 +45,25 @@ pub struct Peer {
     pub command: Vec<String>,
 }
 
-/// The adapter of OctoMap.
-const OCTOMAP: &str = include_str!("../../peers/octomap_adapter.py");
+/// The peers that have Python packages, with their adapters.
+const ADAPTERS: [(&str, &str, &str); 2] = [
+    ("OctoMap", "octomap_adapter.py", include_str!("../../peers/octomap_adapter.py")),
+    ("VDBFusion", "vdbfusion_adapter.py", include_str!("../../peers/vdbfusion_adapter.py")),
+];
 /// Time that an adapter has beyond the limit: to start, and to finish a scan.
 const GRACE: Duration = Duration::from_secs(30);
 
-/// OctoMap through its Python package, run with `python`.
+/// OctoMap and VDBFusion through their Python packages, run with `python`.
 ///
 /// # Errors
-/// When the adapter cannot be put into the workshop.
-pub fn octomap(shop: &Workshop, python: &str) -> Result<Peer> {
-    let script = shop.folder().join("octomap_adapter.py");
-    fs::write(&script, OCTOMAP).map_err(BenchError::file(&script))?;
-    Ok(Peer { name: "OctoMap".to_owned(), command: vec![python.to_owned(), script.display().to_string()] })
+/// When an adapter cannot be put into the workshop.
+pub fn through_python(shop: &Workshop, python: &str) -> Result<Vec<Peer>> {
+    let put = |(name, file, text): (&str, &str, &str)| {
+        let script = shop.folder().join(file);
+        fs::write(&script, text).map_err(BenchError::file(&script))?;
+        Ok(Peer { name: name.to_owned(), command: vec![python.to_owned(), script.display().to_string()] })
+    };
+    ADAPTERS.into_iter().map(put).collect()
 }
 
 impl Peer {
@@ -89,11 +96,16 @@ impl Peer {
 
 /// Exit code of an adapter whose peer is not installed.
 const ABSENT: &str = "77";
+/// Exit code of an adapter whose peer does not map the field.
+const OTHER_FIELD: &str = "78";
+/// The note of a run that such an adapter leaves.
+pub(crate) const NOT_THIS_FIELD: &str = "does not map this field";
 
 /// What to say of a run that is not complete.
 fn note(end: &End, done: usize, offered: usize) -> String {
     match end {
         End::Failed(status) if status.ends_with(ABSENT) => "skipped: not installed".to_owned(),
+        End::Failed(status) if status.ends_with(OTHER_FIELD) => NOT_THIS_FIELD.to_owned(),
         End::Failed(status) => format!("failed: {status}"),
         End::Stopped => format!("stopped after {done} of {offered} scans"),
         End::Done if done < offered => format!("time was up after {done} of {offered} scans"),
@@ -185,6 +197,7 @@ mod tests {
         let run = talk("echo '{\"scan\": 0, \"cpu_ms\": 3, \"wall_ms\": 4}'", Duration::from_secs(5));
         assert_eq!((run.scans, run.note.as_str()), (1, "time was up after 1 of 2 scans"));
         assert_eq!(talk("exit 77", Duration::from_secs(5)).note, "skipped: not installed");
+        assert_eq!(talk("exit 78", Duration::from_secs(5)).note, NOT_THIS_FIELD);
         assert!(talk("exit 3", Duration::from_secs(5)).note.starts_with("failed: "));
     }
 

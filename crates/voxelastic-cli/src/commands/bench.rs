@@ -16,7 +16,7 @@ use voxelastic_bench::{Workshop, growth, plots, table};
 const DATA_VARIABLE: &str = "VOXELASTIC_DATA";
 /// Where it is when nothing is said.
 const DATA_FOLDER: &str = "../shared/data";
-/// Names the Python that has OctoMap.
+/// Names the Python that has the packages of peers.
 const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 
 /// Measure speed, memory and error, beside other systems on the same scans
@@ -28,11 +28,12 @@ const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic bench --quick                                the hardest setting on 60 scans, to see what a change does
-  voxelastic bench --peers -o bench                       all of it, with OctoMap on the same scans
+  voxelastic bench --peers -o bench                       all of it, with OctoMap and VDBFusion on the same scans
   voxelastic bench --growth                               how cost grows with rings, range, voxels and submaps
   voxelastic bench --peer \"Bonxai=python3 bonxai.py\"      another system, through an adapter of yours
 
-OctoMap is run through Python: `pip install pyoctomap`, and VOXELASTIC_PYTHON names the Python that has it [default: python3].
+They are run through Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10), and VOXELASTIC_PYTHON names
+the Python that has them [default: python3].
 What an adapter is told and must answer is written in crates/voxelastic-bench/src/peers/mod.rs.")]
 pub struct BenchArgs {
     /// The folder for results and simulated scans; scans that are there are used again
@@ -44,7 +45,7 @@ pub struct BenchArgs {
     /// How cost grows, instead: tables with fitted exponents, and what new road costs
     #[arg(long, conflicts_with_all = ["peers", "peer", "repeat"])]
     growth: bool,
-    /// Run OctoMap on the same scans, in between
+    /// Run OctoMap and VDBFusion on the same scans, in between
     #[arg(long)]
     peers: bool,
     /// Run another system in between, through an adapter
@@ -96,7 +97,7 @@ fn peers(args: &BenchArgs, shop: &Workshop) -> anyhow::Result<Vec<Peer>> {
     let mut all = Vec::new();
     if args.peers {
         let python = std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned());
-        all.push(peers::octomap(shop, &python)?);
+        all.extend(peers::through_python(shop, &python)?);
     }
     all.extend(args.peer.iter().cloned());
     Ok(all)
