@@ -315,8 +315,6 @@ settings! {
         "Observations after which a voxel's mean becomes a moving one, so that changes show.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
-    bridge: usize = 2, "", Between(0.0, 16.0), Advanced,
-        "Most returns put between two rows of beams that lie on one surface, a voxel apart, so that walls have no holes; 0 for none.";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "What a beam without return says of the space along it: unknown (nothing), or free (it is empty up to max_range; for sensors that can be trusted to see whatever is there).";
     coarser_factor: f32 = 1.5, "", Between(1.0, 10.0), Advanced,

@@ -1,7 +1,6 @@
 //! Integrating a scan into a submap (paper Sec. III-B, IV-B): select, update, propagate.
 
 mod band;
-mod bridge;
 mod colour;
 mod formation;
 pub mod occupancy;
@@ -12,7 +11,6 @@ mod transform;
 pub mod tsdf;
 mod walk;
 
-pub use bridge::{Bridge, BridgeSettings};
 pub use colour::paint;
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use scale::ScaleRule;
