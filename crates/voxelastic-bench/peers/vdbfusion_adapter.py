@@ -2,10 +2,11 @@
 
     python3 vdbfusion_adapter.py request.json
 
-Needs numpy and the package vdbfusion. Surfaces only: the band is three voxels to each side, its authors' choice, and no space is carved. It runs on
-one thread.
+Needs numpy and the package vdbfusion. Surfaces only: the band is three voxels to each side, its authors' choice, and no space is carved. It is
+kept to as many processors as the request has threads, where the system can do that.
 """
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -71,6 +72,8 @@ if __name__ == "__main__":
         sys.exit("this adapter reads requests of format 1")
     if told["field"] != "tsdf":
         sys.exit(OTHER_FIELD)
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: told["threads"]])
     try:
         from importlib.metadata import version
 
