@@ -1,7 +1,6 @@
 //! Bricks packed: only the voxels that hold anything, with a map of where they are, in no more bits than they need.
 //!
-//! Of the voxels of a brick that was ever met, two in five are observed, and what they hold is alike: distances of a brick differ by 12 to 13
-//! bits, weights by 6, intensities by 5. So what is packed is a bitmap of 64 bits, the least distance, weight and intensity, and by how much
+//! Of the voxels of a brick that was ever met, about a third are observed, and what they hold is alike. So what is packed is a bitmap of 64 bits, the least distance, weight and intensity, and by how much
 //! each voxel exceeds them. Nothing is lost, and any voxel can be read where it lies.
 
 use super::bitstream::{BitReader, BitWriter, read};
