@@ -3,7 +3,7 @@
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
 use std::time::Duration;
-use voxelastic::atlas::fusion::{FusionSettings, Merge, Resampled};
+use voxelastic::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling};
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
 use voxelastic::field::occupancy::OccupancyField;
@@ -122,11 +122,22 @@ fn fusion(c: &mut Criterion) {
         let atlas = two_submaps(field);
         let (target, source) = (&atlas.submaps()[0], &atlas.submaps()[1]);
         let t_target_source = target.t_map_submap.inverse() * source.t_map_submap;
-        let sample = || pool.install(|| Resampled::new(source, &t_target_source, &settings));
+        let sample = || {
+            pool.install(|| {
+                let sampling = Sampling::new(source, &t_target_source, &settings);
+                (0..sampling.parts()).map(|number| sampling.part(number)).collect::<Vec<_>>()
+            })
+        };
         group.bench_function(BenchmarkId::new("resample", name), |b| b.iter(sample));
         group.bench_function(BenchmarkId::new("merge", name), |b| {
-            let make = || (Merge::new(sample(), settings), target.clone());
-            b.iter_batched(make, |(mut merge, mut target)| merge.step(&mut target, usize::MAX), criterion::BatchSize::LargeInput);
+            let make = || (sample(), target.clone());
+            let merge = |(parts, mut target): (Vec<Resampled>, Submap)| {
+                parts.into_iter().for_each(|part| {
+                    Merge::new(part, settings).step(&mut target, usize::MAX);
+                });
+                target
+            };
+            b.iter_batched(make, merge, criterion::BatchSize::LargeInput);
         });
     }
     group.finish();

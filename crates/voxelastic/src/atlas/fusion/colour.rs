@@ -34,11 +34,6 @@ impl ColourPatch {
         Self { blocks: places.iter().map(sample).collect() }
     }
 
-    /// Puts `other` behind these.
-    pub fn append(&mut self, other: Self) {
-        self.blocks.extend(other.blocks);
-    }
-
     /// Adds the colours of the blocks numbered `range` to `target`, which has their distances by now.
     pub fn merge(&self, range: Range<usize>, target: &mut TsdfField) {
         for PatchBlock { key, scale, tints } in self.blocks.get(range).unwrap_or_default() {

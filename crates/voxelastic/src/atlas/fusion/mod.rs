@@ -63,7 +63,6 @@ impl FusionSettings {
 pub struct Sampling<'a> {
     source: &'a Submap,
     placement: Placement,
-    part: usize,
     tsdf: TsdfSampling<'a>,
     occupancy: OccupancySampling<'a>,
 }
@@ -73,27 +72,25 @@ impl<'a> Sampling<'a> {
     pub fn new(source: &'a Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
         let placement = Placement::new(t_target_source, settings.voxel);
         let (tsdf, occupancy) = (TsdfSampling::new(&source.tsdf, &placement), OccupancySampling::new(&source.occupancy, &placement));
-        Self { source, placement, part: PART, tsdf, occupancy }
-    }
-
-    /// The same in parts of so many blocks of the TSDF.
-    pub fn in_parts_of(self, blocks: usize) -> Self {
-        Self { part: blocks.max(1), ..self }
+        Self { source, placement, tsdf, occupancy }
     }
 
     /// Its parts.
     pub fn parts(&self) -> usize {
-        self.tsdf.len().div_ceil(self.part) + self.occupancy.len()
+        self.tsdf.len().div_ceil(PART) + self.occupancy.len()
     }
 
     /// Samples the part numbered `number`.
+    ///
+    /// # Panics
+    /// When there is no such part.
     pub fn part(&self, number: usize) -> Resampled {
-        let start = number.saturating_mul(self.part);
+        let start = number * PART;
         if start >= self.tsdf.len() {
-            let occupancy = self.occupancy.part(number - self.tsdf.len().div_ceil(self.part));
+            let occupancy = self.occupancy.part(number - self.tsdf.len().div_ceil(PART));
             return Resampled { occupancy, ..Resampled::default() };
         }
-        let tsdf = self.tsdf.part(start..start.saturating_add(self.part).min(self.tsdf.len()));
+        let tsdf = self.tsdf.part(start..(start + PART).min(self.tsdf.len()));
         let colours = ColourPatch::sample(&self.source.tsdf, &self.placement, &tsdf.places());
         Resampled { tsdf, colours, ..Resampled::default() }
     }
@@ -112,18 +109,6 @@ pub struct Resampled {
 }
 
 impl Resampled {
-    /// Samples `source` at the voxels of a submap in which it lies at `t_target_source`, all of it at once.
-    pub fn new(source: &Submap, t_target_source: &Pose, settings: &FusionSettings) -> Self {
-        let sampling = Sampling::new(source, t_target_source, settings);
-        let mut all = Self::default();
-        for part in sampling.several(0..sampling.parts()) {
-            all.tsdf.append(part.tsdf);
-            all.colours.append(part.colours);
-            all.occupancy.append(part.occupancy);
-        }
-        all
-    }
-
     /// Blocks and octants to be merged.
     pub fn len(&self) -> usize {
         self.tsdf.len() + self.occupancy.len()
@@ -240,4 +225,45 @@ impl Placement {
 
 fn turned_box(t: &Rigid, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
     (t.apply(centre), std::array::from_fn(|i| t.rotation[i].iter().map(|r| r.abs()).sum::<f32>() * half))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::integrate::{Returns, TsdfIntegrator, TsdfSettings};
+
+    /// A submap of a floor of 32 x 32 m at height `z`.
+    fn floor(id: u32, t_map_submap: Pose, z: f32) -> Submap {
+        let points: Vec<[f32; 3]> = (0..320 * 320).map(|i| [(i % 320) as f32 * 0.1 - 16.0, (i / 320) as f32 * 0.1 - 16.0, z]).collect();
+        let normals = vec![[0.0, 0.0, 1.0]; points.len()];
+        let still = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
+        let returns = Returns { points: &points, normals: &normals, shades: &[], origins: &[], smallest_angle: 0.003 };
+        let mut submap = Submap::new(id, t_map_submap);
+        TsdfIntegrator::new(TsdfSettings { voxel: 0.1, ..TsdfSettings::default() }).integrate(&mut submap.tsdf, &still, &returns);
+        submap
+    }
+
+    #[test]
+    fn a_fusion_goes_on_from_any_of_its_parts() {
+        let t_target_source = Pose::new(nalgebra::Vector3::new(3.0, -1.0, 0.05), nalgebra::Vector3::new(0.0, 0.0, 0.4));
+        let (target, source) = (floor(0, Pose::identity(), -2.0), floor(1, t_target_source, -2.03));
+        let settings = FusionSettings { voxel: 0.1, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+        let image = |submap: &Submap| -> Vec<_> {
+            let field = &submap.tsdf;
+            field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id).flatten().collect::<Vec<_>>())).collect()
+        };
+        let mut expected = target.clone();
+        fuse(&mut expected, &source, &t_target_source, &settings);
+        assert!(image(&expected) != image(&target));
+        let sampling = Sampling::new(&source, &t_target_source, &settings);
+        assert!(sampling.parts() > 2, "{} parts", sampling.parts());
+        for first in 1..=sampling.parts() {
+            let mut fused = target.clone();
+            for number in 0..first {
+                Merge::new(sampling.part(number), settings).step(&mut fused, usize::MAX);
+            }
+            fuse_from(first, &mut fused, &source, &t_target_source, &settings);
+            assert!(image(&fused) == image(&expected), "on from part {first}");
+        }
+    }
 }

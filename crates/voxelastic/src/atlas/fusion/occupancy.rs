@@ -53,20 +53,6 @@ impl OccupancyPatch {
         patch
     }
 
-    /// Puts `other` behind these.
-    pub fn append(&mut self, other: Self) {
-        for piece in other.pieces {
-            self.pieces.push(match piece {
-                Piece::Block { key, scale, slot } => {
-                    let stored = self.voxels.insert(usize::from(scale));
-                    self.voxels.get_mut(usize::from(scale), stored).copy_from_slice(other.voxels.get(usize::from(scale), slot));
-                    Piece::Block { key, scale, slot: stored }
-                }
-                uniform => uniform,
-            });
-        }
-    }
-
     /// Adds the pieces numbered `range` to `target`; sums stay within `limits`.
     pub fn merge(&self, range: Range<usize>, target: &mut OccupancyField, limits: [i8; 2]) {
         for piece in &self.pieces[range.clone()] {

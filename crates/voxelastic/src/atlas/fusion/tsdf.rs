@@ -41,11 +41,6 @@ impl TsdfPatch {
         self.blocks.iter().map(|block| (block.key, block.scale)).collect()
     }
 
-    /// Puts `other` behind these.
-    pub fn append(&mut self, other: Self) {
-        self.blocks.extend(other.blocks);
-    }
-
     /// Adds the blocks numbered `range` to `target`, and forgets them.
     pub fn merge(&mut self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
         let blocks = &mut self.blocks[range];
