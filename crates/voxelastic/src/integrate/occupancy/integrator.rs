@@ -198,12 +198,10 @@ impl OccupancyIntegrator {
                     touched.add(key, level);
                 }
                 Found::Block { key } => {
-                    let octant = cursor.make(&mut field.tree, key);
-                    self.touch(field, octant, (key, SCALES - 1), Free::All);
+                    self.touch(field, &mut cursor, key, SCALES - 1, Free::All);
                 }
                 Found::Voxels { key, mask, scale } => {
-                    let octant = cursor.make(&mut field.tree, key);
-                    self.touch(field, octant, (key, usize::from(scale)), Free::Mask(mask));
+                    self.touch(field, &mut cursor, key, usize::from(scale), Free::Mask(mask));
                 }
             }
         }
@@ -212,14 +210,14 @@ impl OccupancyIntegrator {
             let run = self.selection.blocks[i];
             let c = block_coords(run.key);
             let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
-            let octant = cursor.make(&mut field.tree, run.key);
-            let at = self.touch(field, octant, (run.key, rule.fitting(distance)), Free::None);
+            let at = self.touch(field, &mut cursor, run.key, rule.fitting(distance), Free::None);
             (self.touches[at].start, self.touches[at].end) = (run.start, run.end);
         }
     }
 
-    /// The place in `touches` of block `key`, which is made in its octant or refined to `scale` if need be.
-    fn touch(&mut self, field: &mut OccupancyField, (group, place): (u32, usize), (key, scale): (u64, usize), free: Free) -> usize {
+    /// The place in `touches` of block `key`, which is made or refined to `scale` if need be.
+    fn touch(&mut self, field: &mut OccupancyField, cursor: &mut Cursor, key: u64, scale: usize, free: Free) -> usize {
+        let (group, place) = cursor.make(&mut field.tree, key);
         let block = field.make_in((group, place), key, scale);
         let id = block as usize;
         if id >= self.touch_of.len() {
@@ -261,13 +259,13 @@ impl OccupancyIntegrator {
                 prefetch(&raw const field.tree.siblings(next.group)[usize::from(next.place)]);
             }
             touched.add(field.blocks[touch.block].key, 0);
+            if outcome.uniform.is_some() {
+                field.remove(touch.block);
+            }
             let octant = &mut field.tree.siblings_mut(touch.group)[usize::from(touch.place)];
             match outcome.uniform {
                 Some(value) => *octant = Octant { link: NONE, payload: Summary::uniform(value) },
                 None => octant.payload = outcome.summary,
-            }
-            if outcome.uniform.is_some() {
-                field.remove(touch.block);
             }
         }
     }

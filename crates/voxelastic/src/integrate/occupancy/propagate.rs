@@ -1,7 +1,7 @@
 //! Up-propagation (paper Sec. III-A): what an octant's ancestors know, and free space merged into the coarsest octant.
 
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::octree::{Cursor, NONE, Octant};
+use crate::octree::{Cursor, NONE, Octant, Octree};
 use rayon::prelude::*;
 
 /// Octants that a scan changed, by level.
@@ -38,21 +38,14 @@ impl Touched {
             prefixes.dedup();
             for (prefix, ancestor) in prefixes.iter().zip(ancestors(field, &prefixes, level)) {
                 if let Some(Ancestor { group, place, link, merged }) = ancestor {
-                    merged.write(&mut field.tree.siblings_mut(group)[place]);
-                    if matches!(merged, Merged::Uniform(_)) {
-                        field.tree.remove_group(link);
-                    }
+                    merged.settle(&mut field.tree, link, |tree| &mut tree.siblings_mut(group)[place]);
                 }
                 self.add(prefix << (3 * level), level);
             }
         }
         let link = field.tree.root().link;
         if link != NONE && self.parents.last().is_some_and(|list| !list.is_empty()) {
-            let merged = merge(field, link);
-            merged.write(field.tree.root_mut());
-            if matches!(merged, Merged::Uniform(_)) {
-                field.tree.remove_group(link);
-            }
+            merge(field, link).settle(&mut field.tree, link, Octree::root_mut);
         }
     }
 }
@@ -90,10 +83,14 @@ enum Merged {
 }
 
 impl Merged {
-    fn write(self, octant: &mut Octant<Summary>) {
+    /// Writes it to an octant, of which the group `link` is below: that goes if all is the same.
+    fn settle(self, tree: &mut Octree<Summary>, link: u32, octant: impl FnOnce(&mut Octree<Summary>) -> &mut Octant<Summary>) {
         match self {
-            Self::Uniform(payload) => *octant = Octant { link: NONE, payload },
-            Self::Mixed(payload) => octant.payload = payload,
+            Self::Uniform(payload) => {
+                *octant(tree) = Octant { link: NONE, payload };
+                tree.remove_group(link);
+            }
+            Self::Mixed(payload) => octant(tree).payload = payload,
         }
     }
 }
