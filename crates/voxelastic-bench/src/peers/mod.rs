@@ -20,7 +20,8 @@
 //! Lines that are no JSON object are ignored, so that a library may talk. Exit with code 77 when the peer is not installed, and with 78 when it does
 //! not map that field.
 //!
-//! `peers/octomap_adapter.py` and `peers/vdbfusion_adapter.py` beside this crate's sources are adapters; [`through_python`] runs them.
+//! `peers/octomap_adapter.py` and `peers/vdbfusion_adapter.py` beside this crate's sources are adapters, of which `peers/adapter.py` is the common part;
+//! [`through_python`] runs them.
 
 mod request;
 
@@ -50,6 +51,8 @@ const ADAPTERS: [(&str, &str, &str); 2] = [
     ("OctoMap", "octomap_adapter.py", include_str!("../../peers/octomap_adapter.py")),
     ("VDBFusion", "vdbfusion_adapter.py", include_str!("../../peers/vdbfusion_adapter.py")),
 ];
+/// What they share, a module beside them.
+const SHARED: (&str, &str) = ("adapter.py", include_str!("../../peers/adapter.py"));
 /// Time that an adapter has beyond the limit: to start, and to finish a scan.
 const GRACE: Duration = Duration::from_secs(30);
 
@@ -58,12 +61,16 @@ const GRACE: Duration = Duration::from_secs(30);
 /// # Errors
 /// When an adapter cannot be put into the workshop.
 pub fn through_python(shop: &Workshop, python: &str) -> Result<Vec<Peer>> {
-    let put = |(name, file, text): (&str, &str, &str)| {
+    let put = |(file, text): (&str, &str)| {
         let script = shop.folder().join(file);
-        fs::write(&script, text).map_err(BenchError::file(&script))?;
-        Ok(Peer { name: name.to_owned(), command: vec![python.to_owned(), script.display().to_string()] })
+        fs::write(&script, text).map_err(BenchError::file(&script)).map(|()| script)
     };
-    ADAPTERS.into_iter().map(put).collect()
+    put(SHARED)?;
+    let peer = |(name, file, text): (&str, &str, &str)| {
+        let command = vec![python.to_owned(), put((file, text))?.display().to_string()];
+        Ok(Peer { name: name.to_owned(), command })
+    };
+    ADAPTERS.into_iter().map(peer).collect()
 }
 
 impl Peer {
