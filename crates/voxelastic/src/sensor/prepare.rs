@@ -197,7 +197,9 @@ impl Preparer {
     /// Adds the planes to the scan that was made last, from the same `cloud`.
     pub fn fit_planes(&mut self, cloud: &Cloud) -> &PreparedScan {
         let PreparedScan { image, still, beams, .. } = &mut self.scan;
-        self.fitter.fit(if still.is_some() { &self.moved } else { &cloud.points }, image, beams);
+        let points = if still.is_some() { &self.moved } else { &cloud.points };
+        let times = cloud.time.as_deref().filter(|times| times.len() == cloud.len());
+        self.fitter.fit(points, times, image, beams);
         &self.scan
     }
 

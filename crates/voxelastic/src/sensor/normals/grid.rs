@@ -4,6 +4,7 @@ use super::super::image::{NO_POINT, RangeImage};
 use super::super::model::BeamModel;
 use super::super::trig::{larger, smaller};
 use super::STRIP;
+use super::seam::Seam;
 use crate::dispatch::{Kernel, dispatch};
 use rayon::prelude::*;
 
@@ -166,8 +167,8 @@ impl Grid {
         Some((share * w_before + (1.0 - share) * w_after - w).abs() / (w * w) * ray)
     }
 
-    /// Finds where surfaces end, for a range noise in metres.
-    pub(crate) fn link(&mut self, noise: f32) {
+    /// Finds where surfaces end, for a range noise in metres, and cuts them at the `seam`.
+    pub(crate) fn link(&mut self, noise: f32, seam: Option<&Seam<'_>>) {
         let Self { rows, columns, stride, .. } = *self;
         let (inverse, centred, rise) = (&self.inverse, &self.centred, &self.rise);
         let row = |r: isize| {
@@ -181,6 +182,11 @@ impl Grid {
                 let inverse = [-2, -1, 0, 1, 2, 3].map(|k| &centred[row(r as isize + k)]);
                 let rise = [-2, -1, 0, 1, 2, 3].map(|k| &rise[row(r as isize + k)]);
                 dispatch(LinkDown { inverse, rise, noise, link: &mut down[PAD..stride - PAD] });
+            }
+            if let Some(seam) = seam {
+                seam.cut(&mut right[PAD..], [r, r], 1);
+                seam.cut(&mut down[PAD..], [r, (r + 1).min(rows - 1)], 0);
+                wrap(right, columns);
             }
             wrap(down, columns);
         });

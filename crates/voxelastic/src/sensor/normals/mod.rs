@@ -6,6 +6,7 @@
 //! wall. Range noise moves 1/X alone, so that the fit also says how sure it is.
 //!
 //! 1. [`grid`]: the coordinates of every pixel, and which neighbours continue one surface (no jump against the trend).
+//!    Between the first and the last column of a sweep the sensor has moved on: [`seam`] cuts there.
 //! 2. [`moments`]: sums over a window of about 30 cm that ends where the surface does, along rows, then down columns.
 //! 3. [`plane`]: the 3 x 3 systems, and the tests that turn doubtful planes away.
 //! 4. [`assign`]: returns take the plane of their pixel, or of a neighbour, if they lie on it; else none.
@@ -14,6 +15,7 @@ mod assign;
 mod grid;
 mod moments;
 mod plane;
+mod seam;
 
 use super::image::RangeImage;
 use super::model::BeamModel;
@@ -24,6 +26,7 @@ use grid::Grid;
 use moments::{Scratch, Width, WindowRule};
 use plane::{PlaneRow, Planes, Solve};
 use rayon::prelude::*;
+use seam::Seam;
 
 /// Columns that are worked on together: the sums of a strip stay in the second-level cache.
 pub(crate) const STRIP: usize = 32;
@@ -68,11 +71,12 @@ impl PlaneFitter {
         Self { settings, rule, grid: Grid::new(model), planes: Planes::default(), scratch: Vec::new() }
     }
 
-    /// Fills the normals and roughness of `beams`, whose points and pixels are those of `image`.
-    pub(crate) fn fit(&mut self, points: &[[f32; 3]], image: &RangeImage, beams: &mut Beams) {
+    /// Fills the normals and roughness of `beams`, whose points and pixels are those of `image`. `times` says when each point was measured, if
+    /// that is known.
+    pub(crate) fn fit(&mut self, points: &[[f32; 3]], times: Option<&[f32]>, image: &RangeImage, beams: &mut Beams) {
         self.grid.fill(points, image);
         let noise = self.settings.range_noise.unwrap_or_else(|| self.grid.range_noise()).max(0.002);
-        self.grid.link(noise);
+        self.grid.link(noise, times.and_then(|times| Seam::new(times, image)).as_ref());
         let strips = image.columns.div_ceil(STRIP);
         self.planes.reset(image.rows, strips);
         let tasks = (TASKS_PER_THREAD * rayon::current_num_threads()).min(strips).max(1);

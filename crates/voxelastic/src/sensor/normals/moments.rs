@@ -304,8 +304,9 @@ pub(crate) struct ColumnSums<'a> {
 }
 
 impl ColumnSums<'_> {
+    /// The sums, and from how many rows they are.
     #[inline(always)]
-    pub(crate) fn sum(&self) -> Moments {
+    pub(crate) fn sum(&self) -> (Moments, [f32; STRIP]) {
         let (grid, row) = (self.grid, self.row as isize);
         let part = |row: usize| grid.at(row, self.first_column) - PAD;
         let centre = lanes(&grid.inverse[part(self.row)..], 0);
@@ -315,6 +316,7 @@ impl ColumnSums<'_> {
             reach[l] = if centre[l] > 0.0 { window.at(centre[l]) } else { 0.0 };
         }
         let mut sums = self.rows[self.row];
+        let mut rows = [1f32; STRIP];
         let (mut down, mut up) = ([1f32; STRIP], [1f32; STRIP]);
         for k in 1..=farthest(&reach) as isize {
             let wanted = k as f32 - 0.5;
@@ -335,9 +337,11 @@ impl ColumnSums<'_> {
                 let from_below = Sample::shifted(sums_d, l, m_d, [fall_d, w_d[l] - centre[l]]);
                 let from_above = Sample::shifted(sums_u, l, m_u, [fall_u, w_u[l] - centre[l]]);
                 sums.add(l, from_below.plus(from_above));
+                rows[l] += if m_d * sums_d.n[l] > 0.0 { 1.0 } else { 0.0 };
+                rows[l] += if m_u * sums_u.n[l] > 0.0 { 1.0 } else { 0.0 };
             }
         }
-        sums
+        (sums, rows)
     }
 }
 
@@ -363,7 +367,7 @@ mod tests {
         let image = RangeImage { rows, columns, ranges, points: (0..(rows * columns) as u32).collect() };
         let mut grid = Grid::new(&model);
         grid.fill(&points, &image);
-        grid.link(0.02);
+        grid.link(0.02, None);
         grid
     }
 

@@ -117,10 +117,14 @@ impl Kernel for Solve<'_> {
     fn run(self) {
         /// A plane and its residual need this many samples.
         const LEAST_SAMPLES: f32 = 6.0;
+        /// Two rows lie on a plane whatever they are, a rail and the wall behind it, too. That plane is seen at a flat angle: a third row must
+        /// bear witness where the sine of the angle is less than this.
+        const GRAZING: f32 = 0.05;
+        const LEAST_ROWS: f32 = 3.0;
         /// Noise differs over a scan: this much more variance than its median is still noise.
         const SLACK: f32 = 1.5;
         let ColumnSums { grid, row, first_column, width, .. } = self.windows;
-        let sums = self.windows.sum();
+        let (sums, rows) = self.windows.sum();
         let at = grid.at(row, first_column);
         // Copies, so that nothing read can be what is written: only then does the loop vectorise.
         let (centre, across, rise) = (chunk(&grid.inverse[at..]), chunk(&grid.across[at..]), chunk(&grid.rise[at..]));
@@ -158,7 +162,9 @@ impl Kernel for Solve<'_> {
             let along_normal = variance * to_normal * to_normal;
             let flat = (variance <= expected * spread) | (along_normal <= most_rough * most_rough);
             let doubt = larger(expected, variance) * per_det * (tt + xx * ray2) / length2;
-            let believed = solvable & flat & (doubt <= most * most) & (centre[l] > 0.0);
+            let ray = (1.0 + across[l] * across[l] + rise[l] * rise[l]).sqrt();
+            let witnessed = (rows[l] >= LEAST_ROWS) | (per_length * inverse >= GRAZING * ray);
+            let believed = solvable & witnessed & flat & (doubt <= most * most) & (centre[l] > 0.0);
             let off = level + b * across[l] + c * (rise[l] - row_rise);
             let [cos, sin] = axes[l];
             out.normal[0][l] = (b * sin - a * cos) * per_length;
