@@ -13,7 +13,7 @@ pub struct SurfaceArgs {
     /// Which surface: measured (of the TSDF; maps without one show what is occupied), or one of free and occupied space
     #[arg(long, value_enum, default_value_t = Surface::Measured)]
     surface: Surface,
-    /// Level of detail: 0 for all detail, up to 3 for voxels eight times as large
+    /// Level of detail: 0 for all detail, up to 3 for vertices eight voxels apart
     #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
     lod: u8,
     /// Observations that a voxel needs before it takes part in the surface

@@ -6,6 +6,7 @@
 
 use super::colour;
 use super::crossings::{self, Part, Vertices};
+use super::detail::coarsen;
 use super::gaps::Closed;
 use super::layout::{Layout, PART};
 use super::mesh::Mesh;
@@ -16,6 +17,7 @@ use super::view::View;
 use crate::dispatch::dispatch;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
+use crate::octree::SCALES;
 use rayon::prelude::*;
 
 /// What to extract.
@@ -23,7 +25,7 @@ use rayon::prelude::*;
 pub struct MeshOptions {
     /// Observations that a voxel needs before it takes part.
     pub min_weight: f32,
-    /// Finest scale to use: 0 for full detail, up to 3 for voxels eight times as large.
+    /// Level of detail: 0 for all detail; with 1 to 3, what lies in one cell of two to eight finest voxels becomes one vertex.
     pub lod: usize,
     /// Whether a voxel that no beam met is interpolated between two on opposite sides that were.
     pub close_gaps: bool,
@@ -47,7 +49,7 @@ pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &Me
     if field.is_empty() {
         return;
     }
-    let view = View::new(field, options.lod);
+    let view = View::new(field);
     let layout = Layout::new(&view);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
     let measured = Field::take(&view, &layout, min_weight);
@@ -58,6 +60,9 @@ pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &Me
     connect(mesh, first[0], &layout, &vertices, &parts, &counts);
     let colours = colour::of_vertices(field, voxel, mesh, first);
     mesh.append_marks(first[0], &shades, &colours);
+    if options.lod > 0 {
+        coarsen(mesh, first, voxel * (1u32 << options.lod.min(SCALES - 1)) as f32);
+    }
     if let Some(t) = t {
         mesh.transform_from(first[0], t);
     }

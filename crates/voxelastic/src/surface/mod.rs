@@ -8,6 +8,7 @@ mod cases;
 mod cells;
 mod colour;
 mod crossings;
+mod detail;
 mod extract;
 mod gaps;
 mod layout;

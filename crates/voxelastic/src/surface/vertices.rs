@@ -10,7 +10,7 @@ use crate::dispatch::Kernel;
 use crate::octree::{voxel_index, voxels_at};
 
 /// Intensity of a vertex whose voxel has none: mid grey. A map may have blocks with and without.
-const GREY: u8 = 128;
+pub(super) const GREY: u8 = 128;
 
 /// Places the vertices of a part's blocks.
 pub(super) struct PlaceAll<'a> {

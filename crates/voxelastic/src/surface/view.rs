@@ -19,8 +19,8 @@ pub(crate) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    pub fn new(field: &'a TsdfField, coarsest_detail: usize) -> Self {
-        Self::of(field, field.ids().collect(), coarsest_detail)
+    pub fn new(field: &'a TsdfField) -> Self {
+        Self::of(field, field.ids().collect(), 0)
     }
 
     /// A view of the blocks `ids` alone.

@@ -1,0 +1,61 @@
+//! Levels of detail: the vertices in a cell of a grid become one.
+//!
+//! The band of a TSDF is as narrow as full detail allows, so marching cubes over larger voxels would find it full of holes. Vertices that are
+//! joined leave none: every edge that two triangles shared they still share, or it is gone.
+
+use super::mesh::Mesh;
+use super::vertices::GREY;
+use rayon::prelude::*;
+
+/// Bits of a cell's coordinate along an axis; farther out, cells would be mistaken for each other at 2^21 times their size.
+const AXIS_BITS: u32 = 21;
+
+/// Joins the vertices of `mesh`, from vertex and triangle `first` on, that share a cell of `cell` metres. What a vertex bears is the mean, to
+/// which the grey of unknown marks adds nothing.
+pub(super) fn coarsen(mesh: &mut Mesh, first: [usize; 2], cell: f32) {
+    let key = |p: &[f32; 3]| p.iter().fold(0u64, |key, c| key << AXIS_BITS | (c / cell).floor() as i64 as u64 & ((1 << AXIS_BITS) - 1));
+    let mut members: Vec<(u64, u32)> = mesh.positions[first[0]..].par_iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
+    members.par_sort_unstable();
+    let cells: Vec<&[(u64, u32)]> = members.chunk_by(|a, b| a.0 == b.0).collect();
+
+    let mut joined = vec![0u32; members.len()];
+    for (i, cell) in cells.iter().enumerate() {
+        cell.iter().for_each(|&(_, vertex)| joined[vertex as usize] = (first[0] + i) as u32);
+    }
+    join(&mut mesh.positions, first[0], &cells, |all| mean(all));
+    join(&mut mesh.normals, first[0], &cells, |all| mean(all));
+    join(&mut mesh.shades, first[0], &cells, |all| mark(all.map(|s| [s]))[0]);
+    join(&mut mesh.colours, first[0], &cells, |all| mark(all));
+    join(&mut mesh.scales, first[0], &cells, |all| all.min().unwrap_or(0));
+    mesh.normalise_from(first[0]);
+
+    let mut kept = first[1];
+    for i in first[1]..mesh.triangles.len() {
+        let [a, b, c] = mesh.triangles[i].map(|v| joined[v as usize - first[0]]);
+        mesh.triangles[kept] = [a, b, c];
+        kept += usize::from(a != b && b != c && c != a);
+    }
+    mesh.triangles.truncate(kept);
+}
+
+fn mean<const N: usize>(all: impl Iterator<Item = [f32; N]>) -> [f32; N] {
+    let (sum, count) = all.fold(([0.0f64; N], 0u32), |(sum, count), v| (std::array::from_fn(|k| sum[k] + f64::from(v[k])), count + 1));
+    sum.map(|s| (s / f64::from(count.max(1))) as f32)
+}
+
+/// The mean of the marks that are known, grey if none is.
+fn mark<const N: usize>(all: impl Iterator<Item = [u8; N]>) -> [u8; N] {
+    let mut known = all.filter(|mark| *mark != [GREY; N]).map(|mark| mark.map(f32::from)).peekable();
+    if known.peek().is_none() { [GREY; N] } else { mean(known).map(|c| c.round() as u8) }
+}
+
+/// Makes one value of those that the vertices of each cell bear, if they bear any.
+fn join<T: Copy + Send + Sync>(values: &mut Vec<T>, first: usize, cells: &[&[(u64, u32)]], of: impl Fn(&mut dyn Iterator<Item = T>) -> T + Sync) {
+    if values.is_empty() {
+        return;
+    }
+    let own = &values[first..];
+    let joined: Vec<T> = cells.par_iter().with_min_len(1024).map(|cell| of(&mut cell.iter().map(|&(_, vertex)| own[vertex as usize]))).collect();
+    values.truncate(first);
+    values.extend(joined);
+}
