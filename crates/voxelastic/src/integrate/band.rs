@@ -7,8 +7,10 @@ use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 /// The truncation band and the weights of a TSDF update.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Band {
-    /// Half width of the band, in voxels of the block's scale.
-    pub truncation: f32,
+    /// How far the band reaches in front of the surface, in voxels of the block's scale.
+    pub before: f32,
+    /// How far behind it.
+    pub behind: f32,
     /// Weight of an observation in front of the surface.
     pub weight: f32,
     /// Cap of a voxel's weight.
@@ -20,7 +22,7 @@ impl Band {
     /// the end of the band, because what lies behind a surface is a guess (Bylow et al., RSS 2013).
     #[inline(always)]
     fn weight_at(&self, distance: f32) -> f32 {
-        let fade = (self.truncation + distance) / (self.truncation - 1.0).max(0.5);
+        let fade = (self.behind + distance) / (self.behind - 1.0).max(0.5);
         self.weight * if fade < 1.0 { fade } else { 1.0 }
     }
 
@@ -68,7 +70,7 @@ impl Band {
     fn is_hit(&self, trace: &Trace, step: usize, lane: usize) -> u32 {
         let d = trace.quantity[step][lane];
         let is_alive = (step as u32) < trace.steps[lane];
-        u32::from(is_alive & (d.abs() < self.truncation) & (self.weight_at(d) >= 1.0))
+        u32::from(is_alive & (d < self.before) & (d > -self.behind) & (self.weight_at(d) >= 1.0))
     }
 
     /// Folds hit `i` into its voxel.
@@ -88,7 +90,7 @@ pub(crate) struct Hits {
     target: [u32; MOST_HITS + 1],
     /// Distance from the voxel's centre to the plane, voxels.
     quantity: [f32; MOST_HITS + 1],
-    weight: [f32; MOST_HITS + 1],
+    pub weight: [f32; MOST_HITS + 1],
     pub len: usize,
 }
 

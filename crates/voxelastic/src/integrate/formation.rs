@@ -10,8 +10,8 @@ use super::transform::Beam;
 use super::walk::{LANES, Line, Lines, Trace};
 use crate::dispatch::Kernel;
 use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
-use crate::field::tsdf::propagate::{children, propagate_delta_down, propagate_down, propagate_up};
-use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel, WEIGHT_ONE};
+use crate::field::tsdf::propagate::{GUESSED_WEIGHT, children, propagate_delta_down, propagate_down, propagate_up};
+use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
 use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
 
 /// How a block moves between scales in a scan.
@@ -90,7 +90,7 @@ impl Kernel for Share<'_> {
                 if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
                     ask_for_all(&raw const task.beams[beam_of(later)]);
                 }
-                formations[next].push(&home, &task.beams[beam_of(task.records[record])], task.band.truncation);
+                formations[next].push(&home, &task.beams[beam_of(task.records[record])]);
                 if formations[next].lines.len() == LANES {
                     formations[next].walk(task, touched);
                     next = 1 - next;
@@ -133,6 +133,8 @@ struct Formation {
     home: [u8; LANES],
     /// Strength of each return.
     shade: [u8; LANES],
+    /// Returns that each beam stands for.
+    count: [f32; LANES],
     /// Where the voxel of each hit lies: its brick, and its place there.
     bricks: [Place<Brick>; Hits::MOST],
     places: [u8; Hits::MOST],
@@ -153,6 +155,7 @@ impl Formation {
             blocks: 0,
             home: [0; LANES],
             shade: [0; LANES],
+            count: [1.0; LANES],
             bricks: [Place::NOWHERE; Hits::MOST],
             places: [0; Hits::MOST],
             near: [0; Hits::MOST],
@@ -161,20 +164,20 @@ impl Formation {
     }
 
     #[inline(always)]
-    fn push(&mut self, home: &Home, beam: &Beam, truncation: f32) {
+    fn push(&mut self, home: &Home, beam: &Beam) {
         let lane = self.lines.len() % LANES;
         if self.blocks == 0 || self.homes[(self.blocks - 1) % LANES].id != home.id {
             self.homes[self.blocks % LANES] = *home;
             self.blocks += 1;
         }
-        (self.home[lane], self.shade[lane]) = ((self.blocks - 1) as u8, beam.shade);
+        (self.home[lane], self.shade[lane], self.count[lane]) = ((self.blocks - 1) as u8, beam.shade, f32::from(beam.count));
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
             gradient: beam.normal,
             corner: home.corner,
             scale: home.scale,
-            reach: [-truncation, truncation],
+            reach: [-beam.reach[0], beam.reach[1]],
         });
     }
 
@@ -187,6 +190,7 @@ impl Formation {
         self.near_count = 0;
         for i in 0..self.hits.len {
             let (lane, index) = self.hits.target(i);
+            self.hits.weight[i] *= self.count[lane];
             let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
             let place = usize::from(home.places[index % voxels_at(0)]);
             let brick = &mut home.bricks[place / BRICK % BRICKS];
@@ -247,14 +251,12 @@ impl Update<'_> {
     #[cold]
     #[inline(never)]
     fn change_scale(&self, run: &Run, touched: &mut Touched) {
-        /// What an interpolated voxel weighs: little, because it is a guess from voxels twice as large, which a measurement at
-        /// its own scale must outweigh at once.
-        const INTERPOLATED_WEIGHT: u16 = WEIGHT_ONE / 4;
         // SAFETY: here and below, this block occurs in one run only, so in one thread only.
         let block = unsafe { self.field.block(run.block).get() };
         let scale = usize::from(block.scale);
         let [mut new, mut from, mut past] = [[Voxel::default(); voxels_at(0)]; 3];
         let new = &mut new[..voxels_at(scale)];
+        let mut guesses = 0;
         let copy = |array: Array, into: &mut [Voxel; voxels_at(0)]| {
             // SAFETY: as above.
             unsafe { self.field.copy(block, array, &mut into[..voxels_at(array.scale())]) };
@@ -263,7 +265,7 @@ impl Update<'_> {
             Change::None => return,
             Change::Coarser => {
                 copy(Array::Data(scale - 1), &mut from);
-                propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
+                guesses = propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
             }
             Change::Finer => {
                 copy(Array::Data(scale + 1), &mut from);
@@ -271,11 +273,11 @@ impl Update<'_> {
                 // SAFETY: as above.
                 unsafe { self.field.copy(block, Array::Data(scale), new) };
                 let coarse = ..voxels_at(scale + 1);
-                propagate_delta_down(&from[coarse], &past[coarse], new, scale, [self.band.max_weight as u16, INTERPOLATED_WEIGHT]);
+                propagate_delta_down(&from[coarse], &past[coarse], new, scale, [self.band.max_weight as u16, GUESSED_WEIGHT]);
             }
             Change::FinerNew => {
                 copy(Array::Data(scale + 1), &mut from);
-                propagate_down(&from[..voxels_at(scale + 1)], new, scale, INTERPOLATED_WEIGHT);
+                propagate_down(&from[..voxels_at(scale + 1)], new, scale, GUESSED_WEIGHT);
             }
         }
         let mut shades = [0; voxels_at(0)];
@@ -287,6 +289,8 @@ impl Update<'_> {
         unsafe {
             self.field.store(block, run.block, Array::Data(scale), (new, shades), touched);
             if run.change == Change::Coarser {
+                // What a guess turns out to be is nothing that finer voxels could learn from.
+                (0..new.len()).filter(|i| guesses >> i & 1 == 1).for_each(|i| new[i] = Voxel::default());
                 shades.fill(0);
                 self.field.store(block, run.block, Array::Past(scale), (new, shades), touched);
             }

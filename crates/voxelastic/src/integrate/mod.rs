@@ -1,6 +1,7 @@
 //! Integrating a scan into a submap (paper Sec. III-B, IV-B): select, update, propagate.
 
 mod band;
+mod bundle;
 mod colour;
 mod formation;
 pub mod occupancy;

@@ -2,7 +2,10 @@
 
 use super::radix::sort_by_bits;
 use super::transform::Beam;
-use crate::octree::{BLOCK_EDGE, block_coords, block_key};
+use crate::dispatch::{Kernel, dispatch};
+use crate::geometry::{morton, whole};
+use crate::octree::{BLOCK_EDGE, KEY_OFFSET, block_coords, block_key};
+use crate::sensor::larger;
 use rayon::prelude::*;
 
 /// Bits of a record that number the beam.
@@ -33,6 +36,8 @@ pub(crate) struct Selection {
     pub records: Vec<u64>,
     pub blocks: Vec<BlockBeams>,
     spare: Vec<u64>,
+    /// Coordinates of the window as every third bit.
+    spread: Vec<u64>,
     chunks: Vec<Vec<u64>>,
 }
 
@@ -51,26 +56,33 @@ impl Window {
         let mask = (0..bits).fold(0u64, |m, b| m | 1 << (3 * b));
         Self { bits, mask }
     }
+
+    /// Blocks along an edge, a power of two.
+    fn size(self) -> usize {
+        1 << self.bits
+    }
 }
 
 /// Largest reach around the sensor, in blocks, that a selection can express.
 pub(crate) const MAX_REACH: u32 = (1 << (MAX_AXIS_BITS - 1)) - 1;
 
 impl Selection {
-    /// Finds the blocks along each beam from `band(beam).0` finest voxels before its point to `band(beam).1` behind it.
-    /// `sensor` is the sensor's position in finest voxels; no such place is farther from it than `reach` blocks.
-    pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32, band: impl Fn(&Beam) -> (f32, f32) + Sync) {
+    /// Finds the blocks along each beam as far as it reaches. `sensor` is the sensor's position in finest voxels; no place that a beam
+    /// reaches is farther from it than `reach` blocks.
+    pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32) {
         const CHUNK: usize = 8192;
         let window = Window::new(reach);
         let home = sensor.map(|c| (c / BLOCK_EDGE as f32).floor() as i32);
         // Block coordinates relative to the corner of the window are never negative, so truncation is floor.
         let corner = home.map(|c| c - reach as i32);
+        if self.spread.len() != window.size() {
+            self.spread = (0..window.size()).map(|c| morton::encode([c as u32, 0, 0])).collect();
+        }
         self.chunks.resize(beams.len().div_ceil(CHUNK), Vec::new());
+        let spread = &self.spread[..];
         self.chunks.par_iter_mut().zip(beams.par_chunks(CHUNK)).enumerate().for_each(|(chunk, (records, beams))| {
             records.clear();
-            for (i, beam) in beams.iter().enumerate() {
-                walk_blocks(beam, band(beam), corner, window, (chunk * CHUNK + i) as u64, records);
-            }
+            dispatch(WalkBlocks { beams, first: chunk * CHUNK, corner, window, spread, records });
         });
         self.records.clear();
         self.chunks.iter().for_each(|c| self.records.extend_from_slice(c));
@@ -81,7 +93,7 @@ impl Selection {
     /// Cuts the sorted records into one run per block and recovers each block's full key.
     fn group(&mut self, corner: [i32; 3], window: Window) {
         self.blocks.clear();
-        let size = 1i32 << window.bits;
+        let size = window.size() as i32;
         let mut start = 0;
         while start < self.records.len() {
             let wrapped = self.records[start] >> BEAM_BITS;
@@ -95,46 +107,92 @@ impl Selection {
     }
 }
 
-/// Appends a record for every block that the beam's band touches.
-#[inline(always)]
-fn walk_blocks(beam: &Beam, band: (f32, f32), corner: [i32; 3], window: Window, index: u64, records: &mut Vec<u64>) {
-    const PER_VOXEL: f32 = 1.0 / BLOCK_EDGE as f32;
-    let (before, behind) = (band.0 * PER_VOXEL, band.1 * PER_VOXEL);
-    let mut next = [0f32; 3]; // parameter at which the next block boundary is crossed, per axis
-    let mut step = [0f32; 3]; // parameter between boundaries
-    let mut spread = [0u64; 3];
-    let mut crossings = 0;
-    for k in 0..3 {
-        let (point, direction) = (beam.point[k] * PER_VOXEL - corner[k] as f32, beam.direction[k]);
-        let (from, to) = (point - direction * before, point + direction * behind);
-        let (first, last) = (from as i32, to as i32);
-        crossings += (last - first).unsigned_abs();
-        let inverse = 1.0 / direction.abs().max(1e-9);
-        let inside = from - first as f32;
-        next[k] = if direction > 0.0 { 1.0 - inside } else { inside } * inverse;
-        step[k] = inverse;
-        spread[k] = spread_wrapped(first + corner[k], window);
-    }
-    // Subtracted from a spread coordinate, the mask steps up and one steps down, see [`Window`].
-    let onward: [u64; 3] = std::array::from_fn(|k| if beam.direction[k] > 0.0 { window.mask } else { 1 });
-    let mut push = |s: &[u64; 3]| records.push((s[0] | s[1] << 1 | s[2] << 2) << BEAM_BITS | index);
-    push(&spread);
-    for _ in 0..crossings {
-        // Which face comes next is as good as random: selected by masks, not by branches.
-        let x = next[0] <= next[1] && next[0] <= next[2];
-        let y = !x && next[1] <= next[2];
-        for (k, chosen) in [x, y, !(x || y)].into_iter().enumerate() {
-            next[k] += if chosen { step[k] } else { 0.0 };
-            spread[k] = spread[k].wrapping_sub(if chosen { onward[k] } else { 0 }) & window.mask;
+/// Beams that are walked together.
+const LANES: usize = 16;
+
+/// Appends a record for every block that beams touch.
+struct WalkBlocks<'a> {
+    beams: &'a [Beam],
+    /// Number of the first beam.
+    first: usize,
+    corner: [i32; 3],
+    window: Window,
+    /// Each coordinate within the window as every third bit.
+    spread: &'a [u64],
+    records: &'a mut Vec<u64>,
+}
+
+impl Kernel for WalkBlocks<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Self { beams, first, corner, window, spread, records } = self;
+        // A power of two, so that no index needs a test.
+        let spread = &spread[..window.size()];
+        let last = spread.len() - 1;
+        for (step, beams) in beams.chunks(LANES).enumerate() {
+            let starts = Starts::new(beams, corner);
+            for (lane, beam) in beams.iter().enumerate() {
+                let mut next = [0, 1, 2].map(|k| starts.next[k][lane]);
+                let between = [0, 1, 2].map(|k| starts.between[k][lane]);
+                let mut at = [0, 1, 2].map(|k| spread[(starts.block[k][lane] as usize).wrapping_add(KEY_OFFSET as usize) & last]);
+                // Subtracted from a spread coordinate, the mask steps up and one steps down, see [`Window`].
+                let onward = beam.direction.map(|d| if d > 0.0 { window.mask } else { 1 });
+                let index = (first + step * LANES + lane) as u64;
+                records.push((at[0] | at[1] << 1 | at[2] << 2) << BEAM_BITS | index);
+                for _ in 0..starts.crossings[lane] {
+                    // Which face comes next is as good as random: selected by masks, not by branches.
+                    let x = next[0] <= next[1] && next[0] <= next[2];
+                    let y = !x && next[1] <= next[2];
+                    for (k, chosen) in [x, y, !(x || y)].into_iter().enumerate() {
+                        next[k] += if chosen { between[k] } else { 0.0 };
+                        at[k] = at[k].wrapping_sub(if chosen { onward[k] } else { 0 }) & window.mask;
+                    }
+                    records.push((at[0] | at[1] << 1 | at[2] << 2) << BEAM_BITS | index);
+                }
+            }
         }
-        push(&spread);
     }
 }
 
-/// One axis of a block's key, wrapped to the window, as every third bit.
-#[inline(always)]
-fn spread_wrapped(coord: i32, window: Window) -> u64 {
-    block_key([coord, 0, 0]) & window.mask
+/// Where sixteen beams begin, one array an axis.
+struct Starts {
+    /// Parameter at which the next block boundary is crossed, and between two of them.
+    next: [[f32; LANES]; 3],
+    between: [[f32; LANES]; 3],
+    /// The first block.
+    block: [[i32; LANES]; 3],
+    /// Boundaries crossed until the beam ends.
+    crossings: [u32; LANES],
+}
+
+impl Starts {
+    #[inline(always)]
+    fn new(beams: &[Beam], corner: [i32; 3]) -> Self {
+        const PER_VOXEL: f32 = 1.0 / BLOCK_EDGE as f32;
+        let (mut point, mut direction, mut reach) = ([[0f32; LANES]; 3], [[0f32; LANES]; 3], [[0f32; LANES]; 2]);
+        for (lane, beam) in beams.iter().enumerate().take(LANES) {
+            let edge = (1u32 << beam.scale) as f32 * PER_VOXEL;
+            for k in 0..3 {
+                (point[k][lane], direction[k][lane]) = (beam.point[k], beam.direction[k]);
+            }
+            (reach[0][lane], reach[1][lane]) = (beam.reach[0] * edge, beam.reach[1] * edge);
+        }
+        let mut starts = Self { next: [[0.0; LANES]; 3], between: [[0.0; LANES]; 3], block: [[0; LANES]; 3], crossings: [0; LANES] };
+        for k in 0..3 {
+            for lane in 0..LANES {
+                let (point, direction) = (point[k][lane] * PER_VOXEL - corner[k] as f32, direction[k][lane]);
+                let (from, to) = (point - direction * reach[0][lane], point + direction * reach[1][lane]);
+                let (first, last) = (whole(from), whole(to));
+                starts.crossings[lane] += (last - first).unsigned_abs();
+                let inverse = 1.0 / larger(direction.abs(), 1e-9);
+                let inside = from - first as f32;
+                starts.next[k][lane] = if direction > 0.0 { 1.0 - inside } else { inside } * inverse;
+                starts.between[k][lane] = inverse;
+                starts.block[k][lane] = first + corner[k];
+            }
+        }
+        starts
+    }
 }
 
 #[cfg(test)]
@@ -169,10 +227,10 @@ mod tests {
             let beams: Vec<Beam> = rays.iter().filter(|(d, ..)| d.iter().any(|c| c.abs() > 0.01)).map(|&(d, range, scale)| {
                 let length = d.iter().map(|c| c * c).sum::<f32>().sqrt();
                 let direction = d.map(|c| c / length);
-                Beam { point: std::array::from_fn(|k| sensor[k] + range * direction[k]), direction, scale, range, ..Beam::default() }
+                Beam { point: std::array::from_fn(|k| sensor[k] + range * direction[k]), direction, scale, range, reach: [3.0, 2.0], ..Beam::default() }
             }).collect();
             let mut selection = Selection::default();
-            selection.select(&beams, sensor, 900 / 8 + 6, |beam| (3.0 * (1 << beam.scale) as f32, 2.0 * (1 << beam.scale) as f32));
+            selection.select(&beams, sensor, 900 / 8 + 6);
             let mut selected = BTreeMap::new();
             for run in &selection.blocks {
                 for &record in &selection.records[run.start as usize..run.end as usize] {

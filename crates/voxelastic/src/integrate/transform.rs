@@ -1,6 +1,10 @@
 //! Beams in the frame and unit in which they are walked: submap frame, voxels.
 
+use super::bundle::bundle;
+use super::scale::ScaleRule;
+use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
+use crate::sensor::{larger, smaller};
 use rayon::prelude::*;
 
 /// The returns of one scan, as the integrators take them. All slices are equally long, or empty where that is said.
@@ -20,7 +24,7 @@ pub struct Returns<'a> {
 }
 
 /// One beam, ready to be walked. Lengths count finest voxels; the frame is the submap's.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub(crate) struct Beam {
     /// The measured point.
@@ -31,10 +35,16 @@ pub(crate) struct Beam {
     pub direction: [f32; 3],
     /// Strength of the return.
     pub shade: u8,
+    /// Returns that the beam stands for, see [`super::bundle`].
+    pub count: u8,
+    /// Whether the local plane is known.
+    pub has_plane: bool,
     /// Normal of the local plane, facing the sensor; against the beam where no plane is known.
     pub normal: [f32; 3],
     /// Distance from the sensor to the point.
     pub range: f32,
+    /// How far the beam is walked in front of its point and behind it, voxels of the walk's scale.
+    pub reach: [f32; 2],
 }
 
 /// How returns become beams.
@@ -44,40 +54,146 @@ pub(crate) struct ToSubmap {
     pub t_submap_lidar: Rigid,
     /// Edge of the finest voxel, metres.
     pub voxel: f32,
+    /// Largest range that is kept, metres.
+    pub max_range: f32,
+    /// Which scale fits.
+    pub rule: ScaleRule,
     /// Least sine of the angle between a beam's walk and its plane, 0 to leave it as it was measured.
     pub least_slope: f32,
+    /// How far beams are walked, voxels of the walk's scale: in front of their points, and behind their planes, but along the beam no farther
+    /// than in front.
+    pub band: [f32; 2],
+    /// How wide a bundle of beams may be, voxels of their scale; 0 to leave them single.
+    pub bundle_width: f32,
 }
 
-/// Moves `returns` into the submap frame and counts in voxels; `scale_of` maps metres to a scale.
-pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, scale_of: impl Fn(f32) -> usize + Sync, beams: &mut Vec<Beam>) {
+/// Moves `returns` into the submap frame and counts in voxels. Those beyond the largest range are left out.
+pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, beams: &mut Vec<Beam>) {
     const CHUNK: usize = 4096;
     beams.resize(returns.points.len(), Beam::default());
-    let ToSubmap { t_submap_lidar, voxel, least_slope } = how;
-    let per_metre = 1.0 / voxel;
-    beams.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, beams)| {
-        let first = chunk * CHUNK;
-        for (i, beam) in beams.iter_mut().enumerate() {
-            let p = returns.points[first + i];
-            let n = returns.normals.get(first + i).copied().unwrap_or([0.0; 3]);
-            let origin = returns.origins.get(first + i).copied().unwrap_or([0.0; 3]);
-            let way: [f32; 3] = std::array::from_fn(|k| p[k] - origin[k]);
-            let range = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt();
-            let ray = t_submap_lidar.rotate(way);
-            let place = t_submap_lidar.apply(p);
-            let per_range = 1.0 / range;
-            let direction = ray.map(|c| c * per_range);
-            let has_plane = n != [0.0; 3];
-            let normal = if has_plane { t_submap_lidar.rotate(n) } else { direction.map(|c| -c) };
-            *beam = Beam {
-                point: place.map(|c| c * per_metre),
-                scale: scale_of(range) as u32,
-                direction: steepened(direction, normal, *least_slope),
-                shade: returns.shades.get(first + i).copied().unwrap_or(0),
-                normal,
-                range: range * per_metre,
-            };
-        }
+    let limit = how.max_range / how.voxel;
+    let kept = beams.par_chunks_mut(CHUNK).enumerate().map(|(chunk, beams)| {
+        let part = |start: usize| start..start + beams.len();
+        let (normals, origins, shades) = (returns.normals, returns.origins, returns.shades);
+        let part = part(chunk * CHUNK);
+        dispatch(Transform {
+            points: &returns.points[part.clone()],
+            normals: normals.get(part.clone()).unwrap_or(&[]),
+            origins: origins.get(part.clone()).unwrap_or(&[]),
+            shades: shades.get(part).unwrap_or(&[]),
+            how,
+            beams,
+        });
+        bundle(beams, limit, how.bundle_width)
     });
+    let kept: Vec<usize> = kept.collect();
+    let mut end = 0;
+    for (chunk, kept) in kept.into_iter().enumerate() {
+        beams.copy_within(chunk * CHUNK..chunk * CHUNK + kept, end);
+        end += kept;
+    }
+    beams.truncate(end);
+}
+
+/// A part of the returns, and the beams that they become. All but the points may be empty.
+struct Transform<'a> {
+    points: &'a [[f32; 3]],
+    normals: &'a [[f32; 3]],
+    origins: &'a [[f32; 3]],
+    shades: &'a [u8],
+    how: &'a ToSubmap,
+    beams: &'a mut [Beam],
+}
+
+/// Returns that are worked on together.
+const LANES: usize = 16;
+
+type Lanes = [f32; LANES];
+
+impl Kernel for Transform<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let how = *self.how;
+        let per_metre = 1.0 / how.voxel;
+        for (step, beams) in self.beams.chunks_mut(LANES).enumerate() {
+            let first = step * LANES;
+            let (mut p, mut n, mut way) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3], [[1.0; LANES]; 3]);
+            lanes_of(self.points, first, &mut p);
+            lanes_of(self.normals, first, &mut n);
+            if self.origins.is_empty() {
+                way = p;
+            } else {
+                lanes_of(self.origins, first, &mut way);
+                (0..3).for_each(|k| (0..LANES).for_each(|l| way[k][l] = p[k][l] - way[k][l]));
+            }
+            let walk = Walks::new(&p, &n, &way, &how);
+            for (l, beam) in beams.iter_mut().enumerate() {
+                let at = |v: &[Lanes; 3]| [v[0][l], v[1][l], v[2][l]];
+                *beam = Beam {
+                    point: at(&walk.place).map(|c| c * per_metre),
+                    scale: walk.scale[l],
+                    direction: at(&walk.direction),
+                    shade: self.shades.get(first + l).copied().unwrap_or(0),
+                    count: 1,
+                    has_plane: walk.has_plane[l],
+                    normal: at(&walk.normal),
+                    range: walk.range[l] * per_metre,
+                    reach: [how.band[0], walk.behind[l]],
+                };
+            }
+        }
+    }
+}
+
+/// Up to sixteen vectors from `first` on, one array an axis; lanes for which there is none are left alone.
+#[inline(always)]
+fn lanes_of(vectors: &[[f32; 3]], first: usize, lanes: &mut [Lanes; 3]) {
+    for (l, v) in vectors.iter().skip(first).take(LANES).enumerate() {
+        (0..3).for_each(|k| lanes[k][l] = v[k]);
+    }
+}
+
+/// Sixteen beams on their way from metres in the lidar frame; all but `range`, metres, are in the submap frame.
+struct Walks {
+    place: [Lanes; 3],
+    direction: [Lanes; 3],
+    normal: [Lanes; 3],
+    range: Lanes,
+    /// How far they reach behind their points, voxels.
+    behind: Lanes,
+    scale: [u32; LANES],
+    has_plane: [bool; LANES],
+}
+
+impl Walks {
+    /// From points, normals and the ways from the sensor to the points.
+    #[inline(always)]
+    fn new(p: &[Lanes; 3], n: &[Lanes; 3], way: &[Lanes; 3], how: &ToSubmap) -> Self {
+        let none = [[0.0; LANES]; 3];
+        let lanes = [0.0; LANES];
+        let mut walks =
+            Self { place: none, direction: none, normal: none, range: lanes, behind: lanes, scale: [0; LANES], has_plane: [false; LANES] };
+        let pose = how.t_submap_lidar;
+        for l in 0..LANES {
+            let at = |v: &[Lanes; 3]| [v[0][l], v[1][l], v[2][l]];
+            let (p, n, way) = (at(p), at(n), at(way));
+            let range = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).sqrt();
+            let per_range = 1.0 / range;
+            let direction = pose.rotate(way).map(|c| c * per_range);
+            let has_plane = (n[0] != 0.0) | (n[1] != 0.0) | (n[2] != 0.0);
+            let rotated = pose.rotate(n);
+            let normal = [0, 1, 2].map(|k| if has_plane { rotated[k] } else { -direction[k] });
+            let walked = steepened(direction, normal, how.least_slope);
+            let slope = -(walked[0] * normal[0] + walked[1] * normal[1] + walked[2] * normal[2]);
+            walks.behind[l] = smaller(how.band[1] / larger(slope, 1e-3), how.band[0]);
+            let place = pose.apply(p);
+            for k in 0..3 {
+                (walks.place[k][l], walks.direction[k][l], walks.normal[k][l]) = (place[k], walked[k], normal[k]);
+            }
+            (walks.range[l], walks.scale[l], walks.has_plane[l]) = (range, how.rule.fitting(range) as u32, has_plane);
+        }
+        walks
+    }
 }
 
 /// `direction`, turned towards the plane with `normal` until the sine of the angle between them is `least`.
@@ -87,11 +203,11 @@ pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, scale_of: impl Fn
 #[inline(always)]
 fn steepened(direction: [f32; 3], normal: [f32; 3], least: f32) -> [f32; 3] {
     let slope = -(direction[0] * normal[0] + direction[1] * normal[1] + direction[2] * normal[2]);
-    if slope >= least {
-        return direction;
-    }
-    let along = ((1.0 - least * least) / (1.0 - slope * slope).max(1e-6)).sqrt();
-    std::array::from_fn(|k| along * (direction[k] + slope * normal[k]) - least * normal[k])
+    let along = ((1.0 - least * least) / larger(1.0 - slope * slope, 1e-6)).sqrt();
+    [0, 1, 2].map(|k| {
+        let steep = along * (direction[k] + slope * normal[k]) - least * normal[k];
+        if slope >= least { direction[k] } else { steep }
+    })
 }
 
 #[cfg(test)]
@@ -103,7 +219,64 @@ mod tests {
         (0..3).map(|k| a[k] * b[k]).sum()
     }
 
+    /// Returns one by one, as plainly as can be said.
+    fn one_by_one(returns: &Returns<'_>, how: &ToSubmap) -> Vec<Beam> {
+        let of = |i: usize| {
+            let (p, n) = (returns.points[i], returns.normals.get(i).copied().unwrap_or_default());
+            let origin = returns.origins.get(i).copied().unwrap_or_default();
+            let way: [f32; 3] = std::array::from_fn(|k| p[k] - origin[k]);
+            let range = dot(way, way).sqrt();
+            let ray = how.t_submap_lidar.rotate(way).map(|c| c * (1.0 / range));
+            let has_plane = n != [0.0; 3];
+            let normal = if has_plane { how.t_submap_lidar.rotate(n) } else { ray.map(|c| -c) };
+            let walked = steepened(ray, normal, how.least_slope);
+            Beam {
+                point: how.t_submap_lidar.apply(p).map(|c| c * (1.0 / how.voxel)),
+                scale: how.rule.fitting(range) as u32,
+                direction: walked,
+                shade: returns.shades.get(i).copied().unwrap_or(0),
+                count: 1,
+                has_plane,
+                normal,
+                range: range * (1.0 / how.voxel),
+                reach: [how.band[0], (how.band[1] / -dot(walked, normal)).min(how.band[0])],
+            }
+        };
+        (0..returns.points.len()).map(of).filter(|beam| beam.range <= how.max_range / how.voxel).collect()
+    }
+
     proptest! {
+        #[test]
+        fn sixteen_at_a_time_are_as_one_by_one(
+            returns in prop::collection::vec((prop::array::uniform3(-40f32..40.0), prop::array::uniform3(-1f32..1.0), any::<u8>(), any::<bool>()), 0..100),
+            [has_normals, has_shades, has_origins] in any::<[bool; 3]>(),
+            translation in prop::array::uniform3(-5f32..5.0),
+        ) {
+            let points: Vec<[f32; 3]> = returns.iter().map(|r| r.0).collect();
+            let normals: Vec<[f32; 3]> = returns.iter().map(|r| if r.3 { r.1.map(|c| c / dot(r.1, r.1).sqrt()) } else { [0.0; 3] }).collect();
+            let shades: Vec<u8> = returns.iter().map(|r| r.2).collect();
+            let (rotation, smallest_angle) = ([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]], 0.006);
+            let returns = Returns {
+                points: &points,
+                normals: if has_normals { &normals } else { &[] },
+                shades: if has_shades { &shades } else { &[] },
+                origins: if has_origins { &normals } else { &[] },
+                smallest_angle,
+            };
+            let how = ToSubmap {
+                t_submap_lidar: Rigid { rotation, translation },
+                voxel: 0.1,
+                max_range: 50.0,
+                rule: ScaleRule::new(smallest_angle, 0.1, 3, 1.5),
+                least_slope: 0.4,
+                band: [3.0, 1.5],
+                bundle_width: 0.0,
+            };
+            let mut beams = Vec::new();
+            to_submap(&returns, &how, &mut beams);
+            prop_assert_eq!(beams, one_by_one(&returns, &how));
+        }
+
         #[test]
         fn steepened_walks_keep_to_the_plane_of_beam_and_normal(
             [a, b] in prop::array::uniform2(prop::array::uniform3(-1f32..1.0).prop_filter("a direction", |v| dot(*v, *v) > 0.1)),

@@ -28,8 +28,13 @@ pub struct TsdfSettings {
     pub voxel: f32,
     /// Largest range that is integrated, metres.
     pub max_range: f32,
-    /// Half the width of the truncation band in voxels of the integration scale, 1 to 8.
+    /// How far the truncation band reaches in front of the surface, in voxels of the integration scale, 1 to 8.
     pub truncation_voxels: f32,
+    /// How far it reaches behind the surface, in the same voxels, 1 to 8: what is there is a guess, and is in the way of what else is there.
+    pub truncation_behind: f32,
+    /// How wide a bundle of beams may be that are walked as one, voxels of the integration scale; 0 to walk each alone. Walks half a voxel apart
+    /// still pass the same voxels.
+    pub bundle_width: f32,
     /// Observations after which a voxel's mean becomes a moving one.
     pub max_weight: f32,
     /// Coarsest integration scale, 0 to 3.
@@ -40,7 +45,16 @@ pub struct TsdfSettings {
 
 impl Default for TsdfSettings {
     fn default() -> Self {
-        Self { voxel: 0.065, max_range: 60.0, truncation_voxels: 3.0, max_weight: 100.0, max_scale: SCALES - 1, coarser_factor: 1.5 }
+        Self {
+            voxel: 0.065,
+            max_range: 60.0,
+            truncation_voxels: 3.0,
+            truncation_behind: 3.0,
+            bundle_width: 0.5,
+            max_weight: 100.0,
+            max_scale: SCALES - 1,
+            coarser_factor: 1.5,
+        }
     }
 }
 
@@ -113,15 +127,20 @@ impl TsdfIntegrator {
         let returns = Returns { points: &returns.points[..count], normals: &returns.normals[..count], ..*returns };
 
         let clock = Instant::now();
-        let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: LEAST_SLOPE };
-        to_submap(&returns, &how, |range| rule.fitting(range), &mut self.beams);
-        let limit = settings.max_range / settings.voxel;
-        self.beams.retain(|beam| beam.range <= limit);
+        let how = ToSubmap {
+            t_submap_lidar: *t_submap_lidar,
+            voxel: settings.voxel,
+            max_range: settings.max_range,
+            rule,
+            least_slope: LEAST_SLOPE,
+            band: [settings.truncation_voxels, settings.truncation_behind],
+            bundle_width: settings.bundle_width,
+        };
+        to_submap(&returns, &how, &mut self.beams);
         let transformed = Instant::now();
 
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        let band = |beam: &Beam| settings.truncation_voxels * (1 << beam.scale) as f32;
-        self.selection.select(&self.beams, sensor, reach, |beam| (band(beam), band(beam)));
+        self.selection.select(&self.beams, sensor, reach);
         let selected = Instant::now();
 
         let new_blocks = self.allocate(field, &rule, t_submap_lidar.translation, !returns.shades.is_empty());
@@ -211,7 +230,8 @@ impl TsdfIntegrator {
         /// Few enough that threads share evenly, many enough that handing them out costs nothing.
         const RUNS_PER_TASK: usize = 64;
         let band = Band {
-            truncation: self.settings.truncation_voxels,
+            before: self.settings.truncation_voxels,
+            behind: self.settings.truncation_behind,
             weight: f32::from(WEIGHT_ONE),
             max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),
         };

@@ -241,9 +241,11 @@ impl Integrators {
             voxel: settings.voxel,
             max_range: settings.max_range,
             truncation_voxels: settings.truncation,
+            truncation_behind: settings.truncation_behind,
             max_weight: settings.max_weight,
             max_scale: settings.max_scale,
             coarser_factor: settings.coarser_factor,
+            ..TsdfSettings::default()
         });
         Self { tsdf, occupancy: None }
     }

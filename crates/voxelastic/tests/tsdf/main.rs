@@ -8,6 +8,7 @@ mod room;
 use proptest::prelude::*;
 use reference::DenseTsdf;
 use room::Room;
+use std::collections::HashMap;
 use voxelastic::field::tsdf::{DISTANCE_STEPS, TsdfField};
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
@@ -58,10 +59,15 @@ fn observed(field: &TsdfField) -> impl Iterator<Item = ([i32; 3], f32, u16)> + '
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
     #[test]
-    fn at_one_scale_equals_the_dense_reference(seed in any::<u64>(), with_normals in any::<bool>(), voxel in 0.05f32..0.3) {
+    fn at_one_scale_equals_the_dense_reference(
+        seed in any::<u64>(),
+        with_normals in any::<bool>(),
+        voxel in 0.05f32..0.3,
+        truncation_behind in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
+    ) {
         let room = Room::random(seed);
         let scans = scans_of(&room, 3, 24, 180, 0.02, with_normals);
-        let settings = TsdfSettings { voxel, max_scale: 0, ..TsdfSettings::default() };
+        let settings = TsdfSettings { voxel, truncation_behind, max_scale: 0, bundle_width: 0.0, ..TsdfSettings::default() };
         let field = integrate(&scans, &settings);
         let mut dense = DenseTsdf::new(settings);
         scans.scans.iter().for_each(|(pose, points, normals)| dense.integrate(pose, points, normals));
@@ -79,6 +85,21 @@ proptest! {
         let missed = dense.voxels.len() - both;
         prop_assert!(both > 1000);
         prop_assert!((only_one + missed) * 200 <= both, "{only_one} + {missed} of {both} voxels differ in their beams");
+    }
+
+    #[test]
+    fn bundles_tell_what_their_beams_would_have_told(seed in any::<u64>()) {
+        let scans = scans_of(&Room::random(seed), 3, 48, 720, 0.02, true);
+        let fields = [0.0, 0.5].map(|bundle_width| {
+            integrate(&scans, &TsdfSettings { voxel: 0.1, max_scale: 0, bundle_width, ..TsdfSettings::default() })
+        });
+        let [single, bundled] = fields.each_ref().map(|field| observed(field).map(|(c, distance, weight)| (c, (distance, weight))).collect::<HashMap<_, _>>());
+        let sum = |voxels: &HashMap<[i32; 3], (f32, u16)>| voxels.values().map(|v| f64::from(v.1)).sum::<f64>();
+        let both: Vec<f32> = bundled.iter().filter_map(|(c, a)| single.get(c).map(|b| (a.0 - b.0).abs())).collect();
+        let off = both.iter().sum::<f32>() / both.len() as f32;
+        prop_assert!(bundled.len() * 10 > single.len() * 9 && both.len() * 100 > bundled.len() * 99);
+        prop_assert!(off < 0.03, "{off} voxels");
+        prop_assert!((sum(&bundled) / sum(&single) - 1.0).abs() < 0.05);
     }
 
     #[test]

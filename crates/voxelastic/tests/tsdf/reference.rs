@@ -20,7 +20,8 @@ impl DenseTsdf {
     }
 
     pub fn integrate(&mut self, pose: &Rigid, points: &[[f32; 3]], normals: &[[f32; 3]]) {
-        let (voxel, band) = (f64::from(self.settings.voxel), f64::from(self.settings.truncation_voxels));
+        let voxel = f64::from(self.settings.voxel);
+        let [before, behind] = [self.settings.truncation_voxels, self.settings.truncation_behind].map(f64::from);
         for (p, n) in points.iter().zip(normals) {
             let range = p.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
             let rotate =
@@ -36,16 +37,17 @@ impl DenseTsdf {
                 let length = along.iter().map(|c| c * c).sum::<f64>().sqrt();
                 direction = std::array::from_fn(|k| along[k] / length * (1.0 - LEAST_SLOPE * LEAST_SLOPE).sqrt() - LEAST_SLOPE * normal[k]);
             }
-            for c in voxels_on_line(point, direction, band) {
+            let reach = (behind / slope.max(LEAST_SLOPE)).min(before);
+            for c in voxels_on_line(point, direction, [-before, reach]) {
                 let distance: f64 = (0..3).map(|k| normal[k] * (f64::from(c[k]) + 0.5 - point[k])).sum();
-                self.observe(c, distance as f32, band as f32);
+                self.observe(c, distance as f32, [before as f32, behind as f32]);
             }
         }
     }
 
-    fn observe(&mut self, c: [i32; 3], distance: f32, band: f32) {
-        let weight = f32::from(WEIGHT_ONE) * ((band + distance) / (band - 1.0)).min(1.0);
-        if distance.abs() >= band || weight < 1.0 {
+    fn observe(&mut self, c: [i32; 3], distance: f32, [before, behind]: [f32; 2]) {
+        let weight = f32::from(WEIGHT_ONE) * ((behind + distance) / (behind - 1.0).max(0.5)).min(1.0);
+        if distance >= before || distance <= -behind || weight < 1.0 {
             return;
         }
         let (mean, sum) = self.voxels.entry(c).or_default();
@@ -55,16 +57,16 @@ impl DenseTsdf {
     }
 }
 
-/// Voxels that the line through `point` meets within `band` of it: cut at every voxel face, take the middle of each piece.
-fn voxels_on_line(point: [f64; 3], direction: [f64; 3], band: f64) -> Vec<[i32; 3]> {
-    let mut cuts = vec![-band, band];
+/// Voxels that the line through `point` meets between two places along it: cut at every voxel face, take the middle of each piece.
+fn voxels_on_line(point: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> Vec<[i32; 3]> {
+    let mut cuts = vec![from, to];
     for k in 0..3 {
-        let (a, b) = (point[k] - band * direction[k], point[k] + band * direction[k]);
+        let (a, b) = (point[k] + from * direction[k], point[k] + to * direction[k]);
         for face in a.min(b).ceil() as i64..=a.max(b).floor() as i64 {
             cuts.push((face as f64 - point[k]) / direction[k]);
         }
     }
-    cuts.retain(|t| t.abs() <= band);
+    cuts.retain(|t| (from..=to).contains(t));
     cuts.sort_by(f64::total_cmp);
     cuts.windows(2).filter(|w| w[1] > w[0]).map(|w| std::array::from_fn(|k| (point[k] + 0.5 * (w[0] + w[1]) * direction[k]).floor() as i32)).collect()
 }

@@ -1,6 +1,6 @@
 //! How distances pass between the scales of a block (paper Sec. III-A): means go up, differences go down.
 
-use super::voxel::Voxel;
+use super::voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};
 use crate::octree::{edge_at, voxel_coords, voxel_index};
 
 #[inline(always)]
@@ -8,8 +8,16 @@ fn clamp_i16(x: i32) -> i16 {
     x.clamp(i32::from(i16::MIN), i32::from(i16::MAX)) as i16
 }
 
+/// What an interpolated or guessed voxel weighs, at most: little, because a measurement at its own scale must outweigh it at once.
+pub(crate) const GUESSED_WEIGHT: u16 = WEIGHT_ONE / 4;
+
 /// Mean up-propagation: each voxel of `coarse` (at `scale + 1`) becomes the mean of its observed children in `fine`.
-pub fn propagate_up(fine: &[Voxel], coarse: &mut [Voxel], scale: usize) {
+///
+/// Where the band ends, only the children on one side are observed, and their mean is the distance of a place closer to the surface than the
+/// parent's centre. So it is continued to the centre along the gradient. Where nothing tells that, the mean is a guess, which weighs little; returns
+/// which parents those are, a bit each.
+pub fn propagate_up(fine: &[Voxel], coarse: &mut [Voxel], scale: usize) -> u64 {
+    let mut guessed = 0;
     for (index, parent) in coarse.iter_mut().enumerate() {
         let (mut distance, mut weight, mut count) = (0i32, 0u32, 0i32);
         for child in children(index, scale) {
@@ -20,12 +28,39 @@ pub fn propagate_up(fine: &[Voxel], coarse: &mut [Voxel], scale: usize) {
                 count += 1;
             }
         }
+        if 0 < count && count < 8 {
+            let (change, is_known) = to_centre(fine, index, scale);
+            distance += change;
+            if !is_known {
+                guessed |= 1 << index;
+                weight = weight.min(u32::from(GUESSED_WEIGHT) * count as u32);
+            }
+        }
         // Half as many parent voxels as child voxels fit in a distance; weights round up so that "observed" survives.
         *parent = match count {
             0 => Voxel::default(),
-            _ => Voxel { distance: (distance / (2 * count)) as i16, weight: weight.div_ceil(count as u32) as u16 },
+            _ => Voxel { distance: clamp_i16(distance / (2 * count)), weight: weight.div_ceil(count as u32) as u16 },
         };
     }
+    guessed
+}
+
+/// By how much the distance changes from the observed children of `parent` to its centre, in sum, in the children's unit, and whether the
+/// gradient is known wherever it matters.
+fn to_centre(fine: &[Voxel], parent: usize, scale: usize) -> (i32, bool) {
+    let (mut gradients, mut known, mut sides) = ([0.0; 3], [0; 3], [0; 3]);
+    for child in children(parent, scale).filter(|&c| fine[c].is_observed()) {
+        let (c, gradient) = (voxel_coords(child, scale), gradient(fine, child, scale));
+        for k in 0..3 {
+            sides[k] += if c[k] & 1 == 1 { -1 } else { 1 };
+            // No distance changes by more than a voxel in a voxel; what does is noise, or another surface.
+            gradients[k] += gradient[k].map_or(0.0, |g| g.clamp(-DISTANCE_STEPS, DISTANCE_STEPS));
+            known[k] += i32::from(gradient[k].is_some());
+        }
+    }
+    // Children lie half a voxel from the centre; where as many are on one side as on the other, it is between them.
+    let change: f32 = (0..3).map(|k| 0.5 * sides[k] as f32 * gradients[k] / known[k].max(1) as f32).sum();
+    (change.round() as i32, (0..3).all(|k| sides[k] == 0 || known[k] > 0))
 }
 
 /// Delta down-propagation into voxels that were there before: each observed child moves by what its parent learnt
@@ -38,7 +73,7 @@ pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel]
         }
         let delta = 2 * (i32::from(now.distance) - i32::from(then.distance));
         let learnt = now.weight.saturating_sub(then.weight);
-        let gradient = gradient(coarse, index, scale + 1);
+        let gradient = gradient(coarse, index, scale + 1).map(Option::unwrap_or_default);
         for child in children(index, scale) {
             let voxel = &mut fine[child];
             if !voxel.is_observed() {
@@ -57,7 +92,7 @@ pub fn propagate_down(coarse: &[Voxel], fine: &mut [Voxel], scale: usize, max_we
     for (index, &parent) in coarse.iter().enumerate() {
         if parent.is_observed() {
             let parent = Voxel { weight: parent.weight.min(max_weight), ..parent };
-            let gradient = gradient(coarse, index, scale + 1);
+            let gradient = gradient(coarse, index, scale + 1).map(Option::unwrap_or_default);
             for child in children(index, scale) {
                 fine[child] = interpolate(parent, gradient, child, scale);
             }
@@ -72,8 +107,8 @@ pub fn children(parent: usize, scale: usize) -> impl Iterator<Item = usize> {
     (0..8).map(move |d| voxel_index([2 * p[0] + (d & 1), 2 * p[1] + (d >> 1 & 1), 2 * p[2] + (d >> 2)], scale))
 }
 
-/// Change of the distance per voxel along each axis, from the observed neighbours within the block.
-fn gradient(voxels: &[Voxel], index: usize, scale: usize) -> [f32; 3] {
+/// Change of the distance per voxel along each axis, from the observed neighbours within the block, where there are any.
+fn gradient(voxels: &[Voxel], index: usize, scale: usize) -> [Option<f32>; 3] {
     let c = voxel_coords(index, scale);
     let here = f32::from(voxels[index].distance);
     std::array::from_fn(|axis| {
@@ -84,10 +119,10 @@ fn gradient(voxels: &[Voxel], index: usize, scale: usize) -> [f32; 3] {
             voxel.is_observed().then(|| f32::from(voxel.distance))
         };
         match (at(-1), at(1)) {
-            (Some(below), Some(above)) => 0.5 * (above - below),
-            (Some(below), None) => here - below,
-            (None, Some(above)) => above - here,
-            (None, None) => 0.0,
+            (Some(below), Some(above)) => Some(0.5 * (above - below)),
+            (Some(below), None) => Some(here - below),
+            (None, Some(above)) => Some(above - here),
+            (None, None) => None,
         }
     })
 }
@@ -102,7 +137,6 @@ fn interpolate(parent: Voxel, gradient: [f32; 3], child: usize, scale: usize) ->
 
 #[cfg(test)]
 mod tests {
-    use super::super::voxel::DISTANCE_STEPS;
     use super::*;
     use crate::octree::voxels_at;
 
@@ -132,6 +166,21 @@ mod tests {
                 assert!(down.iter().zip(&fine).all(|(a, b)| (a.distance - b.distance).abs() <= 8), "scale {scale}");
             }
         }
+    }
+
+    #[test]
+    fn a_band_goes_up_as_the_plane_that_it_is_of() {
+        let (normal, offset) = ([0.6, 0.48, 0.64], 6.1);
+        let (mut fine, coarse) = (plane(0, normal, offset), plane(1, normal, offset));
+        fine.iter_mut().filter(|v| f32::from(v.distance).abs() > 1.5 * DISTANCE_STEPS).for_each(|v| *v = Voxel::default());
+        let mut up = vec![Voxel::default(); voxels_at(1)];
+        let guessed = propagate_up(&fine, &mut up, 0);
+        let observed: Vec<usize> = (0..up.len()).filter(|&i| up[i].is_observed()).collect();
+        let (guesses, known): (Vec<usize>, Vec<usize>) = observed.iter().partition(|&&i| guessed >> i & 1 == 1);
+        assert!(known.len() > 20 && guesses.len() * 4 < known.len() && guessed.count_ones() as usize == guesses.len());
+        assert!(known.iter().all(|&i| (up[i].distance - coarse[i].distance).abs() <= 2));
+        // Halfway between the children and the centre, at most.
+        assert!(guesses.iter().all(|&i| f32::from(up[i].distance - coarse[i].distance).abs() < 0.5 * DISTANCE_STEPS));
     }
 
     #[test]

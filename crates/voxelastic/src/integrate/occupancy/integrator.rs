@@ -127,19 +127,16 @@ impl OccupancyIntegrator {
             (finds, see, descend)
         };
         let select = || {
-            let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel: settings.voxel, least_slope: 0.0 };
-            let limit = settings.max_range / settings.voxel;
+            let OccupancySettings { voxel, max_range, .. } = settings;
+            let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel, max_range, rule, least_slope: 0.0, band: [0.0; 2], bundle_width: 0.0 };
             let ((), see) = timed(|| {
-                to_submap(&returns, &how, |range| rule.fitting(range), beams);
-                beams.retain(|beam| beam.range <= limit);
+                to_submap(&returns, &how, beams);
+                for beam in &mut *beams {
+                    let (before, behind) = Evidence::new(&settings, beam.range * voxel, beam.scale as usize).reach();
+                    beam.reach = [-before, behind];
+                }
             });
-            let ((), select) = timed(|| {
-                selection.select(beams, sensor, reach, |beam| {
-                    let (before, behind) = Evidence::new(&settings, beam.range * settings.voxel, beam.scale as usize).reach();
-                    let local = (1 << beam.scale) as f32;
-                    (-before * local, behind * local)
-                });
-            });
+            let ((), select) = timed(|| selection.select(beams, sensor, reach));
             (see, select)
         };
         // Neither needs the other, and both have parts that leave threads idle.
