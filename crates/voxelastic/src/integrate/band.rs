@@ -90,7 +90,7 @@ pub(crate) struct Hits {
     target: [u32; MOST_HITS + 1],
     /// Distance from the voxel's centre to the plane, voxels.
     quantity: [f32; MOST_HITS + 1],
-    pub weight: [f32; MOST_HITS + 1],
+    weight: [f32; MOST_HITS + 1],
     pub len: usize,
 }
 
@@ -106,6 +106,12 @@ impl Hits {
     #[inline(always)]
     pub fn target(&self, i: usize) -> (usize, usize) {
         ((self.target[i] >> 16) as usize % LANES, self.target[i] as usize & 0xffff)
+    }
+
+    /// Makes hit `i` count for `count` observations.
+    #[inline(always)]
+    pub fn multiply(&mut self, i: usize, count: f32) {
+        self.weight[i] *= count;
     }
 
     /// Whether the voxel of hit `i` takes an intensity.

@@ -1,7 +1,7 @@
 //! Bundles: beams that are closer together than voxels are walked as one.
 //!
 //! A wall two metres away is hit by four beams a voxel, which tell the same voxels the same. What they say together is a plane through
-//! the mean of their points, as often as there are beams.
+//! the mean of their points, as often as there are beams. It is walked as far as the first of them would have been.
 
 use super::transform::Beam;
 

@@ -190,7 +190,7 @@ impl Formation {
         self.near_count = 0;
         for i in 0..self.hits.len {
             let (lane, index) = self.hits.target(i);
-            self.hits.weight[i] *= self.count[lane];
+            self.hits.multiply(i, self.count[lane]);
             let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
             let place = usize::from(home.places[index % voxels_at(0)]);
             let brick = &mut home.bricks[place / BRICK % BRICKS];

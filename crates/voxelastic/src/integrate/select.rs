@@ -2,9 +2,10 @@
 
 use super::radix::sort_by_bits;
 use super::transform::Beam;
+use super::walk::LANES;
 use crate::dispatch::{Kernel, dispatch};
-use crate::geometry::{morton, whole};
-use crate::octree::{BLOCK_EDGE, KEY_OFFSET, block_coords, block_key};
+use crate::geometry::whole;
+use crate::octree::{BLOCK_EDGE, block_coords, block_key};
 use crate::sensor::larger;
 use rayon::prelude::*;
 
@@ -36,7 +37,7 @@ pub(crate) struct Selection {
     pub records: Vec<u64>,
     pub blocks: Vec<BlockBeams>,
     spare: Vec<u64>,
-    /// Coordinates of the window as every third bit.
+    /// What each block coordinate, wrapped to the window, becomes in a key: every third bit.
     spread: Vec<u64>,
     chunks: Vec<Vec<u64>>,
 }
@@ -76,7 +77,7 @@ impl Selection {
         // Block coordinates relative to the corner of the window are never negative, so truncation is floor.
         let corner = home.map(|c| c - reach as i32);
         if self.spread.len() != window.size() {
-            self.spread = (0..window.size()).map(|c| morton::encode([c as u32, 0, 0])).collect();
+            self.spread = (0..window.size()).map(|c| block_key([c as i32, 0, 0]) & window.mask).collect();
         }
         self.chunks.resize(beams.len().div_ceil(CHUNK), Vec::new());
         let spread = &self.spread[..];
@@ -107,9 +108,6 @@ impl Selection {
     }
 }
 
-/// Beams that are walked together.
-const LANES: usize = 16;
-
 /// Appends a record for every block that beams touch.
 struct WalkBlocks<'a> {
     beams: &'a [Beam],
@@ -117,7 +115,7 @@ struct WalkBlocks<'a> {
     first: usize,
     corner: [i32; 3],
     window: Window,
-    /// Each coordinate within the window as every third bit.
+    /// See [`Selection::spread`].
     spread: &'a [u64],
     records: &'a mut Vec<u64>,
 }
@@ -134,11 +132,12 @@ impl Kernel for WalkBlocks<'_> {
             for (lane, beam) in beams.iter().enumerate() {
                 let mut next = [0, 1, 2].map(|k| starts.next[k][lane]);
                 let between = [0, 1, 2].map(|k| starts.between[k][lane]);
-                let mut at = [0, 1, 2].map(|k| spread[(starts.block[k][lane] as usize).wrapping_add(KEY_OFFSET as usize) & last]);
+                let mut at = [0, 1, 2].map(|k| spread[starts.block[k][lane] as usize & last]);
                 // Subtracted from a spread coordinate, the mask steps up and one steps down, see [`Window`].
                 let onward = beam.direction.map(|d| if d > 0.0 { window.mask } else { 1 });
                 let index = (first + step * LANES + lane) as u64;
-                records.push((at[0] | at[1] << 1 | at[2] << 2) << BEAM_BITS | index);
+                let record = |at: &[u64; 3]| (at[0] | at[1] << 1 | at[2] << 2) << BEAM_BITS | index;
+                records.push(record(&at));
                 for _ in 0..starts.crossings[lane] {
                     // Which face comes next is as good as random: selected by masks, not by branches.
                     let x = next[0] <= next[1] && next[0] <= next[2];
@@ -147,7 +146,7 @@ impl Kernel for WalkBlocks<'_> {
                         next[k] += if chosen { between[k] } else { 0.0 };
                         at[k] = at[k].wrapping_sub(if chosen { onward[k] } else { 0 }) & window.mask;
                     }
-                    records.push((at[0] | at[1] << 1 | at[2] << 2) << BEAM_BITS | index);
+                    records.push(record(&at));
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 use super::bundle::bundle;
 use super::scale::ScaleRule;
+use super::walk::LANES;
 use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
 use crate::sensor::{larger, smaller};
@@ -73,14 +74,12 @@ pub(crate) fn to_submap(returns: &Returns<'_>, how: &ToSubmap, beams: &mut Vec<B
     beams.resize(returns.points.len(), Beam::default());
     let limit = how.max_range / how.voxel;
     let kept = beams.par_chunks_mut(CHUNK).enumerate().map(|(chunk, beams)| {
-        let part = |start: usize| start..start + beams.len();
-        let (normals, origins, shades) = (returns.normals, returns.origins, returns.shades);
-        let part = part(chunk * CHUNK);
+        let part = chunk * CHUNK..chunk * CHUNK + beams.len();
         dispatch(Transform {
             points: &returns.points[part.clone()],
-            normals: normals.get(part.clone()).unwrap_or(&[]),
-            origins: origins.get(part.clone()).unwrap_or(&[]),
-            shades: shades.get(part).unwrap_or(&[]),
+            normals: returns.normals.get(part.clone()).unwrap_or(&[]),
+            origins: returns.origins.get(part.clone()).unwrap_or(&[]),
+            shades: returns.shades.get(part).unwrap_or(&[]),
             how,
             beams,
         });
@@ -104,9 +103,6 @@ struct Transform<'a> {
     how: &'a ToSubmap,
     beams: &'a mut [Beam],
 }
-
-/// Returns that are worked on together.
-const LANES: usize = 16;
 
 type Lanes = [f32; LANES];
 
@@ -183,9 +179,9 @@ impl Walks {
             let has_plane = (n[0] != 0.0) | (n[1] != 0.0) | (n[2] != 0.0);
             let rotated = pose.rotate(n);
             let normal = [0, 1, 2].map(|k| if has_plane { rotated[k] } else { -direction[k] });
-            let walked = steepened(direction, normal, how.least_slope);
-            let slope = -(walked[0] * normal[0] + walked[1] * normal[1] + walked[2] * normal[2]);
-            walks.behind[l] = smaller(how.band[1] / larger(slope, 1e-3), how.band[0]);
+            let slope = -(direction[0] * normal[0] + direction[1] * normal[1] + direction[2] * normal[2]);
+            let walked = steepened(direction, normal, slope, how.least_slope);
+            walks.behind[l] = smaller(how.band[1] / larger(slope, how.least_slope), how.band[0]);
             let place = pose.apply(p);
             for k in 0..3 {
                 (walks.place[k][l], walks.direction[k][l], walks.normal[k][l]) = (place[k], walked[k], normal[k]);
@@ -196,13 +192,12 @@ impl Walks {
     }
 }
 
-/// `direction`, turned towards the plane with `normal` until the sine of the angle between them is `least`.
+/// `direction`, turned towards the plane with `normal` until the sine of the angle between them, which is `slope`, is `least`.
 ///
 /// A beam that grazes the floor passes through one layer of voxels only, and shows no zero crossing across it; what is known
 /// at its point is the plane, so it may as well be left at a steeper angle.
 #[inline(always)]
-fn steepened(direction: [f32; 3], normal: [f32; 3], least: f32) -> [f32; 3] {
-    let slope = -(direction[0] * normal[0] + direction[1] * normal[1] + direction[2] * normal[2]);
+fn steepened(direction: [f32; 3], normal: [f32; 3], slope: f32, least: f32) -> [f32; 3] {
     let along = ((1.0 - least * least) / larger(1.0 - slope * slope, 1e-6)).sqrt();
     [0, 1, 2].map(|k| {
         let steep = along * (direction[k] + slope * normal[k]) - least * normal[k];
@@ -229,17 +224,17 @@ mod tests {
             let ray = how.t_submap_lidar.rotate(way).map(|c| c * (1.0 / range));
             let has_plane = n != [0.0; 3];
             let normal = if has_plane { how.t_submap_lidar.rotate(n) } else { ray.map(|c| -c) };
-            let walked = steepened(ray, normal, how.least_slope);
+            let slope = -dot(ray, normal);
             Beam {
                 point: how.t_submap_lidar.apply(p).map(|c| c * (1.0 / how.voxel)),
                 scale: how.rule.fitting(range) as u32,
-                direction: walked,
+                direction: steepened(ray, normal, slope, how.least_slope),
                 shade: returns.shades.get(i).copied().unwrap_or(0),
                 count: 1,
                 has_plane,
                 normal,
                 range: range * (1.0 / how.voxel),
-                reach: [how.band[0], (how.band[1] / -dot(walked, normal)).min(how.band[0])],
+                reach: [how.band[0], (how.band[1] / slope.max(how.least_slope)).min(how.band[0])],
             }
         };
         (0..returns.points.len()).map(of).filter(|beam| beam.range <= how.max_range / how.voxel).collect()
@@ -288,7 +283,7 @@ mod tests {
             }
             let slope = -dot(direction, normal);
             prop_assume!(slope < 0.999);
-            let steep = steepened(direction, normal, least);
+            let steep = steepened(direction, normal, slope, least);
             prop_assert!((dot(steep, steep) - 1.0).abs() < 1e-4);
             prop_assert!((-dot(steep, normal) - slope.max(least)).abs() < 1e-4);
             let across = [0, 1, 2].map(|k| direction[(k + 1) % 3] * normal[(k + 2) % 3] - direction[(k + 2) % 3] * normal[(k + 1) % 3]);

@@ -29,7 +29,7 @@ pub const NONE: u32 = u32::MAX;
 
 /// Added to block coordinates before they become a key. The alternating bits keep the two sides of the origin under a
 /// common ancestor a few levels up; a power of two would put them under the topmost octant.
-pub(crate) const KEY_OFFSET: i32 = 0x0a_aaaa;
+const KEY_OFFSET: i32 = 0x0a_aaaa;
 
 /// Edge of a block in voxels at `scale`.
 #[inline(always)]

@@ -39,16 +39,7 @@ impl Bench {
         let elevations = Room::elevations(ROWS);
         let model = BeamModel::even(ROWS, COLUMNS, elevations[0], elevations[ROWS - 1]).unwrap();
         let occupancy = OccupancySettings { voxel: VOXEL, max_range: 30.0, ..OccupancySettings::default() };
-        let tsdf = TsdfSettings {
-            voxel: VOXEL,
-            max_range: 30.0,
-            truncation_voxels: 3.0,
-            truncation_behind: 3.0,
-            bundle_width: 0.5,
-            max_weight: 100.0,
-            max_scale,
-            coarser_factor: 1.5,
-        };
+        let tsdf = TsdfSettings { voxel: VOXEL, max_range: 30.0, max_scale, ..TsdfSettings::default() };
         Self {
             room: Room::random(seed),
             tsdf: TsdfIntegrator::new(tsdf),

@@ -127,14 +127,16 @@ impl OccupancyIntegrator {
             (finds, see, descend)
         };
         let select = || {
+            /// Fewer beams are not worth a second thread.
+            const BEAMS_PER_TASK: usize = 4096;
             let OccupancySettings { voxel, max_range, .. } = settings;
             let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel, max_range, rule, least_slope: 0.0, band: [0.0; 2], bundle_width: 0.0 };
             let ((), see) = timed(|| {
                 to_submap(&returns, &how, beams);
-                for beam in &mut *beams {
+                beams.par_iter_mut().with_min_len(BEAMS_PER_TASK).for_each(|beam| {
                     let (before, behind) = Evidence::new(&settings, beam.range * voxel, beam.scale as usize).reach();
                     beam.reach = [-before, behind];
-                }
+                });
             });
             let ((), select) = timed(|| selection.select(beams, sensor, reach));
             (see, select)
