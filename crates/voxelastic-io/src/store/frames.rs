@@ -71,6 +71,8 @@ fn copy(error: &mut io::Error) -> io::Error {
 #[derive(Clone, Copy)]
 pub(super) struct Section<'a> {
     pub path: &'a Path,
+    /// Version of the file's format.
+    pub version: u32,
     /// The section in words.
     pub name: &'static str,
     /// Where it starts in the file.

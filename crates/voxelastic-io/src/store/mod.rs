@@ -42,4 +42,4 @@ pub use reader::MapStore;
 pub use writer::{MapWriter, SaveReport};
 
 /// Version of the map directory's format that this program writes, and the newest that it reads.
-pub const FORMAT_VERSION: u32 = 1;
+pub const FORMAT_VERSION: u32 = 2;

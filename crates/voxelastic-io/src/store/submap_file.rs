@@ -261,7 +261,7 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
     let mut sections: Vec<(Kind, Section<'_>)> = Vec::new();
     let mut end = head_length(count) as u64;
     for _ in 0..count {
-        let (kind, section) = row(path, bytes, &mut rows, end)?;
+        let (kind, section) = row((path, version), bytes, &mut rows, end)?;
         if sections.iter().any(|(other, _)| *other == kind) {
             return Err(damaged(HEAD, format!("it has two {}s", kind.name())));
         }
@@ -275,7 +275,7 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
 }
 
 /// Reads the next row of the section table and checks its section, which starts where the one before ended.
-fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
+fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
     let damaged = |what: String| StoreError::damaged(path, "section table", HEAD as u64, what);
     let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
     let (tag, crc32, offset, length) = fields().map_err(damaged)?;
@@ -285,6 +285,6 @@ fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) ->
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.tag() == tag) else {
         return Err(StoreError::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
     };
-    let section = Section { path, name: kind.name(), offset, bytes: content };
+    let section = Section { path, version, name: kind.name(), offset, bytes: content };
     if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(section.find_damage(kind.head())) }
 }

@@ -1,5 +1,6 @@
 //! What checksums cannot vouch for: bytes that someone made on purpose. They are read or refused, and never worse.
 
+use super::FORMAT_VERSION;
 use super::bytes::Bytes;
 use super::frames::Section;
 use super::manifest::{Manifest, MapDetails};
@@ -65,7 +66,7 @@ fn occupancy() -> OccupancyField {
 }
 
 fn section<'a>(name: &'static str, bytes: &'a [u8]) -> Section<'a> {
-    Section { path: Path::new("map/submap"), name, offset: 100, bytes }
+    Section { path: Path::new("map/submap"), version: FORMAT_VERSION, name, offset: 100, bytes }
 }
 
 proptest! {

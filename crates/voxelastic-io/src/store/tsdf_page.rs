@@ -5,7 +5,7 @@
 //! 3. a bit per voxel of all blocks' arrays, end to end, least bit first: whether the voxel is anything but zero;
 //! 4. of these voxels the distances, each as the difference to the one before, signs folded into the lowest bit:
 //!    all low bytes, then all high bytes;
-//! 5. of these voxels the weights: all low bytes, then all high bytes;
+//! 5. of these voxels the weights, in sixteenths of an observation (of a 64th in version 1): all low bytes, then all high bytes;
 //! 6. a bit per intensity of all blocks' arrays: whether it is anything but zero; then those that are.
 //!
 //! On the hall at 5 cm three voxels of four are unobserved: leaving them out makes packing twice as fast, and splitting
@@ -13,7 +13,7 @@
 
 use super::bytes::{Bytes, push_varint};
 use super::frames::{FULL, LARGEST};
-use voxelastic::field::tsdf::{TsdfField, Voxel};
+use voxelastic::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
 use voxelastic::field::{BlockHead, TsdfBuilder};
 
 /// Bytes that a block counts for: its arrays and more than its head takes.
@@ -87,6 +87,11 @@ pub(super) struct Unpacked {
 }
 
 impl Unpacked {
+    /// Makes weights of version 1 what they are now: upwards, so that what was observed stays so.
+    pub fn update_weights(&mut self) {
+        self.voxels.iter_mut().for_each(|voxel| voxel.weight = voxel.weight.div_ceil(64 / WEIGHT_ONE));
+    }
+
     /// Adds the page's blocks to a field.
     pub fn build(&self, builder: &mut TsdfBuilder) -> Result<(), String> {
         let (mut voxels, mut shades) = (&self.voxels[..], &self.shades[..]);

@@ -1,5 +1,6 @@
 //! The TSDF section of a submap file: the number of blocks (u64), then [frames](super::frames) of blocks in Morton order.
 
+use super::bytes::Bytes;
 use super::error::Result;
 use super::frames::{self, Section};
 use super::tsdf_page::{Unpacked, cut, fill, parse};
@@ -43,6 +44,13 @@ pub(super) fn read(section: &Section<'_>) -> Result<TsdfField> {
     let (mut head, frames) = section.split(HEAD)?;
     let blocks = head.u64().map_err(|e| section.damaged(0, e))?;
     let mut builder = TsdfBuilder::default();
+    let parse = |bytes: Bytes<'_>, blocks| {
+        let mut page = parse(bytes, blocks)?;
+        if section.version < 2 {
+            page.update_weights();
+        }
+        Ok(page)
+    };
     frames::read(section, &frames, parse, |page: Unpacked| page.build(&mut builder))?;
     let field = builder.finish();
     if field.len() as u64 != blocks {

@@ -4,7 +4,7 @@ use crate::world::{details, made_up_atlas, same_atlas};
 use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
-use voxelastic_io::store::{MapStore, MapWriter, Result, StoreError};
+use voxelastic_io::store::{FORMAT_VERSION, MapStore, MapWriter, Result, StoreError};
 
 /// A small map and where its files are.
 struct Map {
@@ -170,10 +170,11 @@ fn manifests_that_name_files_elsewhere_are_refused() {
 fn newer_versions_are_refused_and_unknown_keys_are_not() {
     let map = map();
     let original = fs::read_to_string(&map.manifest).unwrap();
-    for (version, found) in [("2", 2), ("99999999999999999999", u32::MAX)] {
-        rewrite_manifest(&map, "\"version\": 1", &format!("\"version\": {version}"));
+    let current = format!("\"version\": {FORMAT_VERSION}");
+    for (version, found) in [((FORMAT_VERSION + 1).to_string(), FORMAT_VERSION + 1), ("99999999999999999999".to_owned(), u32::MAX)] {
+        rewrite_manifest(&map, &current, &format!("\"version\": {version}"));
         let error = MapStore::open(map.dir.path()).unwrap_err();
-        assert!(matches!(error, StoreError::Newer { found: f, supported: 1, .. } if f == found), "{error}");
+        assert!(matches!(error, StoreError::Newer { found: f, supported: FORMAT_VERSION, .. } if f == found), "{error}");
         assert!(matches!(MapWriter::create(map.dir.path()), Err(StoreError::Newer { .. })), "a newer map is not replaced");
         fs::write(&map.manifest, &original).unwrap();
     }
@@ -219,8 +220,8 @@ fn newer_submap_files_and_unknown_sections_are_refused() {
         fs::write(&map.submap, submap).unwrap();
         error
     };
-    let error = load_changed(&|bytes| bytes[8] = 2);
-    assert!(matches!(error, StoreError::Newer { found: 2, .. }), "{error}");
+    let error = load_changed(&|bytes| bytes[8] = FORMAT_VERSION as u8 + 1);
+    assert!(matches!(error, StoreError::Newer { supported: FORMAT_VERSION, .. }), "{error}");
     let error = load_changed(&|bytes| bytes[20..24].copy_from_slice(b"heat"));
     assert!(matches!(&error, StoreError::UnknownSection { tag, offset: 48, .. } if tag == "heat"), "{error}");
     let error = load_changed(&|bytes| bytes[16] = 65);

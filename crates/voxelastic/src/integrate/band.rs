@@ -9,6 +9,8 @@ use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 pub(crate) struct Band {
     /// How far the band reaches in front of the surface, in voxels of the block's scale.
     pub before: f32,
+    /// How far in front of it voxels are made: farther ones learn only if they are there.
+    pub new: f32,
     /// How far behind it.
     pub behind: f32,
     /// Weight of an observation in front of the surface.
@@ -73,10 +75,19 @@ impl Band {
         u32::from(is_alive & (d < self.before) & (d > -self.behind) & (self.weight_at(d) >= 1.0))
     }
 
+    /// Whether hit `i` makes its voxel if it was never seen.
+    #[inline(always)]
+    pub fn makes(&self, hits: &Hits, i: usize) -> bool {
+        hits.quantity[i] < self.new
+    }
+
     /// Folds hit `i` into its voxel.
     #[inline(always)]
     pub fn observe(&self, hits: &Hits, i: usize, voxel: &mut Voxel) {
-        voxel.observe(hits.quantity[i] * DISTANCE_STEPS, hits.weight[i], self.max_weight);
+        // By a mask: which voxels are there is as good as random.
+        let told = u32::from(voxel.is_observed() | self.makes(hits, i));
+        let weight = f32::from_bits(hits.weight[i].to_bits() & told.wrapping_neg());
+        voxel.observe(hits.quantity[i] * DISTANCE_STEPS, weight, self.max_weight);
     }
 }
 

@@ -13,6 +13,7 @@ use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
 use crate::field::tsdf::propagate::{GUESSED_WEIGHT, children, propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
 use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
+use bytemuck::Zeroable;
 
 /// How a block moves between scales in a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +73,9 @@ impl Kernel for Share<'_> {
     fn run(self) {
         let Self { runs, task, touched } = self;
         let mut formations = [Formation::new(), Formation::new()];
+        // What is told to voxels that are not there is told to this one.
+        let mut nobody = Brick::zeroed();
+        let nobody = Place::of(&mut nobody);
         let mut next = 0;
         // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
         for (i, run) in runs.iter().enumerate() {
@@ -85,21 +89,23 @@ impl Kernel for Share<'_> {
             if run.change != Change::None {
                 task.change_scale(run, touched);
             }
-            let home = task.home(run.block);
+            let mut home = task.home(run.block, nobody);
             for record in run.start as usize..run.end as usize {
                 if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
                     ask_for_all(&raw const task.beams[beam_of(later)]);
                 }
                 formations[next].push(&home, &task.beams[beam_of(task.records[record])]);
                 if formations[next].lines.len() == LANES {
-                    formations[next].walk(task, touched);
+                    if formations[next].walk(task, nobody, touched) {
+                        home = task.home(run.block, nobody);
+                    }
                     next = 1 - next;
                     // SAFETY: as above, and bricks belong to one block only.
                     unsafe { formations[next].apply(&task.band) };
                 }
             }
         }
-        formations[next].walk(task, touched);
+        formations[next].walk(task, nobody, touched);
         for formation in [1 - next, next] {
             // SAFETY: as above.
             unsafe { formations[formation].apply(&task.band) };
@@ -114,7 +120,7 @@ struct Home {
     scale: u32,
     /// Its first brick at its current scale, among all of its bricks.
     first: usize,
-    /// The bricks at that scale; nowhere those that have to be woken or made first.
+    /// The bricks at that scale; nowhere those that have to be woken first, and nobody's those that do not exist.
     bricks: [Place<Brick>; BRICKS],
     places: &'static Places,
     shaded: bool,
@@ -138,7 +144,9 @@ struct Formation {
     /// Where the voxel of each hit lies: its brick, and its place there.
     bricks: [Place<Brick>; Hits::MOST],
     places: [u8; Hits::MOST],
-    /// The hits whose voxels take an intensity.
+    /// The hits that are told to a voxel, and those whose voxels take an intensity.
+    told: [u16; Hits::MOST],
+    told_count: usize,
     near: [u16; Hits::MOST],
     near_count: usize,
 }
@@ -158,6 +166,8 @@ impl Formation {
             count: [1.0; LANES],
             bricks: [Place::NOWHERE; Hits::MOST],
             places: [0; Hits::MOST],
+            told: [0; Hits::MOST],
+            told_count: 0,
             near: [0; Hits::MOST],
             near_count: 0,
         }
@@ -181,24 +191,28 @@ impl Formation {
         });
     }
 
-    /// Finds out what the lines pass, and asks for it to be brought near.
+    /// Finds out what the lines pass, and asks for it to be brought near. Tells whether bricks were woken or made, which other homes do not know of.
     #[inline(always)]
     #[allow(unsafe_code)]
-    fn walk(&mut self, task: &Update<'_>, touched: &mut Touched) {
+    fn walk(&mut self, task: &Update<'_>, nobody: Place<Brick>, touched: &mut Touched) -> bool {
         self.trace.walk(&self.lines);
         task.band.collect(&self.trace, &mut self.hits);
-        self.near_count = 0;
+        (self.told_count, self.near_count) = (0, 0);
+        let mut came = false;
         for i in 0..self.hits.len {
             let (lane, index) = self.hits.target(i);
             self.hits.multiply(i, self.count[lane]);
             let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
             let place = usize::from(home.places[index % voxels_at(0)]);
             let brick = &mut home.bricks[place / BRICK % BRICKS];
-            if brick.is_nowhere() {
+            if brick.is_nowhere() | ((*brick == nobody) & task.band.makes(&self.hits, i)) {
                 // SAFETY: this thread alone deals with the blocks that lines are pushed for.
                 *brick = unsafe { task.field.brick(task.field.block(home.id).get(), home.id, home.first + place / BRICK, touched) };
+                came = true;
             }
             (self.bricks[i], self.places[i]) = (*brick, (place % BRICK) as u8);
+            self.told[self.told_count % Hits::MOST] = i as u16;
+            self.told_count += usize::from(*brick != nobody);
             prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * (place % BRICK)));
             self.near[self.near_count % Hits::MOST] = i as u16;
             self.near_count += usize::from(home.shaded & self.hits.is_near(i));
@@ -207,6 +221,7 @@ impl Formation {
             let (brick, place) = (self.bricks[usize::from(i)], self.places[usize::from(i)]);
             prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * BRICK + usize::from(place)));
         }
+        came
     }
 
     /// Updates the voxels that the lines pass, and disbands the formation.
@@ -216,8 +231,9 @@ impl Formation {
     #[inline(always)]
     #[allow(unsafe_code)]
     unsafe fn apply(&mut self, band: &Band) {
-        let Self { lines, hits, shade, bricks, places, near, near_count, blocks, .. } = self;
-        for i in 0..hits.len {
+        let Self { lines, hits, shade, bricks, places, told, told_count, near, near_count, blocks, .. } = self;
+        for &i in &told[..*told_count] {
+            let i = usize::from(i);
             // SAFETY: the caller's promise; bricks stay where they are while the field is open.
             let brick = unsafe { bricks[i].get() };
             band.observe(hits, i, &mut brick.voxels[usize::from(places[i]) % BRICK]);
@@ -229,7 +245,7 @@ impl Formation {
             let brick = unsafe { bricks[i].get() };
             observe_shade(&mut brick.shades[usize::from(places[i]) % BRICK], shade[lane]);
         }
-        (hits.len, *near_count, *blocks) = (0, 0, 0);
+        (hits.len, *told_count, *near_count, *blocks) = (0, 0, 0, 0);
         lines.clear();
     }
 }
@@ -237,12 +253,12 @@ impl Formation {
 impl Update<'_> {
     #[inline(always)]
     #[allow(unsafe_code)]
-    fn home(&self, id: u32) -> Home {
+    fn home(&self, id: u32, nobody: Place<Brick>) -> Home {
         // SAFETY: each block occurs in one run only, so in one thread only.
         let block = unsafe { self.field.block(id).get() };
         let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let Block { scale, shaded, .. } = *block;
-        let (first, bricks) = (block.current().bricks().start, self.field.bricks(block));
+        let (first, bricks) = (block.current().bricks().start, self.field.bricks(block, nobody));
         Home { id, scale: scale.into(), first, bricks, places: places(scale.into()), shaded, corner }
     }
 

@@ -5,6 +5,7 @@ use super::scale::ScaleRule;
 use super::walk::LANES;
 use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
+use crate::octree::BLOCK_EDGE;
 use crate::sensor::{larger, smaller};
 use rayon::prelude::*;
 
@@ -46,6 +47,25 @@ pub(crate) struct Beam {
     pub range: f32,
     /// How far the beam is walked in front of its point and behind it, voxels of the walk's scale.
     pub reach: [f32; 2],
+}
+
+impl Beam {
+    /// Whether its walk may come to a voxel less than `new` voxels in front of its plane, in the block with smallest corner `corner` and voxels of
+    /// 2^`scale` finest ones.
+    pub fn makes(&self, corner: [f32; 3], scale: u8, new: f32) -> bool {
+        /// How much farther from the plane than its centre a voxel can be met, its edges.
+        const CORNER: f32 = 0.87;
+        let voxel = f32::from(1u8 << scale);
+        let slope = -(0..3).map(|k| self.direction[k] * self.normal[k]).sum::<f32>();
+        let (mut enter, mut leave) = (-self.reach[0].min((new + CORNER) / slope.max(1e-3)) * voxel, self.reach[1] * voxel);
+        for k in 0..3 {
+            let inverse = 1.0 / self.direction[k];
+            let [a, b] = [0.0, BLOCK_EDGE as f32].map(|edge| (corner[k] + edge - self.point[k]) * inverse);
+            // Not a number where the beam runs in a face: then neither is taken.
+            (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+        }
+        enter <= leave + 1e-3
+    }
 }
 
 /// How returns become beams.

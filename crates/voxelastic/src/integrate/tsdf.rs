@@ -8,7 +8,7 @@
 use super::band::Band;
 use super::formation::{Change, Run, Share, Update, scale_change};
 use super::scale::ScaleRule;
-use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection};
+use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
 use crate::dispatch::dispatch;
 use crate::field::tsdf::{Touched, TsdfField, WEIGHT_ONE};
@@ -28,8 +28,11 @@ pub struct TsdfSettings {
     pub voxel: f32,
     /// Largest range that is integrated, metres.
     pub max_range: f32,
-    /// How far the truncation band reaches in front of the surface, in voxels of the integration scale, 1 to 8.
+    /// How far the truncation band reaches in front of the surface, in voxels of the integration scale, 1 to 8: what a beam went through is worn
+    /// away.
     pub truncation_voxels: f32,
+    /// How far in front of the surface voxels are made, in the same voxels, 1.5 to 8: farther ones, which no mesh needs, learn only if they are there.
+    pub truncation_new: f32,
     /// How far it reaches behind the surface, in the same voxels, 1 to 8: what is there is a guess, and is in the way of what else is there.
     pub truncation_behind: f32,
     /// How wide a bundle of beams may be that are walked as one, voxels of the integration scale; 0 to walk each alone. Walks half a voxel apart
@@ -49,7 +52,8 @@ impl Default for TsdfSettings {
             voxel: 0.065,
             max_range: 60.0,
             truncation_voxels: 3.0,
-            truncation_behind: 3.0,
+            truncation_new: 1.5,
+            truncation_behind: 1.5,
             bundle_width: 0.5,
             max_weight: 100.0,
             max_scale: SCALES - 1,
@@ -184,6 +188,7 @@ impl TsdfIntegrator {
         let mut new_blocks = 0;
         for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {
             match run.change {
+                _ if run.start == run.end => {}
                 _ if run.block == NONE => {
                     run.block = field.make(&mut cursor, key, scale, shaded).0;
                     new_blocks += 1;
@@ -193,10 +198,12 @@ impl TsdfIntegrator {
                 Change::Finer | Change::FinerNew => field.go_finer(run.block),
             }
         }
+        self.runs.retain(|run| run.start < run.end);
         new_blocks
     }
 
-    /// Finds the selected blocks that exist, in parallel, and decides on their scales; returns the scale that fits each.
+    /// Finds the selected blocks that exist, in parallel, and decides on their scales; returns the scale that fits each. Those that neither exist nor
+    /// have a beam that makes voxels there are left without beams.
     fn find(&mut self, field: &TsdfField, rule: &ScaleRule, distance: impl Fn([i32; 3]) -> f32 + Sync) -> Vec<u8> {
         /// Few enough that threads share evenly, many enough that a cursor seldom starts anew.
         const BLOCKS_PER_TASK: usize = 1024;
@@ -215,11 +222,18 @@ impl TsdfIntegrator {
                     ask_for_all(&raw const field.blocks[id]);
                 }
             }
-            for ((run, fitting), &BlockBeams { key, .. }) in runs.iter_mut().zip(fitting).zip(blocks) {
-                let distance = distance(block_coords(key));
+            for ((run, fitting), &BlockBeams { key, start, end }) in runs.iter_mut().zip(fitting).zip(blocks) {
+                let coords = block_coords(key);
+                let distance = distance(coords);
                 *fitting = rule.fitting(distance) as u8;
                 if run.block != NONE {
                     run.change = scale_change(&field.blocks[run.block], rule, distance);
+                    continue;
+                }
+                let corner = coords.map(|c| (c * BLOCK_EDGE as i32) as f32);
+                let makes = |&record: &u64| self.beams[beam_of(record)].makes(corner, *fitting, self.settings.truncation_new);
+                if !self.selection.records[start as usize..end as usize].iter().any(makes) {
+                    run.end = start;
                 }
             }
         });
@@ -231,6 +245,7 @@ impl TsdfIntegrator {
         const RUNS_PER_TASK: usize = 64;
         let band = Band {
             before: self.settings.truncation_voxels,
+            new: self.settings.truncation_new,
             behind: self.settings.truncation_behind,
             weight: f32::from(WEIGHT_ONE),
             max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),

@@ -241,6 +241,7 @@ impl Integrators {
             voxel: settings.voxel,
             max_range: settings.max_range,
             truncation_voxels: settings.truncation,
+            truncation_new: settings.truncation_new,
             truncation_behind: settings.truncation_behind,
             max_weight: settings.max_weight,
             max_scale: settings.max_scale,

@@ -105,9 +105,22 @@ impl<T> Clone for Place<T> {
 
 impl<T> Copy for Place<T> {}
 
+impl<T> PartialEq for Place<T> {
+    #[inline(always)]
+    fn eq(&self, other: &Self) -> bool {
+        self.0 == other.0
+    }
+}
+
 impl<T> Place<T> {
     /// No item.
     pub const NOWHERE: Self = Self(std::ptr::null_mut());
+
+    /// Where `item` lies, which is in no pool.
+    #[inline(always)]
+    pub fn of(item: &mut T) -> Self {
+        Self(item)
+    }
 
     /// Whether there is no item.
     #[inline(always)]

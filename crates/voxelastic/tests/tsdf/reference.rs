@@ -50,6 +50,9 @@ impl DenseTsdf {
         if distance >= before || distance <= -behind || weight < 1.0 {
             return;
         }
+        if distance >= self.settings.truncation_new && !self.voxels.contains_key(&c) {
+            return;
+        }
         let (mean, sum) = self.voxels.entry(c).or_default();
         *mean += (distance - *mean) * weight / (*sum + weight);
         // Weights are whole units in the field, so they are here.

@@ -57,14 +57,16 @@ impl OpenField<'_> {
         self.blocks.place(id)
     }
 
-    /// The bricks of the current array of `block`; those that are not awake are nowhere.
+    /// The bricks of the current array of `block`; those at rest are nowhere, and those that hold nothing are `nobody`'s.
     #[inline(always)]
-    pub fn bricks(&self, block: &Block) -> [Place<Brick>; BRICKS] {
+    pub fn bricks(&self, block: &Block, nobody: Place<Brick>) -> [Place<Brick>; BRICKS] {
         let mut places = [Place::NOWHERE; BRICKS];
         for (place, brick) in places.iter_mut().zip(&block.bricks[block.current().bricks()]) {
-            if let Some(slot) = brick.slot() {
-                *place = self.bricks.cells().place(slot);
-            }
+            *place = match brick.whereabouts() {
+                Whereabouts::Nowhere => nobody,
+                Whereabouts::Awake(slot) => self.bricks.cells().place(slot),
+                Whereabouts::Resting(_) => Place::NOWHERE,
+            };
         }
         places
     }

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 /// Steps of [`Voxel::distance`] per voxel edge.
 pub const DISTANCE_STEPS: f32 = 2048.0;
 /// Weight of one full observation.
-pub const WEIGHT_ONE: u16 = 64;
+pub const WEIGHT_ONE: u16 = 16;
 
 /// One voxel of a TSDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -33,12 +33,13 @@ impl Voxel {
         f32::from(self.distance) / DISTANCE_STEPS
     }
 
-    /// Folds one observation in: the weighted mean, with the weight capped. Both are rounded to whole steps.
+    /// Folds one observation in: the weighted mean, with the weight capped. Both are rounded to whole steps. An observation of no weight changes
+    /// nothing, any other weighs a step at least.
     #[inline(always)]
     pub fn observe(&mut self, distance_steps: f32, weight: f32, max_weight: f32) {
         let sum = f32::from(self.weight) + weight;
         let distance = f32::from(self.distance);
-        self.distance = low_bits(distance + (distance_steps - distance) * (weight / sum)) as i16;
+        self.distance = low_bits(distance + (distance_steps - distance) * (weight / if sum > 1.0 { sum } else { 1.0 })) as i16;
         // Not `min`, which would also care for NaN.
         self.weight = low_bits(if sum < max_weight { sum } else { max_weight });
     }
