@@ -2,16 +2,13 @@
 
 use crate::field::tsdf::colour::cube;
 use crate::field::tsdf::propagate::{propagate_delta_down, propagate_up};
-use crate::field::tsdf::{Array, Block, TsdfField, Voxel, VoxelBuffer};
+use crate::field::tsdf::{Array, TsdfField, Voxel, VoxelBuffer};
 use crate::octree::{SCALES, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
-/// Blocks of a field seen at the finest scale that each holds, but not finer than a chosen one. Each is called by its place among the
-/// blocks that are seen: in a view of a whole field, its id.
+/// The blocks of a field, each seen at the finest scale that it holds.
 pub(crate) struct View<'a> {
     pub field: &'a TsdfField,
-    /// Those that are seen.
-    ids: Vec<u32>,
     /// Scale of each block.
     scales: Vec<u8>,
     /// Arrays of blocks whose current array is not what should be seen.
@@ -20,43 +17,33 @@ pub(crate) struct View<'a> {
 
 impl<'a> View<'a> {
     pub fn new(field: &'a TsdfField) -> Self {
-        Self::of(field, field.ids().collect(), 0)
-    }
-
-    /// A view of the blocks `ids` alone.
-    pub fn of(field: &'a TsdfField, ids: Vec<u32>, coarsest_detail: usize) -> Self {
-        let (scales, settled) = ids.par_iter().map(|&id| settle(field, id, coarsest_detail)).unzip();
-        Self { field, ids, scales, settled }
+        let (scales, settled) = field.ids().into_par_iter().map(|id| settle(field, id, 0)).unzip();
+        Self { field, scales, settled }
     }
 
     #[inline(always)]
-    fn block(&self, place: u32) -> &'a Block {
-        self.field.block(self.ids[place as usize])
+    pub fn scale(&self, id: u32) -> usize {
+        usize::from(self.scales[id as usize])
     }
 
-    #[inline(always)]
-    pub fn scale(&self, place: u32) -> usize {
-        usize::from(self.scales[place as usize])
-    }
-
-    /// Copies the voxels of block `place` into the first ones of `voxels`.
-    pub fn copy(&self, place: u32, voxels: &mut VoxelBuffer) {
-        match &self.settled[place as usize] {
+    /// Copies the voxels of block `id` into the first ones of `voxels`.
+    pub fn copy(&self, id: u32, voxels: &mut VoxelBuffer) {
+        match &self.settled[id as usize] {
             Some(array) => voxels[..array.len()].copy_from_slice(array),
             None => {
-                let block = self.block(place);
-                self.field.copy(block, block.current(), &mut voxels[..voxels_at(self.scale(place))]);
+                let block = self.field.block(id);
+                self.field.copy(block, block.current(), &mut voxels[..voxels_at(self.scale(id))]);
             }
         }
     }
 
-    /// Copies the intensities that the voxels of block `place` have, 0 where unknown, into the first of `shades`, unless it has none.
-    pub fn copy_shades(&self, place: u32, shades: &mut [u8; voxels_at(0)]) -> bool {
-        let block = self.block(place);
+    /// Copies the intensities that the voxels of block `id` have, 0 where unknown, into the first of `shades`, unless it has none.
+    pub fn copy_shades(&self, id: u32, shades: &mut [u8; voxels_at(0)]) -> bool {
+        let block = self.field.block(id);
         if !self.field.is_shaded(block) {
             return false;
         }
-        let (from, here) = (usize::from(block.scale), self.scale(place));
+        let (from, here) = (usize::from(block.scale), self.scale(id));
         let shades = &mut shades[..voxels_at(here)];
         if from == here {
             self.field.copy_shades(block, here, shades);
@@ -66,30 +53,10 @@ impl<'a> View<'a> {
         }
         true
     }
-
-    /// Voxel `index` of block `place`.
-    #[inline]
-    pub fn voxel(&self, place: u32, index: usize) -> Voxel {
-        match &self.settled[place as usize] {
-            Some(voxels) => voxels[index],
-            None => self.field.voxel(self.block(place), index),
-        }
-    }
-
-    /// Intensity at voxel `index` of block `place` as seen here, if it is known: where it is known finer, the mean of that.
-    pub fn shade(&self, place: u32, index: usize) -> Option<u8> {
-        let block = self.block(place);
-        let (from, here) = (usize::from(block.scale), self.scale(place));
-        if !self.field.is_shaded(block) {
-            return None;
-        }
-        let shade = shade_at(voxel_coords(index, here), here, from, |i| self.field.shade(block, i));
-        (shade > 0).then_some(shade)
-    }
 }
 
 /// Intensity of voxel `c` at scale `here` of a block that has `shades` at scale `from`.
-fn shade_at(c: [usize; 3], here: usize, from: usize, shades: impl Fn(usize) -> u8) -> u8 {
+pub(crate) fn shade_at(c: [usize; 3], here: usize, from: usize, shades: impl Fn(usize) -> u8) -> u8 {
     if from >= here {
         return shades(voxel_index(c.map(|v| v >> (from - here)), from));
     }

@@ -11,6 +11,7 @@
 mod colour;
 mod doubts;
 mod occupancy;
+mod seen;
 mod tsdf;
 mod window;
 

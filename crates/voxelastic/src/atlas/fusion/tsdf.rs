@@ -1,13 +1,14 @@
 //! TSDF fusion: the source sampled at the target's voxels, then weighted means.
 
 use super::Placement;
+use super::seen::Seen;
 use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::propagate::propagate_down;
 use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{
     BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
 };
-use crate::surface::view::{View, settle};
+use crate::surface::view::settle;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -65,7 +66,7 @@ impl TsdfPatch {
 /// Most blocks of the source along an axis that a block of the target can need: its diagonal, and a coarsest voxel on both sides.
 const NEAR_EDGE: usize = 5;
 
-/// The source's blocks around a block of the target, looked up once for all of its voxels: places in the views of a part.
+/// The source's blocks around a block of the target, looked up once for all of its voxels: places among those that a part sees.
 struct Near {
     low: [i32; 3],
     places: [u32; NEAR_EDGE * NEAR_EDGE * NEAR_EDGE],
@@ -98,7 +99,7 @@ impl<'a> TsdfSampling<'a> {
         self.reached.len()
     }
 
-    /// Samples the blocks numbered `range`. Each part sees for itself what it needs of the source: views of all of it would take as much
+    /// Samples the blocks numbered `range`. Each part sees for itself what it needs of the source: all of it unpacked would take as much
     /// memory as the samples.
     pub fn part(&self, range: Range<usize>) -> TsdfPatch {
         let reached = &self.reached[range];
@@ -111,8 +112,7 @@ impl<'a> TsdfSampling<'a> {
             })
         };
         let near: Vec<Near> = reached.iter().map(|&(key, _)| self.near(&mut cursor, key, &mut place_of)).collect();
-        let views = std::array::from_fn(|scale| View::of(self.source, ids.clone(), scale));
-        let sampler = Sampler { placement: &self.placement, views };
+        let sampler = Sampler { placement: &self.placement, seen: Seen::new(self.source, ids) };
         let blocks = reached.iter().zip(&near).filter_map(|(&(key, scale), near)| sampler.block(near, key, scale));
         TsdfPatch { blocks: blocks.collect() }
     }
@@ -133,8 +133,7 @@ impl<'a> TsdfSampling<'a> {
 /// Reads a field at any point and scale.
 struct Sampler<'a> {
     placement: &'a Placement,
-    /// The field seen no finer than each scale.
-    views: [View<'a>; SCALES],
+    seen: Seen<'a>,
 }
 
 /// A sample: distance in finest voxels, weight, and where the intensity comes from.
@@ -179,9 +178,9 @@ impl Sampler<'_> {
 
     /// The eight voxels of `scale` around `point`.
     fn cell(&self, near: &Near, point: [f32; 3], scale: usize) -> Cell {
-        let (view, shift) = (&self.views[scale], BLOCK_SHIFT as usize - scale);
+        let shift = BLOCK_SHIFT as usize - scale;
         let at = point.map(|v| v / (1 << scale) as f32 - 0.5);
-        let base = at.map(|v| v.floor() as i32);
+        let base = at.map(floor);
         let fraction: [f32; 3] = std::array::from_fn(|k| at[k] - base[k] as f32);
         let nearest = (0..3).fold(0, |i, k| i | usize::from(fraction[k] >= 0.5) << k);
         let mut corners = Corners { voxels: [Voxel::default(); 8], fraction, nearest, block: NONE, index: 0 };
@@ -195,11 +194,11 @@ impl Sampler<'_> {
                 }
                 continue;
             }
-            if view.scale(place) > scale {
+            if !self.seen.is_seen_at(place, scale) {
                 return Cell::Coarser;
             }
             let index = voxel_index(c.map(|v| v as usize & (edge_at(scale) - 1)), scale);
-            corners.voxels[i] = view.voxel(place, index);
+            corners.voxels[i] = self.seen.voxels(place, scale)[index];
             if i == nearest {
                 if !corners.voxels[i].is_observed() {
                     return Cell::Unobserved;
@@ -212,7 +211,7 @@ impl Sampler<'_> {
 
     fn interpolate(&self, corners: &Corners, scale: usize) -> Sample {
         let (distance, weight) = corners.interpolate();
-        let shade = self.views[scale].shade(corners.block, corners.index);
+        let shade = self.seen.shade(corners.block, scale, corners.index);
         Sample { distance: distance * (1 << scale) as f32, weight, shade }
     }
 }
@@ -251,6 +250,13 @@ fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
     reached.par_sort_unstable();
     reached.dedup_by_key(|r| r.0);
     reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
+}
+
+/// The largest whole number that is not above `x`. What the library has is a call where the processor may lack the instruction.
+#[inline(always)]
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(whole as f32 > x)
 }
 
 /// What there is around a point at one scale.
