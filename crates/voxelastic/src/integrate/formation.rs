@@ -13,7 +13,6 @@ use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
 use crate::field::tsdf::propagate::{GUESSED_WEIGHT, children, propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
 use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
-use bytemuck::Zeroable;
 
 /// How a block moves between scales in a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,9 +72,6 @@ impl Kernel for Share<'_> {
     fn run(self) {
         let Self { runs, task, touched } = self;
         let mut formations = [Formation::new(), Formation::new()];
-        // What is told to voxels that are not there is told to this one.
-        let mut nobody = Brick::zeroed();
-        let nobody = Place::of(&mut nobody);
         let mut next = 0;
         // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
         for (i, run) in runs.iter().enumerate() {
@@ -89,15 +85,15 @@ impl Kernel for Share<'_> {
             if run.change != Change::None {
                 task.change_scale(run, touched);
             }
-            let mut home = task.home(run.block, nobody);
+            let mut home = task.home(run.block);
             for record in run.start as usize..run.end as usize {
                 if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
                     ask_for_all(&raw const task.beams[beam_of(later)]);
                 }
                 formations[next].push(&home, &task.beams[beam_of(task.records[record])]);
                 if formations[next].lines.len() == LANES {
-                    if formations[next].walk(task, nobody, touched) {
-                        home = task.home(run.block, nobody);
+                    if formations[next].walk(task, touched) {
+                        home = task.home(run.block);
                     }
                     next = 1 - next;
                     // SAFETY: as above, and bricks belong to one block only.
@@ -105,7 +101,7 @@ impl Kernel for Share<'_> {
                 }
             }
         }
-        formations[next].walk(task, nobody, touched);
+        formations[next].walk(task, touched);
         for formation in [1 - next, next] {
             // SAFETY: as above.
             unsafe { formations[formation].apply(&task.band) };
@@ -120,7 +116,7 @@ struct Home {
     scale: u32,
     /// Its first brick at its current scale, among all of its bricks.
     first: usize,
-    /// The bricks at that scale; nowhere those that have to be woken first, and nobody's those that do not exist.
+    /// The bricks at that scale; nowhere those that have to be woken first, and missing those that hold nothing.
     bricks: [Place<Brick>; BRICKS],
     places: &'static Places,
     shaded: bool,
@@ -194,7 +190,7 @@ impl Formation {
     /// Finds out what the lines pass, and asks for it to be brought near. Tells whether bricks were woken or made, which other homes do not know of.
     #[inline(always)]
     #[allow(unsafe_code)]
-    fn walk(&mut self, task: &Update<'_>, nobody: Place<Brick>, touched: &mut Touched) -> bool {
+    fn walk(&mut self, task: &Update<'_>, touched: &mut Touched) -> bool {
         self.trace.walk(&self.lines);
         task.band.collect(&self.trace, &mut self.hits);
         (self.told_count, self.near_count) = (0, 0);
@@ -205,17 +201,18 @@ impl Formation {
             let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
             let place = usize::from(home.places[index % voxels_at(0)]);
             let brick = &mut home.bricks[place / BRICK % BRICKS];
-            if brick.is_nowhere() | ((*brick == nobody) & task.band.makes(&self.hits, i)) {
+            if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(&self.hits, i)) {
                 // SAFETY: this thread alone deals with the blocks that lines are pushed for.
                 *brick = unsafe { task.field.brick(task.field.block(home.id).get(), home.id, home.first + place / BRICK, touched) };
                 came = true;
             }
             (self.bricks[i], self.places[i]) = (*brick, (place % BRICK) as u8);
             self.told[self.told_count % Hits::MOST] = i as u16;
-            self.told_count += usize::from(*brick != nobody);
+            let is_there = *brick != Place::MISSING;
+            self.told_count += usize::from(is_there);
             prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * (place % BRICK)));
             self.near[self.near_count % Hits::MOST] = i as u16;
-            self.near_count += usize::from(home.shaded & self.hits.is_near(i));
+            self.near_count += usize::from(is_there & home.shaded & self.hits.is_near(i));
         }
         for &i in &self.near[..self.near_count] {
             let (brick, place) = (self.bricks[usize::from(i)], self.places[usize::from(i)]);
@@ -253,12 +250,12 @@ impl Formation {
 impl Update<'_> {
     #[inline(always)]
     #[allow(unsafe_code)]
-    fn home(&self, id: u32, nobody: Place<Brick>) -> Home {
+    fn home(&self, id: u32) -> Home {
         // SAFETY: each block occurs in one run only, so in one thread only.
         let block = unsafe { self.field.block(id).get() };
         let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let Block { scale, shaded, .. } = *block;
-        let (first, bricks) = (block.current().bricks().start, self.field.bricks(block, nobody));
+        let (first, bricks) = (block.current().bricks().start, self.field.bricks(block));
         Home { id, scale: scale.into(), first, bricks, places: places(scale.into()), shaded, corner }
     }
 

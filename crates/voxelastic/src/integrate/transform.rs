@@ -293,6 +293,33 @@ mod tests {
         }
 
         #[test]
+        fn blocks_in_which_samples_along_the_walk_make_voxels_are_known(
+            [ray, plane] in prop::array::uniform2(prop::array::uniform3(-1f32..1.0).prop_filter("a direction", |v| dot(*v, *v) > 0.1)),
+            point in prop::array::uniform3(-20f32..20.0),
+            scale in 0u8..4,
+        ) {
+            let [ray, mut normal] = [ray, plane].map(|v| v.map(|c| c / dot(v, v).sqrt()));
+            if dot(ray, normal) > 0.0 {
+                normal = normal.map(|c| -c);
+            }
+            let direction = steepened(ray, normal, -dot(ray, normal), 0.4);
+            let beam = Beam { point, direction, normal, reach: [3.0, 2.0], ..Beam::default() };
+            let voxel = f32::from(1u8 << scale);
+            let mut near = 0;
+            for step in 0..=500 {
+                let at: [f32; 3] = std::array::from_fn(|k| point[k] + direction[k] * voxel * (-3.0 + 0.01 * step as f32));
+                let centre = at.map(|c| ((c / voxel).floor() + 0.5) * voxel);
+                let distance = (0..3).map(|k| (centre[k] - point[k]) * normal[k]).sum::<f32>() / voxel;
+                let corner = at.map(|c| (c / BLOCK_EDGE as f32).floor() * BLOCK_EDGE as f32);
+                if distance < 1.5 {
+                    near += 1;
+                    prop_assert!(beam.makes(corner, scale, 1.5), "{distance} at {at:?}");
+                }
+            }
+            prop_assert!(near > 0 && !beam.makes(point.map(|c| c + 100.0), scale, 1.5));
+        }
+
+        #[test]
         fn steepened_walks_keep_to_the_plane_of_beam_and_normal(
             [a, b] in prop::array::uniform2(prop::array::uniform3(-1f32..1.0).prop_filter("a direction", |v| dot(*v, *v) > 0.1)),
             least in 0f32..0.9,

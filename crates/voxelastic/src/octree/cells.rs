@@ -115,14 +115,10 @@ impl<T> PartialEq for Place<T> {
 impl<T> Place<T> {
     /// No item.
     pub const NOWHERE: Self = Self(std::ptr::null_mut());
+    /// No item either, for who has to tell one that does not exist from one that is elsewhere.
+    pub const MISSING: Self = Self(std::ptr::dangling_mut());
 
-    /// Where `item` lies, which is in no pool.
-    #[inline(always)]
-    pub fn of(item: &mut T) -> Self {
-        Self(item)
-    }
-
-    /// Whether there is no item.
+    /// Whether it is [nowhere](Self::NOWHERE).
     #[inline(always)]
     pub fn is_nowhere(self) -> bool {
         self.0.is_null()
@@ -137,7 +133,7 @@ impl<T> Place<T> {
     /// The item.
     ///
     /// # Safety
-    /// The place is somewhere, the [`Cells`] that it is from still lives, and no other reference to the item does.
+    /// The place is that of an item, the [`Cells`] that it is from still lives, and no other reference to the item does.
     #[inline(always)]
     pub unsafe fn get<'a>(self) -> &'a mut T {
         // SAFETY: the caller's promise; pointers to the items of a pool may be written through, see `Cells::get`.

@@ -57,13 +57,13 @@ impl OpenField<'_> {
         self.blocks.place(id)
     }
 
-    /// The bricks of the current array of `block`; those at rest are nowhere, and those that hold nothing are `nobody`'s.
+    /// The bricks of the current array of `block`; those at rest are nowhere, and those that hold nothing are missing.
     #[inline(always)]
-    pub fn bricks(&self, block: &Block, nobody: Place<Brick>) -> [Place<Brick>; BRICKS] {
+    pub fn bricks(&self, block: &Block) -> [Place<Brick>; BRICKS] {
         let mut places = [Place::NOWHERE; BRICKS];
         for (place, brick) in places.iter_mut().zip(&block.bricks[block.current().bricks()]) {
             *place = match brick.whereabouts() {
-                Whereabouts::Nowhere => nobody,
+                Whereabouts::Nowhere => Place::MISSING,
                 Whereabouts::Awake(slot) => self.bricks.cells().place(slot),
                 Whereabouts::Resting(_) => Place::NOWHERE,
             };
