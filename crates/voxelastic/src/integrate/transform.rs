@@ -58,9 +58,9 @@ impl Beam {
         let voxel = f32::from(1u8 << scale);
         let slope = -(0..3).map(|k| self.direction[k] * self.normal[k]).sum::<f32>();
         let (mut enter, mut leave) = (-self.reach[0].min((new + CORNER) / slope.max(1e-3)) * voxel, self.reach[1] * voxel);
-        for k in 0..3 {
+        for (k, low) in corner.into_iter().enumerate() {
             let inverse = 1.0 / self.direction[k];
-            let [a, b] = [0.0, BLOCK_EDGE as f32].map(|edge| (corner[k] + edge - self.point[k]) * inverse);
+            let [a, b] = [low, low + BLOCK_EDGE as f32].map(|face| (face - self.point[k]) * inverse);
             // Not a number where the beam runs in a face: then neither is taken.
             (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
         }
