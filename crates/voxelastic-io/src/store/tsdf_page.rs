@@ -16,6 +16,9 @@ use super::frames::{FULL, LARGEST};
 use voxelastic::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
 use voxelastic::field::{BlockHead, TsdfBuilder};
 
+// Files have weights in the field's unit: another unit is another version of the format.
+const _: () = assert!(WEIGHT_ONE == 16);
+
 /// Bytes that a block counts for: its arrays and more than its head takes.
 fn cost(head: &BlockHead) -> usize {
     16 + head.voxel_count() * size_of::<Voxel>() + head.shade_count()

@@ -64,10 +64,11 @@ proptest! {
         with_normals in any::<bool>(),
         voxel in 0.05f32..0.3,
         truncation_behind in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
+        truncation_new in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
     ) {
         let room = Room::random(seed);
         let scans = scans_of(&room, 3, 24, 180, 0.02, with_normals);
-        let settings = TsdfSettings { voxel, truncation_behind, max_scale: 0, bundle_width: 0.0, ..TsdfSettings::default() };
+        let settings = TsdfSettings { voxel, truncation_behind, truncation_new, max_scale: 0, bundle_width: 0.0, ..TsdfSettings::default() };
         let field = integrate(&scans, &settings);
         let mut dense = DenseTsdf::new(settings);
         scans.scans.iter().for_each(|(pose, points, normals)| dense.integrate(pose, points, normals));
