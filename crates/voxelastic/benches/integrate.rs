@@ -7,7 +7,7 @@ use voxelastic::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling};
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
 use voxelastic::field::occupancy::OccupancyField;
-use voxelastic::field::tsdf::propagate::{propagate_delta_down, propagate_down, propagate_up};
+use voxelastic::field::tsdf::propagate::{Guesses, propagate_delta_down, propagate_down, propagate_up};
 use voxelastic::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
@@ -93,9 +93,9 @@ fn propagation(c: &mut Criterion) {
     let mut group = c.benchmark_group("propagation of a block");
     let (mut up, mut down) = (coarse.clone(), fine.clone());
     group.bench_function("up", |b| b.iter(|| propagate_up(black_box(&fine), &mut up, 0)));
-    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, WEIGHT_ONE)));
+    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, &Guesses::ALL)));
     group.bench_function("down, difference", |b| {
-        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, [100 * WEIGHT_ONE, WEIGHT_ONE]))
+        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, 100 * WEIGHT_ONE, &Guesses::ALL))
     });
     group.finish();
 }

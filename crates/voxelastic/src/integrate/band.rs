@@ -2,6 +2,7 @@
 #![allow(clippy::needless_range_loop)] // A lane is an index into many arrays here.
 
 use super::walk::{LANES, MAX_STEPS, Trace};
+use crate::field::tsdf::propagate::{GUESSED_WEIGHT, Guesses};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 
 /// The truncation band and the weights of a TSDF update.
@@ -79,6 +80,11 @@ impl Band {
     #[inline(always)]
     pub fn makes(&self, hits: &Hits, i: usize) -> bool {
         hits.quantity[i] < self.new
+    }
+
+    /// What finer voxels are given that nobody measured.
+    pub fn guesses(&self) -> Guesses {
+        Guesses { weight: GUESSED_WEIGHT, band: [-self.behind, self.new].map(|voxels| (voxels * DISTANCE_STEPS) as i16) }
     }
 
     /// Folds hit `i` into its voxel.

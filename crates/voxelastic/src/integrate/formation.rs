@@ -10,7 +10,7 @@ use super::transform::Beam;
 use super::walk::{LANES, Line, Lines, Trace};
 use crate::dispatch::Kernel;
 use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
-use crate::field::tsdf::propagate::{GUESSED_WEIGHT, children, propagate_delta_down, propagate_down, propagate_up};
+use crate::field::tsdf::propagate::{children, propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
 use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
 
@@ -269,7 +269,8 @@ impl Update<'_> {
         let scale = usize::from(block.scale);
         let [mut new, mut from, mut past] = [[Voxel::default(); voxels_at(0)]; 3];
         let new = &mut new[..voxels_at(scale)];
-        let mut guesses = 0;
+        let mut guessed = 0;
+        let guesses = self.band.guesses();
         let copy = |array: Array, into: &mut [Voxel; voxels_at(0)]| {
             // SAFETY: as above.
             unsafe { self.field.copy(block, array, &mut into[..voxels_at(array.scale())]) };
@@ -278,7 +279,7 @@ impl Update<'_> {
             Change::None => return,
             Change::Coarser => {
                 copy(Array::Data(scale - 1), &mut from);
-                guesses = propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
+                guessed = propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
             }
             Change::Finer => {
                 copy(Array::Data(scale + 1), &mut from);
@@ -286,11 +287,11 @@ impl Update<'_> {
                 // SAFETY: as above.
                 unsafe { self.field.copy(block, Array::Data(scale), new) };
                 let coarse = ..voxels_at(scale + 1);
-                propagate_delta_down(&from[coarse], &past[coarse], new, scale, [self.band.max_weight as u16, GUESSED_WEIGHT]);
+                propagate_delta_down(&from[coarse], &past[coarse], new, scale, self.band.max_weight as u16, &guesses);
             }
             Change::FinerNew => {
                 copy(Array::Data(scale + 1), &mut from);
-                propagate_down(&from[..voxels_at(scale + 1)], new, scale, GUESSED_WEIGHT);
+                propagate_down(&from[..voxels_at(scale + 1)], new, scale, &guesses);
             }
         }
         let mut shades = [0; voxels_at(0)];
@@ -303,7 +304,7 @@ impl Update<'_> {
             self.field.store(block, run.block, Array::Data(scale), (new, shades), touched);
             if run.change == Change::Coarser {
                 // What a guess turns out to be is nothing that finer voxels could learn from.
-                (0..new.len()).filter(|i| guesses >> i & 1 == 1).for_each(|i| new[i] = Voxel::default());
+                (0..new.len()).filter(|i| guessed >> i & 1 == 1).for_each(|i| new[i] = Voxel::default());
                 shades.fill(0);
                 self.field.store(block, run.block, Array::Past(scale), (new, shades), touched);
             }

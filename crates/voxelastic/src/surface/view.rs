@@ -1,7 +1,7 @@
 //! Each block's voxels as a mesh sees them: at one scale, with everything learnt at coarser scales carried down.
 
 use crate::field::tsdf::colour::cube;
-use crate::field::tsdf::propagate::{propagate_delta_down, propagate_up};
+use crate::field::tsdf::propagate::{Guesses, propagate_delta_down, propagate_up};
 use crate::field::tsdf::{Array, TsdfField, Voxel, VoxelBuffer};
 use crate::octree::{SCALES, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
@@ -77,7 +77,7 @@ pub(crate) fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Bo
     for scale in (finest..current).rev() {
         let mut finer = field.voxels(block, Array::Data(scale));
         let past = field.voxels(block, Array::Past(scale + 1));
-        propagate_delta_down(&voxels, &past, &mut finer, scale, [u16::MAX; 2]);
+        propagate_delta_down(&voxels, &past, &mut finer, scale, u16::MAX, &Guesses::ALL);
         voxels = finer;
     }
     for scale in current.min(finest)..target {

@@ -3,7 +3,7 @@
 use super::Placement;
 use super::seen::Seen;
 use crate::field::tsdf::packed::PackedArray;
-use crate::field::tsdf::propagate::propagate_down;
+use crate::field::tsdf::propagate::{Guesses, propagate_down};
 use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
 use crate::octree::{
     BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
@@ -369,7 +369,7 @@ fn mean(a: Voxel, b: Voxel, max_weight: u16) -> Voxel {
 fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
     for scale in (to..from).rev() {
         let mut fine = vec![Voxel::default(); voxels_at(scale)];
-        propagate_down(&voxels, &mut fine, scale, u16::MAX);
+        propagate_down(&voxels, &mut fine, scale, &Guesses::ALL);
         voxels = fine;
     }
     voxels

@@ -66,7 +66,7 @@ fn to_centre(fine: &[Voxel], parent: usize, scale: usize) -> (i32, bool) {
 /// Delta down-propagation into voxels that were there before: each observed child moves by what its parent learnt
 /// since `past`, up to `max_weight`; unobserved children are interpolated from the parent's neighbourhood and weigh at most
 /// `interpolated`.
-pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel], scale: usize, [max_weight, interpolated]: [u16; 2]) {
+pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel], scale: usize, max_weight: u16, guesses: &Guesses) {
     for (index, (&now, &then)) in coarse.iter().zip(past).enumerate() {
         if !now.is_observed() {
             continue;
@@ -77,7 +77,7 @@ pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel]
         for child in children(index, scale) {
             let voxel = &mut fine[child];
             if !voxel.is_observed() {
-                *voxel = interpolate(Voxel { weight: now.weight.min(interpolated), ..now }, gradient, child, scale);
+                *voxel = guesses.guess(now, gradient, child, scale);
             } else if then.is_observed() {
                 voxel.distance = clamp_i16(i32::from(voxel.distance) + delta);
                 voxel.weight = voxel.weight.saturating_add(learnt).min(max_weight);
@@ -88,13 +88,12 @@ pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel]
 
 /// Down-propagation into a new finer array: every child of an observed parent is interpolated. The children start with
 /// at most `max_weight`, so that real fine measurements soon outweigh the interpolation.
-pub fn propagate_down(coarse: &[Voxel], fine: &mut [Voxel], scale: usize, max_weight: u16) {
+pub fn propagate_down(coarse: &[Voxel], fine: &mut [Voxel], scale: usize, guesses: &Guesses) {
     for (index, &parent) in coarse.iter().enumerate() {
         if parent.is_observed() {
-            let parent = Voxel { weight: parent.weight.min(max_weight), ..parent };
             let gradient = gradient(coarse, index, scale + 1).map(Option::unwrap_or_default);
             for child in children(index, scale) {
-                fine[child] = interpolate(parent, gradient, child, scale);
+                fine[child] = guesses.guess(parent, gradient, child, scale);
             }
         }
     }
@@ -127,12 +126,28 @@ fn gradient(voxels: &[Voxel], index: usize, scale: usize) -> [Option<f32>; 3] {
     })
 }
 
-/// The child's value on the plane through the parent's value with the parent's gradient, in the child's unit.
-fn interpolate(parent: Voxel, gradient: [f32; 3], child: usize, scale: usize) -> Voxel {
-    let c = voxel_coords(child, scale);
-    // Children's centres lie a quarter of a parent voxel to either side of the parent's.
-    let offset: f32 = (0..3).map(|i| if c[i] & 1 == 1 { 0.25 * gradient[i] } else { -0.25 * gradient[i] }).sum();
-    Voxel { distance: clamp_i16((2.0 * (f32::from(parent.distance) + offset)).round() as i32), weight: parent.weight }
+/// What finer voxels are given that nobody measured: interpolated values, within the band in which measurements make voxels.
+#[derive(Clone, Copy, Debug)]
+pub struct Guesses {
+    /// Most that one weighs: little, because a measurement at its own scale must outweigh it at once.
+    pub weight: u16,
+    /// Least and largest distance, steps: what is farther from the surface is of no use to anyone.
+    pub band: [i16; 2],
+}
+
+impl Guesses {
+    /// All of them, with the weight of what they are made from.
+    pub const ALL: Self = Self { weight: u16::MAX, band: [i16::MIN, i16::MAX] };
+
+    /// The child's value on the plane through the parent's value with the parent's gradient, in the child's unit.
+    fn guess(&self, parent: Voxel, gradient: [f32; 3], child: usize, scale: usize) -> Voxel {
+        let c = voxel_coords(child, scale);
+        // Children's centres lie a quarter of a parent voxel to either side of the parent's.
+        let offset: f32 = (0..3).map(|i| if c[i] & 1 == 1 { 0.25 * gradient[i] } else { -0.25 * gradient[i] }).sum();
+        let distance = clamp_i16((2.0 * (f32::from(parent.distance) + offset)).round() as i32);
+        let [least, most] = self.band;
+        if (least..=most).contains(&distance) { Voxel { distance, weight: parent.weight.min(self.weight) } } else { Voxel::default() }
+    }
 }
 
 #[cfg(test)]
@@ -162,7 +177,7 @@ mod tests {
             assert!(up.iter().zip(&coarse).all(|(a, b)| (a.distance - b.distance).abs() <= 2 && a.weight == 10));
             if scale < 2 {
                 let mut down = vec![Voxel::default(); voxels_at(scale)];
-                propagate_down(&coarse, &mut down, scale, 100);
+                propagate_down(&coarse, &mut down, scale, &Guesses::ALL);
                 assert!(down.iter().zip(&fine).all(|(a, b)| (a.distance - b.distance).abs() <= 8), "scale {scale}");
             }
         }
@@ -195,13 +210,13 @@ mod tests {
         }
         let mut updated = fine.clone();
         updated[0] = Voxel::default();
-        propagate_delta_down(&now, &past, &mut updated, 0, [1000; 2]);
+        propagate_delta_down(&now, &past, &mut updated, 0, 1000, &Guesses::ALL);
         for (new, old) in updated.iter().zip(&fine).skip(1) {
             assert_eq!((new.distance, new.weight), (old.distance - 200, old.weight + 5));
         }
         assert!(updated[0].is_observed() && (updated[0].distance - (fine[0].distance - 200)).abs() <= 2);
         let mut unchanged = fine.clone();
-        propagate_delta_down(&past, &past, &mut unchanged, 0, [1000; 2]);
+        propagate_delta_down(&past, &past, &mut unchanged, 0, 1000, &Guesses::ALL);
         assert_eq!(unchanged, fine);
     }
 }
