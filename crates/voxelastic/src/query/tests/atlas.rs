@@ -200,11 +200,10 @@ proptest! {
                 prop_assert!(value(moved(pose, middle)).is_some_and(|v| v > 0), "{leaf:?} is lost");
             }
         }
+        let samples = (factor - 1e-6).ceil();
         for cube in cubes.iter().filter(|c| c.value < 0) {
-            let edge = voxel * f64::from(1 << cube.level);
-            let middle = cube.corner.map(|c| (f64::from(c) - f64::from(1 << 20)) * voxel + 0.5 * edge);
-            // The middle of a cube of two samples across lies between them.
-            let sample = if cube.level == 0 && factor > 1.0 { middle.map(|c| c - 0.25 * voxel) } else { middle };
+            // The first point that the first of its smallest cubes is asked at.
+            let sample = cube.corner.map(|c| (f64::from(c) - f64::from(1 << 20) + 0.5 / samples) * voxel);
             prop_assert_eq!(slow_state(&fields, sample), State::Free, "{:?}", cube);
         }
     }
