@@ -141,6 +141,15 @@ impl<T> Place<T> {
     }
 }
 
+impl<T, const N: usize> Place<[T; N]> {
+    /// Where item `i` of the array lies.
+    #[inline(always)]
+    pub fn item(self, i: usize) -> Place<T> {
+        assert!(i < N);
+        Place(self.0.cast::<T>().wrapping_add(i))
+    }
+}
+
 /// Asks for the cache line at `address` to be brought near, for use soon. Any address will do: it is never read.
 #[inline(always)]
 pub fn prefetch<T>(address: *const T) {

@@ -1,6 +1,6 @@
 //! Octants, eight siblings contiguous, under a root that grows as the scan reaches out.
 
-use super::{NONE, Pool};
+use super::{Cells, NONE, Pool};
 
 /// One cube of space: what lies below it and what the field says about all of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,6 +74,11 @@ impl<P: Copy + Default> Octree<P> {
     #[inline(always)]
     pub fn siblings_mut(&mut self, group: u32) -> &mut [Octant<P>; 8] {
         &mut self.groups[group]
+    }
+
+    /// Opens all groups for writing to different octants from several threads.
+    pub fn cells(&mut self) -> Cells<'_, [Octant<P>; 8]> {
+        Cells::new(&mut self.groups)
     }
 
     /// Adds a group of eight octants, all with `payload` and nothing below, and returns its index.

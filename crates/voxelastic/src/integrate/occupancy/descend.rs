@@ -48,15 +48,62 @@ const AHEAD: usize = 4;
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
 
+/// Where an octant is in the tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Spot {
+    /// The group of eight that it is one of, or none if it is part of a uniform octant.
+    pub group: u32,
+    place: u8,
+}
+
+impl Spot {
+    pub const NOWHERE: Self = Self { group: NONE, place: 0 };
+
+    #[inline(always)]
+    pub fn new((group, place): (u32, usize)) -> Self {
+        Self { group, place: place as u8 }
+    }
+
+    #[inline(always)]
+    pub fn is_nowhere(self) -> bool {
+        self.group == NONE
+    }
+
+    /// Which of the eight it is.
+    #[inline(always)]
+    pub fn place(self) -> usize {
+        usize::from(self.place) % 8
+    }
+}
+
 /// Something free.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Found {
-    /// A whole uniform octant: its smallest block's key and its level.
-    Octant { key: u64, level: u32 },
+pub(super) struct Found {
+    /// Key of the block, or of the smallest one.
+    pub key: u64,
+    pub at: Spot,
+    /// The block, if there is one.
+    pub block: u32,
+    pub what: What,
+}
+
+/// What is free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum What {
+    /// A whole uniform octant.
+    Octant { level: u8 },
     /// A whole block that holds voxels.
-    Block { key: u64 },
+    Block,
     /// Some voxels of a block: which, and the coarsest scale that can tell them apart.
-    Voxels { key: u64, mask: u32, scale: u8 },
+    Voxels { mask: u32, scale: u8 },
+}
+
+impl Found {
+    /// Level of its octant.
+    #[inline(always)]
+    pub fn level(&self) -> u32 {
+        if let What::Octant { level } = self.what { level.into() } else { 0 }
+    }
 }
 
 /// What a descent found.
@@ -68,12 +115,20 @@ pub(super) struct Finds {
     pub visited: usize,
 }
 
+impl Finds {
+    /// How many uniform octants there are.
+    pub fn octants(&self) -> usize {
+        self.found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count()
+    }
+}
+
 /// A cube that the descent looks into: an octant, or a virtual one below a uniform octant.
 #[derive(Clone, Copy, Debug)]
 struct Cube {
     key: u64,
     /// The block coordinates of `key`, which are much looked at and slow to get from it.
     corner: [i32; 3],
+    at: Spot,
     link: u32,
     level: u8,
     summary: Summary,
@@ -89,6 +144,18 @@ impl Cube {
     #[inline(always)]
     fn level(&self) -> u32 {
         u32::from(self.level)
+    }
+
+    /// Something of it is free.
+    #[inline(always)]
+    fn found(&self, what: What) -> Found {
+        let block = if self.level == 0 { self.link } else { NONE };
+        Found { key: self.key, at: self.at, block, what }
+    }
+
+    /// All of a block is free.
+    fn whole(&self) -> Found {
+        self.found(if self.link == NONE { What::Octant { level: 0 } } else { What::Block })
     }
 
     /// The `i`-th of its eight children, as far as its own place says.
@@ -111,7 +178,7 @@ pub(super) struct Descent<'a> {
 /// A cube of a block whose children are looked at: the block itself, half its edge or a quarter.
 #[derive(Clone, Copy, Debug)]
 struct Part {
-    /// Place in the list of blocks.
+    /// Spot in the list of blocks.
     block: u32,
     /// Which of the block's cubes of this size, in Morton order.
     place: usize,
@@ -167,6 +234,7 @@ impl Descent<'_> {
             key: tree.root_key(),
             corner: block_coords(tree.root_key()),
             level: tree.root_level() as u8,
+            at: Spot::NOWHERE,
             link: tree.root().link,
             summary: tree.root().payload,
             free: false,
@@ -194,9 +262,9 @@ impl Descent<'_> {
         };
         for part in parts {
             let first = all.masks.len() as u32;
-            all.found.extend(part.found.iter().map(|f| match *f {
-                Found::Voxels { key, mask, scale } => Found::Voxels { key, mask: mask + first, scale },
-                other => other,
+            all.found.extend(part.found.iter().map(|found| match found.what {
+                What::Voxels { mask, scale } => Found { what: What::Voxels { mask: mask + first, scale }, ..*found },
+                _ => *found,
             }));
             all.masks.extend_from_slice(&part.masks);
             all.visited += part.visited;
@@ -258,6 +326,7 @@ impl Descent<'_> {
                     key,
                     corner,
                     level,
+                    at: if cube.link == NONE { Spot::NOWHERE } else { Spot::new((cube.link, i)) },
                     link,
                     summary,
                     free: free >> i & 1 == 1,
@@ -306,9 +375,7 @@ impl Descent<'_> {
         }
         self.look_into_blocks(memory, finds);
         // Lists by size become one in Morton order.
-        finds.found.sort_by_key(|found| match *found {
-            Found::Octant { key, .. } | Found::Block { key } | Found::Voxels { key, .. } => key,
-        });
+        finds.found.sort_by_key(|found| found.key);
     }
 
     /// Notes all that is free of a free cube, or where to look on.
@@ -325,9 +392,9 @@ impl Descent<'_> {
         stack.push(cube);
         while let Some(cube) = stack.pop() {
             if cube.link == NONE {
-                finds.found.push(Found::Octant { key: cube.key, level: cube.level() });
+                finds.found.push(cube.found(What::Octant { level: cube.level }));
             } else if cube.level == 0 {
-                finds.found.push(Found::Block { key: cube.key });
+                finds.found.push(cube.found(What::Block));
             } else {
                 self.open(&cube, &Classes::default(), |child| stack.push(child));
             }
@@ -342,7 +409,7 @@ impl Descent<'_> {
         let beams = half / (self.sight.spacing() * range);
         if finest > 2 || 2.0 * beams < f32::from(block.coarse) {
             if block.crossed {
-                finds.found.push(whole(&block));
+                finds.found.push(block.whole());
             }
             return;
         }
@@ -384,9 +451,9 @@ impl Descent<'_> {
         }
         for Inner { block, mask, .. } in inner.iter() {
             if *mask == [u64::MAX; 8] {
-                finds.found.push(whole(block));
+                finds.found.push(block.whole());
             } else if *mask != [0; 8] {
-                finds.found.push(Found::Voxels { key: block.key, mask: finds.masks.len() as u32, scale: coarsest_scale(mask) });
+                finds.found.push(block.found(What::Voxels { mask: finds.masks.len() as u32, scale: coarsest_scale(mask) }));
                 finds.masks.push(*mask);
             }
         }
@@ -409,11 +476,6 @@ fn note(mask: &mut Mask, place: usize, depth: usize) {
         1 => mask[place / 8] |= 0xff << (8 * (place % 8)),
         _ => mask[place / 64] |= 1 << (place % 64),
     }
-}
-
-/// All of a block is free.
-fn whole(block: &Cube) -> Found {
-    if block.link == NONE { Found::Octant { key: block.key, level: 0 } } else { Found::Block { key: block.key } }
 }
 
 /// Centre of the i-th of the eight cubes that make up the cube of edge `2 * half` around `centre`.

@@ -4,8 +4,9 @@
 //! and refine blocks. *Update*: each block on its own, in parallel. *Propagate*: maxima and "observed" up to the root, and
 //! equal siblings merged into their parent.
 
+use super::allocate::{Free, Touch, Touches, look_up};
 use super::apply::{Formation, FreeVoxels, Outcome, Place, Updates};
-use super::descend::{Descent, Finds, Found};
+use super::descend::{Descent, Finds};
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
 use super::sight::Sight;
@@ -17,7 +18,7 @@ use crate::geometry::Rigid;
 use crate::integrate::scale::ScaleRule;
 use crate::integrate::select::{MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use crate::integrate::transform::{Beam, Returns, ToSubmap, to_submap};
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, Octant, Pool, SCALES, block_coords, block_key, prefetch};
+use crate::octree::{BLOCK_EDGE, NONE, Octant, Pool, SCALES, block_coords, block_key, prefetch};
 use crate::sensor::{BeamModel, RangeImage};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -54,25 +55,6 @@ pub struct OccupancyStats {
     pub phases: OccupancyPhases,
 }
 
-/// A block and everything that the scan says about it.
-#[derive(Clone, Copy, Debug)]
-struct Touch {
-    block: u32,
-    /// Where its octant is.
-    group: u32,
-    place: u8,
-    free: Free,
-    start: u32,
-    end: u32,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Free {
-    None,
-    All,
-    Mask(u32),
-}
-
 /// Integrates scans into [`OccupancyField`]s; holds the scratch memory, so keep one for all scans.
 #[derive(Clone, Debug)]
 pub struct OccupancyIntegrator {
@@ -80,9 +62,7 @@ pub struct OccupancyIntegrator {
     visibility: Visibility,
     beams: Vec<Beam>,
     selection: Selection,
-    touches: Vec<Touch>,
-    /// Place in `touches` of each block id touched in this scan.
-    touch_of: Vec<u32>,
+    touches: Touches,
 }
 
 /// Blocks finer than this are not coarsened again: detail once seen stays.
@@ -91,14 +71,7 @@ const KEEP_DETAIL: f32 = f32::INFINITY;
 impl OccupancyIntegrator {
     /// An integrator for scans of `model`.
     pub fn new(settings: OccupancySettings, model: &BeamModel) -> Self {
-        Self {
-            settings,
-            visibility: Visibility::new(model),
-            beams: Vec::new(),
-            selection: Selection::default(),
-            touches: Vec::new(),
-            touch_of: Vec::new(),
-        }
+        Self { settings, visibility: Visibility::new(model), beams: Vec::new(), selection: Selection::default(), touches: Touches::default() }
     }
 
     /// Integrates one scan taken at `t_submap_lidar`: free space from its image, surfaces from its returns. `fill` says that
@@ -138,15 +111,17 @@ impl OccupancyIntegrator {
                     beam.reach = [-before, behind];
                 });
             });
-            let ((), select) = timed(|| selection.select(beams, sensor, reach));
-            (see, select)
+            let (wanted, select) = timed(|| {
+                selection.select(beams, sensor, reach);
+                look_up(field, &selection.blocks, &rule, voxel, t_submap_lidar.translation)
+            });
+            (wanted, see, select)
         };
         // Neither needs the other, and both have parts that leave threads idle.
-        let ((finds, see, descend), (transform, select)) = rayon::join(descend, select);
+        let ((finds, see, descend), (wanted, transform, select)) = rayon::join(descend, select);
 
         let selected = Instant::now();
-        let mut touched = Touched::default();
-        self.allocate(field, &finds, &rule, t_submap_lidar.translation, &steps, &mut touched);
+        let mut touched = self.touches.allocate(field, &finds, &self.selection.blocks, &wanted, &steps);
         let allocated = Instant::now();
 
         let outcomes = self.update(field, &finds, &steps);
@@ -159,8 +134,8 @@ impl OccupancyIntegrator {
         OccupancyStats {
             beams: self.beams.len(),
             visited: finds.visited,
-            free_octants: finds.found.iter().filter(|f| matches!(f, Found::Octant { .. })).count(),
-            blocks: self.touches.len(),
+            free_octants: finds.octants(),
+            blocks: self.touches.list.len(),
             phases: OccupancyPhases {
                 see: see + transform,
                 descend,
@@ -184,53 +159,6 @@ impl OccupancyIntegrator {
         reach
     }
 
-    /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels.
-    fn allocate(&mut self, field: &mut OccupancyField, finds: &Finds, rule: &ScaleRule, sensor: [f32; 3], steps: &Steps, touched: &mut Touched) {
-        self.touches.clear();
-        let mut cursor = Cursor::new(&field.tree);
-        for found in &finds.found {
-            match *found {
-                Found::Octant { key, level } => {
-                    let (group, place) = cursor.make_at(&mut field.tree, key, level);
-                    let octant = &mut field.tree.siblings_mut(group)[place];
-                    octant.payload = Summary::uniform(steps.add(octant.payload.value, steps.free));
-                    touched.add(key, level);
-                }
-                Found::Block { key } => {
-                    self.touch(field, &mut cursor, key, SCALES - 1, Free::All);
-                }
-                Found::Voxels { key, mask, scale } => {
-                    self.touch(field, &mut cursor, key, usize::from(scale), Free::Mask(mask));
-                }
-            }
-        }
-        let edge = BLOCK_EDGE as f32 * self.settings.voxel;
-        for i in 0..self.selection.blocks.len() {
-            let run = self.selection.blocks[i];
-            let c = block_coords(run.key);
-            let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
-            let at = self.touch(field, &mut cursor, run.key, rule.fitting(distance), Free::None);
-            (self.touches[at].start, self.touches[at].end) = (run.start, run.end);
-        }
-    }
-
-    /// The place in `touches` of block `key`, which is made or refined to `scale` if need be.
-    fn touch(&mut self, field: &mut OccupancyField, cursor: &mut Cursor, key: u64, scale: usize, free: Free) -> usize {
-        let (group, place) = cursor.make(&mut field.tree, key);
-        let block = field.make_in((group, place), key, scale);
-        let id = block as usize;
-        if id >= self.touch_of.len() {
-            self.touch_of.resize(id + 1, NONE);
-        }
-        let known = self.touch_of[id] as usize;
-        if known < self.touches.len() && self.touches[known].block == block {
-            return known;
-        }
-        self.touch_of[id] = self.touches.len() as u32;
-        self.touches.push(Touch { block, group, place: place as u8, free, start: 0, end: 0 });
-        self.touches.len() - 1
-    }
-
     fn update(&mut self, field: &mut OccupancyField, finds: &Finds, steps: &Steps) -> Vec<Outcome> {
         const TOUCHES_PER_TASK: usize = 64;
         let task = BlockUpdate {
@@ -242,8 +170,8 @@ impl OccupancyIntegrator {
             settings: &self.settings,
             steps,
         };
-        let mut outcomes = vec![Outcome::default(); self.touches.len()];
-        let shares = self.touches.par_chunks(TOUCHES_PER_TASK).zip(outcomes.par_chunks_mut(TOUCHES_PER_TASK));
+        let mut outcomes = vec![Outcome::default(); self.touches.list.len()];
+        let shares = self.touches.list.par_chunks(TOUCHES_PER_TASK).zip(outcomes.par_chunks_mut(TOUCHES_PER_TASK));
         shares.with_max_len(1).for_each(|(touches, outcomes)| dispatch(Share { touches, outcomes, task: &task }));
         outcomes
     }
@@ -252,16 +180,16 @@ impl OccupancyIntegrator {
     fn settle(&self, field: &mut OccupancyField, outcomes: &[Outcome], touched: &mut Touched) {
         /// How many blocks ahead a head and an octant are asked for.
         const AHEAD: usize = 8;
-        for (i, (touch, outcome)) in self.touches.iter().zip(outcomes).enumerate() {
-            if let Some(next) = self.touches.get(i + AHEAD) {
+        for (i, (touch, outcome)) in self.touches.list.iter().zip(outcomes).enumerate() {
+            if let Some(next) = self.touches.list.get(i + AHEAD) {
                 prefetch(&raw const field.blocks[next.block]);
-                prefetch(&raw const field.tree.siblings(next.group)[usize::from(next.place)]);
+                prefetch(&raw const field.tree.siblings(next.at.group)[next.at.place()]);
             }
             touched.add(field.blocks[touch.block].key, 0);
             if outcome.uniform.is_some() {
                 field.remove(touch.block);
             }
-            let octant = &mut field.tree.siblings_mut(touch.group)[usize::from(touch.place)];
+            let octant = &mut field.tree.siblings_mut(touch.at.group)[touch.at.place()];
             match outcome.uniform {
                 Some(value) => *octant = Octant { link: NONE, payload: Summary::uniform(value) },
                 None => octant.payload = outcome.summary,

@@ -1,5 +1,6 @@
 //! MultiresOFusion integration (paper Sec. III-A, III-B): descend for free space, walk beams for surfaces.
 
+mod allocate;
 mod apply;
 mod descend;
 mod gaps;

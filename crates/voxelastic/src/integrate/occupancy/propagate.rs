@@ -27,6 +27,15 @@ impl Touched {
         }
     }
 
+    /// Notes what `others` noted.
+    pub fn append(&mut self, others: &Self) {
+        let levels = self.parents.len().max(others.parents.len());
+        self.parents.resize(levels, Vec::new());
+        for (own, others) in self.parents.iter_mut().zip(&others.parents) {
+            own.extend_from_slice(others);
+        }
+    }
+
     /// Recomputes the summaries of all ancestors, lowest first; eight equal uniform siblings become their parent.
     pub fn propagate(mut self, field: &mut OccupancyField) {
         let root_level = field.tree.root_level();
