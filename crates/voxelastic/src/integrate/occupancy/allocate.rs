@@ -73,7 +73,7 @@ pub(super) fn look_up(field: &OccupancyField, selected: &[BlockBeams], rule: &Sc
 #[derive(Clone, Debug, Default)]
 pub(super) struct Touches {
     pub list: Vec<Touch>,
-    /// Spot in `list` of each block id, if it is touched.
+    /// Place in `list` of each block id, if it is touched.
     of: Vec<u32>,
 }
 
@@ -115,10 +115,19 @@ impl Touches {
                 self.touch(block, at, free);
             }
         }
-        for (run, wanted) in selected.iter().zip(wanted) {
-            let at = if wanted.at.is_nowhere() { Spot::new(cursor.make(&mut field.tree, run.key)) } else { wanted.at };
-            let block = if wanted.is_there { wanted.block } else { field.make_in((at.group, at.place()), run.key, wanted.scale.into()) };
-            let touch = self.touch(block, at, Free::None);
+        for ((run, wanted), known) in selected.iter().zip(wanted).zip(self.known(wanted)) {
+            let touch = if !wanted.is_there {
+                let at = if wanted.at.is_nowhere() { Spot::new(cursor.make(&mut field.tree, run.key)) } else { wanted.at };
+                let block = field.make_in((at.group, at.place()), run.key, wanted.scale.into());
+                self.touch(block, at, Free::None)
+            } else if known == NONE {
+                // No later one is of the same block.
+                self.list.push(Touch { block: wanted.block, at: wanted.at, free: Free::None, start: 0, end: 0 });
+                let last = self.list.len() - 1;
+                &mut self.list[last]
+            } else {
+                &mut self.list[known as usize]
+            };
             (touch.start, touch.end) = (run.start, run.end);
         }
         touched
@@ -167,7 +176,17 @@ impl Touches {
         found.par_chunks(PER_TASK).map(meet).collect()
     }
 
-    /// Spot in the list of block `id`, or of another one, or none.
+    /// The places in the list of those blocks that are wanted and there, if they are touched.
+    fn known(&self, wanted: &[Wanted]) -> Vec<u32> {
+        let place = |wanted: &Wanted| {
+            let place = self.of.get(wanted.block as usize).copied().unwrap_or(NONE);
+            let is_known = self.list.get(place as usize).is_some_and(|touch| touch.block == wanted.block);
+            if is_known { place } else { NONE }
+        };
+        wanted.par_iter().with_min_len(PER_TASK).map(place).collect()
+    }
+
+    /// Place in the list of block `id`, or of another one, or none.
     #[inline(always)]
     fn place_of(&mut self, id: u32) -> &mut u32 {
         let id = id as usize;

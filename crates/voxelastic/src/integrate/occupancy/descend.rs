@@ -178,7 +178,7 @@ pub(super) struct Descent<'a> {
 /// A cube of a block whose children are looked at: the block itself, half its edge or a quarter.
 #[derive(Clone, Copy, Debug)]
 struct Part {
-    /// Spot in the list of blocks.
+    /// Place in the list of blocks.
     block: u32,
     /// Which of the block's cubes of this size, in Morton order.
     place: usize,

@@ -177,23 +177,37 @@ impl OccupancyIntegrator {
     }
 
     /// Writes each block's outcome to its octant; a block that became uniform gives its voxels back.
+    #[allow(unsafe_code)]
     fn settle(&self, field: &mut OccupancyField, outcomes: &[Outcome], touched: &mut Touched) {
+        /// Few enough that threads share evenly, many enough that what they note is quickly joined.
+        const PER_TASK: usize = 4096;
         /// How many blocks ahead a head and an octant are asked for.
         const AHEAD: usize = 8;
-        for (i, (touch, outcome)) in self.touches.list.iter().zip(outcomes).enumerate() {
-            if let Some(next) = self.touches.list.get(i + AHEAD) {
-                prefetch(&raw const field.blocks[next.block]);
-                prefetch(&raw const field.tree.siblings(next.at.group)[next.at.place()]);
+        let (octants, blocks) = (field.tree.cells(), &field.blocks);
+        let settle = |(touches, outcomes): (&[Touch], &[Outcome])| {
+            let (mut touched, mut uniform) = (Touched::default(), Vec::new());
+            for (i, (touch, outcome)) in touches.iter().zip(outcomes).enumerate() {
+                if let Some(next) = touches.get(i + AHEAD) {
+                    prefetch(&raw const blocks[next.block]);
+                    prefetch(octants.place(next.at.group).item(next.at.place()).address());
+                }
+                touched.add(blocks[touch.block].key, 0);
+                // SAFETY: a block is touched once, and of a group only that block's octant is referred to.
+                let octant = unsafe { octants.place(touch.at.group).item(touch.at.place()).get() };
+                match outcome.uniform {
+                    Some(value) => {
+                        *octant = Octant { link: NONE, payload: Summary::uniform(value) };
+                        uniform.push(touch.block);
+                    }
+                    None => octant.payload = outcome.summary,
+                }
             }
-            touched.add(field.blocks[touch.block].key, 0);
-            if outcome.uniform.is_some() {
-                field.remove(touch.block);
-            }
-            let octant = &mut field.tree.siblings_mut(touch.at.group)[touch.at.place()];
-            match outcome.uniform {
-                Some(value) => *octant = Octant { link: NONE, payload: Summary::uniform(value) },
-                None => octant.payload = outcome.summary,
-            }
+            (touched, uniform)
+        };
+        let parts: Vec<(Touched, Vec<u32>)> = self.touches.list.par_chunks(PER_TASK).zip(outcomes.par_chunks(PER_TASK)).map(settle).collect();
+        for (part, uniform) in parts {
+            touched.append(&part);
+            uniform.into_iter().for_each(|block| field.remove(block));
         }
     }
 }
