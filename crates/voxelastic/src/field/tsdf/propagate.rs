@@ -64,8 +64,7 @@ fn to_centre(fine: &[Voxel], parent: usize, scale: usize) -> (i32, bool) {
 }
 
 /// Delta down-propagation into voxels that were there before: each observed child moves by what its parent learnt
-/// since `past`, up to `max_weight`; unobserved children are interpolated from the parent's neighbourhood and weigh at most
-/// `interpolated`.
+/// since `past`, up to `max_weight`; unobserved children are guessed from the parent's neighbourhood.
 pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel], scale: usize, max_weight: u16, guesses: &Guesses) {
     for (index, (&now, &then)) in coarse.iter().zip(past).enumerate() {
         if !now.is_observed() {
@@ -86,8 +85,7 @@ pub fn propagate_delta_down(coarse: &[Voxel], past: &[Voxel], fine: &mut [Voxel]
     }
 }
 
-/// Down-propagation into a new finer array: every child of an observed parent is interpolated. The children start with
-/// at most `max_weight`, so that real fine measurements soon outweigh the interpolation.
+/// Down-propagation into a new finer array: the children of every observed parent are guessed.
 pub fn propagate_down(coarse: &[Voxel], fine: &mut [Voxel], scale: usize, guesses: &Guesses) {
     for (index, &parent) in coarse.iter().enumerate() {
         if parent.is_observed() {
@@ -196,6 +194,27 @@ mod tests {
         assert!(known.iter().all(|&i| (up[i].distance - coarse[i].distance).abs() <= 2));
         // Halfway between the children and the centre, at most.
         assert!(guesses.iter().all(|&i| f32::from(up[i].distance - coarse[i].distance).abs() < 0.5 * DISTANCE_STEPS));
+    }
+
+    #[test]
+    fn guesses_are_made_within_their_band_and_weigh_little() {
+        let coarse = plane(1, [0.6, 0.48, 0.64], 6.1);
+        let [mut all, mut near] = [vec![Voxel::default(); voxels_at(0)], vec![Voxel::default(); voxels_at(0)]];
+        propagate_down(&coarse, &mut all, 0, &Guesses::ALL);
+        let guesses = Guesses { weight: 3, band: [-1000, 3000] };
+        propagate_down(&coarse, &mut near, 0, &guesses);
+        let mut made = 0;
+        for (all, near) in all.iter().zip(&near) {
+            let is_within = (-1000..=3000).contains(&all.distance);
+            made += usize::from(is_within);
+            assert_eq!(*near, if is_within { Voxel { weight: 3, ..*all } } else { Voxel::default() });
+        }
+        assert!(50 < made && made < all.len() / 2);
+        // The same where some finer voxels were there before.
+        let mut known = near.clone();
+        known.iter_mut().step_by(2).for_each(|voxel| *voxel = Voxel::default());
+        propagate_delta_down(&coarse, &coarse, &mut known, 0, 1000, &guesses);
+        assert_eq!(known, near);
     }
 
     #[test]
