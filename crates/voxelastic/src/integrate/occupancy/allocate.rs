@@ -3,7 +3,7 @@
 //! Most of what a scan meets is there already. Threads deal with that side by side, and leave what has to be made to one of them: making changes
 //! the tree.
 
-use super::descend::{Finds, Found, Spot, What};
+use super::found::{Finds, Found, Spot, What};
 use super::model::Steps;
 use super::propagate::Touched;
 use crate::field::occupancy::{OccupancyField, Summary};

@@ -3,7 +3,7 @@
 //! A voxel that several beams met takes the largest evidence among them, and evidence of a beam outweighs the free space
 //! found by the descent: so a pole that one beam hits is not erased by its neighbours that pass (FIELD, demand 17).
 
-use super::descend::Mask;
+use super::found::Mask;
 use super::model::{Evidence, OccupancySettings, Steps};
 use crate::field::occupancy::{LOG_ODDS_STEPS, Summary, UNKNOWN};
 use crate::geometry::{morton, whole};

@@ -4,6 +4,7 @@
 //! next smaller ones, so that many are looked at together; what it finds is a list of [`Found`] in Morton order. It stops at octants that are free, that hold nothing free, that are saturated free already (surfaces come from
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
+use super::found::{Finds, Found, Mask, Spot, What, coarsest_scale, note};
 use super::model::{OccupancySettings, Steps};
 use super::sight::{Classes, Scratch, Sight, bits};
 use crate::field::occupancy::{OccupancyField, Summary};
@@ -44,83 +45,6 @@ fn worth_a_look(classes: &Classes, beams: f32) -> u8 {
 
 /// How many cubes ahead the octants below one are asked for.
 const AHEAD: usize = 4;
-
-/// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
-pub(super) type Mask = [u64; 8];
-
-/// Where an octant is in the tree.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Spot {
-    /// The group of eight that it is one of, or none if it is part of a uniform octant.
-    pub group: u32,
-    place: u8,
-}
-
-impl Spot {
-    pub const NOWHERE: Self = Self { group: NONE, place: 0 };
-
-    #[inline(always)]
-    pub fn new((group, place): (u32, usize)) -> Self {
-        Self { group, place: place as u8 }
-    }
-
-    #[inline(always)]
-    pub fn is_nowhere(self) -> bool {
-        self.group == NONE
-    }
-
-    /// Which of the eight it is.
-    #[inline(always)]
-    pub fn place(self) -> usize {
-        usize::from(self.place) % 8
-    }
-}
-
-/// Something free.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Found {
-    /// Key of the block, or of the smallest one.
-    pub key: u64,
-    pub at: Spot,
-    /// The block, if there is one.
-    pub block: u32,
-    pub what: What,
-}
-
-/// What is free.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum What {
-    /// A whole uniform octant.
-    Octant { level: u8 },
-    /// A whole block that holds voxels.
-    Block,
-    /// Some voxels of a block: which, and the coarsest scale that can tell them apart.
-    Voxels { mask: u32, scale: u8 },
-}
-
-impl Found {
-    /// Level of its octant.
-    #[inline(always)]
-    pub fn level(&self) -> u32 {
-        if let What::Octant { level } = self.what { level.into() } else { 0 }
-    }
-}
-
-/// What a descent found.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Finds {
-    pub found: Vec<Found>,
-    pub masks: Vec<Mask>,
-    /// Cubes held against the pyramid, voxels of blocks included.
-    pub visited: usize,
-}
-
-impl Finds {
-    /// How many uniform octants there are.
-    pub fn octants(&self) -> usize {
-        self.found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count()
-    }
-}
 
 /// A cube that the descent looks into: an octant, or a virtual one below a uniform octant.
 #[derive(Clone, Copy, Debug)]
@@ -468,26 +392,9 @@ impl Descent<'_> {
     }
 }
 
-/// Marks the `place`-th cube of a block as free: of its quarters, pairs or voxels, by depth.
-#[inline(always)]
-fn note(mask: &mut Mask, place: usize, depth: usize) {
-    match depth {
-        0 => mask[place] = u64::MAX,
-        1 => mask[place / 8] |= 0xff << (8 * (place % 8)),
-        _ => mask[place / 64] |= 1 << (place % 64),
-    }
-}
-
 /// Centre of the i-th of the eight cubes that make up the cube of edge `2 * half` around `centre`.
 #[inline(always)]
 fn child_centre(centre: [f32; 3], half: f32, i: usize) -> [f32; 3] {
     let step = |k: usize| centre[k] + if i >> k & 1 == 1 { 0.5 * half } else { -0.5 * half };
     [step(0), step(1), step(2)]
-}
-
-/// The coarsest scale at which every voxel of a mask is wholly set or wholly clear.
-fn coarsest_scale(mask: &Mask) -> u8 {
-    let whole_words = mask.iter().all(|w| *w == 0 || *w == u64::MAX);
-    let whole_bytes = mask.iter().all(|w| w.to_le_bytes().iter().all(|b| *b == 0 || *b == u8::MAX));
-    if whole_words { 2 } else { u8::from(whole_bytes) }
 }

@@ -6,7 +6,8 @@
 
 use super::allocate::{Free, Touch, Touches, look_up};
 use super::apply::{Formation, FreeVoxels, Outcome, Place, Updates};
-use super::descend::{Descent, Finds};
+use super::descend::Descent;
+use super::found::Finds;
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
 use super::sight::Sight;

@@ -3,6 +3,7 @@
 mod allocate;
 mod apply;
 mod descend;
+mod found;
 mod gaps;
 mod integrator;
 mod model;
