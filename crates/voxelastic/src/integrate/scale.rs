@@ -49,6 +49,12 @@ impl ScaleRule {
     }
 }
 
+/// Distance from `sensor` to the centre of the block at `coords`, for blocks with this `edge`.
+#[inline(always)]
+pub(crate) fn distance_to_block(coords: [i32; 3], edge: f32, sensor: [f32; 3]) -> f32 {
+    (0..3).map(|k| ((coords[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -7,7 +7,7 @@
 
 use super::band::Band;
 use super::formation::{Change, Run, Share, Update, scale_change};
-use super::scale::ScaleRule;
+use super::scale::{ScaleRule, distance_to_block};
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
 use crate::dispatch::dispatch;
@@ -183,7 +183,7 @@ impl TsdfIntegrator {
             field.tree.grow_to(crate::octree::block_key(low));
             field.tree.grow_to(crate::octree::block_key(high));
         }
-        let found = self.find(field, rule, |c| (0..3).map(|k| ((c[k] as f32 + 0.5) * block_edge - sensor[k]).powi(2)).sum::<f32>().sqrt());
+        let found = self.find(field, rule, |coords| distance_to_block(coords, block_edge, sensor));
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;
         for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {

@@ -7,7 +7,7 @@ use super::found::{Finds, Found, Spot, What};
 use super::model::Steps;
 use super::propagate::Touched;
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::integrate::scale::ScaleRule;
+use crate::integrate::scale::{ScaleRule, distance_to_block};
 use crate::integrate::select::BlockBeams;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, SCALES, block_coords, prefetch};
 use rayon::prelude::*;
@@ -60,9 +60,7 @@ pub(super) fn look_up(field: &OccupancyField, selected: &[BlockBeams], rule: &Sc
             }
         }
         for (wanted, run) in wanted.iter_mut().zip(selected) {
-            let c = block_coords(run.key);
-            let distance = (0..3).map(|k| ((c[k] as f32 + 0.5) * edge - sensor[k]).powi(2)).sum::<f32>().sqrt();
-            wanted.scale = rule.fitting(distance) as u8;
+            wanted.scale = rule.fitting(distance_to_block(block_coords(run.key), edge, sensor)) as u8;
             wanted.is_there = wanted.block != NONE && field.blocks[wanted.block].scale <= wanted.scale;
         }
     });
@@ -145,7 +143,7 @@ impl Touches {
                 if let Some(next) = found.get(i + AHEAD) {
                     match next.what {
                         What::Octant { .. } if next.at.is_nowhere() => {}
-                        What::Octant { .. } => prefetch(octants.address(next.at.group)),
+                        What::Octant { .. } => prefetch(next.at.within(&octants).address()),
                         _ if next.block == NONE => {}
                         _ => prefetch(&raw const blocks[next.block]),
                     }
@@ -157,7 +155,7 @@ impl Touches {
                     }
                     What::Octant { level } => {
                         // SAFETY: an octant is found once, and of a group only that one octant is referred to.
-                        let octant = unsafe { octants.place(one.at.group).item(one.at.place()).get() };
+                        let octant = unsafe { one.at.within(&octants).get() };
                         octant.payload = learn(octant.payload, steps);
                         share.touched.add(one.key, u32::from(level));
                         continue;

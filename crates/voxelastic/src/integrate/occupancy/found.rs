@@ -1,6 +1,7 @@
 //! What a descent found free, and where in the tree it lies.
 
-use crate::octree::NONE;
+use crate::field::occupancy::Summary;
+use crate::octree::{Cells, NONE, Octant, Place};
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
@@ -24,6 +25,12 @@ impl Spot {
     #[inline(always)]
     pub fn is_nowhere(self) -> bool {
         self.group == NONE
+    }
+
+    /// Where the octant lies, in the groups of the tree that the spot is of.
+    #[inline(always)]
+    pub fn within(self, groups: &Cells<'_, [Octant<Summary>; 8]>) -> Place<Octant<Summary>> {
+        groups.place(self.group).item(self.place())
     }
 
     /// Which of the eight it is.

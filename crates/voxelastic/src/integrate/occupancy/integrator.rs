@@ -190,11 +190,11 @@ impl OccupancyIntegrator {
             for (i, (touch, outcome)) in touches.iter().zip(outcomes).enumerate() {
                 if let Some(next) = touches.get(i + AHEAD) {
                     prefetch(&raw const blocks[next.block]);
-                    prefetch(octants.place(next.at.group).item(next.at.place()).address());
+                    prefetch(next.at.within(&octants).address());
                 }
                 touched.add(blocks[touch.block].key, 0);
                 // SAFETY: a block is touched once, and of a group only that block's octant is referred to.
-                let octant = unsafe { octants.place(touch.at.group).item(touch.at.place()).get() };
+                let octant = unsafe { touch.at.within(&octants).get() };
                 match outcome.uniform {
                     Some(value) => {
                         *octant = Octant { link: NONE, payload: Summary::uniform(value) };
