@@ -2,6 +2,7 @@
 #![allow(clippy::needless_range_loop)] // A lane is an index into many arrays here.
 
 use super::walk::{LANES, MAX_STEPS, Trace};
+use crate::field::tsdf::brick::place;
 use crate::field::tsdf::propagate::{GUESSED_WEIGHT, Guesses};
 use crate::field::tsdf::{DISTANCE_STEPS, Voxel};
 
@@ -37,7 +38,7 @@ impl Band {
     /// How many voxels a line passes is as good as random. So nothing loops over them, and nothing branches on whether one is within the
     /// band: what is not is written where nobody looks.
     #[inline(always)]
-    pub fn collect(&self, trace: &Trace, hits: &mut Hits) {
+    pub fn collect(&self, trace: &Trace, labels: &Labels, hits: &mut Hits) {
         let mut counts = [0u32; LANES];
         for step in 0..trace.longest {
             for lane in 0..LANES {
@@ -50,15 +51,16 @@ impl Band {
         }
         hits.len = (next[LANES - 1] + counts[LANES - 1]) as usize;
         for step in 0..trace.longest {
-            let mut to = [0u32; LANES];
+            let (mut to, mut target) = ([0u32; LANES], [0u32; LANES]);
             for lane in 0..LANES {
                 let hit = self.is_hit(trace, step, lane);
-                to[lane] = if hit == 1 { next[lane] } else { MOST_HITS as u32 };
+                to[lane] = if hit == 1 { next[lane] } else { Hits::MOST as u32 };
                 next[lane] += hit;
+                target[lane] = labels.label[lane] | place(labels.fine[lane], trace.index[step][lane]);
             }
             for lane in 0..LANES {
-                let to = (to[lane] as usize).min(MOST_HITS);
-                hits.target[to] = (lane as u32) << 16 | trace.index[step][lane];
+                let to = to[lane] as usize % HITS_ROOM;
+                hits.target[to] = target[lane];
                 hits.quantity[to] = trace.quantity[step][lane];
             }
         }
@@ -76,10 +78,10 @@ impl Band {
         u32::from(is_alive & (d < self.before) & (d > -self.behind) & (self.weight_at(d) >= 1.0))
     }
 
-    /// Whether hit `i` makes its voxel if it was never seen.
+    /// Whether an observation at `distance` voxels makes its voxel if it was never seen.
     #[inline(always)]
-    pub fn makes(&self, hits: &Hits, i: usize) -> bool {
-        hits.quantity[i] < self.new
+    pub fn makes(&self, distance: f32) -> bool {
+        distance < self.new
     }
 
     /// What finer voxels are given that nobody measured.
@@ -87,55 +89,52 @@ impl Band {
         Guesses { weight: GUESSED_WEIGHT, band: [-self.behind, self.new].map(|voxels| (voxels * DISTANCE_STEPS) as i16) }
     }
 
-    /// Folds hit `i` into its voxel.
+    /// Folds an observation at `distance` voxels into its voxel.
     #[inline(always)]
-    pub fn observe(&self, hits: &Hits, i: usize, voxel: &mut Voxel) {
+    pub fn observe(&self, distance: f32, weight: f32, voxel: &mut Voxel) {
         // By a mask: which voxels are there is as good as random.
-        let told = u32::from(voxel.is_observed() | self.makes(hits, i));
-        let weight = f32::from_bits(hits.weight[i].to_bits() & told.wrapping_neg());
-        voxel.observe(hits.quantity[i] * DISTANCE_STEPS, weight, self.max_weight);
+        let told = u32::from(voxel.is_observed() | self.makes(distance));
+        let weight = f32::from_bits(weight.to_bits() & told.wrapping_neg());
+        voxel.observe(distance * DISTANCE_STEPS, weight, self.max_weight);
     }
 }
 
-/// Most voxels that the lines of a formation pass.
-const MOST_HITS: usize = LANES * MAX_STEPS;
+/// What there is to know about the lines of a formation when one of them meets a voxel.
+#[derive(Clone, Debug)]
+pub(crate) struct Labels {
+    /// All bits set for a line through a block at scale 0, none for others.
+    pub fine: [u32; LANES],
+    /// Bits above those of a [`place`], as the formation likes.
+    pub label: [u32; LANES],
+}
 
 /// What lines tell voxels, see [`Band::collect`].
 #[derive(Clone, Debug)]
 pub(crate) struct Hits {
-    /// The line in the upper half, the voxel in its block's array in the lower.
-    target: [u32; MOST_HITS + 1],
+    /// The voxel's [`place`] among the bricks of its block, and above it the label of the line.
+    pub target: [u32; HITS_ROOM],
     /// Distance from the voxel's centre to the plane, voxels.
-    quantity: [f32; MOST_HITS + 1],
-    weight: [f32; MOST_HITS + 1],
+    pub quantity: [f32; HITS_ROOM],
+    pub weight: [f32; HITS_ROOM],
     pub len: usize,
 }
 
+/// Room for all hits, and for what nobody looks at; a power of two, so that no index needs a test.
+pub(crate) const HITS_ROOM: usize = (Hits::MOST + 1).next_power_of_two();
+
 impl Hits {
-    /// Most hits that there can be.
-    pub const MOST: usize = MOST_HITS;
+    /// Most voxels that the lines of a formation pass.
+    const MOST: usize = LANES * MAX_STEPS;
 
     pub fn new() -> Self {
-        Self { target: [0; MOST_HITS + 1], quantity: [0.0; MOST_HITS + 1], weight: [0.0; MOST_HITS + 1], len: 0 }
+        Self { target: [0; HITS_ROOM], quantity: [0.0; HITS_ROOM], weight: [0.0; HITS_ROOM], len: 0 }
     }
+}
 
-    /// The line that hit `i` comes from, and the index of the voxel in its block's array.
-    #[inline(always)]
-    pub fn target(&self, i: usize) -> (usize, usize) {
-        ((self.target[i] >> 16) as usize % LANES, self.target[i] as usize & 0xffff)
-    }
-
-    /// Makes hit `i` count for `count` observations.
-    #[inline(always)]
-    pub fn multiply(&mut self, i: usize, count: f32) {
-        self.weight[i] *= count;
-    }
-
-    /// Whether the voxel of hit `i` takes an intensity.
-    #[inline(always)]
-    pub fn is_near(&self, i: usize) -> bool {
-        self.quantity[i].abs() < SHADED
-    }
+/// Whether a voxel `distance` voxels from the surface takes an intensity.
+#[inline(always)]
+pub(crate) fn is_shaded_at(distance: f32) -> bool {
+    distance.abs() < SHADED
 }
 
 /// How far from the surface voxels have an intensity, in voxels: a vertex has that of the voxel beside it.

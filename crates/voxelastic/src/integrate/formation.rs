@@ -3,16 +3,17 @@
 //! Blocks come one after the other, each with its beams in beam order. Sixteen lines are walked at a time ([`walk`](super::walk)); the
 //! bricks that they meet are woken or made, and asked for; then the voxels of the sixteen before them are updated.
 
-use super::band::{Band, Hits, observe_shade};
+use super::band::{Band, HITS_ROOM, Hits, Labels, is_shaded_at, observe_shade};
 use super::scale::ScaleRule;
 use super::select::beam_of;
 use super::transform::Beam;
 use super::walk::{LANES, Line, Lines, Trace};
 use crate::dispatch::Kernel;
-use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, Places, places};
+use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, PLACE_BITS};
 use crate::field::tsdf::propagate::{children, propagate_delta_down, propagate_down, propagate_up};
 use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
 use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
+use std::mem::offset_of;
 
 /// How a block moves between scales in a scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -118,54 +119,63 @@ struct Home {
     first: usize,
     /// The bricks at that scale; nowhere those that have to be woken first, and missing those that hold nothing.
     bricks: [Place<Brick>; BRICKS],
-    places: &'static Places,
     shaded: bool,
     /// Its smallest corner, finest voxels.
     corner: [f32; 3],
 }
 
+/// Where a label says which of a formation's blocks its line flies through, whether that has intensities, and which line it is.
+const HOME: u32 = PLACE_BITS;
+const SHADED: u32 = 15;
+const LANE: u32 = 16;
+
 /// Beams that are walked together, each through a block of its own or one that it shares.
 struct Formation {
     lines: Lines,
+    labels: Labels,
     trace: Trace,
     hits: Hits,
-    /// The blocks, and which of them each lane flies through.
+    /// The blocks, and the bricks of each.
     homes: [Home; LANES],
+    bricks: [Place<Brick>; LANES * BRICKS],
     blocks: usize,
-    home: [u8; LANES],
     /// Strength of each return.
     shade: [u8; LANES],
     /// Returns that each beam stands for.
     count: [f32; LANES],
-    /// Where the voxel of each hit lies: its brick, and its place there.
-    bricks: [Place<Brick>; Hits::MOST],
-    places: [u8; Hits::MOST],
-    /// The hits that are told to a voxel, and those whose voxels take an intensity.
-    told: [u16; Hits::MOST],
-    told_count: usize,
-    near: [u16; Hits::MOST],
-    near_count: usize,
+    told: Told,
+    shaded: Shaded,
+}
+
+/// Voxels that are told something, and what: their distance and its weight.
+struct Told {
+    voxels: [Place<Voxel>; HITS_ROOM],
+    distances: [f32; HITS_ROOM],
+    weights: [f32; HITS_ROOM],
+    len: usize,
+}
+
+/// Intensities that are told one.
+struct Shaded {
+    places: [Place<u8>; HITS_ROOM],
+    observed: [u8; HITS_ROOM],
+    len: usize,
 }
 
 impl Formation {
     fn new() -> Self {
-        let bricks = [Place::NOWHERE; BRICKS];
-        let home = Home { id: NONE, scale: 0, first: 0, bricks, places: places(0), shaded: false, corner: [0.0; 3] };
         Self {
             lines: Lines::new(),
+            labels: Labels { fine: [0; LANES], label: [0; LANES] },
             trace: Trace::new(),
             hits: Hits::new(),
-            homes: [home; LANES],
+            homes: [Home { id: NONE, scale: 0, first: 0, bricks: [Place::NOWHERE; BRICKS], shaded: false, corner: [0.0; 3] }; LANES],
+            bricks: [Place::NOWHERE; LANES * BRICKS],
             blocks: 0,
-            home: [0; LANES],
             shade: [0; LANES],
             count: [1.0; LANES],
-            bricks: [Place::NOWHERE; Hits::MOST],
-            places: [0; Hits::MOST],
-            told: [0; Hits::MOST],
-            told_count: 0,
-            near: [0; Hits::MOST],
-            near_count: 0,
+            told: Told { voxels: [Place::NOWHERE; HITS_ROOM], distances: [0.0; HITS_ROOM], weights: [0.0; HITS_ROOM], len: 0 },
+            shaded: Shaded { places: [Place::NOWHERE; HITS_ROOM], observed: [0; HITS_ROOM], len: 0 },
         }
     }
 
@@ -173,10 +183,14 @@ impl Formation {
     fn push(&mut self, home: &Home, beam: &Beam) {
         let lane = self.lines.len() % LANES;
         if self.blocks == 0 || self.homes[(self.blocks - 1) % LANES].id != home.id {
-            self.homes[self.blocks % LANES] = *home;
+            let block = self.blocks % LANES;
+            self.homes[block] = *home;
+            self.bricks[block * BRICKS..][..BRICKS].copy_from_slice(&home.bricks);
             self.blocks += 1;
         }
-        (self.home[lane], self.shade[lane], self.count[lane]) = ((self.blocks - 1) as u8, beam.shade, f32::from(beam.count));
+        (self.shade[lane], self.count[lane]) = (beam.shade, f32::from(beam.count));
+        self.labels.fine[lane] = u32::from(home.scale == 0).wrapping_neg();
+        self.labels.label[lane] = (lane as u32) << LANE | u32::from(home.shaded) << SHADED | (self.blocks as u32 - 1) << HOME;
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
@@ -189,34 +203,35 @@ impl Formation {
 
     /// Finds out what the lines pass, and asks for it to be brought near. Tells whether bricks were woken or made, which other homes do not know of.
     #[inline(always)]
-    #[allow(unsafe_code)]
     fn walk(&mut self, task: &Update<'_>, touched: &mut Touched) -> bool {
         self.trace.walk(&self.lines);
-        task.band.collect(&self.trace, &mut self.hits);
-        (self.told_count, self.near_count) = (0, 0);
-        let mut came = false;
-        for i in 0..self.hits.len {
-            let (lane, index) = self.hits.target(i);
-            self.hits.multiply(i, self.count[lane]);
-            let home = &mut self.homes[usize::from(self.home[lane]) % LANES];
-            let place = usize::from(home.places[index % voxels_at(0)]);
-            let brick = &mut home.bricks[place / BRICK % BRICKS];
-            if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(&self.hits, i)) {
-                // SAFETY: this thread alone deals with the blocks that lines are pushed for.
-                *brick = unsafe { task.field.brick(task.field.block(home.id).get(), home.id, home.first + place / BRICK, touched) };
+        task.band.collect(&self.trace, &self.labels, &mut self.hits);
+        let Self { hits, told, shaded, .. } = self;
+        let (mut came, mut tells, mut shades) = (false, 0, 0);
+        let found = hits.target.iter().zip(&hits.quantity).zip(&hits.weight);
+        for ((&target, &distance), &weight) in found.take(hits.len) {
+            let brick = &mut self.bricks[(target / BRICK as u32) as usize % (LANES * BRICKS)];
+            if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(distance)) {
+                let home = &self.homes[(target >> HOME) as usize % LANES];
+                *brick = task.brick(home, (target / BRICK as u32) as usize % BRICKS, touched);
                 came = true;
             }
-            (self.bricks[i], self.places[i]) = (*brick, (place % BRICK) as u8);
-            self.told[self.told_count % Hits::MOST] = i as u16;
+            let place = target as usize % BRICK;
+            let voxel = brick.part::<Voxel>(offset_of!(Brick, voxels) + size_of::<Voxel>() * place);
+            let lane = (target >> LANE) as usize % LANES;
+            told.voxels[tells % HITS_ROOM] = voxel;
+            told.distances[tells % HITS_ROOM] = distance;
+            told.weights[tells % HITS_ROOM] = weight * self.count[lane];
+            prefetch(voxel.address());
             let is_there = *brick != Place::MISSING;
-            self.told_count += usize::from(is_there);
-            prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * (place % BRICK)));
-            self.near[self.near_count % Hits::MOST] = i as u16;
-            self.near_count += usize::from(is_there & home.shaded & self.hits.is_near(i));
+            tells += usize::from(is_there);
+            shaded.places[shades % HITS_ROOM] = brick.part(offset_of!(Brick, shades) + place);
+            shaded.observed[shades % HITS_ROOM] = self.shade[lane];
+            shades += usize::from(is_there & is_shaded_at(distance)) & (target >> SHADED) as usize;
         }
-        for &i in &self.near[..self.near_count] {
-            let (brick, place) = (self.bricks[usize::from(i)], self.places[usize::from(i)]);
-            prefetch(brick.address().cast::<u8>().wrapping_add(size_of::<Voxel>() * BRICK + usize::from(place)));
+        (told.len, shaded.len) = (tells, shades);
+        for place in shaded.places.iter().take(shades) {
+            prefetch(place.address());
         }
         came
     }
@@ -228,22 +243,17 @@ impl Formation {
     #[inline(always)]
     #[allow(unsafe_code)]
     unsafe fn apply(&mut self, band: &Band) {
-        let Self { lines, hits, shade, bricks, places, told, told_count, near, near_count, blocks, .. } = self;
-        for &i in &told[..*told_count] {
-            let i = usize::from(i);
+        let Self { told, shaded, .. } = self;
+        for ((voxel, &distance), &weight) in told.voxels.iter().zip(&told.distances).zip(&told.weights).take(told.len) {
             // SAFETY: the caller's promise; bricks stay where they are while the field is open.
-            let brick = unsafe { bricks[i].get() };
-            band.observe(hits, i, &mut brick.voxels[usize::from(places[i]) % BRICK]);
+            band.observe(distance, weight, unsafe { voxel.get() });
         }
-        for &i in &near[..*near_count] {
-            let i = usize::from(i);
-            let (lane, _) = hits.target(i);
+        for (place, &observed) in shaded.places.iter().zip(&shaded.observed).take(shaded.len) {
             // SAFETY: as above.
-            let brick = unsafe { bricks[i].get() };
-            observe_shade(&mut brick.shades[usize::from(places[i]) % BRICK], shade[lane]);
+            observe_shade(unsafe { place.get() }, observed);
         }
-        (hits.len, *told_count, *near_count, *blocks) = (0, 0, 0, 0);
-        lines.clear();
+        (self.hits.len, told.len, shaded.len, self.blocks) = (0, 0, 0, 0);
+        self.lines.clear();
     }
 }
 
@@ -256,7 +266,16 @@ impl Update<'_> {
         let corner = block_coords(block.key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let Block { scale, shaded, .. } = *block;
         let (first, bricks) = (block.current().bricks().start, self.field.bricks(block));
-        Home { id, scale: scale.into(), first, bricks, places: places(scale.into()), shaded, corner }
+        Home { id, scale: scale.into(), first, bricks, shaded, corner }
+    }
+
+    /// Brick `brick` of `home`, woken or made.
+    #[allow(unsafe_code)]
+    #[cold]
+    #[inline(never)]
+    fn brick(&self, home: &Home, brick: usize, touched: &mut Touched) -> Place<Brick> {
+        // SAFETY: this thread alone deals with the blocks that lines are pushed for.
+        unsafe { self.field.brick(self.field.block(home.id).get(), home.id, home.first + brick, touched) }
     }
 
     /// Fills the array of a block's new scale from the one that it leaves (paper Sec. III-A, propagation).

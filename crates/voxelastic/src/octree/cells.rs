@@ -130,6 +130,13 @@ impl<T> Place<T> {
         self.0
     }
 
+    /// Where the part of it lies that begins `offset` bytes on.
+    #[inline(always)]
+    pub fn part<U>(self, offset: usize) -> Place<U> {
+        debug_assert!(offset + size_of::<U>() <= size_of::<T>());
+        Place(self.0.cast::<u8>().wrapping_add(offset).cast())
+    }
+
     /// The item.
     ///
     /// # Safety

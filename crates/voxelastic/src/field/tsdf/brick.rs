@@ -4,7 +4,7 @@
 //! block at scale 0 has eight, at any coarser scale one. Bricks that hold nothing are not there.
 
 use super::voxel::Voxel;
-use crate::octree::{voxel_coords, voxels_at};
+use crate::octree::voxels_at;
 use bytemuck::{Pod, Zeroable};
 
 /// Voxels of a brick.
@@ -69,40 +69,24 @@ impl Handle {
     }
 }
 
-/// Where each voxel of an array lies, by index: its brick times [`BRICK`], and its place there.
-pub(crate) type Places = [u16; voxels_at(0)];
+/// Bits of a voxel's place among all bricks of its array: its place in its brick, and the brick above that.
+pub(crate) const PLACE_BITS: u32 = (BRICK * BRICKS).ilog2();
 
-/// Where the voxels of an array at `scale` lie.
+/// Where voxel `index` of an array lies: its brick times [`BRICK`], and its place there. `fine` has all bits set for an array at scale 0, and none for
+/// others, which have one brick. Shifts and masks only, for lanes of vectors.
 #[inline(always)]
-pub(crate) fn places(scale: usize) -> &'static Places {
-    static FINE: Places = {
-        let mut places = [0; voxels_at(0)];
-        let mut index = 0;
-        while index < places.len() {
-            let c = voxel_coords(index, 0);
-            let brick = c[0] >> 2 | (c[1] >> 2) << 1 | (c[2] >> 2) << 2;
-            places[index] = (brick * BRICK + (c[0] & 3 | (c[1] & 3) << 2 | (c[2] & 3) << 4)) as u16;
-            index += 1;
-        }
-        places
-    };
-    /// Arrays of other scales have one brick, and no more voxels than that.
-    static COARSE: Places = {
-        let mut places = [0; voxels_at(0)];
-        let mut index = 0;
-        while index < BRICK {
-            places[index] = index as u16;
-            index += 1;
-        }
-        places
-    };
-    if scale == 0 { &FINE } else { &COARSE }
+pub(crate) const fn place(fine: u32, index: u32) -> u32 {
+    // Of three bits an axis, the lower two are the place in the brick and the highest one the brick's.
+    let x = index & 0o3 | (index & 0o4) << 4;
+    let y = (index & 0o30) >> 1 | (index & 0o40) << 2;
+    let z = (index & 0o300) >> 2 | index & 0o400;
+    (x | y | z) & fine | index & !fine
 }
 
 /// Where voxel `index` of an array at `scale` lies: brick, and place in it.
 #[inline(always)]
 pub(crate) fn place_of(scale: usize, index: usize) -> (usize, usize) {
-    let place = usize::from(places(scale)[index]);
+    let place = place(u32::from(scale == 0).wrapping_neg(), index as u32) as usize;
     (place / BRICK, place % BRICK)
 }
 
