@@ -13,7 +13,7 @@ pub struct SurfaceArgs {
     /// Which surface: measured (of the TSDF; maps without one show what is occupied), or one of free and occupied space
     #[arg(long, value_enum, default_value_t = Surface::Measured)]
     surface: Surface,
-    /// Level of detail: 0 for all detail, up to 3 for vertices eight voxels apart
+    /// Level of detail: 0 for all detail, up to 3 for vertices eight voxels apart; what is smaller than that may vanish
     #[arg(long, value_name = "0..3", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=3))]
     lod: u8,
     /// Observations that a voxel needs before it takes part in the surface
@@ -63,7 +63,7 @@ impl SurfaceArgs {
     /// The surface of a submap in its frame.
     pub fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
         match self.occupancy(submap) {
-            Some(kind) => extract_occupancy(&submap.occupancy, voxel, kind),
+            Some(kind) => extract_occupancy(&submap.occupancy, voxel, kind, self.lod.into()),
             None => extract(&submap.tsdf, voxel, &self.options()),
         }
     }
@@ -72,7 +72,7 @@ impl SurfaceArgs {
     pub fn extract_onto(&self, mesh: &mut Mesh, submap: &Submap, voxel: f32) {
         let t = Rigid::from(&submap.t_map_submap);
         match self.occupancy(submap) {
-            Some(kind) => mesh.append(&extract_occupancy(&submap.occupancy, voxel, kind), &t),
+            Some(kind) => mesh.append(&extract_occupancy(&submap.occupancy, voxel, kind, self.lod.into()), &t),
             None => extract_onto(mesh, &submap.tsdf, voxel, &self.options(), Some(&t)),
         }
     }

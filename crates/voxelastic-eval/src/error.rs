@@ -62,7 +62,7 @@ pub enum EvalError {
     },
     /// The extents suggest that one input is not in metres.
     #[error(
-        "the extents differ {ratio:.4} times (source {source_m:.1} m, target {target_m:.1} m): the {culprit} seems to be in {unit}; convert it to metres (multiply by {factor})"
+        "the source measures {source_m:.1} m and the target {target_m:.1} m, {ratio:.4} to 1: the {culprit} seems to be in {unit}; convert it to metres (multiply by {factor})"
     )]
     Units {
         /// Extent of the source over that of the target.

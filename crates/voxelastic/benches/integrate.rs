@@ -156,7 +156,7 @@ fn meshing(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("tsdf, level of detail", lod), |b| b.iter(|| pool.install(|| extract(field, voxel, &options))));
     }
     let field = &occupancy.submaps()[0].occupancy;
-    let occupied = || pool.install(|| extract_occupancy(field, voxel, OccupancySurface::Occupied));
+    let occupied = || pool.install(|| extract_occupancy(field, voxel, OccupancySurface::Occupied, 0));
     group.bench_function("occupancy", |b| b.iter(occupied));
     group.finish();
 }

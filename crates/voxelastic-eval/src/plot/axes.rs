@@ -10,7 +10,7 @@ const INK: Rgb = [40, 44, 52];
 const SOFT: Rgb = [110, 116, 126];
 const GRID: Rgb = [228, 231, 235];
 const LIMIT: Rgb = [190, 60, 50];
-const CAPITAL: f32 = 8.6;
+pub(super) const CAPITAL: f32 = 8.6;
 
 /// An axis: values on it, and where they lie on the page.
 struct Axis {
@@ -69,14 +69,15 @@ pub(super) fn layout(plot: &Plot) -> Vec<Mark> {
     let xs = plot.series.iter().flat_map(|s| s.points.iter().flat_map(|p| [p[0] - half_bar, p[0] + half_bar]));
     let ys = plot.series.iter().flat_map(|s| s.points.iter().map(|p| p[1])).chain(plot.limits.iter().map(|l| l.y));
     let x = Axis::new(xs, 8.0, false, (64.0, w - 18.0));
-    let y = Axis::new(ys, 5.0, true, (h - 48.0, 58.0f32.min(h * 0.3)));
+    let (key, rows) = key(plot, &x);
+    let y = Axis::new(ys, 5.0, true, (h - 48.0, (58.0 + KEY_ROW * rows.saturating_sub(1) as f32).min(h * 0.3)));
     let mut out = Vec::new();
     frame(plot, &x, &y, &mut out);
     for i in 0..plot.series.len() {
         series(plot, i, (&x, &y), &mut out);
     }
     limits(plot, &x, &y, &mut out);
-    key(plot, &x, &mut out);
+    out.extend(key);
     out
 }
 
@@ -141,13 +142,21 @@ fn limits(plot: &Plot, x: &Axis, y: &Axis, out: &mut Vec<Mark>) {
     }
 }
 
-/// Names of the series in a row above the plot.
-fn key(plot: &Plot, x: &Axis, out: &mut Vec<Mark>) {
-    let mut at = x.from;
+/// From one row of the key to the next.
+const KEY_ROW: f32 = 17.0;
+
+/// Names of the series in rows above the plot, and how many rows that makes.
+fn key(plot: &Plot, x: &Axis) -> (Vec<Mark>, usize) {
+    let (mut marks, mut at, mut rows) = (Vec::new(), x.from, 0);
     for (i, s) in plot.series.iter().enumerate().filter(|(_, s)| !s.label.is_empty()) {
-        let colour = plot.colour(i);
-        out.push(Mark::Box { at: [at, 35.0], size: [14.0, 4.0], colour, alpha: 255 });
-        out.push(text(&s.label, [at + 19.0, 41.0], Anchor::Start, INK));
-        at += 40.0 + crate::glyphs::strokes(&s.label, CAPITAL).1;
+        let (colour, width) = (plot.colour(i), 19.0 + crate::glyphs::strokes(&s.label, CAPITAL).1);
+        if rows == 0 || at + width > x.to && at > x.from {
+            (at, rows) = (x.from, rows + 1);
+        }
+        let down = KEY_ROW * (rows - 1) as f32;
+        marks.push(Mark::Box { at: [at, 35.0 + down], size: [14.0, 4.0], colour, alpha: 255 });
+        marks.push(text(&s.label, [at + 19.0, 41.0 + down], Anchor::Start, INK));
+        at += width + 21.0;
     }
+    (marks, rows)
 }

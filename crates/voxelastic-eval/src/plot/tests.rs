@@ -35,6 +35,27 @@ fn what_cannot_be_plotted_is_left_out() {
 }
 
 #[test]
+fn a_key_of_many_names_takes_more_rows_and_stays_within() {
+    let mut plot = Plot::new("Many", "scan", "ms");
+    plot.series = (0..9).map(|i| Series::line(&format!("occupancy, 60 m / 6.5 cm, {i}"), vec![[0.0, 0.0], [1.0, f64::from(i)]])).collect();
+    let marks = axes::layout(&plot);
+    let names: Vec<[f32; 2]> = marks
+        .iter()
+        .filter_map(|mark| match mark {
+            marks::Mark::Text { text, at, .. } if text.starts_with("occupancy") => {
+                Some([at[0] + crate::glyphs::strokes(text, axes::CAPITAL).1, at[1]])
+            }
+            _ => None,
+        })
+        .collect();
+    let grid = marks.iter().filter_map(|mark| if let marks::Mark::Line { points, .. } = mark { Some(points[0][1]) } else { None });
+    let top = grid.fold(f32::INFINITY, f32::min);
+    assert_eq!(names.len(), 9);
+    assert!(names.iter().all(|[end, _]| *end <= plot.size.width as f32), "{names:?}");
+    assert!(names.iter().all(|[_, y]| *y < top), "{names:?} above {top}");
+}
+
+#[test]
 fn a_histogram_shows_shares_of_everything() {
     let stats = crate::DistanceStats::new(&[0.005, 0.015, 0.016, f32::INFINITY]);
     let s = Series::histogram("errors", &stats.histogram);

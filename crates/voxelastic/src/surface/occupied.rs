@@ -4,7 +4,9 @@
 //! lie on the grid of finest voxels, so that faces of different sizes meet along exactly the same lines.
 
 use super::Mesh;
+use super::detail::coarsen;
 use crate::field::occupancy::OccupancyField;
+use crate::octree::SCALES;
 use crate::query::{Boundary, Face, faces};
 use hashbrown::HashMap;
 
@@ -20,8 +22,10 @@ pub enum OccupancySurface {
 }
 
 /// The surface in metres of the submap frame, for finest voxels of `voxel` metres. Triangles and normals face away from
-/// occupied or unknown space; vertices are shared within faces of one direction, so that edges stay sharp.
-pub fn extract_occupancy(field: &OccupancyField, voxel: f32, surface: OccupancySurface) -> Mesh {
+/// occupied or unknown space; vertices are shared within faces of one direction, so that edges stay sharp. With a level of detail `lod` of 1 to 3,
+/// what lies in one cell of two to eight finest voxels becomes one vertex, as in
+/// [`MeshOptions::lod`](super::MeshOptions::lod): edges are rounded, and faces of different sizes may part by less than a cell.
+pub fn extract_occupancy(field: &OccupancyField, voxel: f32, surface: OccupancySurface, lod: usize) -> Mesh {
     let boundary = match surface {
         OccupancySurface::Occupied => Boundary::Occupied,
         OccupancySurface::FreeHull => Boundary::Free,
@@ -29,6 +33,9 @@ pub fn extract_occupancy(field: &OccupancyField, voxel: f32, surface: OccupancyS
     };
     let mut builder = Builder { voxel, mesh: Mesh::default(), vertices: HashMap::new() };
     faces(field, boundary, true).iter().for_each(|face| builder.add(face));
+    if lod > 0 {
+        coarsen(&mut builder.mesh, [0, 0], voxel * (1u32 << lod.min(SCALES - 1)) as f32);
+    }
     builder.mesh
 }
 

@@ -205,7 +205,7 @@ proptest! {
     fn meshes_are_closed_and_look_away_from_what_is_occupied(seed in any::<u64>(), rare in 2u64..30) {
         let field = random_field(seed, rare);
         for surface in [OccupancySurface::Occupied, OccupancySurface::FreeHull, OccupancySurface::Frontier] {
-            let mesh = extract_occupancy(&field, 1.0, surface);
+            let mesh = extract_occupancy(&field, 1.0, surface, 0);
             let (mut sum, mut area) = ([0f64; 3], 0f64);
             for t in &mesh.triangles {
                 let [a, b, c] = t.map(|v| mesh.positions[v as usize].map(f64::from));
@@ -223,6 +223,21 @@ proptest! {
                 _ => area.round() as i32,
             };
             prop_assert!((area - f64::from(units)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn coarser_meshes_have_one_vertex_a_cell_near_all_that_was_there(seed in any::<u64>(), rare in 2u64..30, lod in 1usize..4) {
+        let field = random_field(seed, rare);
+        let cell = (1 << lod) as f32;
+        let cell_of = |p: &[f32; 3]| p.map(|c| (c / cell).floor() as i32);
+        for surface in [OccupancySurface::Occupied, OccupancySurface::FreeHull, OccupancySurface::Frontier] {
+            let (full, coarse) = (extract_occupancy(&field, 1.0, surface, 0), extract_occupancy(&field, 1.0, surface, lod));
+            let cells: BTreeSet<[i32; 3]> = coarse.positions.iter().map(cell_of).collect();
+            prop_assert_eq!(cells.len(), coarse.positions.len());
+            prop_assert_eq!(cells, full.positions.iter().map(cell_of).collect::<BTreeSet<_>>());
+            prop_assert!(coarse.triangles.len() <= full.triangles.len());
+            prop_assert!(coarse.triangles.iter().all(|[a, b, c]| a != b && b != c && c != a));
         }
     }
 
