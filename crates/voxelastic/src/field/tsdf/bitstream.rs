@@ -38,39 +38,9 @@ impl<'a> BitWriter<'a> {
     }
 }
 
-/// Reads numbers of equal length in turn.
-pub(super) struct BitReader<'a> {
-    words: std::slice::Iter<'a, u32>,
-    pending: u64,
-    count: u32,
-    bits: u32,
-}
-
-impl<'a> BitReader<'a> {
-    /// Reads numbers of `bits` bits, 32 at most.
-    #[inline(always)]
-    pub fn new(words: &'a [u32], bits: u32) -> Self {
-        Self { words: words.iter(), pending: 0, count: 0, bits }
-    }
-
-    /// The next number; beyond the last one, zeros.
-    #[inline(always)]
-    pub fn next(&mut self) -> u32 {
-        if self.count < self.bits {
-            self.pending |= u64::from(self.words.next().copied().unwrap_or(0)) << self.count;
-            self.count += 32;
-        }
-        let number = self.pending & low_mask(self.bits);
-        self.pending >>= self.bits;
-        self.count -= self.bits;
-        number as u32
-    }
-}
-
-/// Number `index` of those that [`BitWriter`] wrote with `bits` bits each.
+/// The number of `bits` bits, 32 at most, that begins at bit `first`; what lies beyond the last word is zero.
 #[inline(always)]
-pub(super) fn read(words: &[u32], bits: u32, index: usize) -> u32 {
-    let first = index * bits as usize;
+pub(super) fn read(words: &[u32], first: usize, bits: u32) -> u32 {
     let word = |i: usize| u64::from(words.get(first / 32 + i).copied().unwrap_or(0));
     ((word(0) | word(1) << 32) >> (first % 32) & low_mask(bits)) as u32
 }
@@ -94,10 +64,8 @@ mod tests {
             numbers.iter().for_each(|&n| writer.push(n, bits));
             let len = writer.finish();
             prop_assert_eq!(len, (numbers.len() * bits as usize).div_ceil(32));
-            let mut reader = BitReader::new(&words[..len], bits);
             for (i, &number) in numbers.iter().enumerate() {
-                prop_assert_eq!(reader.next(), number);
-                prop_assert_eq!(read(&words[..len], bits, i), number);
+                prop_assert_eq!(read(&words[..len], i * bits as usize, bits), number);
             }
         }
     }

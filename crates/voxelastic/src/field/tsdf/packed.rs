@@ -2,8 +2,9 @@
 //!
 //! Of the voxels of a brick that was ever met, about a third are observed, and what they hold is alike. So what is packed is a bitmap of 64 bits, the least distance, weight and intensity, and by how much
 //! each voxel exceeds them. Nothing is lost, and any voxel can be read where it lies.
+#![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
-use super::bitstream::{BitReader, BitWriter, read};
+use super::bitstream::{BitWriter, read};
 use super::brick::{BRICK, Brick, gather, spread};
 use super::voxel::Voxel;
 use crate::geometry::bits::{lowest_bits, rank};
@@ -29,34 +30,41 @@ struct Form {
 }
 
 impl Form {
-    /// The form that fits the voxels `held`, and their intensities if they have any.
+    /// The form that fits the voxels of a brick that hold anything. All are looked at, the others without effect, for the sake of vectors.
     #[inline(always)]
-    fn of(held: &[Voxel], shades: &[u8]) -> Self {
-        if held.is_empty() {
+    fn of(brick: &Contents) -> Self {
+        let (mut near, mut far, mut light, mut heavy) = (i32::MAX, i32::MIN, u32::MAX, 0);
+        let (mut any, mut all) = (0, u32::MAX);
+        // Zero is unknown and stays zero: known ones follow it.
+        let (mut dark, mut bright) = (u32::from(u8::MAX), 0);
+        for i in 0..BRICK {
+            let (voxel, shade) = (brick.voxels[i], brick.shades[i]);
+            let held = (voxel | shade) != 0;
+            let (distance, weight) = (distance_of(voxel), weight_of(voxel));
+            near = near.min(if held { distance } else { i32::MAX });
+            far = far.max(if held { distance } else { i32::MIN });
+            light = light.min(if held { weight } else { u32::MAX });
+            all &= if held { weight } else { u32::MAX };
+            heavy = heavy.max(weight);
+            any |= weight;
+            dark = dark.min(shade.wrapping_sub(1) & 0xff);
+            bright = bright.max(shade);
+        }
+        if far < near {
             return Self::default();
         }
-        let (mut near, mut far, mut light, mut heavy) = (i16::MAX, i16::MIN, u16::MAX, 0);
-        for v in held {
-            (near, far) = (near.min(v.distance), far.max(v.distance));
-            (light, heavy) = (light.min(v.weight), heavy.max(v.weight));
-        }
-        let differing = held.iter().fold(0, |all, v| all | (v.weight ^ light));
-        // A difference from the least has the zeros at its end that both have in common.
+        // A difference from the least has the zeros at its end that all have in common.
+        let differing = any & !all;
         let shift = if differing == 0 { 0 } else { differing.trailing_zeros() };
-        // Zero is unknown and stays zero: known ones follow it.
-        let (mut dark, mut bright) = (u8::MAX, 0);
-        for &shade in shades {
-            (dark, bright) = (dark.min(shade.wrapping_sub(1)), bright.max(shade));
-        }
         let dark = dark.min(bright);
         Self {
-            distance: near,
-            weight: light,
-            shade: dark,
-            distance_bits: bits((i32::from(far) - i32::from(near)) as u32),
-            weight_bits: bits(u32::from(heavy - light) >> shift),
+            distance: near as i16,
+            weight: light as u16,
+            shade: dark as u8,
+            distance_bits: bits((far - near) as u32),
+            weight_bits: bits((heavy - light) >> shift),
             weight_shift: shift as u8,
-            shade_bits: bits(u32::from(bright - dark)),
+            shade_bits: bits(bright - dark),
         }
     }
 
@@ -88,16 +96,24 @@ impl Form {
         u32::from(self.distance_bits + self.weight_bits)
     }
 
-    /// Words of `held` voxels, and of their intensities.
+    /// Bits of a voxel and its intensity.
     #[inline(always)]
-    fn lengths(self, held: usize) -> [usize; 2] {
-        [self.voxel_bits(), u32::from(self.shade_bits)].map(|bits| (held * bits as usize).div_ceil(32))
+    fn code_bits(self) -> u32 {
+        self.voxel_bits() + u32::from(self.shade_bits)
     }
 
+    /// Words of `held` voxels and their intensities.
     #[inline(always)]
-    fn encode(self, voxel: Voxel) -> u32 {
-        let distance = (i32::from(voxel.distance) - i32::from(self.distance)) as u32;
-        distance | u32::from((voxel.weight - self.weight) >> self.weight_shift) << self.distance_bits
+    fn length(self, held: usize) -> usize {
+        (held * self.code_bits() as usize).div_ceil(32)
+    }
+
+    /// The code of a voxel that holds anything; of others, something.
+    #[inline(always)]
+    fn encode(self, voxel: u32) -> u32 {
+        let distance = distance_of(voxel).wrapping_sub(i32::from(self.distance)) as u32;
+        let weight = weight_of(voxel).wrapping_sub(u32::from(self.weight)) >> self.weight_shift;
+        distance | weight << self.distance_bits
     }
 
     #[inline(always)]
@@ -108,8 +124,8 @@ impl Form {
     }
 
     #[inline(always)]
-    fn encode_shade(self, shade: u8) -> u32 {
-        u32::from(if shade == 0 { 0 } else { shade - self.shade })
+    fn encode_shade(self, shade: u32) -> u32 {
+        if shade == 0 { 0 } else { shade - u32::from(self.shade) }
     }
 
     #[inline(always)]
@@ -122,6 +138,50 @@ impl Form {
 #[inline(always)]
 fn bits(most: u32) -> u8 {
     (u32::BITS - most.leading_zeros()) as u8
+}
+
+/// The voxels of a brick as numbers, distance below weight, and their intensities; zeros for a brick without.
+struct Contents {
+    voxels: [u32; BRICK],
+    shades: [u32; BRICK],
+}
+
+impl Contents {
+    #[inline(always)]
+    fn of(brick: &Brick, shaded: bool) -> Self {
+        let mut contents = Self { voxels: [0; BRICK], shades: [0; BRICK] };
+        for i in 0..BRICK {
+            let Voxel { distance, weight } = brick.voxels[i];
+            contents.voxels[i] = u32::from(distance as u16) | u32::from(weight) << 16;
+            contents.shades[i] = if shaded { u32::from(brick.shades[i]) } else { 0 };
+        }
+        contents
+    }
+
+    /// Which of them are anything but zero.
+    #[inline(always)]
+    fn mask(&self) -> u64 {
+        let mut bytes = [0u8; BRICK];
+        for i in 0..BRICK {
+            bytes[i] = u8::from((self.voxels[i] | self.shades[i]) != 0);
+        }
+        let mut mask = 0;
+        for (i, b) in bytes.chunks_exact(8).enumerate() {
+            let eight = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]);
+            mask |= lowest_bits(eight) << (8 * i);
+        }
+        mask
+    }
+}
+
+#[inline(always)]
+fn distance_of(voxel: u32) -> i32 {
+    (voxel as i32) << 16 >> 16
+}
+
+#[inline(always)]
+fn weight_of(voxel: u32) -> u32 {
+    voxel >> 16
 }
 
 /// A brick packed, on its way to rest.
@@ -140,29 +200,34 @@ impl Packed {
     /// Packs `brick`. Inlined, and made of loops only, for kernels that pack many.
     #[inline(always)]
     pub fn pack(&mut self, brick: &Brick, shaded: bool) {
-        let mask = mask(brick, shaded);
-        let (mut voxels, mut shades) = ([Voxel::default(); BRICK], [0; BRICK]);
-        let (mut left, mut held) = (mask, 0);
-        while left != 0 {
-            let place = left.trailing_zeros() as usize % BRICK;
-            (voxels[held % BRICK], shades[held % BRICK]) = (brick.voxels[place], brick.shades[place]);
-            held += 1;
-            left &= left - 1;
-        }
-        let (voxels, shades) = (&voxels[..held], &shades[..if shaded { held } else { 0 }]);
-        let form = Form::of(voxels, shades);
+        let contents = Contents::of(brick, shaded);
+        let (mask, form) = (contents.mask(), Form::of(&contents));
         (self.words[0], self.words[1]) = (mask as u32, (mask >> 32) as u32);
         [self.words[2], self.words[3]] = form.to_words();
+        let (mut codes, mut shades) = ([0; BRICK], [0; BRICK]);
+        for i in 0..BRICK {
+            codes[i] = form.encode(contents.voxels[i]);
+            shades[i] = form.encode_shade(contents.shades[i]);
+        }
         let mut writer = BitWriter::new(&mut self.words[HEAD..]);
-        for &voxel in voxels {
-            writer.push(form.encode(voxel), form.voxel_bits());
+        let mut left = mask;
+        if form.code_bits() <= 32 {
+            for i in 0..BRICK {
+                codes[i] |= (u64::from(shades[i]) << form.voxel_bits()) as u32;
+            }
+            while left != 0 {
+                writer.push(codes[left.trailing_zeros() as usize % BRICK], form.code_bits());
+                left &= left - 1;
+            }
+        } else {
+            while left != 0 {
+                let place = left.trailing_zeros() as usize % BRICK;
+                writer.push(codes[place], form.voxel_bits());
+                writer.push(shades[place], form.shade_bits.into());
+                left &= left - 1;
+            }
         }
-        let begin = HEAD + writer.finish();
-        let mut writer = BitWriter::new(&mut self.words[begin..]);
-        for &shade in shades {
-            writer.push(form.encode_shade(shade), form.shade_bits.into());
-        }
-        (self.held, self.len) = (held, begin + writer.finish());
+        (self.held, self.len) = (mask.count_ones() as usize, HEAD + writer.finish());
     }
 
     /// Whether no voxel holds anything.
@@ -205,7 +270,7 @@ impl PackedArray {
         let mut left = &self.words[..];
         std::iter::from_fn(move || {
             let piece = (!left.is_empty()).then(|| Piece::of(left))?;
-            let (brick, rest) = left.split_at(HEAD + piece.form.lengths(piece.held()).iter().sum::<usize>());
+            let (brick, rest) = left.split_at(HEAD + piece.codes.len());
             left = rest;
             Some(if piece.mask == 0 { &[] } else { brick })
         })
@@ -226,33 +291,13 @@ impl PackedArray {
     }
 }
 
-/// Which voxels of a brick, or their intensities, are anything but zero.
-#[inline(always)]
-fn mask(brick: &Brick, shaded: bool) -> u64 {
-    let mut bytes = [0u8; BRICK];
-    for (byte, v) in bytes.iter_mut().zip(&brick.voxels) {
-        *byte = u8::from((v.distance as u16 | v.weight) != 0);
-    }
-    if shaded {
-        for (byte, &shade) in bytes.iter_mut().zip(&brick.shades) {
-            *byte |= u8::from(shade != 0);
-        }
-    }
-    let mut mask = 0;
-    for (i, b) in bytes.chunks_exact(8).enumerate() {
-        let eight = u64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]);
-        mask |= lowest_bits(eight) << (8 * i);
-    }
-    mask
-}
-
 /// A piece, where it lies.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Piece<'a> {
     mask: u64,
     form: Form,
-    voxels: &'a [u32],
-    shades: &'a [u32],
+    /// A code for each voxel that is held: voxel and intensity.
+    codes: &'a [u32],
 }
 
 impl<'a> Piece<'a> {
@@ -261,15 +306,7 @@ impl<'a> Piece<'a> {
     pub fn of(words: &'a [u32]) -> Self {
         let mask = u64::from(words[0]) | u64::from(words[1]) << 32;
         let form = Form::from_words([words[2], words[3]]);
-        let [voxels, shades] = form.lengths(mask.count_ones() as usize);
-        let (voxels, shades) = words[HEAD..HEAD + voxels + shades].split_at(voxels);
-        Self { mask, form, voxels, shades }
-    }
-
-    /// Voxels held.
-    #[inline(always)]
-    fn held(self) -> usize {
-        self.mask.count_ones() as usize
+        Self { mask, form, codes: &words[HEAD..HEAD + form.length(mask.count_ones() as usize)] }
     }
 
     /// Where voxel `place` is among those held.
@@ -278,40 +315,52 @@ impl<'a> Piece<'a> {
         (self.mask >> place & 1 == 1).then(|| rank(self.mask, place))
     }
 
+    /// Voxel number `k` of those held.
+    #[inline(always)]
+    fn held_voxel(self, k: usize) -> Voxel {
+        self.form.decode(read(self.codes, k * self.form.code_bits() as usize, self.form.voxel_bits()))
+    }
+
+    /// The intensity of voxel number `k` of those held.
+    #[inline(always)]
+    fn held_shade(self, k: usize) -> u8 {
+        let first = k * self.form.code_bits() as usize + self.form.voxel_bits() as usize;
+        self.form.decode_shade(read(self.codes, first, self.form.shade_bits.into()))
+    }
+
     /// Voxel `place` of the brick.
     #[inline]
     pub fn voxel(self, place: usize) -> Voxel {
-        self.rank(place).map_or(Voxel::default(), |k| self.form.decode(read(self.voxels, self.form.voxel_bits(), k)))
+        self.rank(place).map_or(Voxel::default(), |k| self.held_voxel(k))
     }
 
     /// Intensity `place` of the brick; 0 for those of a brick without intensities.
     #[inline]
     pub fn shade(self, place: usize) -> u8 {
-        self.rank(place).map_or(0, |k| self.form.decode_shade(read(self.shades, self.form.shade_bits.into(), k)))
+        self.rank(place).map_or(0, |k| self.held_shade(k))
     }
 
     /// All voxels of the brick.
     #[inline(always)]
     pub fn voxels(self) -> [Voxel; BRICK] {
-        let mut codes = BitReader::new(self.voxels, self.form.voxel_bits());
-        scatter(self.mask, || self.form.decode(codes.next()))
+        scatter(self.mask, |k| self.held_voxel(k))
     }
 
     /// All intensities of the brick; zeros for one without.
     #[inline(always)]
     pub fn shades(self) -> [u8; BRICK] {
-        let mut codes = BitReader::new(self.shades, self.form.shade_bits.into());
-        scatter(self.mask, || self.form.decode_shade(codes.next()))
+        scatter(self.mask, |k| self.held_shade(k))
     }
 }
 
-/// Puts the next value into each place that `mask` names.
+/// Puts one value after the other into the places that `mask` names.
 #[inline(always)]
-fn scatter<T: Copy + Default>(mask: u64, mut next: impl FnMut() -> T) -> [T; BRICK] {
+fn scatter<T: Copy + Default>(mask: u64, value: impl Fn(usize) -> T) -> [T; BRICK] {
     let mut array = [T::default(); BRICK];
-    let mut left = mask;
+    let (mut left, mut next) = (mask, 0);
     while left != 0 {
-        array[left.trailing_zeros() as usize % BRICK] = next();
+        array[left.trailing_zeros() as usize % BRICK] = value(next);
+        next += 1;
         left &= left - 1;
     }
     array
