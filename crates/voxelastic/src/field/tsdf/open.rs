@@ -62,11 +62,10 @@ impl OpenField<'_> {
     pub fn bricks(&self, block: &Block) -> [Place<Brick>; BRICKS] {
         let mut places = [Place::NOWHERE; BRICKS];
         for (place, brick) in places.iter_mut().zip(&block.bricks[block.current().bricks()]) {
-            *place = match brick.whereabouts() {
-                Whereabouts::Nowhere => Place::MISSING,
-                Whereabouts::Awake(slot) => self.bricks.cells().place(slot),
-                Whereabouts::Resting(_) => Place::NOWHERE,
-            };
+            // By selection: which bricks a block has is as good as random.
+            let awake = self.bricks.cells().place(brick.slot().unwrap_or(0));
+            let other = if *brick == Handle::NOWHERE { Place::MISSING } else { Place::NOWHERE };
+            *place = if brick.slot().is_some() { awake } else { other };
         }
         places
     }
