@@ -4,8 +4,8 @@ use super::radix::sort_by_bits;
 use super::transform::Beam;
 use super::walk::LANES;
 use crate::dispatch::{Kernel, dispatch};
-use crate::geometry::whole;
-use crate::octree::{BLOCK_EDGE, block_coords, block_key};
+use crate::geometry::{morton, whole};
+use crate::octree::{BLOCK_EDGE, block_key};
 use crate::sensor::larger;
 use rayon::prelude::*;
 
@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const BEAM_BITS: u32 = 24;
 /// Most beams that one scan may have.
 pub(crate) const MAX_BEAMS: usize = 1 << BEAM_BITS;
+/// Largest coordinate of a key.
+const MAX_COORD: u32 = (1 << 21) - 1;
 /// Most bits of a block coordinate that fit a record.
 const MAX_AXIS_BITS: u32 = (u64::BITS - BEAM_BITS) / 3;
 
@@ -37,6 +39,8 @@ pub(crate) struct Selection {
     pub records: Vec<u64>,
     pub blocks: Vec<BlockBeams>,
     spare: Vec<u64>,
+    /// Where runs begin.
+    starts: Vec<u32>,
     /// What each block coordinate, wrapped to the window, becomes in a key: every third bit.
     spread: Vec<u64>,
     chunks: Vec<Vec<u64>>,
@@ -71,7 +75,7 @@ impl Selection {
     /// Finds the blocks along each beam as far as it reaches. `sensor` is the sensor's position in finest voxels; no place that a beam
     /// reaches is farther from it than `reach` blocks.
     pub fn select(&mut self, beams: &[Beam], sensor: [f32; 3], reach: u32) {
-        const CHUNK: usize = 8192;
+        const CHUNK: usize = 4096;
         let window = Window::new(reach);
         let home = sensor.map(|c| (c / BLOCK_EDGE as f32).floor() as i32);
         // Block coordinates relative to the corner of the window are never negative, so truncation is floor.
@@ -93,18 +97,47 @@ impl Selection {
 
     /// Cuts the sorted records into one run per block and recovers each block's full key.
     fn group(&mut self, corner: [i32; 3], window: Window) {
-        self.blocks.clear();
-        let size = window.size() as i32;
-        let mut start = 0;
-        while start < self.records.len() {
-            let wrapped = self.records[start] >> BEAM_BITS;
-            let length = self.records[start..].iter().take_while(|&&r| r >> BEAM_BITS == wrapped).count();
-            // The key's low bits per axis are those of the block's own key; the corner says which period it is in. The period is a power of two.
-            let low = block_coords(wrapped);
-            let coords = std::array::from_fn(|k| corner[k] + ((low[k] - corner[k]) & (size - 1)));
-            self.blocks.push(BlockBeams { key: block_key(coords), start: start as u32, end: (start + length) as u32 });
-            start += length;
+        let wrapped = |record: u64| record >> BEAM_BITS;
+        // How long a run is is as good as random: every record is noted as if it began one, and the next one overwrites it if it did not.
+        self.starts.resize(self.records.len() + 1, 0);
+        let (mut count, mut last) = (0, u64::MAX);
+        for (&record, i) in self.records.iter().zip(0..) {
+            self.starts[count] = i;
+            count += usize::from(wrapped(record) != last);
+            last = wrapped(record);
         }
+        self.starts[count] = self.records.len() as u32;
+        let unwrap = Unwrap::new(corner, window);
+        let run = |ends: &[u32]| BlockBeams { key: unwrap.key(wrapped(self.records[ends[0] as usize])), start: ends[0], end: ends[1] };
+        self.blocks.clear();
+        self.blocks.extend(self.starts[..=count].windows(2).map(run));
+    }
+}
+
+/// From keys whose coordinates are wrapped to a window back to full ones.
+struct Unwrap {
+    /// The bits of each axis within the window, those of the window's smallest corner, and what lies above them: before the coordinate wraps and
+    /// after.
+    axes: [(u64, u64, [u64; 2]); 3],
+}
+
+impl Unwrap {
+    fn new(corner: [i32; 3], window: Window) -> Self {
+        let axis = |k: usize| {
+            let mut ones = [0; 3];
+            ones[k] = MAX_COORD;
+            let (all, within) = (morton::encode(ones), window.mask << k);
+            let mut next = corner;
+            next[k] += window.size() as i32;
+            (within, block_key(corner) & within, [corner, next].map(|c| block_key(c) & all & !within))
+        };
+        Self { axes: [0, 1, 2].map(axis) }
+    }
+
+    /// The key whose low bits are `wrapped`: the first such place that is not before the corner. Bits of one axis compare as its coordinate does.
+    #[inline(always)]
+    fn key(&self, wrapped: u64) -> u64 {
+        self.axes.iter().fold(wrapped, |key, &(within, corner, above)| key | above[usize::from(wrapped & within < corner)])
     }
 }
 
@@ -197,6 +230,7 @@ impl Starts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::octree::block_coords;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
