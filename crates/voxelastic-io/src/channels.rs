@@ -119,7 +119,7 @@ fn check_returns(points: &[[f32; 3]], path: &Path) -> Result<()> {
     let (mut returns, mut far) = (0usize, 0usize);
     for p in points {
         returns += usize::from(Cloud::is_return(p));
-        far += usize::from(p.iter().any(|c| c.is_finite() && c.abs() > FAR));
+        far += usize::from(p.iter().fold(false, |far, c| far | (c.is_finite() & (c.abs() > FAR))));
     }
     if returns == 0 {
         return Err(Error::NoReturn { path: path.into(), points: points.len() });
@@ -133,19 +133,33 @@ fn check_returns(points: &[[f32; 3]], path: &Path) -> Result<()> {
 
 /// Ring numbers, or nothing if some return has none that a ring could have.
 fn rings(values: &[f64], points: &[[f32; 3]], path: &Path) -> Option<Vec<u16>> {
-    let valid = |v: f64| v.fract() == 0.0 && (0.0..=65535.0).contains(&v);
+    // A cast stops at the ends of its range, and takes what is no number for zero.
+    let valid = |v: f64| f64::from(v as u16) == v;
+    let mut all_valid = true;
+    let ring = |&v: &f64| {
+        all_valid &= valid(v);
+        if valid(v) { v as u16 } else { 0 }
+    };
+    let rings = values.iter().map(ring).collect();
+    if all_valid {
+        return Some(rings);
+    }
     if let Some(k) = (0..values.len()).find(|&k| !valid(values[k]) && Cloud::is_return(&points[k])) {
         tracing::warn!("{}: ring of point {k} is {}: the rings are left out", path.display(), values[k]);
         return None;
     }
-    Some(values.iter().map(|&v| if valid(v) { v as u16 } else { 0 }).collect())
+    Some(rings)
 }
 
 /// Times in seconds relative to a stamp: the first return's if the file has absolute times, else the cloud's own.
 fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> (Option<Vec<f32>>, Option<f64>) {
-    let of_returns = || values.iter().zip(points).filter(|(t, p)| t.is_finite() && Cloud::is_return(p)).map(|(t, _)| *t);
-    let Some(first) = of_returns().next() else { return (None, None) };
-    let (low, high) = of_returns().fold((first, first), |(l, h), t| (l.min(t), h.max(t)));
+    let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
+    let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return (None, None) };
+    // The first one in place of those that are not known: without a branch, because which are is as good as random.
+    let (low, high) = values.iter().zip(points).fold((first, first), |(low, high), pair| {
+        let t = if is_known(&pair) { *pair.0 } else { first };
+        (if t < low { t } else { low }, if t > high { t } else { high })
+    });
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
     // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.
     if is_curvature && low >= 0.0 && high <= 1.0 / 3.0 {
@@ -158,7 +172,10 @@ fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Sca
     }
     let stamp = Some(first * unit).filter(|s| s.abs() > LARGEST_RELATIVE);
     let origin = if stamp.is_some() { first } else { 0.0 };
-    let relative = |t: f64| Some((t - origin) * unit).filter(|t| t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE).unwrap_or(0.0) as f32;
+    let relative = |t: f64| {
+        let t = (t - origin) * unit;
+        (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
+    };
     (Some(values.iter().map(|&t| relative(t)).collect()), stamp)
 }
 
