@@ -125,9 +125,9 @@ struct Home {
 }
 
 /// Where a label says which of a formation's blocks its line flies through, whether that has intensities, and which line it is.
-const HOME: u32 = PLACE_BITS;
-const SHADED: u32 = 15;
-const LANE: u32 = 16;
+const HOME_BIT: u32 = PLACE_BITS;
+const SHADED_BIT: u32 = 15;
+const LANE_BIT: u32 = 16;
 
 /// Beams that are walked together, each through a block of its own or one that it shares.
 struct Formation {
@@ -190,7 +190,7 @@ impl Formation {
         }
         (self.shade[lane], self.count[lane]) = (beam.shade, f32::from(beam.count));
         self.labels.fine[lane] = u32::from(home.scale == 0).wrapping_neg();
-        self.labels.label[lane] = (lane as u32) << LANE | u32::from(home.shaded) << SHADED | (self.blocks as u32 - 1) << HOME;
+        self.labels.label[lane] = (lane as u32) << LANE_BIT | u32::from(home.shaded) << SHADED_BIT | (self.blocks as u32 - 1) << HOME_BIT;
         self.lines.push(&Line {
             point: beam.point,
             direction: beam.direction,
@@ -212,13 +212,13 @@ impl Formation {
         for ((&target, &distance), &weight) in found.take(hits.len) {
             let brick = &mut self.bricks[(target / BRICK as u32) as usize % (LANES * BRICKS)];
             if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(distance)) {
-                let home = &self.homes[(target >> HOME) as usize % LANES];
+                let home = &self.homes[(target >> HOME_BIT) as usize % LANES];
                 *brick = task.brick(home, (target / BRICK as u32) as usize % BRICKS, touched);
                 came = true;
             }
             let place = target as usize % BRICK;
             let voxel = brick.part::<Voxel>(offset_of!(Brick, voxels) + size_of::<Voxel>() * place);
-            let lane = (target >> LANE) as usize % LANES;
+            let lane = (target >> LANE_BIT) as usize % LANES;
             told.voxels[tells % HITS_ROOM] = voxel;
             told.distances[tells % HITS_ROOM] = distance;
             told.weights[tells % HITS_ROOM] = weight * self.count[lane];
@@ -227,7 +227,7 @@ impl Formation {
             tells += usize::from(is_there);
             shaded.places[shades % HITS_ROOM] = brick.part(offset_of!(Brick, shades) + place);
             shaded.observed[shades % HITS_ROOM] = self.shade[lane];
-            shades += usize::from(is_there & is_shaded_at(distance)) & (target >> SHADED) as usize;
+            shades += usize::from(is_there & is_shaded_at(distance)) & (target >> SHADED_BIT) as usize;
         }
         (told.len, shaded.len) = (tells, shades);
         for place in shaded.places.iter().take(shades) {

@@ -139,7 +139,8 @@ mod tests {
     use bytemuck::Zeroable;
     use proptest::prelude::*;
 
-    fn brick(seed: u32, share: u32) -> Brick {
+    /// A brick of which tenths hold anything; `wide` voxels with their intensities take more than a word.
+    fn brick(seed: u32, share: u32, wide: bool) -> Brick {
         let mut number = seed;
         let mut next = || {
             number = number.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -148,7 +149,7 @@ mod tests {
         let mut brick = Brick::zeroed();
         for i in 0..BRICK {
             if next() % 10 < share {
-                brick.voxels[i] = Voxel { distance: next() as i16, weight: (next() % 3) as u16 };
+                brick.voxels[i] = Voxel { distance: next() as i16, weight: if wide { next() as u16 } else { (next() % 3) as u16 } };
                 brick.shades[i] = next() as u8;
             }
         }
@@ -157,11 +158,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_is_lost(bricks in prop::collection::vec((any::<u32>(), 0u32..=10, any::<bool>()), 1..60)) {
+        fn nothing_is_lost(bricks in prop::collection::vec((any::<u32>(), 0u32..=10, any::<bool>(), any::<bool>()), 1..60)) {
             let (mut pieces, mut packed) = (Pieces::default(), Packed::EMPTY);
             let mut kept = Vec::new();
-            for (i, &(seed, share, shaded)) in bricks.iter().enumerate() {
-                let brick = brick(seed, share);
+            for (i, &(seed, share, shaded, wide)) in bricks.iter().enumerate() {
+                let brick = brick(seed, share, wide);
                 packed.pack(&brick, shaded);
                 prop_assert!(packed.words().len() <= LONGEST);
                 let held = (0..BRICK).filter(|&i| brick.voxels[i] != Voxel::default() || shaded && brick.shades[i] != 0).count();
