@@ -105,9 +105,11 @@ impl<T: Zeroable> Slab<T> {
         pages.extend(self.pages.drain(kept..));
     }
 
-    /// Takes over pages that were given away.
-    pub fn adopt(&mut self, pages: Vec<Vec<T>>) {
-        self.pages.extend(pages);
+    /// Takes over pages that were given away, as far as room for no more than `spare` items is free then.
+    pub fn adopt(&mut self, pages: Vec<Vec<T>>, spare: usize) {
+        let most = (self.len as usize + spare).div_ceil(Self::PAGE);
+        let wanted = most.saturating_sub(self.pages.len());
+        self.pages.extend(pages.into_iter().take(wanted));
     }
 
     /// Bytes held.
@@ -255,7 +257,11 @@ mod tests {
         slab.give_away(&mut pages);
         assert_holds(&slab, &slow);
         assert!(pages.len() > before / 2 && slab.pages.len() + pages.len() == before, "{} of {before} pages", pages.len());
-        slab.adopt(pages);
+        let (mut modest, spare) = (slab.clone(), Slab::<Item>::PAGE);
+        modest.adopt(pages.clone(), spare);
+        let room = modest.pages.len() * Slab::<Item>::PAGE - modest.capacity_used() as usize;
+        assert!((spare..2 * spare).contains(&room), "room for {room} more");
+        slab.adopt(pages, usize::MAX / 2);
         assert!(slab.bytes() >= before * Slab::<Item>::PAGE * size_of::<Item>());
         (0..2).for_each(|round| fill(&mut slab, &mut slow, 150 * round));
         assert_holds(&slab, &slow);

@@ -83,9 +83,11 @@ impl TsdfField {
         self.bricks.live() == 0
     }
 
-    /// Takes over memory that another field gave away.
+    /// Takes over memory that another field gave away, as much as it may soon need.
     pub(crate) fn adopt(&mut self, pages: BrickPages) {
-        self.bricks.adopt(pages);
+        /// Bricks of two or three scans of a new place.
+        const SPARE: usize = 16384;
+        self.bricks.adopt(pages, SPARE);
     }
 
     /// Lays all of the field to rest.
