@@ -70,10 +70,12 @@ fn main() -> Result<()> {
     let mut counts = Counts::default();
     for submap in after.submaps() {
         let scans: Vec<[f64; 3]> = submap.scans.iter().map(|scan| scan.t_submap_lidar.translation.vector.into()).collect();
-        if let Some(old) = before.submap(submap.id) {
-            println!("submap {}: {} scans, then {}", submap.id, old.scans.len(), submap.scans.len());
-            count(&old.tsdf, &submap.tsdf, voxel, &scans, &mut counts);
-        }
+        let Some(old) = before.submap(submap.id) else {
+            println!("submap {}: {} scans, not there before: left out, but for filled gaps", submap.id, submap.scans.len());
+            continue;
+        };
+        println!("submap {}: {} scans, then {}", submap.id, old.scans.len(), submap.scans.len());
+        count(&old.tsdf, &submap.tsdf, voxel, &scans, &mut counts);
     }
     println!("\n{:28} {:>12} {:>12}", "voxels", "old", "new");
     counts.all.say("all");

@@ -111,7 +111,6 @@ impl Kernel for Share<'_> {
 }
 
 /// The block that beams are walked through.
-#[derive(Clone, Copy)]
 struct Home {
     id: u32,
     scale: u32,
@@ -135,8 +134,9 @@ struct Formation {
     labels: Labels,
     trace: Trace,
     hits: Hits,
-    /// The blocks, and the bricks of each.
-    homes: [Home; LANES],
+    /// The blocks, where their current bricks begin among all of theirs, and where these lie.
+    ids: [u32; LANES],
+    firsts: [usize; LANES],
     bricks: [Place<Brick>; LANES * BRICKS],
     blocks: usize,
     /// Strength of each return.
@@ -169,7 +169,8 @@ impl Formation {
             labels: Labels { fine: [0; LANES], label: [0; LANES] },
             trace: Trace::new(),
             hits: Hits::new(),
-            homes: [Home { id: NONE, scale: 0, first: 0, bricks: [Place::NOWHERE; BRICKS], shaded: false, corner: [0.0; 3] }; LANES],
+            ids: [NONE; LANES],
+            firsts: [0; LANES],
             bricks: [Place::NOWHERE; LANES * BRICKS],
             blocks: 0,
             shade: [0; LANES],
@@ -182,9 +183,9 @@ impl Formation {
     #[inline(always)]
     fn push(&mut self, home: &Home, beam: &Beam) {
         let lane = self.lines.len() % LANES;
-        if self.blocks == 0 || self.homes[(self.blocks - 1) % LANES].id != home.id {
+        if self.blocks == 0 || self.ids[(self.blocks - 1) % LANES] != home.id {
             let block = self.blocks % LANES;
-            self.homes[block] = *home;
+            (self.ids[block], self.firsts[block]) = (home.id, home.first);
             self.bricks[block * BRICKS..][..BRICKS].copy_from_slice(&home.bricks);
             self.blocks += 1;
         }
@@ -212,8 +213,8 @@ impl Formation {
         for ((&target, &distance), &weight) in found.take(hits.len) {
             let brick = &mut self.bricks[(target / BRICK as u32) as usize % (LANES * BRICKS)];
             if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(distance)) {
-                let home = &self.homes[(target >> HOME_BIT) as usize % LANES];
-                *brick = task.brick(home, (target / BRICK as u32) as usize % BRICKS, touched);
+                let block = (target >> HOME_BIT) as usize % LANES;
+                *brick = task.brick(self.ids[block], self.firsts[block] + (target / BRICK as u32) as usize % BRICKS, touched);
                 came = true;
             }
             let place = target as usize % BRICK;
@@ -269,13 +270,13 @@ impl Update<'_> {
         Home { id, scale: scale.into(), first, bricks, shaded, corner }
     }
 
-    /// Brick `brick` of `home`, woken or made.
+    /// Brick `brick` of block `id`, woken or made.
     #[allow(unsafe_code)]
     #[cold]
     #[inline(never)]
-    fn brick(&self, home: &Home, brick: usize, touched: &mut Touched) -> Place<Brick> {
+    fn brick(&self, id: u32, brick: usize, touched: &mut Touched) -> Place<Brick> {
         // SAFETY: this thread alone deals with the blocks that lines are pushed for.
-        unsafe { self.field.brick(self.field.block(home.id).get(), home.id, home.first + brick, touched) }
+        unsafe { self.field.brick(self.field.block(id).get(), id, brick, touched) }
     }
 
     /// Fills the array of a block's new scale from the one that it leaves (paper Sec. III-A, propagation).

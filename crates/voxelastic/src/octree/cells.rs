@@ -130,7 +130,7 @@ impl<T> Place<T> {
         self.0
     }
 
-    /// Where the part of it lies that begins `offset` bytes on.
+    /// Where the part of it lies that begins `offset` bytes on; for [`get`](Place::get), a `U` has to be there.
     #[inline(always)]
     pub fn part<U>(self, offset: usize) -> Place<U> {
         debug_assert!(offset + size_of::<U>() <= size_of::<T>());
@@ -153,7 +153,7 @@ impl<T, const N: usize> Place<[T; N]> {
     #[inline(always)]
     pub fn item(self, i: usize) -> Place<T> {
         assert!(i < N);
-        Place(self.0.cast::<T>().wrapping_add(i))
+        self.part(i * size_of::<T>())
     }
 }
 
