@@ -5,14 +5,19 @@
 
 use super::mesh::Mesh;
 use super::vertices::GREY;
+use crate::octree::SCALES;
 use rayon::prelude::*;
 
 /// Bits of a cell's coordinate along an axis; farther out, cells would be mistaken for each other at 2^21 times their size.
 const AXIS_BITS: u32 = 21;
 
-/// Joins the vertices of `mesh`, from vertex and triangle `first` on, that share a cell of `cell` metres. What a vertex bears is the mean, to
-/// which the grey of unknown marks adds nothing.
-pub(super) fn coarsen(mesh: &mut Mesh, first: [usize; 2], cell: f32) {
+/// Joins the vertices of `mesh`, from vertex and triangle `first` on, that share a cell of 2^`lod` voxels of `voxel` metres; with level 0 none. What a
+/// vertex bears is the mean, to which the grey of unknown marks adds nothing.
+pub(super) fn coarsen(mesh: &mut Mesh, first: [usize; 2], voxel: f32, lod: usize) {
+    if lod == 0 {
+        return;
+    }
+    let cell = voxel * (1u32 << lod.min(SCALES - 1)) as f32;
     let key = |p: &[f32; 3]| p.iter().fold(0u64, |key, c| key << AXIS_BITS | (c / cell).floor() as i64 as u64 & ((1 << AXIS_BITS) - 1));
     let mut members: Vec<(u64, u32)> = mesh.positions[first[0]..].par_iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
     members.par_sort_unstable();

@@ -17,7 +17,6 @@ use super::view::View;
 use crate::dispatch::dispatch;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
-use crate::octree::SCALES;
 use rayon::prelude::*;
 
 /// What to extract.
@@ -60,9 +59,7 @@ pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &Me
     connect(mesh, first[0], &layout, &vertices, &parts, &counts);
     let colours = colour::of_vertices(field, voxel, mesh, first);
     mesh.append_marks(first[0], &shades, &colours);
-    if options.lod > 0 {
-        coarsen(mesh, first, voxel * (1u32 << options.lod.min(SCALES - 1)) as f32);
-    }
+    coarsen(mesh, first, voxel, options.lod);
     if let Some(t) = t {
         mesh.transform_from(first[0], t);
     }

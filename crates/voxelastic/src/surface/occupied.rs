@@ -6,7 +6,6 @@
 use super::Mesh;
 use super::detail::coarsen;
 use crate::field::occupancy::OccupancyField;
-use crate::octree::SCALES;
 use crate::query::{Boundary, Face, faces};
 use hashbrown::HashMap;
 
@@ -33,9 +32,7 @@ pub fn extract_occupancy(field: &OccupancyField, voxel: f32, surface: OccupancyS
     };
     let mut builder = Builder { voxel, mesh: Mesh::default(), vertices: HashMap::new() };
     faces(field, boundary, true).iter().for_each(|face| builder.add(face));
-    if lod > 0 {
-        coarsen(&mut builder.mesh, [0, 0], voxel * (1u32 << lod.min(SCALES - 1)) as f32);
-    }
+    coarsen(&mut builder.mesh, [0, 0], voxel, lod);
     builder.mesh
 }
 
