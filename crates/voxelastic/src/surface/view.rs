@@ -77,7 +77,7 @@ pub(crate) fn settle(field: &TsdfField, id: u32, least: usize) -> (u8, Option<Bo
     for scale in (finest..current).rev() {
         let mut finer = field.voxels(block, Array::Data(scale));
         let past = field.voxels(block, Array::Past(scale + 1));
-        propagate_delta_down(&voxels, &past, &mut finer, scale, u16::MAX, &Guesses::ALL);
+        propagate_delta_down(&voxels, &past, &mut finer, scale, u16::MAX, &Guesses::NEAR);
         voxels = finer;
     }
     for scale in current.min(finest)..target {

@@ -5,12 +5,15 @@
 //! two steps. [`Sampling`] depends on the source and the transform alone, so it can run beside integration; its parts lie in the
 //! target's lattice, and [`Merge`] adds them voxel by voxel, a few blocks at a time if integration must not wait:
 //!
-//! - TSDF: trilinear samples, weighted mean of the distances, weights add up to the cap; colours of the nearest voxel;
+//! - TSDF: trilinear samples, weighted mean of the distances (what was seen at a coarser scale counts less), weights add up to the cap; colours of the
+//!   nearest voxel;
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 
 mod colour;
+mod corners;
 mod doubts;
 mod occupancy;
+mod points;
 mod seen;
 mod tsdf;
 mod window;

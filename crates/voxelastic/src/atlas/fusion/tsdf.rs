@@ -1,6 +1,8 @@
 //! TSDF fusion: the source sampled at the target's voxels, then weighted means.
 
 use super::Placement;
+use super::corners::Corners;
+use super::points::{Points, between};
 use super::seen::Seen;
 use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::propagate::{Guesses, propagate_down};
@@ -12,10 +14,6 @@ use crate::surface::view::settle;
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
-
-/// Neighbouring samples that differ by more than this many voxels are not of one surface: between the band in front of one and the band
-/// behind another there is nothing to interpolate. A distance changes by at most the diagonal, 1.73, within a cell.
-const ONE_SURFACE: f32 = 2.5;
 
 /// A block of the target's lattice.
 #[derive(Debug)]
@@ -113,7 +111,8 @@ impl<'a> TsdfSampling<'a> {
         };
         let near: Vec<Near> = reached.iter().map(|&(key, _)| self.near(&mut cursor, key, &mut place_of)).collect();
         let sampler = Sampler { placement: &self.placement, seen: Seen::new(self.source, ids) };
-        let blocks = reached.iter().zip(&near).filter_map(|(&(key, scale), near)| sampler.block(near, key, scale));
+        let mut points = Points::new();
+        let blocks = reached.iter().zip(&near).filter_map(|(&(key, scale), near)| sampler.block(near, key, scale, &mut points));
         TsdfPatch { blocks: blocks.collect() }
     }
 
@@ -144,18 +143,26 @@ struct Sample {
 }
 
 impl Sampler<'_> {
-    /// The arrays of the target's block `key` at `scale`; none when nothing of it was observed.
-    fn block(&self, near: &Near, key: u64, scale: u8) -> Option<PatchBlock> {
+    /// The array of the target's block `key` at `scale`; none when nothing of it was observed. Leaves its voxels' places in `points`.
+    fn block(&self, near: &Near, key: u64, scale: u8, points: &mut Points) -> Option<PatchBlock> {
         let (at, scale) = (scale, usize::from(scale));
         let edge = (1 << scale) as f32;
-        let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        let t = &self.placement.t_source_target;
+        points.place(t, key, scale);
         let mut voxels = vec![Voxel::default(); voxels_at(scale)];
         let mut shades: Option<Vec<u8>> = None;
         let mut is_observed = false;
         for (i, voxel) in voxels.iter_mut().enumerate() {
-            let c = voxel_coords(i, scale);
-            let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-            let Some(sample) = self.sample(near, self.placement.t_source_target.apply(centre), scale) else { continue };
+            let sample = match self.cell(near, points.at(i), scale) {
+                Cell::Unknown => continue,
+                Cell::Of(sample) => sample,
+                Cell::Coarser => {
+                    let (corner, c) = (block_coords(key), voxel_coords(i, scale));
+                    let centre = std::array::from_fn(|k| (corner[k] * BLOCK_EDGE as i32) as f32 + (c[k] as f32 + 0.5) * edge);
+                    let Some(sample) = self.coarser(near, t.apply(centre), scale) else { continue };
+                    sample
+                }
+            };
             let steps = (sample.distance / edge * DISTANCE_STEPS).round().clamp(f32::from(i16::MIN), f32::from(i16::MAX));
             *voxel = Voxel { distance: steps as i16, weight: sample.weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 };
             is_observed = true;
@@ -166,53 +173,57 @@ impl Sampler<'_> {
         is_observed.then(|| PatchBlock { key, scale: at, array: PackedArray::new(scale, &voxels, shades.as_deref()) })
     }
 
-    /// The field at `point` (finest voxels, source frame), at `scale` or, beside coarser blocks, at theirs: so all samples that are
-    /// interpolated are of one scale, finer ones as means. Observed is what lies in an observed voxel.
-    fn sample(&self, near: &Near, point: [f32; 3], scale: usize) -> Option<Sample> {
-        (scale..SCALES).find_map(|scale| match self.cell(near, point, scale) {
+    /// The field at `point` (finest voxels, source frame) beside a block coarser than `scale`: at the finest scale at which all samples that are
+    /// interpolated are of one, finer ones as means.
+    fn coarser(&self, near: &Near, point: [f32; 3], scale: usize) -> Option<Sample> {
+        (scale + 1..SCALES).find_map(|scale| match self.cell(near, between(point, scale), scale) {
             Cell::Coarser => None,
-            Cell::Unobserved => Some(None),
-            Cell::Of(corners) => Some(Some(self.interpolate(&corners, scale))),
+            Cell::Unknown => Some(None),
+            Cell::Of(sample) => Some(Some(sample)),
         })?
     }
 
-    /// The eight voxels of `scale` around `point`.
-    fn cell(&self, near: &Near, point: [f32; 3], scale: usize) -> Cell {
-        let shift = BLOCK_SHIFT as usize - scale;
-        let at = point.map(|v| v / (1 << scale) as f32 - 0.5);
-        let base = at.map(floor);
-        let fraction: [f32; 3] = std::array::from_fn(|k| at[k] - base[k] as f32);
-        let nearest = (0..3).fold(0, |i, k| i | usize::from(fraction[k] >= 0.5) << k);
-        let mut corners = Corners { voxels: [Voxel::default(); 8], fraction, nearest, block: NONE, index: 0 };
-        for i in (0..8).map(|i| i ^ nearest) {
-            let c: [i32; 3] = std::array::from_fn(|k| base[k] + (i >> k & 1) as i32);
-            let home = c.map(|v| v >> shift);
-            let place = near.place(home);
+    /// The eight voxels of `scale` around the point that is `fraction` beyond the centre of voxel `base`.
+    #[inline(always)]
+    fn cell(&self, near: &Near, (base, fraction): ([i32; 3], [f32; 3]), scale: usize) -> Cell {
+        let (shift, mask) = (BLOCK_SHIFT as usize - scale, edge_at(scale) - 1);
+        let within = base.map(|v| v as usize & mask);
+        if within.iter().all(|&v| v < mask) {
+            // Most cells lie in one block.
+            let place = near.place(base.map(|v| v >> shift));
             if place == NONE {
-                if i == nearest {
-                    return Cell::Unobserved;
-                }
-                continue;
+                return Cell::Unknown;
             }
             if !self.seen.is_seen_at(place, scale) {
                 return Cell::Coarser;
             }
-            let index = voxel_index(c.map(|v| v as usize & (edge_at(scale) - 1)), scale);
-            corners.voxels[i] = self.seen.voxels(place, scale)[index];
-            if i == nearest {
-                if !corners.voxels[i].is_observed() {
-                    return Cell::Unobserved;
-                }
-                (corners.block, corners.index) = (place, index);
+            if !self.seen.is_near_any(place, scale, within) {
+                return Cell::Unknown;
             }
+            let index = |i: usize| voxel_index(std::array::from_fn(|k| within[k] + (i >> k & 1)), scale);
+            let voxels = self.seen.voxels(place, scale);
+            return self.interpolate(fraction, std::array::from_fn(|i| voxels[index(i)]), scale, |i| (place, index(i)));
         }
-        Cell::Of(corners)
+        let corner = |i: usize| -> [i32; 3] { std::array::from_fn(|k| base[k] + (i >> k & 1) as i32) };
+        let index = |i: usize| voxel_index(corner(i).map(|v| v as usize & mask), scale);
+        let places: [u32; 8] = std::array::from_fn(|i| near.place(corner(i).map(|v| v >> shift)));
+        let mut voxels = [Voxel::default(); 8];
+        for i in (0..8).filter(|&i| places[i] != NONE) {
+            if !self.seen.is_seen_at(places[i], scale) {
+                return Cell::Coarser;
+            }
+            voxels[i] = self.seen.voxels(places[i], scale)[index(i)];
+        }
+        self.interpolate(fraction, voxels, scale, |i| (places[i], index(i)))
     }
 
-    fn interpolate(&self, corners: &Corners, scale: usize) -> Sample {
+    /// What eight voxels of `scale` say of the point at `fraction` between them; `place` tells block and index of each.
+    #[inline(always)]
+    fn interpolate(&self, fraction: [f32; 3], voxels: [Voxel; 8], scale: usize, place: impl Fn(usize) -> (u32, usize)) -> Cell {
+        let Some(corners) = Corners::around(fraction, voxels) else { return Cell::Unknown };
         let (distance, weight) = corners.interpolate();
-        let shade = self.seen.shade(corners.block, scale, corners.index);
-        Sample { distance: distance * (1 << scale) as f32, weight, shade }
+        let (block, index) = place(corners.nearest());
+        Cell::Of(Sample { distance: distance * (1 << scale) as f32, weight, shade: self.seen.shade(block, scale, index) })
     }
 }
 
@@ -252,62 +263,13 @@ fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
     reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
 }
 
-/// The largest whole number that is not above `x`. What the library has is a call where the processor may lack the instruction.
-#[inline(always)]
-fn floor(x: f32) -> i32 {
-    let whole = x as i32;
-    whole - i32::from(whole as f32 > x)
-}
-
-/// What there is around a point at one scale.
+/// What is known at a point at one scale.
 enum Cell {
     /// A block there is coarser.
     Coarser,
-    /// The voxel that holds the point was never observed.
-    Unobserved,
-    Of(Corners),
-}
-
-/// Eight neighbouring voxels of one scale.
-struct Corners {
-    /// Bit k of the index is the side along axis k.
-    voxels: [Voxel; 8],
-    /// Place of the point between them, 0 to 1.
-    fraction: [f32; 3],
-    /// The voxel that holds the point.
-    nearest: usize,
-    /// Block and index of that voxel.
-    block: u32,
-    index: usize,
-}
-
-impl Corners {
-    /// Distance in voxels of this scale, and weight. With all eight observed, trilinear; with fewer, the observed ones are continued to
-    /// the point along the gradient between them, so that a plane stays where it is.
-    fn interpolate(&self) -> (f32, f32) {
-        let observed: [bool; 8] = std::array::from_fn(|i| self.voxels[i].is_observed());
-        let values = self.voxels.map(Voxel::distance_in_voxels);
-        let nearest = (values[self.nearest], f32::from(self.voxels[self.nearest].weight));
-        let (low, high) = (0..8).filter(|&i| observed[i]).fold((f32::MAX, f32::MIN), |(l, h), i| (l.min(values[i]), h.max(values[i])));
-        if high - low > ONE_SURFACE {
-            return nearest;
-        }
-        let gradient: [f32; 3] = std::array::from_fn(|k| {
-            let pairs = (0..8).filter(|i| i >> k & 1 == 0 && observed[*i] && observed[i | 1 << k]);
-            let (sum, count) = pairs.fold((0.0, 0), |(sum, count), i| (sum + values[i | 1 << k] - values[i], count + 1));
-            if count == 0 { 0.0 } else { sum / count as f32 }
-        });
-        let is_complete = observed.iter().all(|o| *o);
-        let (mut distance, mut weight, mut total) = (0.0, 0.0, 0.0);
-        for i in (0..8).filter(|&i| observed[i]) {
-            let share: f32 = (0..3).map(|k| if i >> k & 1 == 1 { self.fraction[k] } else { 1.0 - self.fraction[k] }).product();
-            let onward: f32 = (0..3).map(|k| gradient[k] * (self.fraction[k] - (i >> k & 1) as f32)).sum();
-            distance += share * (values[i] + if is_complete { 0.0 } else { onward });
-            weight += share * f32::from(self.voxels[i].weight);
-            total += share;
-        }
-        if total > 0.0 { (distance / total, weight / total) } else { nearest }
-    }
+    /// Too little was observed.
+    Unknown,
+    Of(Sample),
 }
 
 /// The arrays of a block that is added to another.
@@ -337,8 +299,10 @@ fn merge_block(target: &mut TsdfField, id: u32, addend: Addend, max_weight: u16)
     let mut sum = refine(own, seen_at, finest);
     let other = refine(voxels, scale, finest);
     let shades = merge_shades(own_shades, shades.map(|s| resize_shades(s, scale, finest)), &sum, &other);
-    for (voxel, other) in sum.iter_mut().zip(&other) {
-        *voxel = mean(*voxel, *other, max_weight);
+    // An observation of a coarser voxel is shared by those that it is divided into.
+    let shared_by = [seen_at, scale].map(|from| 3 * (from - finest) as u32);
+    for (voxel, &other) in sum.iter_mut().zip(&other).filter(|(_, other)| other.is_observed()) {
+        *voxel = if voxel.is_observed() { mean([*voxel, other], shared_by, max_weight) } else { other };
     }
     target.install(id, finest, &PackedArray::new(finest, &sum, shades.as_deref()));
 }
@@ -351,25 +315,21 @@ fn mean_shade((a, at): (u8, Voxel), (b, bt): (u8, Voxel)) -> u8 {
     ((u32::from(a) * wa + u32::from(b) * wb) / (wa + wb).max(1)) as u8
 }
 
-/// The weighted mean of two voxels of one scale.
-fn mean(a: Voxel, b: Voxel, max_weight: u16) -> Voxel {
-    let (wa, wb) = (i64::from(a.weight), i64::from(b.weight));
-    match wa + wb {
-        0 => Voxel::default(),
-        sum => {
-            let total = i64::from(a.distance) * wa + i64::from(b.distance) * wb;
-            // Rounded to nearest: truncation would pull surfaces towards the sensor with every fusion.
-            let distance = (2 * total + sum * total.signum()) / (2 * sum);
-            Voxel { distance: distance as i16, weight: sum.min(i64::from(max_weight)) as u16 }
-        }
-    }
+/// The weighted mean of two observed voxels, whose observations count as one in 2^`shared_by`.
+fn mean(voxels: [Voxel; 2], shared_by: [u32; 2], max_weight: u16) -> Voxel {
+    let weights: [i64; 2] = std::array::from_fn(|i| i64::from(voxels[i].weight >> shared_by[i]).max(1));
+    let total: i64 = (0..2).map(|i| i64::from(voxels[i].distance) * weights[i]).sum();
+    let sum = weights[0] + weights[1];
+    // Rounded to nearest: truncation would pull surfaces towards the sensor with every fusion.
+    let distance = (2 * total + sum * total.signum()) / (2 * sum);
+    Voxel { distance: distance as i16, weight: sum.min(i64::from(max_weight)) as u16 }
 }
 
 /// `voxels` of scale `from` at the finer scale `to`.
 fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
     for scale in (to..from).rev() {
         let mut fine = vec![Voxel::default(); voxels_at(scale)];
-        propagate_down(&voxels, &mut fine, scale, &Guesses::ALL);
+        propagate_down(&voxels, &mut fine, scale, &Guesses::NEAR);
         voxels = fine;
     }
     voxels
@@ -389,5 +349,19 @@ fn merge_shades(own: Option<Vec<u8>>, other: Option<Vec<u8>>, weights: &[Voxel],
     match (own, other) {
         (Some(a), Some(b)) => Some((0..a.len()).map(|i| mean_shade((a[i], weights[i]), (b[i], others[i]))).collect()),
         (one, None) | (None, one) => one,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tsdf::WEIGHT_ONE;
+
+    #[test]
+    fn what_was_seen_coarsely_counts_less_where_it_was_seen_finely() {
+        let [fine, coarse] = [0, 900].map(|distance| Voxel { distance, weight: 8 * WEIGHT_ONE });
+        assert_eq!(mean([fine, coarse], [0, 0], u16::MAX), Voxel { distance: 450, weight: 16 * WEIGHT_ONE });
+        assert_eq!(mean([fine, coarse], [0, 3], u16::MAX), Voxel { distance: 100, weight: 9 * WEIGHT_ONE });
+        assert_eq!(mean([coarse, fine], [6, 0], u16::MAX), Voxel { distance: 14, weight: 8 * WEIGHT_ONE + 2 });
     }
 }

@@ -136,6 +136,8 @@ pub struct Guesses {
 impl Guesses {
     /// All of them, with the weight of what they are made from.
     pub const ALL: Self = Self { weight: u16::MAX, band: [i16::MIN, i16::MAX] };
+    /// Those that a surface can need, with the weight of what they are made from. No surface passes between two voxels that are both farther away.
+    pub const NEAR: Self = Self { weight: u16::MAX, band: [(-1.5 * DISTANCE_STEPS) as i16, (1.5 * DISTANCE_STEPS) as i16] };
 
     /// The child's value on the plane through the parent's value with the parent's gradient, in the child's unit.
     fn guess(&self, parent: Voxel, gradient: [f32; 3], child: usize, scale: usize) -> Voxel {
