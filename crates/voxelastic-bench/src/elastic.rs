@@ -2,11 +2,12 @@
 
 use crate::data::{Dataset, Truth, simulated};
 use crate::error::{BenchError, Result};
-use crate::run::Case;
+use crate::peers::{NOT_THIS_FIELD, Peer, handout};
+use crate::run::{Case, Run, Series};
 use crate::setting::HARD;
 use crate::workshop::{Workshop, words};
 use serde::Serialize;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::settings::{FieldKind, Settings};
 use voxelastic::{Mapper, Pose};
@@ -20,6 +21,8 @@ pub struct Elastic {
     pub pose_update: Option<PoseUpdate>,
     /// The same way twice.
     pub second_lap: Option<SecondLap>,
+    /// The same in one submap, and by peers that map surfaces.
+    pub second_lap_others: Vec<SecondLap>,
     /// The mesh of the campus at the hardest setting.
     pub mesh: Option<MeshTime>,
 }
@@ -36,11 +39,13 @@ pub struct PoseUpdate {
 /// The same way twice, at the hardest setting, TSDF.
 #[derive(Clone, Debug, Serialize)]
 pub struct SecondLap {
+    /// `voxelastic`, or the name of a peer.
+    pub system: String,
     /// Scans of a lap.
     pub scans: usize,
     /// The command that mapped both laps.
     pub command: String,
-    /// Memory of the map after the first lap, megabytes.
+    /// Memory of the map after the first lap, megabytes; of a peer that does not tell, the most that its process had taken.
     pub first_mb: f64,
     /// Memory of the map after the second.
     pub second_mb: f64,
@@ -101,29 +106,58 @@ fn pose_update(submaps: usize) -> Result<PoseUpdate> {
     Ok(PoseUpdate { submaps, wall_ms: Spread::of(&times) })
 }
 
-/// Walks round the campus twice, with true poses.
-pub(crate) fn second_lap(shop: &Workshop) -> Result<SecondLap> {
+/// Walks round the campus twice, with true poses: as usual, in one submap, and with `peers`, each for `limit` at most. What went wrong with a peer is
+/// added to `skipped`.
+pub(crate) fn second_laps(shop: &Workshop, peers: &[Peer], limit: Duration, skipped: &mut Vec<String>) -> Result<(SecondLap, Vec<SecondLap>)> {
     let folder = simulated(shop, "laps", &["campus", "--laps", "2"])?;
     let scans = Simulation::load(&folder).map_err(|e| BenchError::Simulation(e.to_string()))?.len() / 2;
     let data = Dataset { name: "two laps".to_owned(), folder, poses: Some("groundtruth"), truth: Truth::None, max_scans: None };
     let case = Case { data: &data, setting: HARD, field: FieldKind::Tsdf, threads: 1, one_submap: false };
-    let run = case.run(shop, "laps.vox")?;
-    shop.discard("laps.vox");
-    let short = || BenchError::Answer { command: run.command.clone(), what: format!("only {} scans", run.scans) };
-    let series = &run.series;
-    let at = |values: &[f64]| Some((*values.get(scans - 1)?, *values.last()?));
-    let (first_mb, second_mb) = at(&series.map_mb).ok_or_else(short)?;
-    let (first, second) = (series.cpu_ms.get(..scans).ok_or_else(short)?, series.cpu_ms.get(scans..).ok_or_else(short)?);
-    Ok(SecondLap {
-        scans,
-        first_mb,
-        second_mb,
-        added: second_mb / first_mb - 1.0,
-        first_submaps: *series.submaps.get(scans - 1).ok_or_else(short)?,
-        second_submaps: *series.submaps.last().ok_or_else(short)?,
-        slower: Spread::of(second).mean.zip(Spread::of(first).mean).map(|(second, first)| second / first).ok_or_else(short)?,
-        command: run.command.clone(),
-    })
+    let ours = |one_submap: bool| {
+        let run = Case { one_submap, ..case }.run(shop, "laps.vox");
+        shop.discard("laps.vox");
+        SecondLap::of(run?, scans)
+    };
+    let (usual, mut others) = (ours(false)?, vec![ours(true)?]);
+    if !peers.is_empty() {
+        let handout = handout(&data, &shop.scratch("handout"))?;
+        for peer in peers {
+            tracing::info!("{}, {}", data.name, peer.name);
+            let run = peer.run(shop, &case, &handout, limit);
+            match run.and_then(|run| if run.note == NOT_THIS_FIELD { Ok(None) } else { SecondLap::of(run, scans).map(Some) }) {
+                Ok(lap) => others.extend(lap),
+                Err(problem) => skipped.push(format!("{}, {}: {problem}", data.name, peer.name)),
+            }
+        }
+        shop.discard("handout");
+    }
+    Ok((usual, others))
+}
+
+impl SecondLap {
+    /// What `run` of two laps of `scans` scans each tells.
+    fn of(run: Run, scans: usize) -> Result<Self> {
+        let Series { cpu_ms, map_mb, peak_mb, submaps, .. } = run.series;
+        let what = if run.note.is_empty() { format!("only {} scans", run.scans) } else { run.note };
+        let short = || BenchError::Answer { command: run.command.clone(), what: what.clone() };
+        if cpu_ms.len() != 2 * scans {
+            return Err(short());
+        }
+        let at = |values: &[f64]| Some((*values.get(scans - 1)?, *values.last()?));
+        let (first_mb, second_mb) = at(&map_mb).or_else(|| at(&peak_mb)).ok_or_else(short)?;
+        let (first, second) = cpu_ms.split_at(scans);
+        Ok(Self {
+            first_mb,
+            second_mb,
+            added: second_mb / first_mb - 1.0,
+            first_submaps: submaps.get(scans - 1).copied().unwrap_or(1),
+            second_submaps: submaps.last().copied().unwrap_or(1),
+            slower: Spread::of(second).mean.zip(Spread::of(first).mean).map(|(second, first)| second / first).ok_or_else(short)?,
+            system: run.system,
+            scans,
+            command: run.command,
+        })
+    }
 }
 
 /// Meshes the map `name` of the workshop's scratch.
@@ -140,6 +174,18 @@ pub(crate) fn mesh(shop: &Workshop, name: &str) -> Result<MeshTime> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_second_lap_is_held_against_the_first() {
+        let series = Series { cpu_ms: vec![2.0, 2.0, 3.0, 3.0], map_mb: vec![5.0, 8.0, 9.0, 10.0], ..Series::default() };
+        let run = |series: Series| Run { scans: series.cpu_ms.len(), series, ..Run::default() };
+        let lap = SecondLap::of(run(series.clone()), 2).unwrap();
+        assert_eq!((lap.first_mb, lap.second_mb, lap.added, lap.slower), (8.0, 10.0, 0.25, 1.5));
+        // A peer that tells only what its process takes; one that did not come so far.
+        let peer = Series { peak_mb: vec![100.0, 200.0, 201.0, 210.0], map_mb: Vec::new(), ..series.clone() };
+        assert_eq!(SecondLap::of(run(peer), 2).unwrap().second_mb, 210.0);
+        assert!(SecondLap::of(run(series), 3).unwrap_err().to_string().contains("only 4 scans"));
+    }
 
     #[test]
     fn every_submap_is_moved_by_every_update() {

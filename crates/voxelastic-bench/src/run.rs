@@ -92,6 +92,8 @@ pub struct Series {
     pub wall_ms: Vec<f64>,
     /// Memory of the map, megabytes.
     pub map_mb: Vec<f64>,
+    /// Most memory that a peer's process had taken so far, megabytes; empty for our own runs.
+    pub peak_mb: Vec<f64>,
     /// Submaps.
     pub submaps: Vec<u32>,
     /// Wall time of the elastic part, milliseconds.
@@ -150,6 +152,7 @@ impl Case<'_> {
             load,
             repetitions_ms: Spread::of(&log.scans.cpu_ms).median.into_iter().collect(),
             series: Series {
+                peak_mb: Vec::new(),
                 elastic_ms: log.phases_ms.get("elastic").cloned().unwrap_or_default(),
                 cpu_ms: log.scans.cpu_ms,
                 wall_ms: log.scans.wall_ms,

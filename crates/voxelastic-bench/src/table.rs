@@ -94,11 +94,18 @@ fn elastic(suite: &Suite) -> String {
     if let Some(mesh) = &suite.elastic.mesh {
         text.push_str(&format!("mesh of everything: {} triangles in {:.2} s, one thread\n", mesh.triangles, mesh.extract_s));
     }
-    if let Some(lap) = &suite.elastic.second_lap {
-        let (added, slower) = (lap.added * 100.0, lap.slower);
+    for lap in suite.elastic.second_lap.iter().chain(&suite.elastic.second_lap_others) {
         text.push_str(&format!(
-            "second lap of {} scans: {:.0} MB, then {:.0} MB ({added:+.1} %); {} submaps, then {}; a scan takes {slower:.2} of the time\n",
-            lap.scans, lap.first_mb, lap.second_mb, lap.first_submaps, lap.second_submaps
+            "second lap of {} scans, {}: {:.0} MB, then {:.0} MB (+{:.0} MB, {:+.1} %); {} submaps, then {}; a scan takes {:.2} of the time\n",
+            lap.scans,
+            lap.system,
+            lap.first_mb,
+            lap.second_mb,
+            lap.second_mb - lap.first_mb,
+            lap.added * 100.0,
+            lap.first_submaps,
+            lap.second_submaps,
+            lap.slower
         ));
     }
     if let Some(update) = &suite.elastic.pose_update {

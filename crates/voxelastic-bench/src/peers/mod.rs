@@ -140,6 +140,7 @@ impl Answer {
             self.series.cpu_ms.push(cpu);
             self.series.wall_ms.push(wall);
             self.series.map_mb.extend(number("map_mb"));
+            self.series.peak_mb.extend(number("peak_rss_mb"));
         }
         self.peak_rss_mb = number("peak_rss_mb").or(self.peak_rss_mb);
         self.wrote_surface |= said.get("surface").and_then(Value::as_bool).unwrap_or(false);
