@@ -6,6 +6,7 @@
 //! correction bent inside is reported and can be made anew from its scans (`rebuild`).
 
 mod assign;
+mod awake;
 mod correct;
 mod front;
 mod fusing;
@@ -138,7 +139,7 @@ impl Mapper {
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         self.is_settled = false;
         match event {
-            Event::Scan(scan) => self.integrate(&scan).map(Some),
+            Event::Scan(scan) => awake::keeping_awake(|| self.integrate(&scan)).map(Some),
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
             Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
             Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),

@@ -1,0 +1,78 @@
+//! Threads that stay awake from the beginning of a scan to its end.
+//!
+//! A scan is some twenty parallel steps with work for one thread in between, and a thread that finds nothing to do for some microseconds falls asleep. To wake
+//! it takes tens of microseconds more, above all on a virtual machine, where its processor may have been given to somebody else meanwhile.
+
+use rayon::Yield;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A thread that had nothing to do for so long may sleep after all: what is left in the scan is evidently for others.
+const LONGEST: Duration = Duration::from_millis(1);
+
+/// Says that the work is done, also when it panics.
+struct Done(Arc<AtomicBool>);
+
+impl Drop for Done {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Does `work`, and meanwhile keeps the other threads of the pool awake that it is called in. They let other programs go first.
+pub(super) fn keeping_awake<R>(work: impl FnOnce() -> R) -> R {
+    let Some(here) = rayon::current_thread_index().filter(|_| rayon::current_num_threads() > 1) else { return work() };
+    let done = Done(Arc::default());
+    let is_done = Arc::clone(&done.0);
+    rayon::spawn_broadcast(move |thread| {
+        // This thread gets to it, if at all, while it waits for another one.
+        if thread.index() == here {
+            return;
+        }
+        let mut idle_since = Instant::now();
+        while !is_done.load(Ordering::Relaxed) && idle_since.elapsed() < LONGEST {
+            match rayon::yield_now() {
+                Some(Yield::Executed) => idle_since = Instant::now(),
+                _ => std::thread::yield_now(),
+            }
+        }
+    });
+    work()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rayon::prelude::*;
+
+    /// Parallel steps with pauses of both kinds in between.
+    fn steps() -> u64 {
+        let step = |n: u64| {
+            std::thread::sleep(if n.is_multiple_of(3) { 2 * LONGEST } else { LONGEST / 10 });
+            (0..10_000u32).into_par_iter().with_min_len(16).map(|i| u64::from(i) * n).sum::<u64>()
+        };
+        (1..7).map(step).sum()
+    }
+
+    #[test]
+    fn work_is_done_in_pools_of_any_size_and_in_none() {
+        assert_eq!(keeping_awake(steps), 21 * 49_995_000);
+        for threads in [1, 2, 3, 8] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            for _ in 0..3 {
+                assert_eq!(pool.install(|| keeping_awake(steps)), 21 * 49_995_000, "{threads} threads");
+            }
+        }
+    }
+
+    #[test]
+    fn a_panic_lets_the_others_go() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+        let fails = || pool.install(|| keeping_awake(|| panic!("on purpose")));
+        let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(fails));
+        assert!(caught.is_err());
+        assert_eq!(pool.install(|| keeping_awake(steps)), 21 * 49_995_000);
+        drop(pool);
+    }
+}
