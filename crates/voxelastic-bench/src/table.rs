@@ -96,7 +96,7 @@ fn elastic(suite: &Suite) -> String {
     }
     for lap in suite.elastic.second_lap.iter().chain(&suite.elastic.second_lap_others) {
         text.push_str(&format!(
-            "second lap of {} scans, {}: {:.0} MB, then {:.0} MB (+{:.0} MB, {:+.1} %); {} submaps, then {}; a scan takes {:.2} of the time\n",
+            "second lap of {} scans, {}: {:.0} MB, then {:.0} MB ({:+.0} MB, {:+.1} %); {} submaps, then {}; a scan takes {:.2} of the time\n",
             lap.scans,
             lap.system,
             lap.first_mb,

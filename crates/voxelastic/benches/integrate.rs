@@ -93,9 +93,9 @@ fn propagation(c: &mut Criterion) {
     let mut group = c.benchmark_group("propagation of a block");
     let (mut up, mut down) = (coarse.clone(), fine.clone());
     group.bench_function("up", |b| b.iter(|| propagate_up(black_box(&fine), &mut up, 0)));
-    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, &Guesses::ALL)));
+    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, &Guesses::NEAR)));
     group.bench_function("down, difference", |b| {
-        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, 100 * WEIGHT_ONE, &Guesses::ALL))
+        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, 100 * WEIGHT_ONE, &Guesses::NEAR))
     });
     group.finish();
 }

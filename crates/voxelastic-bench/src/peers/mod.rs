@@ -125,7 +125,6 @@ fn note(end: &End, done: usize, offered: usize) -> String {
 struct Answer {
     system: String,
     series: Series,
-    peak_rss_mb: Option<f64>,
     wrote_surface: bool,
 }
 
@@ -142,7 +141,6 @@ impl Answer {
             self.series.map_mb.extend(number("map_mb"));
             self.series.peak_mb.extend(number("peak_rss_mb"));
         }
-        self.peak_rss_mb = number("peak_rss_mb").or(self.peak_rss_mb);
         self.wrote_surface |= said.get("surface").and_then(Value::as_bool).unwrap_or(false);
     }
 
@@ -156,7 +154,7 @@ impl Answer {
             scans: self.scans(),
             cpu_ms: Spread::of(&self.series.cpu_ms),
             wall_ms: Spread::of(&self.series.wall_ms),
-            peak_rss_mb: self.peak_rss_mb,
+            peak_rss_mb: self.series.peak_mb.last().copied(),
             map_mb: self.series.map_mb.last().copied(),
             repetitions_ms: Spread::of(&self.series.cpu_ms).median.into_iter().collect(),
             series: self.series.clone(),

@@ -11,20 +11,11 @@ use std::time::{Duration, Instant};
 /// A thread that had nothing to do for so long may sleep after all: what is left in the scan is evidently for others.
 const LONGEST: Duration = Duration::from_millis(1);
 
-/// Says that the work is done, also when it panics.
-struct Done(Arc<AtomicBool>);
-
-impl Drop for Done {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
 /// Does `work`, and meanwhile keeps the other threads of the pool awake that it is called in. They let other programs go first.
 pub(super) fn keeping_awake<R>(work: impl FnOnce() -> R) -> R {
     let Some(here) = rayon::current_thread_index().filter(|_| rayon::current_num_threads() > 1) else { return work() };
-    let done = Done(Arc::default());
-    let is_done = Arc::clone(&done.0);
+    let done = Arc::new(AtomicBool::new(false));
+    let is_done = Arc::clone(&done);
     rayon::spawn_broadcast(move |thread| {
         // This thread gets to it, if at all, while it waits for another one.
         if thread.index() == here {
@@ -38,7 +29,9 @@ pub(super) fn keeping_awake<R>(work: impl FnOnce() -> R) -> R {
             }
         }
     });
-    work()
+    let result = work();
+    done.store(true, Ordering::Relaxed);
+    result
 }
 
 #[cfg(test)]

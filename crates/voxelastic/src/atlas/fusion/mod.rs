@@ -231,6 +231,13 @@ fn turned_box(t: &Rigid, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
     (t.apply(centre), std::array::from_fn(|i| t.rotation[i].iter().map(|r| r.abs()).sum::<f32>() * half))
 }
 
+/// The largest whole number that is not above `x`. What the library has is a call where the processor may lack the instruction.
+#[inline(always)]
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(whole as f32 > x)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,7 @@
 //! Where the voxels of a block lie in another field's lattice.
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
+use super::floor;
 use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, block_coords, edge_at, voxels_at};
@@ -71,13 +72,6 @@ impl Kernel for Place<'_> {
             }
         }
     }
-}
-
-/// The largest whole number that is not above `x`. What the library has is a call where the processor may lack the instruction.
-#[inline(always)]
-fn floor(x: f32) -> i32 {
-    let whole = x as i32;
-    whole - i32::from(whole as f32 > x)
 }
 
 #[cfg(test)]

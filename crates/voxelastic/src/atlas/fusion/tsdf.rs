@@ -302,7 +302,8 @@ fn merge_block(target: &mut TsdfField, id: u32, addend: Addend, max_weight: u16)
     // An observation of a coarser voxel is shared by those that it is divided into.
     let shared_by = [seen_at, scale].map(|from| 3 * (from - finest) as u32);
     for (voxel, &other) in sum.iter_mut().zip(&other).filter(|(_, other)| other.is_observed()) {
-        *voxel = if voxel.is_observed() { mean([*voxel, other], shared_by, max_weight) } else { other };
+        *voxel =
+            if voxel.is_observed() { mean([*voxel, other], shared_by, max_weight) } else { Voxel { weight: other.weight.min(max_weight), ..other } };
     }
     target.install(id, finest, &PackedArray::new(finest, &sum, shades.as_deref()));
 }

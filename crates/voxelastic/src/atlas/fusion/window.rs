@@ -1,6 +1,6 @@
 //! A small piece of an occupancy field, laid out for many looks: the octree is descended once, not once a voxel.
 
-use super::Placement;
+use super::{Placement, floor};
 use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, SCALES, block_coords, voxel_index};
 
@@ -151,11 +151,4 @@ impl<'a> Window<'a> {
         let cell = self.cells[x + nx * (y + ny * z)];
         cell.values[voxel_index(c.map(|v| (v & (BLOCK_EDGE as i32 - 1)) as usize >> cell.scale), usize::from(cell.scale))]
     }
-}
-
-/// Rounds down. `f32::floor` is a call of a function on processors that are not known to have an instruction for it.
-#[inline(always)]
-fn floor(v: f32) -> i32 {
-    let towards_zero = v as i32;
-    towards_zero - i32::from(towards_zero as f32 > v)
 }

@@ -134,8 +134,9 @@ pub struct Guesses {
 }
 
 impl Guesses {
+    #[cfg(test)]
     /// All of them, with the weight of what they are made from.
-    pub const ALL: Self = Self { weight: u16::MAX, band: [i16::MIN, i16::MAX] };
+    const ALL: Self = Self { weight: u16::MAX, band: [i16::MIN, i16::MAX] };
     /// Those that a surface can need, with the weight of what they are made from. No surface passes between two voxels that are both farther away.
     pub const NEAR: Self = Self { weight: u16::MAX, band: [(-1.5 * DISTANCE_STEPS) as i16, (1.5 * DISTANCE_STEPS) as i16] };
 
