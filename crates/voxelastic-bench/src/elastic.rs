@@ -45,7 +45,7 @@ pub struct SecondLap {
     pub scans: usize,
     /// The command that mapped both laps.
     pub command: String,
-    /// Memory of the map after the first lap, megabytes; of a peer that does not tell, the most that its process had taken.
+    /// Memory of the map after the first lap, at rest, megabytes; of a peer that does not tell, the most that its process had taken.
     pub first_mb: f64,
     /// Memory of the map after the second.
     pub second_mb: f64,
@@ -106,17 +106,23 @@ fn pose_update(submaps: usize) -> Result<PoseUpdate> {
     Ok(PoseUpdate { submaps, wall_ms: Spread::of(&times) })
 }
 
-/// Walks round the campus twice, with true poses: as usual, in one submap, and with `peers`, each for `limit` at most. What went wrong with a peer is
-/// added to `skipped`.
+/// Walks round the campus once and twice, with true poses: as usual, in one submap, and with `peers`, each for `limit` at most. What went wrong with a
+/// peer is added to `skipped`.
 pub(crate) fn second_laps(shop: &Workshop, peers: &[Peer], limit: Duration, skipped: &mut Vec<String>) -> Result<(SecondLap, Vec<SecondLap>)> {
     let folder = simulated(shop, "laps", &["campus", "--laps", "2"])?;
     let scans = Simulation::load(&folder).map_err(|e| BenchError::Simulation(e.to_string()))?.len() / 2;
     let data = Dataset { name: "two laps".to_owned(), folder, poses: Some("groundtruth"), truth: Truth::None, max_scans: None };
     let case = Case { data: &data, setting: HARD, field: FieldKind::Tsdf, threads: 1, one_submap: false };
+    let one_lap = Dataset { max_scans: Some(scans), ..data.clone() };
     let ours = |one_submap: bool| {
-        let run = Case { one_submap, ..case }.run(shop, "laps.vox");
-        shop.discard("laps.vox");
-        SecondLap::of(run?, scans)
+        let run = |data| {
+            let run = Case { data, one_submap, ..case }.run(shop, "laps.vox");
+            shop.discard("laps.vox");
+            run
+        };
+        let (first, both) = (run(&one_lap)?, run(&data)?);
+        let at_rest = first.map_mb.zip(both.map_mb);
+        SecondLap::of(both, scans, at_rest)
     };
     let (usual, mut others) = (ours(false)?, vec![ours(true)?]);
     if !peers.is_empty() {
@@ -124,7 +130,7 @@ pub(crate) fn second_laps(shop: &Workshop, peers: &[Peer], limit: Duration, skip
         for peer in peers {
             tracing::info!("{}, {}", data.name, peer.name);
             let run = peer.run(shop, &case, &handout, limit);
-            match run.and_then(|run| if run.note == NOT_THIS_FIELD { Ok(None) } else { SecondLap::of(run, scans).map(Some) }) {
+            match run.and_then(|run| if run.note == NOT_THIS_FIELD { Ok(None) } else { SecondLap::of(run, scans, None).map(Some) }) {
                 Ok(lap) => others.extend(lap),
                 Err(problem) => skipped.push(format!("{}, {}: {problem}", data.name, peer.name)),
             }
@@ -135,8 +141,9 @@ pub(crate) fn second_laps(shop: &Workshop, peers: &[Peer], limit: Duration, skip
 }
 
 impl SecondLap {
-    /// What `run` of two laps of `scans` scans each tells.
-    fn of(run: Run, scans: usize) -> Result<Self> {
+    /// What `run` of two laps of `scans` scans each tells. `at_rest` is the memory of a map of one lap and of two, once all of it is at rest: while
+    /// mapping goes on, some of it is awake, and how much says nothing of laps. Peers' maps are as they are.
+    fn of(run: Run, scans: usize, at_rest: Option<(f64, f64)>) -> Result<Self> {
         let Series { cpu_ms, map_mb, peak_mb, submaps, .. } = run.series;
         let what = if run.note.is_empty() { format!("only {} scans", run.scans) } else { run.note };
         let short = || BenchError::Answer { command: run.command.clone(), what: what.clone() };
@@ -144,7 +151,7 @@ impl SecondLap {
             return Err(short());
         }
         let at = |values: &[f64]| Some((*values.get(scans - 1)?, *values.last()?));
-        let (first_mb, second_mb) = at(&map_mb).or_else(|| at(&peak_mb)).ok_or_else(short)?;
+        let (first_mb, second_mb) = at_rest.or_else(|| at(&map_mb)).or_else(|| at(&peak_mb)).ok_or_else(short)?;
         let (first, second) = cpu_ms.split_at(scans);
         Ok(Self {
             first_mb,
@@ -179,12 +186,12 @@ mod tests {
     fn a_second_lap_is_held_against_the_first() {
         let series = Series { cpu_ms: vec![2.0, 2.0, 3.0, 3.0], map_mb: vec![5.0, 8.0, 9.0, 10.0], ..Series::default() };
         let run = |series: Series| Run { scans: series.cpu_ms.len(), series, ..Run::default() };
-        let lap = SecondLap::of(run(series.clone()), 2).unwrap();
+        let lap = SecondLap::of(run(series.clone()), 2, None).unwrap();
         assert_eq!((lap.first_mb, lap.second_mb, lap.added, lap.slower), (8.0, 10.0, 0.25, 1.5));
         // A peer that tells only what its process takes; one that did not come so far.
         let peer = Series { peak_mb: vec![100.0, 200.0, 201.0, 210.0], map_mb: Vec::new(), ..series.clone() };
-        assert_eq!(SecondLap::of(run(peer), 2).unwrap().second_mb, 210.0);
-        assert!(SecondLap::of(run(series), 3).unwrap_err().to_string().contains("only 4 scans"));
+        assert_eq!(SecondLap::of(run(peer), 2, None).unwrap().second_mb, 210.0);
+        assert!(SecondLap::of(run(series), 3, None).unwrap_err().to_string().contains("only 4 scans"));
     }
 
     #[test]

@@ -303,6 +303,8 @@ settings! {
         "A loop edge counts as closed, and may fuse submaps, when the poses of its nodes agree with it this well (and within update_angle).";
     min_overlap: f64 = 0.6, "", Between(0.0, 1.0), Advanced,
         "Instead of starting a submap, a scan goes into an older one near it that knows at least this share of its returns already; 1 for never.";
+    revisit_radius: f64 = 2.5, "m", Between(0.0, 100.0), Advanced,
+        "A scan taken within this distance of one of an earlier pass, to which closed loops lead, adds to surfaces only what was not known; 0 to add everything.";
     update_distance: f64 = 0.1, "m", Between(0.0, 100.0), Advanced,
         "A submap follows a correction of its root pose that is larger than this, or than update_angle.";
     update_angle: f64 = 2.5, "degrees", Between(0.0, 180.0), Advanced,

@@ -299,6 +299,11 @@ impl PoseGraph {
         self.search(starts, limit, |link| link.walkable)
     }
 
+    /// Whether any loop or overlap joins nodes that agree with it.
+    pub fn has_loops(&self) -> bool {
+        self.loops.iter().any(|&link| self.links[link as usize].walkable)
+    }
+
     /// As [`within`](Self::within), along odometry only: the nodes of the same pass.
     pub fn within_pass(&self, node: NodeId, limit: f64) -> Vec<(NodeId, f64)> {
         self.search(&[node], limit, |link| link.walkable && !link.kind.needs_agreement())

@@ -18,6 +18,7 @@ pub use submap::{Submap, SubmapId, SubmapScan};
 
 use crate::field::tsdf::BrickPages;
 use crate::geometry::Pose;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// The set of all submaps.
@@ -111,6 +112,25 @@ impl Atlas {
     /// The submap with `id`.
     pub fn submap_mut(&mut self, id: SubmapId) -> Option<&mut Submap> {
         self.submaps.binary_search_by_key(&id, |s| s.id).ok().map(|i| &mut self.submaps[i])
+    }
+
+    /// The submap with `id`, and beside it `others` with their poses in the map; what is on its way into one of them is among these.
+    pub(crate) fn beside(&mut self, id: SubmapId, others: &BTreeSet<SubmapId>) -> Option<(&mut Submap, Vec<(&Submap, Pose)>)> {
+        let place = self.submaps.binary_search_by_key(&id, |s| s.id).ok()?;
+        let (before, rest) = self.submaps.split_at_mut(place);
+        let (submap, after) = rest.split_first_mut()?;
+        let pose_of = |target: SubmapId| {
+            if target == submap.id {
+                Some(submap.t_map_submap)
+            } else {
+                before.iter().chain(&*after).find(|s| s.id == target).map(|s| s.t_map_submap)
+            }
+        };
+        let retiring = self.retiring.iter().filter(|retired| others.contains(&retired.target));
+        let retiring = retiring.filter_map(|retired| Some((&*retired.submap, pose_of(retired.target)? * retired.t_target_submap)));
+        let mut beside: Vec<(&Submap, Pose)> = retiring.collect();
+        beside.extend(before.iter().chain(&*after).filter(|s| others.contains(&s.id)).map(|s| (s, s.t_map_submap)));
+        Some((submap, beside))
     }
 
     /// Starts a new submap at `t_map_submap` and returns its id.

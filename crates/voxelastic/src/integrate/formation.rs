@@ -44,6 +44,17 @@ pub(super) struct Run {
     pub start: u32,
     pub end: u32,
     pub change: Change,
+    /// The octants in which beams that end there tell something, a bit each.
+    pub open: u8,
+}
+
+/// The octant of the block with smallest corner `corner` that `point` lies in, as a bit; none outside of the block.
+#[inline(always)]
+pub(super) fn octant_bit(point: [f32; 3], corner: [f32; 3]) -> u8 {
+    let within: [f32; 3] = std::array::from_fn(|k| point[k] - corner[k]);
+    let edge = BLOCK_EDGE as f32;
+    let octant = (0..3).fold(0, |octant, k| octant | u32::from(within[k] >= edge / 2.0) << k);
+    if within.iter().all(|c| (0.0..edge).contains(c)) { 1 << octant } else { 0 }
 }
 
 /// Everything that a thread needs to update blocks.
@@ -86,12 +97,17 @@ impl Kernel for Share<'_> {
             if run.change != Change::None {
                 task.change_scale(run, touched);
             }
+            task.note_told(run);
             let mut home = task.home(run.block);
             for record in run.start as usize..run.end as usize {
                 if let Some(&later) = task.records.get(record + BEAMS_AHEAD) {
                     ask_for_all(&raw const task.beams[beam_of(later)]);
                 }
-                formations[next].push(&home, &task.beams[beam_of(task.records[record])]);
+                let beam = &task.beams[beam_of(task.records[record])];
+                if run.open != u8::MAX && run.open & octant_bit(beam.point, home.corner) == 0 {
+                    continue;
+                }
+                formations[next].push(&home, beam);
                 if formations[next].lines.len() == LANES {
                     if formations[next].walk(task, touched) {
                         home = task.home(run.block);
@@ -268,6 +284,17 @@ impl Update<'_> {
         let Block { scale, shaded, .. } = *block;
         let (first, bricks) = (block.current().bricks().start, self.field.bricks(block));
         Home { id, scale: scale.into(), first, bricks, shaded, corner }
+    }
+
+    /// Notes how much a block is told; of one that is told of some of its octants only, nothing.
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    fn note_told(&self, run: &Run) {
+        if run.open == u8::MAX {
+            // SAFETY: each block occurs in one run only, so in one thread only.
+            let block = unsafe { self.field.block(run.block).get() };
+            block.told = block.told.and(run.end - run.start);
+        }
     }
 
     /// Brick `brick` of block `id`, woken or made.

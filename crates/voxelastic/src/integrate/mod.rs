@@ -4,6 +4,7 @@ mod band;
 mod bundle;
 mod colour;
 mod formation;
+mod known;
 pub mod occupancy;
 pub mod radix;
 pub mod scale;
@@ -13,6 +14,7 @@ pub mod tsdf;
 mod walk;
 
 pub use colour::paint;
+pub(crate) use known::Known;
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use scale::ScaleRule;
 pub use transform::Returns;

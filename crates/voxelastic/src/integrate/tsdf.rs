@@ -6,7 +6,8 @@
 //! independent in the update, so threads share nothing and change nothing but the time.
 
 use super::band::Band;
-use super::formation::{Change, Run, Share, Update, scale_change};
+use super::formation::{Change, Run, Share, Update, octant_bit, scale_change};
+use super::known::Known;
 use super::scale::{ScaleRule, distance_to_block};
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
@@ -124,6 +125,11 @@ impl TsdfIntegrator {
     /// Integrates the returns of one scan taken at `t_submap_lidar`. Returns beyond the maximum range, and those beyond
     /// the 2^24th, are left out.
     pub fn integrate(&mut self, field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &Returns<'_>) -> TsdfStats {
+        self.integrate_unknown(field, t_submap_lidar, returns, &Known::default())
+    }
+
+    /// As [`integrate`](Self::integrate), but leaves out what is known.
+    pub(crate) fn integrate_unknown(&mut self, field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &Returns<'_>, known: &Known<'_>) -> TsdfStats {
         let settings = self.settings.clone();
         let rule = self.scale_rule(returns.smallest_angle);
         let reach = self.reach().min(MAX_REACH);
@@ -147,7 +153,7 @@ impl TsdfIntegrator {
         self.selection.select(&self.beams, sensor, reach);
         let selected = Instant::now();
 
-        let new_blocks = self.allocate(field, &rule, t_submap_lidar.translation, !returns.shades.is_empty());
+        let new_blocks = self.allocate(field, &rule, t_submap_lidar.translation, !returns.shades.is_empty(), known);
         let allocated = Instant::now();
 
         let changes: Vec<u32> = self.runs.iter().filter(|r| r.change != Change::None).map(|r| r.block).collect();
@@ -171,7 +177,7 @@ impl TsdfIntegrator {
     }
 
     /// Finds or makes every selected block and moves it towards the scale that fits; returns how many are new.
-    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], shaded: bool) -> usize {
+    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], shaded: bool, known: &Known<'_>) -> usize {
         let block_edge = BLOCK_EDGE as f32 * self.settings.voxel;
         let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
         for run in &self.selection.blocks {
@@ -183,7 +189,7 @@ impl TsdfIntegrator {
             field.tree.grow_to(crate::octree::block_key(low));
             field.tree.grow_to(crate::octree::block_key(high));
         }
-        let found = self.find(field, rule, |coords| distance_to_block(coords, block_edge, sensor));
+        let found = self.find(field, rule, known, |coords| distance_to_block(coords, block_edge, sensor));
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;
         for ((run, &BlockBeams { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(found) {
@@ -203,21 +209,21 @@ impl TsdfIntegrator {
     }
 
     /// Finds the selected blocks that exist, in parallel, and decides on their scales; returns the scale that fits each. Those that neither exist nor
-    /// have a beam that makes voxels there are left without beams.
-    fn find(&mut self, field: &TsdfField, rule: &ScaleRule, distance: impl Fn([i32; 3]) -> f32 + Sync) -> Vec<u8> {
+    /// have a beam that makes voxels there, and those of which enough is known, are left without beams.
+    fn find(&mut self, field: &TsdfField, rule: &ScaleRule, known: &Known<'_>, distance: impl Fn([i32; 3]) -> f32 + Sync) -> Vec<u8> {
         /// Few enough that threads share evenly, many enough that a cursor seldom starts anew.
         const BLOCKS_PER_TASK: usize = 1024;
         let blocks = &self.selection.blocks;
         let mut fitting = vec![0; blocks.len()];
         self.runs.clear();
-        self.runs.resize(blocks.len(), Run { block: NONE, start: 0, end: 0, change: Change::None });
+        self.runs.resize(blocks.len(), Run { block: NONE, start: 0, end: 0, change: Change::None, open: u8::MAX });
         let tasks = (self.runs.par_chunks_mut(BLOCKS_PER_TASK), fitting.par_chunks_mut(BLOCKS_PER_TASK), blocks.par_chunks(BLOCKS_PER_TASK));
         tasks.into_par_iter().for_each(|(runs, fitting, blocks)| {
-            let mut cursor = Cursor::new(&field.tree);
+            let (mut cursor, mut elsewhere) = (Cursor::new(&field.tree), known.elsewhere(self.settings.voxel));
             // Heads are asked for long before they are read: few of them are near.
             for (run, &BlockBeams { key, start, end }) in runs.iter_mut().zip(blocks) {
                 let block = cursor.block(&field.tree, key);
-                *run = Run { block: block.unwrap_or(NONE), start, end, change: Change::None };
+                *run = Run { block: block.unwrap_or(NONE), start, end, change: Change::None, open: u8::MAX };
                 if let Some(id) = block {
                     ask_for_all(&raw const field.blocks[id]);
                 }
@@ -226,13 +232,27 @@ impl TsdfIntegrator {
                 let coords = block_coords(key);
                 let distance = distance(coords);
                 *fitting = rule.fitting(distance) as u8;
-                if run.block != NONE {
-                    run.change = scale_change(&field.blocks[run.block], rule, distance);
+                let corner = coords.map(|c| (c * BLOCK_EDGE as i32) as f32);
+                let beams = self.selection.records[start as usize..end as usize].iter().map(|&record| &self.beams[beam_of(record)]);
+                let own = (run.block != NONE).then(|| &field.blocks[run.block]);
+                if let Some(block) = own {
+                    run.change = scale_change(block, rule, distance);
+                }
+                run.open = match own {
+                    // What is seen from nearer than ever is worth telling.
+                    _ if matches!(run.change, Change::Finer | Change::FinerNew) => u8::MAX,
+                    Some(block) if block.told.beams() > 0 => known.open_octants(field, run.block, corner, beams.clone()),
+                    _ => elsewhere.open_octants(corner, beams.clone()),
+                };
+                if run.open != u8::MAX {
+                    run.change = Change::None;
+                } else if own.is_some() {
                     continue;
                 }
-                let corner = coords.map(|c| (c * BLOCK_EDGE as i32) as f32);
-                let makes = |&record: &u64| self.beams[beam_of(record)].makes(corner, *fitting, self.settings.truncation_new);
-                if !self.selection.records[start as usize..end as usize].iter().any(makes) {
+                let is_open = |beam: &Beam| run.open == u8::MAX || run.open & octant_bit(beam.point, corner) != 0;
+                let makes = |beam: &Beam| own.is_some() || beam.makes(corner, *fitting, self.settings.truncation_new);
+                let tells = beams.into_iter().any(|beam| is_open(beam) && makes(beam));
+                if !tells {
                     run.end = start;
                 }
             }
@@ -283,6 +303,22 @@ mod tests {
         field.ids_in_morton_order().into_iter().map(of).collect()
     }
 
+    /// The octants of a block that have observed voxels, found voxel by voxel.
+    fn observed_octants(field: &TsdfField, id: u32) -> u8 {
+        let block = field.block(id);
+        let (scale, edge) = (usize::from(block.scale), 1 << block.scale);
+        let mut octants = 0;
+        for (i, _) in field.current(block).iter().enumerate().filter(|(_, voxel)| voxel.is_observed()) {
+            let low = crate::octree::voxel_coords(i, scale).map(|c| c * edge);
+            // Every finest voxel in it: the coarsest voxel is all octants.
+            for finest in 0..edge.pow(3) {
+                let at = [finest % edge, finest / edge % edge, finest / edge / edge];
+                octants |= 1 << (0..3).fold(0, |octant, k| octant | ((low[k] + at[k]) / 4) << k);
+            }
+        }
+        octants
+    }
+
     /// Scans of points around the origin, from places that come and go, so that blocks change their scales both ways.
     fn scans() -> impl Strategy<Value = Vec<([f32; 3], Vec<[f32; 3]>)>> {
         let place = prop::array::uniform3(-20f32..20.0);
@@ -312,8 +348,12 @@ mod tests {
                 } else {
                     resting.rest_all();
                 }
-                awake.assert_sound();
-                resting.assert_sound();
+                for field in [&awake, &resting] {
+                    field.assert_sound();
+                    for id in field.ids() {
+                        prop_assert_eq!(field.observed_octants(field.block(id)), observed_octants(field, id));
+                    }
+                }
             }
             let expected = image(&awake);
             prop_assert_eq!(&image(&resting), &expected);

@@ -3,7 +3,8 @@
 //! [`Mapper::handle`] takes each [`Event`] as it happens. A scan is prepared (range image, local planes), assigned to a submap (`assign`,
 //! Sec. IV-A), and integrated into the submap's fields in the submap's frame (Sec. IV-B). Loops that close start fusions, which run
 //! beside integration (`fusing`, Sec. IV-C). Corrected poses move root poses and nothing else (`correct`, Sec. IV-D); a submap that a
-//! correction bent inside is reported and can be made anew from its scans (`rebuild`).
+//! correction bent inside is reported and can be made anew from its scans (`rebuild`). Where the sensor has been before, scans add to surfaces
+//! what was not known (`returning`).
 
 mod assign;
 mod awake;
@@ -12,6 +13,7 @@ mod front;
 mod fusing;
 mod rebuild;
 mod report;
+mod returning;
 
 pub use correct::Deformation;
 pub use front::Front;
@@ -24,7 +26,7 @@ use crate::atlas::graph::{Agreement, EdgeOutcome, GraphCounts, LinkKind, PoseGra
 use crate::atlas::{Atlas, Members, Submap, SubmapId};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
-use crate::integrate::{OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats, paint};
+use crate::integrate::{Known, OccupancyIntegrator, OccupancySettings, OccupancyStats, Returns, TsdfIntegrator, TsdfSettings, TsdfStats, paint};
 use crate::sensor::BeamModel;
 use crate::settings::{NoReturn, SettingError, Settings};
 use fusing::Fusing;
@@ -46,11 +48,21 @@ pub struct Mapper {
     integrators: Integrators,
     /// The node that came last, whether its scan could be used or not.
     last_node: Option<NodeId>,
+    /// The submap that the sensor has returned to, if it has.
+    visit: Option<Visit>,
     /// Groups of submaps that a closed loop joins and the bound keeps apart, each with the ends of such a loop.
     apart: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
     counts: ElasticCounts,
     /// Whether nothing has come since submaps settled their doubts.
     is_settled: bool,
+}
+
+/// A return to a submap.
+#[derive(Clone, Copy, Debug)]
+struct Visit {
+    submap: SubmapId,
+    /// How many blocks its TSDF had before.
+    blocks: u32,
 }
 
 impl Mapper {
@@ -72,6 +84,7 @@ impl Mapper {
             known: None,
             integrators: Integrators::new(&settings),
             last_node: None,
+            visit: None,
             apart: BTreeMap::new(),
             counts: ElasticCounts::default(),
             is_settled: true,
@@ -205,6 +218,8 @@ impl Mapper {
         }
         let clock = Instant::now();
         let (id, placed) = self.assign(scan, front);
+        let returned_to = self.returned_to(node, &scan.t_map_lidar);
+        let before = self.visit(id, &returned_to);
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may lag behind by `update_distance`.
         let root = self.members.root(id).and_then(|root| self.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
@@ -218,11 +233,13 @@ impl Mapper {
             || self.atlas.rest_beside(id),
         );
         let prepare = prepare + planes;
-        let Some(submap) = self.atlas.submap_mut(id) else { return Err(MapError::LostSubmap { node, submap: id }) };
+        let Some((submap, others)) = self.atlas.beside(id, &returned_to) else { return Err(MapError::LostSubmap { node, submap: id }) };
         self.members.add(node, id);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
+        let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
+        let known = Known { before, elsewhere };
         submap.place_scan(node, t_submap_lidar);
-        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings);
+        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, front, &self.settings, &known);
         let is_new_submap = placed == Placed::NewSubmap;
         self.counts.note(placed);
         Ok(ScanReport { node, submap: id, is_new_submap, placed, counts, prepare, elastic, tsdf, occupancy })
@@ -252,13 +269,14 @@ impl Integrators {
         Self { tsdf, occupancy: None }
     }
 
-    /// Integrates the scan that `front` prepared last.
+    /// Integrates the scan that `front` prepared last; of surfaces what is not `known`.
     fn integrate(
         &mut self,
         submap: &mut Submap,
         t_submap_lidar: &Pose,
         front: &Front,
         settings: &Settings,
+        known: &Known<'_>,
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         let (t_submap_lidar, prepared) = (Rigid::from(t_submap_lidar), front.scan());
         let beams = &prepared.beams;
@@ -270,7 +288,7 @@ impl Integrators {
             smallest_angle: beams.smallest_angle,
         };
         let kind = settings.field;
-        let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns));
+        let tsdf = kind.has_tsdf().then(|| self.tsdf.integrate_unknown(&mut submap.tsdf, &t_submap_lidar, &returns, known));
         if tsdf.is_some() && !front.colours().is_empty() {
             paint(&mut submap.tsdf, &t_submap_lidar, &returns, front.colours(), settings.voxel, settings.max_range);
         }

@@ -4,6 +4,7 @@ use super::{Front, Mapper};
 use crate::Cloud;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
+use crate::integrate::Known;
 
 /// Where the clouds of scans already mapped can be had again.
 pub trait ScanSource {
@@ -75,7 +76,7 @@ impl Mapper {
             front.prepare(&cloud);
             front.finish(&cloud);
             if !front.scan().beams.is_empty() {
-                self.integrators.integrate(&mut new, &t_submap_lidar, front, &self.settings);
+                self.integrators.integrate(&mut new, &t_submap_lidar, front, &self.settings, &Known::default());
                 scans += 1;
             }
         }

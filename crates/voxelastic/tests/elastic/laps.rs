@@ -2,8 +2,12 @@
 
 use crate::town::{LAP, Town};
 use crate::{image, settings};
+use std::collections::HashSet;
+use std::ops::Range;
+use voxelastic::atlas::{Atlas, MeshCache};
 use voxelastic::event::{Edge, Event};
 use voxelastic::settings::FieldKind;
+use voxelastic::surface::MeshOptions;
 use voxelastic::{Mapper, Pose, Settings};
 
 const STEP: f64 = 2.0;
@@ -11,8 +15,11 @@ const PER_LAP: usize = (LAP / STEP) as usize;
 
 /// Laps that do not repeat their poses exactly.
 fn scans(laps: usize) -> Vec<(Pose, Event)> {
-    let town = Town::new();
-    (0..laps * PER_LAP)
+    scans_of(&Town::new(), 0..laps)
+}
+
+fn scans_of(town: &Town, laps: Range<usize>) -> Vec<(Pose, Event)> {
+    (laps.start * PER_LAP..laps.end * PER_LAP)
         .map(|node| {
             let lap = (node / PER_LAP) as f64;
             let pose = Town::pose(node as f64 * STEP + 0.37 * lap) * Pose::translation(0.0, 0.3 * lap, 0.0);
@@ -70,4 +77,53 @@ fn the_map_does_not_depend_on_the_number_of_threads() {
     };
     let one = with(1);
     assert!(one == with(3), "maps differ");
+}
+
+/// Vertices of all meshes, in the map frame.
+fn vertices(atlas: &Atlas) -> Vec<[f64; 3]> {
+    let mut cache = MeshCache::new(0.2, MeshOptions::default());
+    let of = |submap| {
+        let mesh = cache.mesh(submap);
+        let in_map = |p: &[f32; 3]| (submap.t_map_submap * nalgebra::Point3::from(p.map(f64::from))).coords.into();
+        mesh.positions.iter().map(in_map).collect::<Vec<_>>()
+    };
+    atlas.submaps().iter().flat_map(of).collect()
+}
+
+#[test]
+fn a_second_lap_adds_what_was_built_since_and_little_else() {
+    // Where the street was empty, beside the path, and against a wall.
+    let built = [([23.4, 3.0, 0.0], [24.4, 4.0, 2.0]), ([-4.0, 28.6, 1.0], [-2.0, 30.0, 3.0])];
+    let new_town = built.iter().fold(Town::new(), |town, &(low, high)| town.with_box(low, high));
+    let scans = [scans_of(&Town::new(), 0..1), scans_of(&new_town, 1..2)].concat();
+    let drive = |revisit_radius: f64| drive(Settings { revisit_radius, ..settings() }, &scans, true);
+    let [(sparing, after), (lavish, after_all)] = [2.5, 0.0].map(drive);
+    let added = |after: &[(usize, usize)]| after[1].1 as f64 / after[0].1 as f64 - 1.0;
+    println!("a second lap adds {:+.3}, or {:+.3} if everything is added", added(&after), added(&after_all));
+    assert_eq!(after[0], after_all[0], "the first lap is mapped as ever");
+    assert!(added(&after) < 0.02 && added(&after_all) > added(&after) + 0.05);
+    let meshes = [sparing, lavish].map(|mapper| vertices(mapper.atlas()));
+    for (low, high) in built {
+        // The face towards the path: at its x or y that is nearer to 22.
+        let axis = usize::from(high[1] > 20.0);
+        let face = if (low[axis] - 22.0).abs() < (high[axis] - 22.0).abs() { low[axis] } else { high[axis] };
+        let is_on_face = |p: &&[f64; 3]| (p[axis] - face).abs() < 0.1 && (0..3).all(|k| k == axis || (low[k] + 0.1..high[k] - 0.1).contains(&p[k]));
+        // Several submaps may show the same face, so parts of it are counted, of 25 cm.
+        let part = |p: &[f64; 3]| p.map(|c| (4.0 * c).floor() as i32);
+        let [found, of] = meshes.each_ref().map(|mesh| mesh.iter().filter(is_on_face).map(part).collect::<HashSet<_>>().len());
+        println!("{found} parts of the face at {face} of {low:?} to {high:?}, {of} if everything is added");
+        // What lies within half a block of the ground or the wall, 80 cm here, counts as known.
+        assert!(of >= 20 && found as f64 >= 0.75 * of as f64, "a box that was built is in the map");
+    }
+}
+
+#[test]
+fn everything_is_added_unless_a_loop_is_closed() {
+    let scans = scans(2);
+    let map = |revisit_radius: f64, has_loops: bool| {
+        let settings = Settings { revisit_radius, min_overlap: 1.0, ..settings() };
+        image(&drive(settings, &scans, has_loops).0.into_atlas())
+    };
+    assert!(map(2.5, false) == map(0.0, false), "poses alone prove no return");
+    assert!(map(2.5, true) != map(0.0, true));
 }

@@ -41,6 +41,12 @@ impl Town {
         Self { boxes }
     }
 
+    /// The same town after a box from `low` to `high` was built.
+    pub fn with_box(mut self, low: [f64; 3], high: [f64; 3]) -> Self {
+        self.boxes.push((low, high));
+        self
+    }
+
     /// Where the sensor is after `s` metres of path, the lidar's frame in the map.
     pub fn pose(s: f64) -> Pose {
         let s = s.rem_euclid(LAP);

@@ -6,7 +6,7 @@ use super::points::{Points, between};
 use super::seen::Seen;
 use crate::field::tsdf::packed::PackedArray;
 use crate::field::tsdf::propagate::{Guesses, propagate_down};
-use crate::field::tsdf::{DISTANCE_STEPS, TsdfField, Voxel};
+use crate::field::tsdf::{DISTANCE_STEPS, Told, TsdfField, Voxel};
 use crate::octree::{
     BLOCK_EDGE, BLOCK_SHIFT, Cursor, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at,
 };
@@ -20,6 +20,8 @@ use std::ops::Range;
 struct PatchBlock {
     key: u64,
     scale: u8,
+    /// Beams that told the source something there.
+    told: Told,
     /// Its array, until it is merged.
     array: PackedArray,
 }
@@ -52,6 +54,8 @@ impl TsdfPatch {
         for block in blocks {
             let (array, scale) = (std::mem::take(&mut block.array), usize::from(block.scale));
             let (id, is_new) = target.make(&mut cursor, block.key, block.scale, array.is_shaded());
+            let told = &mut target.blocks[id].told;
+            *told = told.and(block.told.beams());
             if is_new {
                 target.install(id, scale, &array);
             } else {
@@ -79,12 +83,21 @@ impl Near {
     }
 }
 
+/// A block of the target that the source reaches.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Reached {
+    key: u64,
+    /// The scale to sample at.
+    scale: u8,
+    /// Beams that told the source something there.
+    told: Told,
+}
+
 /// Samples a field in the lattice of another one, part by part.
 pub(super) struct TsdfSampling<'a> {
     source: &'a TsdfField,
     placement: Placement,
-    /// The target's blocks that the source reaches, each with the scale to sample at.
-    reached: Vec<(u64, u8)>,
+    reached: Vec<Reached>,
 }
 
 impl<'a> TsdfSampling<'a> {
@@ -109,10 +122,10 @@ impl<'a> TsdfSampling<'a> {
                 ids.len() as u32 - 1
             })
         };
-        let near: Vec<Near> = reached.iter().map(|&(key, _)| self.near(&mut cursor, key, &mut place_of)).collect();
+        let near: Vec<Near> = reached.iter().map(|block| self.near(&mut cursor, block.key, &mut place_of)).collect();
         let sampler = Sampler { placement: &self.placement, seen: Seen::new(self.source, ids) };
         let mut points = Points::new();
-        let blocks = reached.iter().zip(&near).filter_map(|(&(key, scale), near)| sampler.block(near, key, scale, &mut points));
+        let blocks = reached.iter().zip(&near).filter_map(|(block, near)| sampler.block(near, block, &mut points));
         TsdfPatch { blocks: blocks.collect() }
     }
 
@@ -143,9 +156,10 @@ struct Sample {
 }
 
 impl Sampler<'_> {
-    /// The array of the target's block `key` at `scale`; none when nothing of it was observed. Leaves its voxels' places in `points`.
-    fn block(&self, near: &Near, key: u64, scale: u8, points: &mut Points) -> Option<PatchBlock> {
-        let (at, scale) = (scale, usize::from(scale));
+    /// The array of a block of the target; none when nothing of it was observed. Leaves its voxels' places in `points`.
+    fn block(&self, near: &Near, block: &Reached, points: &mut Points) -> Option<PatchBlock> {
+        let Reached { key, scale: at, told } = *block;
+        let scale = usize::from(at);
         let edge = (1 << scale) as f32;
         let t = &self.placement.t_source_target;
         points.place(t, key, scale);
@@ -170,7 +184,7 @@ impl Sampler<'_> {
                 shades.get_or_insert_with(|| vec![0; voxels_at(scale)])[i] = shade;
             }
         }
-        is_observed.then(|| PatchBlock { key, scale: at, array: PackedArray::new(scale, &voxels, shades.as_deref()) })
+        is_observed.then(|| PatchBlock { key, scale: at, told, array: PackedArray::new(scale, &voxels, shades.as_deref()) })
     }
 
     /// The field at `point` (finest voxels, source frame) beside a block coarser than `scale`: at the finest scale at which all samples that are
@@ -227,12 +241,12 @@ impl Sampler<'_> {
     }
 }
 
-/// The target's blocks that the source reaches, in Morton order, each with the scale to sample at: that of the source's block in its
-/// middle, or the coarsest of those that only touch it.
-fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
+/// The target's blocks that the source reaches, in Morton order, each as the source's block in its middle
+/// has it, or the coarsest of those that only touch it.
+fn reached(field: &TsdfField, placement: &Placement) -> Vec<Reached> {
     let half = 0.5 * BLOCK_EDGE as f32;
     let touching = |&id: &u32| {
-        let scale = field.block(id).finest;
+        let (scale, told) = (field.block(id).finest, field.block(id).told);
         let home = block_coords(field.block(id).key);
         let centre = home.map(|c| c as f32 * BLOCK_EDGE as f32 + half);
         let (middle, extent) = placement.box_in_target(centre, half);
@@ -249,7 +263,7 @@ fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
                         let is_middle = at.map(|v| (v / BLOCK_EDGE as f32).floor() as i32) == home;
                         // Sorts the block in the middle first, then the coarsest.
                         let rank = if is_middle { 0 } else { SCALES as u8 - scale };
-                        found.push((block_key(c), rank, scale));
+                        found.push((rank, Reached { key: block_key(c), scale, told }));
                     }
                 }
             }
@@ -257,10 +271,11 @@ fn reached(field: &TsdfField, placement: &Placement) -> Vec<(u64, u8)> {
         found
     };
     let ids: Vec<u32> = field.ids().collect();
-    let mut reached: Vec<(u64, u8, u8)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
-    reached.par_sort_unstable();
-    reached.dedup_by_key(|r| r.0);
-    reached.into_iter().map(|(key, _, scale)| (key, scale)).collect()
+    let mut reached: Vec<(u8, Reached)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
+    // All there is to a block is compared: which one is kept must not depend on threads.
+    reached.par_sort_unstable_by_key(|(rank, block)| (block.key, *rank, block.scale, block.told));
+    reached.dedup_by_key(|(_, block)| block.key);
+    reached.into_iter().map(|(_, block)| block).collect()
 }
 
 /// What is known at a point at one scale.

@@ -8,6 +8,7 @@ use super::colour::ColourLayer;
 use super::packed::PackedArray;
 use super::pieces::Pieces;
 use super::rest::Recent;
+use super::told::Told;
 use super::voxel::Voxel;
 use crate::octree::{Cursor, NONE, Octree, Pool, SCALES, Slab, voxels_at};
 use std::ops::Range;
@@ -26,6 +27,8 @@ pub struct Block {
     pub finest: u8,
     /// Whether the scans that made it had intensities.
     pub(crate) shaded: bool,
+    /// Beams that told it something. Not stored: who goes on with a stored map lets it learn anew.
+    pub(crate) told: Told,
     /// When it was last changed, by the field's count of changes.
     pub(super) changed: u32,
     /// The bricks of its arrays, see [`Array::bricks`].
@@ -64,7 +67,7 @@ impl Array {
 impl Block {
     /// A block that holds nothing.
     pub(crate) fn new(key: u64, scale: u8, finest: u8, shaded: bool) -> Self {
-        Self { key, scale, finest, shaded, changed: 0, bricks: [Handle::NOWHERE; HANDLES] }
+        Self { key, scale, finest, shaded, told: Told::default(), changed: 0, bricks: [Handle::NOWHERE; HANDLES] }
     }
 
     /// Whether its brick `brick` has intensities.

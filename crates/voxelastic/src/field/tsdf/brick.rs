@@ -20,6 +20,14 @@ pub(crate) struct Brick {
     pub shades: [u8; BRICK],
 }
 
+impl Brick {
+    /// Which voxels are observed, a bit each.
+    #[inline]
+    pub fn observed(&self) -> u64 {
+        self.voxels.iter().rev().fold(0, |observed, voxel| observed << 1 | u64::from(voxel.is_observed()))
+    }
+}
+
 /// Where a brick is: nowhere, among those that are awake, or among those at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Handle(u32);

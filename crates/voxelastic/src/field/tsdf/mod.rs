@@ -10,6 +10,7 @@ mod pieces;
 pub mod propagate;
 mod read;
 mod rest;
+mod told;
 mod voxel;
 
 pub(crate) use blocks::{Array, VoxelBuffer};
@@ -17,4 +18,5 @@ pub use blocks::{Block, TsdfField};
 pub use colour::{ColourLayer, Tint};
 pub(crate) use open::{OpenField, Touched};
 pub(crate) use rest::BrickPages;
+pub(crate) use told::Told;
 pub use voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};

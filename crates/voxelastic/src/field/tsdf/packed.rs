@@ -309,6 +309,12 @@ impl<'a> Piece<'a> {
         Self { mask, form, codes: &words[HEAD..HEAD + form.length(mask.count_ones() as usize)] }
     }
 
+    /// Which voxels are held, a bit each.
+    #[inline(always)]
+    pub fn held(self) -> u64 {
+        self.mask
+    }
+
     /// Where voxel `place` is among those held.
     #[inline(always)]
     fn rank(self, place: usize) -> Option<usize> {

@@ -1,11 +1,39 @@
 //! Reading a TSDF's voxels, whether they are awake or at rest.
 
 use super::blocks::{Array, Block, TsdfField};
-use super::brick::{BRICK, Whereabouts, place_of, spread};
+use super::brick::{BRICK, Handle, Whereabouts, place_of, spread};
 use super::voxel::Voxel;
 use crate::octree::voxels_at;
 
 impl TsdfField {
+    /// The octants of `block` in which its current array has observed voxels, a bit each.
+    pub(crate) fn observed_octants(&self, block: &Block) -> u8 {
+        let bricks = &block.bricks[block.current().bricks()];
+        if block.scale == 0 {
+            // A brick is an octant, and at rest if it holds anything.
+            let is_observed = |brick: &Handle| match brick.whereabouts() {
+                Whereabouts::Nowhere => false,
+                Whereabouts::Awake(slot) => self.bricks[slot].observed() != 0,
+                Whereabouts::Resting(_) => true,
+            };
+            return bricks.iter().zip(0..).fold(0, |octants, (brick, bit)| octants | u8::from(is_observed(brick)) << bit);
+        }
+        let held = match bricks[0].whereabouts() {
+            Whereabouts::Nowhere => 0,
+            Whereabouts::Awake(slot) => self.bricks[slot].observed(),
+            Whereabouts::Resting(piece) => self.pieces.get(piece).held(),
+        };
+        match block.scale {
+            1 => (0..8).fold(0, |octants, bit| {
+                // Two voxels along each axis.
+                let first = 2 * (bit & 1) + 8 * (bit >> 1 & 1) + 32 * (bit >> 2);
+                octants | u8::from(held >> first & 0x33_0033 != 0) << bit
+            }),
+            2 => held as u8,
+            _ => u8::from(held != 0) * u8::MAX,
+        }
+    }
+
     /// The array that `block` is integrated into.
     pub fn current(&self, block: &Block) -> Vec<Voxel> {
         self.voxels(block, block.current())
