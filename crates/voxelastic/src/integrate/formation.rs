@@ -70,7 +70,17 @@ pub(super) struct Share<'a> {
     /// Each block occurs once in all shares.
     pub runs: &'a [Run],
     pub task: &'a Update<'a>,
+    pub formations: &'a mut Formations,
     pub touched: &'a mut Touched,
+}
+
+/// Room for the beams that fly and for those that have just landed. Too large to be made anew for every share.
+pub(super) struct Formations([Formation; 2]);
+
+impl Formations {
+    pub fn new() -> Self {
+        Self([Formation::new(), Formation::new()])
+    }
 }
 
 /// How far ahead a beam is asked for: records follow blocks, beams lie in the order of the scan.
@@ -82,8 +92,7 @@ impl Kernel for Share<'_> {
     #[inline(always)]
     #[allow(unsafe_code)]
     fn run(self) {
-        let Self { runs, task, touched } = self;
-        let mut formations = [Formation::new(), Formation::new()];
+        let Self { runs, task, formations: Formations(formations), touched } = self;
         let mut next = 0;
         // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
         for (i, run) in runs.iter().enumerate() {

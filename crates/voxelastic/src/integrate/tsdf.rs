@@ -6,7 +6,7 @@
 //! independent in the update, so threads share nothing and change nothing but the time.
 
 use super::band::Band;
-use super::formation::{Change, Run, Share, Update, octant_bit, scale_change};
+use super::formation::{Change, Formations, Run, Share, Update, octant_bit, scale_change};
 use super::known::Known;
 use super::scale::{ScaleRule, distance_to_block};
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
@@ -16,11 +16,16 @@ use crate::field::tsdf::{Touched, TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, SCALES, ask_for_all, block_coords};
 use rayon::prelude::*;
+use std::cell::RefCell;
 use std::time::{Duration, Instant};
 
 /// Least sine of the angle at which a walk leaves its local plane. On the campus 90 % of the surface is there without it, 95 % with
 /// 0.3 to 0.5; beyond that walks beside each other no longer touch.
 const LEAST_SLOPE: f32 = 0.4;
+
+thread_local! {
+    static FORMATIONS: RefCell<Box<Formations>> = RefCell::new(Box::new(Formations::new()));
+}
 
 /// How scans update a TSDF.
 #[derive(Clone, Debug, PartialEq)]
@@ -278,7 +283,7 @@ impl TsdfIntegrator {
         };
         let share = |runs: &[Run]| {
             let mut touched = Touched::default();
-            dispatch(Share { runs, task: &task, touched: &mut touched });
+            FORMATIONS.with_borrow_mut(|formations| dispatch(Share { runs, task: &task, formations, touched: &mut touched }));
             touched
         };
         let touched: Vec<Touched> = self.runs.par_chunks(RUNS_PER_TASK).with_max_len(1).map(share).collect();
