@@ -312,11 +312,11 @@ settings! {
     deform_tolerance: f64 = 2.0, "voxels", Between(0.0, 1000.0), Advanced,
         "A submap counts as deformed when a correction moves one of its scans against its root by more than this, or turns it by update_angle.";
     truncation: f32 = 3.0, "voxels", Between(1.0, 8.0), Advanced,
-        "How far in front of surfaces scans change a TSDF, in voxels of the integration scale.";
+        "How far along a beam scans change a TSDF, before its point and beyond, in voxels of the integration scale.";
     truncation_new: f32 = 1.5, "voxels", Between(1.5, 8.0), Advanced,
-        "How far in front of surfaces a TSDF is stored that was never seen before, in voxels of the integration scale; what is farther, up to truncation, only wears away what is there.";
+        "How far in front of surfaces a TSDF is stored that was never seen before, in voxels of the integration scale; half a voxel farther, what is there is worn away.";
     truncation_behind: f32 = 1.5, "voxels", Between(1.0, 8.0), Advanced,
-        "How far behind surfaces a TSDF is stored, in voxels of the integration scale; along a beam no farther than in front.";
+        "How far behind surfaces a TSDF is stored, in voxels of the integration scale; along a beam no farther than truncation.";
     max_weight: f32 = 100.0, "observations", Between(1.0, 1000.0), Advanced,
         "Observations after which a voxel's mean becomes a moving one, so that changes show.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,

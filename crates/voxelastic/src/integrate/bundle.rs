@@ -1,7 +1,7 @@
 //! Bundles: beams that are closer together than voxels are walked as one.
 //!
 //! A wall two metres away is hit by four beams a voxel, which tell the same voxels the same. What they say together is a plane through
-//! the mean of their points, as often as there are beams. It is walked as far as the first of them would have been.
+//! the mean of their points, as often as there are beams, and only if there is one: what stands out from it by more than noise is walked alone. It is walked as far as the first of them would have been.
 
 use super::transform::Beam;
 
@@ -9,6 +9,8 @@ use super::transform::Beam;
 const MOST: u8 = 16;
 /// Least cosine of the angle between the planes of beams of a bundle: what bends more is walked beam by beam.
 const LEAST_COSINE: f32 = 0.966;
+/// Farthest that a beam of a bundle may end from the plane of the first one, voxels of their scale.
+const OFF_PLANE: f32 = 0.125;
 
 /// Keeps those of `beams` that are no longer than `limit`, bundles neighbours that are within `width` voxels of their scale, and puts the
 /// result first; returns how many that are.
@@ -21,21 +23,19 @@ pub(crate) fn bundle(beams: &mut [Beam], limit: f32, width: f32) -> usize {
         if first.range > limit {
             continue;
         }
-        let farthest = width * (1 << first.scale) as f32;
         let mut bundle = first;
         let mut shades = u32::from(first.shade);
-        if first.has_plane {
-            while let Some(next) = beams.get(from).filter(|next| bundle.count < MOST && next.range <= limit && joins(&first, next, farthest)) {
-                for k in 0..3 {
-                    bundle.point[k] += next.point[k];
-                    bundle.direction[k] += next.direction[k];
-                    bundle.normal[k] += next.normal[k];
-                }
-                bundle.range += next.range;
-                shades += u32::from(next.shade);
-                bundle.count += 1;
-                from += 1;
+        let joins = Joins::new(&first, width);
+        while let Some(next) = beams.get(from).filter(|next| bundle.count < MOST && next.range <= limit && joins.holds(next)) {
+            for k in 0..3 {
+                bundle.point[k] += next.point[k];
+                bundle.direction[k] += next.direction[k];
+                bundle.normal[k] += next.normal[k];
             }
+            bundle.range += next.range;
+            shades += u32::from(next.shade);
+            bundle.count += 1;
+            from += 1;
         }
         if bundle.count > 1 {
             let share = 1.0 / f32::from(bundle.count);
@@ -50,12 +50,34 @@ pub(crate) fn bundle(beams: &mut [Beam], limit: f32, width: f32) -> usize {
     kept
 }
 
-/// Whether `next` is part of the bundle that `first` began.
+/// Which beams are part of the bundle that `first` began.
+struct Joins<'a> {
+    first: &'a Beam,
+    /// Squares, finest voxels.
+    farthest: f32,
+    off_plane: f32,
+}
+
+impl<'a> Joins<'a> {
+    #[inline(always)]
+    fn new(first: &'a Beam, width: f32) -> Self {
+        let voxel = (1 << first.scale) as f32;
+        let farthest = if first.has_plane { width * voxel } else { 0.0 };
+        Self { first, farthest: farthest.powi(2), off_plane: (OFF_PLANE * voxel).powi(2) }
+    }
+
+    #[inline(always)]
+    fn holds(&self, next: &Beam) -> bool {
+        let Self { first, farthest, off_plane } = *self;
+        let way = [0, 1, 2].map(|k| next.point[k] - first.point[k]);
+        let is_near = (dot(way, way) < farthest) & (dot(way, first.normal).powi(2) < off_plane);
+        next.has_plane & (next.scale == first.scale) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
+    }
+}
+
 #[inline(always)]
-fn joins(first: &Beam, next: &Beam, farthest: f32) -> bool {
-    let apart = (0..3).map(|k| (next.point[k] - first.point[k]).powi(2)).sum::<f32>();
-    let cosine = (0..3).map(|k| next.normal[k] * first.normal[k]).sum::<f32>();
-    next.has_plane & (next.scale == first.scale) & (apart < farthest * farthest) & (cosine >= LEAST_COSINE)
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn unit(v: [f32; 3]) -> [f32; 3] {
@@ -115,6 +137,8 @@ mod tests {
                 prop_assert_eq!(bundle.shade, mean(&|beam| beam.shade.into()) as u8);
                 for beam in members {
                     let apart = (0..3).map(|k| (beam.point[k] - first.point[k]).powi(2)).sum::<f32>().sqrt();
+                    let off = (0..3).map(|k| (beam.point[k] - first.point[k]) * first.normal[k]).sum::<f32>().abs();
+                    prop_assert!(off <= OFF_PLANE * (1 << first.scale) as f32 + 1e-4, "{off} off the plane");
                     prop_assert!(beam.has_plane && beam.scale == first.scale && apart <= width * (1 << first.scale) as f32 + 1e-4);
                     let bend = (0..3).map(|k| beam.normal[k] * first.normal[k]).sum::<f32>();
                     prop_assert!(bend >= LEAST_COSINE - 1e-4, "planes that differ by {} degrees", bend.acos().to_degrees());

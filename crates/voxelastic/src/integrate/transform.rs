@@ -81,9 +81,10 @@ pub(crate) struct ToSubmap {
     pub rule: ScaleRule,
     /// Least sine of the angle between a beam's walk and its plane, 0 to leave it as it was measured.
     pub least_slope: f32,
-    /// How far beams are walked, voxels of the walk's scale: in front of their points, and behind their planes, but along the beam no farther
-    /// than in front.
+    /// How far beams are walked in front of their planes and behind them, voxels of the walk's scale.
     pub band: [f32; 2],
+    /// How far that may be along a beam, before its point and beyond, in the same voxels.
+    pub along: f32,
     /// How wide a bundle of beams may be, voxels of their scale; 0 to leave them single.
     pub bundle_width: f32,
 }
@@ -154,7 +155,7 @@ impl Kernel for Transform<'_> {
                     has_plane: walk.has_plane[l],
                     normal: at(&walk.normal),
                     range: walk.range[l] * per_metre,
-                    reach: [how.band[0], walk.behind[l]],
+                    reach: [walk.reach[0][l], walk.reach[1][l]],
                 };
             }
         }
@@ -175,8 +176,8 @@ struct Walks {
     direction: [Lanes; 3],
     normal: [Lanes; 3],
     range: Lanes,
-    /// How far they reach behind their points, voxels.
-    behind: Lanes,
+    /// How far they reach before their points and beyond, voxels.
+    reach: [Lanes; 2],
     scale: [u32; LANES],
     has_plane: [bool; LANES],
 }
@@ -188,7 +189,7 @@ impl Walks {
         let none = [[0.0; LANES]; 3];
         let lanes = [0.0; LANES];
         let mut walks =
-            Self { place: none, direction: none, normal: none, range: lanes, behind: lanes, scale: [0; LANES], has_plane: [false; LANES] };
+            Self { place: none, direction: none, normal: none, range: lanes, reach: [lanes; 2], scale: [0; LANES], has_plane: [false; LANES] };
         let pose = how.t_submap_lidar;
         for l in 0..LANES {
             let at = |v: &[Lanes; 3]| [v[0][l], v[1][l], v[2][l]];
@@ -201,7 +202,8 @@ impl Walks {
             let normal = [0, 1, 2].map(|k| if has_plane { rotated[k] } else { -direction[k] });
             let slope = -(direction[0] * normal[0] + direction[1] * normal[1] + direction[2] * normal[2]);
             let walked = steepened(direction, normal, slope, how.least_slope);
-            walks.behind[l] = smaller(how.band[1] / larger(slope, how.least_slope), how.band[0]);
+            let per_off = 1.0 / larger(slope, how.least_slope);
+            (0..2).for_each(|end| walks.reach[end][l] = smaller(how.band[end] * per_off, how.along));
             let place = pose.apply(p);
             for k in 0..3 {
                 (walks.place[k][l], walks.direction[k][l], walks.normal[k][l]) = (place[k], walked[k], normal[k]);
@@ -254,7 +256,7 @@ mod tests {
                 has_plane,
                 normal,
                 range: range * (1.0 / how.voxel),
-                reach: [how.band[0], (how.band[1] / slope.max(how.least_slope)).min(how.band[0])],
+                reach: how.band.map(|off| (off * (1.0 / slope.max(how.least_slope))).min(how.along)),
             }
         };
         (0..returns.points.len()).map(of).filter(|beam| beam.range <= how.max_range / how.voxel).collect()
@@ -284,7 +286,8 @@ mod tests {
                 max_range: 50.0,
                 rule: ScaleRule::new(smallest_angle, 0.1, 3, 1.5),
                 least_slope: 0.4,
-                band: [3.0, 1.5],
+                band: [2.0, 1.5],
+                along: 3.0,
                 bundle_width: 0.0,
             };
             let mut beams = Vec::new();

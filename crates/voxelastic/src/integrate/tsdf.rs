@@ -24,8 +24,12 @@ use std::time::{Duration, Instant};
 const LEAST_SLOPE: f32 = 0.4;
 
 thread_local! {
+    /// What a thread updates blocks with, from scan to scan.
     static FORMATIONS: RefCell<Box<Formations>> = RefCell::new(Box::new(Formations::new()));
 }
+
+/// How much farther in front of the surface than voxels are made they are worn away, voxels: what is farther may be a thing of its own.
+const WORN: f32 = 0.5;
 
 /// How scans update a TSDF.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,10 +38,10 @@ pub struct TsdfSettings {
     pub voxel: f32,
     /// Largest range that is integrated, metres.
     pub max_range: f32,
-    /// How far the truncation band reaches in front of the surface, in voxels of the integration scale, 1 to 8: what a beam went through is worn
-    /// away.
+    /// How far along a beam the truncation band reaches before its point and beyond, in voxels of the integration scale, 1 to 8.
     pub truncation_voxels: f32,
-    /// How far in front of the surface voxels are made, in the same voxels, 1.5 to 8: farther ones, which no mesh needs, learn only if they are there.
+    /// How far in front of the surface voxels are made, in the same voxels, 1.5 to 8. Half a voxel farther, what a beam went through is worn away:
+    /// there voxels, which no mesh needs, learn only if they are there.
     pub truncation_new: f32,
     /// How far it reaches behind the surface, in the same voxels, 1 to 8: what is there is a guess, and is in the way of what else is there.
     pub truncation_behind: f32,
@@ -60,7 +64,7 @@ impl Default for TsdfSettings {
             truncation_voxels: 3.0,
             truncation_new: 1.5,
             truncation_behind: 1.5,
-            bundle_width: 0.5,
+            bundle_width: 0.6,
             max_weight: 100.0,
             max_scale: SCALES - 1,
             coarser_factor: 1.5,
@@ -148,7 +152,8 @@ impl TsdfIntegrator {
             max_range: settings.max_range,
             rule,
             least_slope: LEAST_SLOPE,
-            band: [settings.truncation_voxels, settings.truncation_behind],
+            band: [settings.truncation_new + WORN, settings.truncation_behind],
+            along: settings.truncation_voxels,
             bundle_width: settings.bundle_width,
         };
         to_submap(&returns, &how, &mut self.beams);

@@ -91,7 +91,7 @@ proptest! {
     #[test]
     fn bundles_tell_what_their_beams_would_have_told(seed in any::<u64>()) {
         let scans = scans_of(&Room::random(seed), 3, 48, 720, 0.02, true);
-        let fields = [0.0, 0.5].map(|bundle_width| {
+        let fields = [0.0, TsdfSettings::default().bundle_width].map(|bundle_width| {
             integrate(&scans, &TsdfSettings { voxel: 0.1, max_scale: 0, bundle_width, ..TsdfSettings::default() })
         });
         let [single, bundled] = fields.each_ref().map(|field| observed(field).map(|(c, distance, weight)| (c, (distance, weight))).collect::<HashMap<_, _>>());

@@ -21,7 +21,8 @@ impl DenseTsdf {
 
     pub fn integrate(&mut self, pose: &Rigid, points: &[[f32; 3]], normals: &[[f32; 3]]) {
         let voxel = f64::from(self.settings.voxel);
-        let [before, behind] = [self.settings.truncation_voxels, self.settings.truncation_behind].map(f64::from);
+        let [along, front, behind] =
+            [self.settings.truncation_voxels, self.settings.truncation_new + 0.5, self.settings.truncation_behind].map(f64::from);
         for (p, n) in points.iter().zip(normals) {
             let range = p.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
             let rotate =
@@ -37,10 +38,10 @@ impl DenseTsdf {
                 let length = along.iter().map(|c| c * c).sum::<f64>().sqrt();
                 direction = std::array::from_fn(|k| along[k] / length * (1.0 - LEAST_SLOPE * LEAST_SLOPE).sqrt() - LEAST_SLOPE * normal[k]);
             }
-            let reach = (behind / slope.max(LEAST_SLOPE)).min(before);
-            for c in voxels_on_line(point, direction, [-before, reach]) {
+            let [before, beyond] = [front, behind].map(|off| (off / slope.max(LEAST_SLOPE)).min(along));
+            for c in voxels_on_line(point, direction, [-before, beyond]) {
                 let distance: f64 = (0..3).map(|k| normal[k] * (f64::from(c[k]) + 0.5 - point[k])).sum();
-                self.observe(c, distance as f32, [before as f32, behind as f32]);
+                self.observe(c, distance as f32, [along as f32, behind as f32]);
             }
         }
     }

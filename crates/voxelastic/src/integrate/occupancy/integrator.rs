@@ -104,9 +104,10 @@ impl OccupancyIntegrator {
             /// Fewer beams are not worth a second thread.
             const BEAMS_PER_TASK: usize = 4096;
             let OccupancySettings { voxel, max_range, .. } = settings;
-            let how = ToSubmap { t_submap_lidar: *t_submap_lidar, voxel, max_range, rule, least_slope: 0.0, band: [0.0; 2], bundle_width: 0.0 };
+            let single =
+                ToSubmap { t_submap_lidar: *t_submap_lidar, voxel, max_range, rule, least_slope: 0.0, band: [0.0; 2], along: 0.0, bundle_width: 0.0 };
             let ((), see) = timed(|| {
-                to_submap(&returns, &how, beams);
+                to_submap(&returns, &single, beams);
                 beams.par_iter_mut().with_min_len(BEAMS_PER_TASK).for_each(|beam| {
                     let (before, behind) = Evidence::new(&settings, beam.range * voxel, beam.scale as usize).reach();
                     beam.reach = [-before, behind];
