@@ -188,6 +188,9 @@ mod tests {
         let run = |series: Series| Run { scans: series.cpu_ms.len(), series, ..Run::default() };
         let lap = SecondLap::of(run(series.clone()), 2, None).unwrap();
         assert_eq!((lap.first_mb, lap.second_mb, lap.added, lap.slower), (8.0, 10.0, 0.25, 1.5));
+        // What maps take at rest comes before what they took when they were made.
+        let at_rest = SecondLap::of(run(series.clone()), 2, Some((4.0, 4.5))).unwrap();
+        assert_eq!((at_rest.first_mb, at_rest.second_mb, at_rest.added, at_rest.slower), (4.0, 4.5, 0.125, 1.5));
         // A peer that tells only what its process takes; one that did not come so far.
         let peer = Series { peak_mb: vec![100.0, 200.0, 201.0, 210.0], map_mb: Vec::new(), ..series.clone() };
         assert_eq!(SecondLap::of(run(peer), 2, None).unwrap().second_mb, 210.0);

@@ -112,7 +112,7 @@ fn a_second_lap_adds_what_was_built_since_and_little_else() {
         let part = |p: &[f64; 3]| p.map(|c| (4.0 * c).floor() as i32);
         let [found, of] = meshes.each_ref().map(|mesh| mesh.iter().filter(is_on_face).map(part).collect::<HashSet<_>>().len());
         println!("{found} parts of the face at {face} of {low:?} to {high:?}, {of} if everything is added");
-        // What lies within half a block of the ground or the wall, 80 cm here, counts as known.
+        // A block that reaches into the ground or the wall is known; of its gaps, so is what lies in an octant, 80 cm here, that was observed.
         assert!(of >= 20 && found as f64 >= 0.75 * of as f64, "a box that was built is in the map");
     }
 }
