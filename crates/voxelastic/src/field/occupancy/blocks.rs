@@ -2,7 +2,7 @@
 
 use super::value::{State, Summary, UNKNOWN, state_of};
 use crate::field::BlockStore;
-use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, voxel_coords, voxel_index, voxels_at};
+use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, voxel_index, voxels_at};
 
 /// A block that is not uniform: which voxels it holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,12 +111,16 @@ impl OccupancyField {
             return;
         }
         let slot = self.voxels.insert(scale);
-        let mut fine = [UNKNOWN; voxels_at(0)];
-        let coarse = self.voxels.get(from, block.slot);
-        for (i, value) in fine[..voxels_at(scale)].iter_mut().enumerate() {
-            *value = coarse[voxel_index(voxel_coords(i, scale).map(|c| c >> (from - scale)), from)];
+        let mut values = [UNKNOWN; voxels_at(0)];
+        values[..voxels_at(from)].copy_from_slice(self.voxels.get(from, block.slot));
+        for scale in (scale..from).rev() {
+            values = match scale {
+                0 => halve::<4>(&values),
+                1 => halve::<2>(&values),
+                _ => halve::<1>(&values),
+            };
         }
-        self.voxels.get_mut(scale, slot).copy_from_slice(&fine[..voxels_at(scale)]);
+        self.voxels.get_mut(scale, slot).copy_from_slice(&values[..voxels_at(scale)]);
         self.voxels.remove(from, block.slot);
         self.blocks[id] = OccupancyBlock { slot, scale: scale as u8, ..block };
     }
@@ -136,5 +140,50 @@ impl OccupancyField {
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes()
+    }
+}
+
+/// Divides a block of `EDGE` voxels along each axis into voxels of half the size, each with its parent's value.
+fn halve<const EDGE: usize>(coarse: &[i8; voxels_at(0)]) -> [i8; voxels_at(0)] {
+    let mut fine = [UNKNOWN; voxels_at(0)];
+    for (i, values) in coarse[..EDGE * EDGE * EDGE].as_chunks::<EDGE>().0.iter().enumerate() {
+        let (y, z) = (i % EDGE, i / EDGE);
+        // The same row four times.
+        for (y, z) in [(2 * y, 2 * z), (2 * y + 1, 2 * z), (2 * y, 2 * z + 1), (2 * y + 1, 2 * z + 1)] {
+            let row = (z * 2 * EDGE + y) * 2 * EDGE;
+            let pairs = fine[row..row + 2 * EDGE].as_chunks_mut::<2>().0;
+            pairs.iter_mut().zip(values).for_each(|(pair, &value)| *pair = [value; 2]);
+        }
+    }
+    fine
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::octree::voxel_coords;
+
+    #[test]
+    fn a_refined_block_has_the_values_of_its_coarser_voxels() {
+        let key = block_key([3, -1, 2]);
+        for from in 1..SCALES {
+            for to in 0..from {
+                let mut field = OccupancyField::default();
+                field.tree.grow_to(key);
+                let mut cursor = Cursor::new(&field.tree);
+                let id = field.make(&mut cursor, key, from);
+                let slot = field.blocks[id].slot;
+                let coarse: Vec<i8> = (0..voxels_at(from)).map(|i| (i * 37 % 127) as i8).collect();
+                field.voxels.get_mut(from, slot).copy_from_slice(&coarse);
+                assert_eq!(field.make(&mut cursor, key, to), id);
+                let fine = field.values(field.block(id));
+                assert_eq!(fine.len(), voxels_at(to));
+                for (i, value) in fine.iter().enumerate() {
+                    let parent = voxel_index(voxel_coords(i, to).map(|c| c >> (from - to)), from);
+                    assert_eq!(*value, coarse[parent], "voxel {i}, {from} to {to}");
+                }
+                assert_eq!(field.arrays().iter().sum::<usize>(), 1);
+            }
+        }
     }
 }
