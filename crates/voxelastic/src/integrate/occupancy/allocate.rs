@@ -11,6 +11,7 @@ use crate::integrate::scale::{ScaleRule, distance_to_block};
 use crate::integrate::select::BlockBeams;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, SCALES, block_coords, prefetch};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A block and everything that the scan says about it.
 #[derive(Clone, Copy, Debug)]
@@ -29,13 +30,16 @@ pub(super) struct Touch {
 pub(super) enum Free {
     None,
     All,
-    /// Some voxels, by the number of their mask.
-    Mask(u32),
+    /// Some voxels, by the part of the finds and the number of its mask.
+    Mask {
+        part: u32,
+        mask: u32,
+    },
 }
 
 /// A selected block: where it was before the scan made or refined any, and how fine it is to be.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wanted {
+struct Wanted {
     at: Spot,
     block: u32,
     scale: u8,
@@ -43,168 +47,224 @@ pub(super) struct Wanted {
     is_there: bool,
 }
 
-/// Few enough that threads share evenly, many enough that starting anew costs nothing.
-const PER_TASK: usize = 4096;
+/// The runs of beams that blocks were selected for, by block. Each is taken once; between scans there are none.
+#[derive(Debug, Default)]
+struct Runs(Vec<AtomicU32>);
 
-/// Looks where the `selected` blocks are, side by side, because most are far away in memory. `sensor` is in metres.
-pub(super) fn look_up(field: &OccupancyField, selected: &[BlockBeams], rule: &ScaleRule, voxel: f32, sensor: [f32; 3]) -> Vec<Wanted> {
-    let edge = BLOCK_EDGE as f32 * voxel;
-    let mut wanted = vec![Wanted { at: Spot::NOWHERE, block: NONE, scale: 0, is_there: false }; selected.len()];
-    wanted.par_chunks_mut(PER_TASK).zip(selected.par_chunks(PER_TASK)).for_each(|(wanted, selected)| {
-        let mut cursor = Cursor::new(&field.tree);
-        for (wanted, run) in wanted.iter_mut().zip(selected) {
-            let Some((group, place)) = cursor.find_at(&field.tree, run.key, 0) else { continue };
-            (wanted.at, wanted.block) = (Spot::new((group, place)), field.tree.siblings(group)[place].link);
-            if wanted.block != NONE {
-                prefetch(&raw const field.blocks[wanted.block]);
-            }
+impl Clone for Runs {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl Runs {
+    /// Makes room for blocks below `blocks`.
+    fn cover(&mut self, blocks: u32) {
+        let blocks = (blocks as usize).max(self.0.len());
+        self.0.resize_with(blocks, || AtomicU32::new(NONE));
+    }
+
+    /// The run of a block, or [`NONE`].
+    #[inline(always)]
+    fn of(&self, block: u32) -> u32 {
+        self.0.get(block as usize).map_or(NONE, |run| run.load(Ordering::Relaxed))
+    }
+
+    /// Notes a block's run; [`NONE`] for one that is taken.
+    #[inline(always)]
+    fn set(&self, block: u32, run: u32) {
+        if let Some(known) = self.0.get(block as usize) {
+            known.store(run, Ordering::Relaxed);
         }
-        for (wanted, run) in wanted.iter_mut().zip(selected) {
-            wanted.scale = rule.fitting(distance_to_block(block_coords(run.key), edge, sensor)) as u8;
-            wanted.is_there = wanted.block != NONE && field.blocks[wanted.block].scale <= wanted.scale;
+    }
+
+    /// As [`of`](Self::of), and it is taken.
+    #[inline(always)]
+    fn take(&self, block: u32) -> u32 {
+        let run = self.of(block);
+        if run != NONE {
+            self.set(block, NONE);
         }
-    });
-    wanted
+        run
+    }
 }
 
 /// The blocks that a scan touches, each once.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Touches {
     pub list: Vec<Touch>,
-    /// Place in `list` of each block id, if it is touched.
-    of: Vec<u32>,
+    /// The selected blocks, and which of them is which block.
+    wanted: Vec<Wanted>,
+    runs: Runs,
+    /// Place in `list` of each block id, if it was made for what the descent found of it.
+    made: Vec<u32>,
 }
 
-/// What a thread dealt with, and what it left.
+/// What a thread dealt with, and what it left, with the part that it is of.
 #[derive(Default)]
 struct Share {
     touched: Touched,
     touches: Vec<Touch>,
-    left: Vec<Found>,
+    left: Vec<(u32, Found)>,
 }
 
+/// Selected blocks that one task takes: few enough that threads share evenly, many enough that starting anew costs nothing.
+const PER_TASK: usize = 1024;
+
 impl Touches {
-    /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels: those found, and those selected, which are
-    /// `wanted`. Returns the octants that changed.
-    pub fn allocate(&mut self, field: &mut OccupancyField, finds: &Finds, selected: &[BlockBeams], wanted: &[Wanted], steps: &Steps) -> Touched {
-        self.list.clear();
-        let shares = Self::meet(field, &finds.found, steps);
-        let mut cursor = Cursor::new(&field.tree);
-        let mut touched = Touched::default();
-        for share in shares {
-            touched.append(&share.touched);
-            for touch in share.touches {
-                *self.place_of(touch.block) = self.list.len() as u32;
-                self.list.push(touch);
+    /// Looks where the `selected` blocks are, side by side, because most are far away in memory. `sensor` is in metres.
+    pub fn look_up(&mut self, field: &OccupancyField, selected: &[BlockBeams], rule: &ScaleRule, voxel: f32, sensor: [f32; 3]) {
+        let edge = BLOCK_EDGE as f32 * voxel;
+        self.runs.cover(field.blocks.capacity_used());
+        self.wanted.clear();
+        self.wanted.resize(selected.len(), Wanted { at: Spot::NOWHERE, block: NONE, scale: 0, is_there: false });
+        let (wanted, runs) = (&mut self.wanted, &self.runs);
+        wanted.par_chunks_mut(PER_TASK).zip(selected.par_chunks(PER_TASK)).enumerate().for_each(|(chunk, (wanted, selected))| {
+            let mut cursor = Cursor::new(&field.tree);
+            for (wanted, beams) in wanted.iter_mut().zip(selected) {
+                let Some((group, place)) = cursor.find_at(&field.tree, beams.key, 0) else { continue };
+                (wanted.at, wanted.block) = (Spot::new((group, place)), field.tree.siblings(group)[place].link);
+                if wanted.block != NONE {
+                    prefetch(&raw const field.blocks[wanted.block]);
+                }
             }
-            for found in share.left {
-                let at = Spot::new(cursor.make_at(&mut field.tree, found.key, found.level()));
-                let (scale, free) = match found.what {
-                    What::Octant { level } => {
-                        let octant = &mut field.tree.siblings_mut(at.group)[at.place()];
-                        octant.payload = learn(octant.payload, steps);
-                        touched.add(found.key, u32::from(level));
-                        continue;
-                    }
-                    What::Block => (SCALES - 1, Free::All),
-                    What::Voxels { mask, scale } => (usize::from(scale), Free::Mask(mask)),
-                };
-                let block = field.make_in((at.group, at.place()), found.key, scale);
-                self.touch(block, at, free);
+            for ((run, wanted), beams) in (chunk * PER_TASK..).zip(wanted).zip(selected) {
+                wanted.scale = rule.fitting(distance_to_block(block_coords(beams.key), edge, sensor)) as u8;
+                if wanted.block != NONE {
+                    wanted.is_there = field.blocks[wanted.block].scale <= wanted.scale;
+                    runs.set(wanted.block, run as u32);
+                }
+            }
+        });
+    }
+
+    /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels: those found, and those selected, which were
+    /// [looked up](Self::look_up). Returns the octants that changed.
+    pub fn allocate(&mut self, field: &mut OccupancyField, finds: &[Finds], selected: &[BlockBeams], steps: &Steps) -> Touched {
+        let mut touched = Touched::default();
+        self.list.clear();
+        let shares = self.meet(field, finds, selected, steps);
+        for share in &shares {
+            touched.append(&share.touched);
+            self.list.extend_from_slice(&share.touches);
+        }
+        let mut cursor = Cursor::new(&field.tree);
+        for (part, found) in shares.iter().flat_map(|share| &share.left) {
+            let at = Spot::new(cursor.make_at(&mut field.tree, found.key, found.level()));
+            let Some((scale, free)) = found.needs(*part) else {
+                let octant = &mut field.tree.siblings_mut(at.group)[at.place()];
+                octant.payload = learn(octant.payload, steps);
+                touched.add(found.key, found.level());
+                continue;
+            };
+            let run = self.runs.take(found.block) as usize;
+            let scale = self.wanted.get(run).map_or(scale, |wanted| scale.min(wanted.scale.into()));
+            let block = field.make_in((at.group, at.place()), found.key, scale);
+            *self.made_at(block) = self.list.len() as u32;
+            self.list.push(Touch::new(block, at, free, selected.get(run)));
+        }
+        for (wanted, beams) in self.wanted.iter().zip(selected).filter(|(wanted, _)| !wanted.is_there) {
+            if wanted.block != NONE && self.runs.take(wanted.block) == NONE {
+                continue; // refined above
+            }
+            let at = if wanted.at.is_nowhere() { Spot::new(cursor.make(&mut field.tree, beams.key)) } else { wanted.at };
+            let block = field.make_in((at.group, at.place()), beams.key, wanted.scale.into());
+            let made = self.made.get(block as usize).and_then(|&place| self.list.get_mut(place as usize));
+            match made.filter(|touch| touch.block == block) {
+                Some(touch) => (touch.start, touch.end) = (beams.start, beams.end),
+                None => self.list.push(Touch::new(block, at, Free::None, Some(beams))),
             }
         }
-        for ((run, wanted), known) in selected.iter().zip(wanted).zip(self.known(wanted)) {
-            let touch = if !wanted.is_there {
-                let at = if wanted.at.is_nowhere() { Spot::new(cursor.make(&mut field.tree, run.key)) } else { wanted.at };
-                let block = field.make_in((at.group, at.place()), run.key, wanted.scale.into());
-                self.touch(block, at, Free::None)
-            } else if known == NONE {
-                // No later one is of the same block.
-                self.list.push(Touch { block: wanted.block, at: wanted.at, free: Free::None, start: 0, end: 0 });
-                let last = self.list.len() - 1;
-                &mut self.list[last]
-            } else {
-                &mut self.list[known as usize]
-            };
-            (touch.start, touch.end) = (run.start, run.end);
+        for touches in self.rest(selected) {
+            self.list.extend_from_slice(&touches);
         }
         touched
     }
 
     /// Deals with what was found that is there.
     #[allow(unsafe_code)]
-    fn meet(field: &mut OccupancyField, found: &[Found], steps: &Steps) -> Vec<Share> {
+    fn meet(&self, field: &mut OccupancyField, finds: &[Finds], selected: &[BlockBeams], steps: &Steps) -> Vec<Share> {
+        /// As for [`PER_TASK`]; a part has some sixty finds.
+        const PARTS_PER_TASK: usize = 32;
         /// How many octants and blocks ahead one is asked for.
         const AHEAD: usize = 8;
         let (octants, blocks) = (field.tree.cells(), &field.blocks);
-        let meet = |found: &[Found]| {
-            let mut share = Share { touches: Vec::with_capacity(found.len() / 2), ..Share::default() };
-            for (i, &one) in found.iter().enumerate() {
-                if let Some(next) = found.get(i + AHEAD) {
-                    match next.what {
-                        What::Octant { .. } if next.at.is_nowhere() => {}
-                        What::Octant { .. } => prefetch(next.at.within(&octants).address()),
-                        _ if next.block == NONE => {}
-                        _ => prefetch(&raw const blocks[next.block]),
+        let meet = |(chunk, parts): (usize, &[Finds])| {
+            let numbered = parts.iter().zip(chunk as u32 * PARTS_PER_TASK as u32..);
+            let all = numbered.flat_map(|(finds, part)| finds.found.iter().map(move |found| (part, found)));
+            let mut ahead = all.clone().skip(AHEAD);
+            let mut share = Share::default();
+            for (part, one) in all {
+                match ahead.next().map(|(_, next)| next) {
+                    Some(next) if next.block != NONE => {
+                        prefetch(&raw const blocks[next.block]);
+                        prefetch(&raw const self.runs.0[next.block as usize]);
                     }
+                    Some(next) if !next.at.is_nowhere() => prefetch(next.at.within(&octants).address()),
+                    _ => {}
                 }
-                let (scale, free) = match one.what {
-                    What::Octant { .. } if one.at.is_nowhere() => {
-                        share.left.push(one);
-                        continue;
-                    }
-                    What::Octant { level } => {
+                match one.needs(part) {
+                    None if !one.at.is_nowhere() => {
                         // SAFETY: an octant is found once, and of a group only that one octant is referred to.
                         let octant = unsafe { one.at.within(&octants).get() };
                         octant.payload = learn(octant.payload, steps);
-                        share.touched.add(one.key, u32::from(level));
-                        continue;
+                        share.touched.add(one.key, one.level());
                     }
-                    What::Block => (SCALES - 1, Free::All),
-                    What::Voxels { mask, scale } => (usize::from(scale), Free::Mask(mask)),
-                };
-                if one.block != NONE && usize::from(blocks[one.block].scale) <= scale {
-                    share.touches.push(Touch { block: one.block, at: one.at, free, start: 0, end: 0 });
-                } else {
-                    share.left.push(one);
+                    Some((scale, free)) if one.block != NONE && usize::from(blocks[one.block].scale) <= scale => {
+                        let run = self.runs.of(one.block) as usize;
+                        if self.wanted.get(run).is_none_or(|wanted| wanted.is_there) {
+                            share.touches.push(Touch::new(one.block, one.at, free, selected.get(run)));
+                            self.runs.set(one.block, NONE);
+                        } else {
+                            share.left.push((part, *one));
+                        }
+                    }
+                    _ => share.left.push((part, *one)),
                 }
             }
             share
         };
-        found.par_chunks(PER_TASK).map(meet).collect()
+        finds.par_chunks(PARTS_PER_TASK).enumerate().map(meet).collect()
     }
 
-    /// The places in the list of those blocks that are wanted and there, if they are touched.
-    fn known(&self, wanted: &[Wanted]) -> Vec<u32> {
-        let place = |wanted: &Wanted| {
-            let place = self.of.get(wanted.block as usize).copied().unwrap_or(NONE);
-            let is_known = self.list.get(place as usize).is_some_and(|touch| touch.block == wanted.block);
-            if is_known { place } else { NONE }
+    /// The selected blocks that are there and of which nothing was found.
+    fn rest(&self, selected: &[BlockBeams]) -> Vec<Vec<Touch>> {
+        let touch = |(wanted, beams): (&Wanted, &BlockBeams)| {
+            let is_left = wanted.is_there && self.runs.take(wanted.block) != NONE;
+            is_left.then(|| Touch::new(wanted.block, wanted.at, Free::None, Some(beams)))
         };
-        wanted.par_iter().with_min_len(PER_TASK).map(place).collect()
+        let chunks = self.wanted.par_chunks(PER_TASK).zip(selected.par_chunks(PER_TASK));
+        chunks.map(|(wanted, selected)| wanted.iter().zip(selected).filter_map(touch).collect()).collect()
     }
 
-    /// Place in the list of block `id`, or of another one, or none.
+    /// Place in the list of a block that was made, whatever it is so far.
     #[inline(always)]
-    fn place_of(&mut self, id: u32) -> &mut u32 {
-        let id = id as usize;
-        if id >= self.of.len() {
-            self.of.resize(id + 1, NONE);
+    fn made_at(&mut self, block: u32) -> &mut u32 {
+        let block = block as usize;
+        if block >= self.made.len() {
+            self.made.resize(block + 1, NONE);
         }
-        &mut self.of[id]
+        &mut self.made[block]
     }
+}
 
-    /// The touch of a block; a new one if there is none.
+impl Touch {
     #[inline(always)]
-    fn touch(&mut self, block: u32, at: Spot, free: Free) -> &mut Touch {
-        let next = self.list.len();
-        let place = *self.place_of(block) as usize;
-        let is_known = self.list.get(place).is_some_and(|touch| touch.block == block);
-        if !is_known {
-            *self.place_of(block) = next as u32;
-            self.list.push(Touch { block, at, free, start: 0, end: 0 });
+    fn new(block: u32, at: Spot, free: Free, beams: Option<&BlockBeams>) -> Self {
+        let (start, end) = beams.map_or((0, 0), |beams| (beams.start, beams.end));
+        Self { block, at, free, start, end }
+    }
+}
+
+impl Found {
+    /// The coarsest scale that a block must have for what was found of it, which is of `part`; nothing of octants that need no block.
+    #[inline(always)]
+    fn needs(&self, part: u32) -> Option<(usize, Free)> {
+        match self.what {
+            What::Octant { .. } => None,
+            What::Block => Some((SCALES - 1, Free::All)),
+            What::Voxels { mask, scale } => Some((scale.into(), Free::Mask { part, mask })),
         }
-        &mut self.list[if is_known { place } else { next }]
     }
 }
 

@@ -151,8 +151,8 @@ impl Memory {
 }
 
 impl Descent<'_> {
-    /// Finds the free octants of the field, which covers everything within the scan's reach.
-    pub fn run(&self) -> Finds {
+    /// Finds the free octants of the field, which covers everything within the scan's reach; by parts of the tree, in Morton order.
+    pub fn run(&self) -> Vec<Finds> {
         let tree = &self.field.tree;
         let root = Cube {
             key: tree.root_key(),
@@ -178,22 +178,7 @@ impl Descent<'_> {
             }
             finds
         };
-        let parts: Vec<Finds> = subtrees.par_iter().with_max_len(1).map(descend).collect();
-        let mut all = Finds {
-            found: Vec::with_capacity(parts.iter().map(|part| part.found.len()).sum()),
-            masks: Vec::with_capacity(parts.iter().map(|part| part.masks.len()).sum()),
-            visited: 0,
-        };
-        for part in parts {
-            let first = all.masks.len() as u32;
-            all.found.extend(part.found.iter().map(|found| match found.what {
-                What::Voxels { mask, scale } => Found { what: What::Voxels { mask: mask + first, scale }, ..*found },
-                _ => *found,
-            }));
-            all.masks.extend_from_slice(&part.masks);
-            all.visited += part.visited;
-        }
-        all
+        subtrees.par_iter().with_max_len(1).map(descend).collect()
     }
 
     /// The tree cut into shares for threads.
@@ -300,6 +285,7 @@ impl Descent<'_> {
         self.look_into_blocks(memory, finds);
         // Lists by size become one in Morton order.
         finds.found.sort_by_key(|found| found.key);
+        finds.octants = finds.found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count();
     }
 
     /// Notes all that is free of a free cube, or where to look on.

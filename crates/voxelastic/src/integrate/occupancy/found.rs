@@ -58,7 +58,7 @@ pub(super) enum What {
     Octant { level: u8 },
     /// A whole block that holds voxels.
     Block,
-    /// Some voxels of a block: which, and the coarsest scale that can tell them apart.
+    /// Some voxels of a block: which, by the number of their mask, and the coarsest scale that can tell them apart.
     Voxels { mask: u32, scale: u8 },
 }
 
@@ -70,20 +70,15 @@ impl Found {
     }
 }
 
-/// What a descent found.
+/// What a descent found in one part of the tree, in Morton order. The parts are not joined: that would be a copy of megabytes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Finds {
     pub found: Vec<Found>,
     pub masks: Vec<Mask>,
+    /// How many uniform octants there are.
+    pub octants: usize,
     /// Cubes held against the pyramid, voxels of blocks included.
     pub visited: usize,
-}
-
-impl Finds {
-    /// How many uniform octants there are.
-    pub fn octants(&self) -> usize {
-        self.found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count()
-    }
 }
 
 /// Marks the `place`-th cube of a block as free: of its quarters, pairs or voxels, by depth.

@@ -4,7 +4,7 @@
 //! and refine blocks. *Update*: each block on its own, in parallel. *Propagate*: maxima and "observed" up to the root, and
 //! equal siblings merged into their parent.
 
-use super::allocate::{Free, Touch, Touches, look_up};
+use super::allocate::{Free, Touch, Touches};
 use super::apply::{Formation, FreeVoxels, Outcome, Place, Updates};
 use super::descend::Descent;
 use super::found::Finds;
@@ -93,7 +93,7 @@ impl OccupancyIntegrator {
 
         let reach = self.cover(field, t_submap_lidar.translation);
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        let Self { visibility, selection, beams, .. } = self;
+        let Self { visibility, selection, beams, touches, .. } = self;
         let descend = || {
             let ((), see) = timed(|| visibility.build(image, settings.max_range, settings.clear_no_return, fill));
             let sight = Sight::new(visibility, &settings, t_submap_lidar);
@@ -113,17 +113,17 @@ impl OccupancyIntegrator {
                     beam.reach = [-before, behind];
                 });
             });
-            let (wanted, select) = timed(|| {
+            let ((), select) = timed(|| {
                 selection.select(beams, sensor, reach);
-                look_up(field, &selection.blocks, &rule, voxel, t_submap_lidar.translation)
+                touches.look_up(field, &selection.blocks, &rule, voxel, t_submap_lidar.translation);
             });
-            (wanted, see, select)
+            (see, select)
         };
         // Neither needs the other, and both have parts that leave threads idle.
-        let ((finds, see, descend), (wanted, transform, select)) = rayon::join(descend, select);
+        let ((finds, see, descend), (transform, select)) = rayon::join(descend, select);
 
         let selected = Instant::now();
-        let mut touched = self.touches.allocate(field, &finds, &self.selection.blocks, &wanted, &steps);
+        let mut touched = self.touches.allocate(field, &finds, &self.selection.blocks, &steps);
         let allocated = Instant::now();
 
         let outcomes = self.update(field, &finds, &steps);
@@ -135,8 +135,8 @@ impl OccupancyIntegrator {
 
         OccupancyStats {
             beams: self.beams.len(),
-            visited: finds.visited,
-            free_octants: finds.octants(),
+            visited: finds.iter().map(|part| part.visited).sum(),
+            free_octants: finds.iter().map(|part| part.octants).sum(),
             blocks: self.touches.list.len(),
             phases: OccupancyPhases {
                 see: see + transform,
@@ -161,7 +161,7 @@ impl OccupancyIntegrator {
         reach
     }
 
-    fn update(&mut self, field: &mut OccupancyField, finds: &Finds, steps: &Steps) -> Vec<Outcome> {
+    fn update(&mut self, field: &mut OccupancyField, finds: &[Finds], steps: &Steps) -> Vec<Outcome> {
         const TOUCHES_PER_TASK: usize = 64;
         let task = BlockUpdate {
             blocks: &field.blocks,
@@ -226,7 +226,7 @@ struct BlockUpdate<'a> {
     voxels: StoreCells<'a, i8>,
     beams: &'a [Beam],
     records: &'a [u64],
-    finds: &'a Finds,
+    finds: &'a [Finds],
     settings: &'a OccupancySettings,
     steps: &'a Steps,
 }
@@ -281,7 +281,7 @@ impl BlockUpdate<'_> {
         let free = match touch.free {
             Free::None => FreeVoxels::None,
             Free::All => FreeVoxels::All,
-            Free::Mask(i) => FreeVoxels::Some(&self.finds.masks[i as usize]),
+            Free::Mask { part, mask } => FreeVoxels::Some(&self.finds[part as usize].masks[mask as usize]),
         };
         updates.begin(usize::from(self.blocks[touch.block].scale), free);
     }
