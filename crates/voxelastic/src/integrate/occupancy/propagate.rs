@@ -1,7 +1,7 @@
 //! Up-propagation (paper Sec. III-A): what an octant's ancestors know, and free space merged into the coarsest octant.
 
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::octree::{Cursor, NONE, Octant, Octree};
+use crate::octree::{Cursor, NONE, Octant, Octree, ask_for_all};
 use rayon::prelude::*;
 
 /// Octants that a scan changed, by level.
@@ -45,12 +45,12 @@ impl Touched {
             // Stable, because that makes use of the few sorted runs that there are.
             prefixes.sort();
             prefixes.dedup();
-            for (prefix, ancestor) in prefixes.iter().zip(ancestors(field, &prefixes, level)) {
-                if let Some(Ancestor { group, place, link, merged }) = ancestor {
+            for Ancestor { group, place, link, merged } in ancestors(field, &prefixes, level) {
+                if link != NONE {
                     merged.settle(&mut field.tree, link, |tree| &mut tree.siblings_mut(group)[place]);
                 }
-                self.add(prefix << (3 * level), level);
             }
+            prefixes.iter().for_each(|prefix| self.add(prefix << (3 * level), level));
         }
         let link = field.tree.root().link;
         if link != NONE && self.parents.last().is_some_and(|list| !list.is_empty()) {
@@ -59,7 +59,7 @@ impl Touched {
     }
 }
 
-/// An octant that has something below it, and what that says about it.
+/// An octant, and what the group below it, if there is one, says about it.
 #[derive(Clone, Copy, Debug)]
 struct Ancestor {
     group: u32,
@@ -69,17 +69,22 @@ struct Ancestor {
 }
 
 /// The octants of `level` (below the root's) with `prefixes`, which are sorted; looked at side by side, because most are far away in memory.
-fn ancestors(field: &OccupancyField, prefixes: &[u64], level: u32) -> Vec<Option<Ancestor>> {
+fn ancestors(field: &OccupancyField, prefixes: &[u64], level: u32) -> Vec<Ancestor> {
     /// Few enough that threads share evenly, many enough that a cursor seldom starts anew.
     const PER_TASK: usize = 512;
-    let mut all = vec![None; prefixes.len()];
+    let mut all = vec![Ancestor { group: NONE, place: 0, link: NONE, merged: Merged::Mixed(Summary::default()) }; prefixes.len()];
     all.par_chunks_mut(PER_TASK).zip(prefixes.par_chunks(PER_TASK)).for_each(|(all, prefixes)| {
         let mut cursor = Cursor::new(&field.tree);
         for (ancestor, prefix) in all.iter_mut().zip(prefixes) {
-            *ancestor = cursor.find_at(&field.tree, prefix << (3 * level), level).and_then(|(group, place)| {
-                let link = field.tree.siblings(group)[place].link;
-                (link != NONE).then(|| Ancestor { group, place, link, merged: merge(field, link) })
-            });
+            let Some((group, place)) = cursor.find_at(&field.tree, prefix << (3 * level), level) else { continue };
+            let link = field.tree.siblings(group)[place].link;
+            if link != NONE {
+                ask_for_all(&raw const *field.tree.siblings(link));
+            }
+            *ancestor = Ancestor { group, place, link, ..*ancestor };
+        }
+        for ancestor in all.iter_mut().filter(|ancestor| ancestor.link != NONE) {
+            ancestor.merged = merge(field, ancestor.link);
         }
     });
     all
