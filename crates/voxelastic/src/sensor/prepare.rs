@@ -6,6 +6,7 @@ use super::layout::Layout;
 use super::model::BeamModel;
 use super::normals::{NormalSettings, PlaneFitter};
 use crate::Cloud;
+use rayon::prelude::*;
 
 /// Ranges outside of which returns are not used, metres from the beam's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +22,9 @@ impl Default for Limits {
         Self { near: 0.5, max: 60.0 }
     }
 }
+
+/// Points that one task takes: fewer are not worth handing out.
+const PER_TASK: usize = 8192;
 
 /// The usable returns of one scan, one entry a return in all vectors, pixel by pixel (row-major) and within a pixel in the
 /// order of the cloud. Points that lost their pixel to a nearer one are there too.
@@ -78,6 +82,18 @@ pub struct Counts {
     pub outside: usize,
     /// Usable returns that a nearer one hides in the range image.
     pub hidden: usize,
+}
+
+impl Counts {
+    /// Counts those of a part of the cloud, too.
+    fn add(&mut self, part: &Self) {
+        self.usable += part.usable;
+        self.no_return += part.no_return;
+        self.too_near += part.too_near;
+        self.beyond_max += part.beyond_max;
+        self.outside += part.outside;
+        self.hidden += part.hidden;
+    }
 }
 
 /// A scan ready to be integrated.
@@ -179,14 +195,12 @@ impl Preparer {
         let has_moved = cloud.motion.as_ref().is_some_and(|motion| motion.undistort(cloud, &mut self.moved, &mut self.origins));
         let points = if has_moved { &self.moved } else { &cloud.points };
         let PreparedScan { still, beams, .. } = &mut self.scan;
-        beams.points.clear();
-        beams.points.extend(beams.source.iter().map(|&i| points[i as usize]));
+        pick(points, &beams.source, &mut beams.points);
         beams.origins.clear();
         if has_moved {
-            beams.origins.extend(beams.source.iter().map(|&i| self.origins[i as usize]));
+            pick(&self.origins, &beams.source, &mut beams.origins);
         }
-        beams.ranges.clear();
-        beams.ranges.extend(beams.source.iter().map(|&i| self.ranges[i as usize]));
+        pick(&self.ranges, &beams.source, &mut beams.ranges);
         beams.normals.clear();
         beams.roughness.clear();
         let old = still.take();
@@ -223,20 +237,29 @@ impl Preparer {
     /// Image and beam list of a cloud whose index is the pixel.
     fn fill_in_order(&mut self) {
         let PreparedScan { image, beams, counts, .. } = &mut self.scan;
-        beams.source.clear();
-        for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
-            if pixel < OUTSIDE {
-                image.ranges[i] = range;
-                image.points[i] = i as u32;
-                beams.source.push(i as u32);
-            } else {
-                count(counts, pixel);
-                if pixel == BEYOND {
-                    image.ranges[i] = f32::INFINITY;
+        let shown = (image.ranges.par_chunks_mut(PER_TASK), image.points.par_chunks_mut(PER_TASK));
+        let tasks = (self.pixels.par_chunks(PER_TASK), self.ranges.par_chunks(PER_TASK), shown.0, shown.1).into_par_iter();
+        let show = tasks.map(|(pixels, ranges, shown, points)| {
+            let mut counts = Counts::default();
+            for (((&pixel, &range), shown), point) in pixels.iter().zip(ranges).zip(shown).zip(points) {
+                if pixel < OUTSIDE {
+                    (*shown, *point) = (range, pixel);
+                    counts.usable += 1;
+                } else {
+                    count(&mut counts, pixel);
+                    *shown = if pixel == BEYOND { f32::INFINITY } else { *shown };
                 }
             }
-        }
-        counts.usable = beams.source.len();
+            counts
+        });
+        let parts: Vec<Counts> = show.collect();
+        parts.iter().for_each(|part| counts.add(part));
+        beams.source.resize(counts.usable, 0);
+        let mut rest = &mut beams.source[..];
+        let sources: Vec<&mut [u32]> = parts.iter().filter_map(|part| rest.split_off_mut(..part.usable)).collect();
+        sources.into_par_iter().zip(self.pixels.par_chunks(PER_TASK)).for_each(|(sources, pixels)| {
+            sources.iter_mut().zip(pixels.iter().filter(|pixel| **pixel < OUTSIDE)).for_each(|(source, &pixel)| *source = pixel);
+        });
         beams.pixel.clone_from(&beams.source);
     }
 
@@ -282,6 +305,11 @@ impl Preparer {
         }
         counts.hidden = counts.usable - image.points.iter().filter(|&&p| p != NO_POINT).count();
     }
+}
+
+/// Those of `all` that `which` names, side by side.
+fn pick<T: Copy + Send + Sync>(all: &[T], which: &[u32], picked: &mut Vec<T>) {
+    which.par_iter().with_min_len(PER_TASK).map(|&i| all[i as usize]).collect_into_vec(picked);
 }
 
 fn count(counts: &mut Counts, code: u32) {
