@@ -3,6 +3,9 @@
 /// Bits per axis that a key can hold.
 pub const AXIS_BITS: u32 = 21;
 
+/// The bits of a key that are of its first coordinate.
+pub const EVERY_THIRD: u64 = 0x1249_2492_4924_9249;
+
 /// Spreads the low 21 bits of `v` so that two zero bits follow each.
 #[inline(always)]
 const fn spread(v: u32) -> u64 {
@@ -11,12 +14,12 @@ const fn spread(v: u32) -> u64 {
     x = (x | x << 16) & 0x001f_0000_ff00_00ff;
     x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
     x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & 0x1249_2492_4924_9249
+    (x | x << 2) & EVERY_THIRD
 }
 
 #[inline(always)]
 const fn gather(v: u64) -> u32 {
-    let mut x = v & 0x1249_2492_4924_9249;
+    let mut x = v & EVERY_THIRD;
     x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
     x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
     x = (x | x >> 8) & 0x001f_0000_ff00_00ff;

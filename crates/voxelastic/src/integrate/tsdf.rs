@@ -189,16 +189,7 @@ impl TsdfIntegrator {
     /// Finds or makes every selected block and moves it towards the scale that fits; returns how many are new.
     fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], shaded: bool, known: &Known<'_>) -> usize {
         let block_edge = BLOCK_EDGE as f32 * self.settings.voxel;
-        let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
-        for run in &self.selection.blocks {
-            let c = block_coords(run.key);
-            low = std::array::from_fn(|k| low[k].min(c[k]));
-            high = std::array::from_fn(|k| high[k].max(c[k]));
-        }
-        if !self.selection.blocks.is_empty() {
-            field.tree.grow_to(crate::octree::block_key(low));
-            field.tree.grow_to(crate::octree::block_key(high));
-        }
+        field.tree.grow_over(self.selection.blocks.iter().map(|run| run.key));
         let found = self.find(field, rule, known, |coords| distance_to_block(coords, block_edge, sensor));
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;

@@ -133,6 +133,16 @@ mod tests {
         }
 
         #[test]
+        fn a_tree_grows_over_all_blocks_at_once_as_one_by_one(blocks in coords()) {
+            let mut tree = Octree::<u8>::default();
+            tree.grow_over(blocks.iter().map(|&c| block_key(c)));
+            let mut slow = Octree::<u8>::default();
+            blocks.iter().for_each(|&c| slow.grow_to(block_key(c)));
+            prop_assert!(blocks.iter().all(|&c| tree.covers(block_key(c))));
+            prop_assert_eq!((tree.root_level(), tree.root_key()), (slow.root_level(), slow.root_key()));
+        }
+
+        #[test]
         fn a_cursor_that_makes_octants_in_any_order_finds_them_again(blocks in coords()) {
             let mut tree = Octree::<u8>::default();
             blocks.iter().for_each(|&c| tree.grow_to(block_key(c)));

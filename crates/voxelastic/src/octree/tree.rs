@@ -1,6 +1,7 @@
 //! Octants, eight siblings contiguous, under a root that grows as the scan reaches out.
 
 use super::{Cells, NONE, Pool};
+use crate::geometry::morton;
 
 /// One cube of space: what lies below it and what the field says about all of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,6 +106,23 @@ impl<P: Copy + Default> Octree<P> {
             self.root = Octant { link: group, payload: P::default() };
             self.root_prefix >>= 3;
             self.root_level += 1;
+        }
+    }
+
+    /// Grows the root until it holds all of `keys`, and all blocks between them.
+    pub fn grow_over(&mut self, keys: impl Iterator<Item = u64>) {
+        let axes = [0, 1, 2].map(|k| morton::EVERY_THIRD << k);
+        // The bits of one axis compare as its coordinate does: no key needs to be decoded.
+        let (low, high) = keys.fold(([u64::MAX; 3], [0; 3]), |(mut low, mut high), key| {
+            for k in 0..3 {
+                low[k] = low[k].min(key & axes[k]);
+                high[k] = high[k].max(key & axes[k]);
+            }
+            (low, high)
+        });
+        if low != [u64::MAX; 3] {
+            self.grow_to(low[0] | low[1] | low[2]);
+            self.grow_to(high[0] | high[1] | high[2]);
         }
     }
 
