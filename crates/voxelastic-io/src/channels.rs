@@ -80,10 +80,24 @@ pub(crate) struct Raw {
     pub(crate) height: usize,
     pub(crate) intensity: Option<Vec<f32>>,
     pub(crate) colours: Option<Vec<[u8; 3]>>,
-    pub(crate) ring: Option<Vec<f64>>,
+    pub(crate) ring: Option<Rings>,
     pub(crate) time: Option<Vec<f64>>,
     /// The field that `time` came from.
     pub(crate) time_field: Option<(String, Scalar)>,
+}
+
+/// The rings of a cloud's points.
+pub(crate) enum Rings {
+    /// Of a type that holds ring numbers only.
+    Sure(Vec<u16>),
+    /// Of any other type.
+    Numbers(Vec<f64>),
+}
+
+impl Rings {
+    fn of(column: Column<'_>) -> Self {
+        column.to_u16().map_or_else(|| Self::Numbers(column.to_f64()), Self::Sure)
+    }
 }
 
 impl Raw {
@@ -94,7 +108,7 @@ impl Raw {
             points: record::points(roles.xyz.map(column)),
             intensity: roles.intensity.map(|k| column(k).to_f32()),
             colours: roles.colour.map(|colour| colour.read(fields, column)),
-            ring: roles.ring.map(|k| column(k).to_f64()),
+            ring: roles.ring.map(|k| Rings::of(column(k))),
             time: roles.time.map(|k| column(k).to_f64()),
             time_field: roles.time.map(|k| (fields[k].name.clone(), fields[k].scalar)),
             ..Self::default()
@@ -104,7 +118,10 @@ impl Raw {
     /// Brings the channels to the units of [`Cloud`] and refuses a cloud without a return or with absurd coordinates.
     pub(crate) fn finish(self, path: &Path) -> Result<StampedCloud> {
         check_returns(&self.points, path)?;
-        let ring = self.ring.and_then(|values| rings(&values, &self.points, path));
+        let ring = self.ring.and_then(|rings| match rings {
+            Rings::Sure(rings) => Some(rings),
+            Rings::Numbers(values) => valid_rings(&values, &self.points, path),
+        });
         let (time, stamp) = match (self.time, self.time_field) {
             (Some(values), Some((name, scalar))) => relative_times(values, &self.points, &name, scalar, path),
             _ => (None, None),
@@ -132,7 +149,7 @@ fn check_returns(points: &[[f32; 3]], path: &Path) -> Result<()> {
 }
 
 /// Ring numbers, or nothing if some return has none that a ring could have.
-fn rings(values: &[f64], points: &[[f32; 3]], path: &Path) -> Option<Vec<u16>> {
+fn valid_rings(values: &[f64], points: &[[f32; 3]], path: &Path) -> Option<Vec<u16>> {
     // A cast stops at the ends of its range, and takes what is no number for zero.
     let valid = |v: f64| f64::from(v as u16) == v;
     let mut all_valid = true;
@@ -155,17 +172,20 @@ fn rings(values: &[f64], points: &[[f32; 3]], path: &Path) -> Option<Vec<u16>> {
 fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> (Option<Vec<f32>>, Option<f64>) {
     let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
     let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return (None, None) };
-    // The first one in place of those that are not known: without a branch, because which are is as good as random.
-    let (low, high) = values.iter().zip(points).fold((first, first), |(low, high), pair| {
-        let t = if is_known(&pair) { *pair.0 } else { first };
-        (if t < low { t } else { low }, if t > high { t } else { high })
-    });
     let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
+    let unit = if is_curvature { 1e-3 } else { unit_s(scalar, first) };
+    let all = bounds(&values, first);
+    // Those of no returns may be anything: it takes longer to leave them out, and is hardly ever worth it.
+    let (low, high) = if is_curvature || (all.1 - all.0) * unit > LONGEST_SWEEP {
+        let known: Vec<f64> = values.iter().zip(points).filter(is_known).map(|(t, _)| *t).collect();
+        bounds(&known, first)
+    } else {
+        all
+    };
     // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.
     if is_curvature && low >= 0.0 && high <= 1.0 / 3.0 {
         return (None, None);
     }
-    let unit = if is_curvature { 1e-3 } else { unit_s(scalar, first) };
     if (high - low) * unit > LONGEST_SWEEP {
         tracing::warn!("{}: the times in field {name} span {:.0} s, which no sweep does: they are left out", path.display(), (high - low) * unit);
         return (None, None);
@@ -177,6 +197,23 @@ fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Sca
         (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
     };
     (Some(values.iter().map(|&t| relative(t)).collect()), stamp)
+}
+
+/// The least and the largest of the finite times and of `first`. In lanes: there are many.
+fn bounds(times: &[f64], first: f64) -> (f64, f64) {
+    const LANES: usize = 8;
+    let (whole, rest) = times.as_chunks::<LANES>();
+    let mut last = [first; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    let (mut low, mut high) = ([first; LANES], [first; LANES]);
+    for times in whole.iter().chain([&last]) {
+        for ((&t, low), high) in times.iter().zip(&mut low).zip(&mut high) {
+            let t = if t.is_finite() { t } else { first };
+            *low = if t < *low { t } else { *low };
+            *high = if t > *high { t } else { *high };
+        }
+    }
+    (low.into_iter().fold(first, f64::min), high.into_iter().fold(first, f64::max))
 }
 
 /// Seconds per unit of a time field: integers count nanoseconds, as the drivers of Ouster and Livox do; floats are
@@ -241,6 +278,20 @@ mod tests {
     }
 
     #[test]
+    fn absurd_times_of_no_returns_do_not_make_a_sweep_endless() {
+        let mut points = vec![P; 21];
+        let mut times: Vec<f64> = (0..21).map(|i| 1000.0 + f64::from(i) * 0.005).collect();
+        for k in [0, 3, 17, 20] {
+            (points[k], times[k]) = ([f32::NAN; 3], [0.0, 1e12, -1e12, f64::INFINITY][k % 4]);
+        }
+        let read = raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap();
+        let t = read.cloud.time.unwrap();
+        assert!((1..20).filter(|k| ![3, 17].contains(k)).all(|k| (f64::from(t[k]) - (k as f64 - 1.0) * 0.005).abs() < 1e-6), "{t:?}");
+        times[19] = 2000.0;
+        assert!(raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap().cloud.time.is_none());
+    }
+
+    #[test]
     fn a_curvature_and_an_endless_sweep_are_not_times() {
         assert!(raw(&[P, P], "curvature", Scalar::F32, &[0.01, 0.2]).finish(Path::new("a")).unwrap().cloud.time.is_none());
         assert!(raw(&[P, P], "time", Scalar::F32, &[0.0, 1e8]).finish(Path::new("a")).unwrap().cloud.time.is_none());
@@ -248,7 +299,8 @@ mod tests {
 
     #[test]
     fn rings_that_are_none_are_left_out() {
-        let with = |ring: &[f64]| Raw { points: vec![P, [f32::NAN; 3]], width: 2, height: 1, ring: Some(ring.to_vec()), ..Raw::default() };
+        let with =
+            |ring: &[f64]| Raw { points: vec![P, [f32::NAN; 3]], width: 2, height: 1, ring: Some(Rings::Numbers(ring.to_vec())), ..Raw::default() };
         assert_eq!(with(&[63.0, -1.0]).finish(Path::new("a")).unwrap().cloud.ring, Some(vec![63, 0]));
         assert_eq!(with(&[0.5, 1.0]).finish(Path::new("a")).unwrap().cloud.ring, None);
         assert_eq!(with(&[70000.0, 1.0]).finish(Path::new("a")).unwrap().cloud.ring, None);

@@ -86,6 +86,15 @@ impl Column<'_> {
         self.convert(|v| v)
     }
 
+    /// The numbers of a type that holds no others than these.
+    pub(crate) fn to_u16(self) -> Option<Vec<u16>> {
+        match self.scalar {
+            Scalar::U8 => Some(self.each(|b| u8::from_le_bytes(b).into())),
+            Scalar::U16 => Some(self.each(u16::from_le_bytes)),
+            _ => None,
+        }
+    }
+
     fn convert<T>(self, f: impl Fn(f64) -> T + Copy) -> Vec<T> {
         match self.scalar {
             Scalar::I8 => self.each(|b| f(i8::from_le_bytes(b).into())),
@@ -160,6 +169,8 @@ mod tests {
                 let column = Column { bytes: &bytes, stride: record.len(), len: 3, scalar, big_endian };
                 assert_eq!(column.to_f64(), [value; 3], "{}", scalar.name());
                 assert_eq!(column.to_f32(), [value as f32; 3]);
+                assert!(column.to_u16().is_none_or(|numbers| numbers == [value as u16; 3]));
+                assert_eq!(column.to_u16().is_some(), matches!(scalar, Scalar::U8 | Scalar::U16));
             }
         }
     }
