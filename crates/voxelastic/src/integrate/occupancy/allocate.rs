@@ -3,7 +3,7 @@
 //! Most of what a scan meets is there already. Threads deal with that side by side, and leave what has to be made to one of them: making changes
 //! the tree.
 
-use super::found::{Finds, Found, Spot, What};
+use super::found::{Finds, Found, Spot, Stretch, What};
 use super::model::Steps;
 use super::propagate::Touched;
 use crate::field::occupancy::{OccupancyField, Summary};
@@ -30,9 +30,9 @@ pub(super) struct Touch {
 pub(super) enum Free {
     None,
     All,
-    /// Some voxels, by the part of the finds and the number of its mask.
+    /// Some voxels, by the heap and the number of the mask on it.
     Mask {
-        part: u32,
+        heap: u32,
         mask: u32,
     },
 }
@@ -98,10 +98,12 @@ pub(super) struct Touches {
     runs: Runs,
     /// Place in `list` of each block id, if it was made for what the descent found of it.
     made: Vec<u32>,
+    /// Memory of tasks.
+    shares: Vec<Share>,
 }
 
-/// What a thread dealt with, and what it left, with the part that it is of.
-#[derive(Default)]
+/// What a task dealt with, and what it left, with the heap that it is on.
+#[derive(Clone, Debug, Default)]
 struct Share {
     touched: Touched,
     touches: Vec<Touch>,
@@ -140,18 +142,19 @@ impl Touches {
 
     /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels: those found, and those selected, which were
     /// [looked up](Self::look_up). Returns the octants that changed.
-    pub fn allocate(&mut self, field: &mut OccupancyField, finds: &[Finds], selected: &[BlockBeams], steps: &Steps) -> Touched {
+    pub fn allocate(&mut self, field: &mut OccupancyField, finds: &Finds, selected: &[BlockBeams], steps: &Steps) -> Touched {
         let mut touched = Touched::default();
         self.list.clear();
-        let shares = self.meet(field, finds, selected, steps);
-        for share in &shares {
+        let mut shares = std::mem::take(&mut self.shares);
+        let parts = self.meet(field, finds, selected, steps, &mut shares);
+        for share in &shares[..parts] {
             touched.append(&share.touched);
             self.list.extend_from_slice(&share.touches);
         }
         let mut cursor = Cursor::new(&field.tree);
-        for (part, found) in shares.iter().flat_map(|share| &share.left) {
+        for (heap, found) in shares[..parts].iter().flat_map(|share| &share.left) {
             let at = Spot::new(cursor.make_at(&mut field.tree, found.key, found.level()));
-            let Some((scale, free)) = found.needs(*part) else {
+            let Some((scale, free)) = found.needs(*heap) else {
                 let octant = &mut field.tree.siblings_mut(at.group)[at.place()];
                 octant.payload = learn(octant.payload, steps);
                 touched.add(found.key, found.level());
@@ -175,26 +178,25 @@ impl Touches {
                 None => self.list.push(Touch::new(block, at, Free::None, Some(beams))),
             }
         }
-        for touches in self.rest(selected) {
-            self.list.extend_from_slice(&touches);
-        }
+        let parts = self.rest(selected, &mut shares);
+        shares[..parts].iter().for_each(|share| self.list.extend_from_slice(&share.touches));
+        self.shares = shares;
         touched
     }
 
-    /// Deals with what was found that is there.
+    /// Deals with what was found that is there; returns how many `shares` that makes.
     #[allow(unsafe_code)]
-    fn meet(&self, field: &mut OccupancyField, finds: &[Finds], selected: &[BlockBeams], steps: &Steps) -> Vec<Share> {
-        /// As for [`PER_TASK`]; a part has some sixty finds.
-        const PARTS_PER_TASK: usize = 32;
+    fn meet(&self, field: &mut OccupancyField, finds: &Finds, selected: &[BlockBeams], steps: &Steps, shares: &mut Vec<Share>) -> usize {
+        /// As for [`PER_TASK`]; a stretch has some sixty finds.
+        const STRETCHES_PER_TASK: usize = 32;
         /// How many octants and blocks ahead one is asked for.
         const AHEAD: usize = 8;
         let (octants, blocks) = (field.tree.cells(), &field.blocks);
-        let meet = |(chunk, parts): (usize, &[Finds])| {
-            let numbered = parts.iter().zip(chunk as u32 * PARTS_PER_TASK as u32..);
-            let all = numbered.flat_map(|(finds, part)| finds.found.iter().map(move |found| (part, found)));
+        let meet = |(stretches, share): (&[Stretch], &mut Share)| {
+            let all = stretches.iter().flat_map(|stretch| finds.of(stretch).iter().map(|found| (stretch.heap, found)));
             let mut ahead = all.clone().skip(AHEAD);
-            let mut share = Share::default();
-            for (part, one) in all {
+            share.clear();
+            for (heap, one) in all {
                 match ahead.next().map(|(_, next)| next) {
                     Some(next) if next.block != NONE => {
                         prefetch(&raw const blocks[next.block]);
@@ -203,7 +205,7 @@ impl Touches {
                     Some(next) if !next.at.is_nowhere() => prefetch(next.at.within(&octants).address()),
                     _ => {}
                 }
-                match one.needs(part) {
+                match one.needs(heap) {
                     None if !one.at.is_nowhere() => {
                         // SAFETY: an octant is found once, and of a group only that one octant is referred to.
                         let octant = unsafe { one.at.within(&octants).get() };
@@ -216,25 +218,30 @@ impl Touches {
                             share.touches.push(Touch::new(one.block, one.at, free, selected.get(run)));
                             self.runs.set(one.block, NONE);
                         } else {
-                            share.left.push((part, *one));
+                            share.left.push((heap, *one));
                         }
                     }
-                    _ => share.left.push((part, *one)),
+                    _ => share.left.push((heap, *one)),
                 }
             }
-            share
         };
-        finds.par_chunks(PARTS_PER_TASK).enumerate().map(meet).collect()
+        let parts = share_out(shares, finds.stretches.len(), STRETCHES_PER_TASK);
+        finds.stretches.par_chunks(STRETCHES_PER_TASK).zip(parts.par_iter_mut()).for_each(meet);
+        parts.len()
     }
 
-    /// The selected blocks that are there and of which nothing was found.
-    fn rest(&self, selected: &[BlockBeams]) -> Vec<Vec<Touch>> {
+    /// The selected blocks that are there and of which nothing was found; returns how many `shares` that makes.
+    fn rest(&self, selected: &[BlockBeams], shares: &mut Vec<Share>) -> usize {
         let touch = |(wanted, beams): (&Wanted, &BlockBeams)| {
             let is_left = wanted.is_there && self.runs.take(wanted.block) != NONE;
             is_left.then(|| Touch::new(wanted.block, wanted.at, Free::None, Some(beams)))
         };
-        let chunks = self.wanted.par_chunks(PER_TASK).zip(selected.par_chunks(PER_TASK));
-        chunks.map(|(wanted, selected)| wanted.iter().zip(selected).filter_map(touch).collect()).collect()
+        let parts = share_out(shares, self.wanted.len(), PER_TASK);
+        self.wanted.par_chunks(PER_TASK).zip(selected.par_chunks(PER_TASK)).zip(parts.par_iter_mut()).for_each(|((wanted, selected), share)| {
+            share.touches.clear();
+            share.touches.extend(wanted.iter().zip(selected).filter_map(touch));
+        });
+        parts.len()
     }
 
     /// Place in the list of a block that was made, whatever it is so far.
@@ -248,6 +255,23 @@ impl Touches {
     }
 }
 
+impl Share {
+    fn clear(&mut self) {
+        self.touched.clear();
+        self.touches.clear();
+        self.left.clear();
+    }
+}
+
+/// As many shares as tasks that do `each` of `all`.
+fn share_out(shares: &mut Vec<Share>, all: usize, each: usize) -> &mut [Share] {
+    let parts = all.div_ceil(each);
+    if shares.len() < parts {
+        shares.resize_with(parts, Share::default);
+    }
+    &mut shares[..parts]
+}
+
 impl Touch {
     #[inline(always)]
     fn new(block: u32, at: Spot, free: Free, beams: Option<&BlockBeams>) -> Self {
@@ -257,13 +281,13 @@ impl Touch {
 }
 
 impl Found {
-    /// The coarsest scale that a block must have for what was found of it, which is of `part`; nothing of octants that need no block.
+    /// The coarsest scale that a block must have for what was found of it, which is on `heap`; nothing of octants that need no block.
     #[inline(always)]
-    fn needs(&self, part: u32) -> Option<(usize, Free)> {
+    fn needs(&self, heap: u32) -> Option<(usize, Free)> {
         match self.what {
             What::Octant { .. } => None,
             What::Block => Some((SCALES - 1, Free::All)),
-            What::Voxels { mask, scale } => Some((scale.into(), Free::Mask { part, mask })),
+            What::Voxels { mask, scale } => Some((scale.into(), Free::Mask { heap, mask })),
         }
     }
 }

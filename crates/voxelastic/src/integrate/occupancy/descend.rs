@@ -4,13 +4,14 @@
 //! next smaller ones, so that many are looked at together; what it finds is a list of [`Found`] in Morton order. It stops at octants that are free, that hold nothing free, that are saturated free already (surfaces come from
 //! beam walks, so another look could teach nothing there), or that are no larger than the beams' spacing.
 
-use super::found::{Finds, Found, Mask, Spot, What, coarsest_scale, note};
+use super::found::{Finds, Found, Heap, Mask, Spot, Stretch, What, coarsest_scale, note};
 use super::model::{OccupancySettings, Steps};
 use super::sight::{Classes, Scratch, Sight, bits};
 use crate::field::occupancy::{OccupancyField, Summary};
 use crate::octree::{BLOCK_EDGE, NONE, ask_for_all, block_coords};
 use rayon::prelude::*;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 // Where nothing was seen nearby there is no surface to be told apart from, so free space may end roughly there.
 /// Cubes of blocks at the rim of the field of view are refined while they are wider than this many beams ...
@@ -118,9 +119,9 @@ struct Inner {
     beams: f32,
 }
 
-/// Memory of a descent: cubes of one size and what is seen of their children.
+/// Memory of a thread that descends, kept from scan to scan: cubes of one size and what is seen of their children.
 #[derive(Clone, Debug)]
-struct Memory {
+pub(super) struct Memory {
     scratch: Scratch,
     centres: Vec<[f32; 3]>,
     classes: Vec<Classes>,
@@ -151,8 +152,8 @@ impl Memory {
 }
 
 impl Descent<'_> {
-    /// Finds the free octants of the field, which covers everything within the scan's reach; by parts of the tree, in Morton order.
-    pub fn run(&self) -> Vec<Finds> {
+    /// Finds the free octants of the field, which covers everything within the scan's reach.
+    pub fn run(&self, memories: &mut Vec<Box<Memory>>, finds: &mut Finds) {
         let tree = &self.field.tree;
         let root = Cube {
             key: tree.root_key(),
@@ -165,30 +166,37 @@ impl Descent<'_> {
             crossed: false,
             coarse: 0,
         };
-        let subtrees = self.subtrees(root);
-        // Memory is handed on from subtree to subtree: each may be taken by another thread, because they are not equal work.
-        let spare: Mutex<Vec<Box<Memory>>> = Mutex::default();
+        let subtrees = self.subtrees(root, memories);
+        finds.heaps.resize_with(memories.len(), Heap::default);
+        finds.heaps.iter_mut().for_each(Heap::clear);
+        // Handed on from subtree to subtree: each may be taken by another thread, because they are not equal work.
+        let made = AtomicU32::new(memories.len() as u32);
+        let spare = Mutex::new((0..).zip(memories.drain(..).zip(finds.heaps.drain(..))).collect::<Vec<_>>());
         let descend = |&root: &Cube| {
-            let known = spare.lock().ok().and_then(|mut spare| spare.pop());
-            let mut memory = known.unwrap_or_else(|| Box::new(Memory::new()));
-            let mut finds = Finds::default();
-            self.descend(root, &mut memory, &mut finds);
-            if let Ok(mut spare) = spare.lock() {
-                spare.push(memory);
-            }
-            finds
+            let known = open(&spare).pop();
+            let make = || (made.fetch_add(1, Ordering::Relaxed), (Box::new(Memory::new()), Heap::default()));
+            let (number, (mut memory, mut heap)) = known.unwrap_or_else(make);
+            let start = heap.found.len() as u32;
+            self.descend(root, &mut memory, &mut heap);
+            let end = heap.found.len() as u32;
+            open(&spare).push((number, (memory, heap)));
+            Stretch { heap: number, start, end }
         };
-        subtrees.par_iter().with_max_len(1).map(descend).collect()
+        subtrees.par_iter().with_max_len(1).map(descend).collect_into_vec(&mut finds.stretches);
+        let mut all = std::mem::take(&mut *open(&spare));
+        all.sort_unstable_by_key(|(number, _)| *number);
+        (*memories, finds.heaps) = all.into_iter().map(|(_, both)| both).unzip();
     }
 
     /// The tree cut into shares for threads.
-    fn subtrees(&self, root: Cube) -> Vec<Cube> {
-        let mut memory = Memory::new();
+    fn subtrees(&self, root: Cube, memories: &mut Vec<Box<Memory>>) -> Vec<Cube> {
+        let mut memory = memories.pop().unwrap_or_else(|| Box::new(Memory::new()));
         let mut subtrees = vec![root];
         loop {
             // All of them are equally large: the smaller ones of earlier rounds are little enough work.
             let large: Vec<Cube> = subtrees.iter().copied().filter(|cube| self.is_too_much_work(cube)).collect();
             if large.is_empty() {
+                memories.push(memory);
                 return subtrees;
             }
             self.look(&large, &mut memory);
@@ -264,37 +272,39 @@ impl Descent<'_> {
     }
 
     /// Finds what is free below `root`, all cubes of one size after the other.
-    fn descend(&self, root: Cube, memory: &mut Memory, finds: &mut Finds) {
+    fn descend(&self, root: Cube, memory: &mut Memory, heap: &mut Heap) {
+        let start = heap.found.len();
         memory.cubes.clear();
         memory.inner.clear();
-        self.sort_out(root, memory, finds);
+        self.sort_out(root, memory, heap);
         std::mem::swap(&mut memory.cubes, &mut memory.children);
         while !memory.cubes.is_empty() {
             let cubes = std::mem::take(&mut memory.cubes);
             self.look(&cubes, memory);
-            finds.visited += 8 * cubes.len();
+            heap.visited += 8 * cubes.len();
             let classes = std::mem::take(&mut memory.classes);
             for (i, (cube, classes)) in cubes.iter().zip(&classes).enumerate() {
                 self.ask_for(cubes.get(i + AHEAD));
-                self.open(cube, classes, |child| self.sort_out(child, memory, finds));
+                self.open(cube, classes, |child| self.sort_out(child, memory, heap));
             }
             (memory.cubes, memory.classes) = (cubes, classes);
             memory.cubes.clear();
             std::mem::swap(&mut memory.cubes, &mut memory.children);
         }
-        self.look_into_blocks(memory, finds);
+        self.look_into_blocks(memory, heap);
         // Lists by size become one in Morton order.
-        finds.found.sort_by_key(|found| found.key);
-        finds.octants = finds.found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count();
+        let found = &mut heap.found[start..];
+        found.sort_unstable_by_key(|found| found.key);
+        heap.octants += found.iter().filter(|found| matches!(found.what, What::Octant { .. })).count();
     }
 
     /// Notes all that is free of a free cube, or where to look on.
-    fn sort_out(&self, cube: Cube, memory: &mut Memory, finds: &mut Finds) {
+    fn sort_out(&self, cube: Cube, memory: &mut Memory, heap: &mut Heap) {
         if !cube.free {
             if cube.level > 0 {
                 memory.children.push(cube);
             } else {
-                self.enter(cube, memory, finds);
+                self.enter(cube, memory, heap);
             }
             return;
         }
@@ -302,9 +312,9 @@ impl Descent<'_> {
         stack.push(cube);
         while let Some(cube) = stack.pop() {
             if cube.link == NONE {
-                finds.found.push(cube.found(What::Octant { level: cube.level }));
+                heap.found.push(cube.found(What::Octant { level: cube.level }));
             } else if cube.level == 0 {
-                finds.found.push(cube.found(What::Block));
+                heap.found.push(cube.found(What::Block));
             } else {
                 self.open(&cube, &Classes::default(), |child| stack.push(child));
             }
@@ -312,14 +322,14 @@ impl Descent<'_> {
     }
 
     /// Whether to look for free voxels in a block of which only a part may be free.
-    fn enter(&self, block: Cube, memory: &mut Memory, finds: &mut Finds) {
+    fn enter(&self, block: Cube, memory: &mut Memory, heap: &mut Heap) {
         let (centre, half) = self.place(&block);
         let range = self.sight.range(centre);
         let finest = self.finest_free_scale(range);
         let beams = half / (self.sight.spacing() * range);
         if finest > 2 || 2.0 * beams < f32::from(block.coarse) {
             if block.crossed {
-                finds.found.push(block.whole());
+                heap.found.push(block.whole());
             }
             return;
         }
@@ -329,7 +339,7 @@ impl Descent<'_> {
     /// Looks for free voxels in blocks: three scales down, or as far as beams tell apart.
     ///
     /// A small cube that is not looked into is free if a beam crossed it, whatever the beams without return might have met.
-    fn look_into_blocks(&self, memory: &mut Memory, finds: &mut Finds) {
+    fn look_into_blocks(&self, memory: &mut Memory, heap: &mut Heap) {
         let Memory { scratch, centres, smaller_centres, classes, inner, parts, smaller, .. } = memory;
         let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel;
         parts.clear();
@@ -341,7 +351,7 @@ impl Descent<'_> {
         for depth in 0..3usize {
             let half = half / (1 << depth) as f32;
             self.sight.classify(centres, half, scratch, classes);
-            finds.visited += 8 * parts.len();
+            heap.visited += 8 * parts.len();
             smaller.clear();
             smaller_centres.clear();
             for ((part, classes), &centre) in parts.iter().zip(classes.iter()).zip(centres.iter()) {
@@ -361,10 +371,10 @@ impl Descent<'_> {
         }
         for Inner { block, mask, .. } in inner.iter() {
             if *mask == [u64::MAX; 8] {
-                finds.found.push(block.whole());
+                heap.found.push(block.whole());
             } else if *mask != [0; 8] {
-                finds.found.push(block.found(What::Voxels { mask: finds.masks.len() as u32, scale: coarsest_scale(mask) }));
-                finds.masks.push(*mask);
+                heap.found.push(block.found(What::Voxels { mask: heap.masks.len() as u32, scale: coarsest_scale(mask) }));
+                heap.masks.push(*mask);
             }
         }
     }
@@ -376,6 +386,11 @@ impl Descent<'_> {
         let voxels = range * self.sight.spacing() / self.settings.voxel;
         usize::from(voxels > 1.0) + usize::from(voxels > 2.0) + usize::from(voxels > 4.0)
     }
+}
+
+/// What threads hand on to each other; should one of them panic, that is told elsewhere.
+fn open<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Centre of the i-th of the eight cubes that make up the cube of edge `2 * half` around `centre`.

@@ -70,15 +70,47 @@ impl Found {
     }
 }
 
-/// What a descent found in one part of the tree, in Morton order. The parts are not joined: that would be a copy of megabytes.
+/// What a descent found: threads put it on heaps, each on its own, and parts of the tree are stretches of them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Finds {
+    pub heaps: Vec<Heap>,
+    /// In Morton order. They are not joined: that would be a copy of megabytes.
+    pub stretches: Vec<Stretch>,
+}
+
+/// What one thread found, one part of the tree after the other.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Heap {
     pub found: Vec<Found>,
     pub masks: Vec<Mask>,
     /// How many uniform octants there are.
     pub octants: usize,
     /// Cubes held against the pyramid, voxels of blocks included.
     pub visited: usize,
+}
+
+/// What was found in one part of the tree: the number of the heap, and where on it that is. In Morton order.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stretch {
+    pub heap: u32,
+    pub start: u32,
+    pub end: u32,
+}
+
+impl Finds {
+    /// What was found in one part of the tree.
+    #[inline(always)]
+    pub fn of(&self, stretch: &Stretch) -> &[Found] {
+        &self.heaps[stretch.heap as usize].found[stretch.start as usize..stretch.end as usize]
+    }
+}
+
+impl Heap {
+    pub fn clear(&mut self) {
+        self.found.clear();
+        self.masks.clear();
+        (self.octants, self.visited) = (0, 0);
+    }
 }
 
 /// Marks the `place`-th cube of a block as free: of its quarters, pairs or voxels, by depth.

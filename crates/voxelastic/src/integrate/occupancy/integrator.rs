@@ -6,7 +6,7 @@
 
 use super::allocate::{Free, Touch, Touches};
 use super::apply::{Formation, FreeVoxels, Outcome, Place, Updates};
-use super::descend::Descent;
+use super::descend::{Descent, Memory};
 use super::found::Finds;
 use super::model::{Evidence, OccupancySettings, Steps};
 use super::propagate::Touched;
@@ -64,6 +64,9 @@ pub struct OccupancyIntegrator {
     beams: Vec<Beam>,
     selection: Selection,
     touches: Touches,
+    memories: Vec<Box<Memory>>,
+    finds: Finds,
+    outcomes: Vec<Outcome>,
 }
 
 /// Blocks finer than this are not coarsened again: detail once seen stays.
@@ -72,7 +75,16 @@ const KEEP_DETAIL: f32 = f32::INFINITY;
 impl OccupancyIntegrator {
     /// An integrator for scans of `model`.
     pub fn new(settings: OccupancySettings, model: &BeamModel) -> Self {
-        Self { settings, visibility: Visibility::new(model), beams: Vec::new(), selection: Selection::default(), touches: Touches::default() }
+        Self {
+            settings,
+            visibility: Visibility::new(model),
+            beams: Vec::new(),
+            selection: Selection::default(),
+            touches: Touches::default(),
+            memories: Vec::new(),
+            finds: Finds::default(),
+            outcomes: Vec::new(),
+        }
     }
 
     /// Integrates one scan taken at `t_submap_lidar`: free space from its image, surfaces from its returns. `fill` says that
@@ -93,12 +105,12 @@ impl OccupancyIntegrator {
 
         let reach = self.cover(field, t_submap_lidar.translation);
         let sensor = t_submap_lidar.translation.map(|c| c / settings.voxel);
-        let Self { visibility, selection, beams, touches, .. } = self;
+        let Self { visibility, selection, beams, touches, memories, finds, .. } = self;
         let descend = || {
             let ((), see) = timed(|| visibility.build(image, settings.max_range, settings.clear_no_return, fill));
             let sight = Sight::new(visibility, &settings, t_submap_lidar);
-            let (finds, descend) = timed(|| Descent { field, sight, settings: &settings, steps }.run());
-            (finds, see, descend)
+            let ((), descend) = timed(|| Descent { field, sight, settings: &settings, steps }.run(memories, finds));
+            (see, descend)
         };
         let select = || {
             /// Fewer beams are not worth a second thread.
@@ -120,23 +132,23 @@ impl OccupancyIntegrator {
             (see, select)
         };
         // Neither needs the other, and both have parts that leave threads idle.
-        let ((finds, see, descend), (transform, select)) = rayon::join(descend, select);
+        let ((see, descend), (transform, select)) = rayon::join(descend, select);
 
         let selected = Instant::now();
-        let mut touched = self.touches.allocate(field, &finds, &self.selection.blocks, &steps);
+        let mut touched = self.touches.allocate(field, &self.finds, &self.selection.blocks, &steps);
         let allocated = Instant::now();
 
-        let outcomes = self.update(field, &finds, &steps);
+        self.update(field, &steps);
         let updated = Instant::now();
 
-        self.settle(field, &outcomes, &mut touched);
+        self.settle(field, &mut touched);
         touched.propagate(field);
         let done = Instant::now();
 
         OccupancyStats {
             beams: self.beams.len(),
-            visited: finds.iter().map(|part| part.visited).sum(),
-            free_octants: finds.iter().map(|part| part.octants).sum(),
+            visited: self.finds.heaps.iter().map(|heap| heap.visited).sum(),
+            free_octants: self.finds.heaps.iter().map(|heap| heap.octants).sum(),
             blocks: self.touches.list.len(),
             phases: OccupancyPhases {
                 see: see + transform,
@@ -161,26 +173,26 @@ impl OccupancyIntegrator {
         reach
     }
 
-    fn update(&mut self, field: &mut OccupancyField, finds: &[Finds], steps: &Steps) -> Vec<Outcome> {
+    fn update(&mut self, field: &mut OccupancyField, steps: &Steps) {
         const TOUCHES_PER_TASK: usize = 64;
         let task = BlockUpdate {
             blocks: &field.blocks,
             voxels: field.voxels.cells(),
             beams: &self.beams,
             records: &self.selection.records,
-            finds,
+            finds: &self.finds,
             settings: &self.settings,
             steps,
         };
-        let mut outcomes = vec![Outcome::default(); self.touches.list.len()];
-        let shares = self.touches.list.par_chunks(TOUCHES_PER_TASK).zip(outcomes.par_chunks_mut(TOUCHES_PER_TASK));
+        self.outcomes.clear();
+        self.outcomes.resize(self.touches.list.len(), Outcome::default());
+        let shares = self.touches.list.par_chunks(TOUCHES_PER_TASK).zip(self.outcomes.par_chunks_mut(TOUCHES_PER_TASK));
         shares.with_max_len(1).for_each(|(touches, outcomes)| dispatch(Share { touches, outcomes, task: &task }));
-        outcomes
     }
 
     /// Writes each block's outcome to its octant; a block that became uniform gives its voxels back.
     #[allow(unsafe_code)]
-    fn settle(&self, field: &mut OccupancyField, outcomes: &[Outcome], touched: &mut Touched) {
+    fn settle(&self, field: &mut OccupancyField, touched: &mut Touched) {
         /// Few enough that threads share evenly, many enough that what they note is quickly joined.
         const PER_TASK: usize = 4096;
         /// How many blocks ahead a head and an octant are asked for.
@@ -206,7 +218,7 @@ impl OccupancyIntegrator {
             }
             (touched, uniform)
         };
-        let parts: Vec<(Touched, Vec<u32>)> = self.touches.list.par_chunks(PER_TASK).zip(outcomes.par_chunks(PER_TASK)).map(settle).collect();
+        let parts: Vec<(Touched, Vec<u32>)> = self.touches.list.par_chunks(PER_TASK).zip(self.outcomes.par_chunks(PER_TASK)).map(settle).collect();
         for (part, uniform) in parts {
             touched.append(&part);
             uniform.into_iter().for_each(|block| field.remove(block));
@@ -226,7 +238,7 @@ struct BlockUpdate<'a> {
     voxels: StoreCells<'a, i8>,
     beams: &'a [Beam],
     records: &'a [u64],
-    finds: &'a [Finds],
+    finds: &'a Finds,
     settings: &'a OccupancySettings,
     steps: &'a Steps,
 }
@@ -281,7 +293,7 @@ impl BlockUpdate<'_> {
         let free = match touch.free {
             Free::None => FreeVoxels::None,
             Free::All => FreeVoxels::All,
-            Free::Mask { part, mask } => FreeVoxels::Some(&self.finds[part as usize].masks[mask as usize]),
+            Free::Mask { heap, mask } => FreeVoxels::Some(&self.finds.heaps[heap as usize].masks[mask as usize]),
         };
         updates.begin(usize::from(self.blocks[touch.block].scale), free);
     }

@@ -27,6 +27,11 @@ impl Touched {
         }
     }
 
+    /// Forgets everything, but not the room for it.
+    pub fn clear(&mut self) {
+        self.parents.iter_mut().for_each(Vec::clear);
+    }
+
     /// Notes what `others` noted.
     pub fn append(&mut self, others: &Self) {
         let levels = self.parents.len().max(others.parents.len());
