@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
-use voxelastic::mapper::{MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
+use voxelastic::mapper::{Chore, MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
 use voxelastic_eval::Spread;
 use voxelastic_report::RunLog;
 
@@ -33,6 +33,13 @@ impl Session {
     /// Mapping with `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
         Self { mapper, pool, recorder: Recorder::default() }
+    }
+
+    /// Gives threads something to do that would have nothing to do otherwise, if there are any.
+    pub fn in_spare_time(&mut self, chore: impl FnOnce() -> Chore) {
+        if self.pool.current_num_threads() > 1 {
+            self.mapper.set_chore(chore());
+        }
     }
 
     /// Takes an event; a scan that was integrated gives a report.

@@ -54,6 +54,7 @@ pub mod pcd;
 mod playback;
 pub mod ply;
 pub mod poses;
+mod read_ahead;
 mod record;
 pub mod source;
 pub mod store;

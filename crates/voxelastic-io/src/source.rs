@@ -1,6 +1,6 @@
 //! Scans and poses from wherever they are: a folder or a recording.
 
-use crate::bag::{self, Recording};
+use crate::bag::{self, Recording, RecordingEvents};
 use crate::dataset::{self, Dataset};
 use crate::{CloudFormat, OpenOptions, Result};
 use std::collections::HashMap;
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId};
-use voxelastic::mapper::ScanSource;
+use voxelastic::mapper::{Chore, ScanSource};
 use voxelastic::sensor::BeamModel;
 
 /// A registered cloud list that can be read as [`Event`]s.
@@ -104,10 +104,10 @@ impl Source {
     }
 
     /// The registered cloud list.
-    pub fn events(&self) -> Box<dyn Iterator<Item = Result<Event>>> {
+    pub fn events(&self) -> Events {
         match self {
-            Self::Folder(folder) => Box::new(folder.events()),
-            Self::Recording(recording) => Box::new(recording.events()),
+            Self::Folder(folder) => Events::Folder(Box::new(folder.events())),
+            Self::Recording(recording) => Events::Recording(recording.events()),
         }
     }
 
@@ -118,6 +118,37 @@ impl Source {
                 Box::new(Files { places: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: (**folder).clone() })
             }
             Self::Recording(recording) => Box::new(recording.clouds()),
+        }
+    }
+}
+
+/// Iterator over the events of a [`Source`], read ahead by a thread of its own, or in spare time.
+#[derive(Debug)]
+pub enum Events {
+    /// Those of a folder.
+    Folder(Box<dataset::Events>),
+    /// Those of a recording.
+    Recording(RecordingEvents),
+}
+
+impl Events {
+    /// Reading on, for threads with time to spare: see [`Mapper::set_chore`](voxelastic::mapper::Mapper::set_chore). Once it is taken, there is no
+    /// thread that reads ahead.
+    pub fn chore(&mut self) -> Chore {
+        match self {
+            Self::Folder(events) => events.chore(),
+            Self::Recording(events) => events.chore(),
+        }
+    }
+}
+
+impl Iterator for Events {
+    type Item = Result<Event>;
+
+    fn next(&mut self) -> Option<Result<Event>> {
+        match self {
+            Self::Folder(events) => events.next(),
+            Self::Recording(events) => events.next(),
         }
     }
 }

@@ -207,7 +207,9 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         Ok(())
     };
     let mut corrector = args.elastic.corrector();
-    for event in source.events() {
+    let mut events = source.events();
+    session.in_spare_time(|| events.chore());
+    for event in events {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
         match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event, session)) {

@@ -41,19 +41,18 @@ pub use survey::TopicSummary;
 use crate::dataset::{Edges, Every, Picker, ScanEntry};
 use crate::ouster::{self, CaptureTape};
 use crate::playback::{Corrections, Ledger, OpenTape, Player, PlayerOptions, Poses, Reread, Selection, Tape, Track, read_track};
+use crate::read_ahead::ReadAhead;
 use crate::{Error, OpenOptions, Result, g2o, poses};
 use choose::Choice;
 use messages::Role;
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, sync_channel};
-use std::thread;
+use std::{fmt, iter};
 use survey::Survey;
 use tape::{BagTape, Listen};
 use voxelastic::event::Event;
-use voxelastic::mapper::ScanSource;
+use voxelastic::mapper::{Chore, ScanSource};
 use voxelastic::sensor::BeamModel;
 
 /// Keyframes of a recording if nothing else is asked for, metres of travel: the paper's (Sec. V).
@@ -334,23 +333,16 @@ impl Recording {
         (last > first && now > 0.0).then(|| ((now - first) / (last - first)).clamp(0.0, 1.0))
     }
 
-    /// The registered cloud list, played from the beginning on a thread of its own, a few events ahead.
+    /// The registered cloud list, played from the beginning, a few events ahead.
     pub fn events(&self) -> RecordingEvents {
-        let (sender, events) = sync_channel(AHEAD);
         let (open, options) = (self.tape(), self.player_options());
-        let play = move || {
-            let tape = match open() {
-                Ok(tape) => tape,
-                Err(error) => return drop(sender.send(Err(error))),
-            };
-            for event in Player::new(tape, options) {
-                if sender.send(event).is_err() {
-                    return; // nobody listens any more
-                }
+        let play = move || -> Box<dyn Iterator<Item = Result<Event>> + Send> {
+            match open() {
+                Ok(tape) => Box::new(Player::new(tape, options)),
+                Err(error) => Box::new(iter::once(Err(error))),
             }
         };
-        let failed = thread::Builder::new().name("voxelastic-play".into()).spawn(play).err();
-        RecordingEvents { events, failed: failed.map(|e| Error::io(&self.path, "start playing", e)) }
+        RecordingEvents(ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten()))
     }
 
     /// Reads clouds again that [`events`](Self::events) delivered.
@@ -411,18 +403,19 @@ fn read_nodes(graph: &Path, poses_path: &Path, options: &OpenOptions) -> Result<
 
 /// Iterator over the events of a [`Recording`].
 #[derive(Debug)]
-pub struct RecordingEvents {
-    events: Receiver<Result<Event>>,
-    failed: Option<Error>,
+pub struct RecordingEvents(ReadAhead<Result<Event>>);
+
+impl RecordingEvents {
+    /// Playing on to the next event, for threads with time to spare. Once it is taken, there is no thread that plays.
+    pub fn chore(&mut self) -> Chore {
+        self.0.chore()
+    }
 }
 
 impl Iterator for RecordingEvents {
     type Item = Result<Event>;
 
     fn next(&mut self) -> Option<Result<Event>> {
-        if let Some(error) = self.failed.take() {
-            return Some(Err(error));
-        }
-        self.events.recv().ok()
+        self.0.next()
     }
 }

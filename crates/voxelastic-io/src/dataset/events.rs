@@ -1,15 +1,15 @@
-//! The registered cloud list as a stream, decoded ahead on a thread of its own.
+//! The registered cloud list as a stream, decoded ahead.
 
 use super::folder::Snapshot;
 use super::onward::Onward;
 use super::{Dataset, ScanEntry, snapshot};
+use crate::read_ahead::ReadAhead;
 use crate::{Error, Result, StampedCloud};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::thread;
 use voxelastic::event::{Event, NodeId, Scan};
+use voxelastic::mapper::Chore;
 use voxelastic::{Cloud, Pose};
 
 /// Clouds that wait decoded for their turn.
@@ -28,7 +28,7 @@ pub struct Events {
     onward: Onward,
     /// Numbers of the loop edges at each node.
     loops_at: HashMap<NodeId, Vec<usize>>,
-    decoded: Receiver<Result<StampedCloud>>,
+    decoded: ReadAhead<Result<StampedCloud>>,
     /// The scan that comes next.
     next: usize,
     /// The last scan that was delivered.
@@ -39,13 +39,8 @@ pub struct Events {
 
 impl Events {
     pub(super) fn new(dataset: &Dataset) -> Self {
-        let (sender, decoded) = sync_channel(AHEAD);
         let scans = Arc::clone(&dataset.scans);
-        let decoder = thread::Builder::new().name("voxelastic-decode".into());
-        let mut ready = VecDeque::new();
-        if let Err(error) = decoder.spawn(move || decode(&scans, &sender)) {
-            ready.push_back(Err(Error::io(&dataset.path, "start decoding", error)));
-        }
+        let decoded = ReadAhead::new("voxelastic-decode", AHEAD, (0..scans.len()).map(move |k| scans[k].read()));
         let mut loops_at: HashMap<NodeId, Vec<usize>> = HashMap::new();
         for (k, edge) in dataset.edges.loops.iter().enumerate() {
             loops_at.entry(edge.from).or_default().push(k);
@@ -62,8 +57,13 @@ impl Events {
             next: 0,
             previous: None,
             seen: HashSet::new(),
-            ready,
+            ready: VecDeque::new(),
         }
+    }
+
+    /// Decoding one scan ahead, for threads with time to spare. Once it is taken, there is no thread that decodes.
+    pub fn chore(&mut self) -> Chore {
+        self.decoded.chore()
     }
 
     /// Queues a scan and what becomes known with it.
@@ -119,11 +119,11 @@ impl Iterator for Events {
     fn next(&mut self) -> Option<Self::Item> {
         while self.ready.is_empty() && self.next < self.scans.len() {
             let k = self.next;
-            match self.decoded.recv() {
-                Ok(Ok(cloud)) => self.arrive(k, cloud),
-                Ok(Err(error)) => self.ready.push_back(Err(error)),
-                Err(_) => {
-                    let error = Error::io(&self.scans[k].path, "read", io::Error::other("the decoding thread has stopped"));
+            match self.decoded.next() {
+                Some(Ok(cloud)) => self.arrive(k, cloud),
+                Some(Err(error)) => self.ready.push_back(Err(error)),
+                None => {
+                    let error = Error::io(&self.scans[k].path, "read", io::Error::other("decoding has stopped"));
                     self.ready.push_back(Err(error));
                     self.next = self.scans.len();
                     break;
@@ -135,14 +135,6 @@ impl Iterator for Events {
             }
         }
         self.ready.pop_front()
-    }
-}
-
-fn decode(scans: &[ScanEntry], sender: &SyncSender<Result<StampedCloud>>) {
-    for scan in scans {
-        if sender.send(scan.read()).is_err() {
-            return; // nobody listens any more
-        }
     }
 }
 

@@ -15,6 +15,7 @@ mod rebuild;
 mod report;
 mod returning;
 
+pub use awake::Chore;
 pub use correct::Deformation;
 pub use front::Front;
 pub use rebuild::{RebuildError, RebuildReport, ScanSource};
@@ -46,6 +47,8 @@ pub struct Mapper {
     /// The sensor, where its beams are known from elsewhere.
     known: Option<BeamModel>,
     integrators: Integrators,
+    /// For threads with time to spare.
+    chore: Option<Chore>,
     /// The node that came last, whether its scan could be used or not.
     last_node: Option<NodeId>,
     /// The submap that the sensor has returned to, if it has.
@@ -83,6 +86,7 @@ impl Mapper {
             front: None,
             known: None,
             integrators: Integrators::new(&settings),
+            chore: None,
             last_node: None,
             visit: None,
             apart: BTreeMap::new(),
@@ -96,6 +100,12 @@ impl Mapper {
     /// settings name a sensor; to be called before the first scan.
     pub fn know_sensor(&mut self, model: BeamModel) {
         self.known = Some(model);
+    }
+
+    /// Gives threads something to do that would have nothing to do while a scan is integrated, such as decoding the next one: threads of the pool that
+    /// [`handle`](Self::handle) is called in, except the one that calls it. Thus nothing has to compete with them for processors.
+    pub fn set_chore(&mut self, chore: Chore) {
+        self.chore = Some(chore);
     }
 
     /// The settings.
@@ -152,7 +162,7 @@ impl Mapper {
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         self.is_settled = false;
         match event {
-            Event::Scan(scan) => awake::keeping_awake(|| self.integrate(&scan)).map(Some),
+            Event::Scan(scan) => awake::keeping_awake(self.chore.clone(), || self.integrate(&scan)).map(Some),
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
             Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
             Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),
