@@ -3,7 +3,7 @@
 //! Most of what a scan meets is there already. Threads deal with that side by side, and leave what has to be made to one of them: making changes
 //! the tree.
 
-use super::found::{Finds, Found, Spot, Stretch, What};
+use super::found::{Finds, Found, Spot, Stretch, What, clear};
 use super::model::Steps;
 use super::propagate::Touched;
 use crate::field::occupancy::{OccupancyField, Summary};
@@ -238,7 +238,7 @@ impl Touches {
         };
         let parts = share_out(shares, self.wanted.len(), PER_TASK);
         self.wanted.par_chunks(PER_TASK).zip(selected.par_chunks(PER_TASK)).zip(parts.par_iter_mut()).for_each(|((wanted, selected), share)| {
-            share.touches.clear();
+            clear(&mut share.touches);
             share.touches.extend(wanted.iter().zip(selected).filter_map(touch));
         });
         parts.len()
@@ -258,8 +258,8 @@ impl Touches {
 impl Share {
     fn clear(&mut self) {
         self.touched.clear();
-        self.touches.clear();
-        self.left.clear();
+        clear(&mut self.touches);
+        clear(&mut self.left);
     }
 }
 

@@ -107,10 +107,17 @@ impl Finds {
 
 impl Heap {
     pub fn clear(&mut self) {
-        self.found.clear();
-        self.masks.clear();
+        clear(&mut self.found);
+        clear(&mut self.masks);
         (self.octants, self.visited) = (0, 0);
     }
+}
+
+/// Empties a list and keeps room for what it had, or somewhat more: not what a scan of unknown space left behind.
+pub(super) fn clear<T>(list: &mut Vec<T>) {
+    let had = list.len();
+    list.clear();
+    list.shrink_to(4 * had);
 }
 
 /// Marks the `place`-th cube of a block as free: of its quarters, pairs or voxels, by depth.
