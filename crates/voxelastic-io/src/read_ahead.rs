@@ -33,14 +33,14 @@ struct State<T> {
 }
 
 impl<T: Send + 'static> ReadAhead<T> {
-    /// `items`, of which `most` may wait. Until a [chore](Self::chore) is taken, a thread called `name` makes them, from the first call of `next`.
+    /// `items`, of which `most` may wait. Unless a [chore](Self::chore) is taken before, a thread called `name` makes them from the first call of `next` on.
     pub fn new(name: &'static str, most: usize, items: impl Iterator<Item = T> + Send + 'static) -> Self {
         let state = State { items: Some(Box::new(items)), ready: VecDeque::new(), is_over: false };
         let shared = Shared { name, most, state: Mutex::new(state), changed: Condvar::new(), is_due: AtomicBool::new(true) };
         Self { shared: Arc::new(shared), has_maker: false }
     }
 
-    /// Making one item ahead, for threads with time to spare; there is no thread for it then.
+    /// Making one item ahead, for threads with time to spare. Taken before the first item, there is no thread for it.
     pub fn chore(&mut self) -> Chore {
         self.has_maker = true;
         let shared = Arc::clone(&self.shared);
@@ -93,7 +93,10 @@ impl<T> Drop for ReadAhead<T> {
     fn drop(&mut self) {
         let mut state = self.shared.lock();
         state.is_over = true;
+        // A chore may live on, but not what it would read: files, and clouds that nobody takes.
+        let left = (state.items.take(), std::mem::take(&mut state.ready));
         self.shared.tell(&state);
+        drop((state, left));
     }
 }
 
@@ -144,8 +147,10 @@ impl<T> Shared<T> {
         let item = catch_unwind(AssertUnwindSafe(|| items.next())).unwrap_or(None);
         let mut state = self.lock();
         state.is_over |= item.is_none();
-        state.ready.extend(item);
-        state.items = Some(items);
+        if !state.is_over {
+            state.ready.extend(item);
+            state.items = Some(items);
+        }
         self.tell(&state);
     }
 }
@@ -225,9 +230,11 @@ mod tests {
         let (made, items) = numbers(100);
         let mut ahead = ReadAhead::new("test", 2, items);
         let chore = ahead.chore();
+        assert!(chore.run());
         drop(ahead);
         assert!(!chore.run());
-        assert_eq!(made.load(Ordering::Relaxed), 0);
+        assert_eq!(made.load(Ordering::Relaxed), 1);
+        assert_eq!(Arc::strong_count(&made), 1, "a chore that lives on does not hold what it read");
         let (_, items) = numbers(100);
         let mut ahead = ReadAhead::new("test", 2, items);
         let shared = Arc::clone(&ahead.shared);

@@ -132,8 +132,8 @@ pub enum Events {
 }
 
 impl Events {
-    /// Reading on, for threads with time to spare: see [`Mapper::set_chore`](voxelastic::mapper::Mapper::set_chore). Once it is taken, there is no
-    /// thread that reads ahead.
+    /// Reading on, for threads with time to spare: see [`Mapper::set_chore`](voxelastic::mapper::Mapper::set_chore). Taken before the first
+    /// event, there is no thread that reads ahead.
     pub fn chore(&mut self) -> Chore {
         match self {
             Self::Folder(events) => events.chore(),

@@ -406,7 +406,7 @@ fn read_nodes(graph: &Path, poses_path: &Path, options: &OpenOptions) -> Result<
 pub struct RecordingEvents(ReadAhead<Result<Event>>);
 
 impl RecordingEvents {
-    /// Playing on to the next event, for threads with time to spare. Once it is taken, there is no thread that plays.
+    /// Playing on to the next event, for threads with time to spare. Taken before the first event, there is no thread that plays.
     pub fn chore(&mut self) -> Chore {
         self.0.chore()
     }

@@ -61,7 +61,7 @@ impl Events {
         }
     }
 
-    /// Decoding one scan ahead, for threads with time to spare. Once it is taken, there is no thread that decodes.
+    /// Decoding one scan ahead, for threads with time to spare. Taken before the first event, there is no thread that decodes.
     pub fn chore(&mut self) -> Chore {
         self.decoded.chore()
     }
