@@ -15,6 +15,8 @@ pub(crate) struct Band {
     pub new: f32,
     /// How far behind it.
     pub behind: f32,
+    /// What the weight of an observation falls by behind it, of the whole, a voxel.
+    pub fade: f32,
     /// Weight of an observation in front of the surface.
     pub weight: f32,
     /// Cap of a voxel's weight.
@@ -25,8 +27,8 @@ impl Band {
     /// Weight of an observation at `distance` voxels: full down to one voxel behind the surface, then falling to zero at
     /// the end of the band, because what lies behind a surface is a guess (Bylow et al., RSS 2013).
     #[inline(always)]
-    fn weight_at(&self, distance: f32) -> f32 {
-        let fade = (self.behind + distance) / (self.behind - 1.0).max(0.5);
+    pub fn weight_at(&self, distance: f32) -> f32 {
+        let fade = (self.behind + distance) * self.fade;
         self.weight * if fade < 1.0 { fade } else { 1.0 }
     }
 
@@ -39,10 +41,11 @@ impl Band {
     /// band: what is not is written where nobody looks.
     #[inline(always)]
     pub fn collect(&self, trace: &Trace, labels: &Labels, hits: &mut Hits) {
-        let mut counts = [0u32; LANES];
-        for step in 0..trace.longest {
+        let (mut counts, mut is_hit) = ([0u32; LANES], [[0u32; LANES]; MAX_STEPS]);
+        for (step, is_hit) in is_hit.iter_mut().enumerate().take(trace.longest) {
             for lane in 0..LANES {
-                counts[lane] += self.is_hit(trace, step, lane);
+                is_hit[lane] = self.is_hit(trace, step, lane);
+                counts[lane] += is_hit[lane];
             }
         }
         let mut next = [0u32; LANES];
@@ -50,23 +53,17 @@ impl Band {
             next[lane] = next[lane - 1] + counts[lane - 1];
         }
         hits.len = (next[LANES - 1] + counts[LANES - 1]) as usize;
-        for step in 0..trace.longest {
-            let (mut to, mut target) = ([0u32; LANES], [0u32; LANES]);
+        for (step, is_hit) in is_hit.iter().enumerate().take(trace.longest) {
+            let (mut to, mut hit) = ([0u32; LANES], [0u64; LANES]);
             for lane in 0..LANES {
-                let hit = self.is_hit(trace, step, lane);
-                to[lane] = if hit == 1 { next[lane] } else { Hits::MOST as u32 };
-                next[lane] += hit;
-                target[lane] = labels.label[lane] | place(labels.fine[lane], trace.index[step][lane]);
+                to[lane] = if is_hit[lane] == 1 { next[lane] } else { Hits::MOST as u32 };
+                next[lane] += is_hit[lane];
+                let target = labels.label[lane] | place(labels.fine[lane], trace.index[step][lane]);
+                hit[lane] = u64::from(target) | u64::from(trace.quantity[step][lane].to_bits()) << 32;
             }
             for lane in 0..LANES {
-                let to = to[lane] as usize % HITS_ROOM;
-                hits.target[to] = target[lane];
-                hits.quantity[to] = trace.quantity[step][lane];
+                hits.all[to[lane] as usize % HITS_ROOM] = Hit(hit[lane]);
             }
-        }
-        // A whole number of vectors.
-        for i in 0..hits.len.next_multiple_of(LANES) {
-            hits.weight[i] = self.weight_at(hits.quantity[i]);
         }
     }
 
@@ -111,12 +108,27 @@ pub(crate) struct Labels {
 /// What lines tell voxels, see [`Band::collect`].
 #[derive(Clone, Debug)]
 pub(crate) struct Hits {
-    /// The voxel's [`place`] among the bricks of its block, and above it the label of the line.
-    pub target: [u32; HITS_ROOM],
-    /// Distance from the voxel's centre to the plane, voxels.
-    pub quantity: [f32; HITS_ROOM],
-    pub weight: [f32; HITS_ROOM],
+    /// As many as `len` says, line by line.
+    pub all: [Hit; HITS_ROOM],
     pub len: usize,
+}
+
+/// What a line tells a voxel, in one word that is written at once: its target, and above that the bits of the distance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hit(u64);
+
+impl Hit {
+    /// The voxel's [`place`] among the bricks of its block, and above it the label of the line.
+    #[inline(always)]
+    pub fn target(self) -> u32 {
+        self.0 as u32
+    }
+
+    /// Distance from the voxel's centre to the plane, voxels.
+    #[inline(always)]
+    pub fn distance(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
 }
 
 /// Room for all hits, and for what nobody looks at; a power of two, so that no index needs a test.
@@ -127,7 +139,7 @@ impl Hits {
     const MOST: usize = LANES * MAX_STEPS;
 
     pub fn new() -> Self {
-        Self { target: [0; HITS_ROOM], quantity: [0.0; HITS_ROOM], weight: [0.0; HITS_ROOM], len: 0 }
+        Self { all: [Hit(0); HITS_ROOM], len: 0 }
     }
 }
 

@@ -1,41 +1,18 @@
 //! The update of a TSDF: beams fly through blocks in formation, and what they meet is changed one formation behind.
 //!
 //! Blocks come one after the other, each with its beams in beam order. Sixteen lines are walked at a time ([`walk`](super::walk)); the
-//! bricks that they meet are woken or made, and asked for; then the voxels of the sixteen before them are updated.
+//! bricks that they meet are woken or made, and asked for, while the voxels of the sixteen before them are updated.
 
 use super::band::{Band, HITS_ROOM, Hits, Labels, is_shaded_at, observe_shade};
-use super::scale::ScaleRule;
+use super::rescale::Change;
 use super::select::beam_of;
 use super::transform::Beam;
 use super::walk::{LANES, Line, Lines, Trace};
 use crate::dispatch::Kernel;
 use crate::field::tsdf::brick::{BRICK, BRICKS, Brick, PLACE_BITS};
-use crate::field::tsdf::propagate::{children, propagate_delta_down, propagate_down, propagate_up};
-use crate::field::tsdf::{Array, Block, OpenField, Touched, Voxel};
-use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch, voxels_at};
+use crate::field::tsdf::{Block, OpenField, Touched, Voxel};
+use crate::octree::{BLOCK_EDGE, NONE, Place, ask_for_all, block_coords, prefetch};
 use std::mem::offset_of;
-
-/// How a block moves between scales in a scan.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Change {
-    None,
-    Coarser,
-    /// To an array that was there before.
-    Finer,
-    /// To a new array.
-    FinerNew,
-}
-
-/// Decides whether `block`, `distance` metres from the sensor, changes scale.
-pub(super) fn scale_change(block: &Block, rule: &ScaleRule, distance: f32) -> Change {
-    let (current, finest) = (usize::from(block.scale), usize::from(block.finest));
-    match rule.next(current, distance) {
-        next if next > current => Change::Coarser,
-        next if next == current => Change::None,
-        next if next < finest => Change::FinerNew,
-        _ => Change::Finer,
-    }
-}
 
 /// A block and the records of the beams that touch it.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +70,7 @@ impl Kernel for Share<'_> {
     #[allow(unsafe_code)]
     fn run(self) {
         let Self { runs, task, formations: Formations(formations), touched } = self;
-        let mut next = 0;
+        let [mut filling, mut before] = formations.each_mut();
         // Loops, because a closure would not be inlined and then not be compiled for the wide instructions.
         for (i, run) in runs.iter().enumerate() {
             if let Some(later) = runs.get(i + BLOCKS_AHEAD[0]) {
@@ -116,21 +93,20 @@ impl Kernel for Share<'_> {
                 if run.open != u8::MAX && run.open & octant_bit(beam.point, home.corner) == 0 {
                     continue;
                 }
-                formations[next].push(&home, beam);
-                if formations[next].lines.len() == LANES {
-                    if formations[next].walk(task, touched) {
+                filling.push(&home, beam);
+                if filling.lines.len() == LANES {
+                    // SAFETY: as above, and bricks belong to one block only.
+                    if unsafe { filling.walk(before, task, touched) } {
                         home = task.home(run.block);
                     }
-                    next = 1 - next;
-                    // SAFETY: as above, and bricks belong to one block only.
-                    unsafe { formations[next].apply(&task.band) };
+                    std::mem::swap(&mut filling, &mut before);
                 }
             }
         }
-        formations[next].walk(task, touched);
-        for formation in [1 - next, next] {
-            // SAFETY: as above.
-            unsafe { formations[formation].apply(&task.band) };
+        // SAFETY: as above.
+        unsafe {
+            filling.walk(before, task, touched);
+            filling.apply(&task.band);
         }
     }
 }
@@ -168,23 +144,6 @@ struct Formation {
     shade: [u8; LANES],
     /// Returns that each beam stands for.
     count: [f32; LANES],
-    told: Told,
-    shaded: Shaded,
-}
-
-/// Voxels that are told something, and what: their distance and its weight.
-struct Told {
-    voxels: [Place<Voxel>; HITS_ROOM],
-    distances: [f32; HITS_ROOM],
-    weights: [f32; HITS_ROOM],
-    len: usize,
-}
-
-/// Intensities that are told one.
-struct Shaded {
-    places: [Place<u8>; HITS_ROOM],
-    observed: [u8; HITS_ROOM],
-    len: usize,
 }
 
 impl Formation {
@@ -200,8 +159,6 @@ impl Formation {
             blocks: 0,
             shade: [0; LANES],
             count: [1.0; LANES],
-            told: Told { voxels: [Place::NOWHERE; HITS_ROOM], distances: [0.0; HITS_ROOM], weights: [0.0; HITS_ROOM], len: 0 },
-            shaded: Shaded { places: [Place::NOWHERE; HITS_ROOM], observed: [0; HITS_ROOM], len: 0 },
         }
     }
 
@@ -227,37 +184,50 @@ impl Formation {
         });
     }
 
-    /// Finds out what the lines pass, and asks for it to be brought near. Tells whether bricks were woken or made, which other homes do not know of.
+    /// Finds out what the lines pass and asks for it to be brought near, while what the formation `before` asked for is updated, which disbands.
+    /// Tells whether bricks were woken or made, which other homes do not know of.
+    ///
+    /// # Safety
+    /// As for [`apply`](Self::apply).
     #[inline(always)]
-    fn walk(&mut self, task: &Update<'_>, touched: &mut Touched) -> bool {
+    #[allow(unsafe_code)]
+    unsafe fn walk(&mut self, before: &mut Self, task: &Update<'_>, touched: &mut Touched) -> bool {
         self.trace.walk(&self.lines);
         task.band.collect(&self.trace, &self.labels, &mut self.hits);
-        let Self { hits, told, shaded, .. } = self;
-        let (mut came, mut tells, mut shades) = (false, 0, 0);
-        let found = hits.target.iter().zip(&hits.quantity).zip(&hits.weight);
-        for ((&target, &distance), &weight) in found.take(hits.len) {
-            let brick = &mut self.bricks[(target / BRICK as u32) as usize % (LANES * BRICKS)];
-            if brick.is_nowhere() | ((*brick == Place::MISSING) & task.band.makes(distance)) {
-                let block = (target >> HOME_BIT) as usize % LANES;
-                *brick = task.brick(self.ids[block], self.firsts[block] + (target / BRICK as u32) as usize % BRICKS, touched);
-                came = true;
-            }
-            let place = target as usize % BRICK;
-            let voxel = brick.part::<Voxel>(offset_of!(Brick, voxels) + size_of::<Voxel>() * place);
-            let lane = (target >> LANE_BIT) as usize % LANES;
-            told.voxels[tells % HITS_ROOM] = voxel;
-            told.distances[tells % HITS_ROOM] = distance;
-            told.weights[tells % HITS_ROOM] = weight * self.count[lane];
-            prefetch(voxel.address());
-            let is_there = *brick != Place::MISSING;
-            tells += usize::from(is_there);
-            shaded.places[shades % HITS_ROOM] = brick.part(offset_of!(Brick, shades) + place);
-            shaded.observed[shades % HITS_ROOM] = self.shade[lane];
-            shades += usize::from(is_there & is_shaded_at(distance)) & (target >> SHADED_BIT) as usize;
+        // By turns: who asks for many lines of memory at once waits for the first of them.
+        let both = self.hits.len.min(before.hits.len);
+        let mut came = false;
+        for i in 0..both {
+            came |= self.find(i, task, touched);
+            // SAFETY: the caller's promise.
+            unsafe { before.tell(i, &task.band) };
         }
-        (told.len, shaded.len) = (tells, shades);
-        for place in shaded.places.iter().take(shades) {
-            prefetch(place.address());
+        for i in both..self.hits.len {
+            came |= self.find(i, task, touched);
+        }
+        // SAFETY: the caller's promise.
+        unsafe { before.apply_from(both, &task.band) };
+        came
+    }
+
+    /// Finds the brick of hit `i`, wakes or makes it if it has to be, and asks for the voxel. Tells whether it had to be.
+    #[inline(always)]
+    fn find(&mut self, i: usize, task: &Update<'_>, touched: &mut Touched) -> bool {
+        let hit = self.hits.all[i % HITS_ROOM];
+        let (target, entry) = (hit.target(), entry_of(hit.target()));
+        let (mut brick, mut came) = (self.bricks[entry], false);
+        if !brick.is_somewhere() {
+            if brick == Place::MISSING && !task.band.makes(hit.distance()) {
+                return false;
+            }
+            let block = (target >> HOME_BIT) as usize % LANES;
+            brick = task.brick(self.ids[block], self.firsts[block] + entry % BRICKS, touched);
+            (self.bricks[entry], came) = (brick, true);
+        }
+        let place = target as usize % BRICK;
+        prefetch(voxel_in(brick, place).address());
+        if is_shaded(target) {
+            prefetch(shade_in(brick, place).address());
         }
         came
     }
@@ -269,18 +239,75 @@ impl Formation {
     #[inline(always)]
     #[allow(unsafe_code)]
     unsafe fn apply(&mut self, band: &Band) {
-        let Self { told, shaded, .. } = self;
-        for ((voxel, &distance), &weight) in told.voxels.iter().zip(&told.distances).zip(&told.weights).take(told.len) {
-            // SAFETY: the caller's promise; bricks stay where they are while the field is open.
-            band.observe(distance, weight, unsafe { voxel.get() });
+        // SAFETY: the caller's promise.
+        unsafe { self.apply_from(0, band) }
+    }
+
+    /// The same, of which the first hits were told before.
+    ///
+    /// # Safety
+    /// As for [`apply`](Self::apply).
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    unsafe fn apply_from(&mut self, first: usize, band: &Band) {
+        for i in first..self.hits.len {
+            // SAFETY: the caller's promise.
+            unsafe { self.tell(i, band) };
         }
-        for (place, &observed) in shaded.places.iter().zip(&shaded.observed).take(shaded.len) {
-            // SAFETY: as above.
-            observe_shade(unsafe { place.get() }, observed);
-        }
-        (self.hits.len, told.len, shaded.len, self.blocks) = (0, 0, 0, 0);
+        (self.hits.len, self.blocks) = (0, 0);
         self.lines.clear();
     }
+
+    /// Updates the voxel of hit `i`, and its intensity. Of a brick that was left missing it does nothing.
+    ///
+    /// # Safety
+    /// As for [`apply`](Self::apply).
+    #[inline(always)]
+    #[allow(unsafe_code)]
+    unsafe fn tell(&mut self, i: usize, band: &Band) {
+        let hit = self.hits.all[i % HITS_ROOM];
+        let (target, distance) = (hit.target(), hit.distance());
+        let brick = self.bricks[entry_of(target)];
+        if !brick.is_somewhere() {
+            return;
+        }
+        let (place, lane) = (target as usize % BRICK, (target >> LANE_BIT) as usize % LANES);
+        let weight = band.weight_at(distance) * self.count[lane];
+        // SAFETY: the caller's promise; bricks stay where they are while the field is open.
+        band.observe(distance, weight, unsafe { voxel_in(brick, place).get() });
+        if is_shaded(target) {
+            // SAFETY: as above.
+            let shade = unsafe { shade_in(brick, place).get() };
+            let mut moved = *shade;
+            observe_shade(&mut moved, self.shade[lane]);
+            // By selection: most voxels take one, and which is as good as random.
+            *shade = if is_shaded_at(distance) { moved } else { *shade };
+        }
+    }
+}
+
+/// Where a formation has the brick that a hit with this target falls into.
+#[inline(always)]
+fn entry_of(target: u32) -> usize {
+    (target / BRICK as u32) as usize % (LANES * BRICKS)
+}
+
+/// Whether the block of a hit with this target has intensities.
+#[inline(always)]
+fn is_shaded(target: u32) -> bool {
+    target >> SHADED_BIT & 1 == 1
+}
+
+/// Where voxel `place` of a brick lies.
+#[inline(always)]
+fn voxel_in(brick: Place<Brick>, place: usize) -> Place<Voxel> {
+    brick.part(offset_of!(Brick, voxels) + size_of::<Voxel>() * place)
+}
+
+/// Where its intensity lies.
+#[inline(always)]
+fn shade_in(brick: Place<Brick>, place: usize) -> Place<u8> {
+    brick.part(offset_of!(Brick, shades) + place)
 }
 
 impl Update<'_> {
@@ -313,84 +340,5 @@ impl Update<'_> {
     fn brick(&self, id: u32, brick: usize, touched: &mut Touched) -> Place<Brick> {
         // SAFETY: this thread alone deals with the blocks that lines are pushed for.
         unsafe { self.field.brick(self.field.block(id).get(), id, brick, touched) }
-    }
-
-    /// Fills the array of a block's new scale from the one that it leaves (paper Sec. III-A, propagation).
-    #[allow(unsafe_code)]
-    #[cold]
-    #[inline(never)]
-    fn change_scale(&self, run: &Run, touched: &mut Touched) {
-        // SAFETY: here and below, this block occurs in one run only, so in one thread only.
-        let block = unsafe { self.field.block(run.block).get() };
-        let scale = usize::from(block.scale);
-        let [mut new, mut from, mut past] = [[Voxel::default(); voxels_at(0)]; 3];
-        let new = &mut new[..voxels_at(scale)];
-        let mut guessed = 0;
-        let guesses = self.band.guesses();
-        let copy = |array: Array, into: &mut [Voxel; voxels_at(0)]| {
-            // SAFETY: as above.
-            unsafe { self.field.copy(block, array, &mut into[..voxels_at(array.scale())]) };
-        };
-        match run.change {
-            Change::None => return,
-            Change::Coarser => {
-                copy(Array::Data(scale - 1), &mut from);
-                guessed = propagate_up(&from[..voxels_at(scale - 1)], new, scale - 1);
-            }
-            Change::Finer => {
-                copy(Array::Data(scale + 1), &mut from);
-                copy(Array::Past(scale + 1), &mut past);
-                // SAFETY: as above.
-                unsafe { self.field.copy(block, Array::Data(scale), new) };
-                let coarse = ..voxels_at(scale + 1);
-                propagate_delta_down(&from[coarse], &past[coarse], new, scale, self.band.max_weight as u16, &guesses);
-            }
-            Change::FinerNew => {
-                copy(Array::Data(scale + 1), &mut from);
-                propagate_down(&from[..voxels_at(scale + 1)], new, scale, &guesses);
-            }
-        }
-        let mut shades = [0; voxels_at(0)];
-        let shades = &mut shades[..voxels_at(scale)];
-        if block.shaded {
-            self.change_shades(block, run.change, shades);
-        }
-        // SAFETY: as above.
-        unsafe {
-            self.field.store(block, run.block, Array::Data(scale), (new, shades), touched);
-            if run.change == Change::Coarser {
-                // What a guess turns out to be is nothing that finer voxels could learn from.
-                (0..new.len()).filter(|i| guessed >> i & 1 == 1).for_each(|i| new[i] = Voxel::default());
-                shades.fill(0);
-                self.field.store(block, run.block, Array::Past(scale), (new, shades), touched);
-            }
-        }
-    }
-
-    /// Intensities move between scales by plain copy and mean of what is known.
-    #[allow(unsafe_code)]
-    fn change_shades(&self, block: &Block, change: Change, shades: &mut [u8]) {
-        let scale = usize::from(block.scale);
-        let mut from = [0; voxels_at(0)];
-        let copy = |scale: usize, into: &mut [u8]| {
-            // SAFETY: as in `change_scale`.
-            unsafe { self.field.copy_shades(block, scale, into) };
-        };
-        match change {
-            Change::Coarser => {
-                copy(scale - 1, &mut from[..voxels_at(scale - 1)]);
-                for (i, shade) in shades.iter_mut().enumerate() {
-                    let known = || children(i, scale - 1).map(|c| u32::from(from[c])).filter(|&s| s > 0);
-                    *shade = (known().sum::<u32>() / known().count().max(1) as u32) as u8;
-                }
-            }
-            Change::FinerNew => {
-                copy(scale + 1, &mut from[..voxels_at(scale + 1)]);
-                for (i, &shade) in from[..voxels_at(scale + 1)].iter().enumerate() {
-                    children(i, scale).for_each(|c| shades[c] = shade);
-                }
-            }
-            Change::None | Change::Finer => copy(scale, shades),
-        }
     }
 }

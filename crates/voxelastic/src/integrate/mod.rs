@@ -7,6 +7,7 @@ mod formation;
 mod known;
 pub mod occupancy;
 pub mod radix;
+mod rescale;
 pub mod scale;
 mod select;
 mod transform;

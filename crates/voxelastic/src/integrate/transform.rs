@@ -165,7 +165,17 @@ impl Kernel for Transform<'_> {
 /// Up to sixteen vectors from `first` on, one array an axis; lanes for which there is none are left alone.
 #[inline(always)]
 fn lanes_of(vectors: &[[f32; 3]], first: usize, lanes: &mut [Lanes; 3]) {
-    for (l, v) in vectors.iter().skip(first).take(LANES).enumerate() {
+    let rest = vectors.get(first..).unwrap_or(&[]);
+    // In most cases sixteen, which are loaded as vectors.
+    if let Some(all) = rest.first_chunk::<LANES>() {
+        for l in 0..LANES {
+            for k in 0..3 {
+                lanes[k][l] = all[l][k];
+            }
+        }
+        return;
+    }
+    for (l, v) in rest.iter().enumerate() {
         (0..3).for_each(|k| lanes[k][l] = v[k]);
     }
 }

@@ -6,8 +6,9 @@
 //! independent in the update, so threads share nothing and change nothing but the time.
 
 use super::band::Band;
-use super::formation::{Change, Formations, Run, Share, Update, octant_bit, scale_change};
+use super::formation::{Formations, Run, Share, Update, octant_bit};
 use super::known::Known;
+use super::rescale::{Change, scale_change};
 use super::scale::{ScaleRule, distance_to_block};
 use super::select::{BlockBeams, MAX_BEAMS, MAX_REACH, Selection, beam_of};
 use super::transform::{Beam, Returns, ToSubmap, to_submap};
@@ -268,6 +269,7 @@ impl TsdfIntegrator {
             before: self.settings.truncation_voxels,
             new: self.settings.truncation_new,
             behind: self.settings.truncation_behind,
+            fade: 1.0 / (self.settings.truncation_behind - 1.0).max(0.5),
             weight: f32::from(WEIGHT_ONE),
             max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),
         };

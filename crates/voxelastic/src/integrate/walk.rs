@@ -39,8 +39,8 @@ pub(crate) struct Lines {
     direction: [Lanes<f32>; 3],
     gradient: [Lanes<f32>; 3],
     corner: [Lanes<f32>; 3],
-    /// Edge of a voxel in finest voxels, and of the block in voxels.
-    voxel: Lanes<f32>,
+    /// One over the edge of a voxel in finest voxels, and the edge of the block in voxels.
+    per_voxel: Lanes<f32>,
     edge: Lanes<i32>,
     enter: Lanes<f32>,
     leave: Lanes<f32>,
@@ -50,9 +50,9 @@ pub(crate) struct Lines {
 impl Lines {
     pub fn new() -> Self {
         let none = [[1.0; LANES]; 3];
-        let (voxel, edge) = ([1.0; LANES], [8; LANES]);
+        let (per_voxel, edge) = ([1.0; LANES], [8; LANES]);
         // A line that leaves before it enters passes nothing.
-        Self { point: none, direction: none, gradient: none, corner: none, voxel, edge, enter: [1.0; LANES], leave: [0.0; LANES], len: 0 }
+        Self { point: none, direction: none, gradient: none, corner: none, per_voxel, edge, enter: [1.0; LANES], leave: [0.0; LANES], len: 0 }
     }
 
     pub fn len(&self) -> usize {
@@ -76,7 +76,8 @@ impl Lines {
             self.gradient[k][lane] = line.gradient[k];
             self.corner[k][lane] = line.corner[k];
         }
-        self.voxel[lane] = (1u32 << line.scale) as f32;
+        // 2^-scale.
+        self.per_voxel[lane] = f32::from_bits((127 - line.scale) << 23);
         self.edge[lane] = BLOCK_EDGE as i32 >> line.scale;
         [self.enter[lane], self.leave[lane]] = line.reach;
         self.len += 1;
@@ -149,7 +150,7 @@ impl Walk {
         let (mut enter, mut leave) = (lines.enter, lines.leave);
         for k in 0..3 {
             for lane in 0..LANES {
-                let p = (lines.point[k][lane] - lines.corner[k][lane]) / lines.voxel[lane];
+                let p = (lines.point[k][lane] - lines.corner[k][lane]) * lines.per_voxel[lane];
                 let d = lines.direction[k][lane];
                 let i = 1.0 / if d.abs() < 1e-9 { 1e-9f32.copysign(d) } else { d };
                 let (a, b) = (-p * i, (lines.edge[lane] as f32 - p) * i);

@@ -124,6 +124,12 @@ impl<T> Place<T> {
         self.0.is_null()
     }
 
+    /// Whether it is that of an item: neither [nowhere](Self::NOWHERE) nor [missing](Self::MISSING).
+    #[inline(always)]
+    pub fn is_somewhere(self) -> bool {
+        self.0.addr() > Self::MISSING.0.addr()
+    }
+
     /// The item's address, for [`prefetch`].
     #[inline(always)]
     pub fn address(self) -> *const T {
