@@ -118,12 +118,6 @@ impl<T> Place<T> {
     /// No item either, for who has to tell one that does not exist from one that is elsewhere.
     pub const MISSING: Self = Self(std::ptr::dangling_mut());
 
-    /// Whether it is [nowhere](Self::NOWHERE).
-    #[inline(always)]
-    pub fn is_nowhere(self) -> bool {
-        self.0.is_null()
-    }
-
     /// Whether it is that of an item: neither [nowhere](Self::NOWHERE) nor [missing](Self::MISSING).
     #[inline(always)]
     pub fn is_somewhere(self) -> bool {
