@@ -2,7 +2,7 @@
 
 use voxelastic_fuzz::{message, play_with};
 use voxelastic_io::OpenOptions;
-use voxelastic_io::dataset::Every;
+use voxelastic_io::dataset::Keyframing;
 
 /// Types of messages that are read; a seed begins with the place of its type, and an upper-case letter stands for ROS 2's encoding.
 const KINDS: [&str; 7] = [
@@ -24,7 +24,7 @@ fn read(data: &[u8]) {
     let encoding = if letter.is_ascii_uppercase() { "cdr" } else { "ros1" };
     let bag = message::bag(KINDS[kind], encoding, data);
     // Any pose will do, however far off in time.
-    let mut options = OpenOptions { every: Some(Every::Scan), time_tolerance_s: 1e12, ..OpenOptions::default() };
+    let mut options = OpenOptions { keyframing: Some(Keyframing::All), time_tolerance_s: 1e12, ..OpenOptions::default() };
     if kind < CLOUDS {
         options.cloud_topic = Some(message::TOPIC.into());
         options.poses = Some(message::trajectory());

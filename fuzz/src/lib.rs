@@ -14,7 +14,7 @@ use std::sync::LazyLock;
 use voxelastic::Cloud;
 use voxelastic::event::Event;
 use voxelastic_io::bag::{self, Recording};
-use voxelastic_io::dataset::Every;
+use voxelastic_io::dataset::Keyframing;
 use voxelastic_io::{CloudFormat, OpenOptions, clouds};
 
 /// No recording of the size that is tried here has more events.
@@ -70,7 +70,7 @@ pub fn file(data: &[u8], ending: &str) -> PathBuf {
 
 /// Describes and plays a recording, every scan of it.
 pub fn play(data: &[u8], ending: &str) {
-    play_with(data, ending, &OpenOptions { every: Some(Every::Scan), ..OpenOptions::default() });
+    play_with(data, ending, &OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() });
 }
 
 /// Describes and plays a recording.

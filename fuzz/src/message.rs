@@ -58,13 +58,13 @@ fn cloud() -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic_io::dataset::Every;
+    use voxelastic_io::dataset::Keyframing;
     use voxelastic_io::{OpenOptions, bag::Recording};
 
     #[test]
     fn the_sound_part_is_sound() {
         let path = crate::file(&bag("nav_msgs/msg/Odometry", "cdr", &[]), "mcap");
-        let options = OpenOptions { every: Some(Every::Scan), poses: Some(trajectory()), cloud_topic: Some(CLOUDS.into()), ..OpenOptions::default() };
+        let options = OpenOptions { keyframing: Some(Keyframing::All), poses: Some(trajectory()), cloud_topic: Some(CLOUDS.into()), ..OpenOptions::default() };
         let events: Vec<_> = Recording::open(&path, &options).unwrap().events().collect();
         assert!(events.len() == 1 && events[0].is_ok(), "{events:?}");
     }

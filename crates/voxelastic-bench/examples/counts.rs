@@ -1,11 +1,11 @@
-//! Instructions and allocations of a small fixed case, held against recorded ones: a guard that no noise can break.
+//! Instructions and allocations of small fixed cases, compared with recorded ones: a regression test without noise.
 //!
 //!     cargo run --release -p voxelastic-bench --example counts              # compares; fails beyond 3 %
-//!     cargo run --release -p voxelastic-bench --example counts -- --record  # after a change that is meant
+//!     cargo run --release -p voxelastic-bench --example counts -- --record  # after an intended change
 //!
-//! Needs valgrind, which counts instead of timing: callgrind the instructions, dhat the allocations and the peak of memory. It knows no
-//! AVX-512, so the kernels run as compiled for AVX2. Figures belong to a compiler and a build profile; they are recorded with both. What a
-//! case costs beyond the one that it contains is its own share: `read` reads the clouds, `tsdf` maps them, `mesh` meshes that map, and so on.
+//! Needs valgrind, which counts instead of timing: callgrind the instructions, dhat the allocations and the peak of memory. It does not
+//! support AVX-512, so the kernels run as compiled for AVX2. Counts depend on the compiler and the build profile, which are recorded with them. The count
+//! of a case is its difference to the case that it contains: `read` reads the clouds, `tsdf` maps them, `mesh` meshes that map, and so on.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -31,12 +31,12 @@ const CASES: [(&str, Option<&str>); 6] = [
     ("submaps", Some("read")),
     ("fusion", Some("submaps")),
 ];
-/// Share by which a count may differ. The compiler's and our changes are larger; hash seeds and waiting threads stay far below.
+/// Share by which a count may differ. Changes of the compiler and of the code are larger; hash seeds and waiting threads cause far less.
 const TOLERANCE: f64 = 0.03;
 const SCANS: usize = 4;
 const RECORD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/counts.json");
 
-/// What a case costs beyond the one that it contains.
+/// Counts of a case without those of the case that it contains.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Counts {
     instructions: i64,
@@ -74,7 +74,7 @@ fn built_by() -> String {
     format!("{}, {profile} profile, {}", version.unwrap_or_default(), std::env::consts::ARCH)
 }
 
-/// The work that is counted, in a process of its own.
+/// The counted work, in its own process.
 fn case(name: &str, folder: &Path) -> Result<()> {
     let clouds = (0..SCANS).map(|k| Ok(pcd::read(folder.join(format!("{k}.pcd")))?.cloud)).collect::<Result<Vec<_>>>()?;
     if name == "read" {
@@ -83,10 +83,10 @@ fn case(name: &str, folder: &Path) -> Result<()> {
     let field = if name == "occupancy" { FieldKind::Occupancy } else { FieldKind::Tsdf };
     let is_split = matches!(name, "submaps" | "fusion");
     let settings =
-        Settings { voxel: 0.1, max_range: 30.0, lambda_odom: if is_split { 1.5 } else { 1e3 }, min_overlap: 1.0, field, ..Settings::default() };
+        Settings { voxel_size: 0.1, max_range: 30.0, lambda_odom: if is_split { 1.5 } else { 1e3 }, min_overlap: 1.0, field, ..Settings::default() };
     let pool = rayon_of_one()?;
     pool.install(|| -> Result<()> {
-        let voxel = settings.voxel;
+        let voxel = settings.voxel_size;
         let mut mapper = Mapper::new(settings)?;
         for (node, cloud) in (0..).zip(clouds) {
             let t_map_lidar = Pose::translation(node as f64, 0.0, 0.0);
@@ -103,7 +103,7 @@ fn case(name: &str, folder: &Path) -> Result<()> {
             mapper.finish();
         }
         if name == "mesh" {
-            let triangles: usize = mapper.atlas().submaps().iter().map(|s| extract(&s.tsdf, voxel, &MeshOptions::default()).triangles.len()).sum();
+            let triangles: usize = mapper.atlas().submaps().iter().map(|s| extract(s.tsdf(), voxel, &MeshOptions::default()).triangles.len()).sum();
             assert!(triangles > 1000, "{triangles} triangles");
         }
         Ok(())
@@ -122,7 +122,7 @@ fn measure() -> Result<BTreeMap<String, Counts>> {
     measured
 }
 
-/// A room, seen by 64 x 256 beams, a metre from scan to scan.
+/// Scans of a room with 64 x 256 beams, one metre apart.
 fn write_clouds(folder: &Path) -> Result<()> {
     let options = SimOptions { columns: Some(256), scans: Some(SCANS), spacing: 1.0, ..SimOptions::of("room") };
     for scan in Simulation::new(options)?.scans(PoseSource::Truth) {
@@ -151,9 +151,9 @@ fn count_all(folder: &Path) -> Result<BTreeMap<String, Counts>> {
 fn count(name: &str, folder: &Path) -> Result<Counts> {
     let instructions = valgrind(&["--tool=callgrind".to_owned(), out("callgrind", folder)], name, folder)?;
     let memory = valgrind(&["--tool=dhat".to_owned(), out("dhat", folder)], name, folder)?;
-    let [allocated_bytes, allocations] = numbers(&memory, "Total:").ok_or("dhat says no total")?;
-    let [peak_bytes, _] = numbers(&memory, "At t-gmax:").ok_or("dhat says no peak")?;
-    let [instructions] = numbers(&instructions, "Collected :").ok_or("callgrind says no count")?;
+    let [allocated_bytes, allocations] = numbers(&memory, "Total:").ok_or("no total in the output of dhat")?;
+    let [peak_bytes, _] = numbers(&memory, "At t-gmax:").ok_or("no peak in the output of dhat")?;
+    let [instructions] = numbers(&instructions, "Collected :").ok_or("no count in the output of callgrind")?;
     Ok(Counts { instructions, allocations, allocated_bytes, peak_bytes })
 }
 
@@ -161,18 +161,18 @@ fn out(tool: &str, folder: &Path) -> String {
     format!("--{tool}-out-file={}", folder.join(tool).display())
 }
 
-/// What valgrind says about a case.
+/// Output of valgrind for a case.
 fn valgrind(tool: &[String], name: &str, folder: &Path) -> Result<String> {
     let program: PathBuf = std::env::current_exe()?;
     let run = Command::new("valgrind").args(tool).arg(&program).args(["case", name]).arg(folder).output();
     let run = run.map_err(|e| format!("valgrind cannot be started: {e}; it is in the package of that name"))?;
-    let said = String::from_utf8_lossy(&run.stderr).into_owned();
-    if run.status.success() { Ok(said) } else { Err(format!("{name}: {}\n{said}", run.status).into()) }
+    let output = String::from_utf8_lossy(&run.stderr).into_owned();
+    if run.status.success() { Ok(output) } else { Err(format!("{name}: {}\n{output}", run.status).into()) }
 }
 
-/// The first numbers behind `label`, with or without commas in them.
-fn numbers<const N: usize>(said: &str, label: &str) -> Option<[i64; N]> {
-    let line = said.lines().find_map(|l| l.split_once(label))?.1.replace(',', "");
+/// The first numbers after `label`, with or without thousands separators.
+fn numbers<const N: usize>(output: &str, label: &str) -> Option<[i64; N]> {
+    let line = output.lines().find_map(|l| l.split_once(label))?.1.replace(',', "");
     let mut words = line.split_whitespace().filter_map(|w| w.parse::<i64>().ok());
     let found: Vec<i64> = words.by_ref().take(N).collect();
     found.try_into().ok()

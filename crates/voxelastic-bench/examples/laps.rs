@@ -1,11 +1,11 @@
-//! What a further lap adds to a TSDF map, counted voxel by voxel: where it lies, and whether filled gaps would have held it already.
+//! What a second lap adds to a TSDF map, counted by voxel: where new voxels are, and whether filling gaps would have created them before.
 //!
 //!     voxelastic simulate campus --laps 2 -o campus2
 //!     voxelastic map campus2 --poses groundtruth --field tsdf --max-scans 182 -o one.vox
 //!     voxelastic map campus2 --poses groundtruth --field tsdf -o two.vox
 //!     cargo run --release -p voxelastic-bench --example laps -- one.vox two.vox
 //!
-//! Only current arrays count, and voxels of blocks that changed their scale in between are told apart. Submaps of the same number are compared.
+//! Only current arrays count, and voxels of blocks that changed their scale in between are counted separately. Submaps with equal numbers are compared.
 
 use std::error::Error;
 use std::path::Path;
@@ -18,37 +18,37 @@ type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
 /// Voxels along an edge of a brick.
 const BRICK_EDGE: usize = 4;
-/// Gaps up to so many voxels wide are filled, for comparison.
+/// Widths of the gaps that are filled for comparison, voxels.
 const GAPS: [usize; 5] = [0, 1, 2, 4, 7];
-/// Distances from the nearest of the submap's scans are told in steps of so many metres.
+/// Width of the bins of the distance to the nearest scan, metres.
 const RING: f64 = 5.0;
 const RINGS: usize = 8;
 
-/// Voxels that both maps hold, and those that only the second one does.
+/// Voxels of both maps, and of the second one only.
 #[derive(Clone, Copy, Default)]
-struct Share {
+struct OldAndNew {
     old: usize,
     new: usize,
 }
 
-impl Share {
+impl OldAndNew {
     fn add(&mut self, is_old: bool) {
         *(if is_old { &mut self.old } else { &mut self.new }) += 1;
     }
 
-    fn say(&self, what: &str) {
+    fn print(&self, what: &str) {
         println!("{what:28} {:>12} {:>12} {:>+7.1} %", self.old, self.new, 100.0 * self.new as f64 / self.old.max(1) as f64);
     }
 }
 
-/// What is counted.
+/// Counts of voxels.
 #[derive(Default)]
 struct Counts {
-    all: Share,
+    all: OldAndNew,
     /// Up to half a diagonal of a voxel from the surface, and farther.
-    near: Share,
-    far: Share,
-    rings: [Share; RINGS],
+    near: OldAndNew,
+    far: OldAndNew,
+    rings: [OldAndNew; RINGS],
     /// New voxels in new blocks, in new bricks of old blocks, and in old bricks; those that were seen once; and voxels of blocks that changed
     /// their scale.
     in_new_block: usize,
@@ -63,33 +63,33 @@ fn main() -> Result<()> {
     let [before, after] = &paths[..] else { return Err("give two maps: after one lap, and after two".into()) };
     let open = |path: &String| -> Result<(Atlas, f64)> {
         let store = MapStore::open(Path::new(path))?;
-        let voxel: f64 = store.manifest().details.settings.get("voxel").ok_or("the map does not say how large its voxels are")?.parse()?;
+        let voxel: f64 = store.manifest().details.settings.get("voxel_size").ok_or("the map does not say how large its voxels are")?.parse()?;
         Ok((store.load_atlas()?, voxel))
     };
     let ((before, _), (after, voxel)) = (open(before)?, open(after)?);
     let mut counts = Counts::default();
     for submap in after.submaps() {
-        let scans: Vec<[f64; 3]> = submap.scans.iter().map(|scan| scan.t_submap_lidar.translation.vector.into()).collect();
-        let Some(old) = before.submap(submap.id) else {
-            println!("submap {}: {} scans, not there before: left out, but for filled gaps", submap.id, submap.scans.len());
+        let scans: Vec<[f64; 3]> = submap.scans().iter().map(|scan| scan.t_submap_lidar.translation.vector.into()).collect();
+        let Some(old) = before.submap(submap.id()) else {
+            println!("submap {}: {} scans, not there before: left out, but for filled gaps", submap.id(), submap.scans().len());
             continue;
         };
-        println!("submap {}: {} scans, then {}", submap.id, old.scans.len(), submap.scans.len());
-        count(&old.tsdf, &submap.tsdf, voxel, &scans, &mut counts);
+        println!("submap {}: {} scans, then {}", submap.id(), old.scans().len(), submap.scans().len());
+        count(old.tsdf(), submap.tsdf(), voxel, &scans, &mut counts);
     }
     println!("\n{:28} {:>12} {:>12}", "voxels", "old", "new");
-    counts.all.say("all");
-    counts.near.say("nearer than 0.87 voxels");
-    counts.far.say("farther");
+    counts.all.print("all");
+    counts.near.print("nearer than 0.87 voxels");
+    counts.far.print("farther");
     for (i, ring) in counts.rings.iter().enumerate() {
         let to = if i + 1 < RINGS { format!("to {}", RING * (i + 1) as f64) } else { "and more".to_owned() };
-        ring.say(&format!("{} {to} m from a scan", RING * i as f64));
+        ring.print(&format!("{} {to} m from a scan", RING * i as f64));
     }
     let Counts { in_new_block, in_new_brick, in_old_brick, once, rescaled, .. } = counts;
     println!("new ones: {in_new_block} in new blocks, {in_new_brick} in new bricks, {in_old_brick} in old bricks; {once} seen once");
     println!("in blocks of another scale than before: {rescaled}\n");
     for gap in GAPS {
-        let [a, b] = [&before, &after].map(|atlas| atlas.submaps().iter().map(|s| filled(&s.tsdf, gap)).sum::<usize>());
+        let [a, b] = [&before, &after].map(|atlas| atlas.submaps().iter().map(|s| filled(s.tsdf(), gap)).sum::<usize>());
         println!("with gaps of up to {gap} voxels filled: {a}, then {b}: {:+.1} %", 100.0 * (b as f64 / a as f64 - 1.0));
     }
     Ok(())

@@ -1,4 +1,4 @@
-"""What adapters have in common: a request in, a JSON object a line out (the protocol is in src/peers/mod.rs)."""
+"""Common parts of the adapters: they read a request and print one JSON object per line (the protocol is in src/peers/mod.rs)."""
 import json
 import os
 import sys
@@ -14,26 +14,26 @@ def absent(why):
     sys.exit(ABSENT)
 
 
-def request(field):
-    """The request, if it asks for a map of `field`."""
-    if TOLD["format"] != 1:
+def request_for(field):
+    """The request, if it is for a map of `field`; else exits."""
+    if REQUEST["format"] != 1:
         sys.exit("this adapter reads requests of format 1")
-    if TOLD["field"] != field:
+    if REQUEST["field"] != field:
         sys.exit(OTHER_FIELD)
-    return TOLD
+    return REQUEST
 
 
-TOLD = json.loads(Path(sys.argv[1]).read_text())
-# As many processors as there are to be threads, where the system can do that; before numpy starts threads of its own, whose waiting would count.
+REQUEST = json.loads(Path(sys.argv[1]).read_text())
+# Limit the processors to the number of threads, before numpy starts threads of its own, whose waiting would count.
 if hasattr(os, "sched_setaffinity"):
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: TOLD["threads"]])
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: REQUEST["threads"]])
 try:
     import numpy as np
 except ImportError:
     absent("This Python has no numpy (VOXELASTIC_PYTHON names another one)")
 
 
-def say(**what):
+def emit(**what):
     print(json.dumps(what), flush=True)
 
 
@@ -64,20 +64,20 @@ def peak_mb():
     return None
 
 
-def measure(told, points_of, integrate, surface, **sizes):
+def measure(request, points_of, integrate, surface, **sizes):
     """Integrates what `points_of` gives for each scan, within the time limit, and writes the points that `surface` gives. `sizes` are called
-    after each scan and said with it."""
+    after each scan and printed with it."""
     start = time.monotonic()
-    for number, scan in enumerate(told["scans"]):
-        if time.monotonic() - start > told["time_limit_s"]:
+    for number, scan in enumerate(request["scans"]):
+        if time.monotonic() - start > request["time_limit_s"]:
             return
         points, origin = points_of(scan)
         wall, cpu = time.monotonic(), time.process_time()
         integrate(points, origin)
         cpu, wall = time.process_time() - cpu, time.monotonic() - wall
-        say(scan=number, cpu_ms=cpu * 1e3, wall_ms=wall * 1e3, peak_rss_mb=peak_mb(), **{name: size() for name, size in sizes.items()})
+        emit(scan=number, cpu_ms=cpu * 1e3, wall_ms=wall * 1e3, peak_rss_mb=peak_mb(), **{name: size() for name, size in sizes.items()})
     points = surface()
     rows = np.zeros((len(points), 4), np.float32)
     rows[:, :3] = points
-    rows.tofile(told["surface"])
-    say(surface=True)
+    rows.tofile(request["surface"])
+    emit(surface=True)

@@ -5,9 +5,9 @@
 Needs numpy and one of the packages pyoctomap and octomap-python. OctoMap runs with its own defaults (hit 0.7, miss 0.4, clamping 0.12 to
 0.97), end points discretised first, which is its fastest way, and inner nodes updated after each scan, so that the map can be asked.
 """
-from adapter import absent, in_map, measure, np, request, say
+from adapter import absent, emit, in_map, measure, np, request_for
 
-told = request("occupancy")
+request = request_for("occupancy")
 try:
     import pyoctomap as octomap
 except ImportError:
@@ -17,13 +17,13 @@ except ImportError:
         absent("OctoMap is left out: this Python has neither pyoctomap nor octomap (pip install pyoctomap; VOXELASTIC_PYTHON names the Python)")
 
 version = getattr(octomap, "__version__", "")
-say(system=f"OctoMap ({octomap.__name__} {version})".replace(" )", ")"))
-voxel = told["voxel_m"]
+emit(system=f"OctoMap ({octomap.__name__} {version})".replace(" )", ")"))
+voxel = request["voxel_m"]
 tree = octomap.OcTree(voxel)
 
 
 def integrate(points, origin):
-    tree.insertPointCloud(points, origin, told["max_range_m"], True, True)
+    tree.insertPointCloud(points, origin, request["max_range_m"], True, True)
     tree.updateInnerOccupancy()
 
 
@@ -41,4 +41,4 @@ def occupied():
 
 
 # Returns beyond the range free the space up to it, so they are not left out.
-measure(told, lambda scan: in_map(scan, told["min_range_m"]), integrate, occupied, map_mb=lambda: tree.memoryUsage() / 1e6)
+measure(request, lambda scan: in_map(scan, request["min_range_m"]), integrate, occupied, map_mb=lambda: tree.memoryUsage() / 1e6)

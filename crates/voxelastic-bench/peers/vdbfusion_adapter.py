@@ -4,9 +4,9 @@
 
 Needs numpy and the package vdbfusion. Surfaces only: the band is three voxels to each side, its authors' choice, and no space is carved.
 """
-from adapter import absent, in_map, measure, np, request, say
+from adapter import absent, emit, in_map, measure, np, request_for
 
-told = request("tsdf")
+request = request_for("tsdf")
 try:
     from importlib.metadata import version
 
@@ -14,8 +14,8 @@ try:
 except ImportError:
     absent("VDBFusion is left out: this Python has no vdbfusion (pip install vdbfusion; VOXELASTIC_PYTHON names the Python)")
 
-say(system=f"VDBFusion {version('vdbfusion')}")
-volume = vdbfusion.VDBVolume(told["voxel_m"], 3 * told["voxel_m"], False)
+emit(system=f"VDBFusion {version('vdbfusion')}")
+volume = vdbfusion.VDBVolume(request["voxel_m"], 3 * request["voxel_m"], False)
 
 
 def integrate(points, origin):
@@ -25,8 +25,8 @@ def integrate(points, origin):
 
 
 measure(
-    told,
-    lambda scan: in_map(scan, told["min_range_m"], told["max_range_m"]),
+    request,
+    lambda scan: in_map(scan, request["min_range_m"], request["max_range_m"]),
     integrate,
     lambda: volume.extract_triangle_mesh(False, 1.0)[0],
 )

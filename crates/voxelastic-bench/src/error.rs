@@ -1,8 +1,8 @@
-//! What can go wrong while measuring.
+//! Errors of this crate.
 
 use std::path::PathBuf;
 
-/// Why there is no figure.
+/// Errors of the benchmarks.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BenchError {
@@ -11,48 +11,48 @@ pub enum BenchError {
     Start {
         /// The command line.
         command: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// A program failed.
-    #[error("`{command}` failed ({status}): {said}")]
+    #[error("`{command}` failed ({status}): {message}")]
     Failed {
         /// The command line.
         command: String,
-        /// How it ended.
+        /// Its exit status.
         status: String,
-        /// The end of what it wrote to stderr.
-        said: String,
+        /// The last lines of its stderr.
+        message: String,
     },
-    /// A program answered something else than it promises.
-    #[error("`{command}` gave an answer that cannot be used: {what}")]
+    /// The output of a program is invalid.
+    #[error("`{command}` printed an invalid answer: {problem}")]
     Answer {
         /// The command line.
         command: String,
         /// What is wrong with it.
-        what: String,
+        problem: String,
     },
     /// A file or folder cannot be read or written.
     #[error("{path}: {source}")]
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The folder is not the usual campus.
+    /// The folder is not the default simulated campus.
     #[error("{path}: not what `voxelastic simulate campus -o {path}` makes")]
     Campus {
         /// The folder.
         path: PathBuf,
     },
-    /// Data that is measured with cannot be read.
+    /// Input data cannot be read.
     #[error(transparent)]
     Data(#[from] voxelastic_io::Error),
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] voxelastic_eval::EvalError),
-    /// A simulation in memory cannot be made or mapped.
+    /// A simulation in memory cannot be created or mapped.
     #[error("the simulation in memory: {0}")]
     Simulation(String),
 }

@@ -1,25 +1,25 @@
-//! Pictures of the runs: time of a scan, memory and submaps, over the scans.
+//! Plots of the runs over the scans: time, memory, submaps.
 
 use crate::error::Result;
+use crate::results::Suite;
 use crate::run::{OURS, Run, Series as PerScan};
 use crate::setting::Setting;
-use crate::suite::Suite;
 use std::path::{Path, PathBuf};
 use voxelastic_eval::plot::{Plot, Series};
 
-/// What a plot shows: its name in files, title, unit, and the values.
+/// A plot: name in files, title, unit, and values.
 type Kind = (&'static str, &'static str, &'static str, fn(&PerScan) -> Vec<f64>);
 
 const KINDS: [Kind; 3] = [
-    ("time", "Processor time of a scan", "ms", |s| smoothed(&s.cpu_ms)),
+    ("time", "Processor time of a scan", "ms", |s| moving_average(&s.cpu_ms)),
     ("memory", "Memory of the map", "MB", |s| s.map_mb.clone()),
     ("submaps", "Submaps", "", |s| s.submaps.iter().map(|n| f64::from(*n)).collect()),
 ];
 
-/// Scans over which times are averaged: single ones jump, and would hide each other's lines.
+/// Width of the moving average of times, scans: raw times would hide each other.
 const WINDOW: usize = 5;
 
-/// Writes `time-DATA.png`, `memory-DATA.png` and `submaps-DATA.png` into `folder` for each set of scans; the files.
+/// Writes `time-DATA.png`, `memory-DATA.png` and `submaps-DATA.png` into `folder` for each dataset. Returns the files.
 ///
 /// # Errors
 /// When a file cannot be written.
@@ -41,7 +41,7 @@ pub fn write(suite: &Suite, folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Our runs on one thread as users have them. Peers are left out: a line a hundred times as high would flatten all others.
+/// Whether a run is shown: our runs on one thread with default submaps. Peers are left out, because a much higher line would flatten the others.
 fn is_shown(run: &Run) -> bool {
     run.system == OURS && run.threads == 1 && !run.one_submap
 }
@@ -53,8 +53,8 @@ fn line(run: &Run, values: fn(&PerScan) -> Vec<f64>) -> Option<Series> {
     (!points.is_empty()).then(|| Series::line(&format!("{}, {setting}", run.field), points))
 }
 
-/// Means over [`WINDOW`] scans.
-fn smoothed(values: &[f64]) -> Vec<f64> {
+/// Moving average over [`WINDOW`] scans.
+fn moving_average(values: &[f64]) -> Vec<f64> {
     (0..values.len())
         .map(|i| {
             let near = &values[i.saturating_sub(WINDOW / 2)..(i + WINDOW / 2 + 1).min(values.len())];
@@ -68,13 +68,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_set_of_scans_gets_its_pictures() {
+    fn each_dataset_has_its_plots() {
         let series = PerScan { cpu_ms: vec![1.0, 2.0, 6.0], map_mb: vec![1.0, 2.0, 3.0], submaps: vec![1, 1, 2], ..PerScan::default() };
         let run = |data: &str| Run { system: OURS.into(), data: data.into(), threads: 1, series: series.clone(), ..Run::default() };
         let dir = tempfile::tempdir().unwrap();
         let files = write(&Suite { runs: vec![run("campus"), run("hall")], ..Suite::default() }, dir.path()).unwrap();
         assert_eq!(files.len(), 6);
         assert!(files.iter().all(|f| f.is_file()) && files[0].ends_with("time-campus.png"));
-        assert_eq!(smoothed(&[1.0, 2.0, 6.0]), [3.0, 3.0, 3.0]);
+        assert_eq!(moving_average(&[1.0, 2.0, 6.0]), [3.0, 3.0, 3.0]);
     }
 }

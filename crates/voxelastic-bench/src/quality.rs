@@ -1,27 +1,26 @@
-//! What a map is worth: its error against the simulated world, or against scans that were held out of it.
+//! Accuracy of a map: against the simulated world, or against held-out scans.
 
 use crate::data::{Dataset, Truth};
 use crate::error::Result;
-use crate::workshop::{Workshop, words};
+use crate::workspace::{Workspace, words};
 use serde::Serialize;
 use serde_json::Value;
 use std::path::Path;
 use voxelastic::settings::FieldKind;
 
-/// Points of a map that are measured at most: the mean of a million is as good as that of all.
-const MOST_POINTS: &str = "1000000";
-/// The world's surface is looked for at points this far apart, metres, as the paper does (Sec. V-A): a coarser choice would count places
-/// that few beams met as much as all others.
+/// Most points of a map that are measured: the mean of a million is as precise as that of all.
+const MAX_POINTS: &str = "1000000";
+/// Spacing of the points of the world's surface, metres, as in the paper (Sec. V-A). A larger one would give more weight to parts that few beams hit.
 const TRUTH_VOXEL: &str = "0.05";
-/// Held-out points farther from the sensor are left out, metres.
+/// Largest range of held-out points, metres.
 const HELD_OUT_RANGE: &str = "20";
 
-/// Errors of a map, in metres and shares.
+/// Accuracy of a map, in metres and shares.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
-    /// From what: `vertices` of the mesh, `voxels` that are occupied, `points` that were held out or of a cloud.
+    /// What is measured: `vertices` of the mesh, occupied `voxels`, or `points` (held out, or of a cloud).
     pub of: String,
-    /// To what: `world` or `mesh`.
+    /// The reference: `world` or `mesh`.
     pub to: &'static str,
     /// Mean distance.
     pub mean_m: Option<f64>,
@@ -29,24 +28,24 @@ pub struct Quality {
     pub median_m: Option<f64>,
     /// 90 % of the distances are at most this.
     pub p90_m: Option<f64>,
-    /// Share of the surface that was visible nearer than 30 m that lies within 5 cm of the map; only for a world.
+    /// Share of the surface visible below 30 m that is within 5 cm of the map; only for a world.
     pub complete: Option<f64>,
 }
 
-/// Measures the map (or the cloud of a peer) that was made of `data`; `None` where nothing is true.
-pub(crate) fn measure(shop: &Workshop, map: &Path, data: &Dataset, field: Option<FieldKind>) -> Result<Option<Quality>> {
+/// Measures a map (or the cloud of a peer) of `data`; `None` without reference.
+pub(crate) fn measure(workspace: &Workspace, map: &Path, data: &Dataset, field: Option<FieldKind>) -> Result<Option<Quality>> {
     let map = map.display().to_string();
     let folder = data.folder.display().to_string();
     match data.truth {
         Truth::World => {
-            let mut arguments = words(&["eval", &map, "--truth", &folder, "--max-points", MOST_POINTS, "--truth-voxel", TRUTH_VOXEL, "--json"]);
-            // An occupancy map as a cloud of voxels: nothing else is asked of it here, so free space is not judged.
+            let mut arguments = words(&["eval", &map, "--truth", &folder, "--max-points", MAX_POINTS, "--truth-voxel", TRUTH_VOXEL, "--json"]);
+            // An occupancy map is measured as a cloud of voxels, without free space.
             arguments.extend(field.iter().flat_map(|f| words(&["--field", f.name()])));
-            Ok(Some(against_world(&shop.ask(&arguments)?)))
+            Ok(Some(against_world(&workspace.run_json(&arguments)?)))
         }
-        Truth::HeldOut(every) if field.is_some() => {
-            let arguments = words(&["heldout", &map, &folder, "--hold-out", &every.to_string(), "--max-range", HELD_OUT_RANGE, "--json"]);
-            let answer = shop.ask(&arguments)?;
+        Truth::HeldOut(n) if field.is_some() => {
+            let arguments = words(&["heldout", &map, &folder, "--hold-out", &n.to_string(), "--max-range", HELD_OUT_RANGE, "--json"]);
+            let answer = workspace.run_json(&arguments)?;
             Ok(Some(Quality { of: "points".to_owned(), to: "mesh", ..of_distances(&answer["distances"]) }))
         }
         Truth::HeldOut(_) | Truth::None => Ok(None),
@@ -72,7 +71,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn exact_distances_are_preferred() {
+    fn exact_distances_have_priority() {
         let exact = json!({"mean": 0.01, "median": 0.005, "p90": 0.02});
         let answer = json!({"measured": "vertices", "surface": {"accuracy": {"mean": 0.04}, "accuracy_exact": exact, "completeness": {"fraction_under_5cm": 0.9}}});
         let quality = against_world(&answer);

@@ -1,101 +1,65 @@
-//! The suite: three settings, two fields, threads, on all scans there are, with peers in between.
+//! The suite: three settings, both fields, one and two threads, on all available scans, interleaved with peers.
 
 use crate::data::{self, Dataset, Truth};
-use crate::elastic::{self, Elastic};
 use crate::error::Result;
-use crate::goals::{self, Goal};
 use crate::peers::{self, Peer};
-use crate::run::{Case, Run, middle};
-use crate::setting::{FIELDS, HARD, SETTINGS, Setting};
-use crate::workshop::{Workshop, load};
-use serde::Serialize;
+pub use crate::results::{Machine, Suite};
+use crate::results::{generator, machine};
+use crate::run::{Case, Run, median_run};
+use crate::setting::{FIELDS, HARDEST, SETTINGS, Setting};
+use crate::workspace::{Workspace, load};
+use crate::{goals, special};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 use voxelastic::settings::FieldKind;
 
-/// What is measured.
+/// Options of a suite.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// A first look: the hardest setting only, on the beginning of the campus, no errors, no peers' clouds.
+    /// Quick suite: the hardest setting only, on the first scans of the campus, without accuracy.
     pub quick: bool,
-    /// Systems that take part.
+    /// Other systems to measure.
     pub peers: Vec<Peer>,
-    /// Time that a peer has for one configuration.
+    /// Time limit of a peer for one configuration.
     pub peer_limit: Duration,
-    /// How often each configuration is run; the middle one counts.
+    /// Repetitions of each configuration; the median run is reported.
     pub repeat: usize,
-    /// The folder with real scans.
+    /// Folder with real scans.
     pub real_data: PathBuf,
-    /// A campus that was simulated before.
+    /// An existing simulated campus.
     pub campus: Option<PathBuf>,
 }
 
-/// The machine.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Machine {
-    /// The processor's name; empty where the system does not tell.
-    pub cpu: String,
-    /// Processors that may be used.
-    pub cores: usize,
-    /// Load when the measuring began.
-    pub load_before: Option<f64>,
-    /// Load when it ended.
-    pub load_after: Option<f64>,
-}
-
-/// All that was measured. The keys of `bench.json`; they stay, further ones may come.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Suite {
-    /// 1.
-    pub format: u32,
-    /// Who measured.
-    pub generator: String,
-    /// Where.
-    pub machine: Machine,
-    /// Whether it was a first look only.
-    pub quick: bool,
-    /// A row of the table each.
-    pub runs: Vec<Run>,
-    /// Corrections, second visits, the mesh.
-    pub elastic: Elastic,
-    /// What was aimed at.
-    pub goals: Vec<Goal>,
-    /// What was left out, and why.
-    pub skipped: Vec<String>,
-    /// How long it took, seconds.
-    pub total_s: f64,
-}
-
-/// Scans of the quick look.
+/// Scans of a quick suite.
 const QUICK_SCANS: usize = 60;
-/// Times that peers have, for two laps, what they have for other runs: one that does not come to the end says nothing.
-const LAPS_LIMIT: u32 = 6;
-/// Name of the map under measurement.
+/// Factor on the time limit of peers for two laps, which are of no use unless they are complete.
+const LAPS_LIMIT_FACTOR: u32 = 6;
+/// Scratch name of the map.
 const MAP: &str = "run.vox";
 
-/// Measures everything that `options` ask for.
+/// Runs the suite.
 ///
 /// # Errors
-/// When a program of ours fails or data cannot be read. A peer that fails is noted and left out.
-pub fn run(shop: &Workshop, options: &Options) -> Result<Suite> {
+/// When a program of ours fails or data cannot be read. A peer that fails is skipped and listed in the results.
+pub fn run(workspace: &Workspace, options: &Options) -> Result<Suite> {
     let clock = Instant::now();
     let mut suite = Suite { format: 1, generator: generator(), machine: machine(), quick: options.quick, ..Suite::default() };
-    let datasets = datasets(shop, options, &mut suite.skipped)?;
-    let settings: &[Setting] = if options.quick { &[HARD] } else { &SETTINGS };
+    let datasets = datasets(workspace, options, &mut suite.skipped)?;
+    let settings: &[Setting] = if options.quick { &[HARDEST] } else { &SETTINGS };
     for data in &datasets {
-        let handout = if options.peers.is_empty() { None } else { Some(peers::handout(data, &shop.scratch("handout"))?) };
+        let exported = if options.peers.is_empty() { None } else { Some(peers::export_scans(data, &workspace.scratch("exported"))?) };
         for &setting in settings {
             for field in FIELDS {
-                let mut round = Round { shop, options, data, setting, field, handout: handout.as_ref(), suite: &mut suite };
+                let mut round = Round { workspace, options, data, setting, field, exported: exported.as_ref(), suite: &mut suite };
                 round.run()?;
             }
         }
-        shop.discard("handout");
+        workspace.remove_scratch("exported");
     }
-    suite.elastic.pose_update = elastic::pose_updates(&[1000])?.pop();
+    suite.special.pose_update = special::pose_updates(&[1000])?.pop();
     if !options.quick {
-        let (usual, others) = elastic::second_laps(shop, &options.peers, LAPS_LIMIT * options.peer_limit, &mut suite.skipped)?;
-        (suite.elastic.second_lap, suite.elastic.second_lap_others) = (Some(usual), others);
+        let (default, others) = special::second_laps(workspace, &options.peers, LAPS_LIMIT_FACTOR * options.peer_limit, &mut suite.skipped)?;
+        (suite.special.second_lap, suite.special.second_lap_others) = (Some(default), others);
     }
     suite.goals = goals::all(&suite);
     suite.machine.load_after = load();
@@ -103,21 +67,8 @@ pub fn run(shop: &Workshop, options: &Options) -> Result<Suite> {
     Ok(suite)
 }
 
-/// The program and its version.
-pub(crate) fn generator() -> String {
-    concat!("voxelastic ", env!("CARGO_PKG_VERSION")).to_owned()
-}
-
-/// What the system tells of itself.
-pub(crate) fn machine() -> Machine {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = text.lines().find_map(|l| l.strip_prefix("model name")?.split_once(':')).map(|(_, name)| name.trim().to_owned());
-    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    Machine { cpu: name.unwrap_or_default(), cores, load_before: load(), load_after: None }
-}
-
-fn datasets(shop: &Workshop, options: &Options, skipped: &mut Vec<String>) -> Result<Vec<Dataset>> {
-    let mut campus = data::campus(shop, options.campus.as_deref())?;
+fn datasets(workspace: &Workspace, options: &Options, skipped: &mut Vec<String>) -> Result<Vec<Dataset>> {
+    let mut campus = data::campus(workspace, options.campus.as_deref())?;
     if options.quick {
         campus = Dataset { truth: Truth::None, max_scans: Some(QUICK_SCANS), ..campus };
         return Ok(vec![campus]);
@@ -128,14 +79,14 @@ fn datasets(shop: &Workshop, options: &Options, skipped: &mut Vec<String>) -> Re
     Ok(std::iter::once(campus).chain(real).collect())
 }
 
-/// All runs of one field at one setting on the same scans: one after the other, so that they see the same machine.
+/// All runs of one field at one setting on the same scans. They follow each other directly, so that the state of the machine is the same.
 struct Round<'a> {
-    shop: &'a Workshop,
+    workspace: &'a Workspace,
     options: &'a Options,
     data: &'a Dataset,
     setting: Setting,
     field: FieldKind,
-    handout: Option<&'a peers::Handout>,
+    exported: Option<&'a peers::ExportedScans>,
     suite: &'a mut Suite,
 }
 
@@ -147,18 +98,18 @@ impl<'a> Round<'a> {
         for repetition in 0..self.options.repeat.max(1) {
             for (case, runs) in cases.iter().zip(&mut ours) {
                 tracing::info!("{}", title(case));
-                let mut run = case.run(self.shop, MAP)?;
-                // The map is the same for any number of threads, in every repetition.
+                let mut run = case.run(self.workspace, MAP)?;
+                // The map is the same for any number of threads and in every repetition.
                 if case.threads == 1 && repetition == 0 && !self.options.quick {
-                    run.quality = case.judge(self.shop, MAP)?;
+                    run.quality = case.evaluate(self.workspace, MAP)?;
                     self.mesh(case)?;
                 }
-                self.shop.discard(MAP);
+                self.workspace.remove_scratch(MAP);
                 runs.push(run);
             }
-            if let Some(handout) = self.handout {
+            if let Some(exported) = self.exported {
                 for (peer, runs) in self.options.peers.iter().zip(&mut theirs) {
-                    match self.peer(peer, &cases[0], handout) {
+                    match self.peer(peer, &cases[0], exported) {
                         Ok(run) => runs.extend(run),
                         Err(why) if !self.suite.skipped.contains(&why) => self.suite.skipped.push(why),
                         Err(_) => {}
@@ -168,36 +119,36 @@ impl<'a> Round<'a> {
         }
         for runs in ours.into_iter().chain(theirs) {
             let quality = runs.iter().find_map(|r| r.quality.clone());
-            self.suite.runs.extend(middle(runs).map(|run| Run { quality, ..run }));
+            self.suite.runs.extend(median_run(runs).map(|run| Run { quality, ..run }));
         }
         Ok(())
     }
 
-    /// One thread and two; at the hardest setting of the campus everything in one submap, too, as peers have it.
+    /// One thread and two; at the hardest setting of the campus also with a single submap, as peers have it.
     fn cases(&self) -> Vec<Case<'a>> {
         let case = Case { data: self.data, setting: self.setting, field: self.field, threads: 1, one_submap: false };
         let mut cases = vec![case];
         if self.suite.machine.cores > 1 {
             cases.push(Case { threads: 2, ..case });
         }
-        if self.setting == HARD && self.data.truth == Truth::World {
+        if self.setting == HARDEST && self.data.truth == Truth::World {
             cases.push(Case { one_submap: true, ..case });
         }
         cases
     }
 
-    /// The mesh of everything, of the map that the goals speak of.
+    /// Measures mesh extraction, for the map that the goals refer to.
     fn mesh(&mut self, case: &Case<'_>) -> Result<()> {
-        if self.setting == HARD && self.field == FieldKind::Tsdf && self.data.truth == Truth::World && !case.one_submap {
-            self.suite.elastic.mesh = Some(elastic::mesh(self.shop, MAP)?);
+        if self.setting == HARDEST && self.field == FieldKind::Tsdf && self.data.truth == Truth::World && !case.one_submap {
+            self.suite.special.mesh = Some(special::mesh(self.workspace, MAP)?);
         }
         Ok(())
     }
 
-    /// A peer's run if it maps the field, or why there is none: what is wrong with a peer does not end the measuring.
-    fn peer(&self, peer: &Peer, case: &Case<'_>, handout: &peers::Handout) -> std::result::Result<Option<Run>, String> {
+    /// Runs a peer; none if it does not map the field. The error says why there is no run; it does not end the suite.
+    fn peer(&self, peer: &Peer, case: &Case<'_>, exported: &peers::ExportedScans) -> std::result::Result<Option<Run>, String> {
         tracing::info!("{}, {}, {}", case.data.name, case.setting, peer.name);
-        let run = peer.run(self.shop, case, handout, self.options.peer_limit).map_err(|problem| format!("{}: {problem}", peer.name))?;
+        let run = peer.run(self.workspace, case, exported, self.options.peer_limit).map_err(|problem| format!("{}: {problem}", peer.name))?;
         if run.note == peers::NOT_THIS_FIELD {
             return Ok(None);
         }

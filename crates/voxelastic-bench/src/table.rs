@@ -1,11 +1,11 @@
-//! Results as text for a terminal.
+//! Results as text tables.
 
 use crate::growth::{Growth, Point, Sweep};
+use crate::results::{Machine, Suite};
 use crate::run::Run;
 use crate::setting::centimetres;
-use crate::suite::{Machine, Suite};
 
-/// Rows of words under a heading; columns as wide as they must be, numbers to the right.
+/// Rows under a heading in aligned columns, numbers to the right.
 fn aligned(heading: &[&str], rows: &[Vec<String>]) -> String {
     let all = || std::iter::once(heading.iter().map(|h| (*h).to_owned()).collect::<Vec<_>>()).chain(rows.iter().cloned());
     let width = |column: usize| all().filter_map(|row| row.get(column).map(|cell| cell.chars().count())).max().unwrap_or(0);
@@ -21,21 +21,21 @@ fn aligned(heading: &[&str], rows: &[Vec<String>]) -> String {
     all().map(line).collect()
 }
 
-/// A number with so many decimals, or a dash.
+/// A number, or a dash.
 fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
-fn two(a: Option<f64>, b: Option<f64>, decimals: usize) -> String {
+fn pair(a: Option<f64>, b: Option<f64>, decimals: usize) -> String {
     if a.is_none() && b.is_none() { "-".to_owned() } else { format!("{} / {}", number(a, decimals), number(b, decimals)) }
 }
 
 fn machine(machine: &Machine, total_s: f64) -> String {
-    let load = two(machine.load_before, machine.load_after, 1);
+    let load = pair(machine.load_before, machine.load_after, 1);
     format!("{}, {} cores; load before / after: {load}; {total_s:.0} s\n", machine.cpu, machine.cores)
 }
 
-/// The table of runs, the goals, and what was left out.
+/// The runs, the goals, and what was skipped.
 pub fn suite(suite: &Suite) -> String {
     let heading = [
         "scans of",
@@ -58,7 +58,7 @@ pub fn suite(suite: &Suite) -> String {
     text.push_str("CPU and wall: a scan, without decoding. Hz: scans a second, with decoding. MB: 10^6 bytes.\n\n");
     text.push_str(&aligned(&heading, &rows));
     text.push('\n');
-    text.push_str(&elastic(suite));
+    text.push_str(&special(suite));
     text.push_str("Goals (campus, 60 m / 6.5 cm where nothing else is said)\n");
     let goals: Vec<Vec<String>> = suite.goals.iter().map(goal).collect();
     text.push_str(&aligned(&["", "goal", "least", "measured", "", "reached", "best peer before"], &goals));
@@ -70,7 +70,7 @@ fn row(run: &Run) -> Vec<String> {
     let quality = run.quality.as_ref();
     let mm = |m: Option<f64>| m.map(|m| m * 1e3);
     let scans = if run.scans < run.scans_offered { format!("{} of {}", run.scans, run.scans_offered) } else { run.scans.to_string() };
-    let error = quality.map_or_else(|| "-".to_owned(), |q| format!("{} ({} to {})", two(mm(q.mean_m), mm(q.p90_m), 1), q.of, q.to));
+    let error = quality.map_or_else(|| "-".to_owned(), |q| format!("{} ({} to {})", pair(mm(q.mean_m), mm(q.p90_m), 1), q.of, q.to));
     vec![
         run.data.clone(),
         format!("{} m / {}", run.max_range_m, centimetres(run.voxel_m)),
@@ -78,7 +78,7 @@ fn row(run: &Run) -> Vec<String> {
         if run.one_submap && run.system == crate::run::OURS { format!("{}, one submap", run.system) } else { run.system.clone() },
         run.threads.to_string(),
         scans,
-        two(run.cpu_ms.median, run.cpu_ms.p95, 1),
+        pair(run.cpu_ms.median, run.cpu_ms.p95, 1),
         number(run.wall_ms.median, 1),
         number(run.scans_per_s, 1),
         number(run.peak_rss_mb, 0),
@@ -89,12 +89,12 @@ fn row(run: &Run) -> Vec<String> {
     ]
 }
 
-fn elastic(suite: &Suite) -> String {
+fn special(suite: &Suite) -> String {
     let mut text = String::new();
-    if let Some(mesh) = &suite.elastic.mesh {
-        text.push_str(&format!("mesh of everything: {} triangles in {:.2} s, one thread\n", mesh.triangles, mesh.extract_s));
+    if let Some(mesh) = &suite.special.mesh {
+        text.push_str(&format!("mesh: {} triangles in {:.2} s, one thread\n", mesh.triangles, mesh.extract_s));
     }
-    for lap in suite.elastic.second_lap.iter().chain(&suite.elastic.second_lap_others) {
+    for lap in suite.special.second_lap.iter().chain(&suite.special.second_lap_others) {
         text.push_str(&format!(
             "second lap of {} scans, {}: {:.0} MB, then {:.0} MB ({:+.0} MB, {:+.1} %); {} submaps, then {}; a scan takes {:.2} of the time\n",
             lap.scans,
@@ -108,13 +108,13 @@ fn elastic(suite: &Suite) -> String {
             lap.slower
         ));
     }
-    if let Some(update) = &suite.elastic.pose_update {
-        text.push_str(&format!("pose update of {} submaps: {} ms\n", update.submaps, two(update.wall_ms.median, update.wall_ms.p95, 3)));
+    if let Some(update) = &suite.special.pose_update {
+        text.push_str(&format!("pose update of {} submaps: {} ms\n", update.submaps, pair(update.wall_ms.median, update.wall_ms.p95, 3)));
     }
     text + "\n"
 }
 
-fn goal(goal: &crate::goals::Goal) -> Vec<String> {
+fn goal(goal: &crate::goal::Goal) -> Vec<String> {
     let sign = if goal.more_is_better { ">=" } else { "<=" };
     let plain = |v: f64| format!("{sign} {}", (v * 1000.0).round() / 1000.0);
     vec![
@@ -128,7 +128,7 @@ fn goal(goal: &crate::goals::Goal) -> Vec<String> {
     ]
 }
 
-/// The tables of growth, and what a long drive would cost.
+/// The tables of growth, and the cost of a long drive.
 pub fn growth(growth: &Growth) -> String {
     let mut text = machine(&growth.machine, growth.total_s);
     text.push_str("One thread; y grows as x to the power of the exponent.\n\n");
@@ -177,23 +177,23 @@ fn sweep(sweep: &Sweep) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic_eval::Spread;
+    use voxelastic_eval::SeriesStats;
 
     #[test]
-    fn columns_stand_below_each_other() {
+    fn columns_are_aligned() {
         let rows = vec![vec!["a".to_owned(), "1.5".to_owned()], vec!["long".to_owned(), "12.5".to_owned()]];
         assert_eq!(aligned(&["name", "ms"], &rows), "name    ms\na      1.5\nlong  12.5\n");
     }
 
     #[test]
-    fn a_suite_shows_its_runs_and_what_was_left_out() {
+    fn suite_lists_runs_and_skipped_data() {
         let run = Run {
             system: "OctoMap".into(),
             data: "campus".into(),
             voxel_m: 0.065,
             scans: 2,
             scans_offered: 210,
-            cpu_ms: Spread::of(&[1.0]),
+            cpu_ms: SeriesStats::new(&[1.0]),
             ..Run::default()
         };
         let text = suite(&Suite { runs: vec![run], skipped: vec!["skipped: hall: no folder".into()], ..Suite::default() });

@@ -1,13 +1,13 @@
-//! Settings as text: flags, configuration files and their documentation, all from `voxelastic::settings`.
+//! Settings as flags and configuration files, generated from `voxelastic::settings`.
 
 use crate::failure::Failure;
 use anyhow::Context;
 use clap::{Arg, ArgMatches, Command};
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
-use voxelastic::settings::{Group, Setting, Settings, table};
+use voxelastic::settings::{Group, Setting, Settings, former_name, table};
 
-/// The settings given on the command line, and the file to take others from.
+/// Settings from the command line, and the configuration file for the others.
 #[derive(Clone, Debug, Default)]
 pub struct SettingFlags {
     given: Vec<(&'static str, String)>,
@@ -15,7 +15,7 @@ pub struct SettingFlags {
 }
 
 impl SettingFlags {
-    /// The settings: flags first, then the file, then the defaults.
+    /// The settings: flags override the file, the file overrides the defaults.
     pub fn resolve(&self) -> anyhow::Result<Settings> {
         let mut settings = Settings::default();
         if let Some(file) = &self.file {
@@ -37,6 +37,7 @@ fn flag(setting: &'static Setting) -> Arg {
         unit => unit.to_uppercase(),
     };
     Arg::new(setting.key)
+        .aliases(former_name(setting.key).map(|old| old.replace("_", "-")))
         .long(setting.key.replace('_', "-"))
         .value_name(value_name)
         .help(format!("{} [{}; default {}]", setting.help, setting.range(), setting.default))
@@ -51,7 +52,7 @@ impl clap::Args for SettingFlags {
         let file = Arg::new("config")
             .long("config")
             .value_name("FILE.toml")
-            .help("Take settings from this file; flags win over it. `voxelastic config` prints one")
+            .help("Read settings from this file; flags override it. `voxelastic config` prints one")
             .help_heading("Settings")
             .value_parser(clap::value_parser!(PathBuf));
         table().iter().fold(command.arg(file), |command, setting| command.arg(flag(setting)))
@@ -74,7 +75,7 @@ impl clap::FromArgMatches for SettingFlags {
     }
 }
 
-/// Sets what a TOML file says.
+/// Applies a TOML file to the settings.
 fn apply_file(settings: &mut Settings, path: &Path) -> anyhow::Result<()> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the configuration file {}", path.display()))?;
     apply_text(settings, &text).map_err(|(line, what)| {
@@ -83,7 +84,7 @@ fn apply_file(settings: &mut Settings, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Sets what TOML text says; an error has its line and what is wrong there.
+/// Applies TOML text to the settings; errors hold the line and the problem.
 fn apply_text(settings: &mut Settings, text: &str) -> Result<(), (usize, String)> {
     let line_of = |offset: usize| 1 + text.bytes().take(offset).filter(|&b| b == b'\n').count();
     let parsed = DeTable::parse(text).map_err(|e| (line_of(e.span().map_or(0, |s| s.start)), e.message().to_owned()))?;
@@ -95,17 +96,17 @@ fn apply_text(settings: &mut Settings, text: &str) -> Result<(), (usize, String)
             DeValue::Integer(number) if number.radix() == 10 => number.as_str().replace('_', ""),
             DeValue::Integer(_) => return Err((line, format!("{} must be written as a decimal number", key.get_ref()))),
             DeValue::Float(number) => number.as_str().replace('_', ""),
-            _ => return Err((line, format!("{} is of the kind {kind}, but must be a number or a text", key.get_ref()))),
+            _ => return Err((line, format!("{} is of the type {kind}, but must be a number or a string", key.get_ref()))),
         };
         settings.set(key.get_ref(), &text).map_err(|e| (line, e.to_string()))?;
     }
     Ok(())
 }
 
-/// A configuration file that says what every setting is.
+/// A configuration file with the documentation of all settings.
 pub fn documented_toml(settings: &Settings) -> String {
     let mut text =
-        String::from("# Settings of `voxelastic map`. Use with --config FILE; flags win over the file; what is left out has its default.\n");
+        String::from("# Settings of `voxelastic map`, for --config FILE. Flags override the file; settings that are left out have their defaults.\n");
     let mut group = None;
     for setting in table() {
         if group != Some(setting.group) {
@@ -126,7 +127,7 @@ mod tests {
     #[test]
     fn the_documented_file_reads_back_to_the_same_settings() {
         let settings =
-            Settings { voxel: 0.123_456_79, max_range: 40.0, lambda_odom: 12.5, sensor: "os\"1".into(), threads: 2, ..Settings::default() };
+            Settings { voxel_size: 0.123_456_79, max_range: 40.0, lambda_odom: 12.5, sensor: "os\"1".into(), threads: 2, ..Settings::default() };
         let mut again = Settings::default();
         apply_text(&mut again, &documented_toml(&settings)).unwrap();
         assert_eq!(again, settings);
@@ -134,11 +135,11 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_in_a_file_are_named_with_their_line() {
+    fn errors_in_a_file_name_the_line() {
         let mistake = |text: &str| apply_text(&mut Settings::default(), text).unwrap_err();
         assert_eq!(mistake("voxel = 0.1\nmax_range = 0\n"), (2, "max_range = 0: must be 0.5 to 1000 m".to_owned()));
-        assert_eq!(mistake("\n\nvoxels = 0.1"), (3, "there is no setting `voxels`; did you mean `voxel`?".to_owned()));
-        assert_eq!(mistake("voxel = [1]").1, "voxel is of the kind array, but must be a number or a text");
+        assert_eq!(mistake("\n\nvoxels = 0.1"), (3, "there is no setting `voxels`; did you mean `voxel_size`?".to_owned()));
+        assert_eq!(mistake("voxel = [1]").1, "voxel is of the type array, but must be a number or a string");
         assert_eq!(mistake("voxel = 0.1\nmax_range 3").0, 2);
         assert!(mistake("threads = 0x10").1.contains("decimal"));
         let mut settings = Settings::default();

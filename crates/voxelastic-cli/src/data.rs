@@ -1,4 +1,4 @@
-//! The input: a folder of scans and poses, or a recording, and which of its scans to take.
+//! The input: a folder of scans and poses, or a recording, and the selection of its scans.
 
 use clap::Args;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -6,42 +6,42 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Pose;
-use voxelastic_io::dataset::{Every, OpenOptions};
 use voxelastic_io::source::{self, Source};
+use voxelastic_io::{Keyframing, OpenOptions, PoseKind};
 
-/// How to read the input.
+/// Arguments that select and describe the input.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct DataArgs {
     /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, an Ouster .pcap
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
-    /// The pose file, where several could be meant: a path, or a part of a name in DATA that no other has
+    /// The pose file, if there are several: a path, or a part of a file name in DATA that is unique
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
-    /// The g2o pose graph to take loop and odometry edges from, named like --poses; beside a recording also a folder of corrected
-    /// trajectories (poses@SECONDS.tum) as they were known at that time
+    /// The g2o pose graph with loop and odometry edges, named as for --poses; for a recording also a folder of corrected
+    /// trajectories, each named by the time from which it holds (poses@SECONDS.tum)
     #[arg(long, value_name = "FILE.g2o")]
     graph: Option<PathBuf>,
-    /// Pose of the lidar on the vehicle: the poses in the files are then those of the vehicle
+    /// Pose of the lidar in the vehicle frame, where the poses in the files are those of the vehicle
     #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = pose, allow_hyphen_values = true)]
     t_base_lidar: Option<Pose>,
-    /// Scans to take: scan (all), a number (every 5th), a distance (2m) or a time (0.5s) [default: scan; 2m of a recording]
+    /// Interval between the scans used: scan (all), a number (every Nth), a distance (2m) or a time (0.5s) [default: scan; for recordings 2m]
     #[arg(long, value_name = "scan|N|METRESm|SECONDSs")]
-    every: Option<Every>,
-    /// The topic of a recording that holds the clouds, where several could be meant
+    every: Option<Keyframing>,
+    /// The topic of the clouds in a recording, if there are several
     #[arg(long, value_name = "TOPIC")]
     cloud_topic: Option<String>,
-    /// The topic of a recording that holds the poses (odometry, path, stamped poses, /tf), where several could be meant
+    /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
-    /// The sensor's .json of an Ouster capture, where it is not found by its name
+    /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
     #[arg(long, value_name = "FILE.json", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// Take clouds as they are, for those that were set right for the sensor's motion before and have still times of points
+    /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
     #[arg(long)]
     no_deskew: bool,
-    /// How far in time a pose may be from its scan, seconds
+    /// Largest time difference between a scan and its pose, seconds
     #[arg(long, value_name = "S", default_value_t = 0.01, value_parser = seconds, hide_short_help = true)]
     time_tolerance: f64,
 }
@@ -52,14 +52,15 @@ impl DataArgs {
         &self.data
     }
 
-    /// How the user wants it read; `strict` refuses scans without a pose.
+    /// Options for reading the input; `strict` makes scans without a pose an error.
     pub fn options(&self, strict: bool) -> OpenOptions {
         OpenOptions {
             poses: self.poses.clone(),
+            pose_kind: PoseKind::default(),
             graph: self.graph.clone(),
             t_base_lidar: self.t_base_lidar,
             strict,
-            every: self.every,
+            keyframing: self.every,
             cloud_topic: self.cloud_topic.clone(),
             pose_topic: self.pose_topic.clone(),
             metadata: self.metadata.clone(),
@@ -68,34 +69,39 @@ impl DataArgs {
         }
     }
 
-    /// Opens the folder or recording; `strict` refuses scans without a pose.
+    /// Opens the folder or recording; `strict` makes scans without a pose an error.
     pub fn open(&self, strict: bool) -> voxelastic_io::Result<Source> {
-        source::open(&self.data, &self.options(strict))
+        self.open_with(strict, PoseKind::default())
+    }
+
+    /// As [`open`](Self::open), with the odometry or the optimised poses where a folder has both.
+    pub fn open_with(&self, strict: bool, pose_kind: PoseKind) -> voxelastic_io::Result<Source> {
+        source::open(&self.data, &OpenOptions { pose_kind, ..self.options(strict) })
     }
 }
 
-/// Every how many scans one is held out.
+/// Interval of the held-out scans: the last of every N.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HoldOut(usize);
 
 impl HoldOut {
-    /// Reads the number of a flag.
+    /// Parses the argument.
     pub fn parse(text: &str) -> Result<Self, String> {
         text.parse().ok().filter(|n| *n >= 2).map(Self).ok_or_else(|| "must be a whole number, 2 or more".to_owned())
     }
 
-    /// Whether the `i`-th scan of those taken is held out: the last of each N.
+    /// Whether scan `i` of the selected scans is held out.
     fn holds_out(self, i: usize) -> bool {
         i % self.0 == self.0 - 1
     }
 
-    /// Keeps the held-out scans only.
-    pub fn keep_held(self, source: &mut Source) {
+    /// Restricts the source to the held-out scans.
+    pub fn keep_held_out(self, source: &mut Source) {
         source.retain(move |i| self.holds_out(i));
     }
 
-    /// Keeps the other scans only. The number that comes back grows with each scan that is held out.
-    pub fn drop_held(self, source: &mut Source) -> Arc<AtomicUsize> {
+    /// Removes the held-out scans from the source. The returned counter grows with each scan that is removed.
+    pub fn remove_held_out(self, source: &mut Source) -> Arc<AtomicUsize> {
         let count = Arc::new(AtomicUsize::new(0));
         let held = Arc::clone(&count);
         source.retain(move |i| {
@@ -113,7 +119,7 @@ fn pose(text: &str) -> Result<Pose, String> {
     let [x, y, z, qx, qy, qz, qw]: [f64; 7] = numbers.ok_or_else(wrong)?.try_into().map_err(|_| wrong())?;
     let rotation = Quaternion::new(qw, qx, qy, qz);
     if (rotation.norm() - 1.0).abs() > 1e-2 {
-        return Err(format!("the quaternion has the length {:.3}, but must have 1; the order is qx qy qz qw", rotation.norm()));
+        return Err(format!("the norm of the quaternion is {:.3}, but must be 1; the order is qx qy qz qw", rotation.norm()));
     }
     Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(rotation)))
 }
@@ -127,10 +133,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn poses_of_the_lidar_are_read_or_refused() {
+    fn poses_are_parsed_or_rejected() {
         let read = pose("0.1 -0.2, 1.7 0 0 0.70710678 0.70710678").unwrap();
         assert!((read.rotation.euler_angles().2 - std::f64::consts::FRAC_PI_2).abs() < 1e-6 && read.translation.z == 1.7);
-        assert!(pose("0 0 0 0 0 0 2").unwrap_err().contains("length 2"));
+        assert!(pose("0 0 0 0 0 0 2").unwrap_err().contains("is 2.000"));
         for wrong in ["", "1 2 3", "0 0 0 0 0 0 1 1", "0 0 0 0 0 0 nan"] {
             assert!(pose(wrong).unwrap_err().contains("x y z qx qy qz qw"), "{wrong}");
         }

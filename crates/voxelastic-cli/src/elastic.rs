@@ -1,53 +1,55 @@
-//! What `voxelastic map` does about corrections: loops optimised as they come, submaps rebuilt at the end.
+//! Pose corrections in `voxelastic map`: optimisation after loop edges, rebuilding of submaps at the end.
 
+use crate::failure::one_line;
 use crate::interrupt;
 use crate::mapping::Session;
 use crate::progress::Progress;
 use clap::Args;
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
+use voxelastic_io::PoseKind;
 use voxelastic_io::source::Source;
+use voxelastic_slam::graph::{LiveOptimiser, Options};
 
-/// How the map follows corrections.
+/// Arguments for pose corrections.
 #[derive(Clone, Copy, Debug, Args)]
 #[command(next_help_heading = "Corrections")]
 pub struct ElasticArgs {
-    /// Optimise the pose graph after loop edges, and let the map follow: for data whose poses are those of odometry
-    #[cfg(feature = "optimize")]
+    /// Optimise the pose graph after loop edges and correct the map: for data whose poses are odometry
     #[arg(long)]
     optimize: bool,
-    /// At the end, make all submaps anew from their scans, with the final poses
+    /// At the end, rebuild all submaps from their scans with the final poses
     #[arg(long, conflicts_with = "rebuild_deformed")]
     rebuild: bool,
-    /// At the end, make those submaps anew that corrections have bent inside by more than deform_tolerance
+    /// At the end, rebuild the submaps whose scans moved relative to each other by more than deform_tolerance
     #[arg(long)]
     rebuild_deformed: bool,
 }
 
 impl ElasticArgs {
-    /// What stands between the data and the mapper.
-    pub fn corrector(self) -> Corrector {
-        #[cfg(feature = "optimize")]
-        {
-            Corrector { live: self.optimize.then(|| voxelastic_optimize::LiveOptimiser::new(voxelastic_optimize::Options::default())) }
-        }
-        #[cfg(not(feature = "optimize"))]
-        Corrector {}
+    /// The poses to start from where the data have both: the optimiser needs odometry.
+    pub fn pose_kind(self) -> PoseKind {
+        if self.optimize { PoseKind::Odometry } else { PoseKind::Optimised }
     }
 
-    /// Ends the run: fusions under way are finished, submaps rebuilt if that was asked for and nobody interrupts, and doubts settled. Returns
-    /// how many were rebuilt; one that cannot be stays as it is.
+    /// The stage between the source and the mapper.
+    pub fn corrector(self) -> Corrector {
+        Corrector { optimiser: self.optimize.then(|| LiveOptimiser::new(Options::default())) }
+    }
+
+    /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns
+    /// the number of rebuilt submaps; a submap that cannot be rebuilt is left unchanged.
     pub fn finish(self, source: &Source, session: &mut Session, quiet: bool) -> usize {
         session.finish_fusions();
-        tell(session);
+        log_summary(session);
         let deformed = session.mapper().deformed();
         if !deformed.is_empty() {
             let most = deformed.iter().map(|d| d.distance).fold(0.0, f64::max);
-            let remedy = if self.rebuild || self.rebuild_deformed { "" } else { "; --rebuild-deformed makes them anew" };
-            tracing::info!("{} submaps are bent inside by corrections, by up to {most:.2} m{remedy}", deformed.len());
+            let remedy = if self.rebuild || self.rebuild_deformed { "" } else { "; --rebuild-deformed rebuilds them" };
+            tracing::info!("corrections moved scans of {} submaps relative to each other, by up to {most:.2} m{remedy}", deformed.len());
         }
         let submaps: Vec<SubmapId> = match (self.rebuild, self.rebuild_deformed) {
-            (true, _) => session.mapper().atlas().submaps().iter().map(|s| s.id).collect(),
+            (true, _) => session.mapper().atlas().submaps().iter().map(|s| s.id()).collect(),
             (false, true) => deformed.iter().map(|d| d.submap).collect(),
             (false, false) => Vec::new(),
         };
@@ -60,7 +62,7 @@ impl ElasticArgs {
             }
             match session.rebuild(id, clouds.as_mut()) {
                 Ok(_) => rebuilt += 1,
-                Err(error) => tracing::warn!("left as it was: {:#}", anyhow::Error::from(error)),
+                Err(error) => tracing::warn!("submap {id} is not rebuilt: {}", one_line(&error.into())),
             }
             progress.step(String::new);
         }
@@ -69,57 +71,47 @@ impl ElasticArgs {
     }
 }
 
-/// Turns what the data says into what the mapper is told.
+/// Inserts pose updates into the events of the source, by the pose-graph optimiser if it is enabled.
 pub struct Corrector {
-    #[cfg(feature = "optimize")]
-    live: Option<voxelastic_optimize::LiveOptimiser>,
+    optimiser: Option<LiveOptimiser>,
 }
 
 impl Corrector {
-    /// The events that an event becomes, in order. The session's log notes what an optimisation took.
+    /// Returns the events for the mapper, in order. The time of an optimisation goes into the log of the session.
     ///
     /// # Errors
     /// When the pose graph cannot be optimised.
-    #[cfg_attr(not(feature = "optimize"), allow(unused_variables))]
     pub fn take(&mut self, event: Event, session: &mut Session) -> anyhow::Result<Vec<Event>> {
-        #[cfg(feature = "optimize")]
-        if let Some(live) = &mut self.live {
-            return Ok(timed(live, session, |live| live.handle(event))?);
+        if let Some(optimiser) = &mut self.optimiser {
+            return Ok(timed(optimiser, session, |o| o.handle(event))?);
         }
         Ok(vec![event])
     }
 
-    /// The last correction, when the data ends.
+    /// The last correction, after the last event.
     ///
     /// # Errors
     /// When the pose graph cannot be optimised.
-    #[cfg_attr(not(feature = "optimize"), allow(unused_variables))]
     pub fn last(&mut self, session: &mut Session) -> anyhow::Result<Option<Event>> {
-        #[cfg(feature = "optimize")]
-        if let Some(live) = &mut self.live {
-            return Ok(timed(live, session, voxelastic_optimize::LiveOptimiser::finish)?);
+        if let Some(optimiser) = &mut self.optimiser {
+            return Ok(timed(optimiser, session, LiveOptimiser::finish)?);
         }
         Ok(None)
     }
 }
 
-/// Does something with the optimiser, and notes the time if the graph was optimised.
-#[cfg(feature = "optimize")]
-fn timed<T>(
-    live: &mut voxelastic_optimize::LiveOptimiser,
-    session: &mut Session,
-    what: impl FnOnce(&mut voxelastic_optimize::LiveOptimiser) -> T,
-) -> T {
-    let (runs, clock) = (live.runs(), std::time::Instant::now());
-    let done = what(live);
-    if live.runs() > runs {
+/// Runs a step of the optimiser, and logs its time if the graph was optimised in it.
+fn timed<T>(optimiser: &mut LiveOptimiser, session: &mut Session, step: impl FnOnce(&mut LiveOptimiser) -> T) -> T {
+    let (runs, clock) = (optimiser.runs(), std::time::Instant::now());
+    let result = step(optimiser);
+    if optimiser.runs() > runs {
         session.optimised(clock.elapsed());
     }
-    done
+    result
 }
 
-/// The elastic part of the run in a line, if there was one.
-fn tell(session: &Session) {
+/// Logs counts of loop edges, corrections and fusions, if there were any.
+fn log_summary(session: &Session) {
     let (counts, graph) = (session.mapper().elastic_counts(), session.mapper().graph_counts());
     if graph.loop_edges > 0 || counts.pose_updates > 0 {
         tracing::info!(
@@ -130,12 +122,12 @@ fn tell(session: &Session) {
             counts.submap_moves,
             counts.fusions
         );
-        if counts.groups_apart > 0 {
-            let why = "together they would reach farther than lambda_odom + lambda_cluster";
-            tracing::info!("{} groups of submaps that loops join stay apart: {why}", counts.groups_apart);
+        if counts.size_limited_groups > 0 {
+            let why = "the merged submap would be larger than lambda_odom + lambda_cluster";
+            tracing::info!("{} groups of submaps joined by loop edges are not merged: {why}", counts.size_limited_groups);
         }
     }
     if counts.unknown_poses + graph.waiting_edges > 0 {
-        tracing::warn!("{} corrected poses and {} edges name nodes that never came", counts.unknown_poses, graph.waiting_edges);
+        tracing::warn!("{} corrected poses and {} edges refer to nodes without a scan", counts.unknown_poses, graph.waiting_edges);
     }
 }

@@ -1,15 +1,15 @@
-//! How commands fail: what is printed, and with which exit code.
+//! Failures of commands: messages and exit codes.
 
 use std::fmt;
 use std::process::ExitCode;
 
-/// The work was done.
+/// Success.
 pub const DONE: u8 = 0;
-/// The work could not be done; the message says why.
+/// The command failed; the message gives the reason.
 pub const FAILED: u8 = 1;
 /// The command line or the configuration file is wrong. Argument parsing itself ends with the same code.
 pub const USAGE: u8 = 2;
-/// Interrupted by Ctrl-C or a request to terminate; what was done until then is kept.
+/// Interrupted by Ctrl-C or a request to terminate; results up to then are kept.
 pub const INTERRUPTED: u8 = 130;
 
 /// Exit codes as the long help shows them.
@@ -19,9 +19,9 @@ Exit codes:
   1    failed; the message names the file, the place in it and the remedy
   2    wrong command line or configuration file
   101  a bug in voxelastic
-  130  interrupted (Ctrl-C); what was done until then was saved";
+  130  interrupted (Ctrl-C); results up to then were saved";
 
-/// An error with something to do about it.
+/// An error with a remedy.
 #[derive(Debug)]
 pub struct Failure {
     message: String,
@@ -30,12 +30,12 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// A failure of the work itself.
+    /// A failure while the command ran.
     pub fn new(message: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { message: message.into(), remedy: remedy.into(), code: FAILED }
     }
 
-    /// A failure that the command line or the configuration file is to blame for.
+    /// A mistake on the command line or in the configuration file.
     pub fn usage(message: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { code: USAGE, ..Self::new(message, remedy) }
     }
@@ -49,22 +49,31 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
-/// Prints an error with its causes and its remedy to stderr, and gives the exit code.
+/// Prints an error with its causes and its remedy to stderr, and returns the exit code.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     eprint!("{}", describe(error));
     let own = error.chain().find_map(|e| e.downcast_ref::<Failure>());
     ExitCode::from(own.map_or(FAILED, |f| f.code))
 }
 
-/// `error: ...`, then one line for each cause that says something new, then the remedy.
+/// The messages of an error and of its causes. A cause whose text is part of the message before it is left out.
+fn messages(error: &anyhow::Error) -> Vec<String> {
+    let mut messages = error.chain().map(ToString::to_string).collect::<Vec<_>>();
+    messages.dedup_by(|cause, before| before.contains(cause.as_str()));
+    messages
+}
+
+/// An error with its causes on one line, for log messages.
+pub fn one_line(error: &anyhow::Error) -> String {
+    messages(error).join(": ")
+}
+
+/// `error: ...`, a line for each cause, and the remedy.
 fn describe(error: &anyhow::Error) -> String {
-    let mut text = format!("error: {error}\n");
-    let mut last = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !last.contains(&cause) {
-            text.push_str(&format!("  caused by: {cause}\n"));
-        }
-        last = cause;
+    let messages = messages(error);
+    let mut text = format!("error: {}\n", messages[0]);
+    for cause in &messages[1..] {
+        text.push_str(&format!("  caused by: {cause}\n"));
     }
     let remedy = error.chain().find_map(|e| e.downcast_ref::<Failure>()).map(|f| f.remedy.as_str());
     if let Some(remedy) = remedy.filter(|r| !r.is_empty()) {
@@ -73,15 +82,15 @@ fn describe(error: &anyhow::Error) -> String {
     text
 }
 
-/// Makes a panic end with a calm message instead of a backtrace.
+/// Replaces the backtrace of a panic by a short message that asks for a bug report.
 pub fn install_panic_hook() {
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map_or_else(String::new, |l| format!(" ({}:{})", l.file(), l.line()));
         let payload = info.payload();
         let what = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
         eprintln!("error: voxelastic {} has a bug: {}{place}", env!("CARGO_PKG_VERSION"), what.unwrap_or("no details"));
-        eprintln!("  Maps that were saved before are untouched.");
-        eprintln!("  remedy: please report this line with the command you ran; RUST_BACKTRACE=1 adds details.");
+        eprintln!("  Maps saved before are not affected.");
+        eprintln!("  remedy: please report this line with the command; RUST_BACKTRACE=1 adds details.");
         if std::env::var_os("RUST_BACKTRACE").is_some() {
             eprintln!("{}", std::backtrace::Backtrace::force_capture());
         }
@@ -94,11 +103,12 @@ mod tests {
     use anyhow::Context;
 
     #[test]
-    fn an_error_shows_its_causes_once_and_its_remedy_last() {
+    fn an_error_is_printed_with_each_cause_once_and_the_remedy_last() {
         let inner: anyhow::Result<()> = Err(Failure::new("disk is full", "free some space").into());
         let error = inner.context("cannot save the map").unwrap_err();
         assert_eq!(describe(&error), "error: cannot save the map\n  caused by: disk is full\n  remedy: free some space\n");
         let repeated = anyhow::anyhow!("no such file").context("x.pcd: no such file");
         assert_eq!(describe(&repeated), "error: x.pcd: no such file\n");
+        assert_eq!(one_line(&repeated.context("cannot read the scan")), "cannot read the scan: x.pcd: no such file");
     }
 }

@@ -1,11 +1,11 @@
-//! Ctrl-C: the first one asks the work to end well, the second one ends it at once.
+//! Ctrl-C: the first requests an orderly end, the second ends the process at once.
 
 use crate::failure::INTERRUPTED;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static REQUESTED: AtomicBool = AtomicBool::new(false);
 
-/// Takes over Ctrl-C, termination requests and hang-ups. `promise` is printed at the first one: what happens next.
+/// Handles Ctrl-C, termination requests and hang-ups. `promise` is printed at the first: what happens next.
 pub fn install(promise: &'static str) {
     let handler = move || {
         if REQUESTED.swap(true, Ordering::SeqCst) {
@@ -13,13 +13,13 @@ pub fn install(promise: &'static str) {
         }
         tracing::warn!("interrupted: {promise} (interrupt again to stop at once)");
     };
-    // Without a handler, Ctrl-C ends the program at once: worse, but no reason not to work.
+    // Without a handler, Ctrl-C ends the program at once.
     if let Err(error) = ctrlc::set_handler(handler) {
         tracing::warn!("Ctrl-C will end the program without saving: {error}");
     }
 }
 
-/// Whether the user asked to stop.
+/// Whether an interrupt was requested.
 pub fn requested() -> bool {
     REQUESTED.load(Ordering::SeqCst)
 }

@@ -16,23 +16,23 @@ mod reporting;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
-#[cfg(feature = "optimize")]
-use commands::optimize;
-use commands::{bench, config as config_command, demo, eval, export, heldout, info, map, mesh, plan, render, report, simulate, slice};
+use commands::{bench, config as config_command, demo, eval, export, heldout, info, map, mesh, optimize, plan, render, report, simulate, slice};
 use std::process::ExitCode;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 const EXAMPLES: &str = "\
 Examples:
-  voxelastic demo                          see what it does: simulates, maps, measures, shows
+  voxelastic demo                          simulate a campus, map it, measure the map, make a report
   voxelastic map hall                      map the folder hall: makes hall.vox
-  voxelastic mesh hall.vox -o hall.ply     make a mesh of it
-  voxelastic render hall.vox -o hall.png   look at it";
+  voxelastic mesh hall.vox -o hall.ply     extract a mesh
+  voxelastic render hall.vox -o hall.png   draw a picture";
 
-/// Elastic LiDAR maps: registered scans in, one dense map that bends with pose corrections out.
+/// Elastic LiDAR mapping: builds a dense map from registered scans and deforms it when poses are corrected.
 ///
-/// Scans and poses are read from a folder as SLAM systems and datasets leave it; the layout is recognised. The map is a directory of
-/// submaps, from which meshes and pictures are made.
+/// Scans and poses are read from a recording, or from a folder as SLAM systems and datasets write it; the layout is detected. The map is a
+/// directory of submaps, from which meshes, clouds and pictures are made.
 #[derive(Debug, Parser)]
 #[command(
     name = "voxelastic",
@@ -64,18 +64,17 @@ enum Command {
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
     Bench(bench::BenchArgs),
-    #[cfg(feature = "optimize")]
     Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
 }
 
-/// How much is told on stderr.
+/// Amount of output on stderr.
 #[derive(Clone, Copy, Debug, Args)]
 struct Logging {
-    /// Only warnings and errors; no progress
+    /// Print warnings and errors only, no progress
     #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// More about what happens; twice for everything
+    /// Print debug messages; twice for trace messages
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
 }
@@ -89,16 +88,11 @@ impl Logging {
             (false, 1) => "debug",
             (false, _) => "trace",
         };
-        let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+        let from_environment = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+        let filter = from_environment.unwrap_or_else(|| level.parse().unwrap_or_default());
         let ansi = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
-        tracing_subscriber::fmt()
-            .with_env_filter(filter)
-            .with_writer(|| progress::LogWriter)
-            .with_ansi(ansi)
-            .with_target(false)
-            .without_time()
-            .compact()
-            .init();
+        let lines = tracing_subscriber::fmt::layer().with_writer(|| progress::LogWriter).with_ansi(ansi).with_target(false).without_time().compact();
+        tracing_subscriber::registry().with(filter).with(lines).init();
     }
 }
 
@@ -121,7 +115,6 @@ fn main() -> ExitCode {
         Command::Eval(args) => eval::run(args),
         Command::Simulate(args) => simulate::run(args, quiet),
         Command::Bench(args) => bench::run(args),
-        #[cfg(feature = "optimize")]
         Command::Optimize(args) => optimize::run(args),
         Command::Config(args) => config_command::run(args),
     };

@@ -1,10 +1,10 @@
-//! Results on stdout: text, or exactly one JSON object.
+//! Results on stdout: text, or one JSON object.
 
 use anyhow::Context;
 use serde::Serialize;
 use std::io::{self, Write};
 
-/// Writes `text` to stdout. A reader that has seen enough (`| head`) is no error.
+/// Writes `text` to stdout. A closed pipe (`| head`) is not an error.
 pub fn print(text: &str) -> anyhow::Result<()> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {

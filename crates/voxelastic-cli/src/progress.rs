@@ -1,4 +1,4 @@
-//! Progress of long work on stderr: a bar on a terminal, otherwise a line every few seconds.
+//! Progress on stderr: a bar on a terminal, else a line every few seconds.
 
 use crate::usage;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -6,13 +6,13 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time between two lines where there is no terminal.
+/// Time between two lines without a terminal.
 const LINE_PERIOD: Duration = Duration::from_secs(5);
 
-/// The bar on the screen, which log lines must not tear.
+/// The bar on the screen; log lines suspend it.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Progress over a number of items that may be known.
+/// Progress over items, whose number may be unknown.
 pub struct Progress {
     bar: Option<ProgressBar>,
     lines: bool,
@@ -24,7 +24,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress over `total` items named `what`; `quiet` shows nothing.
+    /// Progress over `total` items named `what`; `quiet` prints nothing.
     pub fn new(what: &'static str, total: impl Into<Option<u64>>, quiet: bool) -> Self {
         let total = total.into();
         let terminal = io::stderr().is_terminal();
@@ -34,7 +34,7 @@ impl Progress {
         Self { bar, lines: !terminal && !quiet, what, total, done: 0, started: now, last_line: now }
     }
 
-    /// One more item is done; `note` is shown behind the rate.
+    /// Counts an item; `note` is shown after the rate.
     pub fn step(&mut self, note: impl FnOnce() -> String) {
         self.done += 1;
         if let Some(bar) = &self.bar {
@@ -82,7 +82,7 @@ fn memory() -> String {
     usage::resident_bytes().map_or_else(|| "memory unknown".to_owned(), |b| format!("{:.0} MB", usage::megabytes(b)))
 }
 
-/// `75 s` as `1:15`.
+/// 75 s as `1:15`.
 fn clock(time: Duration) -> String {
     let seconds = time.as_secs();
     if seconds < 3600 {
@@ -92,7 +92,7 @@ fn clock(time: Duration) -> String {
     }
 }
 
-/// Where log lines go: stderr, with a bar moved out of the way.
+/// Writer for log lines: stderr, with the bar suspended meanwhile.
 #[derive(Clone, Copy, Debug)]
 pub struct LogWriter;
 
@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_read_like_a_clock() {
+    fn times_are_printed_as_minutes_and_seconds() {
         assert_eq!(clock(Duration::from_secs(75)), "1:15");
         assert_eq!(clock(Duration::from_secs(3 * 3600 + 62)), "3:01:02");
     }

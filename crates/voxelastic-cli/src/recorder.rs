@@ -1,4 +1,4 @@
-//! The log of a run: what each scan took, what the map then was, which loops closed. `map` stores it beside the map for later reports.
+//! The log of a run: times of scans, size of the map after each, loop closures. `map` stores it in the map directory for reports.
 
 use crate::usage;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use voxelastic_report::{Correction, FORMAT, LoopEdge, RunLog};
 #[derive(Debug)]
 pub struct Recorder {
     log: RunLog,
-    /// What the next correction took to find.
+    /// Time of the optimisation that the next correction is the result of.
     optimise: Option<Duration>,
 }
 
@@ -23,83 +23,84 @@ impl Default for Recorder {
     }
 }
 
-/// What is remembered of an event that the mapper takes away, and of the mapper before it.
-pub enum Seen {
-    /// A scan: when and where.
+/// What is logged of an event, taken before the mapper consumes it.
+pub enum EventSummary {
+    /// A scan.
     Scan { time: f64, t_map_lidar: Pose },
     /// A loop edge.
-    Loop { from: NodeId, to: NodeId, before: Elastic },
+    Loop { from: NodeId, to: NodeId, before: ElasticState },
     /// Corrected poses.
-    Correction { before: Elastic },
-    /// Something that is not logged.
+    Correction { before: ElasticState },
+    /// An event that is not logged.
     Other,
 }
 
-/// Counts of the elastic part.
-pub struct Elastic {
+/// Counts of loops, moves and fusions in the mapper.
+pub struct ElasticState {
     open_loops: usize,
     moves: usize,
-    /// Done, under way and waiting.
+    /// Completed, running and due.
     fusions: usize,
 }
 
-impl Elastic {
+impl ElasticState {
     fn of(mapper: &Mapper) -> Self {
         let counts = mapper.elastic_counts();
         Self { open_loops: mapper.graph_counts().open_loops, moves: counts.submap_moves, fusions: counts.fusions + counts.fusions_due }
     }
 }
 
-/// What the mapper made of an event.
+/// Result of an event.
 pub struct Outcome<'a> {
-    /// Of a scan.
+    /// The report on a scan.
     pub report: Option<&'a ScanReport>,
-    /// From giving it to the mapper until it was done.
+    /// Wall time of `Mapper::handle`.
     pub wall: Duration,
     /// Processor time, where it is known.
     pub cpu: Option<Duration>,
 }
 
-impl Recorder {
-    /// Remembers of `event` what [`note`](Self::note) needs. To be called before the mapper gets it.
-    pub fn look(event: &Event, mapper: &Mapper) -> Seen {
+impl EventSummary {
+    /// Of an event, and of the mapper before it.
+    pub fn of(event: &Event, mapper: &Mapper) -> Self {
         match event {
-            Event::Scan(scan) => Seen::Scan { time: scan.time, t_map_lidar: scan.t_map_lidar },
-            Event::LoopEdge(edge) => Seen::Loop { from: edge.from, to: edge.to, before: Elastic::of(mapper) },
-            Event::PoseUpdate(_) => Seen::Correction { before: Elastic::of(mapper) },
-            Event::OdometryEdge(_) => Seen::Other,
+            Event::Scan(scan) => Self::Scan { time: scan.time, t_map_lidar: scan.t_map_lidar },
+            Event::LoopEdge(edge) => Self::Loop { from: edge.from, to: edge.to, before: ElasticState::of(mapper) },
+            Event::PoseUpdate(_) => Self::Correction { before: ElasticState::of(mapper) },
+            Event::OdometryEdge(_) => Self::Other,
         }
     }
+}
 
-    /// Notes that the next correction took this long to be found.
-    #[cfg_attr(not(feature = "optimize"), allow(dead_code))]
+impl Recorder {
+    /// Logs the time of the optimisation that the next correction is the result of.
     pub fn optimised(&mut self, took: Duration) {
         self.optimise = Some(took);
     }
 
-    /// Notes an event that the mapper took.
-    pub fn note(&mut self, seen: &Seen, outcome: &Outcome<'_>, mapper: &Mapper) {
+    /// Logs an event that the mapper has handled.
+    pub fn record(&mut self, summary: &EventSummary, outcome: &Outcome<'_>, mapper: &Mapper) {
         let (after, wall_ms) = (self.log.scans.node.len(), milliseconds(outcome.wall));
-        match (seen, outcome.report) {
-            (Seen::Scan { time, t_map_lidar }, Some(report)) => {
+        match (summary, outcome.report) {
+            (EventSummary::Scan { time, t_map_lidar }, Some(report)) => {
                 self.scan(*time, t_map_lidar, report, mapper.atlas());
                 self.log.scans.fusions_due.push(mapper.elastic_counts().fusions_due as u32);
                 self.log.scans.wall_ms.push(wall_ms);
                 self.log.scans.cpu_ms.extend(outcome.cpu.map(milliseconds));
                 self.phases(report);
             }
-            (Seen::Loop { from, to, before }, _) => {
-                let fusions = Elastic::of(mapper).fusions - before.fusions;
+            (EventSummary::Loop { from, to, before }, _) => {
+                let fusions = ElasticState::of(mapper).fusions - before.fusions;
                 self.log.loops.push(LoopEdge { from: *from, to: *to, after, wall_ms, fusions });
             }
-            (Seen::Correction { before }, _) => {
-                let now = Elastic::of(mapper);
+            (EventSummary::Correction { before }, _) => {
+                let now = ElasticState::of(mapper);
                 let optimise_ms = self.optimise.take().map(milliseconds);
                 let (moved, closed) = (now.moves - before.moves, before.open_loops.saturating_sub(now.open_loops));
                 let fusions = now.fusions - before.fusions;
                 self.log.corrections.push(Correction { after, wall_ms, optimise_ms, moved, closed, fusions });
             }
-            (Seen::Scan { .. } | Seen::Other, _) => {}
+            (EventSummary::Scan { .. } | EventSummary::Other, _) => {}
         }
     }
 
@@ -145,7 +146,7 @@ fn milliseconds(time: Duration) -> f64 {
     rounded(time.as_secs_f64() * 1e3)
 }
 
-/// To three decimals: a log is read by people too.
+/// Rounds to three decimals, to keep the log short.
 fn rounded(value: f64) -> f64 {
     (value * 1e3).round() / 1e3
 }

@@ -1,6 +1,7 @@
-//! From a map, and what is known of its run, to the page that shows them.
+//! Reports: from a map and the log of its run to an HTML page.
 
 use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
+use crate::failure::one_line;
 use crate::meshing::SurfaceArgs;
 use crate::usage::megabytes;
 use anyhow::Context;
@@ -19,31 +20,31 @@ use voxelastic_report::content::{Distances, Fact, Node};
 use voxelastic_report::surface::{RootPose, Surface};
 use voxelastic_report::{Report, RunLog};
 
-/// A map with this many blocks and more is meshed one level of detail coarser for a page, and so on: it would be thinned anyway.
+/// Numbers of blocks from which a map is meshed one, two and three levels of detail coarser for a page, which would be decimated anyway.
 const BLOCKS_PER_DETAIL: [usize; 3] = [600_000, 2_400_000, 9_600_000];
-/// Corrections that moved no submap farther than this are not worth a slider, metres.
+/// The page has a slider for corrections only if one moved a submap farther than this, metres.
 const LEAST_MOVE: f64 = 0.02;
 
 /// A map to report on.
 pub struct Subject<'a> {
     /// The submaps.
     pub atlas: &'a Atlas,
-    /// The settings that it was made with.
+    /// Its settings.
     pub settings: &'a Settings,
-    /// How it was made, as it is stored.
+    /// Its stored details.
     pub details: &'a MapDetails,
-    /// How the run went, if that is known.
+    /// The log of the run, if it is known.
     pub run: Option<RunLog>,
-    /// What its surface is.
+    /// The surface to extract.
     pub surface: &'a SurfaceArgs,
 }
 
 impl Subject<'_> {
-    /// The report on the map alone.
+    /// The report, without comparison with a truth.
     pub fn report(&self, title: &str) -> Report {
         let mut report = Report::titled(title);
         report.subtitle = self.subtitle();
-        report.voxel = Some(f64::from(self.settings.voxel));
+        report.voxel = Some(f64::from(self.settings.voxel_size));
         report.nodes = nodes(self.atlas);
         report.facts = self.facts(&report.nodes);
         report.surface = self.surfaces();
@@ -55,13 +56,13 @@ impl Subject<'_> {
     }
 
     fn subtitle(&self) -> String {
-        let Settings { voxel, max_range, field, .. } = self.settings;
+        let Settings { voxel_size: voxel, max_range, field, .. } = self.settings;
         let field = match field.name() {
             "both" => "TSDF and occupancy",
             "tsdf" => "TSDF",
             other => other,
         };
-        // Its first words: the rest is among the details.
+        // The first words only: the whole text is among the details.
         let sensor = self.details.sensor.get("description").and_then(|s| s.split([',', ';']).next()).map_or_else(String::new, |s| format!(", {s}"));
         format!("{field}, voxels of {} cm, range to {max_range} m{sensor}", (f64::from(*voxel) * 1e4).round() / 100.0)
     }
@@ -73,10 +74,10 @@ impl Subject<'_> {
         let note = if skipped > 0 { format!("{skipped} skipped") } else { String::new() };
         let mut facts = vec![fact("Scans", nodes.len().to_string(), "", note), fact("Trajectory", format!("{path:.0}"), "m", String::new())];
         let fused = self.run.as_ref().map_or(0, |r| r.fusions);
-        let note = if fused > 0 { format!("{fused} more were fused into them") } else { String::new() };
+        let note = if fused > 0 { format!("after {fused} fusions") } else { String::new() };
         facts.push(fact("Submaps", self.atlas.submaps().len().to_string(), "", note));
         if let Some(times) = self.run.as_ref().map(|r| &r.scans.wall_ms).filter(|t| !t.is_empty()) {
-            let spread = voxelastic_eval::Spread::of(times);
+            let spread = voxelastic_eval::SeriesStats::new(times);
             let note = format!("95 % within {:.0} ms", spread.p95.unwrap_or(0.0));
             facts.push(fact("Time of a scan", format!("{:.0}", spread.median.unwrap_or(0.0)), "ms", note));
         }
@@ -85,20 +86,20 @@ impl Subject<'_> {
     }
 
     fn surfaces(&self) -> Vec<Surface> {
-        let blocks: usize = self.atlas.submaps().iter().map(|s| s.tsdf.len()).sum();
+        let blocks: usize = self.atlas.submaps().iter().map(|s| s.tsdf().len()).sum();
         let detail = BLOCKS_PER_DETAIL.iter().filter(|&&limit| blocks >= limit).count() as u8;
         let how = self.surface.coarser(detail);
         let first_poses = self.first_poses();
         let of = |submap: &Submap| {
-            let mesh = how.extract(submap, self.settings.voxel);
+            let mesh = how.extract(submap, self.settings.voxel_size);
             Surface {
-                submap: submap.id,
-                colour: palette(submap.id as usize),
-                pose: root_pose(&submap.t_map_submap),
-                first_pose: first_poses.get(&submap.id).map(root_pose),
+                submap: submap.id(),
+                colour: palette(submap.id() as usize),
+                pose: root_pose(&submap.t_map_submap()),
+                first_pose: first_poses.get(&submap.id()).map(root_pose),
                 positions: mesh.positions,
                 normals: mesh.normals,
-                shades: mesh.shades,
+                intensities: mesh.intensities,
                 colours: mesh.colours,
                 scales: mesh.scales,
                 errors: Vec::new(),
@@ -108,17 +109,17 @@ impl Subject<'_> {
         self.atlas.submaps().iter().map(of).collect()
     }
 
-    /// Where submaps would lie if no pose had ever been corrected, from the poses as they came. Empty when that is no other place.
+    /// Poses of the submaps without corrections, from the poses of the scans at their integration. Empty if they are those of the map.
     fn first_poses(&self) -> BTreeMap<SubmapId, Pose> {
         let Some(run) = &self.run else { return BTreeMap::new() };
-        let came: BTreeMap<NodeId, Pose> =
+        let initial: BTreeMap<NodeId, Pose> =
             run.scans.node.iter().zip(run.scans.position.iter().zip(&run.scans.orientation)).map(|(n, p)| (*n, pose(p))).collect();
         let firsts = self.atlas.submaps().iter().filter_map(|submap| {
-            let root = submap.scans.first()?;
-            Some((submap.id, *came.get(&root.node)? * root.t_submap_lidar.inverse()))
+            let root = submap.scans().first()?;
+            Some((submap.id(), *initial.get(&root.node)? * root.t_submap_lidar.inverse()))
         });
         let firsts: BTreeMap<SubmapId, Pose> = firsts.collect();
-        let moved = |s: &Submap| firsts.get(&s.id).is_some_and(|p| p.translation_distance(&s.t_map_submap) > LEAST_MOVE);
+        let moved = |s: &Submap| firsts.get(&s.id()).is_some_and(|p| p.translation_distance(&s.t_map_submap()) > LEAST_MOVE);
         if self.atlas.submaps().iter().any(moved) { firsts } else { BTreeMap::new() }
     }
 }
@@ -134,40 +135,40 @@ fn root_pose(pose: &Pose) -> RootPose {
     RootPose([t.x, t.y, t.z, q.x, q.y, q.z, q.w])
 }
 
-/// Where the scans of a map were taken, by node.
+/// Positions of the scans of a map, by node.
 fn nodes(atlas: &Atlas) -> Vec<Node> {
     let of_submap = |s: &Submap| {
-        let (submap, t_map_submap) = (s.id, s.t_map_submap);
+        let (submap, t_map_submap) = (s.id(), s.t_map_submap());
         let position = move |t: &Pose| (t_map_submap * t).translation.vector.into();
-        s.scans.iter().map(move |scan| Node { node: scan.node, position: position(&scan.t_submap_lidar), submap }).collect::<Vec<_>>()
+        s.scans().iter().map(move |scan| Node { node: scan.node, position: position(&scan.t_submap_lidar), submap }).collect::<Vec<_>>()
     };
     let mut nodes: Vec<Node> = atlas.submaps().iter().flat_map(of_submap).collect();
     nodes.sort_by_key(|n| n.node);
     nodes
 }
 
-/// The run log beside a map, if there is one that this program understands; what is wrong with it is said.
+/// The log of the run stored in a map, if it can be read. Problems are logged.
 pub fn run_log(store: &MapStore) -> Option<RunLog> {
     let text = store.run_log().map_err(anyhow::Error::from);
     let log = text.and_then(|text| text.map(|t| RunLog::from_json(&t)).transpose().map_err(anyhow::Error::from));
     log.unwrap_or_else(|problem| {
-        tracing::warn!("{}: {problem:#}", store.dir().display());
+        tracing::warn!("{}: {}", store.dir().display(), one_line(&problem));
         None
     })
 }
 
-/// Measures the map at `map` against a truth and puts the errors on the report's surface.
-pub fn judge(report: &mut Report, map: &Path, truth_path: &Path, truth: &Truth) -> anyhow::Result<Summary> {
+/// Measures the map at `map` against a truth and adds the errors to the report.
+pub fn add_comparison(report: &mut Report, map: &Path, truth_path: &Path, truth: &Truth) -> anyhow::Result<Summary> {
     let summary = measure_against(&EvalArgs::of(map, truth_path), truth)?;
     if let Some(found) = &summary.surface {
         add_distances(report, found);
         add_fact(report, found);
-        colour_errors(report, truth, &summary.t_truth_map)?;
+        add_errors(report, truth, &summary.t_truth_map)?;
     }
     Ok(summary)
 }
 
-/// The histograms of a comparison.
+/// Adds the histograms of a comparison.
 fn add_distances(report: &mut Report, found: &Comparison) {
     let stats = found.accuracy_exact.as_ref().unwrap_or(&found.accuracy);
     report.distances.push(Distances { name: "Accuracy: from the map to the truth".to_owned(), stats: stats.clone() });
@@ -182,8 +183,8 @@ fn add_fact(report: &mut Report, found: &Comparison) {
     }
 }
 
-/// Gives every vertex of the report its distance from the truth.
-pub fn colour_errors(report: &mut Report, truth: &Truth, t_truth_map: &Pose) -> anyhow::Result<()> {
+/// Sets the error of each vertex of the report: its distance from the truth.
+pub fn add_errors(report: &mut Report, truth: &Truth, t_truth_map: &Pose) -> anyhow::Result<()> {
     for surface in report.surface.iter_mut().filter(|s| !s.positions.is_empty()) {
         let to_map = Rigid::from(&pose_of(&surface.pose));
         let points: Vec<[f32; 3]> = surface.positions.iter().map(|&p| to_map.apply(p)).collect();
@@ -196,7 +197,7 @@ fn pose_of(RootPose([x, y, z, qx, qy, qz, qw]): &RootPose) -> Pose {
     pose((&[*x, *y, *z], &[*qx, *qy, *qz, *qw]))
 }
 
-/// Makes the page and writes it; says how large it is.
+/// Writes the page and returns its size, bytes.
 pub fn write(report: &Report, path: &Path) -> anyhow::Result<u64> {
     let html = report.html().with_context(|| format!("cannot make the report {}", path.display()))?;
     fs::write(path, &html).with_context(|| format!("cannot write the report to {}", path.display()))?;

@@ -1,4 +1,4 @@
-//! What the process uses: memory, and the processor time of a thread pool.
+//! Memory of the process and processor time of a thread pool.
 
 use std::time::Duration;
 
@@ -10,12 +10,12 @@ fn status(key: &str) -> Option<u64> {
     Some(kilobytes * 1024)
 }
 
-/// Memory resident now, bytes.
+/// Resident memory now, bytes.
 pub fn resident_bytes() -> Option<u64> {
     status("VmRSS")
 }
 
-/// Most memory ever resident in this process, bytes.
+/// Peak resident memory of the process, bytes.
 pub fn peak_resident_bytes() -> Option<u64> {
     status("VmHWM")
 }
@@ -25,9 +25,9 @@ pub fn megabytes(bytes: u64) -> f64 {
     bytes as f64 / 1e6
 }
 
-/// Processor time that the threads of `pool` have used so far, together; none where the system does not tell.
+/// Processor time of all threads of `pool` so far; none where the system does not report it.
 ///
-/// Only the pool's own threads count, so that decoding and writing files beside it do not.
+/// Other threads, such as those that decode or write files, do not count.
 pub fn pool_cpu_time(pool: &rayon::ThreadPool) -> Option<Duration> {
     pool.broadcast(|_| thread_cpu_time()).into_iter().sum()
 }
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_busy_pool_uses_time_and_an_idle_caller_does_not() {
+    fn only_threads_of_the_pool_count() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let before = pool_cpu_time(&pool).unwrap();
         let spin = || while std::hint::black_box(thread_cpu_time()).unwrap() < before + Duration::from_millis(30) {};

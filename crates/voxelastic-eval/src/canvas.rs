@@ -1,12 +1,12 @@
-//! Lines, areas and letters on a picture: what overlays and plots draw with, and the way into PNG files.
+//! A canvas to draw lines, boxes and text on.
 
 use crate::colour::Rgb;
-use crate::render::{Picture, Size};
-use crate::{EvalError, error::Result, glyphs};
+use crate::picture::{self, Picture, Size};
+use crate::{error::Result, glyphs};
 use std::path::Path;
-use tiny_skia::{Color, LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform};
+use tiny_skia::{Color, LineCap, LineJoin, Paint, PathBuilder, Pixmap, Rect, Stroke, Transform};
 
-/// Where a text stands relative to its anchor.
+/// Which point of a text its position refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -15,7 +15,7 @@ pub(crate) enum Anchor {
 }
 
 impl Anchor {
-    /// What to add to the anchor's x to get that of the first letter.
+    /// Offset from the anchor to the left edge of a text of this width.
     pub fn shift(self, width: f32) -> f32 {
         match self {
             Self::Start => 0.0,
@@ -33,38 +33,29 @@ pub(crate) struct Canvas {
 impl Canvas {
     /// A canvas of one colour.
     pub fn new(size: Size, background: Rgb) -> Result<Self> {
-        let mut pixmap = Pixmap::new(size.width, size.height).ok_or_else(|| EvalError::Picture {
-            width: size.width,
-            height: size.height,
-            reason: "a side is zero, or the picture is too large".into(),
-        })?;
+        let mut pixmap = picture::empty_pixmap(size)?;
         pixmap.fill(Color::from_rgba8(background[0], background[1], background[2], 255));
         Ok(Self { pixmap })
     }
 
-    /// A canvas that shows a picture.
+    /// A canvas with a picture as background.
     pub fn from_picture(picture: &Picture) -> Result<Self> {
-        let mut canvas = Self::new(picture.size, [0; 3])?;
-        for (to, c) in canvas.pixmap.pixels_mut().iter_mut().zip(&picture.pixels) {
-            *to = PremultipliedColorU8::from_rgba(c[0], c[1], c[2], 255).unwrap_or(PremultipliedColorU8::TRANSPARENT);
-        }
-        Ok(canvas)
+        Ok(Self { pixmap: picture.to_pixmap()? })
     }
 
-    /// What was drawn.
+    /// The canvas as a picture.
     pub fn into_picture(self) -> Picture {
-        let size = Size { width: self.pixmap.width(), height: self.pixmap.height() };
-        Picture { size, pixels: self.pixmap.pixels().iter().map(|p| [p.red(), p.green(), p.blue()]).collect() }
+        Picture::from_pixmap(&self.pixmap)
     }
 
-    /// Fills a box of the given corner and size.
+    /// Fills a box with the given upper left corner and size.
     pub fn fill(&mut self, [x, y]: [f32; 2], [w, h]: [f32; 2], colour: Rgb, alpha: u8) {
         if let Some(rect) = Rect::from_xywh(x, y, w.max(0.0), h.max(0.0)) {
             self.pixmap.fill_rect(rect, &paint(colour, alpha), Transform::identity(), None);
         }
     }
 
-    /// Draws lines through points.
+    /// Draws polylines.
     pub fn lines<'a>(&mut self, lines: impl Iterator<Item = &'a [[f32; 2]]>, width: f32, colour: Rgb) {
         let stroke = Stroke { width, line_cap: LineCap::Round, line_join: LineJoin::Round, ..Stroke::default() };
         if let Some(path) = path(lines) {
@@ -72,7 +63,7 @@ impl Canvas {
         }
     }
 
-    /// Like an unturned [`Canvas::text`], on a soft edge of another colour that keeps it readable over a picture.
+    /// Draws horizontal text with an outline of another colour that keeps it readable over a picture; see [`Canvas::text`].
     pub fn haloed_text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, [colour, halo]: [Rgb; 2]) {
         let (mut strokes, width) = glyphs::strokes(text, capital);
         let shift = anchor.shift(width);
@@ -81,7 +72,7 @@ impl Canvas {
         self.lines(strokes.iter().map(Vec::as_slice), (capital * 0.14).max(1.0), colour);
     }
 
-    /// Writes a text with capitals `capital` pixels high whose base line stands at the given place, read from below when `turned`.
+    /// Draws text with capitals of `capital` pixels. The position is on its base line; with `turned` it reads upwards.
     pub fn text(&mut self, text: &str, [x, y]: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb, turned: bool) {
         let (mut strokes, width) = glyphs::strokes(text, capital);
         let shift = anchor.shift(width);
@@ -94,12 +85,7 @@ impl Canvas {
 
     /// Encodes and writes a PNG file.
     pub fn write_png(&self, file: &Path) -> Result<()> {
-        let bytes = self.pixmap.encode_png().map_err(|e| EvalError::Picture {
-            width: self.pixmap.width(),
-            height: self.pixmap.height(),
-            reason: e.to_string(),
-        })?;
-        std::fs::write(file, bytes).map_err(|source| EvalError::Write { path: file.to_owned(), source })
+        picture::write_png(&self.pixmap, file)
     }
 }
 

@@ -1,11 +1,12 @@
-//! Distances between point clouds, and thinning them evenly.
+//! Distances between point clouds, and voxel downsampling.
 
-use crate::{EvalError, error::Result, order};
+use crate::morton_order::map_in_morton_order;
+use crate::{EvalError, error::Result};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZero;
 
-/// A cloud made ready for nearest-neighbour queries.
+/// An index of a cloud for nearest-neighbour queries.
 pub struct PointIndex {
     tree: ImmutableKdTree<f32, 3>,
     /// Position in the input of each indexed point.
@@ -16,7 +17,7 @@ impl PointIndex {
     /// Indexes the finite points of a cloud.
     ///
     /// # Errors
-    /// [`EvalError::Empty`] when there are none; `what` names the cloud in it.
+    /// [`EvalError::Empty`] when there are none; `what` is the name of the cloud in the message.
     pub fn new(points: &[[f32; 3]], what: &'static str) -> Result<Self> {
         let finite = |p: &[f32; 3]| p.iter().all(|c| c.is_finite());
         let original: Vec<u32> = (0..points.len() as u32).filter(|&i| finite(&points[i as usize])).collect();
@@ -54,7 +55,7 @@ impl PointIndex {
             let d = self.nearest(p).1.sqrt();
             if d <= cut_off { d } else { f32::INFINITY }
         };
-        order::along_curve(points, |run| run.iter().map(distance).collect())
+        map_in_morton_order(points, |run| run.iter().map(distance).collect())
     }
 }
 
@@ -77,7 +78,7 @@ pub fn cloud_distances(a: &[[f32; 3]], b: &[[f32; 3]], cut_off: f32) -> Result<B
 }
 
 /// Replaces the points of each voxel of a grid (edge `voxel` metres, aligned with the origin) by their mean. Points that are not finite are
-/// dropped. The result is in the order of the voxels and does not depend on the number of threads.
+/// dropped. The result is sorted by voxel and does not depend on the number of threads.
 ///
 /// # Errors
 /// [`EvalError::Setting`] when `voxel` is not a positive number, or so small that the grid does not fit 32-bit cell numbers.
@@ -123,7 +124,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(48))]
 
         #[test]
-        fn distances_agree_with_looking_at_every_pair(a in cloud(1..200), b in cloud(1..200), cut_off in 0.5f32..9.0) {
+        fn distances_agree_with_brute_force(a in cloud(1..200), b in cloud(1..200), cut_off in 0.5f32..9.0) {
             let both = cloud_distances(&a, &b, cut_off).unwrap();
             let check = |from: &[[f32; 3]], to: &[[f32; 3]], got: &[f32]| from.iter().zip(got).all(|(p, d)| {
                 let brute = to.iter().map(|q| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt()).fold(f32::INFINITY, f32::min);
@@ -133,7 +134,7 @@ mod tests {
         }
 
         #[test]
-        fn thinning_leaves_one_mean_per_occupied_voxel(points in cloud(0..300), voxel in 0.1f32..3.0) {
+        fn downsampling_leaves_one_mean_per_occupied_voxel(points in cloud(0..300), voxel in 0.1f32..3.0) {
             let thin = downsample(&points, voxel).unwrap();
             let mut groups: std::collections::BTreeMap<Vec<i32>, Vec<[f32; 3]>> = Default::default();
             for p in &points {
@@ -161,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_beyond_all_reason_do_not_panic() {
+    fn huge_coordinates_do_not_panic() {
         let index = PointIndex::new(&[[1e30; 3], [-3e38, 0.0, 3e38]], "a cloud").unwrap();
         let d = index.distances(&[[0.0; 3], [1e30; 3], [3e38; 3]], 10.0);
         assert_eq!(d[1], 0.0);
@@ -170,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_clouds_and_bad_voxels_are_refused() {
+    fn empty_clouds_and_bad_voxels_are_rejected() {
         assert!(matches!(cloud_distances(&[], &[[0.0; 3]], 1.0), Err(EvalError::Empty { what: "the first cloud", .. })));
         for voxel in [0.0, -1.0, f32::NAN, 1e-12] {
             assert!(matches!(downsample(&[[1.0; 3]], voxel), Err(EvalError::Setting { .. })));

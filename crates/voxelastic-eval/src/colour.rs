@@ -1,18 +1,18 @@
-//! Colours: ramps from numbers to colours that are even to the eye, and a palette for things to be told apart.
+//! Colours: perceptually uniform ramps for numbers, and a palette for categories.
 
 use std::sync::OnceLock;
 
 /// An sRGB colour, 8 bits a channel.
 pub type Rgb = [u8; 3];
 
-/// A ramp from numbers in 0..=1 to colours. Neighbouring control points are blended in OKLab, so that equal steps look equal.
+/// A ramp from numbers in 0..=1 to colours. Neighbouring control points are blended in OKLab, so that equal steps look equally large.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ramp {
     /// Violet over teal to yellow, rising in lightness: for any scalar, also printed in grey.
     Violet,
-    /// Blue over green and yellow to red: for looking at fine structure.
+    /// Blue over green and yellow to red: shows fine structure.
     Rainbow,
-    /// Teal (none) over cream to red and black (large): for errors.
+    /// Teal (small) over cream to red and black (large): for errors.
     Error,
     /// Slate over sand to brick and cream: for heights of buildings and land.
     Land,
@@ -27,7 +27,7 @@ const LAND: &[Rgb] = &[[104, 124, 150], [124, 164, 166], [184, 200, 168], [228, 
 const GREY: &[Rgb] = &[[28, 28, 30], [245, 245, 242]];
 
 impl Ramp {
-    /// The colour at `t`; clamped to 0..=1, grey when `t` is not a number.
+    /// The colour at `t`, clamped to 0..=1; grey for NaN.
     pub fn at(self, t: f32) -> Rgb {
         if t.is_nan() {
             return [150, 150, 150];
@@ -48,12 +48,12 @@ impl Ramp {
     }
 }
 
-/// Colours of errors (metres, absolute values taken) on [`Ramp::Error`]: 0 is teal, `worst` and beyond is darkest, what is not a number is grey.
+/// Colours of the absolute values of errors in metres on [`Ramp::Error`]: 0 is teal, `worst` and beyond is darkest, NaN is grey.
 pub fn error_colours(errors: &[f32], worst: f32) -> Vec<Rgb> {
     errors.iter().map(|e| Ramp::Error.at(e.abs() / worst.max(1e-9))).collect()
 }
 
-/// A colour for the `i`-th of things to be told apart (submaps, curves): hues a golden angle apart, never repeating soon.
+/// A colour for the `i`-th category (submap, curve): hues a golden angle apart.
 pub fn palette(i: usize) -> Rgb {
     const FIRST: [Rgb; 8] =
         [[38, 110, 180], [226, 112, 46], [58, 152, 88], [196, 62, 84], [126, 94, 176], [150, 116, 84], [32, 160, 170], [206, 160, 40]];
@@ -137,14 +137,14 @@ mod tests {
     }
 
     #[test]
-    fn errors_run_from_teal_to_dark_and_the_unknown_is_grey() {
+    fn error_colours_run_from_teal_to_dark_and_nan_is_grey() {
         let colours = error_colours(&[0.0, -0.5, f32::INFINITY, f32::NAN], 0.5);
         assert_eq!([colours[1], colours[3]], [colours[2], [150; 3]]);
         assert!((0..3).all(|k| colours[0][k].abs_diff(ERROR[0][k]) <= 1));
     }
 
     #[test]
-    fn the_palette_tells_neighbours_apart() {
+    fn neighbouring_palette_colours_differ() {
         for i in 0..60 {
             for j in i + 1..(i + 5).min(60) {
                 let (a, b) = (palette(i), palette(j));

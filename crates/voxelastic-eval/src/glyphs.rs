@@ -1,6 +1,6 @@
-//! A small stroke font of our own, so that pictures can carry numbers and labels without any font on the machine.
+//! A small stroke font, so that pictures have text without a font file.
 //!
-//! A glyph lives on a grid: y 0 is the top of capitals, 4 the top of small letters, c (12) the base line, g (16) the bottom of descenders.
+//! A glyph is drawn on a grid: y 0 is the top of capitals, 4 the top of small letters, c (12) the base line, g (16) the bottom of descenders.
 //! Strokes are separated by blanks; each is a run of x y pairs in base 17; a stroke that begins with `~` is a smooth curve through control
 //! points (closed when its ends agree).
 
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_printable_letter_has_strokes_within_its_grid() {
+    fn every_printable_character_has_strokes_within_its_grid() {
         for c in ('0'..='9').chain('a'..='z').chain('A'..='Z').chain(".,-+=/%()<>_[]:\u{b0}\u{b5}\u{b2}\u{d7}".chars()) {
             let (width, code) = glyph(c);
             assert_ne!(code, "00606c0c00", "{c}");
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn texts_scale_with_the_height_and_grow_with_letters() {
+    fn text_width_scales_with_height() {
         let (_, one) = strokes("12.5 m", 12.0);
         let (_, two) = strokes("12.5 m", 24.0);
         assert!((two - 2.0 * one).abs() < 1e-4 && one > 30.0);

@@ -1,6 +1,6 @@
-//! How well a mesh explains scans that it was not made from: distances of their points to it.
+//! Evaluation by held-out scans: distances of their points to a mesh that was made without them.
 //!
-//! Needs no survey: hold out every tenth scan of a sequence with good poses, map the rest, measure the held-out points.
+//! Needs no survey: hold out every tenth scan of a sequence with accurate poses, map the others, and measure the held-out points.
 
 use crate::error::Result;
 use crate::mesh::MeshView;
@@ -27,7 +27,7 @@ impl Default for HeldOutSettings {
     }
 }
 
-/// A measurement under way: scans are added one by one, so that they need not be in memory together.
+/// Accumulates distances scan by scan, so that scans need not be in memory at once.
 pub struct HeldOut {
     index: MeshIndex,
     settings: HeldOutSettings,
@@ -35,14 +35,14 @@ pub struct HeldOut {
     scans: Vec<HeldOutScan>,
 }
 
-/// One scan's share of a [`HeldOutReport`].
+/// Statistics of one scan in a [`HeldOutReport`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HeldOutScan {
     /// Points measured.
     pub points: usize,
     /// Half of them are at most this far from the mesh, metres.
     pub median: Option<f64>,
-    /// 90 % of them are.
+    /// 90 % of them are at most this far from the mesh, metres.
     pub p90: Option<f64>,
 }
 
@@ -53,12 +53,12 @@ pub struct HeldOutReport {
     pub max_range_m: f32,
     /// Distances of all points to the mesh.
     pub distances: DistanceStats,
-    /// Scan by scan: one that stands out has a bad pose.
+    /// Statistics per scan: an outlier has a bad pose.
     pub scans: Vec<HeldOutScan>,
 }
 
 impl HeldOut {
-    /// Starts a measurement against a mesh in the map frame.
+    /// Starts an evaluation of a mesh in the map frame.
     ///
     /// # Errors
     /// [`EvalError::Empty`](crate::EvalError::Empty) when the mesh has no triangles.
@@ -95,7 +95,7 @@ mod tests {
         let mesh = MeshView::new(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
         let mut held_out = HeldOut::new(&mesh, HeldOutSettings::default()).unwrap();
         let pose = Pose::from_parts(Translation3::new(3.0, 4.0, 1.0), UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0));
-        // Under the sensor by 2 m (on the floor), by 1.9 m, too far, too near, no return, not a number.
+        // 2 m below the sensor (on the floor), 1.9 m below, too far, too near, no return, NaN.
         let points = vec![[1.0, 1.0, -2.0], [-2.0, 5.0, -1.9], [30.0, 0.0, -2.0], [0.1, 0.0, 0.1], [0.0; 3], [f32::NAN; 3]];
         held_out.add(&Cloud::from_points(points), &pose);
         let report = held_out.report();

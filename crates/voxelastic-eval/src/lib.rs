@@ -1,18 +1,22 @@
-//! How good is a map? Distances, alignment, trajectory errors, plots and pictures.
+//! Evaluation of LiDAR maps: distances, alignment, occupancy and trajectory errors, plots and pictures.
 //!
-//! Nothing here knows the map's own structures: inputs are plain arrays (`[f32; 3]` points in metres, [`MeshView`], lists of poses), so that the
-//! same measures serve other people's maps. Everything is deterministic, whatever the number of threads; points that are not finite are left out and
-//! counted, never a panic.
+//! Inputs are plain arrays (`[f32; 3]` points in metres, [`MeshView`], lists of poses) and no structures of the mapper, so maps of other systems can be
+//! evaluated in the same way. Results are structs that serialise to JSON with stable keys. Everything is deterministic for any number of threads.
+//! Points that are not finite are left out and counted.
 //!
-//! | question | room |
+//! | question | entry point |
 //! | --- | --- |
-//! | How far is the map from the truth, and what does it miss? (paper Sec. V-A) | [`metrics::compare`] |
+//! | How far is the map from the truth, and what does it lack? (paper Sec. V-A) | [`metrics::compare`] |
 //! | How well does a mesh explain scans it was not made from? | [`held_out::HeldOut`] |
-//! | Are free and occupied space right? | [`occupancy::score`] |
-//! | How good are the poses? | [`trajectory::ate`], [`trajectory::rpe`] |
+//! | Is occupancy correct? | [`occupancy::score`] |
+//! | How accurate are the poses? | [`trajectory::ate`], [`trajectory::rpe`] |
 //! | How far are these points from this mesh, or this cloud? | [`MeshIndex`], [`PointIndex`] |
-//! | How do these two clouds fit? | [`align::align`] |
-//! | What does it look like? | [`render::render_png`], [`plot::Plot`], [`plan::Plan`] |
+//! | How are two clouds aligned? | [`align::align`] |
+//! | Statistics of distances, errors, times | [`stats`] |
+//! | Pictures, plots, slices | [`render::render_png`], [`plot::Plot`], [`grid_view::GridView`] |
+//!
+//! The usual flow of [`metrics::compare`]: the truth is downsampled, the map is [aligned](align::align) to it, distances are queried both ways from
+//! [indices](PointIndex), and [`DistanceStats`] and F-scores summarise them.
 //!
 //! ```
 //! use voxelastic_eval::metrics::{CompareSettings, Map, Truth, compare};
@@ -29,29 +33,30 @@
 //! ```
 
 pub mod align;
-mod bvh;
 mod canvas;
 pub mod cloud_distance;
 pub mod colour;
 mod error;
 mod glyphs;
+pub mod grid_view;
 pub mod held_out;
 mod mesh;
 pub mod mesh_distance;
 pub mod metrics;
+mod morton_order;
 pub mod occupancy;
-mod order;
-pub mod plan;
+mod picture;
 pub mod plot;
 pub mod render;
-mod spread;
+mod round_number;
 pub mod stats;
 pub mod trajectory;
+mod triangle_bvh;
 mod vec3;
 
 pub use cloud_distance::{PointIndex, cloud_distances, downsample};
 pub use error::{EvalError, Result};
 pub use mesh::{MeshView, bounds, vertex_normals};
 pub use mesh_distance::{MeshIndex, mesh_distances};
-pub use spread::Spread;
-pub use stats::DistanceStats;
+pub use picture::{Picture, Size};
+pub use stats::{DistanceStats, ErrorStats, SeriesStats};

@@ -1,4 +1,4 @@
-//! A borrowed triangle mesh, checked once, so that everything behind it can index without fear.
+//! A borrowed triangle mesh with validated indices.
 
 use crate::{EvalError, error::Result};
 use voxelastic::geometry::Aabb;
@@ -15,7 +15,7 @@ impl<'a> MeshView<'a> {
     /// Borrows a mesh of `vertices` (metres) and `triangles` (indices of vertices).
     ///
     /// # Errors
-    /// [`EvalError::BadIndex`] when a triangle names a vertex that is not there; [`EvalError::Setting`] beyond 2^31 triangles.
+    /// [`EvalError::BadIndex`] when a triangle refers to a vertex that does not exist; [`EvalError::Setting`] beyond 2^31 triangles.
     pub fn new(vertices: &'a [[f32; 3]], triangles: &'a [[u32; 3]]) -> Result<Self> {
         if triangles.len() >= 1 << 31 {
             return Err(EvalError::Setting { setting: "number of triangles", value: triangles.len() as f64, must: "below 2^31" });
@@ -98,13 +98,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_triangle_that_names_a_missing_vertex_is_refused() {
+    fn triangle_with_a_missing_vertex_is_rejected() {
         let error = MeshView::new(&[[0.0; 3]; 3], &[[0, 1, 2], [0, 1, 3]]).unwrap_err();
         assert!(matches!(error, EvalError::BadIndex { triangle: 1, vertex: 3, vertices: 3 }));
     }
 
     #[test]
-    fn normals_follow_the_winding_and_bounds_skip_nan() {
+    fn normals_follow_the_winding_and_bounds_ignore_nan() {
         let vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [f32::NAN, 9.0, 9.0]];
         let mesh = MeshView::new(&vertices, &[[0, 1, 2]]).unwrap();
         assert_eq!(vertex_normals(&mesh)[..3], [[0.0, 0.0, 1.0]; 3]);

@@ -1,12 +1,13 @@
 //! Exact distances from points to a triangle mesh, for millions of points.
 
-use crate::bvh::{Bvh, Hit};
 use crate::mesh::MeshView;
-use crate::{EvalError, error::Result, order, vec3};
+use crate::morton_order::map_in_morton_order;
+use crate::triangle_bvh::{Hit, TriangleBvh};
+use crate::{EvalError, error::Result, vec3};
 
-/// A mesh made ready for closest-point queries. Building takes about half a second for a million triangles.
+/// An index of a mesh for closest-point queries. Building it takes about half a second for a million triangles.
 pub struct MeshIndex {
-    bvh: Bvh,
+    bvh: TriangleBvh,
 }
 
 /// The point of a mesh closest to a query.
@@ -26,28 +27,28 @@ impl MeshIndex {
     /// # Errors
     /// [`EvalError::Empty`] when there are none.
     pub fn new(mesh: &MeshView<'_>) -> Result<Self> {
-        let bvh = Bvh::new(mesh);
+        let bvh = TriangleBvh::new(mesh);
         if bvh.is_empty() {
             return Err(EvalError::Empty { what: "the mesh", of: "triangles" });
         }
         Ok(Self { bvh })
     }
 
-    /// The closest point within `cut_off` metres (infinity for no limit); none when there is nothing so near or `p` is not finite.
+    /// The closest point within `cut_off` metres (infinity for no limit); none when nothing is within it or `p` is not finite.
     pub fn closest(&self, p: [f32; 3], cut_off: f32) -> Option<Closest> {
         self.hit(p, cut_off, None).map(|h| Closest { distance: h.distance2.sqrt(), point: h.point, triangle: self.bvh.original(h.slot) })
     }
 
     /// Distance of each point to the mesh, metres: infinity beyond `cut_off`, NaN for a point that is not finite.
     pub fn distances(&self, points: &[[f32; 3]], cut_off: f32) -> Vec<f32> {
-        self.each(points, cut_off, |_, hit| hit.distance2.sqrt())
+        self.map_hits(points, cut_off, |_, hit| hit.distance2.sqrt())
     }
 
-    /// Like [`MeshIndex::distances`], negative behind the surface, that is, where the winding of the nearest triangle shows its back.
+    /// Like [`MeshIndex::distances`], but negative behind the surface, by the winding of the closest triangle.
     ///
-    /// At edges and corners the triangle that faces the point most squarely decides, which gives the right side of closed meshes.
+    /// At edges and corners the triangle most perpendicular to the direction of the point decides, which gives the correct side of closed meshes.
     pub fn signed_distances(&self, points: &[[f32; 3]], cut_off: f32) -> Vec<f32> {
-        self.each(points, cut_off, |p, hit| hit.distance2.sqrt() * self.side(p, hit))
+        self.map_hits(points, cut_off, |p, hit| hit.distance2.sqrt() * self.side(p, hit))
     }
 
     fn hit(&self, p: [f32; 3], cut_off: f32, guess: Option<u32>) -> Option<Hit> {
@@ -57,9 +58,9 @@ impl MeshIndex {
         self.bvh.closest(p, cut_off * cut_off, guess)
     }
 
-    /// Applies `value` to the closest points, visiting the queries along a Morton curve so that each starts from its predecessor's triangle.
-    fn each(&self, points: &[[f32; 3]], cut_off: f32, value: impl Fn([f32; 3], &Hit) -> f32 + Sync) -> Vec<f32> {
-        order::along_curve(points, |run: &[u32]| {
+    /// Applies `value` to the closest points. Queries run along a Morton curve, so that each starts with its predecessor's triangle.
+    fn map_hits(&self, points: &[[f32; 3]], cut_off: f32, value: impl Fn([f32; 3], &Hit) -> f32 + Sync) -> Vec<f32> {
+        map_in_morton_order(points, |run: &[u32]| {
             let mut guess = None;
             let mut out = Vec::with_capacity(run.len());
             for &i in run {
@@ -103,9 +104,9 @@ pub fn mesh_distances(points: &[[f32; 3]], mesh: &MeshView<'_>, cut_off: f32) ->
     Ok(MeshIndex::new(mesh)?.distances(points, cut_off))
 }
 
-/// Points spread evenly over a mesh, about `per_square_metre` of them, the same for the same mesh: for distances from a mesh to something else.
+/// Points distributed evenly over a mesh, about `per_square_metre`; deterministic. Use them for distances from a mesh to something else.
 pub fn sample_surface(mesh: &MeshView<'_>, per_square_metre: f64) -> Vec<[f32; 3]> {
-    // The golden-ratio sequence fills triangles evenly; what is left of one triangle's share carries over to the next, so that small ones count.
+    // A golden-ratio sequence fills triangles evenly; the fraction of a sample left over carries over to the next triangle.
     const STEP: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
     let (mut out, mut due, mut n) = (Vec::new(), 0.5, 0u64);
     for i in (0..mesh.triangles().len()).filter(|&i| mesh.is_finite(i)) {
@@ -129,7 +130,7 @@ pub fn sample_surface(mesh: &MeshView<'_>, per_square_metre: f64) -> Vec<[f32; 3
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bvh::closest_point;
+    use crate::triangle_bvh::closest_point;
     use proptest::prelude::*;
 
     fn point() -> impl Strategy<Value = [f32; 3]> {
@@ -139,9 +140,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
 
-        /// The closest point of a triangle, by looking at a fine net of its points.
+        /// Compares with a dense sampling of the triangle.
         #[test]
-        fn closest_points_of_a_triangle_beat_every_sample(t in [point(), point(), point()], p in point()) {
+        fn closest_point_of_a_triangle_is_closer_than_samples(t in [point(), point(), point()], p in point()) {
             let c = closest_point(t, p);
             let d = |a: [f32; 3]| vec3::dot(vec3::sub(a, p), vec3::sub(a, p)).sqrt();
             let mut sampled = f32::INFINITY;
@@ -156,7 +157,7 @@ mod tests {
         }
 
         #[test]
-        fn the_hierarchy_agrees_with_looking_at_every_triangle(
+        fn hierarchy_agrees_with_brute_force(
             vertices in prop::collection::vec(point(), 3..60),
             corners in prop::collection::vec([0usize..1000, 0usize..1000, 0usize..1000], 1..200),
             queries in prop::collection::vec(point(), 1..50),
@@ -186,7 +187,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn signs_of_a_closed_mesh_tell_inside_from_outside(p in point()) {
+        fn signs_of_a_closed_mesh_are_those_of_inside_and_outside(p in point()) {
             let (v, t) = cube();
             let index = MeshIndex::new(&MeshView::new(&v, &t).unwrap()).unwrap();
             let q = p.map(|c| c.abs() - 1.0);
@@ -208,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn surface_samples_lie_on_the_mesh_at_the_asked_density() {
+    fn surface_samples_lie_on_the_mesh_with_the_requested_density() {
         let (v, t) = cube();
         let mesh = MeshView::new(&v, &t).unwrap();
         let samples = sample_surface(&mesh, 100.0);
@@ -217,38 +218,5 @@ mod tests {
         assert!(distances.iter().all(|d| *d < 1e-6));
         let upper = samples.iter().filter(|p| p[2] > 0.999).count();
         assert!(upper.abs_diff(400) <= 1);
-    }
-
-    /// `cargo test -p voxelastic-eval --release -- --ignored million --nocapture`
-    #[test]
-    #[ignore = "times a million queries on a million triangles"]
-    fn a_million_queries_on_a_million_triangles() {
-        let n = 708usize;
-        let height = |x: f32, y: f32| (x * 0.3).sin() * (y * 0.2).cos() * 3.0 + 0.05 * (x * 7.0).sin();
-        let at = |i: usize| ((i % (n + 1)) as f32 * 0.1, (i / (n + 1)) as f32 * 0.1);
-        let v: Vec<[f32; 3]> = (0..(n + 1) * (n + 1)).map(|i| [at(i).0, at(i).1, height(at(i).0, at(i).1)]).collect();
-        let t: Vec<[u32; 3]> = (0..n * n)
-            .map(|i| (i / n * (n + 1) + i % n) as u32)
-            .flat_map(|p| [[p, p + 1, p + n as u32 + 2], [p, p + n as u32 + 2, p + n as u32 + 1]])
-            .collect();
-        let mut seed = 1u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 40) as f32 / (1u64 << 24) as f32
-        };
-        let mesh = MeshView::new(&v, &t).unwrap();
-        for (name, spread) in [("within 5 cm", 0.1), ("within 2 m", 4.0)] {
-            let queries: Vec<[f32; 3]> = (0..1_000_000)
-                .map(|_| [random() * 70.0, random() * 70.0, (random() - 0.5) * spread])
-                .map(|[x, y, z]| [x, y, height(x, y) + z])
-                .collect();
-            let start = std::time::Instant::now();
-            let index = MeshIndex::new(&mesh).unwrap();
-            let built = start.elapsed().as_secs_f64();
-            let distances = index.distances(&queries, f32::INFINITY);
-            let total = start.elapsed().as_secs_f64();
-            let mean = distances.iter().map(|d| f64::from(*d)).sum::<f64>() / 1e6;
-            eprintln!("{} triangles, 1 M queries {name}: build {built:.3} s, queries {:.3} s, mean {mean:.4} m", t.len(), total - built);
-        }
     }
 }

@@ -1,8 +1,8 @@
-//! Map against truth: the paper's protocol (Sec. V-A), and what it lacks.
+//! Comparison of a map with the truth: the paper's protocol (Sec. V-A) and more.
 //!
-//! The paper takes the vertices of the map's mesh, aligns them to a survey cloud, thins the survey to 5 cm and reports point-to-point distances.
-//! That says nothing about what the map misses, and cannot see below the spacing of the survey; so completeness, F-scores and, where the truth is an
-//! analytic world, exact distances stand beside it.
+//! The paper aligns the vertices of the map's mesh to a survey cloud downsampled to 5 cm and reports point-to-point distances. These do not show what
+//! the map lacks, and their resolution is limited by the spacing of the survey. So completeness and F-scores are computed as well, and exact
+//! distances where the truth is an analytic world.
 
 use crate::align::{AlignQuality, AlignSettings, align, moved};
 use crate::cloud_distance::{PointIndex, downsample};
@@ -14,12 +14,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 use voxelastic::Pose;
 
-/// What is evaluated, in the map frame.
+/// The map to evaluate, in the map frame.
 #[derive(Clone, Copy, Debug)]
 pub enum Map<'a> {
     /// A cloud (of vertices, of occupied voxels).
     Points(&'a [[f32; 3]]),
-    /// A mesh: its vertices are measured, and completeness is the distance to its surface.
+    /// A mesh: accuracy is measured at its vertices, completeness to its surface.
     Mesh(MeshView<'a>),
 }
 
@@ -32,30 +32,29 @@ impl<'a> Map<'a> {
     }
 }
 
-/// What it is measured against, in the truth's frame.
+/// The reference, in the truth's frame.
 #[derive(Clone, Copy)]
 pub struct Truth<'a> {
     /// Points of the true surface (a survey, or samples of a mesh or world), metres.
     pub points: &'a [[f32; 3]],
-    /// Which of them the sensor could see, one flag per point; all when absent. Only these count for completeness.
+    /// Whether the sensor could see each point; all of them when absent. Only visible points count for completeness.
     pub visible: Option<&'a [bool]>,
-    /// Exact distance from a point to the true surface, metres, where the truth is known as a function. May be signed.
+    /// Exact distance from a point to the true surface, metres, if the truth is given as a function. May be signed.
     pub distance: Option<&'a (dyn Fn([f32; 3]) -> f32 + Sync)>,
 }
 
-/// How to compare.
+/// Settings of [`compare`].
 #[derive(Clone, Debug)]
 pub struct CompareSettings {
-    /// How to align the map to the truth first; `None` when both are in one frame (a simulated world).
+    /// Alignment of the map to the truth before the comparison; `None` when both are in one frame (a simulated world).
     pub align: Option<AlignSettings>,
-    /// The truth is thinned to one point per voxel of this edge, metres. The paper's value, and the default: 0.05.
+    /// The truth is downsampled to one point per voxel of this edge, metres. Default 0.05, as in the paper.
     pub truth_voxel: f32,
     /// Distances beyond this are misses, metres; default none.
     pub cut_off: f32,
-    /// Accuracy is measured at no more than this many points of the map, evenly taken from all; default all. Completeness always looks at the
-    /// whole map.
-    pub most_points: usize,
-    /// Distances at which F-scores are given, metres. Default 0.05, 0.1, 0.2, 0.5.
+    /// Most points of the map at which accuracy is measured, evenly sampled; default all. Completeness always uses the whole map.
+    pub max_points: usize,
+    /// Distance thresholds of the F-scores, metres. Default 0.05, 0.1, 0.2, 0.5.
     pub thresholds: Vec<f32>,
 }
 
@@ -65,20 +64,20 @@ impl Default for CompareSettings {
             align: Some(AlignSettings::default()),
             truth_voxel: 0.05,
             cut_off: f32::INFINITY,
-            most_points: usize::MAX,
+            max_points: usize::MAX,
             thresholds: vec![0.05, 0.1, 0.2, 0.5],
         }
     }
 }
 
-/// Precision, recall and their harmonic mean at one distance.
+/// Precision, recall and F-score at one threshold.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FScore {
-    /// The distance, metres.
+    /// The threshold, metres.
     pub threshold_m: f64,
-    /// Share of the map within it of the truth.
+    /// Share of the map within the threshold of the truth.
     pub precision: f64,
-    /// Share of the visible truth within it of the map.
+    /// Share of the visible truth within the threshold of the map.
     pub recall: f64,
     /// Harmonic mean of the two; 0 when both are.
     pub f_score: f64,
@@ -89,21 +88,21 @@ pub struct FScore {
 pub struct Comparison {
     /// Points of the map.
     pub map_points: usize,
-    /// Points of the truth after thinning.
+    /// Points of the truth after downsampling.
     pub truth_points: usize,
-    /// Points of the truth, after thinning, that count for completeness.
+    /// Visible points of the truth after downsampling, which count for completeness.
     pub visible_points: usize,
-    /// Translation and rotation (quaternion x y z w) of the map in the truth's frame that the alignment found.
+    /// Pose of the map in the truth's frame by the alignment.
     pub alignment: Option<AlignmentSummary>,
     /// Map to truth, point to point (the paper's figure).
     pub accuracy: DistanceStats,
-    /// Map to truth by the exact distance, where it is known.
+    /// Map to truth by the exact distance, if the truth is a function.
     pub accuracy_exact: Option<DistanceStats>,
     /// Visible truth to map: to its surface when it is a mesh, otherwise point to point.
     pub completeness: DistanceStats,
-    /// F-scores; precision by the exact distance where it is known.
+    /// F-scores; precision uses the exact distance if there is one.
     pub f_scores: Vec<FScore>,
-    /// Distance of each map point that was measured (the exact one where known), in input order: for colouring.
+    /// Distance of each measured map point (the exact one if there is one), in input order: for colouring.
     #[serde(skip)]
     pub errors: Vec<f32>,
     /// Maps map to truth coordinates.
@@ -118,24 +117,24 @@ pub struct AlignmentSummary {
     pub translation: [f64; 3],
     /// Its orientation, x y z w.
     pub quaternion: [f64; 4],
-    /// How good the fit is.
+    /// Quality of the fit.
     #[serde(flatten)]
     pub quality: AlignQuality,
 }
 
-/// Measures a map against the truth.
+/// Compares a map with the truth.
 ///
 /// # Errors
-/// [`EvalError::Empty`] when the map or the (visible) truth has no points; [`EvalError::Length`] for flags that do not fit; those of
+/// [`EvalError::Empty`] when the map or the (visible) truth has no points; [`EvalError::Length`] for a wrong number of flags; those of
 /// [`align`]; [`EvalError::Setting`] for a voxel size that is not positive.
 pub fn compare(map: Map<'_>, truth: &Truth<'_>, settings: &CompareSettings) -> Result<Comparison> {
-    let thin = downsample(truth.points, settings.truth_voxel)?;
-    let truth_index = PointIndex::new(&thin, "the truth")?;
-    let (t_truth_map, alignment) = aligned(map.points(), &thin, settings)?;
+    let reference = downsample(truth.points, settings.truth_voxel)?;
+    let truth_index = PointIndex::new(&reference, "the truth")?;
+    let (t_truth_map, alignment) = aligned(map.points(), &reference, settings)?;
     let points = moved(map.points(), &t_truth_map);
-    let visible = visible(truth, &thin, settings)?;
+    let visible = visible(truth, &reference, settings)?;
 
-    let sample: Vec<[f32; 3]> = points.iter().step_by(points.len().div_ceil(settings.most_points.max(1)).max(1)).copied().collect();
+    let sample: Vec<[f32; 3]> = points.iter().step_by(points.len().div_ceil(settings.max_points.max(1)).max(1)).copied().collect();
     let to_truth = truth_index.distances(&sample, settings.cut_off);
     let exact: Option<Vec<f32>> = truth.distance.map(|f| exact_errors(&sample, f));
     let to_map = match map {
@@ -145,7 +144,7 @@ pub fn compare(map: Map<'_>, truth: &Truth<'_>, settings: &CompareSettings) -> R
     let errors = exact.as_ref().unwrap_or(&to_truth);
     Ok(Comparison {
         map_points: points.len(),
-        truth_points: thin.len(),
+        truth_points: reference.len(),
         visible_points: visible.len(),
         alignment,
         accuracy: DistanceStats::new(&to_truth),
@@ -157,7 +156,7 @@ pub fn compare(map: Map<'_>, truth: &Truth<'_>, settings: &CompareSettings) -> R
     })
 }
 
-/// Size of the distance of each point by a function of the true surface, metres; NaN for points that are not finite.
+/// Absolute distance of each point to the true surface by a distance function, metres; NaN for points that are not finite.
 pub fn exact_errors(points: &[[f32; 3]], distance: &(dyn Fn([f32; 3]) -> f32 + Sync)) -> Vec<f32> {
     points.par_iter().map(|p| if p.iter().all(|c| c.is_finite()) { distance(*p).abs() } else { f32::NAN }).collect()
 }
@@ -173,15 +172,15 @@ fn aligned(map: &[[f32; 3]], truth: &[[f32; 3]], settings: &CompareSettings) -> 
     Ok((found.t_target_source, Some(summary)))
 }
 
-/// The thinned truth that counts for completeness.
-fn visible(truth: &Truth<'_>, thin: &[[f32; 3]], settings: &CompareSettings) -> Result<Vec<[f32; 3]>> {
-    let Some(flags) = truth.visible else { return Ok(thin.to_vec()) };
+/// The downsampled truth that counts for completeness.
+fn visible(truth: &Truth<'_>, reference: &[[f32; 3]], settings: &CompareSettings) -> Result<Vec<[f32; 3]>> {
+    let Some(flags) = truth.visible else { return Ok(reference.to_vec()) };
     if flags.len() != truth.points.len() {
         return Err(EvalError::Length { what: "visibility flags of the truth", got: flags.len(), expected: truth.points.len() });
     }
-    let seen: Vec<[f32; 3]> = truth.points.iter().zip(flags).filter(|(_, f)| **f).map(|(p, _)| *p).collect();
-    let seen = downsample(&seen, settings.truth_voxel)?;
-    if seen.is_empty() { Err(EvalError::Empty { what: "the visible truth", of: "points" }) } else { Ok(seen) }
+    let visible: Vec<[f32; 3]> = truth.points.iter().zip(flags).filter(|(_, f)| **f).map(|(p, _)| *p).collect();
+    let visible = downsample(&visible, settings.truth_voxel)?;
+    if visible.is_empty() { Err(EvalError::Empty { what: "the visible truth", of: "points" }) } else { Ok(visible) }
 }
 
 fn f_score(to_truth: &[f32], to_map: &[f32], threshold: f32) -> FScore {
@@ -208,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_half_map_one_centimetre_up_scores_as_it_should() {
+    fn scores_of_half_a_map_one_centimetre_too_high() {
         let truth = floor(0.02, 0.0);
         let map: Vec<[f32; 3]> = floor(0.05, 0.01).into_iter().filter(|p| p[0] < 5.0).collect();
         let distance = |p: [f32; 3]| p[2];
@@ -225,20 +224,20 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_says_what_all_points_say() {
+    fn sample_of_points_gives_similar_statistics() {
         let truth = floor(0.05, 0.0);
         let map: Vec<[f32; 3]> = floor(0.1, 0.01).into_iter().enumerate().map(|(i, [x, y, z])| [x, y, z * (1 + i % 3) as f32]).collect();
         let distance = |p: [f32; 3]| p[2];
         let t = Truth { points: &truth, visible: None, distance: Some(&distance) };
         let all = compare(Map::Points(&map), &t, &unaligned()).unwrap();
-        let some = compare(Map::Points(&map), &t, &CompareSettings { most_points: 1000, ..unaligned() }).unwrap();
+        let some = compare(Map::Points(&map), &t, &CompareSettings { max_points: 1000, ..unaligned() }).unwrap();
         let mean = |c: &Comparison| c.accuracy_exact.as_ref().unwrap().mean.unwrap();
         assert!((mean(&all) - mean(&some)).abs() < 5e-4 && (500..=1000).contains(&some.errors.len()), "{}", some.errors.len());
         assert_eq!((some.map_points, &some.completeness), (all.map_points, &all.completeness));
     }
 
     #[test]
-    fn completeness_of_a_mesh_is_to_its_surface() {
+    fn completeness_of_a_mesh_is_measured_to_its_surface() {
         let corners = [[0.0, 0.0, 0.02], [10.0, 0.0, 0.02], [10.0, 10.0, 0.02], [0.0, 10.0, 0.02]];
         let mesh = MeshView::new(&corners, &[[0, 1, 2], [0, 2, 3]]).unwrap();
         let truth = floor(0.05, 0.0);
@@ -247,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn the_alignment_is_found_reported_and_applied() {
+    fn alignment_is_applied_and_reported() {
         let truth = crate::align::tests::building(11, 80_000);
         let t = Pose::from_parts(Translation3::new(0.5, -0.3, 0.2), UnitQuaternion::from_euler_angles(0.0, 0.01, 0.04));
         let map = moved(&crate::align::tests::building(12, 30_000), &t.inverse());
@@ -262,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_inputs_and_wrong_flags_are_refused() {
+    fn empty_inputs_and_wrong_flags_are_rejected() {
         let cloud = floor(0.5, 0.0);
         let truth = Truth { points: &cloud, visible: None, distance: None };
         assert!(matches!(compare(Map::Points(&[]), &truth, &unaligned()), Err(EvalError::Empty { what: "the map", .. })));

@@ -1,72 +1,75 @@
-//! Free, occupied, unknown: how often a map is right, against a world whose distance function is known.
+//! Evaluation of occupancy: precision and recall of free and occupied space against a world with a known distance function.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// What a map says about a point.
+/// The state of a point in a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// Nothing is there.
+    /// Free space.
     Free,
-    /// Something is there.
+    /// Occupied space.
     Occupied,
     /// Never observed.
     Unknown,
 }
 
-/// How often one state is said rightly.
+/// Precision and recall of one state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Score {
-    /// Points at which the map says so.
-    pub said: usize,
-    /// Points at which it is so.
-    pub is: usize,
-    /// Points at which the map says so and it is so.
-    pub both: usize,
-    /// Share of what is said that is right; `None` when nothing is said.
+    /// Points with this state in the map.
+    #[serde(rename = "said")]
+    pub predicted: usize,
+    /// Points with this state in the world.
+    #[serde(rename = "is")]
+    pub actual: usize,
+    /// Points with this state in both.
+    #[serde(rename = "both")]
+    pub correct: usize,
+    /// `correct` over `predicted`; `None` when nothing is predicted.
     pub precision: Option<f64>,
-    /// Share of what is so that is said; `None` when nothing is so.
+    /// `correct` over `actual`; `None` when nothing is actual.
     pub recall: Option<f64>,
 }
 
 /// Result of [`score`], with stable JSON keys.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OccupancyScores {
-    /// Points judged: finite ones that are not within the margin of a surface on its free side.
+    /// Points evaluated: finite ones, except those within the margin outside of a surface.
     pub points: usize,
-    /// Of these, how many the map does not know.
+    /// Of these, points that are unknown in the map.
     pub unknown: usize,
-    /// How well free space is known. The precision is what keeps a robot whole.
+    /// Free space. Its precision matters for the safety of a robot.
     pub free: Score,
-    /// How well what is occupied is known.
+    /// Occupied space.
     pub occupied: Score,
-    /// Points that the map calls free inside of something, deeper than the margin: the dangerous ones.
+    /// Points that are free in the map but inside of a solid, deeper than the margin: dangerous errors.
     pub deep_false_free: usize,
 }
 
-/// Judges a map at `points` (metres, of space that the sensor could see: along beams, and on surfaces).
+/// Evaluates a map at `points` (metres, in space that the sensor could see: along beams, and on surfaces).
 ///
 /// `distance` is the world's signed distance, negative inside. At or inside a surface (`distance <= 0`) a point is occupied; farther than `margin`
-/// (metres; about a voxel) outside it is free; between the two a voxel may be called either, and the point is not judged.
+/// (metres; about a voxel) outside it is free; points in between are not evaluated, since a voxel there may be either.
 pub fn score<M, W>(points: &[[f32; 3]], map: M, distance: W, margin: f32) -> OccupancyScores
 where
     M: Fn([f32; 3]) -> State + Sync,
     W: Fn([f32; 3]) -> f32 + Sync,
 {
-    let judge = |p: &[f32; 3]| {
+    let evaluate = |p: &[f32; 3]| {
         let d = if p.iter().all(|c| c.is_finite()) { distance(*p) } else { f32::NAN };
         if d.is_nan() || (d > 0.0 && d <= margin) { None } else { Some((map(*p), d)) }
     };
-    let judged: Vec<(State, f32)> = points.par_iter().filter_map(judge).collect();
-    let count = |f: &dyn Fn(State, f32) -> bool| judged.iter().filter(|(s, d)| f(*s, *d)).count();
+    let evaluated: Vec<(State, f32)> = points.par_iter().filter_map(evaluate).collect();
+    let count = |f: &dyn Fn(State, f32) -> bool| evaluated.iter().filter(|(s, d)| f(*s, *d)).count();
     let score = |state: State, inside: bool| {
-        let (said, is) = (count(&|s, _| s == state), count(&|_, d| (d <= 0.0) == inside));
-        let both = count(&|s, d| s == state && (d <= 0.0) == inside);
-        let share = |of: usize| (of > 0).then(|| both as f64 / of as f64);
-        Score { said, is, both, precision: share(said), recall: share(is) }
+        let (predicted, actual) = (count(&|s, _| s == state), count(&|_, d| (d <= 0.0) == inside));
+        let correct = count(&|s, d| s == state && (d <= 0.0) == inside);
+        let share = |of: usize| (of > 0).then(|| correct as f64 / of as f64);
+        Score { predicted, actual, correct, precision: share(predicted), recall: share(actual) }
     };
     OccupancyScores {
-        points: judged.len(),
+        points: evaluated.len(),
         unknown: count(&|s, _| s == State::Unknown),
         free: score(State::Free, false),
         occupied: score(State::Occupied, true),
@@ -79,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn known_mistakes_are_counted() {
+    fn known_errors_are_counted() {
         // The world is solid below z = 0; the map has the floor 0.25 m too low, and knows nothing beyond x = 5.
         let world = |p: [f32; 3]| p[2];
         let map = |p: [f32; 3]| match p {

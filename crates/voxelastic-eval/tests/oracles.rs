@@ -3,12 +3,13 @@
 mod support;
 
 use nalgebra::{Translation3, UnitQuaternion};
-use support::{data, hall_scan, numbers, python, random, read_f32, write_points};
+use support::{hall_scan, numbers, random, read_f32, write_points};
 use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::align::{AlignSettings, align, moved};
 use voxelastic_eval::trajectory::{Delta, Fit, Pair, ate, rpe};
 use voxelastic_eval::{MeshIndex, MeshView, PointIndex};
+use voxelastic_testing::{data, run_python};
 
 struct Sheet {
     vertices: Vec<[f32; 3]>,
@@ -54,7 +55,7 @@ fn distances_agree_with_open3d() {
     write_points(&file("vertices"), &vertices);
     std::fs::write(file("triangles"), triangles.iter().flatten().flat_map(|i| i.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
     let arguments = ["points", "vertices", "triangles", "to_cloud", "to_mesh"].map(file);
-    let Some(_) = python(&["numpy", "open3d"], OPEN3D, &arguments.each_ref().map(|p| p.as_path())) else { return };
+    let Some(_) = run_python("numpy, open3d", OPEN3D, &arguments.each_ref().map(|p| p.as_path())) else { return };
 
     let to_cloud = PointIndex::new(&vertices, "the sheet").unwrap().distances(&points, f32::INFINITY);
     let to_mesh = MeshIndex::new(&MeshView::new(&vertices, &triangles).unwrap()).unwrap().distances(&points, f32::INFINITY);
@@ -105,7 +106,7 @@ fn alignment_of_real_scans_agrees_with_small_gicp_and_with_the_poses() {
     let files = ["source", "target"].map(|n| folder.path().join(n));
     write_points(&files[0], &source);
     write_points(&files[1], &target);
-    let Some(text) = python(&["numpy", "small_gicp"], SMALL_GICP, &files.each_ref().map(|p| p.as_path())) else { return };
+    let Some(text) = run_python("numpy, small_gicp", SMALL_GICP, &files.each_ref().map(|p| p.as_path())) else { return };
     let v = numbers(&text);
     let rotation = nalgebra::Matrix3::from_fn(|i, j| v[4 * i + j]);
     let rotation = UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(rotation));
@@ -171,7 +172,7 @@ fn trajectory_errors_agree_with_evo() {
     let file = folder.path().join("poses");
     let matrices = pairs.iter().map(|p| p.reference).chain(pairs.iter().map(|p| p.estimate)).map(|p| p.to_homogeneous().transpose());
     std::fs::write(&file, matrices.flat_map(|m| m.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()).collect::<Vec<u8>>()).unwrap();
-    let Some(text) = python(&["numpy", "evo"], EVO, &[&file]) else { return };
+    let Some(text) = run_python("numpy, evo", EVO, &[&file]) else { return };
 
     let frames = rpe(&pairs, Delta::Frames(1)).unwrap();
     let mut ours = vec![frames.translation_m.rmse, frames.rotation_deg.rmse, rpe(&pairs, Delta::Metres(5.0)).unwrap().translation_m.rmse];

@@ -1,50 +1,51 @@
-//! Clouds of any format.
+//! Reading a cloud of any format, recognised by the file's name.
 
+use crate::bin::{self, BinLayout};
+use crate::stamped_cloud::StampedCloud;
 use crate::survey::{self, SurveyCloud};
-use crate::{Error, Position, Result, file, kitti_bin, pcd, ply};
+use crate::{Error, Position, Result, file, pcd, ply};
 use std::path::Path;
-use voxelastic::Cloud;
-
-/// A cloud and, where its file says so, when it was taken.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StampedCloud {
-    /// The points, in the lidar frame.
-    pub cloud: Cloud,
-    /// Time in seconds that [`Cloud::time`] counts from. Present only if the file holds absolute times.
-    pub stamp: Option<f64>,
-}
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum CloudFormat {
     /// Point Cloud Library, see [`pcd`].
     Pcd,
     /// Polygon file format, see [`ply`].
     Ply,
-    /// KITTI's records of four floats, see [`kitti_bin`].
+    /// KITTI's records of four floats, see [`BinLayout::Kitti`].
     KittiBin,
+    /// nuScenes' records of five floats, `.pcd.bin`, see [`BinLayout::NuScenes`].
+    NuScenesBin,
     /// LAS or LAZ, see [`survey::las`].
     Las,
     /// E57, see [`survey::e57`]; all scans in the file's frame.
     E57,
-    /// Bare records of three floats, GLIM's `points_compact.bin`, see [`kitti_bin::parse_bare`].
-    BareBin,
+    /// GLIM's records of three floats, `points_compact.bin`, see [`BinLayout::Xyz`].
+    XyzBin,
 }
 
 impl CloudFormat {
-    /// Whether scans of a dataset are stored so; the others hold surveys.
-    pub(crate) fn holds_scans(self) -> bool {
-        matches!(self, Self::Pcd | Self::Ply | Self::KittiBin)
-    }
+    /// Formats that folders of scans come in. The others hold surveys or submaps.
+    pub(crate) const OF_SCANS: [Self; 4] = [Self::Pcd, Self::Ply, Self::KittiBin, Self::NuScenesBin];
 
-    /// The format that a file's extension promises.
+    /// The format that a file's name promises.
     pub fn of(path: &Path) -> Option<Self> {
-        if path.file_name()? == "points_compact.bin" {
-            return Some(Self::BareBin);
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        if name == "points_compact.bin" {
+            return Some(Self::XyzBin);
         }
-        let extension = path.extension()?.to_str()?;
-        let known = [("pcd", Self::Pcd), ("ply", Self::Ply), ("bin", Self::KittiBin), ("las", Self::Las), ("laz", Self::Las), ("e57", Self::E57)];
-        known.into_iter().find(|(e, _)| extension.eq_ignore_ascii_case(e)).map(|(_, f)| f)
+        let known = [
+            (".pcd.bin", Self::NuScenesBin),
+            (".pcd", Self::Pcd),
+            (".ply", Self::Ply),
+            (".bin", Self::KittiBin),
+            (".las", Self::Las),
+            (".laz", Self::Las),
+            (".e57", Self::E57),
+        ];
+        known.into_iter().find(|(ending, _)| name.ends_with(ending) && name.len() > ending.len()).map(|(_, format)| format)
     }
 }
 
@@ -54,17 +55,18 @@ impl std::fmt::Display for CloudFormat {
             Self::Pcd => "PCD",
             Self::Ply => "PLY",
             Self::KittiBin => "KITTI bin",
+            Self::NuScenesBin => "nuScenes bin",
             Self::Las => "LAS",
             Self::E57 => "E57",
-            Self::BareBin => "bare bin",
+            Self::XyzBin => "xyz bin",
         })
     }
 }
 
-/// Reads a cloud of any format that this crate knows, by the file's extension.
+/// Reads a cloud of any format that this crate knows, recognised by the file's name.
 ///
 /// # Errors
-/// [`Error::Content`] if the file breaks its format or has another extension, [`Error::NoReturn`] if no point of it
+/// [`Error::Content`] if the file breaks its format or its name promises none, [`Error::NoReturn`] if no point of it
 /// is a measurement, [`Error::Io`] if it cannot be read.
 pub fn read(path: impl AsRef<Path>) -> Result<StampedCloud> {
     let path = path.as_ref();
@@ -82,17 +84,18 @@ pub fn parse(bytes: &[u8], path: &Path, format: CloudFormat) -> Result<StampedCl
     match format {
         CloudFormat::Pcd => pcd::parse(bytes, path),
         CloudFormat::Ply => ply::parse_cloud(bytes, path),
-        CloudFormat::KittiBin => kitti_bin::parse(bytes, path),
-        CloudFormat::Las => Ok(bare(survey::las::parse(bytes.to_vec(), path)?, path)),
-        CloudFormat::E57 => Ok(bare(survey::e57::merge(&survey::e57::parse(bytes, path)?, path)?, path)),
-        CloudFormat::BareBin => kitti_bin::parse_bare(bytes, path),
+        CloudFormat::KittiBin => bin::parse(bytes, path, BinLayout::Kitti),
+        CloudFormat::NuScenesBin => bin::parse(bytes, path, BinLayout::NuScenes),
+        CloudFormat::XyzBin => bin::parse(bytes, path, BinLayout::Xyz),
+        CloudFormat::Las => Ok(without_offset(survey::las::parse(bytes.to_vec(), path)?, path)),
+        CloudFormat::E57 => Ok(without_offset(survey::e57::merge(&survey::e57::parse(bytes, path)?, path)?, path)),
     }
 }
 
-/// The points of a survey; the offset that was taken off is told.
-fn bare(survey: SurveyCloud, path: &Path) -> StampedCloud {
+/// The points of a survey. The offset that was subtracted from them is logged.
+fn without_offset(survey: SurveyCloud, path: &Path) -> StampedCloud {
     if survey.offset != [0.0; 3] {
-        tracing::warn!("{}: coordinates count from {:?} m: they are too large for single precision", path.display(), survey.offset);
+        tracing::warn!("{}: coordinates are relative to {:?} m: they are too large for single precision", path.display(), survey.offset);
     }
     StampedCloud { cloud: survey.cloud, stamp: None }
 }

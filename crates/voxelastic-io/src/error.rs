@@ -1,4 +1,4 @@
-//! What can go wrong with files: every error names the file, the place in it, and the remedy.
+//! Errors: each names the file, the position in it, and the remedy.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -45,7 +45,7 @@ impl fmt::Display for Position {
     }
 }
 
-/// Errors of the input and output crate.
+/// Errors of this crate. Each names the file or folder, the position in it where that is known, and what to do.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -91,6 +91,16 @@ pub enum Error {
         /// What it can be set to.
         choices: Vec<String>,
     },
+    /// Data without poses. Their clouds can be read with [`crate::raw`].
+    #[error("{}: {problem}; {remedy}", path.display())]
+    NoPoses {
+        /// The folder or recording.
+        path: PathBuf,
+        /// What was looked for.
+        problem: String,
+        /// What to do about it.
+        remedy: Cow<'static, str>,
+    },
     /// A folder lacks something, or its parts do not belong together.
     #[error("{}: {problem}; {remedy}", path.display())]
     Dataset {
@@ -109,6 +119,84 @@ pub enum Error {
         /// What is wrong with the data.
         problem: String,
     },
+    /// The path is not a map directory.
+    #[error("{}: not a Voxelastic map: {reason}", path.display())]
+    NotAMap {
+        /// The path that was given.
+        path: PathBuf,
+        /// What is there instead.
+        reason: &'static str,
+    },
+    /// A new map would be written over files that are not a map's.
+    #[error("{}: refusing to write a map here: the directory is not empty and holds no map (found {found:?}); choose a new directory", path.display())]
+    WouldOverwrite {
+        /// The directory.
+        path: PathBuf,
+        /// The first of the files in it, by name.
+        found: String,
+    },
+    /// Another process is writing this map.
+    #[error("{}: process {pid} is writing this map; wait for it to end, or write to another directory", path.display())]
+    Locked {
+        /// The map directory.
+        path: PathBuf,
+        /// The other process, as far as it is known.
+        pid: String,
+    },
+    /// A file that the manifest names is not there.
+    #[error("{}: missing, but the manifest names it; restore it from a backup, or open the map again if it was being saved meanwhile", path.display())]
+    Missing {
+        /// The submap file.
+        path: PathBuf,
+    },
+    /// A file's content is not what was written.
+    #[error("{}: damaged in its {section} at byte {offset}: {what}; restore the file from a backup or map the data again", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Part of the file: `header`, `section table`, `tsdf section`, `text`, `length`.
+        section: String,
+        /// Where in the file the damage was noticed; the damage itself may lie later in the same part.
+        offset: u64,
+        /// What was found there.
+        what: String,
+    },
+    /// The file was written by a newer program.
+    #[error("{}: written in format version {found}, but this program reads versions up to {supported}; update voxelastic", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its version.
+        found: u32,
+        /// The newest version that can be read.
+        supported: u32,
+    },
+    /// A submap file has a section that this program does not know.
+    #[error("{}: unknown section {tag:?} at byte {offset}: the submap has a field that this program does not know; update voxelastic", path.display())]
+    UnknownSection {
+        /// The submap file.
+        path: PathBuf,
+        /// The section's tag.
+        tag: String,
+        /// Where the section lies.
+        offset: u64,
+    },
+    /// The map has no such submap.
+    #[error("{}: the map has no submap {id}", path.display())]
+    NoSuchSubmap {
+        /// The map directory.
+        path: PathBuf,
+        /// The identifier that was asked for.
+        id: u32,
+    },
+    /// A file is larger than the memory that is left.
+    #[error("{}: {bytes} bytes do not fit into memory; close other programs or use a larger machine", path.display())]
+    OutOfMemory {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
 }
 
 impl Error {
@@ -119,8 +207,18 @@ impl Error {
             | Self::Content { path, .. }
             | Self::NoReturn { path, .. }
             | Self::Ambiguous { path, .. }
+            | Self::NoPoses { path, .. }
             | Self::Dataset { path, .. }
-            | Self::Unwritable { path, .. } => path,
+            | Self::Unwritable { path, .. }
+            | Self::NotAMap { path, .. }
+            | Self::WouldOverwrite { path, .. }
+            | Self::Locked { path, .. }
+            | Self::Missing { path }
+            | Self::Damaged { path, .. }
+            | Self::Newer { path, .. }
+            | Self::UnknownSection { path, .. }
+            | Self::NoSuchSubmap { path, .. }
+            | Self::OutOfMemory { path, .. } => path,
         }
     }
 
@@ -128,6 +226,7 @@ impl Error {
     pub fn position(&self) -> Position {
         match self {
             Self::Content { at, .. } => at.clone(),
+            Self::Damaged { offset, .. } | Self::UnknownSection { offset, .. } => Position::Byte(*offset),
             _ => Position::File,
         }
     }
@@ -135,10 +234,18 @@ impl Error {
     /// What the user can do about it.
     pub fn remedy(&self) -> Cow<'_, str> {
         match self {
-            Self::Content { remedy, .. } | Self::Dataset { remedy, .. } => Cow::Borrowed(remedy),
+            Self::Content { remedy, .. } | Self::NoPoses { remedy, .. } | Self::Dataset { remedy, .. } => Cow::Borrowed(remedy),
             Self::NoReturn { .. } => Cow::Borrowed("leave the scan out"),
             Self::Ambiguous { flag, .. } => Cow::Owned(format!("choose one with {flag}")),
             Self::Io { .. } => Cow::Borrowed("check the path, the permissions and the free space"),
+            Self::NotAMap { .. } => Cow::Borrowed("give the directory of a map"),
+            Self::WouldOverwrite { .. } => Cow::Borrowed("choose a new directory"),
+            Self::Locked { .. } => Cow::Borrowed("wait for the other process to end, or write to another directory"),
+            Self::Missing { .. } => Cow::Borrowed("restore the file from a backup, or open the map again if it was being saved meanwhile"),
+            Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
+            Self::Newer { .. } | Self::UnknownSection { .. } => Cow::Borrowed("update voxelastic"),
+            Self::NoSuchSubmap { .. } => Cow::Borrowed("choose one of the manifest's submaps"),
+            Self::OutOfMemory { .. } => Cow::Borrowed("close other programs or use a larger machine"),
             Self::Unwritable { .. } => Cow::Borrowed("this is an error of the program that made the data"),
         }
     }
@@ -147,8 +254,22 @@ impl Error {
         Self::Io { path: path.into(), doing, source }
     }
 
+    /// For `map_err`: wraps an error of the system. `doing` is a verb, as in "cannot read".
+    pub(crate) fn on_io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { path: path.to_owned(), doing, source }
+    }
+
+    /// Damage in a file of the map store.
+    pub(crate) fn damaged(path: &Path, section: &str, offset: u64, what: impl Into<String>) -> Self {
+        Self::Damaged { path: path.to_owned(), section: section.to_owned(), offset, what: what.into() }
+    }
+
     pub(crate) fn content(path: &Path, at: Position, problem: impl Into<String>, remedy: impl Into<Cow<'static, str>>) -> Self {
         Self::Content { path: path.into(), at, problem: problem.into(), remedy: remedy.into() }
+    }
+
+    pub(crate) fn no_poses(path: &Path, problem: impl Into<String>, remedy: impl Into<Cow<'static, str>>) -> Self {
+        Self::NoPoses { path: path.into(), problem: problem.into(), remedy: remedy.into() }
     }
 
     pub(crate) fn dataset(path: &Path, problem: impl Into<String>, remedy: impl Into<Cow<'static, str>>) -> Self {

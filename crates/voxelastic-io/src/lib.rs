@@ -1,17 +1,46 @@
-//! Files in and out of Voxelastic: registered LiDAR clouds, poses, pose graphs, meshes, saved maps.
+//! Files in and out of Voxelastic: LiDAR scans, poses and pose graphs in; meshes, clouds and saved maps in and out.
 //!
-//! - [`dataset`] opens a folder of clouds and poses without flags and streams it as [`Event`](voxelastic::event::Event)s, the
-//!   registered cloud list of paper Sec. IV.
-//! - [`bag`] plays recordings of ROS 1 and ROS 2 as the same events; [`source`] opens either.
-//! - [`ouster`] reads captures of Ouster sensors.
-//! - [`clouds`] reads a single cloud: [`pcd`], [`ply`], [`kitti_bin`]. [`poses`] reads trajectories, [`g2o`] pose graphs.
-//! - [`pcd::write`], [`poses::write_tum`], [`poses::write_kitti`] and [`g2o::write`] write what the readers take back.
-//! - [`survey`] reads and writes LAS, LAZ and E57.
-//! - [`mesh_io`] writes meshes as PLY and GLB.
-//! - [`store`] saves and reopens maps.
+//! # What it reads
 //!
-//! Readers are strict: [`Error`] names the file, the line and field or the byte, and the remedy. They never panic, and memory
-//! follows the size of a file, not the claims of its header. Files are written completely or not at all.
+//! A map is built from a *registered cloud list* (paper Sec. IV): scans with poses, odometry and loop edges between them, and corrections of
+//! the poses. This crate makes one, as [`Event`](voxelastic::event::Event)s, from what SLAM systems and data sets leave:
+//!
+//! - [`dataset::open`] recognises a folder of clouds and poses without flags, also the dumps of hdl_graph_slam, GLIM, SC-LIO-SAM, BALM and
+//!   HBA, and KITTI, MulRan and Newer College as downloaded.
+//! - [`bag::Recording`] plays recordings of ROS 1 and ROS 2 without ROS, and captures of Ouster sensors ([`ouster`]).
+//! - [`source::open`] opens either.
+//! - [`raw::open`] reads scans without poses, for odometry.
+//!
+//! The formats below them can be used on their own: [`clouds::read`] reads one cloud ([`pcd`], [`ply`], [`bin`], and [`survey`] for LAS, LAZ
+//! and E57), [`poses`] trajectories, [`g2o`] pose graphs.
+//!
+//! # What it writes
+//!
+//! [`store`] saves and reopens maps. [`mesh_io`] writes meshes as PLY and GLB, [`octomap`] occupancy for OctoMap. [`pcd::write`],
+//! [`poses::write_tum`], [`poses::write_kitti`], [`g2o::write`] and [`survey`] write what the readers accept.
+//!
+//! # How data flows
+//!
+//! ```text
+//! files and names        folders, dumps, bag, ouster      what is there; nothing is decoded
+//!        |
+//! scans with poses       scan_list, motion                matching, keyframing, edges, corrections
+//!        |
+//! events                 dataset, playback, source        clouds decoded ahead, one after the other
+//!        |
+//! the mapper, and at the end: store, mesh_io, octomap
+//! ```
+//!
+//! Opening is cheap: files are listed and matched, clouds are decoded when their turn comes, so memory does not grow with the data.
+//! Decoding runs ahead on a thread of its own, or in the idle time of the mapper's threads ([`IdleStep`]).
+//!
+//! # Promises
+//!
+//! Readers are strict: [`Error`] names the file, the line and field or the byte, and the remedy. They do not panic on damaged input, and
+//! memory follows the size of a file, not the claims of its header. A scan that cannot be read is an `Err` item; the iteration continues with
+//! the next. Files are written completely or not at all.
+//!
+//! # Example
 //!
 //! ```
 //! use voxelastic::{Cloud, Pose, event::Event};
@@ -26,6 +55,7 @@
 //! poses::write_tum(drive.path().join("poses.tum"), &[(0.0, Pose::identity()), (0.1, Pose::translation(0.2, 0.0, 0.0))])?;
 //!
 //! let dataset = dataset::open(drive.path(), &OpenOptions::default())?;
+//! println!("{}", dataset.description());
 //! for event in dataset.events() {
 //!     match event {
 //!         Ok(Event::Scan(scan)) => println!("node {}: {} points", scan.node, scan.cloud.len()),
@@ -37,33 +67,47 @@
 //! ```
 
 pub mod bag;
-mod channels;
+pub mod bin;
 pub mod clouds;
-mod colours;
 pub mod dataset;
 mod dumps;
 mod error;
 mod file;
+mod file_names;
+mod folders;
 pub mod g2o;
 mod graph;
-pub mod kitti_bin;
 pub mod mesh_io;
+mod motion;
 pub mod octomap;
+mod options;
 pub mod ouster;
 pub mod pcd;
 mod playback;
 pub mod ply;
+mod points;
+mod pose_check;
 pub mod poses;
+pub mod raw;
 mod read_ahead;
-mod record;
+mod scan_list;
 pub mod source;
+mod stamped_cloud;
 pub mod store;
 pub mod survey;
 mod text;
-mod text_table;
 
-pub use clouds::{CloudFormat, StampedCloud};
-pub use dataset::{Dataset, OpenOptions};
+pub use clouds::CloudFormat;
+pub use dataset::Dataset;
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;
+pub use options::{OpenOptions, PoseKind};
 pub use poses::{PoseFormat, Trajectory};
+pub use read_ahead::IdleStep;
+pub use scan_list::Keyframing;
+pub use stamped_cloud::StampedCloud;
+
+/// Runs the examples of the book's page on the library as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/src/rust/index.md")]
+struct Book;

@@ -1,4 +1,4 @@
-//! Reading ahead: items are made before they are asked for, by a thread of its own or in the spare time of other threads.
+//! Reading ahead: items are produced before they are requested, on a thread of their own or in the idle time of other threads.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -6,13 +6,18 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use voxelastic::mapper::Chore;
 
-/// What an iterator gives, in its order, made up to so many items ahead.
+/// Reads one item ahead in the time of the calling thread and returns whether there was one to read.
+///
+/// Meant for threads that would otherwise be idle, such as those of a mapper's pool between the steps of a scan. May be called from any number
+/// of threads. If it is taken before the first item, the iterator starts no thread of its own.
+pub type IdleStep = Box<dyn Fn() -> bool + Send + Sync>;
+
+/// The items of an iterator, in order, produced up to a given number ahead.
 pub(crate) struct ReadAhead<T> {
     shared: Arc<Shared<T>>,
-    /// Whether somebody makes items, besides those who ask for them.
-    has_maker: bool,
+    /// Whether items are produced other than in `next`.
+    has_producer: bool,
 }
 
 struct Shared<T> {
@@ -20,43 +25,44 @@ struct Shared<T> {
     most: usize,
     state: Mutex<State<T>>,
     changed: Condvar,
-    /// Whether there is something to make ahead, for those who would rather not wait to be told.
+    /// Whether an item should be produced; may be read without taking the lock.
     is_due: AtomicBool,
 }
 
 struct State<T> {
-    /// Taken while an item is being made.
+    /// `None` while an item is being produced.
     items: Option<Box<dyn Iterator<Item = T> + Send>>,
     ready: VecDeque<T>,
-    /// There will be no more items, or nobody takes them.
+    /// There are no more items, or the consumer is gone.
     is_over: bool,
 }
 
 impl<T: Send + 'static> ReadAhead<T> {
-    /// `items`, of which `most` may wait. Unless a [chore](Self::chore) is taken before, a thread called `name` makes them from the first call of `next` on.
+    /// Reads `items` at most `most` ahead. A thread called `name` does so from the first call of `next` on, unless an
+    /// [idle step](Self::idle_step) was taken before.
     pub fn new(name: &'static str, most: usize, items: impl Iterator<Item = T> + Send + 'static) -> Self {
         let state = State { items: Some(Box::new(items)), ready: VecDeque::new(), is_over: false };
         let shared = Shared { name, most, state: Mutex::new(state), changed: Condvar::new(), is_due: AtomicBool::new(true) };
-        Self { shared: Arc::new(shared), has_maker: false }
+        Self { shared: Arc::new(shared), has_producer: false }
     }
 
-    /// Making one item ahead, for threads with time to spare. Taken before the first item, there is no thread for it.
-    pub fn chore(&mut self) -> Chore {
-        self.has_maker = true;
+    /// A function that produces one item ahead.
+    pub fn idle_step(&mut self) -> IdleStep {
+        self.has_producer = true;
         let shared = Arc::clone(&self.shared);
-        Chore::new(move || shared.is_due.load(Ordering::Relaxed) && shared.make_one_ahead())
+        Box::new(move || shared.is_due.load(Ordering::Relaxed) && shared.produce_one())
     }
 
     fn start_thread(&mut self) {
-        self.has_maker = true;
+        self.has_producer = true;
         let shared = Arc::clone(&self.shared);
-        let make = move || {
+        let produce = move || {
             while shared.wait_until_due() {
-                shared.make_one_ahead();
+                shared.produce_one();
             }
         };
-        // Without a thread, items are made when they are asked for.
-        drop(thread::Builder::new().name(self.shared.name.into()).spawn(make));
+        // If no thread can be started, items are produced on request.
+        drop(thread::Builder::new().name(self.shared.name.into()).spawn(produce));
     }
 }
 
@@ -64,14 +70,14 @@ impl<T: Send + 'static> Iterator for ReadAhead<T> {
     type Item = T;
 
     fn next(&mut self) -> Option<T> {
-        if !self.has_maker {
+        if !self.has_producer {
             self.start_thread();
         }
         let shared = &self.shared;
         let mut state = shared.lock();
         loop {
             if let Some(item) = state.ready.pop_front() {
-                shared.tell(&state);
+                shared.notify(&state);
                 return Some(item);
             }
             if state.is_over {
@@ -80,7 +86,7 @@ impl<T: Send + 'static> Iterator for ReadAhead<T> {
             state = match state.items.take() {
                 Some(items) => {
                     drop(state);
-                    shared.make(items);
+                    shared.produce(items);
                     shared.lock()
                 }
                 None => shared.changed.wait(state).unwrap_or_else(PoisonError::into_inner),
@@ -93,9 +99,9 @@ impl<T> Drop for ReadAhead<T> {
     fn drop(&mut self) {
         let mut state = self.shared.lock();
         state.is_over = true;
-        // A chore may live on, but not what it would read: files, and clouds that nobody takes.
+        // Idle steps may outlive this; files and decoded clouds must not.
         let left = (state.items.take(), std::mem::take(&mut state.ready));
-        self.shared.tell(&state);
+        self.shared.notify(&state);
         drop((state, left));
     }
 }
@@ -107,7 +113,7 @@ impl<T> fmt::Debug for ReadAhead<T> {
 }
 
 impl<T> Shared<T> {
-    /// Nothing panics that holds the lock.
+    /// No code panics while it holds the lock, so a poisoned lock is ignored.
     fn lock(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -116,34 +122,34 @@ impl<T> Shared<T> {
         state.items.is_some() && state.ready.len() < self.most && !state.is_over
     }
 
-    /// Lets the others know that the state changed.
-    fn tell(&self, state: &State<T>) {
+    /// Tells the other threads that the state changed.
+    fn notify(&self, state: &State<T>) {
         self.is_due.store(self.is_due(state), Ordering::Relaxed);
         self.changed.notify_all();
     }
 
-    /// Waits for something to make; false when there will never be any.
+    /// Waits until an item should be produced; false when there will be no more.
     fn wait_until_due(&self) -> bool {
         let waits = |state: &mut State<T>| !state.is_over && !self.is_due(state);
         let state = self.changed.wait_while(self.lock(), waits);
         !state.unwrap_or_else(PoisonError::into_inner).is_over
     }
 
-    fn make_one_ahead(&self) -> bool {
+    fn produce_one(&self) -> bool {
         let mut state = self.lock();
         if !self.is_due(&state) {
             return false;
         }
         let Some(items) = state.items.take() else { return false };
-        self.tell(&state);
+        self.notify(&state);
         drop(state);
-        self.make(items);
+        self.produce(items);
         true
     }
 
-    /// Makes the next item, and gives the `items` back for those that follow. Should it panic, there are no more: who waits is not to wait for ever,
-    /// and who had time to spare is not to blame.
-    fn make(&self, mut items: Box<dyn Iterator<Item = T> + Send>) {
+    /// Produces the next item and puts `items` back. A panic ends the sequence: it must neither block the consumer nor unwind into an idle
+    /// thread.
+    fn produce(&self, mut items: Box<dyn Iterator<Item = T> + Send>) {
         let item = catch_unwind(AssertUnwindSafe(|| items.next())).unwrap_or(None);
         let mut state = self.lock();
         state.is_over |= item.is_none();
@@ -151,7 +157,7 @@ impl<T> Shared<T> {
             state.ready.extend(item);
             state.items = Some(items);
         }
-        self.tell(&state);
+        self.notify(&state);
     }
 }
 
@@ -161,7 +167,7 @@ mod tests {
     use std::sync::atomic::AtomicUsize;
     use std::time::Duration;
 
-    /// Numbers below `end`, and how many of them were made.
+    /// Numbers below `end`, and how many of them were produced.
     fn numbers(end: usize) -> (Arc<AtomicUsize>, impl Iterator<Item = usize> + Send) {
         let made = Arc::new(AtomicUsize::new(0));
         let count = Arc::clone(&made);
@@ -180,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_makes_so_many_items_ahead_and_no_more() {
+    fn a_thread_reads_a_limited_number_ahead() {
         let (made, items) = numbers(100);
         let mut ahead = ReadAhead::new("test", 3, items);
         assert_eq!(ahead.next(), Some(0));
@@ -192,29 +198,29 @@ mod tests {
     }
 
     #[test]
-    fn a_chore_makes_one_item_at_a_time_and_no_thread_does() {
+    fn an_idle_step_produces_one_item_and_no_thread_is_started() {
         let (made, items) = numbers(4);
         let mut ahead = ReadAhead::new("test", 2, items);
-        let chore = ahead.chore();
-        assert!(chore.run() && chore.run() && !chore.run());
+        let step = ahead.idle_step();
+        assert!(step() && step() && !step());
         assert_eq!((ahead.next(), ahead.next(), made.load(Ordering::Relaxed)), (Some(0), Some(1), 2));
-        assert_eq!(ahead.next(), Some(2), "made on the spot");
-        assert!(chore.run(), "the last one");
-        assert!(chore.run() && !chore.run(), "that there are no more");
+        assert_eq!(ahead.next(), Some(2), "produced on request");
+        assert!(step(), "the last one");
+        assert!(step() && !step(), "that there are no more");
         assert_eq!((ahead.next(), ahead.next()), (Some(3), None));
     }
 
     #[test]
-    fn many_threads_with_time_to_spare_keep_the_order() {
+    fn idle_steps_of_many_threads_keep_the_order() {
         let (_, items) = numbers(2000);
         let mut ahead = ReadAhead::new("test", 2, items);
-        let chores: Vec<Chore> = (0..3).map(|_| ahead.chore()).collect();
+        let steps: Vec<IdleStep> = (0..3).map(|_| ahead.idle_step()).collect();
         let is_done = AtomicBool::new(false);
         let taken = thread::scope(|scope| {
-            for chore in &chores {
+            for step in &steps {
                 scope.spawn(|| {
                     while !is_done.load(Ordering::Relaxed) {
-                        std::hint::black_box(chore.run());
+                        std::hint::black_box(step());
                     }
                 });
             }
@@ -226,15 +232,15 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_made_for_nobody() {
+    fn nothing_is_produced_after_the_consumer_is_gone() {
         let (made, items) = numbers(100);
         let mut ahead = ReadAhead::new("test", 2, items);
-        let chore = ahead.chore();
-        assert!(chore.run());
+        let step = ahead.idle_step();
+        assert!(step());
         drop(ahead);
-        assert!(!chore.run());
+        assert!(!step());
         assert_eq!(made.load(Ordering::Relaxed), 1);
-        assert_eq!(Arc::strong_count(&made), 1, "a chore that lives on does not hold what it read");
+        assert_eq!(Arc::strong_count(&made), 1, "an idle step that outlives the iterator does not hold what it read");
         let (_, items) = numbers(100);
         let mut ahead = ReadAhead::new("test", 2, items);
         let shared = Arc::clone(&ahead.shared);
@@ -251,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_ends_what_was_to_come_and_keeps_what_is_ready() {
+    fn a_panic_ends_the_sequence_and_keeps_finished_items() {
         let items = (0..5).inspect(|i| assert!(*i < 2, "on purpose"));
         assert_eq!(ReadAhead::new("test", 2, items).collect::<Vec<_>>(), [0, 1]);
     }

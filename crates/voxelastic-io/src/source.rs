@@ -1,18 +1,22 @@
-//! Scans and poses from wherever they are: a folder or a recording.
+//! Scans and poses from a folder or a recording.
 
 use crate::bag::{self, Recording, RecordingEvents};
+use crate::clouds::CloudFormat;
 use crate::dataset::{self, Dataset};
-use crate::{CloudFormat, OpenOptions, Result};
+use crate::folders::holds_clouds;
+use crate::read_ahead::IdleStep;
+use crate::{OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId};
-use voxelastic::mapper::{Chore, ScanSource};
+use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
 
 /// A registered cloud list that can be read as [`Event`]s.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Source {
     /// A folder of clouds and poses.
     Folder(Box<Dataset>),
@@ -20,14 +24,13 @@ pub enum Source {
     Recording(Box<Recording>),
 }
 
-/// Opens a folder, a recording or an E57 file of laser scans, which counts as a folder. A folder that holds both counts as a folder of clouds.
+/// Opens a folder, a recording or an E57 file of laser scans, which is treated as a folder. A folder that holds both clouds and recordings is treated as a folder of clouds.
 ///
 /// # Errors
 /// Those of [`dataset::open`] and [`Recording::open`].
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Source> {
     let path = path.as_ref();
-    let is_recording =
-        (path.is_file() && CloudFormat::of(path) != Some(CloudFormat::E57)) || (!dataset::holds_clouds(path) && bag::is_recording(path)?);
+    let is_recording = (path.is_file() && CloudFormat::of(path) != Some(CloudFormat::E57)) || (!holds_clouds(path) && bag::is_recording(path)?);
     if is_recording {
         Recording::open(path, options).map(|r| Source::Recording(Box::new(r)))
     } else {
@@ -52,7 +55,7 @@ impl Source {
         }
     }
 
-    /// How many scans there will be, if that is known before they are read.
+    /// Number of scans, if it is known before they are read.
     pub fn scans(&self) -> Option<usize> {
         match self {
             Self::Folder(folder) => Some(folder.scans().len()),
@@ -60,7 +63,7 @@ impl Source {
         }
     }
 
-    /// How much of a recording has been played, 0 to 1, if that is known.
+    /// How much of a recording has been played, 0 to 1, if known.
     pub fn progress(&self) -> Option<f64> {
         match self {
             Self::Folder(_) => None,
@@ -68,7 +71,7 @@ impl Source {
         }
     }
 
-    /// The sensor's own tables of beams, where the data come with them: those of an Ouster capture.
+    /// The sensor's own tables of beams, if the data contain them: those of an Ouster capture.
     pub fn sensor(&self) -> Option<BeamModel> {
         match self {
             Self::Folder(_) => None,
@@ -76,7 +79,7 @@ impl Source {
         }
     }
 
-    /// Clouds without a pose, as far as is known.
+    /// Clouds without a pose, as far as known.
     pub fn without_pose(&self) -> usize {
         match self {
             Self::Folder(folder) => folder.description().without_pose.len(),
@@ -84,12 +87,12 @@ impl Source {
         }
     }
 
-    /// Takes only some of the scans, by their place among those that are taken otherwise.
+    /// Keeps only the scans for which `keep` holds, by their index among those taken so far.
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool + Send + Sync + 'static) {
         match self {
             Self::Folder(folder) => {
-                let place = AtomicUsize::new(0);
-                folder.retain(|_| keep(place.fetch_add(1, Ordering::Relaxed)));
+                let index = AtomicUsize::new(0);
+                folder.retain(|_| keep(index.fetch_add(1, Ordering::Relaxed)));
             }
             Self::Recording(recording) => recording.retain(keep),
         }
@@ -115,15 +118,16 @@ impl Source {
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
         match self {
             Self::Folder(folder) => {
-                Box::new(Files { places: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: (**folder).clone() })
+                Box::new(Files { indices: folder.scans().iter().enumerate().map(|(k, scan)| (scan.node, k)).collect(), folder: (**folder).clone() })
             }
             Self::Recording(recording) => Box::new(recording.clouds()),
         }
     }
 }
 
-/// Iterator over the events of a [`Source`], read ahead by a thread of its own, or in spare time.
+/// Iterator over the events of a [`Source`], read ahead on a thread of its own or by an [`IdleStep`].
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Events {
     /// Those of a folder.
     Folder(Box<dataset::Events>),
@@ -132,12 +136,11 @@ pub enum Events {
 }
 
 impl Events {
-    /// Reading on, for threads with time to spare: see [`Mapper::set_chore`](voxelastic::mapper::Mapper::set_chore). Taken before the first
-    /// event, there is no thread that reads ahead.
-    pub fn chore(&mut self) -> Chore {
+    /// A function that reads one event ahead in the time of the calling thread, see [`IdleStep`].
+    pub fn idle_step(&mut self) -> IdleStep {
         match self {
-            Self::Folder(events) => events.chore(),
-            Self::Recording(events) => events.chore(),
+            Self::Folder(events) => events.idle_step(),
+            Self::Recording(events) => events.idle_step(),
         }
     }
 }
@@ -153,16 +156,16 @@ impl Iterator for Events {
     }
 }
 
-/// Clouds that are files.
+/// Reads the clouds of a folder again.
 struct Files {
     folder: Dataset,
-    /// Place of each node's scan.
-    places: HashMap<NodeId, usize>,
+    /// Index of each node's scan.
+    indices: HashMap<NodeId, usize>,
 }
 
 impl ScanSource for Files {
     fn cloud(&mut self, node: NodeId) -> std::result::Result<Cloud, Box<dyn std::error::Error + Send + Sync>> {
-        let place = self.places.get(&node).ok_or("no scan of the data belongs to it")?;
-        Ok(self.folder.cloud(&self.folder.scans()[*place])?)
+        let index = self.indices.get(&node).ok_or("no scan of the data belongs to it")?;
+        Ok(self.folder.cloud(&self.folder.scans()[*index])?)
     }
 }

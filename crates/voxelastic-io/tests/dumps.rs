@@ -192,3 +192,51 @@ fn stations_of_a_laser_scanner_are_scans() {
     assert!(refused(&OpenOptions::default()).contains("do not say where they were taken"));
     assert!(refused(&OpenOptions { poses: Some("a.tum".into()), ..OpenOptions::default() }).contains("its own poses"));
 }
+
+#[test]
+fn kitti_raw_with_the_poses_of_its_imu() {
+    let dir = tempfile::tempdir().unwrap();
+    let drive = dir.path().join("2011_09_26/2011_09_26_drive_0001_sync");
+    fs::create_dir_all(drive.join("velodyne_points/data")).unwrap();
+    fs::create_dir_all(drive.join("oxts/data")).unwrap();
+    // Any mounting will do: the lidar behind and above the IMU.
+    let t_lidar_imu = Pose::from_parts(Translation3::new(-0.8, 0.3, -0.8), UnitQuaternion::from_euler_angles(0.01, 0.02, -0.03));
+    let r = t_lidar_imu.rotation.to_rotation_matrix();
+    let rows = r.matrix().transpose().iter().map(|v| format!("{v:.12}")).collect::<Vec<_>>().join(" ");
+    fs::write(dir.path().join("2011_09_26/calib_imu_to_velo.txt"), format!("calib_time: 1\nR: {rows}\nT: -0.8 0.3 -0.8\n")).unwrap();
+    let (latitude, longitude, altitude) = (49.0f64, 8.4f64, 116.0f64);
+    let metres_per_degree = latitude.to_radians().cos() * 6_378_137.0 * std::f64::consts::PI / 180.0;
+    // The IMU goes east and turns.
+    let imu = |k: usize| {
+        Pose::from_parts(Translation3::new(2.0 * k as f64, 0.0, 0.1 * k as f64), UnitQuaternion::from_euler_angles(0.01, 0.02, 0.1 * k as f64))
+    };
+    let mut stamps = String::new();
+    for k in 0..3 {
+        let (t, (roll, pitch, yaw)) = (imu(k).translation.vector, imu(k).rotation.euler_angles());
+        let oxts = format!("{latitude} {:.12} {} {roll} {pitch} {yaw} {}", longitude + t.x / metres_per_degree, altitude + t.z, "0 ".repeat(24));
+        fs::write(drive.join(format!("oxts/data/{k:010}.txt")), oxts).unwrap();
+        fs::write(drive.join(format!("velodyne_points/data/{k:010}.bin")), floats(k, true)).unwrap();
+        writeln!(stamps, "2011-09-26 13:02:25.{}00000000", k + 1).unwrap();
+    }
+    fs::write(drive.join("velodyne_points/timestamps.txt"), &stamps).unwrap();
+    fs::write(drive.join("oxts/timestamps.txt"), &stamps).unwrap();
+    let dataset = dataset::open(&drive, &OpenOptions::default()).unwrap();
+    assert!(dataset.description().to_string().contains("KITTI raw drive"), "{}", dataset.description());
+    let lidar = |k: usize| imu(k) * t_lidar_imu.inverse();
+    for (k, scan) in dataset.scans().iter().enumerate() {
+        let expected = lidar(0).inv_mul(&lidar(k));
+        let off = (scan.t_map_lidar.translation_distance(&expected), scan.t_map_lidar.rotation_distance(&expected));
+        assert!(off.0 < 1e-4 && off.1 < 1e-7, "{k}: {off:?}");
+        assert_eq!(scan.node, k as u64);
+    }
+    assert!((dataset.scans()[2].time - dataset.scans()[0].time - 0.2).abs() < 1e-6);
+    fs::remove_file(dir.path().join("2011_09_26/calib_imu_to_velo.txt")).unwrap();
+    assert!(dataset::open(&drive, &OpenOptions::default()).unwrap().description().to_string().contains("no calib_imu_to_velo.txt"));
+    fs::write(drive.join("oxts/data/0000000001.txt"), "49.0 8.4 x").unwrap();
+    let error = dataset::open(&drive, &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("line 1, field altitude"), "{error}");
+    // Without the IMU's poses, the clouds can still be read.
+    fs::remove_dir_all(drive.join("oxts")).unwrap();
+    assert!(matches!(dataset::open(&drive, &OpenOptions::default()), Err(voxelastic_io::Error::NoPoses { .. })));
+    assert_eq!(voxelastic_io::raw::open(&drive, &OpenOptions::default()).unwrap().count(), Some(3));
+}

@@ -1,24 +1,12 @@
 //! Open3D as an oracle: what it writes we read, what we write it reads. Needs a Python with `open3d` and `numpy`
 //! (interpreter: `VOXELASTIC_PYTHON`, default `python3`).
 
-use std::path::Path;
-use std::process::Command;
 use voxelastic::Cloud;
 use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 use voxelastic_io::{clouds, pcd, ply};
+use voxelastic_testing::run_python;
 
-/// Runs a script; `None`, with a word, if Open3D is not there.
-fn python(script: &str, folder: &Path) -> Option<String> {
-    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    let run = |code: &str| Command::new(&interpreter).args(["-c", code]).arg(folder).output();
-    if !run("import open3d, numpy").is_ok_and(|o| o.status.success()) {
-        eprintln!("skipped: {interpreter} cannot import open3d and numpy (set VOXELASTIC_PYTHON to an interpreter that can)");
-        return None;
-    }
-    let output = run(script).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(String::from_utf8_lossy(&output.stdout).into_owned())
-}
+const MODULES: &str = "open3d, numpy";
 
 const WRITE_CLOUDS: &str = r#"
 import sys, numpy as np, open3d as o3d
@@ -39,7 +27,7 @@ for name, cloud, write in (("legacy", legacy, o3d.io.write_point_cloud), ("tenso
 #[test]
 fn clouds_written_by_open3d() {
     let dir = tempfile::tempdir().unwrap();
-    if python(WRITE_CLOUDS, dir.path()).is_none() {
+    if run_python(MODULES, WRITE_CLOUDS, &[dir.path()]).is_none() {
         return;
     }
     let mut files: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|e| e.unwrap().path()).collect();
@@ -92,7 +80,7 @@ fn files_of_ours_read_by_open3d() {
     write_glb(dir.path().join("mesh.glb"), &mesh).unwrap();
     assert_eq!(ply::read_mesh(dir.path().join("mesh.ply")).unwrap().triangles, triangles);
 
-    let Some(text) = python(READ_OURS, dir.path()) else { return };
+    let Some(text) = run_python(MODULES, READ_OURS, &[dir.path()]) else { return };
     let rows: Vec<Vec<f64>> = text.lines().map(|l| l.split_whitespace().map(|w| w.parse().unwrap()).collect()).collect();
     assert_eq!(rows[0], [4950.0 + 50.0 - 100.0, 4950.0, 4950.0]);
     let (ply, glb) = (&rows[1], &rows[2]);

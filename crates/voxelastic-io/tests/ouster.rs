@@ -13,7 +13,7 @@ use voxelastic::mapper::Mapper;
 use voxelastic::sensor::{BeamModel, detect};
 use voxelastic::settings::Settings;
 use voxelastic_io::bag::Recording;
-use voxelastic_io::dataset::Every;
+use voxelastic_io::dataset::Keyframing;
 use voxelastic_io::ouster::{Capture, find_metadata};
 use voxelastic_io::{OpenOptions, StampedCloud, poses};
 
@@ -41,13 +41,7 @@ with open(out, "wb") as file:
 "#;
 
 fn folder() -> Option<PathBuf> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let path = PathBuf::from(std::env::var_os("VOXELASTIC_DATA").unwrap_or_else(|| default.into())).join("ouster");
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is absent", path.display());
-    None
+    voxelastic_testing::data("ouster")
 }
 
 fn scans(capture: &Path, metadata: &Path) -> Vec<StampedCloud> {
@@ -123,8 +117,8 @@ fn a_mapper_takes_the_sensors_own_tables() {
             1e3 * worst,
             1e3 * uneven
         );
-        let mut mapper = Mapper::new(Settings { voxel: 0.2, ..Settings::default() }).unwrap();
-        mapper.know_sensor(exact.clone());
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.2, ..Settings::default() }).unwrap();
+        mapper.set_sensor_model(exact.clone());
         let scan = Scan { node: 0, time: 0.0, t_map_lidar: voxelastic::Pose::identity(), cloud: scans[0].cloud.clone() };
         let report = mapper.handle(Event::Scan(scan)).unwrap().unwrap();
         assert!(mapper.sensor().unwrap().contains("the sensor's own tables"), "{:?}", mapper.sensor());
@@ -134,12 +128,7 @@ fn a_mapper_takes_the_sensors_own_tables() {
 
 /// A Python with `ouster-sdk`; none, with a word, where there is no such.
 fn sdk() -> Option<String> {
-    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    if Command::new(&interpreter).args(["-c", "import ouster.sdk, numpy"]).output().is_ok_and(|o| o.status.success()) {
-        return Some(interpreter);
-    }
-    eprintln!("skipped: {interpreter} cannot import ouster.sdk (set VOXELASTIC_PYTHON to an interpreter that can)");
-    None
+    voxelastic_testing::python("ouster.sdk, numpy")
 }
 
 /// Holds ranges, points and times of a capture of `count` turns against the sdk's.
@@ -254,7 +243,7 @@ fn a_capture_and_a_trajectory_are_a_recording() {
     poses::write_tum(&trajectory, &ride).unwrap();
     let none = Recording::open(&capture, &OpenOptions::default()).unwrap_err();
     assert!(none.to_string().contains("--poses"), "{none}");
-    let options = OpenOptions { poses: Some(trajectory), every: Some(Every::Scan), ..OpenOptions::default() };
+    let options = OpenOptions { poses: Some(trajectory), keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let recording = Recording::open(&capture, &options).unwrap();
     let taken: Vec<_> = recording.events().filter_map(|e| if let Ok(Event::Scan(s)) = e { Some(s) } else { None }).collect();
     assert_eq!(taken.len(), 3);

@@ -4,18 +4,9 @@ use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic::event::Event;
 use voxelastic::geometry::PoseExt;
-use voxelastic_io::dataset::{self, MatchedBy, OpenOptions};
+use voxelastic_io::dataset::{self, MatchedBy, OpenOptions, PoseKind};
 use voxelastic_io::{Error, clouds, g2o};
-
-fn data(folder: &str) -> Option<PathBuf> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let path = PathBuf::from(std::env::var_os("VOXELASTIC_DATA").unwrap_or_else(|| default.into())).join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    eprintln!("skipped: {} is absent", path.display());
-    None
-}
+use voxelastic_testing::data;
 
 fn with_poses(poses: &str) -> OpenOptions {
     OpenOptions { poses: Some(poses.into()), ..OpenOptions::default() }
@@ -84,10 +75,11 @@ fn kitti_street_asks_which_poses() {
 #[test]
 fn kitti_loops_brings_its_graph() {
     let Some(path) = data("kitti00-loops") else { return };
-    let Err(Error::Ambiguous { choices, .. }) = dataset::open(&path, &OpenOptions::default()) else { panic!("guessed") };
-    assert_eq!(choices.len(), 4);
-    let dataset = dataset::open(&path, &OpenOptions { strict: true, ..with_poses("optimized") }).unwrap();
+    let dataset = dataset::open(&path, &OpenOptions { strict: true, ..OpenOptions::default() }).unwrap();
     eprintln!("{}", dataset.description());
+    assert_eq!(dataset.scans(), dataset::open(&path, &with_poses("optimized")).unwrap().scans());
+    let started = dataset::open(&path, &OpenOptions { pose_kind: PoseKind::Odometry, ..OpenOptions::default() }).unwrap();
+    assert_eq!(started.scans(), dataset::open(&path, &with_poses("odom")).unwrap().scans());
     assert_eq!((dataset.scans().len(), dataset.loop_edges().len()), (952, 35));
     assert!((dataset.scans()[951].time - 464.647_798).abs() < 1e-9);
 

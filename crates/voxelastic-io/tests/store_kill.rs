@@ -9,7 +9,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
-use voxelastic_io::store::{MapStore, MapWriter, StoreError};
+use voxelastic_io::Error;
+use voxelastic_io::store::{MapStore, MapWriter};
 use world::{Numbers, details, made_up_atlas, made_up_field, same_atlas};
 
 const DIR: &str = "VOXELASTIC_TEST_SAVES_TO";
@@ -17,15 +18,16 @@ const DIR: &str = "VOXELASTIC_TEST_SAVES_TO";
 /// The atlas after `step` rounds: some submaps are new, some are as they were.
 fn atlas_at(step: u64) -> Atlas {
     let mut atlas = made_up_atlas(1, 4, 30);
-    atlas.submap_mut((step % 4) as u32).unwrap().tsdf = made_up_field(step, 300);
-    atlas.submap_mut(1).unwrap().travelled = step as f64;
+    *atlas.submap_mut((step % 4) as u32).unwrap().tsdf_mut() = made_up_field(step, 300);
+    let submap = atlas.submap_mut(1).unwrap();
+    *submap = submap.clone().with_scans(submap.scans().to_vec(), step as f64);
     atlas
 }
 
 /// The step at which the map in `dir` was saved, after checking that it is what was saved then.
 fn step_of(dir: &Path) -> Option<u64> {
     let store = match MapStore::open(dir) {
-        Err(StoreError::NotAMap { .. }) => return None,
+        Err(Error::NotAMap { .. }) => return None,
         other => other.unwrap(),
     };
     let step: u64 = store.manifest().details.settings["voxel"].parse().unwrap();

@@ -5,23 +5,11 @@ mod damage;
 
 use nalgebra::{Translation3, UnitQuaternion};
 use std::path::Path;
-use std::process::Command;
 use std::time::Duration;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::survey::{SurveyCloud, e57, las};
 use voxelastic_io::{Error, OpenOptions, clouds, dataset};
-
-fn python(modules: &str, script: &str, folder: &Path) -> Option<String> {
-    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    let probe = Command::new(&interpreter).args(["-c", &format!("import {modules}")]).output();
-    if !probe.is_ok_and(|p| p.status.success()) {
-        eprintln!("skipped: {interpreter} cannot import {modules} (set VOXELASTIC_PYTHON to an interpreter that can)");
-        return None;
-    }
-    let output = Command::new(&interpreter).args(["-c", script]).arg(folder).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(String::from_utf8_lossy(&output.stdout).into_owned())
-}
+use voxelastic_testing::run_python;
 
 /// 300 points with intensity and colour.
 fn survey(offset: [f64; 3]) -> SurveyCloud {
@@ -105,7 +93,7 @@ e57.close()
 #[test]
 fn files_of_laspy_and_pye57() {
     let dir = tempfile::tempdir().unwrap();
-    if python("laspy, pye57, numpy", WRITE, dir.path()).is_none() {
+    if run_python("laspy, pye57, numpy", WRITE, &[dir.path()]).is_none() {
         return;
     }
     for format in [1, 3, 6, 7] {
@@ -155,7 +143,7 @@ fn files_of_ours_read_by_laspy_and_pye57() {
     las::write(dir.path().join("ours.las"), &survey([453_000.0, 0.0, 0.0])).unwrap();
     las::write(dir.path().join("ours.laz"), &survey([453_000.0, 0.0, 0.0])).unwrap();
     e57::write(dir.path().join("ours.e57"), &scans()).unwrap();
-    let Some(said) = python("laspy, pye57, numpy", READ, dir.path()) else { return };
+    let Some(said) = run_python("laspy, pye57, numpy", READ, &[dir.path()]) else { return };
     let rows: Vec<Vec<f64>> = said.lines().map(|l| l.split_whitespace().map(|w| w.parse().unwrap()).collect()).collect();
     let y = f64::from(299f32.sin());
     for row in &rows[..2] {

@@ -1,11 +1,11 @@
-//! What collision checks cost, and what the octree's maxima save: checks a second, the level at which they end, and the same checks on a dense
-//! array of voxels.
+//! Cost of collision checks, and what the octree's maxima save: checks per second, the level at which they end, and the same checks on a dense array
+//! of voxels.
 //!
 //! ```sh
 //! cargo run --release -p voxelastic-plan --example checks -- mine.vox
 //! ```
 //!
-//! Places are drawn where the largest submap knows free space. Times are processor time of one thread.
+//! Positions are drawn in free space of the largest submap. Times are processor time of one thread.
 
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -15,7 +15,7 @@ use std::hint::black_box;
 use voxelastic::field::occupancy::{OccupancyField, State, UNKNOWN, state_of};
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_SHIFT, NONE, block_coords, voxel_coords};
-use voxelastic::query::{AtlasQuery, Capsule, FieldQuery, Merging, Shape, Sphere, UnknownAs};
+use voxelastic::query::{Capsule, FieldQuery, MergeOptions, Shape, Sphere, UnknownAs};
 use voxelastic_io::store::MapStore;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -24,7 +24,7 @@ const COUNT: usize = 20_000;
 const RADIUS: f64 = 0.35;
 /// Length of the motions, metres.
 const MOTION: f64 = 2.0;
-/// Edge of the box that places are drawn from and that the dense array fills, metres, and its height.
+/// Size of the box that positions are drawn from and that the dense array covers, metres.
 const BOX: [f64; 3] = [60.0, 60.0, 6.0];
 
 /// Seconds on a clock.
@@ -43,7 +43,7 @@ fn rate(calls: usize, mut work: impl FnMut()) -> f64 {
     calls as f64 / best.fold(f64::INFINITY, f64::min)
 }
 
-/// Single-resolution: one byte for each finest voxel of a box.
+/// Single resolution: one byte for each finest voxel of a box.
 struct Dense {
     low: [i32; 3],
     size: [usize; 3],
@@ -84,7 +84,7 @@ impl Dense {
         }
     }
 
-    /// Whether every voxel no farther than the radius from the line is free: all of them are asked.
+    /// Whether every voxel no farther than the radius from the line is free; visits all of them.
     fn is_free(&self, capsule: &Capsule, per_metre: f64) -> bool {
         let [from, to] = [capsule.from, capsule.to].map(|p| p.map(|c| c * per_metre));
         let radius = capsule.radius * per_metre;
@@ -119,7 +119,7 @@ struct Line {
 }
 
 impl Line {
-    /// Squared distance from the place at `t` (0 to 1) to the voxel.
+    /// Squared distance from the point at `t` (0 to 1) to the voxel.
     fn gap(&self, t: f64, voxel: [i32; 3]) -> f64 {
         let off = |k: usize| {
             let p = self.from[k] + t * self.along[k];
@@ -128,7 +128,7 @@ impl Line {
         (0..3).map(|k| off(k) * off(k)).sum()
     }
 
-    /// Whether the motion comes as near to the voxel as `radius`.
+    /// Whether the motion comes within `radius` of the voxel.
     fn is_near(&self, voxel: [i32; 3], radius: f64) -> bool {
         let squared = self.along.iter().map(|c| c * c).sum::<f64>().max(1e-9);
         let middle = voxel.map(|c| f64::from(c) + 0.5);
@@ -137,11 +137,11 @@ impl Line {
         if off > radius + 0.5 * 3f64.sqrt() {
             return false;
         }
-        // The place nearest to a voxel's middle is most often near enough to that nearest to the voxel.
+        // The point nearest to the voxel's centre is usually close enough to the one nearest to the voxel.
         self.gap(t, voxel) <= radius * radius || self.least_gap(voxel) <= radius * radius
     }
 
-    /// Squared distance to the voxel from the nearest place: it falls and then rises along the way.
+    /// Squared distance from the voxel to the nearest point of the motion, by ternary search: the distance is convex along it.
     fn least_gap(&self, voxel: [i32; 3]) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..60 {
@@ -159,16 +159,16 @@ impl Line {
 fn main() -> Result<()> {
     let path = std::env::args().nth(1).ok_or("give a map")?;
     let store = MapStore::open(&path)?;
-    let voxel: f32 = store.manifest().details.settings.get("voxel").ok_or("the map does not say how large its voxels are")?.parse()?;
+    let voxel: f32 = store.manifest().details.settings.get("voxel_size").ok_or("the map does not say how large its voxels are")?.parse()?;
     let atlas = store.load_atlas()?;
-    let submap = atlas.submaps().iter().max_by_key(|s| s.occupancy.len()).ok_or("the map is empty")?;
-    let field = FieldQuery::new(&submap.occupancy, voxel);
-    let map = AtlasQuery::new(&atlas, voxel);
+    let submap = atlas.submaps().iter().max_by_key(|s| s.occupancy().len()).ok_or("the map is empty")?;
+    let field = submap.query();
+    let map = atlas.query();
 
     // Around where the submap's scans were taken.
-    let middle = submap.scans.get(submap.scans.len() / 2).map_or([0.0; 3], |s| s.t_submap_lidar.translation.vector.into());
+    let middle = submap.scans().get(submap.scans().len() / 2).map_or([0.0; 3], |s| s.t_submap_lidar.translation.vector.into());
     let low: [f64; 3] = std::array::from_fn(|k| middle[k] - 0.5 * BOX[k]);
-    // The array knows nothing outside of the box: no motion may leave it.
+    // The array is unknown outside of the box: no motion may leave it.
     let margin = [MOTION + 0.5, MOTION + 0.5, 0.5];
     let mut random = StdRng::seed_from_u64(1);
     let mut places = Vec::new();
@@ -190,19 +190,19 @@ fn main() -> Result<()> {
 
     let ask = |shapes: &[Shape]| rate(COUNT, || shapes.iter().for_each(|s| _ = black_box(field.is_free(s, UnknownAs::Blocked))));
     let reach = |up_to: f64| rate(COUNT, || places.iter().for_each(|p| _ = black_box(field.clearance(*p, up_to, UnknownAs::Blocked))));
-    let in_map: Vec<[f64; 3]> = places.iter().map(|p| (submap.t_map_submap * nalgebra::Point3::from(*p)).coords.into()).collect();
+    let in_map: Vec<[f64; 3]> = places.iter().map(|p| (submap.t_map_submap() * nalgebra::Point3::from(*p)).coords.into()).collect();
     let reach_map = |up_to: f64| rate(COUNT, || in_map.iter().for_each(|p| _ = black_box(map.clearance(*p, up_to, UnknownAs::Blocked))));
-    let sweeps_map: Vec<Shape> = sweeps.iter().map(|s| s.moved(&submap.t_map_submap)).collect();
+    let sweeps_map: Vec<Shape> = sweeps.iter().map(|s| s.moved(&submap.t_map_submap())).collect();
     let ask_map = |shapes: &[Shape]| rate(COUNT, || shapes.iter().for_each(|s| _ = black_box(map.is_free(s, UnknownAs::Blocked))));
 
     let first = low.map(|c| (c / f64::from(voxel)).floor() as i32);
-    let dense = Dense::new(&submap.occupancy, first, BOX.map(|c| (c / f64::from(voxel)).ceil() as usize));
+    let dense = Dense::new(submap.occupancy(), first, BOX.map(|c| (c / f64::from(voxel)).ceil() as usize));
     let per_metre = 1.0 / f64::from(voxel);
     let still: Vec<Capsule> = places.iter().map(|p| Capsule { from: *p, to: *p, radius: RADIUS }).collect();
     let scan = |shapes: &[Capsule]| rate(COUNT, || shapes.iter().for_each(|s| _ = black_box(dense.is_free(s, per_metre))));
     let differing = motions.iter().zip(&sweeps).filter(|(m, s)| dense.is_free(m, per_metre) != field.is_free(s, UnknownAs::Blocked)).count();
 
-    // Merged where the places are, and as far around as is asked.
+    // Merged around the positions, as far as the clearance queries reach.
     let merged: serde_json::Map<String, Value> = [1.0, 0.5]
         .into_iter()
         .map(|share| {
@@ -210,7 +210,7 @@ fn main() -> Result<()> {
             in_map.iter().for_each(|p| bounds.add(p.map(|c| c as f32)));
             (bounds.min, bounds.max) = (bounds.min.map(|c| c - 2.5), bounds.max.map(|c| c + 2.5));
             let (begun, cpu) = (std::time::Instant::now(), now(ClockId::ProcessCPUTime));
-            let whole = map.merge(&Merging { cell: share * voxel, bounds: Some(bounds) });
+            let whole = map.merge(&MergeOptions { cell: share * voxel, bounds: Some(bounds) });
             let (merge_ms, merge_cpu_ms) = (1e3 * begun.elapsed().as_secs_f64(), 1e3 * (now(ClockId::ProcessCPUTime) - cpu));
             let query = whole.query();
             let reach = |up_to: f64| rate(COUNT, || in_map.iter().for_each(|p| _ = black_box(query.clearance(*p, up_to, UnknownAs::Blocked))));
@@ -232,7 +232,7 @@ fn main() -> Result<()> {
         "merged_map_per_s": merged,
         "dense_array_per_s": { "sphere": scan(&still), "motion_2_m": scan(&motions) },
         "dense_array_mb": dense.values.len() as f64 / 1e6,
-        "submap_mb": submap.occupancy.bytes() as f64 / 1e6,
+        "submap_mb": submap.occupancy().bytes() as f64 / 1e6,
         "answers_that_differ_from_dense": differing,
         "sphere_ends": ends(&field, &spheres),
         "motion_2_m_ends": ends(&field, &sweeps),
@@ -244,12 +244,12 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// At which level checks end: share by the edge of the smallest cube looked at.
+/// Levels at which checks end: shares by the edge of the smallest cube visited.
 fn ends(field: &FieldQuery<'_>, shapes: &[Shape]) -> Value {
     let mut shares = std::collections::BTreeMap::<u32, f64>::new();
     let (mut octants, mut blocks, mut free) = (0.0, 0.0, 0.0);
     for shape in shapes {
-        let (is_free, work) = field.is_free_with_work(shape, UnknownAs::Blocked);
+        let (is_free, work) = field.is_free_with_stats(shape, UnknownAs::Blocked);
         *shares.entry(work.smallest).or_default() += 1.0 / shapes.len() as f64;
         octants += f64::from(work.octants) / shapes.len() as f64;
         blocks += f64::from(work.blocks) / shapes.len() as f64;

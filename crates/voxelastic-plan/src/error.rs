@@ -1,19 +1,19 @@
-//! Why there is no path.
+//! Errors of planning.
 
 use crate::Point;
 use std::fmt;
 use voxelastic::field::occupancy::State;
 
-/// One end of a path.
+/// An endpoint of a path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum Endpoint {
     /// Where the robot is.
     Start,
-    /// Where it is to go.
+    /// Where it should go.
     Goal,
 }
 
-impl fmt::Display for End {
+impl fmt::Display for Endpoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Start => "start",
@@ -22,25 +22,25 @@ impl fmt::Display for End {
     }
 }
 
-/// What keeps the robot from standing at a place.
+/// Why the robot does not fit at a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Obstacle {
-    /// The place itself is occupied.
+    /// The position itself is occupied.
     Occupied,
-    /// Nothing is known of the place.
+    /// The position is unknown.
     Unknown,
-    /// The place is free, but something that stops the robot is nearer than its radius: so near, in metres.
+    /// The position is free, but the nearest obstacle, at this distance in metres, is nearer than the robot's radius.
     Near(f64),
-    /// A wheeled robot finds no floor below, or none that is known.
+    /// No floor is known below the position of a wheeled robot.
     NoFloor,
-    /// The place is outside of the bounds that were asked for.
+    /// The position is outside of the requested bounds.
     OutOfBounds,
 }
 
 impl Obstacle {
-    /// What a point's state says of it; `clearance` is for a free one.
-    pub(crate) fn of(state: State, clearance: f64) -> Self {
+    /// From the state of a point and, if it is free, its clearance in metres.
+    pub(crate) fn from_state(state: State, clearance: f64) -> Self {
         match state {
             State::Occupied => Self::Occupied,
             State::Unknown => Self::Unknown,
@@ -61,48 +61,48 @@ impl fmt::Display for Obstacle {
     }
 }
 
-/// What can go wrong with planning.
+/// Errors of this crate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlanError {
     /// The map has no occupancy. Map with `field = "occupancy"` or `"both"`.
     #[error("the map has no occupancy, only surfaces: map with the field occupancy or both")]
     NoOccupancy,
-    /// A number of the request makes no sense.
+    /// A number of the request is out of range.
     #[error("{what} is {value}, but {must}")]
     Setting {
-        /// Which.
+        /// Name of the setting.
         what: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The allowed range, in words.
         must: &'static str,
     },
-    /// The robot does not fit at one end.
-    #[error("the {end} ({}) {obstacle}{}", triple(.place), suggestion(.nearest))]
+    /// The robot does not fit at the start or goal.
+    #[error("the {endpoint} ({}) {obstacle}{}", triple(.position), suggestion(.nearest))]
     Blocked {
-        /// Which end.
-        end: End,
-        /// The place asked for, map frame, metres.
-        place: Point,
-        /// What is in the way.
+        /// Which of the two.
+        endpoint: Endpoint,
+        /// The requested position, map frame, metres.
+        position: Point,
+        /// Why it does not fit.
         obstacle: Obstacle,
-        /// The nearest place found where the robot fits, if one is within some metres.
+        /// The nearest position found where the robot fits, if there is one within 5 m.
         nearest: Option<Point>,
     },
-    /// One end is outside of everything that was ever observed.
-    #[error("the {end} ({}) is outside of the map, which reaches from {} to {}", triple(.place), triple(&.bounds[0]), triple(&.bounds[1]))]
+    /// The start or goal is outside of the box around everything observed.
+    #[error("the {endpoint} ({}) is outside of the map, which reaches from {} to {}", triple(.position), triple(&.bounds[0]), triple(&.bounds[1]))]
     OutsideMap {
-        /// Which end.
-        end: End,
-        /// The place asked for, map frame, metres.
-        place: Point,
+        /// Which of the two.
+        endpoint: Endpoint,
+        /// The requested position, map frame, metres.
+        position: Point,
         /// Corners of the known part of the map.
         bounds: [Point; 2],
     },
-    /// No path was found in the time or the number of samples allowed.
+    /// No path was found within the limits of time and samples.
     #[error(
-        "no path was found in {samples} samples and {seconds:.1} s: from the start the robot gets {:.1} m far, from the goal {:.1} m",
+        "no path was found in {samples} samples and {seconds:.1} s: the search got {:.1} m away from the start and {:.1} m from the goal",
         .reach[0], .reach[1]
     )]
     NotFound {
@@ -110,7 +110,7 @@ pub enum PlanError {
         samples: usize,
         /// Time spent, seconds.
         seconds: f64,
-        /// How far from the start and from the goal the robot was found to get, metres: small where it is walled in.
+        /// Largest straight distance that the search reached from the start and from the goal, metres: small where the endpoint is enclosed.
         reach: [f64; 2],
     },
 }

@@ -1,63 +1,76 @@
-//! Paths for robots in occupancy maps (paper Sec. V-B): the shortest way from one place to another that touches nothing.
+//! Collision-free paths for robots in Voxelastic's occupancy maps (paper Sec. V-B).
 //!
-//! [`plan()`] takes a map and a [`Request`] and gives a [`Plan`]. Two trees find a first path (RRT-Connect) or, where they do not meet soon, a search
-//! over a coarse lattice does, with small trees where that is too coarse. The lattice is asked for other ways round, RRT* looks for shorter paths
-//! as long as there is time, and the best is pulled tight and made round ([`shorten`]). Every motion is checked as a whole against the map's octree: no
-//! wall is too thin to be seen, and large free octants answer at a glance.
+//! [`plan()`] takes a map ([`AtlasQuery`](voxelastic::query::AtlasQuery)) and a [`Request`] (start, goal, [`Robot`], limits) and returns a [`Plan`]:
+//! waypoints, clearances, and how the path was found. The data flow:
 //!
-//! | room | what is in it |
-//! | --- | --- |
-//! | `robot`, `space`, `ground` | what moves, and what asks the map whether it can: [`Air`] for balls that fly, [`Ground`] for wheels |
-//! | `planner`, `ends` | from request to plan; what is wrong with a start or goal, and where the robot would fit |
-//! | `guide` | which way round: the lattice |
-//! | `connect`, `star`, `tree`, `nearest`, `sample` | the search |
-//! | `shorten` | shortcuts, corners |
-//! | `elastic`, `snapshot` | maps that change: [`recheck`], [`anchor`] and [`place`], and a [`Snapshot`] to plan in meanwhile |
+//! 1. The endpoints are checked. Where the robot does not fit, [`PlanError::Blocked`] says why and gives the nearest position where it does.
+//! 2. RRT-Connect searches for a first path. If its two trees do not meet soon, A* over a coarse lattice takes over, with small trees at narrow
+//!    passages.
+//! 3. The lattice is searched for shorter alternatives, for instance through another door.
+//! 4. RRT* shortens the path as long as time remains, and [`shorten`] smooths the result.
 //!
-//! The map's own clearance and motion queries are in [`voxelastic::query`]. All lengths are metres, all points in the map frame.
+//! Every motion is checked as a whole sweep against the map's octree, never at steps along it. Searches see the map through the [`Space`] trait only:
+//! [`FlyingSpace`] and [`GroundSpace`] implement it, and so can a space of your own.
+//!
+//! Maps change: [`Snapshot`] copies the occupancy, so that planning and mapping can run at the same time; [`anchor_path`] and [`resolve_anchors`]
+//! move waypoints along with corrections; [`recheck`] finds the segments of a path that are no longer free.
+//!
+//! All lengths are in metres, all points in the map frame.
 //!
 //! ```
-//! use voxelastic::{Settings, mapper::Mapper, query::AtlasQuery};
+//! use voxelastic::{Settings, event::Event, mapper::Mapper};
 //! use voxelastic_plan::{PlanError, Request, Robot, plan};
+//! use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let mut settings = Settings { voxel: 0.1, ..Settings::default() };
+//! // Map a simulated room.
+//! let mut settings = Settings { voxel_size: 0.1, ..Settings::default() };
 //! settings.set("field", "occupancy")?;
-//! let mapper = Mapper::new(settings)?;
-//! // .. scans go into the mapper ..
-//! let map = AtlasQuery::new(mapper.atlas(), 0.1);
-//! match plan(&map, &Request::new([0.0, 0.0, 1.0], [8.0, 2.0, 1.0], Robot::flying(0.35))) {
-//!     Ok(plan) => println!("{:.1} m, found after {:.0} ms", plan.length, 1e3 * plan.first.seconds),
-//!     Err(PlanError::NoOccupancy) => println!("no scans yet"),
-//!     Err(problem) => return Err(problem.into()),
+//! let mut mapper = Mapper::new(settings)?;
+//! let room = Simulation::new(SimOptions { scans: Some(3), columns: Some(512), ..SimOptions::of("room") })?;
+//! for scan in room.scans(PoseSource::Truth) {
+//!     mapper.handle(Event::Scan(scan))?;
 //! }
+//! // Plan in it, with a limit of samples so that the result is the same on every machine.
+//! let map = mapper.atlas().query();
+//! let request = Request { samples: Some(200), ..Request::new([-3.0, -2.0, 1.2], [3.0, 1.0, 1.5], Robot::flying(0.3)) };
+//! let path = plan(&map, &request)?;
+//! assert!(path.length < 7.5 && path.least_clearance >= 0.3);
+//! // A goal inside of the wall is an error that names the nearest free position.
+//! let blocked = plan(&map, &Request { goal: [5.5, 0.0, 1.5], ..request });
+//! assert!(matches!(blocked, Err(PlanError::Blocked { .. } | PlanError::OutsideMap { .. })));
 //! # Ok(())
 //! # }
 //! ```
 
-mod budget;
-mod connect;
-mod elastic;
-mod ends;
+mod anchors;
+mod endpoint;
 mod error;
-pub mod ground;
-mod guide;
-mod nearest;
+mod flying;
+mod ground;
+mod kd_tree;
+mod lattice;
+mod lattice_search;
 mod planner;
 mod points;
+mod recheck;
 mod robot;
-mod sample;
+mod rrt_connect;
+mod rrt_star;
+mod sampler;
 mod shorten;
 mod snapshot;
 mod space;
-mod star;
+mod stop;
 mod tree;
 
-pub use elastic::{Anchor, Broken, anchor, place, recheck};
-pub use error::{End, Obstacle, PlanError};
-pub use ground::Ground;
-pub use planner::{First, Plan, Request, plan};
+pub use anchors::{Anchor, anchor_path, resolve_anchors};
+pub use error::{Endpoint, Obstacle, PlanError};
+pub use flying::FlyingSpace;
+pub use ground::{GroundSpace, STRIDE};
+pub use planner::{FirstPath, Plan, Request, plan};
 pub use points::{Point, between, distance, length, sharpest_turn};
+pub use recheck::{BlockedSegment, recheck};
 pub use robot::{Robot, Wheels};
 pub use shorten::{Effort, shorten};
 pub use snapshot::Snapshot;
-pub use space::{Air, Fit, Space};
+pub use space::{Fit, Space};

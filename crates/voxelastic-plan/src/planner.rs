@@ -1,118 +1,119 @@
-//! From a request to a path: the ends, the first path, other ways round, shorter paths, the shortest made round.
+//! From a request to a plan: checks of the endpoints, first path, alternative routes, RRT*, final shortening.
 
-use crate::budget::Budget;
-use crate::connect::connect;
-use crate::ends;
-use crate::error::{End, PlanError};
-use crate::ground::Ground;
-use crate::guide::{Guide, Wish};
+use crate::endpoint;
+use crate::error::{Endpoint, PlanError};
+use crate::flying::FlyingSpace;
+use crate::ground::GroundSpace;
+use crate::lattice_search::{LatticeSearch, SearchParams};
 use crate::points::{Point, between, distance, length};
 use crate::robot::Robot;
-use crate::sample::Sampler;
+use crate::rrt_connect::rrt_connect;
+use crate::rrt_star::RrtStar;
+use crate::sampler::Sampler;
 use crate::shorten::{Effort, shorten};
-use crate::space::{Air, Space};
-use crate::star::Star;
+use crate::space::Space;
+use crate::stop::StopCriterion;
 use crate::tree::Tree;
 use std::time::Duration;
 use voxelastic::query::{AtlasQuery, UnknownAs};
 
-/// Share of the time that is left for the last shortening.
-const LAST: f64 = 0.1;
-/// Share of the time that two trees have for the first path before the lattice is asked, and that the lattice has, what is before it included.
-const TREES: f64 = 0.03;
-const LATTICE: f64 = 0.8;
-/// How greedily the lattice is searched, for a first path and then for others.
-const GREED: [f32; 3] = [2.0, 1.3, 1.0];
-/// A path that is longer than the straight line by less than this needs no other way round.
-const STRAIGHT: f64 = 1.02;
-/// Clearance is told up to this much beyond the robot's radius, metres.
-const CLEARANCE: f64 = 2.0;
+/// Share of the time reserved for the final shortening.
+const FINAL_SHORTENING: f64 = 0.1;
+/// RRT-Connect searches for the first path up to this share of the time, the lattice after it up to [`LATTICE_UNTIL`].
+const RRT_CONNECT_UNTIL: f64 = 0.03;
+/// The lattice searches for the first path and for alternatives up to this share of the time.
+const LATTICE_UNTIL: f64 = 0.8;
+/// Heuristic weights of the lattice search, for the first path and then for alternatives.
+const HEURISTIC_WEIGHTS: [f32; 3] = [2.0, 1.3, 1.0];
+/// No alternatives are searched for if the path is shorter than this multiple of the straight line.
+const NEARLY_STRAIGHT: f64 = 1.02;
+/// Clearance is reported up to this much beyond the robot's radius, metres.
+const MAX_CLEARANCE: f64 = 2.0;
 
-/// What to plan.
+/// A planning problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
-    /// Where the robot is: its centre, map frame, metres. On wheels, any height above the floor.
+    /// Position of the robot's centre, map frame, metres. For a wheeled robot any height above the floor.
     pub start: Point,
-    /// Where it is to go.
+    /// Where it should go, likewise.
     pub goal: Point,
     /// The robot.
     pub robot: Robot,
-    /// Corners of the box that the robot's centre must stay in, map frame, metres; none for all that is known.
+    /// Corners of the box that the robot's centre must stay in, map frame, metres; none for the box around everything observed.
     pub bounds: Option<[Point; 2]>,
-    /// How long to look for shorter paths, and at most for one at all.
+    /// Limit of time. It is used up to find shorter paths.
     pub time: Duration,
-    /// Most samples to draw, 32 places of the lattice counting as one; none for as many as time allows. With a limit that is
-    /// met before the time the result is the same on every machine.
+    /// Limit of samples, where 32 expanded nodes of the lattice count as one; none for no limit. If it is reached before the time limit, the result is
+    /// the same on every machine.
     pub samples: Option<usize>,
     /// Seed of the random numbers.
     pub seed: u64,
 }
 
 impl Request {
-    /// A request with a second of time.
+    /// A request with a time limit of one second.
     pub fn new(start: Point, goal: Point, robot: Robot) -> Self {
         Self { start, goal, robot, bounds: None, time: Duration::from_secs(1), samples: None, seed: 1 }
     }
 }
 
-/// The first path that was found.
+/// How the first path was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct First {
-    /// After how many seconds.
+pub struct FirstPath {
+    /// Time until then, seconds.
     pub seconds: f64,
-    /// After how many samples: the same on every machine.
+    /// Samples until then: the same on every machine.
     pub samples: usize,
     /// Its length, metres.
     pub length: f64,
 }
 
-/// A path, and how it was found.
+/// A path and how it was found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
-    /// The way of the robot's centre, straight from point to point, map frame, metres.
+    /// Waypoints of the robot's centre, joined by straight motions, map frame, metres.
     pub path: Vec<Point>,
     /// Its length, metres.
     pub length: f64,
-    /// Distance of each point of the path to the nearest obstacle or unknown space that counts as one, metres; told up to 2 m beyond the radius.
+    /// Distance of each waypoint to the nearest obstacle, including unknown space that counts as blocked, metres; at most 2 m beyond the radius.
     pub clearance: Vec<f64>,
-    /// The least distance anywhere along the path, looked at in steps of a voxel.
+    /// The least such distance anywhere along the path, metres, sampled at the voxel size.
     pub least_clearance: f64,
     /// The first path.
-    pub first: First,
-    /// Seconds spent.
+    pub first: FirstPath,
+    /// Time spent, seconds.
     pub seconds: f64,
     /// Samples drawn.
     pub samples: usize,
-    /// The states tried from the start on, with the index of the one each is reached from; the first is the start.
+    /// The search tree: states, and the index of the parent of each; the first is the start.
     pub tree: Vec<(Point, Option<u32>)>,
-    /// Height over the floor that a wheeled robot was kept at, metres.
+    /// Height of a wheeled robot's centre above the floor, metres.
     pub height: Option<f64>,
 }
 
 /// Plans a path for a robot in a map.
 ///
-/// The trees grow by samples drawn from [`Request::seed`]. The path found first is shortened, and then searched for better ones
-/// until the time or the samples are used up.
+/// Random samples are drawn from [`Request::seed`]. The search for shorter paths goes on until the time or the samples are used up.
 ///
 /// # Errors
-/// [`PlanError::NoOccupancy`] for a map without occupancy, [`PlanError::Setting`] for numbers that make no sense,
-/// [`PlanError::OutsideMap`] and [`PlanError::Blocked`] for a start or goal where the robot cannot be, and
-/// [`PlanError::NotFound`] when the time or the samples end without a path.
+/// [`PlanError::NoOccupancy`] for a map without occupancy, [`PlanError::Setting`] for numbers out of range,
+/// [`PlanError::OutsideMap`] and [`PlanError::Blocked`] for a start or goal where the robot does not fit, and
+/// [`PlanError::NotFound`] when no path was found within the limits.
 pub fn plan(map: &AtlasQuery<'_>, request: &Request) -> Result<Plan, PlanError> {
-    let budget = Budget::new(request.time, request.samples);
+    let stop = StopCriterion::new(request.time, request.samples);
     request.robot.check()?;
     if map.is_empty() {
         return Err(PlanError::NoOccupancy);
     }
     let known = known_box(map);
-    let bounds = request.bounds.unwrap_or_else(|| with_ends(known, request));
+    let bounds = request.bounds.unwrap_or_else(|| with_endpoints(known, request));
     if request.robot.ground.is_some() {
-        let space = Ground::new(map, &request.robot, request.start, bounds)?;
+        let space = GroundSpace::new(map, &request.robot, request.start, bounds)?;
         let height = Some(space.height());
-        Ok(Plan { height, ..Task { space: &space, map, request, known, budget }.run()? })
+        Ok(Plan { height, ..Task { space: &space, map, request, known, stop }.run()? })
     } else {
-        let space = Air::new(map, &request.robot, bounds);
-        Task { space: &space, map, request, known, budget }.run()
+        let space = FlyingSpace::new(map, &request.robot, bounds);
+        Task { space: &space, map, request, known, stop }.run()
     }
 }
 
@@ -121,8 +122,8 @@ fn known_box(map: &AtlasQuery<'_>) -> [Point; 2] {
     [bounds.min.map(f64::from), bounds.max.map(f64::from)]
 }
 
-/// Ends may be where nothing is known, if that counts as free.
-fn with_ends(known: [Point; 2], request: &Request) -> [Point; 2] {
+/// If unknown space counts as free, the box of known space is extended to the endpoints.
+fn with_endpoints(known: [Point; 2], request: &Request) -> [Point; 2] {
     if request.robot.unknown == UnknownAs::Blocked {
         return known;
     }
@@ -134,117 +135,117 @@ fn with_ends(known: [Point; 2], request: &Request) -> [Point; 2] {
     ]
 }
 
-/// A path and the tree that it was found in, with its end there.
-struct Way {
+/// A path, the tree it belongs to, and the node of its goal.
+struct TreePath {
     path: Vec<Point>,
     tree: Tree,
     goal: u32,
 }
 
-impl Way {
-    /// A path, hung into a tree with the same root.
-    fn along(path: Vec<Point>, mut tree: Tree) -> Self {
+impl TreePath {
+    /// Adds a path to a tree with the same root.
+    fn add_to(path: Vec<Point>, mut tree: Tree) -> Self {
         let goal = path.iter().skip(1).fold(0, |node, p| tree.add(node, *p));
         Self { path, tree, goal }
     }
 }
 
-/// A request in its space.
+/// A request in its configuration space.
 struct Task<'a, S> {
     space: &'a S,
     map: &'a AtlasQuery<'a>,
     request: &'a Request,
     known: [Point; 2],
-    budget: Budget,
+    stop: StopCriterion,
 }
 
 impl<S: Space> Task<'_, S> {
     fn run(&self) -> Result<Plan, PlanError> {
         let Request { robot, seed, .. } = *self.request;
-        let settle = |end, place| ends::settle(self.space, self.map, self.known, robot.unknown, end, place);
-        let (start, goal) = (settle(End::Start, self.request.start)?, settle(End::Goal, self.request.goal)?);
+        let validate = |endpoint, position| endpoint::validate(self.space, self.map, self.known, robot.unknown, endpoint, position);
+        let (start, goal) = (validate(Endpoint::Start, self.request.start)?, validate(Endpoint::Goal, self.request.goal)?);
         let mut sampler = Sampler::new(self.space, seed);
-        let mut guide = Guide::new(self.space, [start, goal], robot.radius);
-        let found = self.first(&mut sampler, &mut guide, [start, goal]);
-        let mut way = found.map_err(|reach| PlanError::NotFound { samples: sampler.drawn, seconds: self.budget.seconds(), reach })?;
-        let first = First { seconds: self.budget.seconds(), samples: sampler.drawn, length: length(&way.path) };
-        way.path = shorten(self.space, way.path, Effort::Quick);
-        self.look_elsewhere(&mut sampler, &mut guide, &mut way);
-        let until = self.budget.part(1.0 - LAST);
-        let best = Star::new(self.space, &mut way.tree, way.goal, self.stride(), way.path).run(&mut sampler, &until);
+        let mut lattice = LatticeSearch::new(self.space, start, goal, robot.radius);
+        let found = self.first_path(&mut sampler, &mut lattice, [start, goal]);
+        let mut route = found.map_err(|reach| PlanError::NotFound { samples: sampler.drawn, seconds: self.stop.seconds(), reach })?;
+        let first = FirstPath { seconds: self.stop.seconds(), samples: sampler.drawn, length: length(&route.path) };
+        route.path = shorten(self.space, route.path, Effort::Quick);
+        self.search_alternatives(&mut sampler, &mut lattice, &mut route);
+        let until = self.stop.fraction(1.0 - FINAL_SHORTENING);
+        let best = RrtStar::new(self.space, &mut route.tree, route.goal, self.max_step(), route.path).run(&mut sampler, &until);
         let best = shorten(self.space, best, Effort::Thorough);
-        Ok(self.finish(&best, &way.tree, first, sampler.drawn))
+        Ok(self.finish(&best, &route.tree, first, sampler.drawn))
     }
 
-    /// A way between two places: of two trees that meet soon, or else over the lattice, or else of trees that meet late. How far they reached
-    /// when the budget ends before that.
-    fn first(&self, sampler: &mut Sampler<'_, S>, guide: &mut Guide<'_, S>, ends: [Point; 2]) -> Result<Way, [f64; 2]> {
+    /// A first path: of RRT-Connect if it finds one soon, else of the lattice search, else of RRT-Connect with the remaining time. The error is how far
+    /// the two trees got from their roots, metres.
+    fn first_path(&self, sampler: &mut Sampler<'_, S>, lattice: &mut LatticeSearch<'_, S>, ends: [Point; 2]) -> Result<TreePath, [f64; 2]> {
         let mut trees = ends.map(|end| Tree::new(end, self.space.dimensions()));
-        let mut met = connect(sampler, self.space, &mut trees, self.stride(), &[], &self.budget.part(TREES));
+        let mut met = rrt_connect(sampler, self.space, &mut trees, self.max_step(), &[], &self.stop.fraction(RRT_CONNECT_UNTIL));
         if met.is_none() {
-            let wish = Wish { greed: GREED[0], longest: f64::INFINITY };
-            if let Some(path) = guide.path(sampler, wish, &self.budget.part(LATTICE)) {
+            let params = SearchParams { heuristic_weight: HEURISTIC_WEIGHTS[0], max_length: f64::INFINITY };
+            if let Some(path) = lattice.find_path(sampler, params, &self.stop.fraction(LATTICE_UNTIL)) {
                 let [tree, _] = trees;
-                return Ok(Way::along(path, tree));
+                return Ok(TreePath::add_to(path, tree));
             }
-            met = connect(sampler, self.space, &mut trees, self.stride(), &[], &self.budget);
+            met = rrt_connect(sampler, self.space, &mut trees, self.max_step(), &[], &self.stop);
         }
-        let Some(meeting) = met else { return Err(trees.map(|tree| tree.reach())) };
+        let Some(meeting) = met else { return Err(trees.map(|tree| tree.extent())) };
         let [mut tree, from_goal] = trees;
         let goal = tree.graft(meeting.from_start, &from_goal, meeting.from_goal)[0];
-        Ok(Way { path: tree.way_to(goal), tree, goal })
+        Ok(TreePath { path: tree.path_to(goal), tree, goal })
     }
 
-    /// The lattice may know a shorter way round, through another door, which a tree that has grown seldom finds. Soon any shorter one, so that
-    /// the search for the shortest has less to look at.
-    fn look_elsewhere(&self, sampler: &mut Sampler<'_, S>, guide: &mut Guide<'_, S>, way: &mut Way) {
-        let ends = [way.path[0], way.path[way.path.len() - 1]];
-        let until = self.budget.part(LATTICE);
-        for greed in GREED {
-            let longest = length(&way.path);
-            if longest < STRAIGHT * distance(ends[0], ends[1]) || until.is_spent(sampler.drawn) {
+    /// Searches the lattice for a shorter route, for instance through another door, which a grown tree seldom finds. The first searches are greedy:
+    /// any shorter path limits the nodes of the next.
+    fn search_alternatives(&self, sampler: &mut Sampler<'_, S>, lattice: &mut LatticeSearch<'_, S>, route: &mut TreePath) {
+        let [start, goal] = [route.path[0], route.path[route.path.len() - 1]];
+        let until = self.stop.fraction(LATTICE_UNTIL);
+        for heuristic_weight in HEURISTIC_WEIGHTS {
+            let max_length = length(&route.path);
+            if max_length < NEARLY_STRAIGHT * distance(start, goal) || until.is_reached(sampler.drawn) {
                 return;
             }
-            let Some(path) = guide.path(sampler, Wish { greed, longest }, &until) else { continue };
+            let Some(path) = lattice.find_path(sampler, SearchParams { heuristic_weight, max_length }, &until) else { continue };
             let path = shorten(self.space, path, Effort::Quick);
-            if length(&path) < longest {
-                *way = Way::along(path, Tree::new(ends[0], self.space.dimensions()));
+            if length(&path) < max_length {
+                *route = TreePath::add_to(path, Tree::new(start, self.space.dimensions()));
             }
         }
     }
 
-    /// Length of the trees' branches: short against the space, long against what is in it.
-    fn stride(&self) -> f64 {
+    /// Longest motion of the search trees: short relative to the space, long relative to the objects in it, metres.
+    fn max_step(&self) -> f64 {
         let [low, high] = self.space.bounds();
-        (distance(low, high) / 50.0).clamp(0.5, self.space.longest())
+        (distance(low, high) / 50.0).clamp(0.5, self.space.max_step())
     }
 
-    fn finish(&self, best: &[Point], tree: &Tree, first: First, samples: usize) -> Plan {
+    fn finish(&self, best: &[Point], tree: &Tree, first: FirstPath, samples: usize) -> Plan {
         let mut path: Vec<Point> = best.first().copied().into_iter().collect();
         for w in best.windows(2) {
-            // On wheels the last piece may have ended a little above or below this one's start: go on from there if that is free as well.
-            let at = path.last().copied().filter(|at| self.space.reach(*at, w[1]).is_some());
+            // On the ground the previous motion may have ended slightly above or below this one's start: continue from there if that is free, too.
+            let at = path.last().copied().filter(|at| self.space.steer(*at, w[1]).is_some());
             if at.is_none() {
                 path.push(w[0]);
             }
             self.space.trace(at.unwrap_or(w[0]), w[1], &mut path);
         }
         let Robot { radius, unknown, .. } = self.request.robot;
-        // Where submaps share space the query is careful by a voxel; the path was checked for the radius itself.
-        let ask = |p: Point| self.map.clearance(p, radius + CLEARANCE, unknown).max(radius);
-        let clearance: Vec<f64> = path.iter().map(|p| ask(*p)).collect();
+        // Where submaps overlap, the query underestimates by up to a voxel; the path was checked for the radius itself.
+        let clearance_at = |p: Point| self.map.clearance(p, radius + MAX_CLEARANCE, unknown).max(radius);
+        let clearance: Vec<f64> = path.iter().map(|p| clearance_at(*p)).collect();
         let mut least = clearance.iter().copied().fold(f64::INFINITY, f64::min);
         for w in path.windows(2) {
-            let all = distance(w[0], w[1]);
+            let length = distance(w[0], w[1]);
             let mut at = 0.0;
-            while at < all {
-                let here = ask(between(w[0], w[1], at / all));
+            while at < length {
+                let here = clearance_at(between(w[0], w[1], at / length));
                 least = least.min(here);
-                // Within this distance nothing can be nearer than the least.
-                at += (here - least).max(self.map.voxel());
+                // Clearance changes by at most the distance moved, so none in between is below the least.
+                at += (here - least).max(self.map.voxel_size());
             }
         }
         let (length, tree) = (length(&path), tree.nodes().collect());
-        Plan { length, path, clearance, least_clearance: least, first, seconds: self.budget.seconds(), samples, tree, height: None }
+        Plan { length, path, clearance, least_clearance: least, first, seconds: self.stop.seconds(), samples, tree, height: None }
     }
 }

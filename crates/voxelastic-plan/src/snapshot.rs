@@ -1,40 +1,37 @@
-//! A copy of what a planner needs of a map, to plan in while mapping goes on.
+//! A copy of the occupancy of a map, for planning while mapping continues.
 
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::field::tsdf::TsdfField;
 use voxelastic::query::AtlasQuery;
 
-/// Occupancy and poses of all submaps at one moment. It can be sent to another thread; the atlas it was taken from goes on.
+/// Occupancy and poses of all submaps at one moment. It is independent of the atlas it was copied from and can be sent to another thread.
 ///
-/// Taking one copies the occupancy's arrays as they are in memory.
+/// Costs one copy of the occupancy in memory.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
     atlas: Atlas,
-    voxel: f32,
 }
 
 impl Snapshot {
-    /// The state of `atlas`, whose finest voxels have edges of `voxel` metres.
-    pub fn of(atlas: &Atlas, voxel: f32) -> Self {
-        let copy = |(submap, t_map_submap): (&Submap, Pose)| Submap {
-            scans: submap.scans.clone(),
-            occupancy: submap.occupancy.clone(),
-            travelled: submap.travelled,
-            revision: submap.revision,
-            ..Submap::new(submap.id, t_map_submap)
+    /// The current state of `atlas`.
+    pub fn of(atlas: &Atlas) -> Self {
+        let copy = |(submap, t_map_submap): (&Submap, Pose)| {
+            let copy = Submap::new(submap.id(), submap.voxel_size(), t_map_submap);
+            copy.with_fields(TsdfField::default(), submap.occupancy().clone()).with_scans(submap.scans().to_vec(), submap.travelled())
         };
-        // A submap on its way into another is still the only one that knows what it knows.
-        let retiring = atlas.retiring().map(|retiring| (retiring.submap, retiring.t_map_submap));
-        let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap)).chain(retiring);
-        Self { atlas: Atlas::from_submaps(all.map(copy).collect()), voxel }
+        // A submap that is being merged still holds observations that its target lacks.
+        let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
+        let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
+        Self { atlas: Atlas::from_submaps(atlas.voxel_size(), all.map(copy).collect()) }
     }
 
-    /// What can be asked of it.
+    /// Queries of the snapshot.
     pub fn query(&self) -> AtlasQuery<'_> {
-        AtlasQuery::new(&self.atlas, self.voxel)
+        self.atlas.query()
     }
 
-    /// Its submaps, without surfaces: what waypoints are [anchored](crate::anchor) to.
+    /// Its submaps, without surfaces; waypoints can be [anchored](crate::anchor_path) to them.
     pub fn atlas(&self) -> &Atlas {
         &self.atlas
     }

@@ -1,184 +1,100 @@
-//! Where a robot can be and go: what planning asks, whatever answers it.
+//! The interface between planning and the world: where a robot can be, and which motions are free.
 
-use crate::points::{Point, between, distance};
-use crate::robot::Robot;
-use voxelastic::Pose;
-use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Capsule, OrientedBox, Sphere, UnknownAs};
+use crate::points::{Point, distance};
 
-/// The space that a robot moves in. A state is the place of the robot's centre.
+/// The configuration space of a robot. A state is the position of the robot's centre, map frame, metres.
 ///
-/// Motions are checked as wholes, never at steps along them.
+/// Implemented by [`FlyingSpace`](crate::FlyingSpace) and [`GroundSpace`](crate::GroundSpace) over an occupancy map. Motions are checked as whole
+/// sweeps, never at steps along them.
 pub trait Space {
-    /// Moves straight from a state to `to`: where the robot arrives, which need not be `to` itself (on wheels it is above or
-    /// below); none when something is in the way.
-    fn reach(&self, from: Point, to: Point) -> Option<Point>;
+    /// Moves straight from a state towards `to`. Returns the state the robot arrives at, which on the ground is above or below `to`; none when the
+    /// motion is not free.
+    fn steer(&self, from: Point, to: Point) -> Option<Point>;
 
-    /// The state at `p`, or for wheels above or below it; none when the robot does not fit there.
-    fn settle(&self, p: Point) -> Option<Point>;
+    /// The state at `p`, on the ground above or below it; none when the robot does not fit there.
+    fn state_at(&self, p: Point) -> Option<Point>;
 
-    /// Whether something is in the way at `p` itself. Cheap: it is asked a lot, and nothing but luck depends on the answer.
+    /// Whether the point `p` itself is an obstacle. A cheap test that may be wrong: only the choice of samples depends on it.
     fn is_blocked(&self, p: Point) -> bool {
-        self.settle(p).is_none()
+        self.state_at(p).is_none()
     }
 
-    /// Where a state at `p` would be, whether or not the robot fits there; none where there can be none, as over an abyss.
-    fn lay(&self, p: Point) -> Option<Point> {
+    /// Projects `p` to where a state would be, whether or not the robot fits there; none where there is none, for instance without a floor.
+    fn project(&self, p: Point) -> Option<Point> {
         Some(p)
     }
 
-    /// Corners of the box that states are in.
+    /// Corners of the box that states lie in, map frame, metres.
     fn bounds(&self) -> [Point; 2];
 
-    /// Whether two states are the same for all purposes, so that one can be arrived at instead of the other.
+    /// Whether two states are equal up to rounding and the map's resolution.
     fn is_same(&self, a: Point, b: Point) -> bool {
         distance(a, b) < 1e-9
     }
 
-    /// Longest branch that makes sense, metres: motions are tried whole.
-    fn longest(&self) -> f64 {
+    /// Longest motion that is worth trying, metres.
+    fn max_step(&self) -> f64 {
         4.0
     }
 
-    /// How many of the coordinates can be chosen freely: 3 in the air, 2 on the ground.
+    /// Number of coordinates that can be chosen freely: 3 in the air, 2 on the ground.
     fn dimensions(&self) -> usize {
         3
     }
 
-    /// Appends the states on the way from a state to another that [`reach`](Self::reach) arrived at, the last included.
-    fn trace(&self, _from: Point, to: Point, way: &mut Vec<Point>) {
-        way.push(to);
+    /// Distance in the coordinates that can be chosen freely, metres.
+    fn metric(&self, a: Point, b: Point) -> f64 {
+        if self.dimensions() == 2 { (a[0] - b[0]).hypot(a[1] - b[1]) } else { distance(a, b) }
     }
 
-    /// Whether the robot that reached `arrived` from `from` can go back the same way.
-    fn leads_back(&self, _from: Point, _arrived: Point) -> bool {
+    /// Appends the corners of the motion from a state to another that [`steer`](Self::steer) arrived at, the last state included.
+    fn trace(&self, _from: Point, to: Point, path: &mut Vec<Point>) {
+        path.push(to);
+    }
+
+    /// Whether the motion that arrived at `arrived` is free in the other direction, too.
+    fn is_reversible(&self, _from: Point, _arrived: Point) -> bool {
         true
     }
 
-    /// Whether a piece of a path that was [traced](Self::trace) can still be taken.
-    fn holds(&self, from: Point, to: Point) -> bool {
-        self.joins(from, to)
+    /// Whether a segment of a [traced](Self::trace) path is free.
+    fn is_segment_free(&self, from: Point, to: Point) -> bool {
+        self.connects(from, to)
     }
 
-    /// Where a robot in a state would be over `to`, near by. Whether it fits there, and on the way, is not looked at.
-    fn alongside(&self, _from: Point, to: Point) -> Option<Point> {
+    /// The state at `to` of a robot that comes from the nearby state `from`. Does not check that it fits there or that the motion is free.
+    fn neighbour_state(&self, _from: Point, to: Point) -> Option<Point> {
         Some(to)
     }
 
-    /// How the robot fits in a state: whole, or as a ball whose radius is smaller by `less`.
-    fn fit(&self, p: Point, _less: f64) -> Fit {
-        if self.settle(p).is_some() { Fit::Whole } else { Fit::Not }
+    /// How the robot fits at a state: with its full radius, or only with one that is smaller by `margin` metres.
+    fn fit(&self, p: Point, _margin: f64) -> Fit {
+        if self.state_at(p).is_some() { Fit::Free } else { Fit::Blocked }
     }
 
-    /// Whether the robot certainly fits wherever its centre is in a box, asked of all of it at once.
-    fn is_open(&self, _corners: [Point; 2]) -> bool {
+    /// Whether the robot fits at every state in a box. May return false although it does.
+    fn is_box_free(&self, _corners: [Point; 2]) -> bool {
         false
     }
 
-    /// Whether the robot can go straight from one state to the other.
-    fn joins(&self, from: Point, to: Point) -> bool {
-        self.reach(from, to).is_some_and(|arrived| self.is_same(arrived, to))
+    /// Whether the straight motion between two states is free.
+    fn connects(&self, from: Point, to: Point) -> bool {
+        self.steer(from, to).is_some_and(|arrived| self.is_same(arrived, to))
     }
 }
 
-/// How a robot fits in a place.
+/// How a robot fits at a position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fit {
-    /// As it is.
-    Whole,
-    /// If it were smaller: it may fit near by.
-    Nearly,
+    /// With its full radius.
+    Free,
+    /// Only with a smaller radius: the robot may fit nearby.
+    Tight,
     /// Not at all.
-    Not,
-}
-
-/// A ball that flies through a map.
-#[derive(Clone, Debug)]
-pub struct Air<'a> {
-    map: &'a AtlasQuery<'a>,
-    radius: f64,
-    unknown: UnknownAs,
-    bounds: [Point; 2],
-}
-
-impl<'a> Air<'a> {
-    /// The space of `robot` in a map, within a box.
-    pub fn new(map: &'a AtlasQuery<'a>, robot: &Robot, bounds: [Point; 2]) -> Self {
-        Self { map, radius: robot.radius, unknown: robot.unknown, bounds }
-    }
-
-    /// Whether the ball meets nothing on its way from `from` to `to`, all of the sweep at once.
-    pub(crate) fn is_free(&self, from: Point, to: Point) -> bool {
-        // Points are cheap to ask for, and where something is in the way one of a few is in it, most often.
-        let may_be = [1.0, 0.5, 0.25, 0.75].into_iter().all(|share| self.is_free_at(between(from, to, share)));
-        may_be && self.map.is_free(&Capsule { from, to, radius: self.radius }.into(), self.unknown)
-    }
-
-    /// Whether nothing is in the way of the ball's farthest points along the axes.
-    fn is_free_around(&self, p: Point) -> bool {
-        let tip = |axis: usize, off: f64| std::array::from_fn(|k| if k == axis { p[k] + off } else { p[k] });
-        (0..3).all(|axis| [-self.radius, self.radius].into_iter().all(|off| self.is_free_at(tip(axis, off))))
-    }
-
-    /// Whether nothing is in the way of a point.
-    pub(crate) fn is_free_at(&self, p: Point) -> bool {
-        match self.unknown {
-            UnknownAs::Blocked => self.map.state(p) == State::Free,
-            UnknownAs::Free => self.map.state(p) != State::Occupied,
-        }
-    }
+    Blocked,
 }
 
 /// Whether `p` is in the box.
 pub(crate) fn is_within(bounds: &[Point; 2], p: Point) -> bool {
     (0..3).all(|k| p[k] >= bounds[0][k] && p[k] <= bounds[1][k])
-}
-
-impl Space for Air<'_> {
-    fn reach(&self, from: Point, to: Point) -> Option<Point> {
-        (is_within(&self.bounds, to) && self.is_free(from, to)).then_some(to)
-    }
-
-    fn settle(&self, p: Point) -> Option<Point> {
-        (is_within(&self.bounds, p) && self.is_free_at(p) && self.map.is_free(&Sphere { centre: p, radius: self.radius }.into(), self.unknown))
-            .then_some(p)
-    }
-
-    fn is_blocked(&self, p: Point) -> bool {
-        !self.is_free_at(p)
-    }
-
-    /// What of space is unknown is asked thoroughly only where a look at some places says that it is worth the time.
-    fn fit(&self, p: Point, less: f64) -> Fit {
-        let ball = |radius: f64| Sphere { centre: p, radius }.into();
-        let touches = |radius: f64| !self.map.is_free(&ball(radius), UnknownAs::Free);
-        let is_strict = self.unknown == UnknownAs::Blocked;
-        if !is_within(&self.bounds, p) || !self.is_free_at(p) {
-            Fit::Not
-        } else if is_strict && self.map.is_free_by_one(&ball(self.radius)) {
-            Fit::Whole
-        } else if touches(self.radius) {
-            if touches((self.radius - less).max(0.0)) { Fit::Not } else { Fit::Nearly }
-        } else if !is_strict || (self.is_free_around(p) && self.map.is_free(&ball(self.radius), self.unknown)) {
-            Fit::Whole
-        } else {
-            Fit::Nearly
-        }
-    }
-
-    fn is_open(&self, [low, high]: [Point; 2]) -> bool {
-        let middle = between(low, high, 0.5);
-        let half = std::array::from_fn(|k| 0.5 * (high[k] - low[k]) + self.radius);
-        let around = OrientedBox { t_frame_box: Pose::translation(middle[0], middle[1], middle[2]), half };
-        is_within(&self.bounds, low)
-            && is_within(&self.bounds, high)
-            && match self.unknown {
-                UnknownAs::Blocked => self.map.is_free_by_one(&around.into()),
-                UnknownAs::Free => self.map.is_free(&around.into(), self.unknown),
-            }
-    }
-
-    fn bounds(&self) -> [Point; 2] {
-        self.bounds
-    }
 }

@@ -82,7 +82,7 @@ document.documentElement.dataset.theme = preferred.matches ? "dark" : "light";
 preferred.addEventListener("change", (e) => setTheme(e.matches ? "dark" : "light"));
 byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
 
-// The scan that the reader points at, in any chart or on the plan; the others follow.
+// The scan that the reader points at, in any chart or in the top view; the others follow.
 const pointed = {
   listeners: [],
   at(scan, from) { this.listeners.forEach((listen) => listen(scan, from)); },

@@ -88,7 +88,7 @@ function shape(s, x, y, width) {
   return svg("path", { d, fill: "none", stroke: `var(${s.colour})`, "stroke-width": 1.8, "stroke-linejoin": "round" });
 }
 
-/** Shows what is under the pointer, and tells the other charts and the plan. */
+/** Shows what is under the pointer, and updates the other charts and the top view. */
 function follow(picture, cursor, count, scale, tall, words) {
   const tip = el("div", { class: "tip", hidden: true });
   document.body.append(tip);

@@ -4,7 +4,7 @@
 const COLOURS = [
   { name: "Height", ramp: "height" },
   { name: "Submap", ramp: null },
-  { name: "Intensity", ramp: "intensity", wants: "has_shades" },
+  { name: "Intensity", ramp: "intensity", wants: "has_intensities" },
   { name: "Scale", ramp: "scale" },
   { name: "Error", ramp: "error", wants: "has_errors" },
   { name: "As seen", ramp: null, wants: "has_colours" },

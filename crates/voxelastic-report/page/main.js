@@ -57,8 +57,8 @@ async function scene() {
   byId("scene").hidden = false;
   try {
     const chunks = unpacked(await blobBytes());
-    byId("plan").hidden = false;
-    drawPlan(chunks, boundsOf(chunks));
+    byId("top-view").hidden = false;
+    drawTopView(chunks, boundsOf(chunks));
     const view = new View(byId("canvas"), chunks);
     steer(view);
     panel(view);

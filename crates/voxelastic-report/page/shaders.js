@@ -13,11 +13,11 @@ const SURFACE_VERTEX = `#version 300 es
 precision highp float;
 layout(location = 0) in vec3 at;
 layout(location = 1) in vec2 facing;
-layout(location = 2) in vec3 values; // shade, scale, error
+layout(location = 2) in vec3 values; // intensity, scale, error
 layout(location = 3) in vec3 tint;
 uniform mat4 toMap, toScreen;
 out vec3 map, normal, own;
-out float shade, error, away;
+out float intensity, error, away;
 flat out float level;
 void main() {
   vec4 m = toMap * vec4(at, 1.0);
@@ -27,7 +27,7 @@ void main() {
   float t = max(-n.z, 0.0);
   n.xy += vec2(n.x >= 0.0 ? -t : t, n.y >= 0.0 ? -t : t);
   normal = mat3(toMap) * normalize(n);
-  shade = values.x / 255.0;
+  intensity = values.x / 255.0;
   level = values.y;
   error = values.z;
   own = tint;
@@ -38,7 +38,7 @@ void main() {
 const SURFACE_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 map, normal, own;
-in float shade, error, away;
+in float intensity, error, away;
 flat in float level;
 uniform int mode;            // 0 height, 1 submap, 2 intensity, 3 scale, 4 error, 5 the scans' own
 uniform vec3 submapColour, eye, unknown;
@@ -55,7 +55,7 @@ void main() {
   vec3 c;
   if (mode == 0) c = look((map.z - heights.x) / (heights.y - heights.x));
   else if (mode == 1) c = submapColour;
-  else if (mode == 2) c = look(shade);
+  else if (mode == 2) c = look(intensity);
   else if (mode == 3) c = look(1.0 - level / 3.0);
   else if (mode == 4) c = error > 254.5 ? unknown : look(error / 254.0);
   else c = own;

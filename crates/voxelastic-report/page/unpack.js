@@ -1,6 +1,6 @@
 // The packed surfaces; the layout is described where it is written (pack.rs).
 
-/** Bytes per vertex in a chunk's buffer: three u16, normal (2), shade, scale, error, one to spare. */
+/** Bytes per vertex in a chunk's buffer: three u16, normal (2), intensity, scale, error, one to spare. */
 const STRIDE = 12;
 
 /** The blob of the page, decompressed. */

@@ -114,7 +114,7 @@ class View {
     const at = new Map(node.map((n, i) => [n, this.path[i]]));
     const loops = DATA.run ? DATA.run.loops : [];
     this.fill(this.lines.loops, loops.filter((l) => at.has(l.from) && at.has(l.to)).map((l) => [at.get(l.from), at.get(l.to), colours[1], 3]));
-    this.fill(this.lines.plan, DATA.plan ? planSegments(DATA.plan) : []);
+    this.fill(this.lines.plan, DATA.planned_path ? planSegments(DATA.planned_path) : []);
   }
 
   /** The whole map, from the side and above: from whichever side it fills the picture better. */

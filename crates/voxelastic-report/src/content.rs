@@ -1,49 +1,49 @@
-//! What is on the page.
+//! The content of a report.
 
 use crate::run_log::RunLog;
 use crate::surface::Surface;
 use serde::Serialize;
 use voxelastic_eval::DistanceStats;
 
-/// Everything that a page shows. What is absent or empty is left out of the page.
+/// Everything that a page shows. Absent and empty parts are left out.
 #[derive(Clone, Debug, Default)]
 pub struct Report {
     /// Heading.
     pub title: String,
-    /// The line under it: how the map was made.
+    /// Subtitle: how the map was made.
     pub subtitle: String,
-    /// Large numbers under the heading.
+    /// Key figures under the heading.
     pub facts: Vec<Fact>,
     /// The run that made the map.
     pub run: Option<RunLog>,
-    /// Time between two scans of the sensor, milliseconds: the line in the chart of times.
+    /// Period of the sensor, milliseconds: a line in the chart of times.
     pub sensor_period_ms: f64,
-    /// Edge of the finest voxel, metres, if known: for the colours of the scales.
+    /// Edge of the finest voxel, metres, if known: for the legend of the scales.
     pub voxel: Option<f64>,
-    /// Final poses of the scans, in the order of their nodes.
+    /// Final poses of the scans, sorted by node.
     pub nodes: Vec<Node>,
-    /// Tables of figures.
+    /// Tables.
     pub tables: Vec<Table>,
-    /// Distances of the map from a truth.
+    /// Distances of the map to a reference.
     pub distances: Vec<Distances>,
-    /// The surface, submap by submap.
+    /// The surface of each submap.
     pub surface: Vec<Surface>,
-    /// Error at the end of the colours, metres.
+    /// Error at the end of the colour ramp, metres.
     pub error_max: f32,
     /// A planned path.
-    pub plan: Option<PlannedPath>,
+    pub planned_path: Option<PlannedPath>,
     /// Settings and other details, as names and values.
     pub details: Vec<(String, String)>,
 }
 
 impl Report {
-    /// A page with nothing but a heading.
+    /// A report with a title only.
     pub fn titled(title: impl Into<String>) -> Self {
         Self { title: title.into(), sensor_period_ms: 100.0, error_max: 0.1, ..Self::default() }
     }
 }
 
-/// A number that is to be seen first.
+/// A key figure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Fact {
     /// What it is.
@@ -52,7 +52,7 @@ pub struct Fact {
     pub value: String,
     /// Its unit.
     pub unit: String,
-    /// A word about it.
+    /// A short note.
     pub note: String,
 }
 
@@ -63,7 +63,7 @@ pub struct Node {
     pub node: u64,
     /// Position of the lidar, map frame, metres.
     pub position: [f64; 3],
-    /// The submap that it is in.
+    /// Its submap.
     pub submap: u32,
 }
 
@@ -72,29 +72,29 @@ pub struct Node {
 pub struct Table {
     /// Heading.
     pub title: String,
-    /// A line under it.
+    /// A line under the heading.
     pub note: String,
-    /// Names of the columns; that of the row names first.
+    /// Headings of the columns, including that of the row names.
     pub columns: Vec<String>,
     /// Cells, row by row.
     pub rows: Vec<Vec<String>>,
 }
 
-/// Distances of a map from a truth (paper Fig. 5).
+/// Distances of a map to a reference (paper Fig. 5).
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Distances {
     /// What was measured.
     pub name: String,
-    /// The distances in numbers.
+    /// Statistics of the distances.
     pub stats: DistanceStats,
 }
 
-/// A planned path and the tree that it was found in; map frame, metres.
+/// A planned path and its search tree; map frame, metres.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlannedPath {
-    /// Where it starts.
+    /// The start.
     pub start: Option<[f64; 3]>,
-    /// Where it is to lead.
+    /// The goal.
     pub goal: Option<[f64; 3]>,
     /// The path, from start to goal; empty when none was found.
     pub path: Vec<[f64; 3]>,

@@ -1,22 +1,22 @@
-//! What can go wrong while a page is made.
+//! Errors of this crate.
 
-/// Why there is no page.
+/// Errors of making a page.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// An array of a surface has not one value per vertex, or a triangle names a vertex that does not exist.
+    /// An array of a surface does not have one value per vertex, or a triangle refers to a vertex that does not exist.
     #[error("surface {surface}: {what}")]
     Surface {
         /// Which of the report's surfaces.
         surface: usize,
-        /// What does not fit.
+        /// What is wrong.
         what: String,
     },
     /// The page's data cannot be written as JSON.
     #[error("the page's data cannot be written: {0}")]
     Json(#[from] serde_json::Error),
-    /// A run log is of a later version, or is none.
-    #[error("the run log cannot be read: {0}; the report goes without it")]
+    /// A run log is invalid or of a newer format.
+    #[error("the run log cannot be read: {0}; the report is made without it")]
     RunLog(String),
 }
 

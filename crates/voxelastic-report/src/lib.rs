@@ -1,16 +1,11 @@
-//! A map and the run that made it as one HTML page that needs nothing else: no network, no server, no other file.
+//! Reports: a map and the run that made it as one self-contained HTML page, without network, server or other files.
 //!
-//! The page shows how long each scan took (the paper's Fig. 2), what memory and submaps did (Fig. 3), where the time went, how far the map is
-//! from a truth (Fig. 5), the map from above with its trajectory and loops, and the surface in 3D, to be turned, sliced and coloured.
+//! The page shows the time of each scan (the paper's Fig. 2), memory and submaps (Fig. 3), the time by phase, distances to a reference (Fig. 5), a top
+//! view with trajectory and loops, and an interactive 3D view of the surface.
 //!
-//! Nothing here knows the map's own structures. A [`Report`] is plain data; [`Report::html`] makes the page of it.
-//!
-//! | question | room |
-//! | --- | --- |
-//! | What is on the page? | [`Report`], [`content`] |
-//! | What is remembered of a run? | [`RunLog`], which `voxelastic map` stores beside the map |
-//! | How does a surface of millions of vertices fit into a page? | [`surface`]: thinned, quantised and packed (`pack`) |
-//! | What does the page look like, and what does it do? | `page/`: HTML, CSS and JavaScript, put together by [`page`] |
+//! The crate does not depend on the structures of the map. A [`Report`] is plain data ([`content`], [`Surface`](surface::Surface), [`RunLog`], which
+//! `voxelastic map` stores with a map); [`Report::html`] makes the page: surfaces are decimated to a limit of vertices, quantised and packed
+//! (`pack`), and inserted with the other data into the HTML, CSS and JavaScript files of `page/`.
 //!
 //! ```
 //! use voxelastic_report::{Report, surface::Surface};
@@ -27,12 +22,13 @@
 //! ```
 
 pub mod content;
+mod decimate;
 mod error;
 mod pack;
-pub mod page;
+mod packed_surface;
+mod page;
 mod run_log;
 pub mod surface;
-mod thin;
 
 pub use content::Report;
 pub use error::{ReportError, Result};

@@ -1,14 +1,14 @@
-//! Meshes as bytes that compress well and that a page unpacks in a moment.
+//! Encoding of meshes as bytes that compress well and are fast to decode in a page.
 //!
-//! A mesh is cut into chunks of at most 65,535 vertices. In each, vertices are numbered in the order in which triangles meet them, so that most
-//! corners are either new or near the newest: the code of a corner is how far back it is, and a new vertex is 0. Coordinates are differences
+//! A mesh is cut into chunks of at most 65,535 vertices. In each, vertices are numbered in the order of their first use by a triangle, so that most
+//! corners are either new or recent: the code of a corner is its distance to the newest vertex, 0 for a new one. Coordinates are differences
 //! from vertex to vertex. Every stream is split into its low and its high bytes. The layout, chunk by chunk:
 //!
 //! | bytes | what |
 //! | --- | --- |
 //! | 6 v | x, y, z: differences of the u16 coordinates, zigzag; low bytes of x, high bytes of x, low bytes of y, .. |
 //! | 2 v | normals, octahedral: all first numbers, all second ones |
-//! | v | shades (0 where unknown) |
+//! | v | intensities (0 where unknown) |
 //! | v | scales |
 //! | v | errors: 0 to 254 from none to the largest shown, 255 for unknown |
 //! | 3 v | colours, in surfaces that have some: all reds, all greens, all blues |
@@ -17,8 +17,8 @@
 use crate::surface::Surface;
 use serde::Serialize;
 
-/// Vertices of a chunk, at most: 16-bit indices, of which WebGL keeps the last for itself.
-const MOST: usize = 65_535;
+/// Most vertices of a chunk: 16-bit indices, of which WebGL reserves the last.
+const MAX_VERTICES: usize = 65_535;
 
 /// Sizes of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -29,23 +29,23 @@ pub(crate) struct Chunk {
     t: usize,
 }
 
-/// A chunk being put together.
+/// A chunk under construction.
 struct Builder {
     /// Vertices of the surface, in their order in the chunk.
     vertices: Vec<u32>,
     /// Codes of the corners.
     codes: Vec<u16>,
     /// Number in this chunk by vertex of the surface, with the chunk's serial number.
-    place: Vec<(u32, u16)>,
+    index: Vec<(u32, u16)>,
     serial: u32,
 }
 
 /// Appends the surface's chunks to `bytes`.
 pub(crate) fn chunks(surface: &Surface, origin: [f32; 3], step: f32, error_max: f32, bytes: &mut Vec<u8>) -> Vec<Chunk> {
     let mut out = Vec::new();
-    let mut builder = Builder { vertices: Vec::new(), codes: Vec::new(), place: vec![(0, 0); surface.positions.len()], serial: 1 };
+    let mut builder = Builder { vertices: Vec::new(), codes: Vec::new(), index: vec![(0, 0); surface.positions.len()], serial: 1 };
     for t in &surface.triangles {
-        if builder.vertices.len() + 3 > MOST {
+        if builder.vertices.len() + 3 > MAX_VERTICES {
             out.push(builder.finish(surface, origin, step, error_max, bytes));
         }
         t.iter().for_each(|&v| builder.corner(v));
@@ -59,11 +59,11 @@ pub(crate) fn chunks(surface: &Surface, origin: [f32; 3], step: f32, error_max: 
 impl Builder {
     fn corner(&mut self, v: u32) {
         let newest = self.vertices.len() as u16;
-        let (serial, number) = self.place[v as usize];
+        let (serial, number) = self.index[v as usize];
         if serial == self.serial {
             self.codes.push(newest - number);
         } else {
-            self.place[v as usize] = (self.serial, newest);
+            self.index[v as usize] = (self.serial, newest);
             self.vertices.push(v);
             self.codes.push(0);
         }
@@ -84,17 +84,17 @@ impl Builder {
                     zigzag(difference)
                 })
                 .collect();
-            planes(&differences, bytes);
+            push_byte_planes(&differences, bytes);
         }
         let normals: Vec<[u8; 2]> = self.vertices.iter().map(|v| octahedral(surface.normals[at(v)])).collect();
         (0..2).for_each(|k| bytes.extend(normals.iter().map(|n| n[k])));
-        bytes.extend(self.vertices.iter().map(|v| surface.shades.get(at(v)).copied().unwrap_or(0)));
+        bytes.extend(self.vertices.iter().map(|v| surface.intensities.get(at(v)).copied().unwrap_or(0)));
         bytes.extend(self.vertices.iter().map(|v| surface.scales.get(at(v)).copied().unwrap_or(0)));
         bytes.extend(self.vertices.iter().map(|v| surface.errors.get(at(v)).map_or(255, |e| error_code(*e, error_max))));
         if !surface.colours.is_empty() {
             (0..3).for_each(|k| bytes.extend(self.vertices.iter().map(|v| surface.colours[at(v)][k])));
         }
-        planes(&self.codes, bytes);
+        push_byte_planes(&self.codes, bytes);
         self.vertices.clear();
         self.codes.clear();
         self.serial += 1;
@@ -102,13 +102,13 @@ impl Builder {
     }
 }
 
-/// Small numbers for small differences of either sign.
+/// Maps small differences of either sign to small numbers.
 fn zigzag(d: i16) -> u16 {
     ((d << 1) ^ (d >> 15)) as u16
 }
 
 /// Low bytes, then high bytes.
-fn planes(values: &[u16], bytes: &mut Vec<u8>) {
+fn push_byte_planes(values: &[u16], bytes: &mut Vec<u8>) {
     bytes.extend(values.iter().map(|v| *v as u8));
     bytes.extend(values.iter().map(|v| (v >> 8) as u8));
 }
@@ -129,10 +129,10 @@ fn error_code(error: f32, most: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::thin::tests::slab;
+    use crate::decimate::tests::slab;
     use proptest::prelude::*;
 
-    /// What the page does, in Rust: positions in steps and triangles of the chunk's own numbers.
+    /// The decoder of the page in Rust: positions in steps, and triangles of the chunk's vertex numbers.
     fn unpacked(chunks: &[Chunk], mut bytes: &[u8]) -> Vec<(Vec<[u16; 3]>, Vec<[u16; 3]>)> {
         let mut take = |n: usize| {
             let (head, rest) = bytes.split_at(n);
@@ -170,7 +170,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
-        fn what_is_packed_comes_back(
+        fn round_trip(
             positions in prop::collection::vec([0.0f32..6.5, 0.0f32..6.5, 0.0f32..6.5], 3..200),
             corners in prop::collection::vec([0usize..1000, 0usize..1000, 0usize..1000], 1..300),
         ) {
@@ -187,7 +187,7 @@ mod tests {
         }
 
         #[test]
-        fn octahedral_normals_are_near(x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
+        fn octahedral_normals_are_accurate(x in -1.0f32..1.0, y in -1.0f32..1.0, z in -1.0f32..1.0) {
             let length = (x * x + y * y + z * z).sqrt();
             prop_assume!(length > 0.1);
             let n = [x, y, z].map(|c| c / length);
@@ -202,17 +202,17 @@ mod tests {
     }
 
     #[test]
-    fn large_meshes_become_several_chunks_without_loss() {
+    fn large_meshes_are_split_into_chunks_without_loss() {
         let surface = slab(240);
         let mut bytes = Vec::new();
         let packed = chunks(&surface, [0.0, 0.0, -1.0], 1e-3, 0.1, &mut bytes);
-        assert!(packed.len() > 1 && packed.iter().all(|c| c.v <= MOST));
+        assert!(packed.len() > 1 && packed.iter().all(|c| c.v <= MAX_VERTICES));
         assert_eq!(packed.iter().map(|c| c.t).sum::<usize>(), surface.triangles.len());
         assert_eq!(bytes.len(), packed.iter().map(|c| 14 * c.v + 6 * c.t).sum::<usize>());
     }
 
     #[test]
-    fn errors_are_codes() {
+    fn error_codes() {
         assert_eq!([0.0, -0.05, 0.1, 9.0, f32::INFINITY, f32::NAN].map(|e| error_code(e, 0.1)), [0, 127, 254, 254, 254, 255]);
     }
 }

@@ -1,8 +1,8 @@
-//! The page: HTML, CSS and JavaScript from `page/`, with the report's data in it.
+//! The page: HTML, CSS and JavaScript from `page/` with the data of a report.
 
 use crate::content::Report;
 use crate::error::Result;
-use crate::surface::{PackedSurface, packed};
+use crate::packed_surface::{PackedSurface, packed};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
@@ -11,7 +11,7 @@ use voxelastic_eval::colour::{Ramp, Rgb};
 
 const PAGE: &str = include_str!("../page/page.html");
 const STYLE: &str = include_str!("../page/style.css");
-/// In the order in which they need each other.
+/// In the order of their dependencies.
 const SCRIPTS: [&str; 9] = [
     include_str!("../page/base.js"),
     include_str!("../page/maths.js"),
@@ -20,15 +20,15 @@ const SCRIPTS: [&str; 9] = [
     include_str!("../page/view.js"),
     include_str!("../page/controls.js"),
     include_str!("../page/charts.js"),
-    include_str!("../page/plan.js"),
+    include_str!("../page/top_view.js"),
     include_str!("../page/main.js"),
 ];
-/// How hard the surface is compressed: 6 is within a few percent of the best in a third of its time.
-const EFFORT: u8 = 6;
-/// Colours on each ramp that the page is given.
-const STOPS: usize = 64;
+/// Compression level: 6 is within a few percent of the best size in a third of the time.
+const COMPRESSION_LEVEL: u8 = 6;
+/// Colours per ramp in the page.
+const RAMP_COLOURS: usize = 64;
 
-/// What the script finds in the page.
+/// The data of the script, as JSON in the page.
 #[derive(Serialize)]
 struct Data<'a> {
     facts: &'a [crate::content::Fact],
@@ -40,12 +40,12 @@ struct Data<'a> {
     distances: &'a [crate::content::Distances],
     surfaces: Vec<PackedSurface>,
     error_max: f32,
-    plan: Option<&'a crate::content::PlannedPath>,
+    planned_path: Option<&'a crate::content::PlannedPath>,
     details: &'a [(String, String)],
     ramps: BTreeMap<&'static str, Vec<Rgb>>,
 }
 
-/// The trajectory in columns.
+/// The trajectory as columns.
 #[derive(Default, Serialize)]
 struct Nodes {
     node: Vec<u64>,
@@ -54,13 +54,14 @@ struct Nodes {
 }
 
 impl Report {
-    /// The page.
+    /// Makes the page.
     ///
     /// # Errors
-    /// A surface whose arrays do not fit, and numbers that JSON cannot hold.
+    /// [`ReportError::Surface`](crate::ReportError::Surface) for a surface with inconsistent arrays, [`ReportError::Json`](crate::ReportError::Json) for numbers
+    /// that JSON cannot represent.
     pub fn html(&self) -> Result<String> {
         let (surfaces, blob) = packed(&self.surface, self.error_max)?;
-        let blob = STANDARD.encode(miniz_oxide::deflate::compress_to_vec_zlib(&blob, EFFORT));
+        let blob = STANDARD.encode(miniz_oxide::deflate::compress_to_vec_zlib(&blob, COMPRESSION_LEVEL));
         let data = script_safe(&serde_json::to_string(&self.data(surfaces))?);
         let script = SCRIPTS.join("\n");
         let (title, subtitle) = (escaped(&self.title), escaped(&self.subtitle));
@@ -85,10 +86,10 @@ impl Report {
             distances: &self.distances,
             surfaces,
             error_max: self.error_max,
-            plan: self.plan.as_ref(),
+            planned_path: self.planned_path.as_ref(),
             details: &self.details,
             ramps: [("height", Ramp::Land), ("intensity", Ramp::Grey), ("scale", Ramp::Violet), ("error", Ramp::Error)]
-                .map(|(name, ramp)| (name, (0..STOPS).map(|i| ramp.at(i as f32 / (STOPS - 1) as f32)).collect()))
+                .map(|(name, ramp)| (name, (0..RAMP_COLOURS).map(|i| ramp.at(i as f32 / (RAMP_COLOURS - 1) as f32)).collect()))
                 .into(),
         }
     }
@@ -98,7 +99,7 @@ fn millimetres(metres: f64) -> f64 {
     (metres * 1e3).round() / 1e3
 }
 
-/// `template` with every `{{name}}` replaced, in one pass, so that nothing in a value is taken for a name.
+/// Replaces every `{{name}}` of `template` in one pass, so that names in values are not replaced.
 fn filled(template: &str, values: &[(&str, &str)]) -> String {
     let mut page = String::with_capacity(template.len() + values.iter().map(|(_, v)| v.len()).sum::<usize>());
     let mut rest = template;
@@ -119,12 +120,12 @@ fn filled(template: &str, values: &[(&str, &str)]) -> String {
     page
 }
 
-/// Text as HTML shows it.
+/// Text escaped for HTML.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// JSON that no `</script>` or `<!--` in it can end.
+/// JSON escaped so that it contains no `</script>` or `<!--`.
 fn script_safe(json: &str) -> String {
     json.replace('<', "\\u003c")
 }
@@ -135,13 +136,13 @@ mod tests {
     use crate::content::Fact;
 
     #[test]
-    fn names_in_values_are_left_alone() {
+    fn names_in_values_are_not_replaced() {
         assert_eq!(filled("a {{x}} {{y}} {{z}}", &[("x", "{{y}}"), ("y", "2")]), "a {{y}} 2 {{z}}");
         assert_eq!(filled("{{", &[]), "{{");
     }
 
     #[test]
-    fn nothing_that_is_given_gets_out_of_its_place() {
+    fn data_is_escaped() {
         let mut report = Report::titled("</title><script>alert(1)</script>{{data}}");
         report.facts.push(Fact { label: "</script><script>alert(2)".into(), ..Fact::default() });
         let html = report.html().unwrap();
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_needs_no_network() {
+    fn page_needs_no_network() {
         let html = Report::titled("x").html().unwrap();
         for word in ["http:", "https:", "src=", "@import", "url("] {
             assert!(!html.replace("http://www.w3.org/2000/svg", "").contains(word), "{word}");

@@ -1,7 +1,7 @@
-//! What is remembered of the run that made a map: stored beside it as JSON, so that a report can be made later.
+//! The log of the run that made a map, stored with it as JSON, so that a report can be made later.
 //!
-//! The format may gain keys: a reader takes the default for what is missing and ignores what it does not know. Any other change is a new
-//! [`FORMAT`], and older programs then leave the log alone.
+//! Keys may be added to the format: readers use defaults for missing keys and ignore unknown ones. Any other change increments [`FORMAT`], which older
+//! programs reject.
 
 use crate::error::{ReportError, Result};
 use serde::{Deserialize, Serialize};
@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 /// Version of the log that this program writes, and the newest that it reads.
 pub const FORMAT: u32 = 1;
 
-/// A run of the mapper. Lengths in metres, times in milliseconds unless said otherwise.
+/// A run of the mapper. Lengths in metres, times in milliseconds unless stated otherwise.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RunLog {
-    /// [`FORMAT`] when it was written.
+    /// The [`FORMAT`] it was written in.
     pub format: u32,
     /// Program and version.
     pub generator: String,
@@ -22,25 +22,25 @@ pub struct RunLog {
     pub threads: usize,
     /// From start to saved map, seconds.
     pub total_s: f64,
-    /// Whether the run was ended early.
+    /// Whether the run was interrupted.
     pub interrupted: bool,
     /// Scans that could not be used.
     pub scans_skipped: usize,
     /// Submaps fused into others.
     pub fusions: usize,
-    /// Groups of submaps that closed loops join and that stay apart, because together they would be too large.
+    /// Groups of submaps joined by closed loops whose merge was rejected, because the result would be too large.
     pub groups_apart: usize,
-    /// Root poses that corrections moved.
+    /// Root poses moved by corrections.
     pub submap_moves: usize,
-    /// Most memory that the process held, megabytes (10^6 bytes).
+    /// Peak memory of the process, megabytes (10^6 bytes).
     pub peak_rss_mb: Option<f64>,
     /// One value per scan in each column, in the order of integration.
     pub scans: ScanLog,
     /// Wall time of each scan by phase; one value per scan.
     pub phases_ms: BTreeMap<String, Vec<f64>>,
-    /// Loop edges, in the order in which they came.
+    /// Loop edges, in order of arrival.
     pub loops: Vec<LoopEdge>,
-    /// Pose corrections, in the order in which they came.
+    /// Pose corrections, in order of arrival.
     pub corrections: Vec<Correction>,
 }
 
@@ -50,29 +50,29 @@ pub struct RunLog {
 pub struct ScanLog {
     /// Node of the scan.
     pub node: Vec<u64>,
-    /// When it was taken, seconds of its own clock.
+    /// Time of the scan, seconds of its own clock.
     pub time_s: Vec<f64>,
-    /// Where it was when it came, before any later correction: map frame.
+    /// Position when it was integrated, before any later correction: map frame.
     pub position: Vec<[f64; 3]>,
-    /// How it was turned then: quaternion x y z w of the lidar in the map frame.
+    /// Orientation likewise: quaternion x y z w of the lidar in the map frame.
     pub orientation: Vec<[f64; 4]>,
-    /// From giving it to the mapper until it was integrated.
+    /// Wall time of the integration.
     pub wall_ms: Vec<f64>,
-    /// Processor time of all mapping threads; empty where the system does not tell.
+    /// Processor time of all mapping threads; empty where the system does not report it.
     pub cpu_ms: Vec<f64>,
-    /// Submap that it went into, as it was then.
+    /// Its submap when it was integrated.
     pub submap: Vec<u32>,
-    /// Submaps after it.
+    /// Number of submaps after it.
     pub submaps: Vec<u32>,
-    /// Fusions under way or waiting after it.
+    /// Fusions running or pending after it.
     pub fusions_due: Vec<u32>,
     /// Memory of the map's fields after it, megabytes.
     pub map_mb: Vec<f64>,
-    /// Memory of the process after it, megabytes; empty where the system does not tell.
+    /// Memory of the process after it, megabytes; empty where the system does not report it.
     pub rss_mb: Vec<f64>,
 }
 
-/// A loop edge, and what came of it at once. Where the poses contradict it, it closes with a later [`Correction`].
+/// A loop edge and its immediate effects. If it contradicts the poses, it closes with a later [`Correction`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LoopEdge {
@@ -82,9 +82,9 @@ pub struct LoopEdge {
     pub to: u64,
     /// Scans integrated before it.
     pub after: usize,
-    /// Time that the mapper took for it.
+    /// Time in the mapper.
     pub wall_ms: f64,
-    /// Fusions of submaps that it asked for; they are done beside the scans that follow.
+    /// Fusions of submaps that it requested; they run in the background of the following scans.
     pub fusions: usize,
 }
 
@@ -94,20 +94,20 @@ pub struct LoopEdge {
 pub struct Correction {
     /// Scans integrated before it.
     pub after: usize,
-    /// Time that the mapper took for it.
+    /// Time in the mapper.
     pub wall_ms: f64,
-    /// Time that the optimiser took to find it; none where the poses came from elsewhere.
+    /// Time in the optimiser; none if the poses are from another source.
     pub optimise_ms: Option<f64>,
-    /// Submaps that it moved.
+    /// Number of moved submaps.
     pub moved: usize,
-    /// Loops that it closed.
+    /// Number of closed loops.
     pub closed: usize,
-    /// Fusions of submaps that it asked for; they are done beside the scans that follow.
+    /// Fusions of submaps that it requested; they run in the background of the following scans.
     pub fusions: usize,
 }
 
 impl RunLog {
-    /// As text, to be stored beside a map.
+    /// The log as JSON, to be stored with a map.
     ///
     /// # Errors
     /// [`ReportError::Json`].
@@ -164,12 +164,12 @@ mod tests {
     }
 
     #[test]
-    fn logs_come_back() {
+    fn round_trip() {
         assert_eq!(RunLog::from_json(&log().to_json().unwrap()).unwrap(), log());
     }
 
     #[test]
-    fn older_logs_have_gaps_and_newer_ones_are_left_alone() {
+    fn older_logs_are_read_with_defaults_and_newer_ones_are_rejected() {
         let old = RunLog::from_json(r#"{"format":1,"scans":{"node":[1,2],"wall_ms":[3,4],"rss_mb":[1]},"later":true}"#).unwrap();
         assert_eq!((old.scans.wall_ms.len(), old.scans.rss_mb.len(), old.threads), (2, 0, 0));
         let newer = RunLog::from_json(r#"{"format":2}"#).unwrap_err().to_string();

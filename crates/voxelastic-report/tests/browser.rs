@@ -1,7 +1,6 @@
-//! The page in a real browser: what is drawn, what the controls do, and that nothing is complained about.
+//! The page in a browser: drawing, controls, and no errors in the console.
 //!
-//! Runs where Chromium or Chrome is installed and says so where it is not. `driver.js` acts as a reader would and sends what it saw to a
-//! socket of this test.
+//! Skipped where neither Chromium nor Chrome is installed. `driver.js` operates the controls and sends its observations to a socket of this test.
 
 mod sample;
 
@@ -11,10 +10,10 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A browser on a loaded machine without a graphics card is slow.
-const PATIENCE: Duration = Duration::from_secs(150);
+/// A browser on a busy machine without a graphics card is slow.
+const TIMEOUT: Duration = Duration::from_secs(150);
 
-/// Ends the browser, however the test ends.
+/// Stops the browser when the test ends.
 struct Browser(Child);
 
 impl Drop for Browser {
@@ -45,11 +44,11 @@ fn open(page: &Path, profile: &Path, size: &str) -> Option<Browser> {
     })
 }
 
-/// The body of the first POST that comes.
-fn posted(listener: &TcpListener, browser: &mut Browser) -> Result<String, String> {
+/// Waits for the body of the first POST request.
+fn wait_for_post(listener: &TcpListener, browser: &mut Browser) -> Result<String, String> {
     let start = Instant::now();
     listener.set_nonblocking(true).map_err(|e| e.to_string())?;
-    while start.elapsed() < PATIENCE {
+    while start.elapsed() < TIMEOUT {
         match listener.accept() {
             Ok((stream, _)) => {
                 if let Some(body) = body(stream) {
@@ -63,10 +62,10 @@ fn posted(listener: &TcpListener, browser: &mut Browser) -> Result<String, Strin
             return Err(format!("the browser ended: {status}"));
         }
     }
-    Err(format!("nothing was heard from the page in {PATIENCE:?}"))
+    Err(format!("the page sent nothing within {TIMEOUT:?}"))
 }
 
-/// The body of a request; none when it has none or breaks off.
+/// The body of a request; none when it is empty or incomplete.
 fn body(mut stream: TcpStream) -> Option<String> {
     stream.set_nonblocking(false).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(10))).ok()?;
@@ -88,27 +87,27 @@ fn body(mut stream: TcpStream) -> Option<String> {
     }
 }
 
-/// Opens the page with the driver in it and returns what the driver saw; none where there is no browser.
-fn driven(html: &str, size: &str) -> Option<serde_json::Value> {
+/// Opens the page with the driver and returns its observations; none without a browser.
+fn run_driver(html: &str, size: &str) -> Option<serde_json::Value> {
     let dir = tempfile::tempdir().unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
     let driver = include_str!("driver.js").replace("REPORT_TO", &address);
-    // Before the page's own script, so that its first complaint is heard.
+    // Before the page's own script, so that its first error is recorded.
     let data = "<script type=\"application/json\"";
     let page = dir.path().join("page.html");
     std::fs::write(&page, html.replacen(data, &format!("<script>{driver}</script>{data}"), 1)).unwrap();
     let Some(mut browser) = open(&page, &dir.path().join("profile"), size) else {
-        eprintln!("skipped: neither chromium nor google-chrome is installed");
+        voxelastic_testing::skip(voxelastic_testing::Need::Browser, "neither chromium nor google-chrome is installed");
         return None;
     };
-    let said = posted(&listener, &mut browser).unwrap();
+    let said = wait_for_post(&listener, &mut browser).unwrap();
     Some(serde_json::from_str(&said).unwrap())
 }
 
 #[test]
-fn the_page_draws_and_its_controls_act() {
-    let Some(seen) = driven(&sample::report().html().unwrap(), "1000,800") else { return };
+fn page_draws_and_controls_work() {
+    let Some(seen) = run_driver(&sample::report().html().unwrap(), "1000,800") else { return };
     assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
     assert_eq!(seen["ready"], "yes", "{seen}");
     assert!(seen["colours"].as_u64().unwrap() > 200, "the canvas is blank: {seen}");
@@ -121,12 +120,12 @@ fn the_page_draws_and_its_controls_act() {
 }
 
 #[test]
-fn the_page_fits_a_phone_and_does_without_what_is_not_known() {
+fn page_fits_a_phone_and_omits_missing_data() {
     let mut report = sample::report();
-    (report.run, report.plan) = (None, None);
+    (report.run, report.planned_path) = (None, None);
     report.distances.clear();
     report.surface.iter_mut().for_each(|s| (s.errors, s.colours, s.first_pose) = (Vec::new(), Vec::new(), None));
-    let Some(seen) = driven(&report.html().unwrap(), "500,800") else { return };
+    let Some(seen) = run_driver(&report.html().unwrap(), "500,800") else { return };
     assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
     assert!(seen["ready"] == "yes" && seen["colours"].as_u64().unwrap() > 100 && seen["charts"].as_u64() == Some(0), "{seen}");
     assert!(seen["acts"]["key 6"].is_null() && seen["acts"]["colour Error"].is_null(), "there are no such colours: {seen}");

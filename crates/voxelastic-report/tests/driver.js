@@ -77,10 +77,10 @@
       const box = chart.getBoundingClientRect();
       chart.dispatchEvent(new PointerEvent("pointermove", { clientX: box.left + box.width / 2, clientY: box.top + 40, bubbles: true }));
       acts["chart tells"] = [...document.querySelectorAll(".tip")].some((t) => !t.hidden && t.textContent.includes("Scan"));
-      acts["plan follows"] = find("#plan-lines > circle:last-child").getAttribute("visibility") === "visible";
+      acts["top view follows"] = find("#top-view-lines > circle:last-child").getAttribute("visibility") === "visible";
     }
-    const sheet = find("#plan-ink");
-    acts["plan is drawn"] = sheet.getContext("2d").getImageData(0, 0, sheet.width, sheet.height).data.some((v, i) => i % 4 === 3 && v > 60);
+    const sheet = find("#top-view-walls");
+    acts["top view is drawn"] = sheet.getContext("2d").getImageData(0, 0, sheet.width, sheet.height).data.some((v, i) => i % 4 === 3 && v > 60);
     return { acts, colours };
   }
 

@@ -1,4 +1,4 @@
-//! Rays a second through the worlds: whole scans of an OS1-64, without noise, on one thread.
+//! Ray casting and distance queries in the worlds: scans of an OS1-64 without noise, on one thread.
 
 #![allow(missing_docs, reason = "criterion's macros make public items without documentation")]
 
@@ -7,9 +7,9 @@ use std::hint::black_box;
 use voxelastic_sim::solid::Vec3;
 use voxelastic_sim::{Ray, Scene};
 
-/// The rays of a scan of 64 x 1024 from a pose of the scene's ride, column by column.
+/// The rays of a scan of 64 x 1024 beams at a time of the scene's trajectory, column by column.
 fn rays(scene: &Scene, time: f64) -> Vec<Ray> {
-    let pose = scene.ride.pose(time);
+    let pose = scene.trajectory.pose(time);
     let origin = pose.translation.vector;
     let beam = |column: u32, row: u32| {
         let (azimuth, elevation) = (f64::from(column) * std::f64::consts::TAU / 1024.0, (16.611 - f64::from(row) * 0.5273f64).to_radians());
@@ -42,7 +42,7 @@ fn distance(criterion: &mut Criterion) {
     group.sample_size(10);
     for name in ["campus", "mine"] {
         let Ok(scene) = Scene::named(name, 1) else { continue };
-        // Near the surface on either side, as the vertices of a mesh are.
+        // Near the surface on both sides, like the vertices of a mesh.
         let mut points = scene.world.sample_surface(0.3, 1);
         points.truncate(5000);
         for (k, s) in points.iter_mut().enumerate() {

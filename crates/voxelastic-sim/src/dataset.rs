@@ -1,13 +1,13 @@
-//! A simulation as a folder that `voxelastic map` reads, and back.
+//! Writes a simulation to a folder that `voxelastic map` reads, and loads it again.
 //!
 //! | file | what |
 //! | --- | --- |
 //! | `scans/NNNNNN.pcd` | the cloud of node N: organised, `x y z intensity time ring`, no return is NaN |
-//! | `poses.tum` | the drifting odometry, which a map is built from if nothing else is said |
+//! | `poses.tum` | the drifting odometry, the default poses of the folder |
 //! | `poses@NNNNNN.txt` | TUM, the poses of the nodes 0 to N as corrected when a loop closed at node N |
 //! | `groundtruth.tum` | the true poses |
 //! | `graph.g2o` | nodes with odometry poses, odometry edges, loop edges |
-//! | `world.toml` | all that the simulation was made from |
+//! | `world.toml` | the options of the simulation |
 
 use crate::options::SimOptions;
 use crate::{SimError, Simulation, World};
@@ -20,7 +20,7 @@ use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic_io::{PoseGraph, g2o, pcd, poses};
 
-/// Name of the file that tells the world.
+/// Name of the file with the options of the simulation.
 pub const WORLD_FILE: &str = "world.toml";
 
 /// Version of the world file.
@@ -30,17 +30,17 @@ const FORMAT: u32 = 1;
 #[serde(deny_unknown_fields)]
 struct WorldFile {
     format: u32,
-    /// Of the world's solids, in hexadecimal.
+    /// Fingerprint of the world, in hexadecimal.
     fingerprint: String,
     simulation: SimOptions,
 }
 
-/// Called after each few scans with the number written and the number of all; `Break` ends the writing.
+/// Called after each batch with the numbers of scans written and in all; `Break` stops.
 pub type Progress<'a> = dyn FnMut(usize, usize) -> ControlFlow<()> + 'a;
 
 impl Simulation {
     /// Writes the simulation into the folder `dir`, which must be empty or not exist yet; returns the number of scans
-    /// written. When `progress` breaks off, the scans so far are kept, and poses and graph are those of these.
+    /// written. When `progress` stops it, the folder holds the scans so far with their poses and graph.
     ///
     /// # Errors
     /// [`SimError::NotEmpty`], [`SimError::File`] or [`SimError::Write`].
@@ -53,7 +53,7 @@ impl Simulation {
         }
         fs::create_dir_all(&scans).map_err(SimError::file(&scans))?;
         let mut written = 0;
-        // A batch for all threads: while one encodes and writes, the others cast.
+        // A batch for all threads: some encode and write while others cast.
         let batch = 2 * rayon::current_num_threads();
         while written < self.len() {
             let end = (written + batch).min(self.len());
@@ -85,8 +85,8 @@ impl Simulation {
         Ok(())
     }
 
-    /// `count` scans are in the folder. When that is not all, the file tells of a simulation that ends there: of the same world, true poses and
-    /// clouds, but of other odometry, because drift is spread over the whole path.
+    /// Writes the options of a simulation of `count` scans. If that is not all, its world, true poses and clouds are the same, but its odometry
+    /// differs, because drift depends on the whole path.
     fn write_world(&self, dir: &Path, count: usize) -> Result<(), SimError> {
         let path = dir.join(WORLD_FILE);
         let mut simulation = self.options().clone();
@@ -101,7 +101,7 @@ impl Simulation {
         fs::rename(&part, &path).map_err(SimError::file(&path))
     }
 
-    /// The simulation that a `world.toml`, or the folder that holds one, tells of: the same scans again.
+    /// Loads the simulation of a `world.toml` or of the folder that contains it: the same scans again.
     ///
     /// # Errors
     /// [`SimError::File`], [`SimError::WorldFile`], [`SimError::WorldChanged`], and those of [`Simulation::new`].
@@ -114,7 +114,7 @@ impl Simulation {
 }
 
 impl World {
-    /// The world of a `world.toml`, or of the folder that holds one: what maps of its scans are measured against.
+    /// Loads the world of a `world.toml` or of the folder that contains it, to evaluate maps of its scans.
     ///
     /// # Errors
     /// As [`Simulation::load`].

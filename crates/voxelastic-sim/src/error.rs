@@ -1,33 +1,33 @@
-//! What can go wrong when a world is built, driven through and written.
+//! Errors of this crate.
 
 use std::path::PathBuf;
 
-/// Errors of this crate.
+/// Errors of building, simulating, reading and writing worlds.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
     /// No world has this name.
     #[error("unknown world `{name}`: choose one of {known}")]
     UnknownWorld {
-        /// Name asked for.
+        /// The unknown name.
         name: String,
         /// Names that exist.
         known: String,
     },
-    /// A setting that is not a number, or out of its range.
+    /// A setting that is NaN or out of range.
     #[error("{setting} is {value}: it must be {allowed}")]
     Setting {
-        /// Which setting.
+        /// Name of the setting.
         setting: &'static str,
-        /// What was given.
+        /// Its value.
         value: f64,
-        /// What would do.
+        /// The allowed range, in words.
         allowed: &'static str,
     },
-    /// A solid with a size or place that is not a finite number.
-    #[error("solid {index} has a size or a place that is not finite, or a size below zero")]
+    /// A solid with a size or position that is not finite, or a negative size.
+    #[error("solid {index} has a size or a position that is not finite, or a negative size")]
     Solid {
-        /// Place in the list given.
+        /// Index in the order of insertion.
         index: usize,
     },
     /// The sensor is unknown or impossible.
@@ -38,16 +38,16 @@ pub enum SimError {
     File {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
-    /// The folder to write into holds something already.
+    /// The folder to write is not empty.
     #[error("{}: the folder is not empty; name another one, or empty it first", path.display())]
     NotEmpty {
         /// The folder.
         path: PathBuf,
     },
-    /// A world file that is not understood.
+    /// An invalid world file.
     #[error("{}: {message}", path.display())]
     WorldFile {
         /// The file.
@@ -55,7 +55,7 @@ pub enum SimError {
         /// What is wrong, with line and column where there is one.
         message: String,
     },
-    /// A world file whose world this version builds differently, so that distances to it would be wrong.
+    /// This version builds the world of a world file differently, so distances to it would be wrong.
     #[error("{}: the world `{name}` has changed since this was written (fingerprint {found}, now {built}): simulate it again, or use the version that wrote it", path.display())]
     WorldChanged {
         /// The file.
@@ -64,7 +64,7 @@ pub enum SimError {
         name: String,
         /// Fingerprint in the file.
         found: String,
-        /// Fingerprint of what is built now.
+        /// Fingerprint of the world as built by this version.
         built: String,
     },
     /// A cloud, trajectory or graph could not be written.
@@ -76,7 +76,7 @@ pub enum SimError {
 }
 
 impl SimError {
-    /// Names the file that an input or output error belongs to.
+    /// Adds the path to an input or output error.
     pub(crate) fn file(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::File { path, source }

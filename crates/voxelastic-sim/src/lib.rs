@@ -1,15 +1,14 @@
-//! Worlds to test LiDAR mapping in, where the truth is known to the micrometre.
+//! Simulated worlds with exact distances, and a simulated LiDAR and SLAM system, to test LiDAR mapping.
 //!
-//! A [`World`] is a union of convex [`solid::Solid`]s. Its signed distance is exact, and rays are cast in closed form, so that
-//! a map can be measured against it with no error of the measure's own. [`scenes`] has the worlds: `campus`, `mine` and
-//! `street`, and small ones for tests, each with a route through it.
+//! A [`World`] is a union of convex [`solid::Solid`]s. Its signed distance is exact and rays are intersected in closed form, so maps can be evaluated
+//! without errors of the reference. [`scenes`] contains the worlds `campus`, `mine` and `street`, and small ones for tests, each with a
+//! trajectory through it; [`WorldBuilder`] makes others.
 //!
-//! A [`Simulation`] carries a [`sensor::Lidar`] (any beam model, with noise, lost returns, mixed pixels and motion during the
-//! sweep) along the route, and adds what a SLAM system would tell: odometry that drifts, loop edges where places are seen
-//! again, and poses corrected when loops close. It gives [`voxelastic::event::Event`]s in memory, or writes a folder that
-//! `voxelastic map` reads.
+//! A [`Simulation`] moves a [`sensor::Lidar`] (any beam model, with noise, lost returns, mixed pixels and motion during the sweep) along the trajectory
+//! and adds the output of a SLAM system ([`drift`]): drifting odometry, loop edges, and corrected poses at loop closures. It yields
+//! [`voxelastic::event::Event`]s in memory, or writes a folder that `voxelastic map` reads ([`dataset`]).
 //!
-//! Everything follows from [`SimOptions`] and its seed, whatever the number of threads.
+//! Everything is determined by [`SimOptions`] and its seed, for any number of threads.
 //!
 //! ```
 //! use voxelastic_sim::{PoseSource, SimOptions, Simulation};
@@ -24,7 +23,6 @@
 //! # Ok::<(), voxelastic_sim::SimError>(())
 //! ```
 
-mod bvh;
 pub mod dataset;
 pub mod drift;
 mod error;
@@ -36,6 +34,7 @@ pub mod scenes;
 pub mod sensor;
 mod simulation;
 pub mod solid;
+mod solid_bvh;
 pub mod world;
 
 pub use error::SimError;

@@ -1,38 +1,38 @@
-//! What a simulation is made of.
+//! Options of a simulation.
 
 use crate::SimError;
 use crate::drift::LoopSettings;
 use crate::sensor::LidarSettings;
 use serde::{Deserialize, Serialize};
 
-/// Everything that a simulation follows from: the same options give the same scans, bit for bit on one machine.
+/// Options of a simulation: the same options give the same scans, bit for bit on one machine.
 ///
-/// `world.toml` in a simulated folder holds them.
+/// They are stored as `world.toml` in a simulated folder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SimOptions {
-    /// Which world: see [`crate::scenes::names`].
+    /// Name of the world, see [`crate::scenes::names`].
     pub world: String,
-    /// Seed of everything that is random: the world's furniture, noise and drift.
+    /// Seed of all random numbers: furniture of the world, noise and drift.
     pub seed: u64,
-    /// Which sensor: see [`voxelastic::sensor::preset_names`].
+    /// Name of the sensor, see [`voxelastic::sensor::preset_names`].
     pub sensor: String,
-    /// Columns to a turn; the sensor's usual number if absent.
+    /// Columns per revolution; that of the sensor preset if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub columns: Option<usize>,
-    /// Number of scans; what the world takes to be seen whole, and again in part, if absent.
+    /// Number of scans; that of the world ([`crate::Scene::default_scans`]) if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scans: Option<usize>,
-    /// Path between scans, metres. Ignored when `rate` is given.
+    /// Path length between scans, metres. Ignored if `rate` is given.
     pub spacing: f64,
-    /// Scans a second, instead of `spacing`.
+    /// Scans per second, instead of `spacing`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate: Option<f64>,
-    /// Drift of the odometry, metres in 100 m of path, on average over this trajectory (paper Sec. IV: about 1). 0: none.
+    /// Drift of the odometry, metres in 100 m of path, on average over the trajectory (paper Sec. IV: about 1); 0 for none.
     pub drift: f64,
-    /// How the sensor is run, and its noise.
+    /// Settings and noise of the sensor.
     pub lidar: LidarSettings,
-    /// When a place counts as seen again.
+    /// Loop closures.
     pub loops: LoopSettings,
 }
 
@@ -54,10 +54,10 @@ impl Default for SimOptions {
 }
 
 /// Most scans of a simulation.
-const MOST_SCANS: usize = 10_000_000;
+const MAX_SCANS: usize = 10_000_000;
 
 impl SimOptions {
-    /// The usual simulation of a world.
+    /// The default simulation of a world.
     pub fn of(world: impl Into<String>) -> Self {
         Self { world: world.into(), ..Self::default() }
     }
@@ -68,9 +68,9 @@ impl SimOptions {
             return bad("spacing", self.spacing, "from 0.001 to 1000000 metres");
         }
         if let Some(rate) = self.rate.filter(|r| !(1e-3..=1e4).contains(r)) {
-            return bad("rate", rate, "from 0.001 to 10000 scans a second");
+            return bad("rate", rate, "from 0.001 to 10000 scans per second");
         }
-        if let Some(scans) = self.scans.filter(|n| !(1..=MOST_SCANS).contains(n)) {
+        if let Some(scans) = self.scans.filter(|n| !(1..=MAX_SCANS).contains(n)) {
             return bad("scans", scans as f64, "from 1 to 10000000");
         }
         if !(0.0..=50.0).contains(&self.drift) {

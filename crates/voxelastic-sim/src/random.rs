@@ -1,9 +1,9 @@
-//! Random numbers that depend on where they are used and not on when: the same for any number of threads.
+//! Counter-based random numbers: they do not depend on the order of use, so results are the same for any number of threads.
 
-/// A stream of random numbers named by a seed and a few counters (scan, pixel, purpose).
+/// A stream of random numbers identified by a seed and a few counters (scan, pixel, purpose).
 ///
-/// Each draw is a hash of the stream's name and the number of the draw (the finaliser of SplitMix64, Steele et al.,
-/// OOPSLA 2014), so that a pixel's noise needs no state that threads would have to share.
+/// Each draw is a hash of the stream's identity and the number of the draw (the finaliser of SplitMix64, Steele et al.,
+/// OOPSLA 2014), so that threads share no state.
 #[derive(Clone, Debug)]
 pub struct Stream {
     state: u64,
@@ -18,13 +18,13 @@ fn mix(mut z: u64) -> u64 {
 }
 
 impl Stream {
-    /// The stream called `path` under `seed`.
+    /// The stream with counters `path` and a seed.
     pub fn new(seed: u64, path: &[u64]) -> Self {
         let state = path.iter().fold(mix(seed.wrapping_add(GOLDEN)), |s, &p| mix(s ^ mix(p.wrapping_add(GOLDEN))));
         Self { state }
     }
 
-    /// The stream of one counter below this one; does not advance this stream.
+    /// The stream with one more counter; does not advance this stream.
     #[inline]
     pub fn fork(&self, counter: u64) -> Self {
         Self { state: mix(self.state ^ mix(counter.wrapping_add(GOLDEN))) }
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn streams_of_different_names_differ_and_of_equal_names_agree() {
+    fn streams_with_different_counters_differ() {
         let draw = |path: &[u64]| Stream::new(1, path).bits();
         assert_eq!(draw(&[3, 4]), draw(&[3, 4]));
         assert_ne!(draw(&[3, 4]), draw(&[4, 3]));

@@ -1,4 +1,4 @@
-//! A ride through a world with a sensor: scans, poses true and drifting, loop edges, corrections.
+//! A simulation: scans along a trajectory, true and drifting poses, loop edges, corrections.
 
 use crate::drift::{self, Correction};
 use crate::options::SimOptions;
@@ -11,20 +11,20 @@ use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::sensor::{preset, preset_with_columns};
 use voxelastic::{Cloud, Pose};
 
-/// Which poses the scans come with.
+/// Which poses the scans have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PoseSource {
-    /// The true ones.
+    /// The true poses.
     Truth,
-    /// Those of the drifting odometry.
+    /// The poses of the drifting odometry.
     Odometry,
-    /// What a SLAM system knows when the scan is taken: odometry on top of the last correction.
+    /// The poses that a SLAM system has when the scan is taken: odometry since the last correction.
     Online,
 }
 
-/// A simulation. Poses and edges are there at once; scans are taken when asked for, in any order.
+/// A simulation. Poses and edges are computed at construction; scans on demand, in any order.
 ///
-/// The map frame is that of the world: with true poses, [`World::distance`] applies to the map as it is.
+/// The map frame is the world frame: with true poses, [`World::distance`] applies to the map directly.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     options: SimOptions,
@@ -41,7 +41,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Builds the world and everything but the scans.
+    /// Builds the world, the poses and the edges.
     ///
     /// # Errors
     /// Unknown worlds or sensors, settings out of range.
@@ -53,11 +53,11 @@ impl Simulation {
             None => preset(&options.sensor),
         }?;
         let lidar = Lidar::new(model, options.lidar)?;
-        let step = options.rate.map_or(options.spacing / scene.ride.gait.speed, |rate| 1.0 / rate);
-        let times: Vec<f64> = (0..options.scans.unwrap_or(scene.usual_scans)).map(|k| k as f64 * step).collect();
-        let truth: Vec<Pose> = times.iter().map(|&t| scene.ride.pose(t)).collect();
+        let step = options.rate.map_or(options.spacing / scene.trajectory.carrier.speed, |rate| 1.0 / rate);
+        let times: Vec<f64> = (0..options.scans.unwrap_or(scene.default_scans)).map(|k| k as f64 * step).collect();
+        let truth: Vec<Pose> = times.iter().map(|&t| scene.trajectory.pose(t)).collect();
         let random = |purpose| Stream::new(options.seed, &[0xd1, purpose]);
-        let odometry = drift::drifted(&truth, options.drift, &random(0));
+        let odometry = drift::drifting_odometry(&truth, options.drift, &random(0));
         let loop_edges = drift::find_loops(&scene.world, &truth, &options.loops, &random(1));
         let corrections = drift::corrections(&truth, &loop_edges, &random(2));
         let online = online(&odometry, &corrections);
@@ -66,7 +66,7 @@ impl Simulation {
         Ok(Self { options, scene, lidar, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise })
     }
 
-    /// What the simulation was made from.
+    /// The options it was made from.
     pub fn options(&self) -> &SimOptions {
         &self.options
     }
@@ -76,7 +76,7 @@ impl Simulation {
         &self.scene.world
     }
 
-    /// The world and the ride through it.
+    /// The world and the trajectory.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -86,17 +86,17 @@ impl Simulation {
         &self.lidar
     }
 
-    /// Number of scans, which is that of nodes; nodes are numbered from 0.
+    /// Number of scans and nodes; nodes are numbered from 0.
     pub fn len(&self) -> usize {
         self.times.len()
     }
 
-    /// Whether there is no scan; never, since at least one is asked for.
+    /// Whether there is no scan; always false.
     pub fn is_empty(&self) -> bool {
         self.times.is_empty()
     }
 
-    /// Time of each node, seconds from the start: when its sweep begins.
+    /// Start time of each node's sweep, seconds.
     pub fn times(&self) -> &[f64] {
         &self.times
     }
@@ -111,22 +111,22 @@ impl Simulation {
         &self.odometry
     }
 
-    /// Edges between neighbouring nodes, as the odometry measured them.
+    /// Edges between consecutive nodes, as measured by the odometry.
     pub fn odometry_edges(&self) -> &[Edge] {
         &self.odometry_edges
     }
 
-    /// Edges between places seen twice, in the order in which they close.
+    /// Loop edges in the order in which they close.
     pub fn loop_edges(&self) -> &[Edge] {
         &self.loop_edges
     }
 
-    /// Corrected poses after each loop edge: a stand-in for a SLAM system's back end, see [`Correction`].
+    /// Corrected poses after each loop edge, see [`Correction`].
     pub fn corrections(&self) -> &[Correction] {
         &self.corrections
     }
 
-    /// The poses of one kind for all nodes.
+    /// The poses of all nodes from a source.
     pub fn poses(&self, source: PoseSource) -> &[Pose] {
         match source {
             PoseSource::Truth => &self.truth,
@@ -135,26 +135,26 @@ impl Simulation {
         }
     }
 
-    /// The cloud of node `k`, lidar frame; `None` beyond the last. The same each time, for any number of threads.
+    /// The cloud of node `k`, lidar frame; `None` beyond the last. Deterministic for any number of threads.
     pub fn cloud(&self, k: usize) -> Option<Cloud> {
         let time = *self.times.get(k)?;
-        let ride = &self.scene.ride;
-        Some(self.lidar.scan(&self.scene.world, |offset| ride.pose(time + offset), &self.noise.fork(k as u64)))
+        let trajectory = &self.scene.trajectory;
+        Some(self.lidar.scan(&self.scene.world, |offset| trajectory.pose(time + offset), &self.noise.fork(k as u64)))
     }
 
-    /// The scan of node `k` with a pose of the kind wanted; `None` beyond the last.
+    /// The scan of node `k` with its pose from `source`; `None` beyond the last.
     pub fn scan(&self, k: usize, source: PoseSource) -> Option<Scan> {
         let cloud = self.cloud(k)?;
         Some(Scan { node: k as NodeId, time: self.times[k], t_map_lidar: self.poses(source)[k], cloud })
     }
 
-    /// All scans in order, each taken when it is asked for.
+    /// All scans in order, computed on demand.
     pub fn scans(&self, source: PoseSource) -> impl Iterator<Item = Scan> + '_ {
         (0..self.len()).filter_map(move |k| self.scan(k, source))
     }
 
-    /// What a SLAM system would tell, as it happens: each scan with the pose known at its time, the odometry edge to it, and when
-    /// a loop closes, the loop edge and the corrected poses of all nodes so far.
+    /// The events of an online SLAM system in order: each scan with its [`PoseSource::Online`] pose, the odometry edge to it, and at a loop closure the loop
+    /// edge and the corrected poses of all nodes so far.
     pub fn events(&self) -> impl Iterator<Item = Event> + '_ {
         (0..self.len()).flat_map(move |k| {
             let scan = self.scan(k, PoseSource::Online).map(Event::Scan);
@@ -169,18 +169,18 @@ impl Simulation {
         Event::PoseUpdate((0..).zip(self.corrections[closing].poses.iter().copied()).collect())
     }
 
-    /// The true surface that the sensor saw within `max_range` metres: where noiseless beams of all scans meet it, thinned to
-    /// one point in each cube of `spacing` metres. In the order of the scans. This is what completeness is measured against.
+    /// The true surface visible to the sensor within `max_range` metres: the points hit by noiseless beams of all scans, downsampled to one point per cube of
+    /// `spacing` metres, in the order of the scans. It is the reference of completeness.
     pub fn visible_surface(&self, spacing: f64, max_range: f64) -> Vec<SurfacePoint> {
         let spacing = spacing.max(1e-3);
-        let mut seen: HashSet<[i32; 3]> = HashSet::new();
+        let mut occupied: HashSet<[i32; 3]> = HashSet::new();
         let mut surface = Vec::new();
         let rows = self.lidar.model().rows();
         for &time in &self.times {
-            let pose_at = |offset| self.scene.ride.pose(time + offset);
+            let pose_at = |offset| self.scene.trajectory.pose(time + offset);
             let columns = self.lidar.true_points(&self.scene.world, pose_at, max_range);
-            // Neighbours in a column often share a cube: drop them before the common set is asked.
-            let thinned: Vec<Vec<([i32; 3], SurfacePoint)>> = columns
+            // Neighbours in a column often share a cube: drop them before the lookup in the set.
+            let downsampled: Vec<Vec<([i32; 3], SurfacePoint)>> = columns
                 .par_chunks(rows)
                 .map(|column| {
                     let mut kept: Vec<([i32; 3], SurfacePoint)> = Vec::new();
@@ -193,13 +193,13 @@ impl Simulation {
                     kept
                 })
                 .collect();
-            surface.extend(thinned.into_iter().flatten().filter(|(key, _)| seen.insert(*key)).map(|(_, point)| point));
+            surface.extend(downsampled.into_iter().flatten().filter(|(key, _)| occupied.insert(*key)).map(|(_, point)| point));
         }
         surface
     }
 }
 
-/// The poses known when each scan is taken: odometry from the last corrected node.
+/// The poses available online at each scan: odometry since the last corrected node.
 fn online(odometry: &[Pose], corrections: &[Correction]) -> Vec<Pose> {
     let mut next = 0;
     let mut shift = Pose::identity();
@@ -207,7 +207,7 @@ fn online(odometry: &[Pose], corrections: &[Correction]) -> Vec<Pose> {
         .iter()
         .enumerate()
         .map(|(k, pose)| {
-            // A correction is known from the node after the one that closed the loop.
+            // A correction is available from the node after the one that closed the loop.
             while let Some(done) = corrections.get(next).filter(|c| (c.node as usize) < k) {
                 let node = done.node as usize;
                 shift = done.poses.last().map_or(shift, |corrected| corrected * odometry[node].inverse());

@@ -1,5 +1,5 @@
-//! Motion during the sweep: a map of a lidar that rides at 3 m/s and turns at 90 degrees a second, set right by what is known of its
-//! motion, is as good as one of a lidar that stands still for each scan.
+//! Motion compensation: the map of a lidar that moves at 3 m/s and rotates at 90 degrees per second is as accurate as that of a lidar that stands still
+//! for each scan.
 
 use nalgebra::{Translation3, UnitQuaternion};
 use std::f64::consts::FRAC_PI_2;
@@ -13,27 +13,27 @@ use voxelastic_sim::sensor::{Lidar, LidarSettings};
 
 const SCANS: usize = 24;
 
-/// 3 m/s along a circle that is gone round in four seconds: 90 degrees a second.
-fn ride(t: f64) -> Pose {
+/// 3 m/s along a circle with a period of four seconds: 90 degrees per second.
+fn circle_pose(t: f64) -> Pose {
     let angle = FRAC_PI_2 * t;
     let radius = 3.0 / FRAC_PI_2;
-    let place = Translation3::new(radius * angle.sin(), radius * (1.0 - angle.cos()), 1.6);
-    Pose::from_parts(place, UnitQuaternion::from_euler_angles(0.0, 0.0, angle))
+    let translation = Translation3::new(radius * angle.sin(), radius * (1.0 - angle.cos()), 1.6);
+    Pose::from_parts(translation, UnitQuaternion::from_euler_angles(0.0, 0.0, angle))
 }
 
-/// Distances of the vertices of a map's mesh to the true surface, metres, sorted; and the share of them within 5 cm.
-fn errors(scene: &Scene, moving: bool, tell: bool) -> Vec<f64> {
+/// Sorted distances of the vertices of a map's mesh to the true surface, metres.
+fn errors(scene: &Scene, moving: bool, with_motion: bool) -> Vec<f64> {
     let model = preset_with_columns("os1-64", 512).unwrap();
     let lidar = Lidar::new(model, LidarSettings { moving, ..LidarSettings::default() }).unwrap();
-    let settings = Settings { voxel: 0.1, max_range: 20.0, threads: 2, ..Settings::default() };
+    let settings = Settings { voxel_size: 0.1, max_range: 20.0, threads: 2, ..Settings::default() };
     let mut mapper = Mapper::new(settings).unwrap();
-    let start = scene.ride.pose(3.0) * ride(0.0).inverse();
+    let start = scene.trajectory.pose(3.0) * circle_pose(0.0).inverse();
     for k in 0..SCANS {
         let time = 0.17 * k as f64;
-        let pose_at = |t: f64| start * ride(time + t);
+        let pose_at = |t: f64| start * circle_pose(time + t);
         let mut cloud: Cloud = lidar.scan(&scene.world, pose_at, &Stream::new(7, &[k as u64]));
         let t_map_lidar = pose_at(0.0);
-        if tell {
+        if with_motion {
             let samples = (0..=10).map(|k| (0.01 * k as f32, t_map_lidar.inv_mul(&pose_at(0.01 * f64::from(k)))));
             cloud.motion = Motion::through(samples);
         }
@@ -41,9 +41,9 @@ fn errors(scene: &Scene, moving: bool, tell: bool) -> Vec<f64> {
     }
     let mut errors = Vec::new();
     for submap in mapper.into_atlas().submaps() {
-        let mesh = voxelastic::surface::extract(&submap.tsdf, 0.1, &MeshOptions::default());
+        let mesh = voxelastic::surface::extract(submap.tsdf(), 0.1, &MeshOptions::default());
         errors.extend(mesh.positions.iter().map(|p| {
-            let q = submap.t_map_submap * nalgebra::Point3::from(p.map(f64::from));
+            let q = submap.t_map_submap() * nalgebra::Point3::from(p.map(f64::from));
             scene.world.distance(q.coords.into()).abs()
         }));
     }
@@ -52,16 +52,16 @@ fn errors(scene: &Scene, moving: bool, tell: bool) -> Vec<f64> {
 }
 
 #[test]
-fn a_map_in_motion_is_as_good_as_one_at_rest() {
+fn motion_compensated_map_is_as_accurate_as_a_static_one() {
     let scene = Scene::named("room", 1).unwrap();
-    let [still, told, untold] = [(false, false), (true, true), (true, false)].map(|(moving, tell)| errors(&scene, moving, tell));
+    let [still, compensated, raw] = [(false, false), (true, true), (true, false)].map(|(moving, with_motion)| errors(&scene, moving, with_motion));
     let mean = |e: &[f64]| e.iter().sum::<f64>() / e.len() as f64;
     let within = |e: &[f64]| e.partition_point(|d| *d < 0.05) as f64 / e.len() as f64;
-    for (name, e) in [("at rest", &still), ("in motion, set right", &told), ("in motion, as measured", &untold)] {
+    for (name, e) in [("static", &still), ("moving, compensated", &compensated), ("moving, raw", &raw)] {
         let (mm, share) = (1e3 * mean(e), 100.0 * within(e));
         eprintln!("{name}: {} vertices, mean {mm:.2} mm, median {:.2} mm, {share:.1} % within 5 cm", e.len(), 1e3 * e[e.len() / 2]);
     }
-    assert!(mean(&told) < 1.2 * mean(&still) && told[told.len() / 2] < 1.2 * still[still.len() / 2]);
-    assert!(told.len() as f64 > 0.9 * still.len() as f64, "the surface is as complete");
-    assert!(mean(&untold) > 2.0 * mean(&still), "without it the map is blurred: the test means something");
+    assert!(mean(&compensated) < 1.2 * mean(&still) && compensated[compensated.len() / 2] < 1.2 * still[still.len() / 2]);
+    assert!(compensated.len() as f64 > 0.9 * still.len() as f64, "the surface is as complete");
+    assert!(mean(&raw) > 2.0 * mean(&still), "without compensation the map is blurred");
 }

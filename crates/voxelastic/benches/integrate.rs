@@ -1,4 +1,4 @@
-//! What a scan costs by phase, and what scale changes, fusion and meshing cost: `cargo bench -p voxelastic --bench integrate`. One thread.
+//! The time of a scan by phase, and of scale changes, fusion and meshing, on one thread: `cargo bench -p voxelastic --bench integrate`.
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -7,11 +7,11 @@ use voxelastic::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling};
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
 use voxelastic::field::occupancy::OccupancyField;
-use voxelastic::field::tsdf::propagate::{Guesses, propagate_delta_down, propagate_down, propagate_up};
+use voxelastic::field::tsdf::propagate::{Interpolation, propagate_delta_down, propagate_down, propagate_up};
 use voxelastic::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
-use voxelastic::sensor::{Layout, Limits, PreparedScan, Preparer, preset};
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, ReturnsView, TsdfIntegrator, TsdfSettings};
+use voxelastic::sensor::{CloudLayout, PreparedScan, RangeLimits, ScanPreprocessor, preset};
 use voxelastic::settings::{FieldKind, Settings};
 use voxelastic::surface::{MeshOptions, OccupancySurface, extract, extract_occupancy};
 use voxelastic::{Mapper, Pose};
@@ -20,7 +20,7 @@ use voxelastic::{Mapper, Pose};
 #[allow(dead_code)]
 mod scene;
 
-/// Scans with noise of their own, taken at one place: each but the first finds its blocks there.
+/// Scans with different noise, taken at one place: all but the first find their blocks in the map.
 const SCANS: u64 = 6;
 
 fn one_thread() -> rayon::ThreadPool {
@@ -29,21 +29,20 @@ fn one_thread() -> rayon::ThreadPool {
 
 fn prepared() -> Vec<PreparedScan> {
     let model = preset("os1-64").unwrap_or_else(|e| panic!("{e}"));
-    let mut preparer = Preparer::new(model.clone(), Layout::grid_of(&model), Limits::default());
-    (0..SCANS).map(|seed| preparer.prepare(&scene::Scene::street(0.02).scan(&model, seed).cloud).clone()).collect()
+    let mut preprocessor = ScanPreprocessor::new(model.clone(), CloudLayout::grid_of(&model), RangeLimits::default());
+    (0..SCANS).map(|seed| preprocessor.prepare(&scene::Scene::street(0.02).scan(&model, seed).cloud).clone()).collect()
 }
 
-fn returns(scan: &PreparedScan) -> Returns<'_> {
-    let beams = &scan.beams;
-    Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &beams.origins, smallest_angle: beams.smallest_angle }
+fn returns(scan: &PreparedScan) -> ReturnsView<'_> {
+    ReturnsView::new(&scan.returns)
 }
 
 fn here() -> Rigid {
     Rigid::from(&Pose::translation(0.01, 0.02, 0.03))
 }
 
-/// Benchmarks one phase after the other. `round` integrates a scan into an empty map, or one more into a map that knows the place, and
-/// tells the time of each phase.
+/// Benchmarks one phase after the other. `round` integrates a scan into an empty map, or one more into a map of the same place, and returns the time of each
+/// phase.
 fn phases(c: &mut Criterion, field: &str, names: &[&str], mut round: impl FnMut(bool) -> Vec<Duration>) {
     let mut group = c.benchmark_group(field);
     for (which, is_new) in [("new place", true), ("known place", false)] {
@@ -93,9 +92,9 @@ fn propagation(c: &mut Criterion) {
     let mut group = c.benchmark_group("propagation of a block");
     let (mut up, mut down) = (coarse.clone(), fine.clone());
     group.bench_function("up", |b| b.iter(|| propagate_up(black_box(&fine), &mut up, 0)));
-    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, &Guesses::NEAR)));
+    group.bench_function("down, new", |b| b.iter(|| propagate_down(black_box(&coarse), &mut down, 0, &Interpolation::NEAR)));
     group.bench_function("down, difference", |b| {
-        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, 100 * WEIGHT_ONE, &Guesses::NEAR))
+        b.iter(|| propagate_delta_down(black_box(&coarse), &past, &mut down, 0, 100 * WEIGHT_ONE, &Interpolation::NEAR))
     });
     group.finish();
 }
@@ -103,7 +102,7 @@ fn propagation(c: &mut Criterion) {
 /// Two submaps of the street, 20 cm apart and turned a little.
 fn two_submaps(field: FieldKind) -> Atlas {
     let model = preset("os1-64").unwrap_or_else(|e| panic!("{e}"));
-    let mut atlas = Atlas::default();
+    let mut atlas = Atlas::new(Settings::default().voxel_size);
     for seed in 0..2 {
         let settings = Settings { field, sensor: "os1-64".to_owned(), ..Settings::default() };
         let mut mapper = Mapper::new(settings).unwrap_or_else(|e| panic!("{e}"));
@@ -111,7 +110,7 @@ fn two_submaps(field: FieldKind) -> Atlas {
         let cloud = scene::Scene::street(0.02).scan(&model, seed).cloud;
         mapper.handle(Event::Scan(Scan { node: seed, time: 0.0, t_map_lidar, cloud })).unwrap_or_else(|e| panic!("{e}"));
         let submap = mapper.into_atlas().submaps()[0].clone();
-        atlas = Atlas::from_submaps(atlas.submaps().iter().cloned().chain([Submap { id: seed as u32, ..submap }]).collect());
+        atlas = Atlas::from_submaps(atlas.voxel_size(), atlas.submaps().iter().cloned().chain([submap.with_id(seed as u32)]).collect());
     }
     atlas
 }
@@ -123,10 +122,10 @@ fn fusion(c: &mut Criterion) {
     for (name, field) in [("tsdf", FieldKind::Tsdf), ("occupancy", FieldKind::Occupancy)] {
         let atlas = two_submaps(field);
         let (target, source) = (&atlas.submaps()[0], &atlas.submaps()[1]);
-        let t_target_source = target.t_map_submap.inverse() * source.t_map_submap;
+        let t_target_source = target.t_map_submap().inverse() * source.t_map_submap();
         let sample = || {
             pool.install(|| {
-                let sampling = Sampling::new(source, &t_target_source, &settings);
+                let sampling = Sampling::new(source, &t_target_source);
                 (0..sampling.parts()).map(|number| sampling.part(number)).collect::<Vec<_>>()
             })
         };
@@ -148,14 +147,14 @@ fn fusion(c: &mut Criterion) {
 fn meshing(c: &mut Criterion) {
     let pool = one_thread();
     let (tsdf, occupancy) = (two_submaps(FieldKind::Tsdf), two_submaps(FieldKind::Occupancy));
-    let voxel = Settings::default().voxel;
+    let voxel = Settings::default().voxel_size;
     let mut group = c.benchmark_group("meshing");
     for lod in [0, 2] {
         let options = MeshOptions { lod, ..MeshOptions::default() };
-        let field = &tsdf.submaps()[0].tsdf;
+        let field = tsdf.submaps()[0].tsdf();
         group.bench_function(BenchmarkId::new("tsdf, level of detail", lod), |b| b.iter(|| pool.install(|| extract(field, voxel, &options))));
     }
-    let field = &occupancy.submaps()[0].occupancy;
+    let field = occupancy.submaps()[0].occupancy();
     let occupied = || pool.install(|| extract_occupancy(field, voxel, OccupancySurface::Occupied, 0));
     group.bench_function("occupancy", |b| b.iter(occupied));
     group.finish();

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 use std::hint::black_box;
 use voxelastic::Settings;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Capsule, FieldQuery, OrientedBox, Ray, Shape, Sphere, UnknownAs};
+use voxelastic::query::{Capsule, FieldQuery, OrientedBox, Ray, Shape, Sphere, UnknownAs};
 
 #[path = "../tests/common/cpu_time.rs"]
 mod cpu_time;
@@ -17,7 +17,7 @@ use cpu_time::CpuTime;
 const COUNT: usize = 20_000;
 const RADIUS: f64 = 0.3;
 
-/// Places to ask about, in the frame of the query.
+/// Query points, in the frame of the query.
 struct Places {
     /// Anywhere in the box of 36 x 36 x 5 m around the hall.
     anywhere: Vec<[f64; 3]>,
@@ -50,13 +50,10 @@ fn sphere(centre: [f64; 3]) -> Shape {
 fn queries(c: &mut Criterion<CpuTime>) {
     // The sensor that the hall was scanned with: its columns leave the fewest pixels without a return.
     let settings = Settings { lambda_odom: 1000.0, sensor: "os0-64".to_owned(), ..Settings::default() };
-    let Some(atlas) = hall::map(settings, 1) else {
-        eprintln!("skipped: no hall in VOXELASTIC_DATA");
-        return;
-    };
+    let Some(atlas) = hall::map(settings, 1) else { return };
     let submap = &atlas.submaps()[0];
-    let field = FieldQuery::new(&submap.occupancy, 0.065);
-    let map = AtlasQuery::new(&atlas, 0.065);
+    let field = submap.query();
+    let map = atlas.query();
     let places = places(&field);
     let mut group = c.benchmark_group("query");
     group.throughput(Throughput::Elements(COUNT as u64));
@@ -72,8 +69,8 @@ fn queries(c: &mut Criterion<CpuTime>) {
     let rays: Vec<Ray> = free.iter().map(|&origin| Ray { origin, direction: direction(), length: 20.0 }).collect();
     for (name, unknown) in [("to occupied or unknown", UnknownAs::Blocked), ("to occupied", UnknownAs::Free)] {
         let sum = |cast: &dyn Fn(&Ray) -> Option<f64>| rays.iter().filter_map(|r| cast(black_box(r))).sum::<f64>();
-        group.bench_function(BenchmarkId::new("ray of 20 m", name), |b| b.iter(|| sum(&|r| field.cast(r, unknown).map(|h| h.distance))));
-        group.bench_function(BenchmarkId::new("ray of 20 m, atlas", name), |b| b.iter(|| sum(&|r| map.cast(r, unknown).map(|h| h.distance))));
+        group.bench_function(BenchmarkId::new("ray of 20 m", name), |b| b.iter(|| sum(&|r| field.ray_cast(r, unknown).map(|h| h.distance))));
+        group.bench_function(BenchmarkId::new("ray of 20 m, atlas", name), |b| b.iter(|| sum(&|r| map.ray_cast(r, unknown).map(|h| h.distance))));
     }
     let shapes = |make: &mut dyn FnMut([f64; 3]) -> Shape| free.iter().map(|&p| make(p)).collect::<Vec<Shape>>();
     let capsules = shapes(&mut |from| {

@@ -5,14 +5,14 @@ use crate::{Cloud, Pose};
 /// Identifier of a pose-graph node, as the SLAM system numbers it.
 pub type NodeId = u64;
 
-/// What a SLAM system tells the mapper, in the order in which it happens.
+/// What a SLAM system reports to the mapper, in the order in which it happens.
 #[derive(Clone, Debug)]
 pub enum Event {
     /// A node and the scan taken there.
     Scan(Scan),
     /// Two consecutive nodes, with their measured relative pose.
     OdometryEdge(Edge),
-    /// Two nodes that saw the same place, with their measured relative pose.
+    /// Two nodes that observed the same place, with their measured relative pose.
     LoopEdge(Edge),
     /// Corrected poses of nodes already seen.
     PoseUpdate(Vec<(NodeId, Pose)>),

@@ -1,4 +1,4 @@
-//! `voxelastic bench`: time, memory and error at the paper's settings, beside other systems, and how they grow.
+//! `voxelastic bench`: time, memory and error at the paper's settings, compared with other systems, and their growth.
 
 use crate::failure::{self, Failure};
 use crate::output;
@@ -10,54 +10,53 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic_bench::peers::{self, Peer};
 use voxelastic_bench::suite::{self, Options};
-use voxelastic_bench::{Workshop, growth, plots, table};
+use voxelastic_bench::{Workspace, growth, plots, table};
 
-/// Names the folder with real scans, as for the tests.
+/// Variable with the folder of recorded scans, as for the tests.
 const DATA_VARIABLE: &str = "VOXELASTIC_DATA";
-/// Where it is when nothing is said.
+/// Its default.
 const DATA_FOLDER: &str = "../shared/data";
-/// Names the Python that has the packages of peers.
+/// Variable with the Python interpreter for peers.
 const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 
-/// Measure speed, memory and error, beside other systems on the same scans
+/// Measure speed, memory and error, and compare with other systems on the same scans
 ///
-/// The paper's three settings, both fields, one thread and two, on a simulated campus and on real scans where they are found ($VOXELASTIC_DATA,
-/// by default ../shared/data). Each configuration is mapped by a process of its own, so that its peak of memory is its own, and the map is
-/// measured against the world or against scans that were held out. What is printed ends with the project's goals; the folder then holds
-/// bench.json (or growth.json) and plots. Ten minutes and a quiet machine are needed; with --quick a minute.
+/// The paper's three settings, both fields, one and two threads, on a simulated campus and on recorded scans where available ($VOXELASTIC_DATA,
+/// default ../shared/data). Each configuration is mapped in a separate process, for its own peak of memory, and the map is measured against the
+/// world or against held-out scans. The output ends with the goals of the project; the folder then contains bench.json (or growth.json) and
+/// plots. Takes ten minutes on a quiet machine, with --quick one.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic bench --quick                                the hardest setting on 60 scans, to see what a change does
-  voxelastic bench --peers -o bench                       all of it, with OctoMap and VDBFusion on the same scans
+  voxelastic bench --quick                                the hardest setting on 60 scans, to check a change
+  voxelastic bench --peers -o bench                       everything, with OctoMap and VDBFusion on the same scans
   voxelastic bench --growth                               how cost grows with rings, range, voxels and submaps
-  voxelastic bench --peer \"Bonxai=python3 bonxai.py\"      another system, through an adapter of yours
+  voxelastic bench --peer \"Bonxai=python3 bonxai.py\"      another system, by an adapter
 
-They are run through Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10), and VOXELASTIC_PYTHON names
-the Python that has them [default: python3].
-What an adapter is told and must answer is written in crates/voxelastic-bench/src/peers/mod.rs.")]
+OctoMap and VDBFusion run in Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10). VOXELASTIC_PYTHON is the
+interpreter that has them [default: python3]. The protocol of adapters is documented in crates/voxelastic-bench/src/peers/mod.rs.")]
 pub struct BenchArgs {
-    /// The folder for results and simulated scans; scans that are there are used again
+    /// The folder for results and simulated scans; existing scans are reused
     #[arg(short, long, value_name = "DIR", default_value = "voxelastic-bench")]
     output: PathBuf,
     /// The hardest setting only, on 60 scans of the campus, without errors
     #[arg(long, conflicts_with = "growth")]
     quick: bool,
-    /// How cost grows, instead: tables with fitted exponents, and what new road costs
+    /// Measure the growth of cost instead: tables with fitted exponents, and the cost of new road
     #[arg(long, conflicts_with_all = ["peers", "peer", "repeat"])]
     growth: bool,
-    /// Run OctoMap and VDBFusion on the same scans, in between
+    /// Run OctoMap and VDBFusion on the same scans, in turn
     #[arg(long)]
     peers: bool,
-    /// Run another system in between, through an adapter
+    /// Run another system in turn, by an adapter
     #[arg(long, value_name = "NAME=COMMAND", value_parser = peer)]
     peer: Vec<Peer>,
-    /// Seconds that a peer has for one configuration; how many scans it did is told
+    /// Time limit of a peer for one configuration, seconds; the number of its scans is reported
     #[arg(long, value_name = "S", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     peer_limit: u64,
-    /// Run each configuration so often; the middle one counts
+    /// Number of runs of each configuration; the median counts
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=99))]
     repeat: u64,
-    /// A folder that `voxelastic simulate campus -o DIR` made, so that it is not made again
+    /// A folder written by `voxelastic simulate campus -o DIR`, to be used instead of a new one
     #[arg(long, value_name = "DIR")]
     campus: Option<PathBuf>,
     /// Print the results as one JSON object on stdout, instead of the tables
@@ -69,41 +68,41 @@ fn peer(text: &str) -> Result<Peer, String> {
     Peer::parse(text).ok_or_else(|| "must be a name, =, and a command".to_owned())
 }
 
-/// Measures.
+/// Runs the command.
 pub fn run(args: &BenchArgs) -> anyhow::Result<u8> {
-    let program = std::env::current_exe().context("cannot find this program, which is to be measured")?;
+    let program = std::env::current_exe().context("cannot find the path of this program, which is to be measured")?;
     let data = std::env::var_os(DATA_VARIABLE).map_or_else(|| PathBuf::from(DATA_FOLDER), PathBuf::from);
-    let shop = Workshop::open(program, args.output.clone())?;
+    let workspace = Workspace::create(program, args.output.clone())?;
     if args.growth {
-        let found = growth::run(&shop, &data, args.campus.as_deref())?;
+        let found = growth::run(&workspace, &data, args.campus.as_deref())?;
         return finish(args, "growth.json", &found, &table::growth(&found));
     }
     let options = Options {
         quick: args.quick,
-        peers: peers(args, &shop)?,
+        peers: peers(args, &workspace)?,
         peer_limit: Duration::from_secs(args.peer_limit),
         repeat: args.repeat as usize,
         real_data: data,
         campus: args.campus.clone(),
     };
-    let found = suite::run(&shop, &options)?;
-    for file in plots::write(&found, shop.folder())? {
+    let found = suite::run(&workspace, &options)?;
+    for file in plots::write(&found, workspace.folder())? {
         tracing::info!("wrote {}", file.display());
     }
     finish(args, "bench.json", &found, &table::suite(&found))
 }
 
-fn peers(args: &BenchArgs, shop: &Workshop) -> anyhow::Result<Vec<Peer>> {
+fn peers(args: &BenchArgs, workspace: &Workspace) -> anyhow::Result<Vec<Peer>> {
     let mut all = Vec::new();
     if args.peers {
         let python = std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned());
-        all.extend(peers::through_python(shop, &python)?);
+        all.extend(peers::python_peers(workspace, &python)?);
     }
     all.extend(args.peer.iter().cloned());
     Ok(all)
 }
 
-/// Keeps the results and shows them.
+/// Saves and prints the results.
 fn finish(args: &BenchArgs, name: &str, found: &impl Serialize, text: &str) -> anyhow::Result<u8> {
     let path: &Path = &args.output.join(name);
     let json = serde_json::to_string(found).context("cannot write the results as JSON")?;

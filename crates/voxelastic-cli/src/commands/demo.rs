@@ -1,4 +1,4 @@
-//! `voxelastic demo`: a world is simulated, mapped, measured and shown, in a minute.
+//! `voxelastic demo`: simulates a world, maps it, measures the map and writes a report, in about a minute.
 
 mod figures;
 
@@ -27,39 +27,39 @@ use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// The world.
 const WORLD: &str = "campus";
-/// Scans, evenly spread over [`PATH_M`]: as many as a minute allows on two cores.
+/// Scans, evenly spaced over [`PATH_M`]: as many as two cores map in a minute.
 const SCANS: usize = 60;
-/// Returns beyond are left out, metres: both maps then fit into two gigabytes.
+/// Maximum range, metres: both maps then fit into two gigabytes.
 const MAX_RANGE_M: f32 = 30.0;
-/// Once round the campus, and on until places are seen again, metres.
+/// Length of the path, metres: once around the campus, and part of the second lap.
 const PATH_M: f64 = 418.0;
 
-/// The world's surface is looked for in the map at points this far apart, metres.
+/// Spacing of the points of the true surface, metres.
 const TRUTH_VOXEL_M: f32 = 0.1;
-/// Points of each map that are measured.
+/// Largest number of points measured in each map.
 const MOST_POINTS: usize = 200_000;
 
-/// Simulate a campus, map it with drift and loop closures, measure the map, and show it
+/// Simulate a campus, map it with drift and loop closures, measure the map, and write a report
 ///
-/// A walk of 418 m with a 64-beam LiDAR is simulated, with odometry that drifts by 1 m in 100 m and loop closures that correct it. It is mapped
-/// twice, surfaces and free space: once following the corrections, once with the odometry alone. Both maps are measured against the world,
-/// exactly. The folder then holds elastic.vox, odometry.vox and report.html. The same figures come out every time.
+/// Simulates a walk of 418 m with a 64-beam LiDAR, odometry that drifts by 1 m in 100 m, and loop closures. Builds two maps with surfaces and free
+/// space, one with the corrections after loop closures, one with odometry alone, and measures both against the exact world. The folder then
+/// contains elastic.vox, odometry.vox and report.html. Results are the same in every run.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic demo                                   makes the folder voxelastic-demo; open report.html in it
-  voxelastic demo -o out --scans 210                a scan every 2 m, as the figures in BENCHMARK.md
+  voxelastic demo                                   writes the folder voxelastic-demo; open report.html in it
+  voxelastic demo -o out --scans 210                a scan every 2 m, as in BENCHMARK.md
   voxelastic render voxelastic-demo/elastic.vox -o campus.png --view orbit")]
 pub struct DemoArgs {
     /// The folder to write
     #[arg(short, long, value_name = "DIR", default_value = "voxelastic-demo")]
     output: PathBuf,
-    /// Scans along the way
+    /// Number of scans
     #[arg(long, value_name = "N", default_value_t = SCANS, value_parser = scans)]
     scans: usize,
-    /// Threads to use; 0 for all cores. The figures do not depend on it
+    /// Threads to use; 0 for all cores. Results do not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Print the figures as one JSON object on stdout
+    /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
 }
@@ -68,29 +68,29 @@ fn scans(text: &str) -> Result<usize, String> {
     text.parse().ok().filter(|n| (20..=2000).contains(n)).ok_or_else(|| "must be a number from 20 to 2000".to_owned())
 }
 
-/// Which poses a map is made with.
+/// The poses that a map is built with.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Poses {
-    /// As a SLAM system gives them: odometry, then corrections when loops close.
+    /// Odometry with corrections after loop closures, as a SLAM system gives them.
     Elastic,
     /// Odometry alone.
     Odometry,
 }
 
-/// Shows what the program can do.
+/// Runs the command.
 pub fn run(args: &DemoArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     std::fs::create_dir_all(&args.output).with_context(|| format!("cannot make the folder {}", args.output.display()))?;
     interrupt::install("stopping after this scan");
     let simulation = simulation(args)?;
-    let Some(clouds) = walk(&simulation, args, quiet)? else { return Ok(failure::INTERRUPTED) };
+    let Some(clouds) = simulate_scans(&simulation, args, quiet)? else { return Ok(failure::INTERRUPTED) };
     let mut demo = Demo { args, simulation, clouds, quiet };
     let Some(log) = demo.map(Poses::Elastic)? else { return Ok(failure::INTERRUPTED) };
     if demo.map(Poses::Odometry)?.is_none() {
         return Ok(failure::INTERRUPTED);
     }
     demo.clouds = Vec::new();
-    let figures = pool(args.threads)?.install(|| demo.judge(&log, clock))?;
+    let figures = pool(args.threads)?.install(|| demo.measure(&log, clock))?;
     if args.json {
         output::print_json(&figures)?;
     } else {
@@ -104,8 +104,8 @@ fn simulation(args: &DemoArgs) -> anyhow::Result<Simulation> {
     Ok(Simulation::new(options)?)
 }
 
-/// Takes all scans; none when the user has enough.
-fn walk(simulation: &Simulation, args: &DemoArgs, quiet: bool) -> anyhow::Result<Option<Vec<Cloud>>> {
+/// Simulates all scans; none if interrupted.
+fn simulate_scans(simulation: &Simulation, args: &DemoArgs, quiet: bool) -> anyhow::Result<Option<Vec<Cloud>>> {
     let pool = pool(args.threads)?;
     let mut progress = Progress::new("scans simulated", simulation.len() as u64, quiet);
     let mut clouds = Vec::with_capacity(simulation.len());
@@ -122,7 +122,7 @@ fn walk(simulation: &Simulation, args: &DemoArgs, quiet: bool) -> anyhow::Result
     Ok(Some(clouds))
 }
 
-/// The demo under way.
+/// The simulation, and the scans while they are needed.
 struct Demo<'a> {
     args: &'a DemoArgs,
     simulation: Simulation,
@@ -135,7 +135,7 @@ impl Demo<'_> {
         self.args.output.join(if poses == Poses::Elastic { "elastic.vox" } else { "odometry.vox" })
     }
 
-    /// Maps the walk and saves the map; the log of the run, or none when the user has enough.
+    /// Maps the scans and saves the map. Returns the log of the run; none if interrupted.
     fn map(&self, poses: Poses) -> anyhow::Result<Option<RunLog>> {
         let clock = Instant::now();
         let settings = Settings { field: FieldKind::Both, max_range: MAX_RANGE_M, threads: self.args.threads, ..Settings::default() };
@@ -164,7 +164,7 @@ impl Demo<'_> {
         Ok(Some(log))
     }
 
-    /// What happens at scan `k`, in order.
+    /// The events of scan `k`, in order.
     fn events(&self, k: usize, poses: Poses) -> Vec<Event> {
         let s = &self.simulation;
         let source = if poses == Poses::Elastic { PoseSource::Online } else { PoseSource::Odometry };
@@ -180,28 +180,28 @@ impl Demo<'_> {
         events
     }
 
-    /// Measures both maps and makes the page.
-    fn judge(self, log: &RunLog, clock: Instant) -> anyhow::Result<Figures> {
+    /// Measures both maps and writes the page.
+    fn measure(self, log: &RunLog, clock: Instant) -> anyhow::Result<Figures> {
         let (elastic, odometry) = (self.path(Poses::Elastic), self.path(Poses::Odometry));
         let (scans, loops) = (self.simulation.len(), self.simulation.loop_edges().len());
         let drift = largest_drift(&self.simulation);
         let limits = Limits { truth_voxel: TRUTH_VOXEL_M, reach: Limits::default().max_range, ..Limits::default() };
         let truth = Truth::of_world(self.simulation, &limits)?;
-        let how = |map: &Path, field| EvalArgs::of(map, Path::new(WORLD)).with_field(field).with_max_points(MOST_POINTS);
-        let measure = |map: &Path, field| measure_against(&how(map, field), &truth);
-        let bent = [measure(&elastic, Field::Tsdf)?, measure(&elastic, Field::Occupancy)?];
-        let rigid = [measure(&odometry, Field::Tsdf)?, measure(&odometry, Field::Occupancy)?];
+        let arguments = |map: &Path, field| EvalArgs::of(map, Path::new(WORLD)).with_field(field).with_max_points(MOST_POINTS);
+        let measure = |map: &Path, field| measure_against(&arguments(map, field), &truth);
+        let corrected = [measure(&elastic, Field::Tsdf)?, measure(&elastic, Field::Occupancy)?];
+        let uncorrected = [measure(&odometry, Field::Tsdf)?, measure(&odometry, Field::Occupancy)?];
         let rows = vec![
-            Row::of("TSDF, elastic", &bent[0]),
-            Row::of("TSDF, odometry only", &rigid[0]),
-            Row::of("occupancy, elastic", &bent[1]),
-            Row::of("occupancy, odometry only", &rigid[1]),
+            Row::of("TSDF, elastic", &corrected[0]),
+            Row::of("TSDF, odometry only", &uncorrected[0]),
+            Row::of("occupancy, elastic", &corrected[1]),
+            Row::of("occupancy, odometry only", &uncorrected[1]),
         ];
         let page = self.args.output.join("report.html");
         let mut figures = Figures::new(rows, self.args.output.clone(), page);
         (figures.scans, figures.loop_closures, figures.largest_drift_m, figures.fusions) = (scans, loops, drift, log.fusions);
-        figures.integrate_ms = voxelastic_eval::Spread::of(&log.scans.wall_ms);
-        self::page(&figures, log, &elastic, &truth, [&bent[0], &rigid[0]])?;
+        figures.integrate_ms = voxelastic_eval::SeriesStats::new(&log.scans.wall_ms);
+        self::page(&figures, log, &elastic, &truth, [&corrected[0], &uncorrected[0]])?;
         figures.total_s = clock.elapsed().as_secs_f64();
         figures.peak_rss_mb = usage::peak_resident_bytes().map(usage::megabytes);
         Ok(figures)
@@ -214,7 +214,7 @@ fn largest_drift(simulation: &Simulation) -> f64 {
     simulation.ground_truth().iter().zip(simulation.odometry()).map(apart).fold(0.0, f64::max)
 }
 
-/// Makes the page on the elastic map.
+/// Writes the page on the elastic map.
 fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summary; 2]) -> anyhow::Result<()> {
     let loaded = map_files::load(map)?;
     let details = map_files::details(&loaded.settings, None);
@@ -228,6 +228,6 @@ fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summ
             report.distances.push(Distances { name: format!("{name}: from the map to the world"), stats });
         }
     }
-    reporting::colour_errors(&mut report, truth, &Pose::identity())?;
+    reporting::add_errors(&mut report, truth, &Pose::identity())?;
     reporting::write(&report, &figures.report).map(|_| ())
 }

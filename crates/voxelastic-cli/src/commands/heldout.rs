@@ -1,7 +1,7 @@
-//! `voxelastic heldout`: how well a map explains scans that it was not made from.
+//! `voxelastic heldout`: measures a map with scans that it was not built from.
 
 use crate::data::{DataArgs, HoldOut};
-use crate::failure::{self, Failure};
+use crate::failure::{self, Failure, one_line};
 use crate::meshing::{SurfaceArgs, map_mesh};
 use crate::progress::Progress;
 use crate::{interrupt, map_files, output};
@@ -14,23 +14,23 @@ use voxelastic_eval::held_out::{HeldOut, HeldOutReport, HeldOutSettings};
 
 /// Measure a map with the scans that were held out of it
 ///
-/// Distances of the held-out scans' points, at the poses of the data, to the map's mesh. It needs no survey, but it is only as good as the poses:
-/// an error in them counts as an error of the map.
+/// Distances from the points of the held-out scans, at the poses of the data, to the mesh of the map. Needs no survey, but errors of the poses
+/// count as errors of the map.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic map hall -o hall.vox --hold-out 10
   voxelastic heldout hall.vox hall --hold-out 10
   voxelastic heldout hall.vox hall --hold-out 10 --max-range 40 --json")]
 pub struct HeldoutArgs {
-    /// The map, made with --hold-out
+    /// The map, built with --hold-out
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
     data: DataArgs,
-    /// The N that the map was made with: every Nth scan is measured
+    /// The N that the map was built with: every Nth scan is measured
     #[arg(long, value_name = "N", default_value = "10", value_parser = HoldOut::parse)]
     hold_out: HoldOut,
-    /// Points farther from the sensor than this are left out, metres
+    /// Maximum range of the points, metres
     #[arg(long, value_name = "M", default_value_t = 20.0)]
     max_range: f32,
     /// Print one JSON object on stdout
@@ -44,20 +44,20 @@ pub struct HeldoutArgs {
 #[derive(Debug, Serialize)]
 struct Summary {
     map: PathBuf,
-    /// Node of each scan under `scans`.
+    /// Nodes of the scans in `scans`.
     nodes: Vec<NodeId>,
     #[serde(flatten)]
     report: HeldOutReport,
 }
 
-/// Measures the map.
+/// Runs the command.
 pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
-    args.hold_out.keep_held(&mut held);
+    args.hold_out.keep_held_out(&mut held);
     let map = pool.install(|| map_files::load(&args.map))?;
-    let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans.iter().map(|scan| scan.node)).collect();
-    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel, &args.surface))?.mesh;
+    let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
+    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
     let settings = HeldOutSettings { max_range: args.max_range, min_range: map.settings.min_range, ..HeldOutSettings::default() };
     let mut measure = pool.install(|| HeldOut::new(&view, settings))?;
@@ -68,8 +68,8 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     for event in held.events() {
         match event {
             Ok(Event::Scan(scan)) if mapped.contains(&scan.node) => {
-                let remedy = "map with the same --hold-out as here, and from the same data";
-                let what = format!("{}: scan {} is part of the map, so it cannot measure it", args.map.display(), scan.node);
+                let remedy = "use the same data and the same --hold-out as for the map";
+                let what = format!("{}: scan {} is part of the map, so the map cannot be measured with it", args.map.display(), scan.node);
                 return Err(Failure::new(what, remedy).into());
             }
             Ok(Event::Scan(scan)) => {
@@ -78,7 +78,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
                 progress.step(|| format!("{} triangles", mesh.triangles.len()));
             }
             Ok(_) => {}
-            Err(problem) => tracing::warn!("scan skipped: {problem}"),
+            Err(problem) => tracing::warn!("scan skipped: {}", one_line(&problem.into())),
         }
         if interrupt::requested() {
             break;
@@ -98,10 +98,10 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     Ok(if interrupt::requested() { failure::INTERRUPTED } else { failure::DONE })
 }
 
-/// The report as a small table.
+/// The report as text.
 fn table(report: &HeldOutReport) -> String {
     let d = &report.distances;
-    let cm = |metres: Option<f64>| metres.map_or_else(|| "beyond".to_owned(), |m| format!("{:.2} cm", m * 100.0));
+    let cm = |metres: Option<f64>| metres.map_or_else(|| "out of range".to_owned(), |m| format!("{:.2} cm", m * 100.0));
     let share = |part: Option<f64>| part.map_or_else(|| "-".to_owned(), |p| format!("{:.1} %", p * 100.0));
     let rows = [
         ("scans", report.scans.len().to_string()),

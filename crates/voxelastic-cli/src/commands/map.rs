@@ -1,10 +1,10 @@
-//! `voxelastic map`: a folder of scans and poses, or a recording, into a map.
+//! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
 use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
 use crate::elastic::ElasticArgs;
-use crate::failure::{self, Failure};
+use crate::failure::{self, Failure, one_line};
 use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
@@ -18,33 +18,33 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use voxelastic::event::Event;
-use voxelastic::mapper::Mapper;
+use voxelastic::mapper::{IdleTask, Mapper};
 use voxelastic_io::source::Source;
 use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 
 /// Map a folder of scans and poses, or a recording
 ///
-/// Scans (PCD, PLY, KITTI .bin) are looked for in scans/, Scans/, velodyne/, clouds/ or the folder itself; poses are found by name and content
-/// (TUM, KITTI 3x4 rows, Newer College CSV, g2o). Of recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the
-/// topics with clouds and poses are found by their types. Where several could be meant, the choices are listed. A scan that cannot be used is skipped,
-/// counted and reported. The map is saved when all scans are done, or after the current one on Ctrl-C; a map of that name is then replaced.
+/// Scans (PCD, PLY, KITTI .bin) are searched in scans/, Scans/, velodyne/, clouds/ and the folder itself; pose files are found by name and
+/// content (TUM, KITTI 3x4 rows, Newer College CSV, g2o). In recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the topics of clouds and poses are
+/// found by their types. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
+/// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic map hall                                   makes hall.vox here
-  voxelastic map hall -o maps/hall.vox --voxel 0.05
-  voxelastic map kitti00 --poses groundtruth            where there are several pose files
+  voxelastic map hall                                   writes hall.vox here
+  voxelastic map hall -o maps/hall.vox --voxel-size 0.05
+  voxelastic map kitti00 --poses groundtruth            if there are several pose files
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
-  voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   poses are those of the vehicle
-  voxelastic map hall --report                          and hall.html, to look at in a browser
-  voxelastic map DATA --config mapping.toml --json      settings from a file, figures on stdout")]
+  voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
+  voxelastic map hall --report                          also writes hall.html, for a browser
+  voxelastic map DATA --config mapping.toml --json      settings from a file, results on stdout")]
 pub struct MapArgs {
     #[command(flatten)]
     data: DataArgs,
     /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
     #[arg(short, long, value_name = "MAP.vox")]
     output: Option<PathBuf>,
-    /// Leave out every Nth scan, so that `voxelastic heldout` can measure the map with them
+    /// Leave out every Nth scan, for `voxelastic heldout`
     #[arg(long, value_name = "N", value_parser = HoldOut::parse)]
     hold_out: Option<HoldOut>,
     /// Stop after this many scans
@@ -53,10 +53,10 @@ pub struct MapArgs {
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
-    /// Show the map and the run as an HTML page [default name: that of the map with .html, in the current directory]
+    /// Write a report on the map and the run, an HTML page [default name: that of the map with .html, in the current directory]
     #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
     report: Option<Option<PathBuf>>,
-    /// Print one JSON object with the figures on stdout
+    /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -65,7 +65,7 @@ pub struct MapArgs {
     settings: SettingFlags,
 }
 
-/// The figures of a run: the keys of `--json`.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
     /// The map.
@@ -82,37 +82,37 @@ struct Summary {
     submaps: usize,
     /// Submaps that were fused into others.
     fusions: usize,
-    /// Finest voxels that one scan had called occupied and other submaps knew to be free.
+    /// Finest voxels that a single scan had marked as occupied and that other submaps observed as free.
     voxels_freed: usize,
-    /// Root poses that corrections moved.
+    /// Root poses moved by corrections.
     submap_moves: usize,
-    /// Groups of submaps that closed loops join and that stay apart, because together they would be too large.
+    /// Groups of submaps joined by loop edges that are not merged, because the result would be too large.
     groups_apart: usize,
-    /// Loop edges as they came, each with its time.
+    /// Loop edges in order, each with its time.
     loops: Vec<LoopEdge>,
-    /// Corrections of the poses as they came, each with its time.
+    /// Pose corrections in order, each with its time.
     corrections: Vec<Correction>,
-    /// Submaps made anew from their scans at the end.
+    /// Submaps rebuilt from their scans at the end.
     submaps_rebuilt: usize,
-    /// What the map stores: `tsdf`, `occupancy`, `both`.
+    /// Fields of the map: `tsdf`, `occupancy`, `both`.
     field: &'static str,
     /// Edge of the finest voxel, metres.
     voxel_m: f32,
     /// Largest range integrated, metres.
     max_range_m: f32,
-    /// What the sensor was taken for.
+    /// The sensor model, in words.
     sensor: String,
     /// Threads of the mapper.
     threads: usize,
     #[serde(flatten)]
     times: TimeSummary,
-    /// From the first scan that is read to the last that is integrated, seconds.
+    /// From reading the first scan to integrating the last, seconds.
     mapping_s: f64,
     /// From start to saved map, seconds.
     total_s: f64,
-    /// Most memory the process ever held, megabytes (10^6 bytes); `null` where the system does not tell.
+    /// Peak resident memory, megabytes (10^6 bytes); `null` where the system does not report it.
     peak_rss_mb: Option<f64>,
-    /// Memory that the map's fields hold, megabytes.
+    /// Memory of the fields of the map, megabytes.
     map_mb: f64,
     /// Size of the map on disk, megabytes.
     file_mb: f64,
@@ -120,7 +120,7 @@ struct Summary {
     blocks: usize,
 }
 
-/// What became of the scans.
+/// Counts of a run.
 #[derive(Debug, Default)]
 struct Tally {
     skipped: usize,
@@ -130,7 +130,7 @@ struct Tally {
     mapping_s: f64,
 }
 
-/// Maps the data.
+/// Runs the command.
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let settings = args.settings.resolve()?;
@@ -139,7 +139,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = meshing::pool(settings.threads)?;
     let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
     if let Some(model) = selection.source.sensor() {
-        mapper.know_sensor(model);
+        mapper.set_sensor_model(model);
     }
     let mut target = Target::create(&output)?;
     interrupt::install("finishing this scan and saving the map");
@@ -150,7 +150,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         let (what, remedy) = if tally.interrupted {
             ("interrupted before the first scan was integrated", "")
         } else {
-            ("no scan could be integrated", "look at the warnings above: each says why its scan was left out")
+            ("no scan could be integrated", "the warnings above give the reason for each scan")
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
@@ -160,7 +160,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let summary = summarise(&session, &tally, saved, &output, clock);
     let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
     target.log(&log);
-    tell(&summary);
+    log_summary(&summary);
     if let Some(page) = &args.report {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
         let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
@@ -173,26 +173,26 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     Ok(if tally.interrupted { failure::INTERRUPTED } else { failure::DONE })
 }
 
-/// The scans to map, and how many are not among them.
+/// The scans to map, and the number of those held out.
 struct Selection {
     source: Source,
     held_out: Arc<AtomicUsize>,
 }
 
 impl Selection {
-    /// Opens the data, says what was found, and leaves out what is to be left out.
+    /// Opens the data, logs its description, and applies the limits on scans.
     fn open(args: &MapArgs) -> anyhow::Result<Self> {
-        let mut source = args.data.open(args.strict)?;
+        let mut source = args.data.open_with(args.strict, args.elastic.pose_kind())?;
         source.description().lines().for_each(|line| tracing::info!("{line}"));
         if let Some(most) = args.max_scans {
             source.limit(most);
         }
-        let held_out = args.hold_out.map(|hold_out| hold_out.drop_held(&mut source)).unwrap_or_default();
+        let held_out = args.hold_out.map(|hold_out| hold_out.remove_held_out(&mut source)).unwrap_or_default();
         Ok(Self { source, held_out })
     }
 }
 
-/// Feeds the events to the mapper until they end or the user has enough.
+/// Passes all events to the mapper, until they end or the user interrupts.
 fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
     let clock = Instant::now();
     let Selection { source, held_out } = selection;
@@ -202,13 +202,13 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         if args.strict {
             return Err(problem.context("a scan cannot be used (--strict); no map was written"));
         }
-        tracing::warn!("scan skipped: {problem}");
+        tracing::warn!("scan skipped: {}", one_line(&problem));
         tally.skipped += 1;
         Ok(())
     };
     let mut corrector = args.elastic.corrector();
     let mut events = source.events();
-    session.in_spare_time(|| events.chore());
+    session.set_idle_task(|| IdleTask::new(events.idle_step()));
     for event in events {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
@@ -235,7 +235,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     tally.held_out = held_out.load(Ordering::Relaxed);
     let last = corrector.last(session).and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
     if let Err(problem) = last {
-        tracing::warn!("the last correction is missing: {problem:#}");
+        tracing::warn!("the last correction is missing: {}", one_line(&problem));
     }
     Ok(tally)
 }
@@ -258,7 +258,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         corrections: log.corrections,
         submaps_rebuilt: tally.rebuilt,
         field: settings.field.name(),
-        voxel_m: settings.voxel,
+        voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,
         sensor: mapper.sensor().unwrap_or_default().to_owned(),
         threads: session.threads(),
@@ -268,12 +268,12 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
         map_mb: usage::megabytes(atlas.bytes() as u64),
         file_mb: usage::megabytes(saved.bytes),
-        blocks: atlas.submaps().iter().map(|s| s.tsdf.len()).sum(),
+        blocks: atlas.submaps().iter().map(|s| s.tsdf().len()).sum(),
     }
 }
 
-/// The outcome in three lines.
-fn tell(s: &Summary) {
+/// Logs the results in three lines.
+fn log_summary(s: &Summary) {
     let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
     let held_out = if s.scans_held_out > 0 { format!(", {} held out", s.scans_held_out) } else { String::new() };
     tracing::info!("{} scans{skipped}{held_out} in {:.1} s; {} submaps, {:.0} MB in memory", s.scans, s.total_s, s.submaps, s.map_mb);
@@ -284,7 +284,7 @@ fn tell(s: &Summary) {
     tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
 }
 
-/// The map directory while it is being made. A run that fails leaves what was there before, which may be nothing.
+/// The map directory during the run. A run that fails leaves the directory unchanged.
 struct Target(Option<MapWriter>);
 
 impl Target {
@@ -293,17 +293,17 @@ impl Target {
     }
 
     fn save(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
-        let writer = self.0.as_mut().context("the map was given up before it was saved")?;
+        let writer = self.0.as_mut().context("the map was abandoned before it was saved")?;
         let atlas = session.mapper().atlas();
         session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
     }
 
-    /// Puts the log of the run beside the saved map. The map is worth having without it.
+    /// Saves the log of the run with the map. Problems are logged only.
     fn log(&mut self, log: &RunLog) {
         let Some(writer) = &mut self.0 else { return };
         let written = log.to_json().map_err(anyhow::Error::from).and_then(|text| Ok(writer.write_run_log(&text)?));
         if let Err(problem) = written {
-            tracing::warn!("no log of the run is kept, so a later report has no charts of it: {problem:#}");
+            tracing::warn!("the log of the run is not saved, so reports will have no charts of it: {}", one_line(&problem));
         }
     }
 }
@@ -316,7 +316,7 @@ impl Drop for Target {
     }
 }
 
-/// Where the map goes: what the user said, or the name of the data with `.vox` in the current directory.
+/// The path of the map: that of `--output`, or the name of the data with `.vox` in the current directory.
 fn output_path(args: &MapArgs) -> anyhow::Result<PathBuf> {
     if let Some(path) = &args.output {
         return Ok(path.clone());
@@ -325,6 +325,6 @@ fn output_path(args: &MapArgs) -> anyhow::Result<PathBuf> {
     let named = data.file_name().map(|_| data.to_owned()).or_else(|| data.canonicalize().ok());
     match named.as_deref().and_then(Path::file_name) {
         Some(name) => Ok(PathBuf::from(format!("{}.vox", name.to_string_lossy()))),
-        None => Err(Failure::usage(format!("{}: no name to call the map after", data.display()), "give one with -o MAP.vox").into()),
+        None => Err(Failure::usage(format!("{}: the map cannot be named after this path", data.display()), "name the map with -o MAP.vox").into()),
     }
 }

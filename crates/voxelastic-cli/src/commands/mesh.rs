@@ -1,4 +1,4 @@
-//! `voxelastic mesh`: the surface of a map as a triangle mesh.
+//! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
 use crate::failure::Failure;
 use crate::map_files;
@@ -11,25 +11,25 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 
-/// Make a triangle mesh of a map
+/// Extract the surface of a map as a triangle mesh
 ///
-/// The mesh is in the map frame, in metres, free of cracks across resolutions, with shared vertices, a normal per vertex and, where the scans
-/// have it, intensity. Its triangles face free space.
+/// The mesh is in the map frame, in metres, without cracks between resolutions, with shared vertices, a normal per vertex and, if the scans
+/// have it, intensity. Triangles face free space.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic mesh hall.vox -o hall.ply
   voxelastic mesh hall.vox -o hall.glb --colour intensity     for viewers in a browser
   voxelastic mesh hall.vox -o coarse.ply --lod 2              a sixteenth of the triangles
-  voxelastic mesh hall.vox -o clean.ply --min-weight 3        only what was seen three times
+  voxelastic mesh hall.vox -o clean.ply --min-weight 3        only surface observed three times or more
   voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..")]
 pub struct MeshArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
-    /// The mesh to write; its ending says the format: .ply (binary) or .glb
+    /// The mesh to write; the extension selects the format: .ply (binary) or .glb
     #[arg(short, long, value_name = "FILE.ply|.glb")]
     output: PathBuf,
-    /// What the vertices are coloured by [default: the scans' own colours where they have them, else height]
+    /// Colouring of the vertices [default: the colours of the scans if they have any, else height]
     #[arg(long, value_enum)]
     colour: Option<Colour>,
     /// Write one file per submap instead of one for the map
@@ -49,7 +49,7 @@ enum Format {
     Glb,
 }
 
-/// What was made.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
     files: Vec<PathBuf>,
@@ -61,7 +61,7 @@ struct Summary {
     write_s: f64,
 }
 
-/// Makes the mesh.
+/// Runs the command.
 pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let format = format_of(&args.output)?;
     let pool = args.surface.pool()?;
@@ -71,11 +71,11 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let (meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
         if args.separate {
-            let parts = submap_meshes(&map.atlas, map.settings.voxel, &args.surface)?;
+            let parts = submap_meshes(&map.atlas, map.settings.voxel_size, &args.surface)?;
             let submaps = parts.len();
             Ok((parts.into_iter().map(|(id, mesh)| (numbered(&args.output, id), mesh)).collect(), submaps))
         } else {
-            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel, &args.surface)?)], map.atlas.submaps().len()))
+            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel_size, &args.surface)?)], map.atlas.submaps().len()))
         }
     })?;
     let extract_s = clock.elapsed().as_secs_f64();
@@ -112,11 +112,11 @@ fn format_of(path: &Path) -> anyhow::Result<Format> {
     match ending.as_deref() {
         Some("ply") => Ok(Format::Ply),
         Some("glb") => Ok(Format::Glb),
-        _ => Err(Failure::usage(format!("{}: no mesh format of that name", path.display()), "end the name with .ply or .glb").into()),
+        _ => Err(Failure::usage(format!("{}: not a known mesh format", path.display()), "use the extension .ply or .glb").into()),
     }
 }
 
-/// `parts.ply` and 7 to `parts-000007.ply`.
+/// The file of a submap: `parts-000007.ply` for `parts.ply` and 7.
 fn numbered(path: &Path, id: u32) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().unwrap_or_default().to_string_lossy();
@@ -124,8 +124,8 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
 }
 
 fn write(path: &Path, format: Format, mesh: &MapMesh, colour: Option<Colour>) -> anyhow::Result<()> {
-    let colours = mesh.colours(colour.unwrap_or_else(|| mesh.usual_colour()))?;
-    let intensity: Vec<f32> = mesh.mesh.shades.iter().map(|&s| f32::from(s)).collect();
+    let colours = mesh.colours(colour.unwrap_or_else(|| mesh.default_colour()))?;
+    let intensity: Vec<f32> = mesh.mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.mesh.positions,
         normals: &mesh.mesh.normals,

@@ -9,7 +9,6 @@ pub mod heldout;
 pub mod info;
 pub mod map;
 pub mod mesh;
-#[cfg(feature = "optimize")]
 pub mod optimize;
 pub mod plan;
 pub mod render;

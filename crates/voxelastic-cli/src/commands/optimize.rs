@@ -1,4 +1,4 @@
-//! `voxelastic optimize`: the poses of a graph that agree best with its edges.
+//! `voxelastic optimize`: optimises a pose graph.
 
 use crate::failure::{self, Failure};
 use crate::output;
@@ -7,16 +7,16 @@ use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic_io::{PoseGraph, g2o};
-use voxelastic_optimize::{Options, Problem, optimise};
+use voxelastic_slam::graph::{Options, Problem, optimise};
 
 /// Optimise a pose graph
 ///
-/// Finds the node poses that agree best with all edges (Levenberg-Marquardt, starting from the poses in the file) and writes the graph with
-/// them. Loop edges that contradict all others are toned down by a Huber kernel.
+/// Finds the poses that minimise the residuals of all edges (Levenberg-Marquardt, from the poses in the file) and writes the graph with
+/// them. A Huber kernel limits the influence of wrong loop edges.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic optimize graph.g2o -o optimized.g2o
-  voxelastic optimize graph.g2o -o optimized.g2o --huber 0     plain least squares, every edge counts fully")]
+  voxelastic optimize graph.g2o -o optimized.g2o --huber 0     plain least squares without a kernel")]
 pub struct OptimizeArgs {
     /// The graph
     #[arg(value_name = "GRAPH.g2o")]
@@ -24,33 +24,33 @@ pub struct OptimizeArgs {
     /// The graph to write
     #[arg(short, long, value_name = "OUT.g2o")]
     output: PathBuf,
-    /// Standard deviations up to which a loop edge counts fully; 0 for no limit
+    /// Residual of a loop edge from which the Huber kernel acts, standard deviations; 0 for no kernel
     #[arg(long, value_name = "K", default_value_t = 3.5, value_parser = deviations)]
     huber: f64,
-    /// Most iterations
+    /// Largest number of iterations
     #[arg(long, value_name = "N", default_value_t = 100)]
     iterations: usize,
-    /// Print one JSON object with the figures on stdout
+    /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
 }
 
-/// The figures: the keys of `--json`.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
     output: PathBuf,
     nodes: usize,
     edges: usize,
-    /// Half the sum of squares of the residuals, each in standard deviations, by the kernel where there is one.
+    /// Half the sum of squared residuals in standard deviations, with the kernel if there is one.
     cost_before: f64,
     cost: f64,
     converged: bool,
-    /// Edges whose information matrix was not positive definite until what couples translation and rotation was left out.
+    /// Edges whose information matrix is positive definite only without the terms between translation and rotation.
     uncoupled: usize,
     seconds: f64,
 }
 
-/// Optimises the graph.
+/// Runs the command.
 pub fn run(args: &OptimizeArgs) -> anyhow::Result<u8> {
     let mut graph: PoseGraph = g2o::read(&args.graph)?;
     let clock = Instant::now();
@@ -72,11 +72,11 @@ pub fn run(args: &OptimizeArgs) -> anyhow::Result<u8> {
     let Summary { nodes, edges, cost_before, cost, seconds, .. } = summary;
     tracing::info!("{nodes} nodes, {edges} edges: cost {cost_before:.6} before, {cost:.6} after, {seconds:.2} s");
     if summary.uncoupled > 0 {
-        let what = "an information matrix that is not positive definite: what couples translation and rotation in it was left out";
+        let what = "an information matrix that is not positive definite: its terms between translation and rotation were dropped";
         tracing::warn!("{} of {edges} edges have {what}", summary.uncoupled);
     }
     if !summary.converged {
-        tracing::warn!("still improving after {} iterations; allow more with --iterations", args.iterations);
+        tracing::warn!("not converged after {} iterations; allow more with --iterations", args.iterations);
     }
     if args.json {
         output::print_json(&summary)?;

@@ -1,4 +1,4 @@
-//! `voxelastic render`: a picture of a map or a mesh.
+//! `voxelastic render`: draws a picture of a map or a mesh.
 
 use crate::failure::Failure;
 use crate::map_files;
@@ -16,12 +16,12 @@ use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyli
 
 /// Draw a picture of a map or a mesh
 ///
-/// Needs no graphics card and no window, and gives the same pixels everywhere.
+/// Needs no graphics card and no window, and draws the same pixels on every machine.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic render hall.vox -o hall.png                               from above, without ceilings
   voxelastic render hall.vox -o hall.png --view orbit --yaw 30         from the side
-  voxelastic render hall.vox -o in.png --eye 1,2,1.7 --target 9,2,1    as someone standing there sees it
+  voxelastic render hall.vox -o in.png --eye 1,2,1.7 --target 9,2,1    from a point in the map
   voxelastic render street.ply -o street.png --size 3840x2160 --dark
   voxelastic render hall.vox -o submaps.png --colour submap")]
 pub struct RenderArgs {
@@ -31,40 +31,40 @@ pub struct RenderArgs {
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
-    /// Where it is seen from
+    /// The view
     #[arg(long, value_enum, default_value_t = View::Top)]
     view: View,
-    /// Turns the viewer counter-clockwise about the vertical, degrees; 0 looks along map y
+    /// Direction of the view, counter-clockwise about the vertical, degrees; 0 looks along map y
     #[arg(long, value_name = "DEG", default_value_t = 30.0, allow_negative_numbers = true)]
     yaw: f64,
-    /// Height of the viewer above the horizon for --view orbit and perspective, degrees
+    /// Elevation of the camera for --view orbit and perspective, degrees
     #[arg(long, value_name = "DEG", default_value_t = 35.0, allow_negative_numbers = true)]
     pitch: f64,
-    /// Look from this point of the map frame, metres
+    /// Position of the camera in the map frame, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "target", allow_negative_numbers = true, conflicts_with = "view")]
     eye: Option<[f64; 3]>,
-    /// Look to this point of the map frame, metres
+    /// Point in the centre of the picture, map frame, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = point, requires = "eye", allow_negative_numbers = true)]
     target: Option<[f64; 3]>,
-    /// Vertical opening angle of views in perspective, degrees
+    /// Vertical field of view of perspective views, degrees
     #[arg(long, value_name = "DEG", default_value_t = 45.0, value_parser = angle)]
     fov: f64,
-    /// Pixels of the picture
+    /// Size of the picture, pixels
     #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1600x1200", value_parser = size)]
     size: Size,
-    /// What surfaces are coloured by [default: the colours of the scans, or of the mesh file, if there are any, else height]
+    /// Colouring of the surface [default: the colours of the scans or of the mesh file if there are any, else height]
     #[arg(long, value_enum)]
     colour: Option<Colour>,
-    /// Cut away everything above this height of the map frame, metres
+    /// Remove everything above this height in the map frame, metres
     #[arg(long, value_name = "Z", allow_negative_numbers = true)]
     cut_above: Option<f64>,
-    /// Draw the backs of surfaces too (from above, ceilings then hide rooms)
+    /// Draw the back sides of surfaces, too (from above, ceilings then hide rooms)
     #[arg(long)]
     both_sides: bool,
     /// Draw the path of the sensor
     #[arg(long)]
     path: bool,
-    /// Light on dark
+    /// Use a dark background
     #[arg(long)]
     dark: bool,
     /// A line of text at the top left
@@ -77,18 +77,18 @@ pub struct RenderArgs {
     surface: SurfaceArgs,
 }
 
-/// Kinds of views that fit the whole map into the picture.
+/// Views that fit the whole map into the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum View {
-    /// From above, map y up; lengths can be measured
+    /// From above, map y up, to scale
     Top,
-    /// From the side and above; parallel rays
+    /// From the side and above, parallel projection
     Orbit,
-    /// From the side and above, in perspective
+    /// From the side and above, perspective projection
     Perspective,
 }
 
-/// What was drawn.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
@@ -97,13 +97,13 @@ struct Summary<'a> {
     triangles: usize,
 }
 
-/// What is to be drawn.
+/// The mesh and the path to draw.
 struct Subject {
     mesh: MapMesh,
     path: Vec<[f64; 3]>,
 }
 
-/// Draws the picture.
+/// Runs the command.
 pub fn run(args: &RenderArgs) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     pool.install(|| draw(args))
@@ -112,7 +112,7 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<u8> {
 fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
     let subject = load(args)?;
     let mesh = &subject.mesh.mesh;
-    let by = args.colour.unwrap_or_else(|| subject.mesh.usual_colour());
+    let by = args.colour.unwrap_or_else(|| subject.mesh.default_colour());
     let colours = if by == Colour::Height { None } else { subject.mesh.colours(by)? };
     let (low, high) = height_range(&mesh.positions);
     let colouring = match &colours {
@@ -139,26 +139,26 @@ fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
 }
 
 fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
-    if args.input.is_dir() || map_files::looks_like_map(&args.input) {
+    if args.input.is_dir() || map_files::is_map(&args.input) {
         let map = map_files::load(&args.input)?;
-        let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap * t).translation.vector.into();
+        let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap() * t).translation.vector.into();
         let mut path: Vec<(u64, [f64; 3])> =
-            map.atlas.submaps().iter().flat_map(|s| s.scans.iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
+            map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
         path.sort_unstable_by_key(|(node, _)| *node);
-        let mesh = map_mesh(&map.atlas, map.settings.voxel, &args.surface)?;
+        let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface)?;
         return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect() });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;
     if read.triangles.is_empty() {
-        let remedy = "give a mesh or a map; `voxelastic info` shows what a file holds";
-        return Err(Failure::new(format!("{}: there are no triangles in it", args.input.display()), remedy).into());
+        let remedy = "use a mesh or a map; `voxelastic info` describes a file";
+        return Err(Failure::new(format!("{}: the file has no triangles", args.input.display()), remedy).into());
     }
     let view = MeshView::new(&read.positions, &read.triangles)?;
     let normals = read.normals.unwrap_or_else(|| voxelastic_eval::vertex_normals(&view));
     let colours = read.colours.unwrap_or_default();
     let mesh = Mesh { positions: read.positions, normals, colours, triangles: read.triangles, ..Mesh::default() };
     if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
-        return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or give the map").into());
+        return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or a map").into());
     }
     Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new() }, path: Vec::new() })
 }
@@ -183,7 +183,7 @@ fn size(text: &str) -> Result<Size, String> {
         .ok_or_else(|| "must be like 1600x1200, each side 16 to 16384".to_owned())
 }
 
-/// Three coordinates.
+/// Parses three coordinates.
 pub fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| "must be three numbers like 1.5,-2,0.7".to_owned())
@@ -198,7 +198,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_and_points_are_read_or_refused() {
+    fn sizes_and_points_are_parsed_or_rejected() {
         assert_eq!(size("640x480"), Ok(Size { width: 640, height: 480 }));
         assert!(["640", "0x10", "axb", "99999x10"].iter().all(|t| size(t).is_err()));
         assert_eq!(point("1, -2,3.5"), Ok([1.0, -2.0, 3.5]));

@@ -13,13 +13,13 @@ use std::path::{Path, PathBuf};
 use voxelastic_io::store::MapStore;
 use voxelastic_report::Report;
 
-/// Show a map and the run that made it as one HTML page
+/// Write a report on a map and its run, one HTML page
 ///
-/// The page has the surface in 3D, the map from above with trajectory and loop closures, and charts of the run: time of each scan, memory,
-/// submaps. With --truth it shows how far the map is from it. It is one file that needs no network.
+/// The page shows the surface in 3D, the map from above with trajectory and loop closures, and charts of the run: time of each scan, memory,
+/// submaps. With --truth it shows the errors of the map. It is one file and needs no network.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic report hall.vox                                makes hall.html
+  voxelastic report hall.vox                                writes hall.html
   voxelastic report campus.vox --truth campus -o out.html   with errors against the world that was simulated into campus
   voxelastic report hall.vox --truth survey.ply --error-max 0.2
   voxelastic report hall.vox --plan path.json               with a planned path")]
@@ -36,13 +36,13 @@ pub struct ReportArgs {
     /// Measure the map against this, as `voxelastic eval` does, and colour it by its error
     #[arg(long, value_name = "CLOUD|MESH|DIR|world.toml")]
     truth: Option<PathBuf>,
-    /// Error at the end of the colours, metres
+    /// Error at the end of the colour scale, metres
     #[arg(long, value_name = "M", default_value_t = 0.1, requires = "truth", value_parser = positive)]
     error_max: f64,
     /// Draw the path that `voxelastic plan` wrote
     #[arg(long, value_name = "FILE.json")]
     plan: Option<PathBuf>,
-    /// Time between two scans of the sensor, milliseconds: the line in the chart of times
+    /// Time between two scans of the sensor, milliseconds: a line in the chart of times
     #[arg(long, value_name = "MS", default_value_t = SENSOR_PERIOD_MS, value_parser = positive)]
     sensor_period: f64,
     /// Print one JSON object on stdout: file, bytes, vertices, ..
@@ -52,14 +52,14 @@ pub struct ReportArgs {
     surface: SurfaceArgs,
 }
 
-/// Nearly all spinning sensors turn ten times a second.
+/// Most spinning sensors scan ten times a second.
 pub const SENSOR_PERIOD_MS: f64 = 100.0;
 
 fn positive(text: &str) -> Result<f64, String> {
     text.trim().parse().ok().filter(|v: &f64| *v > 0.0 && v.is_finite()).ok_or_else(|| "must be a number above 0".to_owned())
 }
 
-/// What was made.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
@@ -70,28 +70,28 @@ struct Summary<'a> {
     has_truth: bool,
 }
 
-/// Makes the page.
+/// Runs the command.
 pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
-    pool.install(|| make(args))
+    pool.install(|| write_report(args))
 }
 
-fn make(args: &ReportArgs) -> anyhow::Result<u8> {
+fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     let map = map_files::load(&args.map)?;
     let store = MapStore::open(&args.map)?;
     let run = reporting::run_log(&store);
     if run.is_none() {
-        tracing::info!("{}: how it was mapped is not known, so the page has no charts of the run", args.map.display());
+        tracing::info!("{}: the map has no log of its run, so the page has no charts of it", args.map.display());
     }
     let details = &store.manifest().details;
     let subject = Subject { atlas: &map.atlas, settings: &map.settings, details, run, surface: &args.surface };
     let mut report = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
     report.sensor_period_ms = args.sensor_period;
     report.error_max = args.error_max as f32;
-    report.plan = args.plan.as_deref().map(StoredPath::read).transpose()?.map(StoredPath::drawn);
+    report.planned_path = args.plan.as_deref().map(StoredPath::read).transpose()?.map(StoredPath::into_drawing);
     if let Some(path) = &args.truth {
         let truth = Truth::open(path, None, &Limits::default())?;
-        reporting::judge(&mut report, &args.map, path, &truth)?;
+        reporting::add_comparison(&mut report, &args.map, path, &truth)?;
     }
     let file = args.output.clone().unwrap_or_else(|| page_of(&args.map));
     let bytes = reporting::write(&report, &file)?;
@@ -112,13 +112,13 @@ fn summary<'a>(report: &Report, file: &'a Path, bytes: u64) -> Summary<'a> {
     }
 }
 
-/// `maps/hall.vox` to `hall`.
+/// The name of a map: `hall` for `maps/hall.vox`.
 pub fn name_of(map: &Path) -> String {
     let whole = map.canonicalize().unwrap_or_else(|_| map.to_owned());
     whole.file_stem().map_or_else(|| "map".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// Where the report of a map goes if nothing else is said.
+/// The default path of the report on a map.
 pub fn page_of(map: &Path) -> PathBuf {
     PathBuf::from(format!("{}.html", name_of(map)))
 }

@@ -1,4 +1,4 @@
-//! `voxelastic simulate`: scans of a world that is known exactly, as a folder to map.
+//! `voxelastic simulate`: writes simulated scans of an exactly known world as a dataset folder.
 
 mod folder;
 
@@ -17,17 +17,17 @@ use voxelastic_sim::drift::LoopSettings;
 use voxelastic_sim::sensor::{LidarSettings, Noise};
 use voxelastic_sim::{Scene, SimError, SimOptions, Simulation};
 
-/// Simulate a LiDAR in a world that is known exactly, as a folder to map and to evaluate against
+/// Simulate a LiDAR in an exactly known world and write a folder to map and to evaluate against
 ///
 /// Worlds: campus (a college quad, a narrow tunnel, a 1 m doorway, a park; 135 x 225 m), mine (rooms and corridors hewn from rock), street (a
-/// block of houses to be driven round), and for tests room, plane and sphere. The sensor follows a closed route, lap after lap.
+/// drive around a block of houses), and for tests room, plane and sphere. The sensor follows a closed route, lap after lap.
 ///
-/// The folder holds organised scans (PCD), the odometry's drifting poses (poses.tum), the poses corrected when loops close (poses@NNNNNN.txt),
-/// the true poses (groundtruth.tum), the pose graph (graph.g2o), and world.toml, from which `voxelastic eval` builds the world again. The same
-/// options give the same folder. A folder that was simulated before is replaced; any other that is not empty is refused.
+/// The folder contains organised scans (PCD), drifting poses of odometry (poses.tum), poses corrected after loop closures (poses@NNNNNN.txt),
+/// the true poses (groundtruth.tum), the pose graph (graph.g2o), and world.toml, from which `voxelastic eval` rebuilds the world. The same
+/// options give the same folder. An existing simulated folder is replaced; any other folder that is not empty is refused.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic simulate campus -o campus                  drives the route; makes the folder campus
+  voxelastic simulate campus -o campus                  follows the route and writes the folder campus
   voxelastic map campus                                 maps it with drifting poses and their corrections
   voxelastic eval campus.vox --truth campus             measures the map against the world
   voxelastic map campus -o true.vox --poses groundtruth
@@ -41,43 +41,43 @@ pub struct SimulateArgs {
     /// The folder to write
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Number of scans [default: what shows the whole world, and comes back to places seen before]
+    /// Number of scans [default: enough to cover the world and to revisit places]
     #[arg(long, value_name = "N", conflicts_with = "laps")]
     scans: Option<usize>,
-    /// Rounds of the world's route, instead of a number of scans; 0.5 for half a round
+    /// Laps of the route, instead of a number of scans; 0.5 for half a lap
     #[arg(long, value_name = "N", value_parser = laps)]
     laps: Option<f64>,
-    /// Path between two scans, metres
+    /// Distance between two scans, metres
     #[arg(long, value_name = "M", default_value_t = 2.0)]
     spacing: f64,
-    /// Scans a second, instead of a path between them
+    /// Scans per second, instead of a distance between them
     #[arg(long, value_name = "HZ", conflicts_with = "spacing")]
     rate: Option<f64>,
-    /// The sensor, one of those that `voxelastic map --sensor` knows
+    /// The sensor, one of those of `voxelastic map --sensor`
     #[arg(long, value_name = "NAME", default_value = "os1-64")]
     sensor: String,
-    /// Columns to a turn [default: the sensor's usual number, 1024 for os1-64]
+    /// Columns per revolution [default: that of the sensor, 1024 for os1-64]
     #[arg(long, value_name = "N")]
     columns: Option<usize>,
-    /// Farthest return, metres
+    /// Maximum range, metres
     #[arg(long, value_name = "M", default_value_t = 120.0)]
     max_range: f64,
-    /// Noise of the sensor, times the usual (1 cm near, 3 cm at 100 m, lost returns, mixed pixels at edges); 0 measures the truth
+    /// Factor on the noise of the sensor (1 cm near, 3 cm at 100 m, lost returns, mixed pixels at edges); 0 for exact ranges
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     noise: f64,
-    /// Let the sensor move while it turns: each column has its own time and pose
+    /// Move the sensor during a sweep: each column has its own time and pose
     #[arg(long)]
     moving: bool,
-    /// Drift of the odometry, metres in 100 m of path; 0 for none
+    /// Drift of the odometry, metres per 100 m of path; 0 for none
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     drift: f64,
-    /// How near a place seen before must be to close a loop, metres; 0 closes none
+    /// Largest distance to an earlier pose that closes a loop, metres; 0 for no loops
     #[arg(long, value_name = "M", default_value_t = 5.0)]
     loop_radius: f64,
-    /// Seed of all that is random: furniture, noise, drift
+    /// Random seed, of furniture, noise and drift
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Threads to use; 0 for all cores. The result does not depend on it
+    /// Number of threads; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
     /// Print one JSON object on stdout: scans, path, loop closures, seconds, ..
@@ -97,9 +97,9 @@ struct Summary {
     /// Scans written.
     scans: usize,
     interrupted: bool,
-    /// Length of the true path over all scans asked for, metres.
+    /// Length of the true path over all requested scans, metres.
     path_m: f64,
-    /// Loop closures on it.
+    /// Loop closures.
     loop_edges: usize,
     /// Largest distance between true and odometry pose, metres.
     largest_drift_m: f64,
@@ -107,22 +107,22 @@ struct Summary {
     scans_per_s: f64,
 }
 
-/// Simulates.
+/// Runs the command.
 pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let pool = pool(args.threads)?;
     let folder = Folder::claim(&args.output)?;
     let simulation = pool.install(|| options(args).and_then(Simulation::new)).map_err(explain)?;
-    interrupt::install("finishing the scans under way");
+    interrupt::install("finishing the current scans");
 
     let mut progress = Progress::new("scans", simulation.len() as u64, quiet);
-    let mut told = 0;
-    let mut tell = |written: usize, _: usize| {
-        (told..written).for_each(|_| progress.step(|| format!("{} loop closures on the way", simulation.loop_edges().len())));
-        told = written;
+    let mut reported = 0;
+    let mut report = |written: usize, _: usize| {
+        (reported..written).for_each(|_| progress.step(|| format!("{} loop closures", simulation.loop_edges().len())));
+        reported = written;
         if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let scans = pool.install(|| simulation.write(folder.target(), &mut tell)).context("cannot write the simulation")?;
+    let scans = pool.install(|| simulation.write(folder.target(), &mut report)).context("cannot write the simulation")?;
     drop(progress);
     let interrupted = scans < simulation.len();
     let folder_kept = folder.finish(interrupted)? == Outcome::Kept;
@@ -132,7 +132,7 @@ pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
     let Summary { path_m, loop_edges, largest_drift_m, .. } = summary;
     tracing::info!("{scans} scans on {path_m:.0} m with {loop_edges} loop closures in {total_s:.1} s; odometry drifts up to {largest_drift_m:.2} m");
     if folder_kept {
-        tracing::warn!("{}: the simulation of before is kept as it was", args.output.display());
+        tracing::warn!("{}: the existing simulation is kept", args.output.display());
     } else {
         tracing::info!("wrote {}", args.output.display());
     }
@@ -158,7 +158,7 @@ fn summarise(args: &SimulateArgs, simulation: &Simulation, scans: usize, total_s
     }
 }
 
-/// The simulation's options from the flags.
+/// The options of the simulation.
 fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
     let mut options = SimOptions {
         seed: args.seed,
@@ -173,21 +173,21 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         ..SimOptions::of(&args.world)
     };
     if let Some(laps) = args.laps {
-        let ride = Scene::named(&args.world, args.seed)?.ride;
-        let spacing = args.rate.map_or(args.spacing, |rate| ride.gait.speed / rate);
-        // A spacing that makes no sense gives a number that makes none, and is refused with it.
-        options.scans = Some(((laps * ride.route.length() / spacing).ceil() as usize).saturating_add(1));
+        let trajectory = Scene::named(&args.world, args.seed)?.trajectory;
+        let spacing = args.rate.map_or(args.spacing, |rate| trajectory.carrier.speed / rate);
+        // An invalid spacing gives an invalid number of scans, and is rejected later.
+        options.scans = Some(((laps * trajectory.route.length() / spacing).ceil() as usize).saturating_add(1));
     }
     Ok(options)
 }
 
-/// The usual noise, so many times. Shares stay shares.
+/// The default noise times `factor`. Probabilities stay at most 1.
 fn noise(factor: f64) -> Noise {
     if factor == 0.0 {
         return Noise::none();
     }
     let usual = Noise::default();
-    // Not `min`, which would turn what is not a number into a share.
+    // Not `min`, which would turn NaN into 1.
     let share = |s: f64| if s * factor > 1.0 { 1.0 } else { s * factor };
     Noise {
         range_sigma: usual.range_sigma * factor,
@@ -199,11 +199,11 @@ fn noise(factor: f64) -> Noise {
     }
 }
 
-/// What is wrong with the options is the command line's fault.
+/// Turns errors of options into usage errors.
 fn explain(error: SimError) -> anyhow::Error {
     match error {
         SimError::Setting { .. } | SimError::UnknownWorld { .. } | SimError::Sensor(_) => {
-            Failure::usage(error.to_string(), "`voxelastic simulate --help` shows what every option means").into()
+            Failure::usage(error.to_string(), "see `voxelastic simulate --help`").into()
         }
         other => other.into(),
     }

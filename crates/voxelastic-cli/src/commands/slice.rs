@@ -1,4 +1,4 @@
-//! `voxelastic slice`: a cut through a map as a picture.
+//! `voxelastic slice`: draws a slice of a map.
 
 use crate::failure::{self, Failure};
 use crate::map_files::{self, LoadedMap};
@@ -9,23 +9,23 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
-use voxelastic::query::{AtlasQuery, Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
+use voxelastic::query::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
 use voxelastic_eval::colour::{Ramp, Rgb};
-use voxelastic_eval::plan::Plan;
+use voxelastic_eval::grid_view::GridView;
 
 const OCCUPIED: Rgb = [20, 20, 24];
 const FREE: Rgb = [255, 255, 255];
 const UNKNOWN: Rgb = [176, 180, 186];
-/// Pixels along the longer side beyond which the picture is coarsened.
+/// Largest number of pixels along a side; larger pixels are used beyond.
 const MOST_PIXELS: f64 = 4000.0;
 
-/// Draw a cut through a map: occupied black, free white, unknown grey
+/// Draw a slice of a map: occupied black, free white, unknown grey
 ///
-/// Maps without occupancy show the signed distances of their TSDF.
+/// For maps without occupancy the signed distances of the TSDF are drawn.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic slice hall.vox --z 1.0 -o slice.png                  a floor plan one metre above the map's origin
-  voxelastic slice hall.vox --z 0.2 --thickness 1.6 -o plan.png   all that a robot of 1.6 m could run into
+  voxelastic slice hall.vox --z 0.2 --thickness 1.6 -o plan.png   everything up to the height of a robot of 1.6 m
   voxelastic slice hall.vox --x 3 -o section.png --pixel 0.02")]
 pub struct SliceArgs {
     /// The map
@@ -34,28 +34,28 @@ pub struct SliceArgs {
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
-    /// Cut at this height of the map frame, metres
+    /// Slice at this height in the map frame, metres
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres, required_unless_present_any = ["x", "y"], conflicts_with_all = ["x", "y"])]
     z: Option<f64>,
-    /// Cut at this x of the map frame, metres
+    /// Slice at this x in the map frame, metres
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres, conflicts_with = "y")]
     x: Option<f64>,
-    /// Cut at this y of the map frame, metres
+    /// Slice at this y in the map frame, metres
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres)]
     y: Option<f64>,
-    /// Show the strongest of all that lies from the cut to this far above it, metres: occupied over free over unknown
+    /// Thickness of the slice, metres: occupied has precedence over free, free over unknown
     #[arg(long, value_name = "M", value_parser = length)]
     thickness: Option<f64>,
-    /// Edge of a pixel, metres [default: the map's finest voxel, or more so that no side is beyond 4000 pixels]
+    /// Edge of a pixel, metres [default: the finest voxel of the map, or larger to keep sides at 4000 pixels or less]
     #[arg(long, value_name = "M", value_parser = length)]
     pixel: Option<f64>,
-    /// Show this part only: two corners of the map frame, metres [default: all that is known]
+    /// Part of the map to draw: two corners in the map frame, metres [default: the known space]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = corners, allow_hyphen_values = true)]
     bounds: Option<Aabb>,
-    /// Threads to use; 0 for all cores. The picture does not depend on it
+    /// Threads to use; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
-    /// Print one JSON object on stdout: file, width, height, pixel_m, shares of free, occupied and unknown
+    /// Print one JSON object on stdout: file, width, height, pixel_m, fractions of free, occupied and unknown
     #[arg(long)]
     json: bool,
 }
@@ -68,7 +68,7 @@ fn length(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v| (0.001..=1000.0).contains(v)).ok_or_else(|| "must be 0.001 to 1000 metres".to_owned())
 }
 
-/// Two corners of a box, in any order.
+/// Parses two corners of a box, in any order.
 pub fn corners(text: &str) -> Result<Aabb, String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     let corners: Option<[f32; 6]> = numbers.and_then(|n| n.try_into().ok());
@@ -78,14 +78,14 @@ pub fn corners(text: &str) -> Result<Aabb, String> {
     Ok(bounds)
 }
 
-/// What was drawn.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
     width: usize,
     height: usize,
     pixel_m: f64,
-    /// Share of the pixels that show this; absent for distances.
+    /// Fraction of the pixels; absent for distances.
     #[serde(skip_serializing_if = "Option::is_none")]
     free: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -94,22 +94,22 @@ struct Summary<'a> {
     unknown: Option<f64>,
 }
 
-/// Draws the picture.
+/// Runs the command.
 pub fn run(args: &SliceArgs) -> anyhow::Result<u8> {
     let pool = meshing::pool(args.threads)?;
     pool.install(|| {
         let map = map_files::load(&args.map)?;
-        let occupancy = AtlasQuery::new(&map.atlas, map.settings.voxel);
+        let occupancy = map.atlas.query();
         if !occupancy.is_empty() {
             let request = args.request(occupancy.bounds(), &map);
             return args.draw_states(&request, &occupancy.slice(&request));
         }
-        let tsdf = DistanceQuery::new(&map.atlas, map.settings.voxel);
+        let tsdf = DistanceQuery::new(&map.atlas);
         if tsdf.is_empty() {
             return Err(Failure::new(format!("{}: the map is empty", args.map.display()), "map some scans").into());
         }
         let request = args.request(tsdf.bounds(), &map);
-        args.draw_distances(&request, &tsdf.slice(&request), map.settings.truncation * map.settings.voxel)
+        args.draw_distances(&request, &tsdf.slice(&request), map.settings.truncation * map.settings.voxel_size)
     })
 }
 
@@ -123,7 +123,7 @@ impl SliceArgs {
         let bounds = self.bounds.unwrap_or(known);
         let [u, v, _] = axis.frame();
         let longest = f64::from(bounds.size()[u].max(bounds.size()[v]));
-        let pixel = self.pixel.unwrap_or_else(|| f64::from(map.settings.voxel)).max(longest / MOST_PIXELS);
+        let pixel = self.pixel.unwrap_or_else(|| f64::from(map.settings.voxel_size)).max(longest / MOST_PIXELS);
         SliceRequest { axis, at, thickness: self.thickness.unwrap_or_default(), pixel, bounds }
     }
 
@@ -134,39 +134,39 @@ impl SliceArgs {
             State::Unknown => UNKNOWN,
         };
         let cells: Vec<Rgb> = slice.states.iter().map(colour).collect();
-        let key = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown")].map(|(c, text)| (c, text.to_owned()));
-        self.draw(request, [slice.width, slice.height], &cells, key.into())?;
+        let legend = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown")].map(|(c, text)| (c, text.to_owned()));
+        self.draw(request, [slice.width, slice.height], &cells, legend.into())?;
         let share = |state: State| Some(slice.states.iter().filter(|s| **s == state).count() as f64 / slice.states.len() as f64);
         let (free, occupied, unknown) = (share(State::Free), share(State::Occupied), share(State::Unknown));
         self.report(&Summary { file: &self.output, width: slice.width, height: slice.height, pixel_m: request.pixel, free, occupied, unknown })
     }
 
     fn draw_distances(&self, request: &SliceRequest, slice: &DistanceSlice, band: f32) -> anyhow::Result<u8> {
-        let shade = |d: f32| Ramp::Violet.at(0.5 + 0.5 * d / band);
-        let cells: Vec<Rgb> = slice.distances.iter().map(|&d| if d.is_nan() { UNKNOWN } else { shade(d) }).collect();
-        let marks = [-band, 0.0, band].map(|d| (shade(d), format!("{d:.2} m")));
+        let colour = |d: f32| Ramp::Violet.at(0.5 + 0.5 * d / band);
+        let cells: Vec<Rgb> = slice.distances.iter().map(|&d| if d.is_nan() { UNKNOWN } else { colour(d) }).collect();
+        let marks = [-band, 0.0, band].map(|d| (colour(d), format!("{d:.2} m")));
         let key = marks.into_iter().chain([(UNKNOWN, "not stored".to_owned())]).collect();
         self.draw(request, [slice.width, slice.height], &cells, key)?;
         let (width, height) = (slice.width, slice.height);
         self.report(&Summary { file: &self.output, width, height, pixel_m: request.pixel, free: None, occupied: None, unknown: None })
     }
 
-    fn draw(&self, request: &SliceRequest, size: [usize; 2], cells: &[Rgb], key: Vec<(Rgb, String)>) -> anyhow::Result<()> {
+    fn draw(&self, request: &SliceRequest, size: [usize; 2], cells: &[Rgb], legend: Vec<(Rgb, String)>) -> anyhow::Result<()> {
         const NAMES: [&str; 3] = ["x", "y", "z"];
         let [u, v, w] = request.axis.frame();
         let labels = [u, v].map(|k| format!("{} [m]", NAMES[k]));
         let to = if request.thickness > 0.0 { format!(" to {:.2}", request.at + request.thickness) } else { String::new() };
-        let plan = Plan {
+        let view = GridView {
             title: format!("{} = {:.2}{to} m", NAMES[w], request.at),
             labels: [&labels[0], &labels[1]],
             origin: [u, v].map(|k| f64::from(request.bounds.min[k])),
             pixel: request.pixel,
             size,
             cells,
-            key,
-            ..Plan::default()
+            legend,
+            ..GridView::default()
         };
-        plan.write_png(&self.output).with_context(|| format!("cannot draw {}", self.output.display()))
+        view.write_png(&self.output).with_context(|| format!("cannot draw {}", self.output.display()))
     }
 
     fn report(&self, summary: &Summary<'_>) -> anyhow::Result<u8> {

@@ -1,11 +1,10 @@
-//! Colours and intensities, from scans through a map to meshes and clouds that other people's software reads.
+//! Colours and intensities, from scans through a map to meshes and clouds as other software reads them.
 
 use crate::{fails, json, room, works};
-use std::process::Command;
 use voxelastic_io::{clouds, pcd, ply};
 
-/// The paint at a place of the room.
-fn painted(p: [f64; 3]) -> [u8; 3] {
+/// The integrate_colours at a place of the room.
+fn colour_at(p: [f64; 3]) -> [u8; 3] {
     p.map(|c| (128.0 + 110.0 * (0.4 * c).sin()) as u8)
 }
 
@@ -17,32 +16,32 @@ fn mapped() -> tempfile::TempDir {
         let pose = room::pose(i);
         let mut scan = room::scan(&pose);
         let place = |p: &[f32; 3]| (pose * nalgebra::Point3::from(p.map(f64::from))).coords.into();
-        scan.colours = Some(scan.points.iter().map(|p| painted(place(p))).collect());
+        scan.colours = Some(scan.points.iter().map(|p| colour_at(place(p))).collect());
         pcd::write(dir.path().join(format!("room/scans/{i:06}.pcd")), &scan).unwrap();
     }
     room::write_poses(&dir.path().join("room"), 12);
-    works(dir.path(), "map room -o room.vox --voxel 0.1 --max-range 20");
+    works(dir.path(), "map room -o room.vox --voxel-size 0.1 --max-range 20");
     dir
 }
 
 #[test]
-fn colours_of_scans_reach_meshes_and_clouds() {
+fn meshes_and_clouds_have_the_colours_of_the_scans() {
     let dir = mapped();
     let path = |name: &str| dir.path().join(name);
     works(dir.path(), "mesh room.vox -o room.ply");
     let mesh = ply::read_mesh(path("room.ply")).unwrap();
     let colours = mesh.colours.unwrap();
-    let right = |(p, colour): &(&[f32; 3], &[u8; 3])| painted(p.map(f64::from)).iter().zip(*colour).all(|(a, b)| a.abs_diff(*b) < 20);
+    let right = |(p, colour): &(&[f32; 3], &[u8; 3])| colour_at(p.map(f64::from)).iter().zip(*colour).all(|(a, b)| a.abs_diff(*b) < 20);
     let good = mesh.positions.iter().zip(&colours).filter(right).count();
     assert!(good * 100 > 98 * colours.len() && colours.len() > 2000, "{good} of {}", colours.len());
     assert_eq!(mesh.intensity.map(|i| i.len()), Some(colours.len()));
     works(dir.path(), "mesh room.vox -o height.ply --colour height");
-    assert_ne!(ply::read_mesh(path("height.ply")).unwrap().colours.unwrap(), colours, "height is asked for");
+    assert_ne!(ply::read_mesh(path("height.ply")).unwrap().colours.unwrap(), colours, "coloured by height");
     works(dir.path(), "render room.vox -o room.png --size 320x240");
     for name in ["cloud.ply", "cloud.pcd", "cloud.las", "cloud.laz", "cloud.e57"] {
-        let said = json(dir.path(), &format!("export room.vox -o {name} --json"));
+        let summary = json(dir.path(), &format!("export room.vox -o {name} --json"));
         assert_eq!(
-            (said["points"].as_u64(), &said["colours"], &said["intensity"]),
+            (summary["points"].as_u64(), &summary["colours"], &summary["intensity"]),
             (Some(colours.len() as u64), &true.into(), &true.into()),
             "{name}"
         );
@@ -53,66 +52,72 @@ fn colours_of_scans_reach_meshes_and_clouds() {
     }
     let thin = json(dir.path(), "export room.vox -o thin.pcd --lod 2 --json");
     assert!(thin["points"].as_u64().unwrap() * 4 < colours.len() as u64, "{thin}");
-    fails(dir.path(), "export room.vox -o cloud.ply --voxel 0.2", 2, &["--voxel is for OctoMaps", "--lod"]);
+    fails(dir.path(), "export room.vox -o cloud.ply --voxel-size 0.2", 2, &["--voxel-size is for OctoMaps", "--lod"]);
     read_by_others(dir.path(), &colours);
 }
 
 #[test]
-fn maps_of_scans_without_colours_say_so() {
+fn colours_of_scans_without_colours_are_an_error() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 4);
-    works(dir.path(), "map room -o room.vox --voxel 0.2 --max-range 20");
+    works(dir.path(), "map room -o room.vox --voxel-size 0.2 --max-range 20");
     fails(dir.path(), "mesh room.vox -o room.ply --colour scans", 1, &["no colours", "--colour"]);
-    let said = json(dir.path(), "export room.vox -o room.laz --json");
-    assert!(said["colours"] == false && said["intensity"] == true, "{said}");
+    let summary = json(dir.path(), "export room.vox -o room.laz --json");
+    assert!(summary["colours"] == false && summary["intensity"] == true, "{summary}");
     assert!(clouds::read(dir.path().join("room.laz")).unwrap().cloud.colours.is_none());
 }
 
-/// Prints, for each library that is there and each file that it reads: points (those with a normal, where the format has normals), and the
-/// sum of their colours.
-const READ: &str = r#"
+/// Begins each script: prints the number of points of a file and the sum of their colours.
+const BEGIN: &str = r#"
 import sys
-try:
-    import numpy as np
-except ImportError:
-    sys.exit()
+import numpy as np
 folder = sys.argv[1]
 def say(name, points, colours):
     print(name, len(points), int(np.asarray(colours).round().astype(np.int64).sum()))
-try:
-    import open3d as o3d
-    for name in ("cloud.ply", "cloud.pcd"):
-        cloud = o3d.io.read_point_cloud(f"{folder}/{name}")
-        unit = np.abs(np.linalg.norm(np.asarray(cloud.normals), axis=1) - 1) < 1e-3
-        say(name, np.asarray(cloud.points)[unit], np.asarray(cloud.colors) * 255)
-except ImportError: pass
-try:
-    import laspy
-    for name in ("cloud.las", "cloud.laz"):
-        cloud = laspy.read(f"{folder}/{name}")
-        say(name, cloud.x, np.stack([cloud.red, cloud.green, cloud.blue]) // 257)
-except ImportError: pass
-try:
-    import pye57
-    file = pye57.E57(f"{folder}/cloud.e57")
-    scans = [file.read_scan(k, intensity=True, colors=True, ignore_missing_fields=True) for k in range(file.scan_count)]
-    points = np.concatenate([s["cartesianX"] for s in scans])
-    say("cloud.e57", points, np.concatenate([s[c] for s in scans for c in ("colorRed", "colorGreen", "colorBlue")]))
-except ImportError: pass
 "#;
 
-/// Holds the exported files against what Open3D, laspy and pye57 read in them, as far as these are installed.
+/// What each library reads in the exported files: the modules, and the script. Of formats with normals, points with a unit normal count.
+const READERS: [(&str, &str); 3] = [
+    (
+        "numpy, open3d",
+        r#"
+import open3d as o3d
+for name in ("cloud.ply", "cloud.pcd"):
+    cloud = o3d.io.read_point_cloud(f"{folder}/{name}")
+    unit = np.abs(np.linalg.norm(np.asarray(cloud.normals), axis=1) - 1) < 1e-3
+    say(name, np.asarray(cloud.points)[unit], np.asarray(cloud.colors) * 255)
+"#,
+    ),
+    (
+        "numpy, laspy, lazrs",
+        r#"
+import laspy
+for name in ("cloud.las", "cloud.laz"):
+    cloud = laspy.read(f"{folder}/{name}")
+    say(name, cloud.x, np.stack([cloud.red, cloud.green, cloud.blue]) // 257)
+"#,
+    ),
+    (
+        "numpy, pye57",
+        r#"
+import pye57
+file = pye57.E57(f"{folder}/cloud.e57")
+scans = [file.read_scan(k, intensity=True, colors=True, ignore_missing_fields=True) for k in range(file.scan_count)]
+points = np.concatenate([s["cartesianX"] for s in scans])
+say("cloud.e57", points, np.concatenate([s[c] for s in scans for c in ("colorRed", "colorGreen", "colorBlue")]))
+"#,
+    ),
+];
+
+/// Compares the exported files with what Open3D, laspy and pye57 read in them.
 fn read_by_others(folder: &std::path::Path, colours: &[[u8; 3]]) {
-    let python = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    let output = Command::new(&python).args(["-c", READ]).arg(folder).output();
-    let Some(output) = output.ok().filter(|o| !o.status.success() || !o.stdout.is_empty()) else {
-        eprintln!("skipped: {python} has none of open3d, laspy and pye57 (VOXELASTIC_PYTHON)");
-        return;
-    };
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let sum: u64 = colours.iter().flatten().map(|c| u64::from(*c)).sum();
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
-        let words: Vec<&str> = line.split_whitespace().collect();
-        assert_eq!(words[1..], [colours.len().to_string(), sum.to_string()], "{line}");
+    for (modules, script) in READERS {
+        let Some(text) = voxelastic_testing::run_python(modules, &[BEGIN, script].concat(), &[folder]) else { continue };
+        assert!(!text.is_empty(), "{modules}");
+        for line in text.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            assert_eq!(words[1..], [colours.len().to_string(), sum.to_string()], "{line}");
+        }
     }
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use voxelastic::settings::{Settings, table};
 
-const QUICK: &str = "--voxel 0.1 --max-range 20";
+const QUICK: &str = "--voxel-size 0.1 --max-range 20";
 
 fn keys(value: &Value) -> BTreeSet<&str> {
     value.as_object().unwrap().keys().map(String::as_str).collect()
@@ -22,7 +22,7 @@ fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
-fn a_folder_becomes_a_map_a_mesh_a_picture_and_figures() {
+fn a_folder_is_mapped_meshed_rendered_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 20);
     let map = json(dir.path(), &format!("map room --json --hold-out 5 {QUICK} --lambda-odom 2"));
@@ -59,13 +59,13 @@ fn a_folder_becomes_a_map_a_mesh_a_picture_and_figures() {
 }
 
 #[test]
-fn info_tells_what_is_in_maps_folders_and_clouds() {
+fn info_describes_maps_folders_and_clouds() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 6);
     let map = json(dir.path(), &format!("map room --json {QUICK}"));
     let info = json(dir.path(), "info room.vox --check --json");
     assert_eq!((info["kind"].as_str(), info["scans"].as_u64(), &info["blocks"]), (Some("map"), Some(6), &map["blocks"]));
-    assert_eq!(info["settings"]["voxel"].as_str(), Some("0.1"));
+    assert_eq!(info["settings"]["voxel_size"].as_str(), Some("0.1"));
     let (low, high) = (&info["bounds_m"]["min"], &info["bounds_m"]["max"]);
     for k in 0..3 {
         assert!((low[k].as_f64().unwrap() - room::MIN[k]).abs() < 2.0 && (high[k].as_f64().unwrap() - room::MAX[k]).abs() < 2.0, "{info}");
@@ -91,13 +91,13 @@ fn the_map_does_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_file_of_settings_is_as_good_as_flags() {
+fn settings_from_a_file_equal_those_from_flags() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 4);
-    let toml = works(dir.path(), "config --voxel 0.15 --max-range 12 --lambda-odom 0.5 --truncation 2.5");
+    let toml = works(dir.path(), "config --voxel-size 0.15 --max-range 12 --lambda-odom 0.5 --truncation 2.5");
     std::fs::write(dir.path().join("own.toml"), toml).unwrap();
     works(dir.path(), "map room -o file.vox --config own.toml");
-    works(dir.path(), "map room -o flags.vox --voxel 0.15 --max-range 12 --lambda-odom 0.5 --truncation 2.5");
+    works(dir.path(), "map room -o flags.vox --voxel-size 0.15 --max-range 12 --lambda-odom 0.5 --truncation 2.5");
     assert!(content(&dir.path().join("file.vox")) == content(&dir.path().join("flags.vox")));
     let both = json(dir.path(), "map room -o both.vox --config own.toml --voxel 0.2 --json");
     assert!((both["voxel_m"].as_f64().unwrap() - 0.2).abs() < 1e-6, "flags win");
@@ -105,7 +105,7 @@ fn a_file_of_settings_is_as_good_as_flags() {
 }
 
 #[test]
-fn help_teaches() {
+fn help_has_examples_and_all_settings() {
     let dir = tempfile::tempdir().unwrap();
     for command in ["map", "mesh", "info", "render", "heldout", "eval", "simulate", "config"] {
         for flag in ["-h", "--help"] {
@@ -126,7 +126,7 @@ fn help_teaches() {
 }
 
 #[test]
-fn a_reader_that_leaves_early_is_no_error() {
+fn a_closed_pipe_is_not_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let mut child = voxelastic(dir.path()).arg("config").stdout(std::process::Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
@@ -135,7 +135,7 @@ fn a_reader_that_leaves_early_is_no_error() {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_keeps_a_valid_map_of_what_was_integrated() {
+fn ctrl_c_saves_a_valid_map_of_the_scans_so_far() {
     use std::io::{BufRead, BufReader};
     const SCANS: usize = 3000;
     let dir = tempfile::tempdir().unwrap();
@@ -147,16 +147,16 @@ fn ctrl_c_keeps_a_valid_map_of_what_was_integrated() {
     }
     room::write_poses(&data, SCANS);
 
-    let arguments = ["map", "room", "--json", "--voxel", "0.03"];
+    let arguments = ["map", "room", "--json", "--voxel-size", "0.03"];
     let mut child = voxelastic(dir.path()).args(arguments).stdout(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
     // The sensor is named when the first scan is in the map.
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
     assert!(lines.by_ref().any(|line| line.contains("sensor:")));
     rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
-    let said: String = lines.collect::<Vec<_>>().join("\n");
+    let log: String = lines.collect::<Vec<_>>().join("\n");
     let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130), "{said}");
-    assert!(said.contains("interrupted") && said.contains("saved"), "{said}");
+    assert_eq!(output.status.code(), Some(130), "{log}");
+    assert!(log.contains("interrupted") && log.contains("saved"), "{log}");
 
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     let scans = summary["scans"].as_u64().unwrap();

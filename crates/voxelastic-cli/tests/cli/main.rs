@@ -1,4 +1,4 @@
-//! The `voxelastic` command as its users run it: `feature` is what works, `misc` is what goes wrong and how it is said.
+//! Tests of the binary `voxelastic`: `feature` has what works, `misc` has errors and their messages.
 
 mod colours;
 mod corrections;
@@ -22,14 +22,14 @@ fn voxelastic(dir: &Path) -> Command {
     command
 }
 
-/// What a finished command said.
-struct Said {
+/// Exit code and output of a finished command.
+struct Finished {
     code: Option<i32>,
     out: String,
     err: String,
 }
 
-impl From<Output> for Said {
+impl From<Output> for Finished {
     fn from(output: Output) -> Self {
         let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
         Self { code: output.status.code(), out: text(output.stdout), err: text(output.stderr) }
@@ -37,32 +37,32 @@ impl From<Output> for Said {
 }
 
 /// Runs the command with arguments separated by spaces.
-fn run(dir: &Path, arguments: &str) -> Said {
+fn run(dir: &Path, arguments: &str) -> Finished {
     voxelastic(dir).args(arguments.split_whitespace()).output().unwrap().into()
 }
 
-/// As [`run`], for what must work; stdout.
+/// As [`run`], for commands that must succeed; returns stdout.
 fn works(dir: &Path, arguments: &str) -> String {
-    let said = run(dir, arguments);
-    assert_eq!(said.code, Some(0), "voxelastic {arguments}\n{}", said.err);
-    said.out
+    let finished = run(dir, arguments);
+    assert_eq!(finished.code, Some(0), "voxelastic {arguments}\n{}", finished.err);
+    finished.out
 }
 
-/// As [`works`], for what prints exactly one JSON object on one line.
+/// As [`works`], for commands that print one JSON object on one line.
 fn json(dir: &Path, arguments: &str) -> serde_json::Value {
     let out = works(dir, arguments);
     assert_eq!(out.lines().count(), 1, "{out}");
     serde_json::from_str(&out).unwrap()
 }
 
-/// As [`run`], for what must fail with `code`, calmly, and say every one of `words`.
-fn fails(dir: &Path, arguments: &str, code: i32, words: &[&str]) -> Said {
-    let said = run(dir, arguments);
-    assert_eq!(said.code, Some(code), "voxelastic {arguments}\n{}", said.err);
-    assert!(said.err.contains("error: "), "{}", said.err);
-    assert!(!said.err.contains("panicked") && !said.err.contains("has a bug"), "{}", said.err);
+/// As [`run`], for commands that must fail with `code`, without a panic, and with all of `words` in the message.
+fn fails(dir: &Path, arguments: &str, code: i32, words: &[&str]) -> Finished {
+    let finished = run(dir, arguments);
+    assert_eq!(finished.code, Some(code), "voxelastic {arguments}\n{}", finished.err);
+    assert!(finished.err.contains("error: "), "{}", finished.err);
+    assert!(!finished.err.contains("panicked") && !finished.err.contains("has a bug"), "{}", finished.err);
     for word in words {
-        assert!(said.err.contains(word), "voxelastic {arguments}: no `{word}` in\n{}", said.err);
+        assert!(finished.err.contains(word), "voxelastic {arguments}: no `{word}` in\n{}", finished.err);
     }
-    said
+    finished
 }

@@ -1,4 +1,4 @@
-//! What goes wrong, and how it is said: exit code, file, place and remedy.
+//! Errors: exit code, file, place and remedy in the message.
 
 use crate::{fails, json, room, run, works};
 use std::fs;
@@ -22,18 +22,18 @@ fn edit(dir: &TempDir, name: &str, change: impl FnOnce(String) -> String) {
     fs::write(&path, change(fs::read_to_string(&path).unwrap())).unwrap();
 }
 
-const MAP: &str = "map room --voxel 0.1 --max-range 20";
+const MAP: &str = "map room --voxel-size 0.1 --max-range 20";
 
 /// Mapping must go on without scan 2, saying `words`; with `--strict` it must fail with the same words and write nothing.
 fn skips_one(dir: &TempDir, words: &[&str]) {
     fails(dir.path(), &format!("{MAP} --strict -o strict.vox"), 1, words);
     assert!(!dir.path().join("strict.vox").exists(), "a failed run leaves nothing");
-    let said = run(dir.path(), &format!("{MAP} --json"));
-    assert_eq!(said.code, Some(0), "{}", said.err);
+    let finished = run(dir.path(), &format!("{MAP} --json"));
+    assert_eq!(finished.code, Some(0), "{}", finished.err);
     for word in words.iter().chain(&["scan skipped"]) {
-        assert!(said.err.contains(word), "no `{word}` in\n{}", said.err);
+        assert!(finished.err.contains(word), "no `{word}` in\n{}", finished.err);
     }
-    let summary: serde_json::Value = serde_json::from_str(&said.out).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&finished.out).unwrap();
     assert_eq!((summary["scans"].as_u64(), summary["scans_skipped"].as_u64()), (Some(3), Some(1)), "{summary}");
 }
 
@@ -83,9 +83,9 @@ fn a_field_of_the_wrong_type_is_skipped() {
 fn a_scan_without_a_pose_is_skipped() {
     let dir = with_room(4);
     edit(&dir, "poses.tum", |text| text.lines().take(3).map(|l| format!("{l}\n")).collect());
-    let said = run(dir.path(), &format!("{MAP} --strict"));
-    assert_eq!(said.code, Some(1), "{}", said.err);
-    assert!(said.err.contains("pose"), "{}", said.err);
+    let finished = run(dir.path(), &format!("{MAP} --strict"));
+    assert_eq!(finished.code, Some(1), "{}", finished.err);
+    assert!(finished.err.contains("pose"), "{}", finished.err);
 }
 
 #[test]
@@ -117,7 +117,7 @@ fn several_pose_files_are_listed() {
 }
 
 #[test]
-fn folders_that_hold_nothing_to_map_say_so() {
+fn folders_without_scans_are_an_error() {
     let dir = tempfile::tempdir().unwrap();
     fs::create_dir(dir.path().join("room")).unwrap();
     fails(dir.path(), MAP, 1, &["room"]);
@@ -127,45 +127,45 @@ fn folders_that_hold_nothing_to_map_say_so() {
 }
 
 #[test]
-fn nothing_but_a_map_is_ever_replaced() {
+fn only_maps_are_replaced() {
     let dir = with_room(2);
-    let precious = dir.path().join("precious");
-    fs::create_dir(&precious).unwrap();
-    fs::write(precious.join("thesis.tex"), "years").unwrap();
-    fails(dir.path(), &format!("{MAP} -o precious"), 1, &["precious", "thesis.tex"]);
-    fails(dir.path(), &format!("{MAP} -o precious/thesis.tex"), 1, &["thesis.tex"]);
-    assert_eq!(fs::read_to_string(precious.join("thesis.tex")).unwrap(), "years");
+    let other = dir.path().join("other");
+    fs::create_dir(&other).unwrap();
+    fs::write(other.join("thesis.tex"), "years").unwrap();
+    fails(dir.path(), &format!("{MAP} -o other"), 1, &["other", "thesis.tex"]);
+    fails(dir.path(), &format!("{MAP} -o other/thesis.tex"), 1, &["thesis.tex"]);
+    assert_eq!(fs::read_to_string(other.join("thesis.tex")).unwrap(), "years");
     works(dir.path(), MAP);
     works(dir.path(), MAP);
 }
 
 #[test]
-fn mistakes_on_the_command_line_and_in_settings_end_with_code_2() {
+fn mistakes_on_the_command_line_and_in_settings_exit_with_2() {
     let dir = with_room(1);
-    fails(dir.path(), "map room --voxel 99", 2, &["voxel = 99", "0.005 to 5 m"]);
-    fails(dir.path(), "map room --voxel fine", 2, &["0.005 to 5 m"]);
+    fails(dir.path(), "map room --voxel-size 99", 2, &["voxel_size = 99", "0.005 to 5 m"]);
+    fails(dir.path(), "map room --voxel-size fine", 2, &["0.005 to 5 m"]);
     fails(dir.path(), "map room --min-range 10 --max-range 5", 2, &["min_range", "max_range"]);
     fails(dir.path(), "map room --sensor os9-64", 2, &["os9-64", "os1-64"]);
     fails(dir.path(), "map room --field colour", 2, &["tsdf"]);
     fails(dir.path(), "map room --t-base-lidar 1,2,3", 2, &["x y z qx qy qz qw"]);
     fails(dir.path(), "map room --hold-out 1", 2, &["2 or more"]);
     fs::write(dir.path().join("bad.toml"), "voxel = 0.1\nvoxels = 2\n").unwrap();
-    fails(dir.path(), "map room --config bad.toml", 2, &["bad.toml, line 2", "did you mean `voxel`"]);
+    fails(dir.path(), "map room --config bad.toml", 2, &["bad.toml, line 2", "did you mean `voxel_size`"]);
     fails(dir.path(), "map room --config missing.toml", 1, &["missing.toml"]);
     fails(dir.path(), "mesh room.vox -o room.stl", 2, &[".ply or .glb"]);
     fails(dir.path(), "render room.vox -o x.png --eye 1,2", 2, &[]);
     fails(dir.path(), "render room.vox -o x.png --size 10", 2, &["1600x1200"]);
-    fails(dir.path(), "paint room", 2, &[]);
+    fails(dir.path(), "integrate_colours room", 2, &[]);
 }
 
 #[test]
-fn what_is_not_a_map_or_damaged_is_refused_and_named() {
+fn damaged_maps_and_other_folders_are_refused() {
     let dir = with_room(2);
     fails(dir.path(), "mesh room -o x.ply", 1, &["room", "not a Voxelastic map"]);
     fails(dir.path(), "mesh nothing.vox -o x.ply", 1, &["nothing.vox"]);
     fails(dir.path(), "info nothing.vox", 1, &["nothing.vox"]);
     works(dir.path(), MAP);
-    fails(dir.path(), "mesh room.vox -o x.ply --min-weight 50", 1, &["seen 50 times", "--min-weight"]);
+    fails(dir.path(), "mesh room.vox -o x.ply --min-weight 50", 1, &["50 observations", "--min-weight"]);
     fails(dir.path(), "mesh room.vox -o room/poses.tum/x.ply", 1, &["x.ply"]);
     let file = submap_file(&dir.path().join("room.vox"));
     let mut bytes = fs::read(&file).unwrap();
@@ -186,7 +186,7 @@ fn submap_file(map: &Path) -> std::path::PathBuf {
 }
 
 #[test]
-fn scans_of_the_map_cannot_measure_it() {
+fn a_map_is_not_measured_with_its_own_scans() {
     let dir = with_room(4);
     works(dir.path(), MAP);
     fails(dir.path(), "heldout room.vox room --hold-out 2", 1, &["part of the map", "--hold-out"]);
@@ -194,7 +194,7 @@ fn scans_of_the_map_cannot_measure_it() {
 }
 
 #[test]
-fn a_benchmark_that_cannot_begin_says_why() {
+fn a_benchmark_with_wrong_arguments_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     fails(dir.path(), "bench --growth --quick", 2, &["--growth", "--quick", "cannot be used with"]);
     fails(dir.path(), "bench --peer nonsense", 2, &["must be a name, =, and a command"]);

@@ -4,12 +4,10 @@
 
 use crate::{fails, json, room, works};
 use std::path::Path;
-use std::process::Command;
 use voxelastic::field::occupancy::{State, Volumes};
-use voxelastic::query::AtlasQuery;
 use voxelastic_io::store::MapStore;
 
-const QUICK: &str = "--voxel 0.1 --max-range 20 --lambda-odom 2 --min-overlap 1";
+const QUICK: &str = "--voxel-size 0.1 --max-range 20 --lambda-odom 2 --min-overlap 1";
 
 fn mapped(field: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
@@ -23,7 +21,7 @@ fn is_png(path: &Path) -> bool {
 }
 
 #[test]
-fn slices_show_the_air_of_the_room_within_its_walls() {
+fn slices_show_free_space_between_walls() {
     let dir = mapped("occupancy");
     let plan = json(dir.path(), "slice room.vox --z 1.2 -o plan.png --json");
     let (free, occupied, unknown) = (plan["free"].as_f64().unwrap(), plan["occupied"].as_f64().unwrap(), plan["unknown"].as_f64().unwrap());
@@ -50,21 +48,21 @@ fn slices_show_the_air_of_the_room_within_its_walls() {
 }
 
 #[test]
-fn info_tells_how_much_is_known_and_in_cubes_of_which_size() {
+fn info_reports_free_space_by_size_of_cubes() {
     let dir = mapped("occupancy");
     assert!(json(dir.path(), "info room.vox --json")["known_m3"].is_null(), "only with --check");
     let info = json(dir.path(), "info room.vox --check --json");
     let free: Vec<f64> = info["known_m3"]["free_by_edge_log2"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     let mut expected = Volumes::default();
     let store = MapStore::open(dir.path().join("room.vox")).unwrap();
-    store.manifest().submaps.iter().for_each(|s| expected.add(&store.load_submap(s.id).unwrap().occupancy.volumes()));
+    store.manifest().submaps.iter().for_each(|s| expected.add(&store.load_submap(s.id).unwrap().occupancy().volumes()));
     assert_eq!(free.len(), expected.free.len());
     assert!(free.iter().zip(&expected.free).all(|(m3, voxels)| (m3 - *voxels as f64 * 0.001).abs() < 1e-3), "{free:?} {expected:?}");
     assert!(free.iter().sum::<f64>() > 20.0 && info["map_mb"].as_f64().unwrap() > 0.1, "{info}");
 }
 
 #[test]
-fn maps_without_occupancy_show_distances_and_say_what_to_do() {
+fn slices_of_maps_without_occupancy_show_distances() {
     let dir = mapped("tsdf");
     let plan = json(dir.path(), "slice room.vox --z 1.2 -o plan.png --json");
     assert!(is_png(&dir.path().join("plan.png")) && plan.get("free").is_none(), "{plan}");
@@ -73,15 +71,15 @@ fn maps_without_occupancy_show_distances_and_say_what_to_do() {
 }
 
 #[test]
-fn an_exported_map_says_in_octomap_what_it_says_here() {
+fn octomap_reads_the_same_states_from_an_exported_map() {
     let dir = mapped("occupancy");
     let bt = json(dir.path(), "export room.vox -o room.bt --json");
     let ot = json(dir.path(), "export room.vox -o room.ot --json --threads 1");
     assert_eq!(bt["occupied_leaves"], ot["occupied_leaves"]);
     assert!(bt["leaves"].as_u64() <= ot["leaves"].as_u64() && bt["voxel_m"] == 0.1, "{bt} {ot}");
-    let coarse = json(dir.path(), "export room.vox -o coarse.bt --voxel 0.25 --json");
+    let coarse = json(dir.path(), "export room.vox -o coarse.bt --voxel-size 0.25 --json");
     assert!(coarse["leaves"].as_u64() < bt["leaves"].as_u64(), "{coarse}");
-    fails(dir.path(), "export room.vox -o room.bt --voxel 0.05", 2, &["nothing finer than 0.1 m"]);
+    fails(dir.path(), "export room.vox -o room.bt --voxel-size 0.05", 2, &["the finest voxel of the map is 0.1 m"]);
     for (file, leaves) in [("room.bt", &bt["leaves"]), ("room.ot", &ot["leaves"])] {
         let Some(read) = octomap_leaves(&dir.path().join(file)) else { return };
         assert_eq!(Some(read.len() as u64), leaves.as_u64(), "{file}");
@@ -91,15 +89,7 @@ fn an_exported_map_says_in_octomap_what_it_says_here() {
 
 /// x y z of the centre, edge and log-odds of every leaf, as the real OctoMap reads them; none when it is not installed.
 fn octomap_leaves(file: &Path) -> Option<Vec<[f64; 5]>> {
-    let python = std::env::var_os("VOXELASTIC_PYTHON").unwrap_or_else(|| "python3".into());
-    if !Command::new(&python).args(["-c", "import pyoctomap"]).output().is_ok_and(|o| o.status.success()) {
-        println!("skipped: no Python with pyoctomap (pip install pyoctomap; VOXELASTIC_PYTHON names another interpreter)");
-        return None;
-    }
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../voxelastic-io/src/octomap/leaves.py");
-    let output = Command::new(&python).arg(script).arg(file).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = voxelastic_testing::run_python("pyoctomap", include_str!("../../../voxelastic-io/src/octomap/leaves.py"), &[file])?;
     let row = |line: &str| line.split_whitespace().map(|n| n.parse().unwrap()).collect::<Vec<f64>>().try_into().unwrap();
     Some(text.lines().skip(1).map(row).collect())
 }
@@ -108,7 +98,7 @@ fn octomap_leaves(file: &Path) -> Option<Vec<[f64; 5]>> {
 fn compare(map: &Path, leaves: &[[f64; 5]]) {
     let atlas = MapStore::open(map).unwrap().load_atlas().unwrap();
     assert!(atlas.submaps().len() > 1, "{} submaps", atlas.submaps().len());
-    let query = AtlasQuery::new(&atlas, 0.1);
+    let query = atlas.query();
     let (mut free, mut occupied, mut agree) = (0, 0, 0);
     for &[x, y, z, edge, log_odds] in leaves {
         let n = (edge / 0.1).round().max(1.0);

@@ -2,7 +2,6 @@
 
 use crate::{json, voxelastic, works};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// A recording that other software wrote (see `voxelastic-io/tests/bags/write.py`).
 fn fixture(name: &str) -> PathBuf {
@@ -10,7 +9,7 @@ fn fixture(name: &str) -> PathBuf {
 }
 
 #[test]
-fn info_tells_topics_and_what_would_be_used() {
+fn info_lists_topics_and_the_choice_among_them() {
     let dir = tempfile::tempdir().unwrap();
     let bag = fixture("ouster_bz2.bag");
     let info = json(dir.path(), &format!("info {} --json", bag.display()));
@@ -68,20 +67,14 @@ fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// `street.bag` and `folder` with the street driven so many times, and the number of its scans; none, with a word, without data or library.
+/// Writes `street.bag` and `folder` with `rounds` rounds of the street, and returns the number of scans; none, after noting the skip, without data or
+/// library.
 fn street(rounds: usize) -> Option<(tempfile::TempDir, String)> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let street = PathBuf::from(std::env::var_os("VOXELASTIC_DATA").unwrap_or_else(|| default.into())).join("kitti00-street");
-    let python = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    let has_rosbags = Command::new(&python).args(["-c", "import rosbags, numpy"]).output().is_ok_and(|o| o.status.success());
-    if !street.is_dir() || !has_rosbags {
-        eprintln!("skipped: needs kitti00-street (VOXELASTIC_DATA) and a Python with rosbags (VOXELASTIC_PYTHON)");
-        return None;
-    }
+    let street = voxelastic_testing::data("kitti00-street")?;
     let dir = tempfile::tempdir().unwrap();
     let scans = std::env::var("VOXELASTIC_STREET_SCANS").unwrap_or_else(|_| "6".into());
-    let said = Command::new(&python).args(["-c", SPLIT]).args([&street, dir.path()]).args([&scans, &rounds.to_string()]).output().unwrap();
-    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    let rounds = rounds.to_string();
+    voxelastic_testing::run_python("rosbags, numpy", SPLIT, &[&street, dir.path(), Path::new(&scans), Path::new(&rounds)])?;
     Some((dir, scans))
 }
 
@@ -90,11 +83,11 @@ fn memory_does_not_grow_with_the_bag() {
     let figures = |rounds: usize| {
         let (dir, scans) = street(rounds)?;
         // All rounds go into one submap, so that the map is as large.
-        let one_submap = "--voxel 0.2 --max-range 30 --lambda-odom 100000 --min-overlap 1";
-        let told = json(dir.path(), &format!("map street.bag --every scan {one_submap} --json"));
-        assert_eq!((told["scans"].as_u64(), told["submaps"].as_u64()), (Some(scans.parse::<u64>().unwrap() * rounds as u64), Some(1)));
+        let one_submap = "--voxel-size 0.2 --max-range 30 --lambda-odom 100000 --min-overlap 1";
+        let report = json(dir.path(), &format!("map street.bag --every scan {one_submap} --json"));
+        assert_eq!((report["scans"].as_u64(), report["submaps"].as_u64()), (Some(scans.parse::<u64>().unwrap() * rounds as u64), Some(1)));
         let bag = std::fs::metadata(dir.path().join("street.bag")).unwrap().len() as f64 / 1e6;
-        Some([bag, told["peak_rss_mb"].as_f64()?, told["map_mb"].as_f64()?])
+        Some([bag, report["peak_rss_mb"].as_f64()?, report["map_mb"].as_f64()?])
     };
     let (Some(once), Some(often)) = (figures(1), figures(4)) else { return };
     for [bag, peak, map] in [once, often] {
@@ -105,9 +98,9 @@ fn memory_does_not_grow_with_the_bag() {
 }
 
 #[test]
-fn a_street_from_a_bag_is_the_street_from_the_folder_bit_for_bit() {
+fn a_bag_and_a_folder_of_the_same_scans_give_the_same_map() {
     let Some((dir, scans)) = street(1) else { return };
-    let quick = "--voxel 0.2 --max-range 30 --json";
+    let quick = "--voxel-size 0.2 --max-range 30 --json";
     let folder = json(dir.path(), &format!("map folder -o folder.vox {quick}"));
     let bag = json(dir.path(), &format!("map street.bag -o bag.vox --every scan {quick}"));
     assert_eq!((&folder["scans"], bag["scans"].to_string()), (&bag["scans"], scans));
@@ -120,6 +113,6 @@ fn a_street_from_a_bag_is_the_street_from_the_folder_bit_for_bit() {
     // Held-out scans and the first few are taken while the bag plays.
     let held = json(dir.path(), &format!("map street.bag -o held.vox --every scan --hold-out 3 --max-scans 5 {quick}"));
     assert_eq!((held["scans"].as_u64(), held["scans_held_out"].as_u64()), (Some(4), Some(1)));
-    let said = voxelastic(dir.path()).args(["map", "folder", "--cloud-topic", "/x"]).output().unwrap();
-    assert!(!said.status.success() && String::from_utf8_lossy(&said.stderr).contains("no topics"));
+    let output = voxelastic(dir.path()).args(["map", "folder", "--cloud-topic", "/x"]).output().unwrap();
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("no topics"));
 }

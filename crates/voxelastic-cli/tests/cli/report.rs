@@ -1,4 +1,4 @@
-//! `report`, `map --report` and the log that a run leaves beside its map.
+//! `report`, `map --report` and the log of the run in the map directory.
 
 use crate::simulation::ROOM;
 use crate::{fails, json, works};
@@ -13,49 +13,49 @@ fn data(page: &Path) -> serde_json::Value {
 }
 
 #[test]
-fn a_map_and_its_run_become_a_page_then_and_later() {
+fn a_report_can_be_written_with_the_map_or_later() {
     let dir = tempfile::tempdir().unwrap();
     works(dir.path(), &format!("{ROOM} -o room"));
-    works(dir.path(), "map room --voxel 0.1 --field both --report");
+    works(dir.path(), "map room --voxel-size 0.1 --field both --report");
     let page = data(&dir.path().join("room.html"));
     assert_eq!(page["run"]["scans"]["wall_ms"].as_array().unwrap().len(), 6);
     assert!(page["run"]["phases_ms"]["tsdf_update"].is_array() && page["run"]["phases_ms"]["occupancy_descend"].is_array());
     assert!(page["distances"].as_array().unwrap().is_empty() && !page["surfaces"][0]["chunks"].as_array().unwrap().is_empty());
 
     works(dir.path(), "plan room.vox --start -1,-1,1.2 --goal 2,1,1.2 --radius 0.2 --unknown free --samples 200 --time 60 -o path.json");
-    let told = json(dir.path(), "report room.vox --truth room --plan path.json -o later.html --json");
-    assert!(told["has_run"] == true && told["has_truth"] == true && told["vertices"].as_u64().unwrap() > 1000, "{told}");
+    let summary = json(dir.path(), "report room.vox --truth room --plan path.json -o later.html --json");
+    assert!(summary["has_run"] == true && summary["has_truth"] == true && summary["vertices"].as_u64().unwrap() > 1000, "{summary}");
     let later = data(&dir.path().join("later.html"));
     assert_eq!((&later["run"], &later["nodes"]), (&page["run"], &page["nodes"]));
-    assert!(later["surfaces"][0]["has_errors"] == true && later["plan"]["start"] == serde_json::json!([-1.0, -1.0, 1.2]));
-    assert!(later["plan"]["path"].as_array().unwrap().len() >= 2 && later["plan"]["tree"].as_array().unwrap().len() > 10);
+    assert!(later["surfaces"][0]["has_errors"] == true && later["planned_path"]["start"] == serde_json::json!([-1.0, -1.0, 1.2]));
+    assert!(later["planned_path"]["path"].as_array().unwrap().len() >= 2 && later["planned_path"]["tree"].as_array().unwrap().len() > 10);
     assert_eq!(later["distances"].as_array().unwrap().len(), 2);
 }
 
 #[test]
-fn maps_without_a_log_or_with_a_damaged_one_are_shown_without() {
+fn a_missing_or_damaged_log_leaves_out_the_charts() {
     let dir = tempfile::tempdir().unwrap();
     works(dir.path(), &format!("{ROOM} -o room"));
-    works(dir.path(), "map room --voxel 0.1");
+    works(dir.path(), "map room --voxel-size 0.1");
     let log = dir.path().join("room.vox/run.json");
     for text in [Some("{\"format\":99}"), Some("half a l"), None] {
         text.map_or_else(|| fs::remove_file(&log), |t| fs::write(&log, t)).unwrap();
-        let told = json(dir.path(), "report room.vox --json");
-        assert!(told["has_run"] == false && data(&dir.path().join("room.html"))["run"].is_null(), "{told}");
+        let summary = json(dir.path(), "report room.vox --json");
+        assert!(summary["has_run"] == false && data(&dir.path().join("room.html"))["run"].is_null(), "{summary}");
     }
 }
 
 #[test]
-fn reports_on_nothing_are_refused() {
+fn wrong_arguments_of_reports_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     works(dir.path(), &format!("{ROOM} -o room"));
-    works(dir.path(), "map room --voxel 0.1");
+    works(dir.path(), "map room --voxel-size 0.1");
     fails(dir.path(), "report nowhere.vox", 1, &["nowhere.vox"]);
     fails(dir.path(), "report room.vox --truth nowhere", 1, &["nowhere"]);
     fails(dir.path(), "report room.vox --error-max 0.1", 2, &["--truth"]);
     fails(dir.path(), "report room.vox --sensor-period 0", 2, &["above 0"]);
     fs::write(dir.path().join("path.json"), "[1, 2]").unwrap();
-    fails(dir.path(), "report room.vox --plan path.json", 1, &["path.json", "no planned path"]);
+    fails(dir.path(), "report room.vox --plan path.json", 1, &["path.json", "not a planned path"]);
     fails(dir.path(), "report room.vox -o nowhere/x.html", 1, &["nowhere/x.html"]);
 }
 
@@ -64,11 +64,11 @@ fn reports_on_nothing_are_refused() {
 #[ignore = "takes a minute"]
 fn the_demo_shows_that_corrections_help() {
     let dir = tempfile::tempdir().unwrap();
-    let told = json(dir.path(), "demo -o demo --scans 40 --json");
-    let mean = |row: usize| told["rows"][row]["accuracy_mean_m"].as_f64().unwrap();
-    assert!(mean(0) < 0.7 * mean(1) && mean(2) < mean(3), "{told}");
-    assert!(told["loop_closures"].as_u64().unwrap() > 0 && told["rows"][2]["free_precision"].as_f64().unwrap() > 0.9, "{told}");
+    let summary = json(dir.path(), "demo -o demo --scans 40 --json");
+    let mean = |row: usize| summary["rows"][row]["accuracy_mean_m"].as_f64().unwrap();
+    assert!(mean(0) < 0.7 * mean(1) && mean(2) < mean(3), "{summary}");
+    assert!(summary["loop_closures"].as_u64().unwrap() > 0 && summary["rows"][2]["free_precision"].as_f64().unwrap() > 0.9, "{summary}");
     let again = json(dir.path(), "demo -o again --scans 40 --threads 1 --json");
-    assert_eq!(told["rows"], again["rows"], "the figures depend on the threads");
+    assert_eq!(summary["rows"], again["rows"], "the figures depend on the threads");
     assert!(data(&dir.path().join("demo/report.html"))["tables"][0]["rows"].as_array().unwrap().len() == 4);
 }

@@ -1,4 +1,4 @@
-//! A room to map: a box with a pillar, seen by a small spinning LiDAR on a path through it.
+//! A room to map: a box with a pillar, scanned by a small spinning LiDAR on a path through it.
 
 use nalgebra::{Translation3, UnitQuaternion};
 use std::path::Path;

@@ -14,23 +14,23 @@ fn files(dir: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_simulated_folder_is_mapped_and_the_same_for_any_threads() {
+fn a_simulated_folder_is_mapped_and_independent_of_threads() {
     let dir = tempfile::tempdir().unwrap();
-    let told = json(dir.path(), &format!("{ROOM} -o one --threads 1 --json"));
-    assert_eq!((told["scans"].as_u64(), told["interrupted"].as_bool(), told["world"].as_str()), (Some(6), Some(false), Some("room")));
-    assert!((2.4..2.7).contains(&told["path_m"].as_f64().unwrap()) && told["largest_drift_m"].as_f64().unwrap() > 0.0, "{told}");
+    let report = json(dir.path(), &format!("{ROOM} -o one --threads 1 --json"));
+    assert_eq!((report["scans"].as_u64(), report["interrupted"].as_bool(), report["world"].as_str()), (Some(6), Some(false), Some("room")));
+    assert!((2.4..2.7).contains(&report["path_m"].as_f64().unwrap()) && report["largest_drift_m"].as_f64().unwrap() > 0.0, "{report}");
     works(dir.path(), &format!("{ROOM} -o two --threads 2"));
     let (one, two) = (dir.path().join("one"), dir.path().join("two"));
     assert_eq!(files(&one), ["graph.g2o", "groundtruth.tum", "poses.tum", "scans", "world.toml"]);
     for file in ["graph.g2o", "groundtruth.tum", "poses.tum", "world.toml", "scans/000005.pcd"] {
         assert!(fs::read(one.join(file)).unwrap() == fs::read(two.join(file)).unwrap(), "{file}");
     }
-    let map = json(dir.path(), "map one --voxel 0.1 --json");
+    let map = json(dir.path(), "map one --voxel-size 0.1 --json");
     assert_eq!(map["scans"].as_u64(), Some(6));
 }
 
 #[test]
-fn options_reach_the_simulation() {
+fn options_are_passed_to_the_simulation() {
     let dir = tempfile::tempdir().unwrap();
     works(
         dir.path(),

@@ -1,13 +1,13 @@
-//! What is wrong when clouds do not fit: empty, elsewhere, or in another unit.
+//! Checks of the input: empty clouds, disjoint clouds, clouds in different units.
 
-use super::AlignSettings;
+use super::settings::AlignSettings;
 use crate::mesh::bounds;
 use crate::{EvalError, error::Result};
 use nalgebra::Point3;
 use voxelastic::Pose;
 use voxelastic::geometry::Aabb;
 
-/// Units that files come in when not in metres: name, and what to multiply by.
+/// Other units of files: name, and factor to metres.
 const UNITS: [(&str, f64); 3] = [("millimetres", 0.001), ("centimetres", 0.01), ("feet", 0.3048)];
 
 pub(super) fn settings(s: &AlignSettings) -> Result<()> {
@@ -18,7 +18,7 @@ pub(super) fn settings(s: &AlignSettings) -> Result<()> {
     }
     let guess = &s.t_target_source;
     if !guess.translation.vector.iter().chain(guess.rotation.coords.iter()).all(|v| v.is_finite()) {
-        return Err(EvalError::Setting { setting: "first guess of the alignment", value: f64::NAN, must: "a pose of finite numbers" });
+        return Err(EvalError::Setting { setting: "initial guess of the alignment", value: f64::NAN, must: "a pose of finite numbers" });
     }
     if bad(s.reach) {
         return Err(EvalError::Setting { setting: "reach", value: f64::from(s.reach), must: "positive" });
@@ -32,7 +32,7 @@ pub(super) struct Extents {
     target: Aabb,
 }
 
-/// Refuses empty clouds, and clouds whose extents differ as metres and milli- or centimetres do.
+/// Rejects empty clouds, and clouds of which one seems to be in millimetres or centimetres.
 pub(super) fn extents(source: &[[f32; 3]], target: &[[f32; 3]]) -> Result<Extents> {
     let extents = Extents { source: bounds(source), target: bounds(target) };
     for (aabb, what) in [(&extents.source, "the source cloud"), (&extents.target, "the target cloud")] {
@@ -40,7 +40,7 @@ pub(super) fn extents(source: &[[f32; 3]], target: &[[f32; 3]]) -> Result<Extent
             return Err(EvalError::Empty { what, of: "points" });
         }
     }
-    // A map may well cover a part of the truth only, but hardly a hundredth of it.
+    // A map may cover only a part of the truth, but hardly a hundredth of it.
     match extents.units(0.5, &UNITS[..2]) {
         Some(error) => Err(error),
         None => Ok(extents),
@@ -48,7 +48,7 @@ pub(super) fn extents(source: &[[f32; 3]], target: &[[f32; 3]]) -> Result<Extent
 }
 
 impl Extents {
-    /// The unit error that explains the extents: the ratio of every long side within a factor of `1 + slack` of the unit's.
+    /// The error for a unit that explains the extents: the ratios of the two longest sides are within a factor of `1 + slack` of the unit's.
     fn units(&self, slack: f64, units: &[(&'static str, f64)]) -> Option<EvalError> {
         let sides = |b: &Aabb| {
             let mut s = b.size().map(f64::from);
@@ -70,12 +70,12 @@ impl Extents {
         None
     }
 
-    /// Whether one cloud has the shape of the other in feet.
+    /// Whether one cloud has the size of the other in feet.
     pub fn looks_like_feet(&self) -> bool {
         self.units(0.15, &UNITS[2..]).is_some()
     }
 
-    /// The error for clouds that do not meet.
+    /// The error for clouds that do not overlap.
     pub fn disjoint(&self, overlap: f64, reach: f32, t_target_source: &Pose) -> EvalError {
         let centre = |b: &Aabb| std::array::from_fn(|k| 0.5 * (b.min[k] + b.max[k]));
         let moved = t_target_source * Point3::from(centre(&self.source)).cast::<f64>();

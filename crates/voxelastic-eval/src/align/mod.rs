@@ -1,89 +1,56 @@
-//! Alignment of two clouds: point-to-plane ICP, robust and coarse to fine.
+//! Alignment of two clouds: robust point-to-plane ICP, coarse to fine.
 //!
-//! Each level thins both clouds to a voxel size, estimates the target's normals, and iterates Gauss-Newton steps on the distances of source points
+//! Each level downsamples both clouds, estimates the target's normals, and iterates Gauss-Newton steps on the distances of source points
 //! to the planes of their nearest target points, weighted by a robust kernel whose width follows the residuals. Directions that the geometry
-//! does not determine (along a corridor, on a plane) are left as guessed. After Chen and Medioni 1992.
+//! does not determine (along a corridor, on a plane) keep the initial guess. After Chen and Medioni 1992.
 
 mod checks;
 mod normals;
+mod settings;
 mod solve;
 #[cfg(test)]
 pub(crate) mod tests;
+
+pub use settings::{AlignSettings, Kernel};
 
 use crate::cloud_distance::{PointIndex, downsample};
 use crate::error::Result;
 use rayon::prelude::*;
 use serde::Serialize;
-use solve::{Normal6, System};
+use solve::{PointToPlane, System};
 use voxelastic::Pose;
 use voxelastic::geometry::Rigid;
-
-/// How strongly large residuals count. The width follows the residuals' own spread (1.4826 times their median size).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kernel {
-    /// Squares: fastest, for clean data.
-    Squares,
-    /// Linear beyond the width.
-    Huber,
-    /// Hardly counts what is far beyond the width: for changed or missing parts.
-    #[default]
-    Cauchy,
-}
-
-/// Settings of [`align`].
-#[derive(Clone, Debug)]
-pub struct AlignSettings {
-    /// Voxel sizes, coarse to fine, metres. Default 1.0, 0.4, 0.15.
-    pub voxels: Vec<f32>,
-    /// Points further apart than this many voxels are not matched. Default 4.
-    pub reach: f32,
-    /// Robust kernel. Default Cauchy.
-    pub kernel: Kernel,
-    /// Steps at each level at most. Default 40.
-    pub max_iterations: usize,
-    /// First guess: maps source to target coordinates. Default identity.
-    pub t_target_source: Pose,
-    /// Least share of source points that must have a match. Default 0.05.
-    pub min_overlap: f64,
-}
-
-impl Default for AlignSettings {
-    fn default() -> Self {
-        let voxels = vec![1.0, 0.4, 0.15];
-        Self { voxels, reach: 4.0, kernel: Kernel::default(), max_iterations: 40, t_target_source: Pose::identity(), min_overlap: 0.05 }
-    }
-}
 
 /// Result of [`align`].
 #[derive(Clone, Debug)]
 pub struct Alignment {
     /// Maps source to target coordinates.
     pub t_target_source: Pose,
-    /// How good it is.
+    /// Quality of the fit.
     pub quality: AlignQuality,
 }
 
-/// How good an alignment is, with stable JSON keys.
+/// Quality of an alignment, with stable JSON keys.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AlignQuality {
-    /// Share of the source's voxels with a target point within reach at the finest level, 0 to 1.
+    /// Share of the source's voxels that have a target point within reach at the finest level, 0 to 1.
     pub overlap: f64,
     /// Root mean square distance of the matched points to the target's planes at the finest level, metres.
     pub rms_m: f64,
-    /// Whether the steps at the finest level became smaller than a tenth of a millimetre.
+    /// Whether the last step at the finest level was below a tenth of a millimetre.
     pub converged: bool,
-    /// Steps over all levels.
+    /// Iterations at all levels.
     pub iterations: usize,
-    /// Directions (of 6) that the geometry did not determine at the last step.
+    /// Directions (of 6) that the geometry did not determine in the last iteration.
     pub undetermined: usize,
 }
 
-/// Finds the rigid motion that brings `source` onto `target` (points in metres, each in its own frame; not finite ones are left out). The result
+/// Computes the rigid motion from `source` to `target` (points in metres, each in its own frame; points that are not finite are left out). The result
 /// does not depend on the number of threads.
 ///
 /// # Errors
-/// [`EvalError::Empty`](crate::EvalError::Empty) for clouds without points; [`EvalError::Units`](crate::EvalError::Units) when the extents differ by 100 or 1000 times, or by the foot's length where
-/// the clouds do not fit either; [`EvalError::Disjoint`](crate::EvalError::Disjoint) when less than [`AlignSettings::min_overlap`] of the source is near the target;
+/// [`EvalError::Empty`](crate::EvalError::Empty) for clouds without points; [`EvalError::Units`](crate::EvalError::Units) when the ratio of the extents
+/// is about 100 or 1000, or that of feet to metres and the clouds do not fit; [`EvalError::Disjoint`](crate::EvalError::Disjoint) when less than [`AlignSettings::min_overlap`] of the source is near the target;
 /// [`EvalError::Setting`](crate::EvalError::Setting) for voxel sizes or a reach that are not positive.
 ///
 /// ```
@@ -120,20 +87,20 @@ pub fn align(source: &[[f32; 3]], target: &[[f32; 3]], settings: &AlignSettings)
     Ok(Alignment { t_target_source: t, quality })
 }
 
-/// Moves points by a pose.
+/// Transforms points by a pose.
 pub fn moved(points: &[[f32; 3]], t: &Pose) -> Vec<[f32; 3]> {
     let rigid = Rigid::from(t);
     points.par_iter().map(|p| rigid.apply(*p)).collect()
 }
 
-/// Both clouds at one voxel size.
+/// Both clouds at one level.
 struct Level<'a> {
     source: Vec<[f32; 3]>,
     target: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
     index: PointIndex,
     reach: f32,
-    /// Centre and size of the target: rotations are about it and weighed by it.
+    /// Centre of the target, about which rotations are estimated, and half its diagonal, which scales them to metres.
     centre: [f64; 3],
     radius: f64,
     settings: &'a AlignSettings,
@@ -141,7 +108,7 @@ struct Level<'a> {
 
 /// Source points that one task handles; fixed, so that sums do not depend on the number of threads.
 const CHUNK: usize = 2048;
-/// Steps shorter than this (metres, at the target's radius) end a level.
+/// A shorter step (metres, at the target's radius) ends a level.
 const STEP_M: f64 = 1e-4;
 
 impl<'a> Level<'a> {
@@ -181,7 +148,7 @@ impl<'a> Level<'a> {
     }
 
     /// Residual and derivative of each matched point.
-    fn matches(&self, t: &Pose) -> Vec<Normal6> {
+    fn matches(&self, t: &Pose) -> Vec<PointToPlane> {
         let points = moved(&self.source, t);
         let row = |p: &[f32; 3]| {
             let (i, distance2) = self.index.nearest(*p);
@@ -191,17 +158,17 @@ impl<'a> Level<'a> {
             }
             let gap: [f64; 3] = std::array::from_fn(|k| f64::from(q[k]) - f64::from(p[k]));
             let arm: [f64; 3] = std::array::from_fn(|k| (f64::from(p[k]) - self.centre[k]) / self.radius);
-            Some(Normal6::new(n, arm, gap))
+            Some(PointToPlane::new(n, arm, gap))
         };
-        let parts: Vec<Vec<Normal6>> = points.par_chunks(CHUNK).map(|c| c.iter().filter_map(row).collect()).collect();
+        let parts: Vec<Vec<PointToPlane>> = points.par_chunks(CHUNK).map(|c| c.iter().filter_map(row).collect()).collect();
         parts.concat()
     }
 
-    fn system(&self, matches: &[Normal6]) -> System {
+    fn system(&self, matches: &[PointToPlane]) -> System {
         let width = match self.settings.kernel {
             Kernel::Squares => f64::INFINITY,
-            Kernel::Huber => 1.345 * spread(matches),
-            Kernel::Cauchy => 2.385 * spread(matches),
+            Kernel::Huber => 1.345 * scale(matches),
+            Kernel::Cauchy => 2.385 * scale(matches),
         };
         let weight = |r: f64| match self.settings.kernel {
             Kernel::Squares => 1.0,
@@ -213,8 +180,8 @@ impl<'a> Level<'a> {
     }
 }
 
-/// Standard deviation of the residuals, were they normal with outliers; at least a tenth of a millimetre.
-fn spread(matches: &[Normal6]) -> f64 {
+/// Robust standard deviation of the residuals, metres: the scaled median of their sizes, at least a tenth of a millimetre.
+fn scale(matches: &[PointToPlane]) -> f64 {
     let mut sizes: Vec<f64> = matches.iter().map(|m| m.residual.abs()).collect();
     if sizes.is_empty() {
         return 1.0;

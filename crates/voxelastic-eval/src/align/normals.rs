@@ -1,16 +1,16 @@
-//! Normals of a cloud from the scatter of each point's neighbours.
+//! Normals of a cloud from the covariance of each point's neighbours.
 
 use crate::cloud_distance::PointIndex;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 use std::num::NonZero;
 
-/// Neighbours that make a plane, the point itself included.
+/// Neighbours per plane, the point itself included.
 const NEIGHBOURS: NonZero<usize> = NonZero::new(16).unwrap();
-/// Where the thickness of the neighbourhood is more than this share of its width (as variances), there is no plane.
-const ROUGHEST: f64 = 0.25;
+/// Largest ratio of the smallest to the middle variance of a plane.
+const MAX_THICKNESS: f64 = 0.25;
 
-/// Unit normals (of either sign) of finite `points`, zero where the surroundings are not flat. `index` must be over the same points.
+/// Unit normals (of either sign) of finite `points`, zero where the neighbourhood is not flat. `index` must be over the same points.
 pub(super) fn estimate(points: &[[f32; 3]], index: &PointIndex) -> Vec<[f32; 3]> {
     points.par_iter().map(|p| normal(points, &index.nearest_k(*p, NEIGHBOURS))).collect()
 }
@@ -27,13 +27,13 @@ fn normal(points: &[[f32; 3]], near: &[usize]) -> [f32; 3] {
         squares += v * v.transpose();
     }
     let n = near.len() as f64;
-    let scatter = squares / n - (sum / n) * (sum / n).transpose();
-    let eigen = SymmetricEigen::new(scatter);
+    let covariance = squares / n - (sum / n) * (sum / n).transpose();
+    let eigen = SymmetricEigen::new(covariance);
     let mut order = [0, 1, 2];
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
     let (thin, wide) = (eigen.eigenvalues[order[0]].max(0.0), eigen.eigenvalues[order[1]]);
-    // Also no plane: neighbours in a line, where any normal across it would do.
-    if wide.is_nan() || wide <= 1e-12 || thin > ROUGHEST * wide || wide < 1e-3 * eigen.eigenvalues[order[2]] {
+    // Neighbours in a line are no plane either: its normal is not determined.
+    if wide.is_nan() || wide <= 1e-12 || thin > MAX_THICKNESS * wide || wide < 1e-3 * eigen.eigenvalues[order[2]] {
         return [0.0; 3];
     }
     eigen.eigenvectors.column(order[0]).map(|c| c as f32).into()
@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn planes_have_normals_and_lines_and_lumps_have_none() {
+    fn only_planes_have_normals() {
         let plane: Vec<[f32; 3]> = (0..100).map(|i| ((i % 10) as f32, (i / 10) as f32)).map(|(x, y)| [x, y, 0.5 * x]).collect();
         let n = estimate(&plane, &PointIndex::new(&plane, "a cloud").unwrap())[55];
         let expected = [-0.5f32 / 1.25f32.sqrt(), 0.0, 1.0 / 1.25f32.sqrt()];

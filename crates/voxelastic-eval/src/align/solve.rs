@@ -1,17 +1,17 @@
-//! The six unknowns of a rigid step: normal equations and their solution where the geometry determines it.
+//! Normal equations of a rigid step in six unknowns, solved only in the directions that the geometry determines.
 
 use nalgebra::{Matrix6, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6};
 use voxelastic::Pose;
 
-/// One point-to-plane observation: derivative by (rotation times radius, translation), and residual in metres.
+/// One point-to-plane residual in metres, with its derivative by (rotation times radius, translation).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Normal6 {
+pub(super) struct PointToPlane {
     pub derivative: [f64; 6],
     pub residual: f64,
 }
 
-impl Normal6 {
-    /// From the plane's normal, the point's arm from the centre over the radius, and the vector from the point to the plane's point.
+impl PointToPlane {
+    /// From the plane's normal, the point's offset from the centre over the radius, and the vector from the point to the plane's point.
     pub fn new(n: [f64; 3], arm: [f64; 3], gap: [f64; 3]) -> Self {
         let turn = [arm[1] * n[2] - arm[2] * n[1], arm[2] * n[0] - arm[0] * n[2], arm[0] * n[1] - arm[1] * n[0]];
         let residual = n[0] * gap[0] + n[1] * gap[1] + n[2] * gap[2];
@@ -19,7 +19,7 @@ impl Normal6 {
     }
 }
 
-/// Sums over observations.
+/// The normal equations, summed over residuals.
 #[derive(Clone, Debug, Default)]
 pub(super) struct System {
     h: Matrix6<f64>,
@@ -28,11 +28,11 @@ pub(super) struct System {
     count: usize,
 }
 
-/// Directions with less than this share of the strongest direction's information are not moved in.
-const WEAKEST: f64 = 1e-5;
+/// Least eigenvalue, relative to the largest, of a direction that is determined.
+const MIN_EIGENVALUE: f64 = 1e-5;
 
 impl System {
-    pub fn of(rows: &[Normal6], weight: impl Fn(f64) -> f64) -> Self {
+    pub fn of(rows: &[PointToPlane], weight: impl Fn(f64) -> f64) -> Self {
         let mut s = Self::default();
         for row in rows {
             let (j, w) = (Vector6::from(row.derivative), weight(row.residual));
@@ -52,7 +52,7 @@ impl System {
         if self.count == 0 { 0.0 } else { (self.squares / self.count as f64).sqrt() }
     }
 
-    /// The least-squares step; none without observations.
+    /// The least-squares step; none for less than six residuals.
     pub fn solve(&self) -> Option<Step> {
         if self.count < 6 || !self.h.iter().chain(self.g.iter()).all(|v| v.is_finite()) {
             return None;
@@ -65,7 +65,7 @@ impl System {
         let (mut x, mut undetermined) = (Vector6::zeros(), 0);
         for k in 0..6 {
             let (value, direction) = (eigen.eigenvalues[k], eigen.eigenvectors.column(k));
-            if value > WEAKEST * largest {
+            if value > MIN_EIGENVALUE * largest {
                 x += direction * (direction.dot(&self.g) / value);
             } else {
                 undetermined += 1;
@@ -75,10 +75,10 @@ impl System {
     }
 }
 
-/// A small motion.
+/// A small rigid motion.
 pub(super) struct Step {
     x: Vector6<f64>,
-    /// Directions left alone.
+    /// Number of directions that are not determined.
     pub undetermined: usize,
 }
 
@@ -91,7 +91,7 @@ impl Step {
         Pose::from_parts(Translation3::from(translation), rotation)
     }
 
-    /// How far it moves a point at the radius, metres, at most.
+    /// Upper bound of the displacement of a point at the radius, metres.
     pub fn length(&self) -> f64 {
         self.x.fixed_rows::<3>(0).norm() + self.x.fixed_rows::<3>(3).norm()
     }

@@ -37,7 +37,7 @@ fn motion(x: f64, y: f64, z: f64, roll: f64, pitch: f64, yaw: f64) -> Pose {
 }
 
 #[test]
-fn known_motions_are_found_to_millimetres_with_a_fifth_of_outliers() {
+fn recovers_known_motions_with_a_fifth_of_outliers() {
     let target = building(1, 60_000);
     for t in [motion(0.8, -0.5, 0.3, 0.01, -0.02, 0.06), motion(-1.0, 0.9, -0.2, 0.0, 0.0, -0.08), Pose::identity()] {
         let mut source = moved(&building(2, 40_000), &t.inverse());
@@ -50,7 +50,7 @@ fn known_motions_are_found_to_millimetres_with_a_fifth_of_outliers() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_change_a_bit() {
+fn result_does_not_depend_on_the_number_of_threads() {
     let (source, target) = (moved(&building(3, 20_000), &motion(0.3, 0.2, 0.0, 0.0, 0.0, 0.03)), building(4, 20_000));
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -60,7 +60,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
 }
 
 #[test]
-fn what_a_plane_does_not_determine_stays_as_guessed() {
+fn undetermined_directions_keep_the_initial_guess() {
     let plane: Vec<[f32; 3]> = (0..10_000).map(|i| [(i % 100) as f32 * 0.1, (i / 100) as f32 * 0.1, 0.0]).collect();
     let found = align(&moved(&plane, &motion(0.0, 0.0, 0.3, 0.0, 0.0, 0.0)), &plane, &AlignSettings::default()).unwrap();
     assert_eq!(found.quality.undetermined, 3);
@@ -68,7 +68,7 @@ fn what_a_plane_does_not_determine_stays_as_guessed() {
 }
 
 #[test]
-fn empty_disjoint_and_other_units_are_named() {
+fn empty_disjoint_and_wrongly_scaled_clouds_are_rejected() {
     let cloud = building(5, 5000);
     let error = |source: &[[f32; 3]], target: &[[f32; 3]]| align(source, target, &AlignSettings::default()).unwrap_err();
     assert!(matches!(error(&[], &cloud), EvalError::Empty { what: "the source cloud", .. }));
@@ -90,7 +90,7 @@ fn empty_disjoint_and_other_units_are_named() {
 }
 
 #[test]
-fn a_map_of_a_part_is_aligned_to_the_whole() {
+fn aligns_a_part_to_the_whole() {
     let whole = building(6, 60_000);
     let t = motion(0.4, 0.3, -0.1, 0.0, 0.01, 0.03);
     let part: Vec<[f32; 3]> = building(7, 60_000).into_iter().filter(|p| p[0] < 10.0 && p[1] < 10.0).collect();

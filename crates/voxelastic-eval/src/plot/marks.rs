@@ -1,9 +1,16 @@
-//! The few marks that plots are made of, and their two ways onto the page.
+//! The marks that plots are made of, drawn as SVG or on a canvas.
 
 use crate::canvas::{Anchor, Canvas};
 use crate::colour::Rgb;
-use crate::render::Size;
+use crate::picture::Size;
 use std::fmt::Write;
+
+/// Colour of text.
+pub(super) const INK: Rgb = [40, 44, 52];
+/// Colour of axes and tick labels.
+pub(super) const SOFT: Rgb = [110, 116, 126];
+/// Height of capitals.
+pub(super) const CAPITAL: f32 = 8.6;
 
 /// A mark, in user units from the top left.
 #[derive(Clone, Debug)]
@@ -12,6 +19,11 @@ pub(super) enum Mark {
     Box { at: [f32; 2], size: [f32; 2], colour: Rgb, alpha: u8 },
     Dot { at: [f32; 2], radius: f32, colour: Rgb },
     Text { text: String, at: [f32; 2], capital: f32, anchor: Anchor, colour: Rgb, turned: bool },
+}
+
+/// Horizontal text of the usual size; `at` is on its base line.
+pub(super) fn text(text: &str, at: [f32; 2], anchor: Anchor, colour: Rgb) -> Mark {
+    Mark::Text { text: text.into(), at, capital: CAPITAL, anchor, colour, turned: false }
 }
 
 /// An SVG element.
@@ -77,7 +89,7 @@ fn hex(c: Rgb) -> String {
     format!("#{:02x}{:02x}{:02x}", c[0], c[1], c[2])
 }
 
-/// Text as XML wants it; control characters, which it forbids, are dropped.
+/// Text escaped for XML, without control characters, which it forbids.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars().filter(|c| !c.is_control()) {

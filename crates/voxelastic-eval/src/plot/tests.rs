@@ -13,7 +13,7 @@ fn plot() -> Plot {
 }
 
 #[test]
-fn an_svg_is_well_formed_and_escapes_its_texts() {
+fn svg_is_well_formed_and_escaped() {
     let svg = plot().to_svg();
     assert!(svg.contains("&amp; memory &lt;per scan&gt;") && svg.contains("sensor period"));
     assert_eq!(svg.matches("<text").count(), svg.matches("</text>").count());
@@ -22,7 +22,7 @@ fn an_svg_is_well_formed_and_escapes_its_texts() {
 }
 
 #[test]
-fn what_cannot_be_plotted_is_left_out() {
+fn values_that_are_not_finite_are_left_out() {
     let mut odd = Plot::new("", "", "");
     odd.series.push(Series::line("", vec![[f64::NAN, 1.0], [0.0, f64::INFINITY], [1.0, 1e300], [2.0, -1e300], [3.0, 0.0]]));
     odd.series.push(Series::dots("", vec![]));
@@ -35,28 +35,36 @@ fn what_cannot_be_plotted_is_left_out() {
 }
 
 #[test]
-fn a_key_of_many_names_takes_more_rows_and_stays_within() {
-    let mut plot = Plot::new("Many", "scan", "ms");
-    plot.series = (0..9).map(|i| Series::line(&format!("occupancy, 60 m / 6.5 cm, {i}"), vec![[0.0, 0.0], [1.0, f64::from(i)]])).collect();
-    let marks = axes::layout(&plot);
-    let names: Vec<[f32; 2]> = marks
-        .iter()
-        .filter_map(|mark| match mark {
-            marks::Mark::Text { text, at, .. } if text.starts_with("occupancy") => {
-                Some([at[0] + crate::glyphs::strokes(text, axes::CAPITAL).1, at[1]])
-            }
-            _ => None,
-        })
-        .collect();
-    let grid = marks.iter().filter_map(|mark| if let marks::Mark::Line { points, .. } = mark { Some(points[0][1]) } else { None });
-    let top = grid.fold(f32::INFINITY, f32::min);
-    assert_eq!(names.len(), 9);
-    assert!(names.iter().all(|[end, _]| *end <= plot.size.width as f32), "{names:?}");
-    assert!(names.iter().all(|[_, y]| *y < top), "{names:?} above {top}");
+fn legend_of_many_series_is_complete_and_above_the_plot() {
+    for (count, name) in [
+        (9, "occupancy, 60 m / 6.5 cm"),
+        (8, "a name that fills more than half of the row of a legend, with everything said"),
+        (1, &"long ".repeat(60)),
+    ] {
+        let mut plot = Plot::new("Many", "scan", "ms");
+        plot.series = (0..count).map(|i| Series::line(&format!("{name} {i}"), vec![[0.0, 0.0], [1.0, f64::from(i)]])).collect();
+        let page = layout::layout(&plot);
+        let names: Vec<[f32; 2]> = page
+            .marks
+            .iter()
+            .filter_map(|mark| match mark {
+                marks::Mark::Text { text, at, .. } if text.starts_with(&name[..4]) => {
+                    Some([at[0] + crate::glyphs::strokes(text, marks::CAPITAL).1, at[1]])
+                }
+                _ => None,
+            })
+            .collect();
+        let lines = page.marks.iter().filter_map(|mark| if let marks::Mark::Line { points, .. } = mark { Some(points) } else { None });
+        let (top, bottom) = lines.flatten().fold((f32::INFINITY, 0f32), |(top, bottom), p| (top.min(p[1]), bottom.max(p[1])));
+        assert_eq!(names.len(), count as usize);
+        assert!(names.iter().all(|[end, _]| *end <= plot.size.width as f32), "{names:?}");
+        assert!(names.iter().all(|[_, y]| *y < top), "{names:?} above {top}");
+        assert!(bottom < page.size.height as f32 && bottom - top > 250.0, "the plotting area keeps its size: {top} to {bottom}");
+    }
 }
 
 #[test]
-fn a_histogram_shows_shares_of_everything() {
+fn histogram_bars_are_percentages() {
     let stats = crate::DistanceStats::new(&[0.005, 0.015, 0.016, f32::INFINITY]);
     let s = Series::histogram("errors", &stats.histogram);
     assert_eq!(s.points[..2], [[0.5, 25.0], [1.5, 50.0]]);
@@ -77,7 +85,7 @@ fn plots_to_look_at() {
 }
 
 #[test]
-fn files_are_written_or_the_path_is_named() {
+fn write_errors_name_the_path() {
     let folder = tempfile::tempdir().unwrap();
     plot().write_png(&folder.path().join("p.png")).unwrap();
     assert!(std::fs::read(folder.path().join("p.png")).unwrap().starts_with(b"\x89PNG"));

@@ -1,10 +1,10 @@
-//! Where a picture is taken from.
+//! Cameras and projections.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use voxelastic::Pose;
 use voxelastic::geometry::Aabb;
 
-/// What part of the view is seen, and how.
+/// Kind and extent of a projection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
     /// Parallel rays: lengths can be measured in the picture. At least this much is visible, metres.
@@ -18,7 +18,7 @@ pub enum Projection {
     Perspective {
         /// Vertical opening angle, radians.
         fov_y: f64,
-        /// Nothing nearer than this is drawn, metres.
+        /// Distance of the near plane, metres.
         near: f64,
     },
 }
@@ -32,17 +32,17 @@ pub struct Camera {
     pub projection: Projection,
 }
 
-/// Room left around a fitted scene, as a factor.
+/// Margin around a fitted scene, as a factor.
 const MARGIN: f64 = 1.06;
 
 impl Camera {
-    /// From above, north (map y) up, fitting the box.
+    /// Orthographic view from above that fits the box, north (map y) up.
     pub fn top(bounds: &Aabb) -> Self {
         Self::orbit(bounds, 0.0, 90.0)
     }
 
-    /// Orthographic view that fits the box. `yaw_deg` turns the viewer counter-clockwise about the vertical (0 looks along map y, from the
-    /// south), `pitch_deg` is the height of the viewer above the horizon (90 is from above).
+    /// Orthographic view that fits the box. `yaw_deg` rotates the viewer counter-clockwise about the vertical (0 looks along map y, from the
+    /// south); `pitch_deg` is the elevation of the viewer above the horizon (90 is from above).
     pub fn orbit(bounds: &Aabb, yaw_deg: f64, pitch_deg: f64) -> Self {
         let (centre, corners) = centre_and_corners(bounds);
         let rotation = view_rotation(yaw_deg, pitch_deg);
@@ -90,7 +90,7 @@ impl Camera {
         Self { t_view_map: placed(rotation, eye, 0.0), projection }
     }
 
-    /// Scale and centre of a picture of `width` x `height` pixels (or samples).
+    /// The lens of a picture of `width` x `height` pixels (or samples).
     pub(super) fn lens(&self, width: u32, height: u32) -> Lens {
         let (w, h) = (f64::from(width), f64::from(height));
         let (cx, cy) = ((w / 2.0) as f32, (h / 2.0) as f32);
@@ -106,7 +106,7 @@ impl Camera {
     }
 }
 
-/// A camera at a resolution: view coordinates to pixels and back. `q` is linear across the picture and larger when nearer.
+/// A projection at a resolution: view coordinates to pixels and back. `q` is linear across the picture and larger when nearer.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lens {
     /// Pixels per metre (orthographic) or focal length in pixels (perspective).
@@ -173,7 +173,7 @@ fn rows(right: Vector3<f64>, down: Vector3<f64>, forward: Vector3<f64>) -> UnitQ
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(m))
 }
 
-/// Map to view, with `point` of the map straight ahead at `distance`.
+/// The view pose with `point` of the map straight ahead at `distance`.
 fn placed(rotation: UnitQuaternion<f64>, point: Point3<f64>, distance: f64) -> Pose {
     let t = Vector3::new(0.0, 0.0, distance) - (rotation * point).coords;
     Pose::from_parts(Translation3::from(t), rotation)
@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn from_above_east_is_right_and_north_is_up() {
+    fn top_view_has_east_right_and_north_up() {
         let camera = Camera::top(&Aabb { min: [0.0; 3], max: [10.0, 10.0, 3.0] });
         let lens = camera.lens(100, 100);
         let at = |x: f64, y: f64, z: f64| {

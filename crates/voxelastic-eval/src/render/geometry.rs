@@ -1,18 +1,18 @@
-//! From the scene to screen primitives: into view coordinates, clipped, projected and sorted into tiles.
+//! Geometry stage: transforms, clips and projects the scene, and sorts the screen primitives into tiles.
 
-use super::camera::Lens;
+use super::camera::{Camera, Lens};
 use super::scene::{Faces, PointSize, Scene};
-use super::{Camera, SUPERSAMPLING, TILE};
+use super::tiles::{SUPERSAMPLING, TILE, TileGrid};
 use crate::vec3;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use voxelastic::Pose;
 use voxelastic::geometry::Rigid;
 
-/// Items of the scene that one tile-sorting task handles.
+/// Primitives per task.
 const CHUNK: usize = 1 << 14;
 
-/// Something to rasterise, in samples. `id` counts triangles, then points, then line segments over the whole scene.
+/// A screen primitive, in samples. `id` counts triangles, then points, then line segments over the whole scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Primitive {
     pub id: u32,
@@ -25,7 +25,7 @@ pub(super) enum Shape {
     Triangle([[f32; 3]; 3]),
     /// Centre x, y, q and radius.
     Disc([f32; 3], f32),
-    /// Ends x, y, q and radius; the flag lifts it over everything.
+    /// Ends x, y, q, radius, and whether it is drawn over everything.
     Segment([[f32; 3]; 2], f32, bool),
 }
 
@@ -53,7 +53,7 @@ pub(super) struct ViewSpace {
     pub cut: Option<([f32; 3], f32)>,
 }
 
-/// What a primitive number stands for.
+/// The part of the scene that a primitive belongs to.
 pub(super) enum Part {
     Triangle { mesh: usize, triangle: usize },
     Point { cloud: usize, point: usize },
@@ -85,7 +85,7 @@ impl ViewSpace {
         Self { meshes, clouds, segments: segments(scene, camera), mesh_first, cloud_first, segment_first, cut }
     }
 
-    /// Finds what a primitive number stands for.
+    /// The part of the scene that primitive `id` belongs to.
     pub fn part(&self, id: u32) -> Part {
         if id >= self.segment_first {
             return Part::Segment((id - self.segment_first) as usize);
@@ -113,23 +113,8 @@ fn segments(scene: &Scene<'_>, camera: &Camera) -> Vec<([[f32; 3]; 2], f32, u32,
     lines.flat_map(|(i, l)| l.points.windows(2).map(move |w| ([view(&w[0]), view(&w[1])], radius(l.width), i as u32, l.on_top))).collect()
 }
 
-/// The picture in samples and in tiles.
-#[derive(Clone, Copy)]
-pub(super) struct Grid {
-    pub width: usize,
-    pub height: usize,
-    pub across: usize,
-    pub down: usize,
-}
-
-impl Grid {
-    pub fn new(width: usize, height: usize) -> Self {
-        Self { width, height, across: width.div_ceil(TILE), down: height.div_ceil(TILE) }
-    }
-}
-
-/// Projects everything and sorts it into tiles, in chunks whose order is that of the scene.
-pub(super) fn bin(scene: &Scene<'_>, view: &ViewSpace, lens: &Lens, grid: Grid) -> Vec<Bin> {
+/// Projects the scene and sorts it into tiles, in chunks in the order of the scene.
+pub(super) fn bin(scene: &Scene<'_>, view: &ViewSpace, lens: &Lens, grid: TileGrid) -> Vec<Bin> {
     let mut tasks: Vec<(usize, usize, std::ops::Range<usize>)> = Vec::new();
     let mut add = |kind: usize, item: usize, n: usize| {
         tasks.extend((0..n).step_by(CHUNK).map(|s| (kind, item, s..n.min(s + CHUNK))));
@@ -229,8 +214,8 @@ fn segment(view: &ViewSpace, lens: &Lens, i: usize, out: &mut Vec<Primitive>) {
     out.push(Primitive { id: view.segment_first + i as u32, shape: Shape::Segment(ends.map(|p| lens.project(p)), radius, on_top) });
 }
 
-/// Box of the tiles that a primitive touches, ends included; none when it is outside the picture.
-fn tiles(shape: &Shape, grid: Grid) -> Option<[usize; 4]> {
+/// First and last tile that a primitive overlaps, in x and y; none when it is outside of the picture.
+fn tiles(shape: &Shape, grid: TileGrid) -> Option<[usize; 4]> {
     let (mut lo, mut hi) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
     let (points, radius): (&[[f32; 3]], f32) = match shape {
         Shape::Triangle(c) => (c, 0.0),
@@ -249,7 +234,7 @@ fn tiles(shape: &Shape, grid: Grid) -> Option<[usize; 4]> {
     Some([tile(lo[0], grid.across), tile(lo[1], grid.down), tile(hi[0], grid.across), tile(hi[1], grid.down)])
 }
 
-fn sort_into_tiles(primitives: Vec<Primitive>, grid: Grid) -> Bin {
+fn sort_into_tiles(primitives: Vec<Primitive>, grid: TileGrid) -> Bin {
     let boxes: Vec<Option<[usize; 4]>> = primitives.iter().map(|p| tiles(&p.shape, grid)).collect();
     let each = |f: &mut dyn FnMut(usize, usize)| {
         for (i, b) in boxes.iter().enumerate() {

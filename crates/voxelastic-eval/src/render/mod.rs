@@ -1,7 +1,7 @@
-//! Pictures of meshes and clouds by a small software renderer: no GPU, no window, the same pixels on every machine and for any number of threads.
+//! A software renderer for meshes and clouds: no GPU, no window, the same pixels on every machine and for any number of threads.
 //!
-//! Primitives are moved to view coordinates, clipped, sorted into tiles of the picture and rasterised there with a depth buffer of 2 x 2
-//! samples a pixel; each pixel shades each primitive it shows once; ambient occlusion makes corners and edges readable.
+//! Primitives are transformed to view coordinates, clipped, sorted into tiles and rasterised with a depth buffer of 2 x 2 samples per pixel. Each
+//! pixel shades each visible primitive once. Ambient occlusion makes corners and edges readable.
 //!
 //! ```
 //! use voxelastic_eval::{MeshView, colour::Ramp, render::*};
@@ -27,57 +27,23 @@ mod scene;
 mod shade;
 #[cfg(test)]
 mod tests;
+mod tiles;
 
+pub use crate::picture::{Picture, Size};
 pub use camera::{Camera, Projection};
 pub use scene::{CloudItem, Colouring, Faces, Legend, MeshItem, PointSize, Polyline, Scene, Style};
 
-pub(crate) use overlay::round_number;
-
-use crate::colour::{Rgb, from_linear, to_linear};
+use crate::colour::{from_linear, to_linear};
 use crate::{EvalError, error::Result};
-use geometry::{Bin, Grid, ViewSpace};
+use geometry::{Bin, ViewSpace};
 use occlusion::Surface;
 use raster::{NOTHING, Samples};
 use rayon::prelude::*;
 use shade::{Shaded, Shader};
 use std::path::Path;
+use tiles::{SUPERSAMPLING, TILE, TILE_PX, TileGrid};
 
-/// Samples per pixel, in each direction.
-const SUPERSAMPLING: usize = 2;
-/// Edge of a tile in samples.
-const TILE: usize = 64;
-/// Edge of a tile in pixels.
-const TILE_PX: usize = TILE / SUPERSAMPLING;
-
-/// Size of a picture in pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
-    /// Pixels across, 1 to 16384.
-    pub width: u32,
-    /// Pixels down, 1 to 16384.
-    pub height: u32,
-}
-
-/// A picture, row by row from the top left.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Picture {
-    /// Its size.
-    pub size: Size,
-    /// Colours, `width * height` of them.
-    pub pixels: Vec<Rgb>,
-}
-
-impl Picture {
-    /// Writes the picture as PNG.
-    ///
-    /// # Errors
-    /// [`EvalError::Write`] when the file cannot be written.
-    pub fn write_png(&self, path: &Path) -> Result<()> {
-        crate::canvas::Canvas::from_picture(self)?.write_png(path)
-    }
-}
-
-/// Draws a scene into a PNG file.
+/// Renders a scene into a PNG file.
 ///
 /// # Errors
 /// Those of [`render`], and [`EvalError::Write`].
@@ -85,7 +51,7 @@ pub fn render_png(path: &Path, scene: &Scene<'_>, camera: &Camera, size: Size) -
     render(scene, camera, size)?.write_png(path)
 }
 
-/// Draws a scene. Anything not finite is left out.
+/// Renders a scene. Primitives with coordinates that are not finite are left out.
 ///
 /// # Errors
 /// [`EvalError::Picture`] for sizes outside 1 to 16384; [`EvalError::Length`] when a colouring does not fit its mesh or cloud;
@@ -93,7 +59,7 @@ pub fn render_png(path: &Path, scene: &Scene<'_>, camera: &Camera, size: Size) -
 pub fn render(scene: &Scene<'_>, camera: &Camera, size: Size) -> Result<Picture> {
     check(scene, size)?;
     let (width, height) = (size.width as usize, size.height as usize);
-    let grid = Grid::new(width * SUPERSAMPLING, height * SUPERSAMPLING);
+    let grid = TileGrid::new(width * SUPERSAMPLING, height * SUPERSAMPLING);
     let lens = camera.lens(grid.width as u32, grid.height as u32);
     let view = ViewSpace::new(scene, camera);
     let bins = geometry::bin(scene, &view, &lens, grid);
@@ -114,7 +80,7 @@ pub fn render(scene: &Scene<'_>, camera: &Camera, size: Size) -> Result<Picture>
     Ok(picture)
 }
 
-/// A pixel before occlusion: light of surfaces and of lines, each times its share of the samples.
+/// A pixel before occlusion: light of surfaces and of lines, each weighted by its share of the samples.
 #[derive(Clone, Copy)]
 struct Pixel {
     solid: [f32; 3],
@@ -127,7 +93,7 @@ impl Pixel {
     const EMPTY: Self = Self { solid: [0.0; 3], line: [0.0; 3], cover: 0.0, surface: Surface::NONE };
 }
 
-fn draw_tile(samples: &mut Samples, shader: &Shader<'_>, bins: &[Bin], tile: usize, grid: Grid) -> Vec<Pixel> {
+fn draw_tile(samples: &mut Samples, shader: &Shader<'_>, bins: &[Bin], tile: usize, grid: TileGrid) -> Vec<Pixel> {
     if bins.iter().all(|b| b.starts[tile] == b.starts[tile + 1]) {
         return vec![Pixel::EMPTY; TILE_PX * TILE_PX];
     }

@@ -1,14 +1,14 @@
-//! Screen-space ambient occlusion: corners, gaps and outlines grow dark, which makes the geometry readable.
+//! Screen-space ambient occlusion: darkens corners, gaps and outlines, which makes the geometry readable.
 //!
-//! For each pixel, neighbours are looked at along a spiral from 1.5 pixels (edges) to a twentieth of the picture (rooms); those that rise over
-//! the pixel's tangent plane take light away, less so when they are far in front. After Bavoil and Sainz 2008 and McGuire et al. 2011, with
+//! For each pixel, neighbours are sampled along a spiral from 1.5 pixels (edges) to a twentieth of the picture (rooms). Those above the pixel's
+//! tangent plane occlude it, less so when they are far in front. After Bavoil and Sainz 2008 and McGuire et al. 2011, with
 //! radii in pixels so that one setting serves all scales.
 
 use super::camera::Lens;
 use crate::vec3;
 use rayon::prelude::*;
 
-/// What occlusion needs to know of a pixel.
+/// Depth and normal of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Surface {
     /// `q` of the nearest solid sample; minus infinity where there is none.
@@ -55,7 +55,7 @@ fn shadow(surfaces: &[Surface], (width, height): (usize, usize), lens: &Lens, re
     let p = lens.unproject(x as f32 + 0.5, y as f32 + 0.5, here.q);
     let metres = 1.0 / lens.pixels_per_metre(p[2]);
     let phase = ((x & 3) * 4 + (y & 3)) as f32;
-    // Interleave the 16 phases so that neighbours differ much, and the 4 x 4 mean sees them all.
+    // 16 interleaved phases: neighbours differ much, and the 4 x 4 mean averages all of them.
     let (turn, shift) = (phase * 0.618_034 * std::f32::consts::TAU, (phase * 0.381_966).fract());
     let mut sum = 0.0;
     for i in 0..TAPS {
@@ -73,7 +73,7 @@ fn shadow(surfaces: &[Surface], (width, height): (usize, usize), lens: &Lens, re
         let v = vec3::sub(lens.unproject(tx + 0.5, ty + 0.5, there.q), p);
         let (d2, r_m) = (vec3::dot(v, v).max(1e-12), r * metres);
         let rise = vec3::dot(v, here.normal) / d2.sqrt();
-        // What stands more than a few radii in front belongs to something else: it shades less.
+        // A surface more than a few radii in front belongs to another object and occludes less.
         sum += (rise - 0.08).max(0.0) / (1.0 + 0.12 * d2 / (r_m * r_m));
     }
     (1.5 * sum / TAPS as f32).min(0.95)

@@ -1,12 +1,13 @@
-//! What is written over a picture: title, scale bar, colour bar.
+//! Overlays of a rendered picture: title, scale bar, colour bar.
 
-use super::camera::Projection;
+use super::camera::{Camera, Projection};
 use super::scene::{Legend, Scene};
-use super::{Camera, Picture};
 use crate::canvas::{Anchor, Canvas};
 use crate::colour::{Rgb, to_linear};
+use crate::picture::Picture;
+use crate::round_number::round_number;
 
-/// Draws the overlays that the scene's style asks for.
+/// Draws the overlays of the scene's style.
 pub(super) fn draw(picture: &mut Picture, scene: &Scene<'_>, camera: &Camera) {
     let style = &scene.style;
     let bar = style.scale_bar && matches!(camera.projection, Projection::Orthographic { .. });
@@ -28,7 +29,7 @@ pub(super) fn draw(picture: &mut Picture, scene: &Scene<'_>, camera: &Camera) {
     *picture = canvas.into_picture();
 }
 
-/// Sizes and colours that fit the picture.
+/// Sizes and colours of the overlays, from the size and background of the picture.
 struct Pen {
     width: f32,
     height: f32,
@@ -46,21 +47,10 @@ impl Pen {
         let ink = if lightness > 0.25 { [34, 36, 42] } else { [232, 232, 228] };
         Self { width, height, capital, margin: 2.2 * capital, ink, paper: background }
     }
-}
 
-impl Pen {
     fn colours(&self) -> [Rgb; 2] {
         [self.ink, self.paper]
     }
-}
-
-/// A number of the form 1, 2 or 5 times a power of ten, at most `limit`.
-pub(crate) fn round_number(limit: f64) -> f64 {
-    if !(limit > 0.0 && limit.is_finite()) {
-        return 1.0;
-    }
-    let power = 10f64.powf(limit.log10().floor());
-    [5.0, 2.0].into_iter().map(|f| f * power).find(|v| *v <= limit).unwrap_or(power)
 }
 
 fn scale_bar(canvas: &mut Canvas, pen: &Pen, pixels_per_metre: f64) {
@@ -100,7 +90,7 @@ fn colour_bar(canvas: &mut Canvas, pen: &Pen, legend: &Legend) {
 }
 
 /// A number with about three significant digits and no trailing zeros.
-pub(crate) fn short(value: f32) -> String {
+fn short(value: f32) -> String {
     let size = value.abs();
     let digits = if size >= 100.0 || size == 0.0 { 0 } else { (2 - (size.log10().floor() as i32).clamp(-4, 2)) as usize };
     let text = format!("{value:.digits$}");
@@ -112,10 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_round_and_short() {
-        assert_eq!(round_number(37.0), 20.0);
-        assert_eq!(round_number(0.07), 0.05);
-        assert_eq!(round_number(10.0), 10.0);
+    fn numbers_have_three_digits() {
         assert_eq!([short(0.05), short(12.34), short(-2.5), short(0.0), short(1234.0)], ["0.05", "12.3", "-2.5", "0", "1234"]);
     }
 }

@@ -1,7 +1,7 @@
-//! One tile: which primitive is seen at each sample.
+//! Rasterisation of one tile with a depth buffer.
 
-use super::TILE;
 use super::geometry::{Bin, Shape};
+use super::tiles::TILE;
 
 /// No primitive.
 pub(super) const NOTHING: u32 = u32::MAX;
@@ -38,7 +38,7 @@ impl Samples {
     #[inline(always)]
     fn put(&mut self, x: usize, y: usize, id: u32, q: f32) {
         let s = y * TILE + x;
-        // Strictly nearer: of two equally near, the first in the scene wins whatever the threads did.
+        // Strictly nearer: of two equally near primitives the first in the scene wins, for any number of threads.
         if q > self.q[s] {
             self.q[s] = q;
             self.id[s] = id;
@@ -66,7 +66,7 @@ impl Samples {
             let start: [f32; 3] = std::array::from_fn(|k| at[k] + dy[k] * row as f32);
             for column in xs.0..xs.1 {
                 let w: [f32; 3] = std::array::from_fn(|k| start[k] + dx[k] * column as f32);
-                // A hair of overlap: no pinholes between neighbours.
+                // A small overlap leaves no pinholes between neighbours.
                 if w[0] >= -1e-5 && w[1] >= -1e-5 && w[2] >= -1e-5 {
                     self.put(column, row, id, q(w));
                 }
@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_triangles_of_a_square_leave_no_pinhole_and_the_nearer_wins() {
+    fn adjacent_triangles_leave_no_pinhole_and_the_nearer_primitive_wins() {
         let mut s = Samples::new();
         let (a, b, c, d) = ([-3.0, -3.0, 1.0], [80.3, -7.0, 1.0], [77.7, 90.1, 1.0], [-20.0, 70.0, 1.0]);
         s.triangle(7, [a, b, c]);

@@ -1,4 +1,4 @@
-//! What is in a picture, and how it should look.
+//! The scene: what is rendered, and how.
 
 use crate::colour::{Ramp, Rgb};
 use crate::mesh::{MeshView, bounds};
@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use voxelastic::Pose;
 use voxelastic::geometry::{Aabb, Rigid};
 
-/// Points of an item that are looked at for its bulk.
+/// Points of an item sampled for [`Scene::main_bounds`].
 const SAMPLE: usize = 200_000;
 
 /// How a mesh or cloud is coloured.
@@ -23,7 +23,7 @@ pub enum Colouring<'a> {
         /// Height of the highest colour, metres.
         high: f32,
     },
-    /// By one number per vertex or point (intensity, error, scale, age).
+    /// By one value per vertex or point (intensity, error, scale, age).
     Scalar {
         /// One value per vertex or point.
         values: &'a [f32],
@@ -80,17 +80,17 @@ pub struct Polyline {
     pub colour: Rgb,
     /// Width in pixels of the picture.
     pub width: f32,
-    /// Drawn over everything rather than hidden behind what is nearer.
+    /// Drawn over everything, without depth test.
     pub on_top: bool,
 }
 
 /// Which sides of triangles are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Faces {
-    /// Both; the inner side is a little darker and greyer.
+    /// Both; back faces are darker and greyer.
     #[default]
     Both,
-    /// Only triangles that turn their outer (free) side to the viewer: from above, rooms are seen without their ceilings.
+    /// Front faces only (the free side): from above, rooms appear without their ceilings.
     Front,
 }
 
@@ -103,26 +103,26 @@ pub struct Legend {
     pub low: f32,
     /// Number at its high end.
     pub high: f32,
-    /// What the numbers are, with the unit.
+    /// Quantity and unit.
     pub label: String,
 }
 
-/// How a picture looks.
+/// Appearance of a picture.
 #[derive(Clone, Debug)]
 pub struct Style {
-    /// Background colour; letters and scale bar take black or white, whichever shows.
+    /// Background colour; text and scale bar are black or white, whichever contrasts.
     pub background: Rgb,
     /// Which sides of triangles are drawn.
     pub faces: Faces,
-    /// Cuts away everything above this height of the map frame, metres (a roof).
+    /// Removes everything above this height of the map frame, metres (a roof).
     pub cut_above: Option<f64>,
-    /// Strength of the darkening of corners and edges, 0 (none) to about 2.
+    /// Strength of ambient occlusion, 0 (none) to about 2.
     pub occlusion: f32,
-    /// Draws a scale bar (only where lengths can be measured: in orthographic views).
+    /// Draws a scale bar; only in orthographic views.
     pub scale_bar: bool,
     /// A colour bar.
     pub legend: Option<Legend>,
-    /// A line of text at the top left.
+    /// Title at the top left; none when empty.
     pub title: String,
 }
 
@@ -133,13 +133,13 @@ impl Default for Style {
 }
 
 impl Style {
-    /// Light on dark.
+    /// A dark background.
     pub fn dark() -> Self {
         Self { background: [18, 20, 26], ..Self::default() }
     }
 }
 
-/// Everything in a picture.
+/// Everything that is rendered.
 #[derive(Clone, Debug, Default)]
 pub struct Scene<'a> {
     /// Triangle meshes.
@@ -148,13 +148,13 @@ pub struct Scene<'a> {
     pub clouds: Vec<CloudItem<'a>>,
     /// Lines.
     pub polylines: Vec<Polyline>,
-    /// Look.
+    /// Appearance.
     pub style: Style,
 }
 
 impl Scene<'_> {
-    /// Box around everything in the map frame; cut at [`Style::cut_above`]. The corners of each item's box are moved, so that the result is a little
-    /// large for turned items.
+    /// Box around everything in the map frame, cut at [`Style::cut_above`]. It is computed from the items' own boxes, so it is a little large for rotated
+    /// items.
     pub fn bounds(&self) -> Aabb {
         let mut all = Aabb::default();
         let items = self.meshes.iter().map(|m| (m.mesh.bounds(), m.t_map_mesh));
@@ -174,14 +174,14 @@ impl Scene<'_> {
         all
     }
 
-    /// Box that holds the bulk of the scene in the map frame: along each axis all but the outermost `outliers` (0 to 0.4) of the vertices and points at
-    /// either end, then a tenth more. A few stray returns do not make the picture small. Lines are always inside. Also gives heights for a ramp.
+    /// Box around most of the scene in the map frame: along each axis without the share `outliers` (0 to 0.4) of vertices and points at either end, then
+    /// enlarged by a tenth, so that a few stray returns do not shrink the picture. Lines are always inside. Also useful for the range of a height ramp.
     pub fn main_bounds(&self, outliers: f64) -> Aabb {
         let mut values: [Vec<f32>; 3] = Default::default();
         let meshes = self.meshes.iter().map(|m| (m.mesh.vertices(), m.t_map_mesh));
         for (points, t) in meshes.chain(self.clouds.iter().map(|c| (c.points, c.t_map_cloud))) {
             let rigid = Rigid::from(&t);
-            // A fixed sample is as good as all of a large item.
+            // A fixed sample represents large items.
             for p in points.iter().step_by(points.len() / SAMPLE + 1).map(|p| rigid.apply(*p)) {
                 let shown = self.style.cut_above.is_none_or(|cut| f64::from(p[2]) <= cut);
                 if shown && p.iter().all(|c| c.is_finite()) {

@@ -1,6 +1,6 @@
-//! What a sample looks like: colour of the surface and light on it.
+//! Shading: the colour of a surface and the light on it.
 
-use super::camera::Lens;
+use super::camera::{Camera, Lens};
 use super::geometry::{Part, ViewSpace};
 use super::scene::{Colouring, Scene};
 use crate::colour::to_linear;
@@ -14,11 +14,11 @@ pub(super) struct Shaded {
     pub colour: [f32; 3],
     /// Unit normal towards the viewer, view coordinates.
     pub normal: [f32; 3],
-    /// Whether the darkening of corners applies (not to lines).
+    /// Whether ambient occlusion applies (not to lines).
     pub solid: bool,
 }
 
-/// Everything that shading looks up.
+/// Inputs of shading.
 pub(super) struct Shader<'a> {
     pub scene: &'a Scene<'a>,
     pub view: &'a ViewSpace,
@@ -32,7 +32,7 @@ pub(super) struct Shader<'a> {
 }
 
 impl<'a> Shader<'a> {
-    pub fn new(scene: &'a Scene<'a>, view: &'a ViewSpace, camera: &super::Camera, lens: Lens) -> Self {
+    pub fn new(scene: &'a Scene<'a>, view: &'a ViewSpace, camera: &Camera, lens: Lens) -> Self {
         let height_row = |t: &voxelastic::Pose| {
             let r = Rigid::from(t);
             [r.rotation[2][0], r.rotation[2][1], r.rotation[2][2], r.translation[2]]
@@ -79,7 +79,7 @@ impl<'a> Shader<'a> {
             let n = vec3::unit(self.rotations[mesh].rotate(n));
             normal = if n == [0.0; 3] || !n.iter().all(|c| c.is_finite()) { normal } else { n };
         }
-        // The side that is seen decides: vertex normals follow the seen side of the face.
+        // Vertex normals are turned to the visible side of the face.
         if vec3::dot(normal, to_viewer) < 0.0 {
             normal = vec3::scale(normal, -1.0);
         }
@@ -96,7 +96,7 @@ impl<'a> Shader<'a> {
         Shaded { colour: std::array::from_fn(|k| albedo[k] * light[k]), normal, solid: true }
     }
 
-    /// Light on a surface: a warm key from over the viewer's left shoulder, a headlight, and a cool sky.
+    /// Light on a surface: a warm key light from behind the viewer's left, a headlight, and a cool sky.
     fn light(&self, n: [f32; 3], to_viewer: [f32; 3]) -> [f32; 3] {
         const KEY: [f32; 3] = [-0.48, -0.62, -0.62];
         let key = vec3::dot(n, KEY).max(0.0);

@@ -1,11 +1,11 @@
-//! The renderer as a whole, and (by hand) test pictures to look at.
+//! Tests of the whole renderer, and pictures for visual inspection.
 
 use super::*;
 use crate::colour::Ramp;
 use crate::mesh::{MeshView, vertex_normals};
 use voxelastic::Pose;
 
-/// A room with floor, walls, a pillar, a step and a sphere, as a mesh that is open to the inside.
+/// A room with floor, walls, a pillar, a step and a sphere, with front faces inside.
 fn room() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let (mut v, mut t) = (Vec::new(), Vec::new());
     quad(&mut v, &mut t, [[0.0, 0.0, 0.0], [12.0, 0.0, 0.0], [12.0, 8.0, 0.0], [0.0, 8.0, 0.0]]);
@@ -51,7 +51,7 @@ fn ball(v: &mut Vec<[f32; 3]>, t: &mut Vec<[u32; 3]>, c: [f32; 3], r: f32) {
     }
 }
 
-/// A rolling land of `n` x `n` cells, two triangles each.
+/// A hilly surface of `n` x `n` cells, two triangles each.
 fn land(n: usize, edge: f32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let h = |x: f32, y: f32| 2.0 * (x * 0.11).sin() * (y * 0.07).cos() + 0.5 * (x * 0.5 + y * 0.3).sin() + 0.06 * (x * 4.1).sin() * (y * 3.7).cos();
     let step = edge / n as f32;
@@ -77,7 +77,7 @@ fn room_scene<'a>(mesh: MeshView<'a>) -> Scene<'a> {
 }
 
 #[test]
-fn the_nearer_surface_is_seen_and_culling_opens_the_room() {
+fn depth_test_and_culling() {
     let (v, t) = room();
     let mesh = MeshView::new(&v, &t).unwrap();
     let mut scene =
@@ -93,12 +93,12 @@ fn the_nearer_surface_is_seen_and_culling_opens_the_room() {
     let cut = render(&scene, &camera, size).unwrap();
     let at = 45 * 120 + 30;
     assert_ne!(closed.pixels[at], open.pixels[at], "the ceiling's back is darker than the floor");
-    assert_eq!(open.pixels[at], cut.pixels[at], "both ways of taking the roof off show the floor");
+    assert_eq!(open.pixels[at], cut.pixels[at], "culling and cutting the ceiling show the same floor");
     assert_eq!(closed.pixels[0], [255; 3], "background");
 }
 
 #[test]
-fn pictures_do_not_depend_on_the_number_of_threads() {
+fn result_does_not_depend_on_the_number_of_threads() {
     let (v, t) = land(60, 30.0);
     let mesh = MeshView::new(&v, &t).unwrap();
     let scene = room_scene(mesh);
@@ -111,7 +111,7 @@ fn pictures_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn the_bulk_of_a_scene_forgets_strays_and_keeps_lines() {
+fn main_bounds_ignore_outliers_and_contain_lines() {
     let mut points: Vec<[f32; 3]> = (0..10_000).map(|i| [(i % 100) as f32 * 0.1, (i / 100) as f32 * 0.2, (i % 7) as f32 * 0.1]).collect();
     points.extend([[500.0, -900.0, 80.0], [f32::NAN; 3]]);
     let mut scene = Scene::default();
@@ -124,7 +124,7 @@ fn the_bulk_of_a_scene_forgets_strays_and_keeps_lines() {
 }
 
 #[test]
-fn odd_scenes_and_sizes_are_refused_or_drawn_but_never_panic() {
+fn degenerate_scenes_do_not_panic() {
     let vertices = [[f32::NAN, 0.0, 0.0], [1e30, 0.0, 0.0], [0.0, 1e30, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let triangles = [[0, 1, 2], [1, 2, 3], [3, 4, 5], [3, 3, 3]];
     let mesh = MeshView::new(&vertices, &triangles).unwrap();
@@ -146,9 +146,9 @@ fn odd_scenes_and_sizes_are_refused_or_drawn_but_never_panic() {
     assert!(matches!(render(&scene, &camera, Size { width: 8, height: 8 }), Err(EvalError::Length { expected: 6, .. })));
 }
 
-/// Pictures for people: `cargo test -p voxelastic-eval --release -- --ignored pictures --nocapture` writes them to the temporary directory.
+/// Pictures for visual inspection: `cargo test -p voxelastic-eval --release -- --ignored pictures --nocapture` writes them to the temporary directory.
 #[test]
-#[ignore = "writes pictures to look at, and times a large one"]
+#[ignore = "writes pictures for visual inspection"]
 fn pictures_to_look_at() {
     let folder = std::env::temp_dir().join("voxelastic-pictures");
     std::fs::create_dir_all(&folder).unwrap();
@@ -168,9 +168,7 @@ fn pictures_to_look_at() {
     let normals = vertex_normals(&mesh);
     let scene = room_scene(mesh.with_normals(&normals).unwrap());
     let camera = Camera::perspective_orbit(&scene.bounds(), 30.0, 35.0, 45.0, 4.0 / 3.0);
-    let start = std::time::Instant::now();
     let picture = render(&scene, &camera, Size { width: 1600, height: 1200 }).unwrap();
-    eprintln!("{} triangles at 1600 x 1200: {:.0} ms", t.len(), start.elapsed().as_secs_f64() * 1e3);
     picture.write_png(&folder.join("land.png")).unwrap();
     let mut cloud = Scene { style: Style::dark(), ..Scene::default() };
     let colouring = Colouring::Height { ramp: Ramp::Rainbow, low: -2.5, high: 2.5 };

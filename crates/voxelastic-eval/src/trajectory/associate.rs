@@ -1,4 +1,4 @@
-//! Which pose of one trajectory belongs to which of the other.
+//! Association of the poses of two trajectories.
 
 use hashbrown::HashMap;
 use voxelastic::Pose;
@@ -13,10 +13,10 @@ pub struct StampedPose {
     pub pose: Pose,
 }
 
-/// A pose of the reference and the estimate of the same.
+/// A reference pose and its estimate.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair {
-    /// The estimate's time in seconds, or its number when matched by identifier.
+    /// Time of the estimate in seconds, or its identifier when matched by identifier.
     pub time: f64,
     /// True pose, in the reference's frame.
     pub reference: Pose,
@@ -24,8 +24,8 @@ pub struct Pair {
     pub estimate: Pose,
 }
 
-/// Matches each estimated pose to the reference pose nearest in time, if that is within `max_gap` seconds; each reference pose serves at most the
-/// nearest of its claimants. Result in order of time. Poses that are not finite are left out.
+/// Matches each estimated pose to the reference pose nearest in time, if that is within `max_gap` seconds; each reference pose is matched
+/// at most once, to its nearest estimate. Sorted by time. Poses that are not finite are left out.
 pub fn by_time(reference: &[StampedPose], estimate: &[StampedPose], max_gap: f64) -> Vec<Pair> {
     let sorted = |list: &[StampedPose]| {
         let mut out: Vec<StampedPose> = list.iter().filter(|p| p.time.is_finite() && is_finite(&p.pose)).copied().collect();
@@ -33,25 +33,25 @@ pub fn by_time(reference: &[StampedPose], estimate: &[StampedPose], max_gap: f64
         out
     };
     let (reference, estimate) = (sorted(reference), sorted(estimate));
-    // Per reference pose, the nearest claimant.
-    let mut claims: Vec<Option<(f64, usize)>> = vec![None; reference.len()];
+    // Per reference pose, the gap to the nearest estimate and its index.
+    let mut matches: Vec<Option<(f64, usize)>> = vec![None; reference.len()];
     for (e, pose) in estimate.iter().enumerate() {
         let after = reference.partition_point(|r| r.time < pose.time);
         let nearest = [after.checked_sub(1), Some(after)].into_iter().flatten().filter(|&r| r < reference.len());
         let nearest = nearest.map(|r| ((reference[r].time - pose.time).abs(), r)).min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((gap, r)) = nearest.filter(|n| n.0 <= max_gap)
-            && claims[r].is_none_or(|(other, _)| gap < other)
+            && matches[r].is_none_or(|(other, _)| gap < other)
         {
-            claims[r] = Some((gap, e));
+            matches[r] = Some((gap, e));
         }
     }
-    let pair = |(r, claim): (usize, &Option<(f64, usize)>)| {
-        claim.map(|(_, e)| Pair { time: estimate[e].time, reference: reference[r].pose, estimate: estimate[e].pose })
+    let pair = |(r, found): (usize, &Option<(f64, usize)>)| {
+        found.map(|(_, e)| Pair { time: estimate[e].time, reference: reference[r].pose, estimate: estimate[e].pose })
     };
-    claims.iter().enumerate().filter_map(pair).collect()
+    matches.iter().enumerate().filter_map(pair).collect()
 }
 
-/// Matches poses by identifier, in the order of the estimate. Of a repeated identifier the reference's last counts.
+/// Matches poses by identifier, in the order of the estimate. For a repeated identifier the last reference pose is used.
 pub fn by_id(reference: &[(NodeId, Pose)], estimate: &[(NodeId, Pose)]) -> Vec<Pair> {
     let reference: HashMap<NodeId, Pose> = reference.iter().filter(|p| is_finite(&p.1)).copied().collect();
     let pair = |(id, pose): &(NodeId, Pose)| reference.get(id).map(|r| Pair { time: *id as f64, reference: *r, estimate: *pose });
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_in_time_are_matched_once_and_gaps_are_left_out() {
+    fn poses_are_matched_once_to_the_nearest_in_time() {
         let reference = [at(0.0), at(1.0), at(2.0), at(10.0)];
         let estimate = [at(2.04), at(0.02), at(1.4), at(1.03), at(f64::NAN), at(5.0)];
         let pairs = by_time(&reference, &estimate, 0.5);

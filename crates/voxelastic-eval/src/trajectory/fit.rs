@@ -1,11 +1,11 @@
-//! The rigid motion between two sets of matched positions.
+//! Least-squares rigid motion between matched positions.
 
 use super::Pair;
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use voxelastic::Pose;
 
-/// Maps estimated to reference positions with the least squared error (Umeyama 1991, without scale). Needs at least one pair; on a straight
-/// path the roll about it is not determined and comes out as some rotation.
+/// Maps estimated to reference positions with the least squared error (Umeyama 1991, without scale). Needs at least one pair. On a straight path the
+/// roll about it is not determined; the result has an arbitrary one.
 pub(super) fn rigid(pairs: &[Pair]) -> Pose {
     let n = pairs.len() as f64;
     let mean = |f: &dyn Fn(&Pair) -> Vector3<f64>| pairs.iter().map(f).sum::<Vector3<f64>>() / n;
@@ -19,7 +19,7 @@ pub(super) fn rigid(pairs: &[Pair]) -> Pose {
     };
     let mut fix = Matrix3::identity();
     if (u * v_t).determinant() < 0.0 {
-        // A reflection: turn the weakest direction over.
+        // A reflection: flip the direction of the least singular value.
         let weakest = svd.singular_values.imin();
         fix[(weakest, weakest)] = -1.0;
     }

@@ -1,25 +1,24 @@
-//! Errors of trajectories: absolute (ATE) and relative (RPE), after Sturm et al. 2012 (the TUM benchmark), with the conventions of `evo`.
+//! Trajectory errors: absolute (ATE) and relative (RPE), after Sturm et al. 2012 (the TUM benchmark), with the conventions of `evo`.
 
 mod associate;
 mod fit;
-mod stats;
 
+pub use crate::stats::ErrorStats;
 pub use associate::{Pair, StampedPose, by_id, by_time};
-pub use stats::ErrorStats;
 
 use crate::{EvalError, error::Result};
 use serde::Serialize;
 use voxelastic::Pose;
 
-/// How the estimate is brought into the reference's frame before absolute errors are taken.
+/// How the estimate is aligned with the reference before absolute errors are computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fit {
-    /// Not at all: both are in one frame.
+    /// No alignment: both are in one frame.
     None,
-    /// The rotation and translation that minimise the squared distances (Horn, Umeyama).
+    /// The rigid motion that minimises the squared distances (Horn, Umeyama).
     #[default]
     Rigid,
-    /// The motion that brings the first poses together: what a SLAM system drifts away from its start.
+    /// The motion that aligns the first poses: the error is the drift from the start.
     FirstPose,
 }
 
@@ -69,12 +68,12 @@ pub fn ate(pairs: &[Pair], fit: Fit) -> Result<Ate> {
     })
 }
 
-/// Which poses are compared with which in [`rpe`].
+/// Distance between the poses of a pair in [`rpe`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Delta {
-    /// Poses this many apart, from each pose.
+    /// This many poses apart; pairs start at every pose.
     Frames(usize),
-    /// Poses this far apart along the reference's path, metres, end to end.
+    /// This far apart along the reference's path, metres; each pair starts where the one before ends.
     Metres(f64),
 }
 
@@ -87,7 +86,7 @@ pub struct Rpe {
     pub translation_m: ErrorStats,
     /// Rotational ones, degrees.
     pub rotation_deg: ErrorStats,
-    /// Drift: translational error over distance travelled, percent, over all pairs. None without motion.
+    /// Drift: sum of the translational errors over the distance travelled, percent. None without motion.
     pub drift_percent: Option<f64>,
 }
 
@@ -134,7 +133,7 @@ fn path(pairs: &[Pair]) -> Vec<f64> {
         .collect()
 }
 
-/// Ends of consecutive stretches of at least `d` metres.
+/// First and last index of consecutive spans of at least `d` metres.
 fn spans_of(path: &[f64], d: f64) -> Vec<(usize, usize)> {
     let (mut out, mut start) = (Vec::new(), 0);
     for j in 1..path.len() {
@@ -170,7 +169,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_moved_copy_has_no_error_once_fitted(x in -50.0f64..50.0, y in -50.0f64..50.0, yaw in -3.0f64..3.0) {
+        fn aligned_copy_has_no_error(x in -50.0f64..50.0, y in -50.0f64..50.0, yaw in -3.0f64..3.0) {
             let (reference, t) = (drive(50), pose(x, y, 2.0, yaw));
             let estimate: Vec<Pose> = reference.iter().map(|p| t * p).collect();
             let p = pairs(&reference, &estimate);
@@ -183,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rigid_fit_beats_small_motions_about_it() {
+    fn rigid_fit_is_a_minimum() {
         let reference = drive(80);
         let estimate: Vec<Pose> = reference
             .iter()
@@ -200,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn drift_of_one_percent_is_found_as_one_percent() {
+    fn drift_of_one_percent() {
         let reference: Vec<Pose> = (0..=200).map(|i| pose(f64::from(i), 0.0, 0.0, 0.0)).collect();
         let estimate: Vec<Pose> = (0..=200).map(|i| pose(1.01 * f64::from(i), 0.0, 0.0, 0.0)).collect();
         let p = pairs(&reference, &estimate);
@@ -213,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn too_short_and_senseless_inputs_are_refused() {
+    fn short_trajectories_and_bad_deltas_are_rejected() {
         let p = pairs(&drive(2), &drive(2));
         assert!(matches!(ate(&p, Fit::Rigid), Err(EvalError::TooFew { found: 2, needed: 3, .. })));
         assert!(matches!(ate(&[], Fit::None), Err(EvalError::TooFew { .. })));

@@ -1,23 +1,7 @@
-//! Python as an oracle, and the real scans, where they are.
+//! Input for other programs and for the tests.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::Path;
 use voxelastic::Pose;
-
-/// Runs a Python script with arguments (interpreter: `VOXELASTIC_PYTHON`, default `python3`) and returns what it prints, or prints why it was skipped when
-/// one of the modules is not there.
-pub fn python(modules: &[&str], script: &str, arguments: &[&Path]) -> Option<String> {
-    let interpreter = std::env::var("VOXELASTIC_PYTHON").unwrap_or_else(|_| "python3".into());
-    let import = format!("import {}", modules.join(", "));
-    let probe = Command::new(&interpreter).args(["-c", &import]).output();
-    if !probe.is_ok_and(|p| p.status.success()) {
-        eprintln!("skipped: {interpreter} cannot {import} (set VOXELASTIC_PYTHON to an interpreter that can)");
-        return None;
-    }
-    let output = Command::new(&interpreter).arg("-c").arg(script).args(arguments).output().unwrap();
-    assert!(output.status.success(), "the oracle failed: {}", String::from_utf8_lossy(&output.stderr));
-    Some(String::from_utf8(output.stdout).unwrap())
-}
 
 /// Numbers of a text separated by white space.
 pub fn numbers(text: &str) -> Vec<f64> {
@@ -33,17 +17,6 @@ pub fn write_points(path: &Path, points: &[[f32; 3]]) {
 /// Little-endian f32 numbers of a file.
 pub fn read_f32(path: &Path) -> Vec<f32> {
     std::fs::read(path).unwrap().chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
-}
-
-/// The folder of real data, or none, said aloud.
-pub fn data(name: &str) -> Option<PathBuf> {
-    let root = std::env::var("VOXELASTIC_DATA").unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into());
-    let folder = Path::new(&root).join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no {name} in the data folder (set VOXELASTIC_DATA)");
-    None
 }
 
 /// A scan of `hall` (binary PCD of x y z as f32) and its pose in the map.

@@ -1,7 +1,7 @@
 //! Which files a recording consists of.
 
-use super::container::BagFormat;
-use crate::dataset::natural;
+use super::format::BagFormat;
+use crate::file_names::natural;
 use crate::{Error, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 /// Extensions of recordings.
 const EXTENSIONS: [&str; 3] = ["bag", "mcap", "db3"];
 
-/// The files of a recording in the order of their names, or none if `path` is no recording: a file that is one by its first bytes, or
+/// The files of a recording in the order of their names; `None` if `path` is not a recording: neither a file that is one by its first bytes nor
 /// a folder that holds files named like some (what `ros2 bag record` makes, or a bag that was split).
 ///
 /// # Errors
-/// [`Error::Dataset`] if a folder holds files of several kinds, or packed ones; [`Error::Io`].
+/// [`Error::Dataset`] if a folder holds files of several kinds, or compressed ones; [`Error::Io`].
 pub(super) fn find(path: &Path) -> Result<Option<Vec<PathBuf>>> {
     if !path.is_dir() {
         return Ok(BagFormat::of(path)?.map(|_| vec![path.to_owned()]));
@@ -28,10 +28,10 @@ pub(super) fn find(path: &Path) -> Result<Option<Vec<PathBuf>>> {
         return Err(Error::dataset(path, "recordings of several kinds", "name one of the files"));
     }
     let Some(mut found) = kinds.pop() else {
-        let is_packed =
+        let is_compressed =
             |f: &&PathBuf| (named(f, "zstd") || named(f, "zst")) && f.file_stem().is_some_and(|s| EXTENSIONS.iter().any(|e| named_like(s, e)));
-        return match files.iter().find(is_packed) {
-            Some(packed) => Err(Error::dataset(packed, "a recording that is packed as a whole", "unpack it first: zstd -d FILE")),
+        return match files.iter().find(is_compressed) {
+            Some(compressed) => Err(Error::dataset(compressed, "a compressed recording", "unpack it first: zstd -d FILE")),
             None => Ok(None),
         };
     };

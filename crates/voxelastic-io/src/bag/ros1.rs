@@ -1,28 +1,28 @@
-//! ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): records with named header fields, most of them in chunks.
+//! ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): records with named header fields, mostly in chunks.
 
-use super::ahead::ChunkHead;
+use super::chunk::Compression;
+use super::chunk_reader::ChunkReader;
 use super::container::{Encoding, Index, Message, Topic};
-use super::feed::{Feed, Packing};
-use super::records::{Records, Topics};
+use super::format::ROS1_MAGIC;
+use super::prefetch::{ChunkHeader, ChunkPrefetcher};
+use super::records::{RecordFile, TopicTable};
 use crate::{Error, Position, Result};
 use std::collections::HashMap;
 use std::path::Path;
-
-pub(super) const MAGIC: &[u8] = b"#ROSBAG V2.0\n";
 
 const MESSAGE: u8 = 0x02;
 const BAG_HEADER: u8 = 0x03;
 const CHUNK: u8 = 0x05;
 const CHUNK_INFO: u8 = 0x06;
 const CONNECTION: u8 = 0x07;
-/// A header of a record is a few short fields.
+/// Largest plausible header of a record, bytes.
 const LARGEST_HEADER: u64 = 1 << 20;
 
 /// A ROS 1 bag.
 #[derive(Debug)]
 pub(super) struct Ros1 {
-    feed: Feed,
-    topics: Topics,
+    reader: ChunkReader,
+    topics: TopicTable,
     index: Option<Index>,
 }
 
@@ -30,7 +30,7 @@ pub(super) struct Ros1 {
 struct Fields(Vec<u8>);
 
 impl Fields {
-    /// The value of a field; none if it is not there or the header is damaged.
+    /// The value of a field; `None` if it is missing or the header is damaged.
     fn get(&self, name: &[u8]) -> Option<&[u8]> {
         let mut rest = self.0.as_slice();
         while let Some((len, tail)) = rest.split_first_chunk::<4>() {
@@ -70,37 +70,37 @@ impl Fields {
 
 impl Ros1 {
     pub(super) fn open(path: &Path) -> Result<Self> {
-        let mut feed = Feed::open(path)?;
-        feed.skip(MAGIC.len() as u64)?;
-        let header = Fields(header_bytes(&mut feed)?);
+        let mut reader = ChunkReader::open(path)?;
+        reader.skip(ROS1_MAGIC.len() as u64)?;
+        let header = Fields(header_bytes(&mut reader)?);
         if header.op() != Some(BAG_HEADER) {
-            return Err(damaged(&feed, "the bag header is missing"));
+            return Err(damaged(&reader, "the bag header is missing"));
         }
         let index_at = header.u64(b"index_pos").unwrap_or(0);
-        let padding = feed.u32()?;
-        feed.skip(padding.into())?;
-        let first = feed.position();
-        let mut bag = Self { feed, topics: Topics::default(), index: None };
-        if index_at >= first && index_at < bag.feed.len() {
+        let padding = reader.u32()?;
+        reader.skip(padding.into())?;
+        let first = reader.position();
+        let mut bag = Self { reader, topics: TopicTable::default(), index: None };
+        if index_at >= first && index_at < bag.reader.len() {
             bag.index = bag.read_index(index_at).ok();
         }
-        bag.feed.seek(first)?;
-        bag.feed.look_ahead(next_chunk);
+        bag.reader.seek(first)?;
+        bag.reader.cache = ChunkPrefetcher::open(path, next_chunk);
         Ok(bag)
     }
 
-    /// Connections and chunk infos at the end of a bag that was closed.
+    /// Reads connections and chunk infos at the end of a bag that was closed.
     fn read_index(&mut self, at: u64) -> Result<Index> {
-        self.feed.seek(at)?;
+        self.reader.seek(at)?;
         let mut counts: HashMap<u32, u64> = HashMap::new();
         let mut times: Option<(i64, i64)> = None;
-        while !self.feed.at_end() {
-            let header = Fields(header_bytes(&mut self.feed)?);
-            let size = u64::from(self.feed.u32()?);
+        while !self.reader.at_end() {
+            let header = Fields(header_bytes(&mut self.reader)?);
+            let size = u64::from(self.reader.u32()?);
             match header.op() {
                 Some(CONNECTION) => self.connect(&header, size)?,
                 Some(CHUNK_INFO) => {
-                    let data = self.feed.take(size)?;
+                    let data = self.reader.take(size)?;
                     for pair in data.chunks_exact(8) {
                         let number = |k: usize| u32::from_le_bytes([pair[k], pair[k + 1], pair[k + 2], pair[k + 3]]);
                         *counts.entry(number(0)).or_default() += u64::from(number(4));
@@ -109,7 +109,7 @@ impl Ros1 {
                         times = Some(times.map_or((start, end), |(a, b)| (a.min(start), b.max(end))));
                     }
                 }
-                _ => self.feed.skip(size)?,
+                _ => self.reader.skip(size)?,
             }
         }
         let mut index = Index { counts: vec![0; self.topics.list().len()], times_ns: times };
@@ -122,40 +122,40 @@ impl Ros1 {
     }
 
     fn connect(&mut self, header: &Fields, size: u64) -> Result<()> {
-        let details = Fields(self.feed.take(size)?);
+        let details = Fields(self.reader.take(size)?);
         let (Some(number), Some(name)) = (header.u32(b"conn"), header.text(b"topic")) else {
-            return Err(damaged(&self.feed, "a connection without number or topic"));
+            return Err(damaged(&self.reader, "a connection without number or topic"));
         };
         self.topics.add(number, Topic::new(name, &details.text(b"type").unwrap_or_default(), Encoding::Ros1));
         Ok(())
     }
 
-    /// Goes into a chunk. One that is not packed is read like the rest of the file.
+    /// Enters a chunk. An uncompressed one is read like the rest of the file.
     fn enter(&mut self, header: &Fields, size: u64) -> Result<()> {
-        let packing = match header.get(b"compression") {
+        let compression = match header.get(b"compression") {
             Some(b"none") | None => {
-                self.feed.enter_in_place(size);
+                self.reader.enter_in_place(size);
                 return Ok(());
             }
-            Some(b"bz2") => Packing::Bzip2,
-            Some(b"lz4") => Packing::Lz4,
+            Some(b"bz2") => Compression::Bzip2,
+            Some(b"lz4") => Compression::Lz4,
             Some(other) => {
-                let problem = format!("a chunk packed as {:?}", String::from_utf8_lossy(other));
-                self.feed.skip(size)?;
-                self.feed.is_sound();
-                return Err(damaged(&self.feed, problem));
+                let problem = format!("a chunk compressed with {:?}", String::from_utf8_lossy(other));
+                self.reader.skip(size)?;
+                self.reader.mark_recoverable();
+                return Err(damaged(&self.reader, problem));
             }
         };
-        self.feed.enter(packing, size, header.u32(b"size").unwrap_or(0).into(), None)
+        self.reader.enter(compression, size, header.u32(b"size").unwrap_or(0).into(), None)
     }
 }
 
-impl Records for Ros1 {
-    fn feed(&mut self) -> &mut Feed {
-        &mut self.feed
+impl RecordFile for Ros1 {
+    fn reader(&mut self) -> &mut ChunkReader {
+        &mut self.reader
     }
 
-    fn topics(&self) -> &Topics {
+    fn topics(&self) -> &TopicTable {
         &self.topics
     }
 
@@ -164,57 +164,57 @@ impl Records for Ros1 {
     }
 
     fn record(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Result<Option<Message>> {
-        let at = self.feed.position();
-        let header = Fields(header_bytes(&mut self.feed)?);
-        let size = u64::from(self.feed.u32()?);
+        let at = self.reader.position();
+        let header = Fields(header_bytes(&mut self.reader)?);
+        let size = u64::from(self.reader.u32()?);
         match header.op() {
             Some(MESSAGE) => {
                 let topic = header.u32(b"conn").and_then(|c| self.topics.get(c));
                 match (topic, header.time(b"time")) {
                     (Some(topic), Some(time_ns)) if wanted(&self.topics.list()[topic]) => {
-                        Ok(Some(Message { topic, time_ns, at, data: self.feed.take(size)? }))
+                        Ok(Some(Message { topic, time_ns, at, data: self.reader.take(size)? }))
                     }
                     (None, _) | (_, None) => {
-                        self.feed.skip(size)?;
-                        self.feed.is_sound();
-                        Err(damaged_at(&self.feed, at, "a message without connection or time"))
+                        self.reader.skip(size)?;
+                        self.reader.mark_recoverable();
+                        Err(damaged_at(&self.reader, at, "a message without connection or time"))
                     }
-                    _ => self.feed.skip(size).map(|()| None),
+                    _ => self.reader.skip(size).map(|()| None),
                 }
             }
             Some(CONNECTION) => self.connect(&header, size).map(|()| None),
             Some(CHUNK) => self.enter(&header, size).map(|()| None),
-            Some(_) => self.feed.skip(size).map(|()| None),
-            None => Err(damaged_at(&self.feed, at, "a record without op code")),
+            Some(_) => self.reader.skip(size).map(|()| None),
+            None => Err(damaged_at(&self.reader, at, "a record without op code")),
         }
     }
 }
 
-/// The next chunk that takes long to unpack, from a record outside of chunks on.
-fn next_chunk(feed: &mut Feed) -> Option<ChunkHead> {
-    while !feed.at_end() {
-        let header = Fields(header_bytes(feed).ok()?);
-        let packed = u64::from(feed.u32().ok()?);
+/// Finds the next bzip2 chunk, starting at a record outside of chunks: the others decompress quickly.
+fn next_chunk(reader: &mut ChunkReader) -> Option<ChunkHeader> {
+    while !reader.at_end() {
+        let header = Fields(header_bytes(reader).ok()?);
+        let compressed = u64::from(reader.u32().ok()?);
         if header.op() == Some(CHUNK) && header.get(b"compression") == Some(b"bz2") {
-            return Some(ChunkHead { packing: Packing::Bzip2, packed, unpacked: header.u32(b"size")?.into() });
+            return Some(ChunkHeader { compression: Compression::Bzip2, compressed, size: header.u32(b"size")?.into() });
         }
-        feed.skip(packed).ok()?;
+        reader.skip(compressed).ok()?;
     }
     None
 }
 
-fn header_bytes(feed: &mut Feed) -> Result<Vec<u8>> {
-    let size = u64::from(feed.u32()?);
+fn header_bytes(reader: &mut ChunkReader) -> Result<Vec<u8>> {
+    let size = u64::from(reader.u32()?);
     if size > LARGEST_HEADER {
-        return Err(damaged(feed, format!("a record whose header takes {size} bytes")));
+        return Err(damaged(reader, format!("a record whose header takes {size} bytes")));
     }
-    feed.take(size)
+    reader.take(size)
 }
 
-fn damaged(feed: &Feed, problem: impl Into<String>) -> Error {
-    damaged_at(feed, feed.position(), problem)
+fn damaged(reader: &ChunkReader, problem: impl Into<String>) -> Error {
+    damaged_at(reader, reader.position(), problem)
 }
 
-fn damaged_at(feed: &Feed, at: u64, problem: impl Into<String>) -> Error {
-    Error::content(feed.path(), Position::Byte(at), problem, "the bag is damaged here: copy or record it again")
+fn damaged_at(reader: &ChunkReader, at: u64, problem: impl Into<String>) -> Error {
+    Error::content(reader.path(), Position::Byte(at), problem, "the bag is damaged here: copy or record it again")
 }

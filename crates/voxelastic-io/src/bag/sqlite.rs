@@ -1,17 +1,16 @@
 //! ROS 2 bags in SQLite: tables `topics` and `messages`.
 
+use super::chunk::{Compression, decompress};
 use super::container::{Container, Encoding, Index, Message, Topic};
-use super::feed::{Packing, unpack};
 use crate::{Error, Position, Result};
 use rusqlite::{Connection, OpenFlags, params};
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 
-pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
 const ZSTD_MAGIC: &[u8] = &[0x28, 0xb5, 0x2f, 0xfd];
-/// Messages larger than this are damaged.
+/// Largest plausible message, bytes.
 const LARGEST_MESSAGE: u64 = 1 << 30;
-/// Rows looked at in one query.
+/// Rows read by one query.
 const ROWS: i64 = 16;
 
 /// A ROS 2 `.db3`.
@@ -58,9 +57,9 @@ impl Sqlite {
         Ok(())
     }
 
-    fn count(&self) -> rusqlite::Result<Index> {
+    fn read_index(&self) -> rusqlite::Result<Index> {
         let mut index = Index { counts: vec![0; self.topics.len()], times_ns: None };
-        // The table has an index by time, so that its ends come at once.
+        // The table is indexed by time, so this is fast.
         let times = self.database.query_row("SELECT min(timestamp), max(timestamp) FROM messages", [], |row| Ok((row.get(0)?, row.get(1)?)))?;
         if let (Some(first), Some(last)) = times {
             index.times_ns = Some((first, last));
@@ -76,7 +75,7 @@ impl Sqlite {
         Ok(index)
     }
 
-    /// Reads a few rows on. What lies beyond a damaged page cannot be reached.
+    /// Reads the next few rows. Rows after a damaged page cannot be reached.
     fn read_rows(&mut self, wanted: &dyn Fn(&Topic) -> bool) {
         let result = self.try_read_rows(wanted);
         match result {
@@ -84,7 +83,7 @@ impl Sqlite {
             Ok(_) => {}
             Err(error) => {
                 self.finished = true;
-                let problem = format!("nothing can be read behind row {}: {error}", self.row.max(0));
+                let problem = format!("nothing can be read after row {}: {error}", self.row.max(0));
                 self.ready.push_back(Err(Error::content(&self.path, Position::File, problem, "the bag is cut or damaged there: copy it again")));
             }
         }
@@ -100,9 +99,9 @@ impl Sqlite {
             read += 1;
             let Some(&topic) = self.topic_of.get(&topic).filter(|t| wanted(&self.topics[**t])) else { continue };
             let data: Vec<u8> = row.get(3)?;
-            let message = unpacked(data).map(|data| Message { topic, time_ns, at: id.unsigned_abs(), data });
+            let message = decompressed(data).map(|data| Message { topic, time_ns, at: id.unsigned_abs(), data });
             self.ready.push_back(message.map_err(|error| {
-                let problem = format!("the message in row {id} cannot be unpacked: {error}");
+                let problem = format!("the message in row {id} cannot be decompressed: {error}");
                 Error::content(&self.path, Position::File, problem, "copy or record it again")
             }));
         }
@@ -110,12 +109,12 @@ impl Sqlite {
     }
 }
 
-/// Messages may be packed one by one.
-fn unpacked(data: Vec<u8>) -> std::io::Result<Vec<u8>> {
+/// Decompresses a message: they may be compressed one by one.
+fn decompressed(data: Vec<u8>) -> std::io::Result<Vec<u8>> {
     if !data.starts_with(ZSTD_MAGIC) {
         return Ok(data);
     }
-    match unpack(Packing::Zstd, &data, LARGEST_MESSAGE) {
+    match decompress(Compression::Zstd, &data, LARGEST_MESSAGE) {
         (bytes, None) => Ok(bytes),
         (_, Some(error)) => Err(error),
     }
@@ -127,7 +126,7 @@ impl Container for Sqlite {
     }
 
     fn index(&self) -> Option<Index> {
-        self.count().ok()
+        self.read_index().ok()
     }
 
     fn next(&mut self, wanted: &dyn Fn(&Topic) -> bool) -> Option<Result<Message>> {

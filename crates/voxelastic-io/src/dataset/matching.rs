@@ -1,16 +1,16 @@
-//! Which pose belongs to which cloud.
+//! Matching poses to clouds.
 
-use super::folder::CloudFile;
+use crate::folders::{CloudFile, scan_numbers};
 use crate::{Error, Result, Trajectory};
 use std::path::Path;
 use voxelastic::Pose;
 
-/// Times that differ by no more than this are the same, written with different precision; seconds.
+/// Times that differ by no more than this are equal up to their precision in the file, seconds.
 const SAME_TIME_S: f64 = 1e-4;
-/// Between poses further apart than this nothing is interpolated; seconds. (A 10 Hz trajectory is the slowest that is.)
+/// Poses are not interpolated over longer gaps, seconds: a trajectory needs at least 10 Hz.
 const LONGEST_GAP_S: f64 = 0.11;
 
-/// How clouds and poses were brought together.
+/// How poses were matched to clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MatchedBy {
     /// As many poses as clouds: the k-th pose belongs to the k-th cloud.
@@ -34,7 +34,7 @@ impl std::fmt::Display for MatchedBy {
 /// A pose for each cloud that has one.
 pub(super) struct Matched {
     pub(super) poses: Vec<Option<Pose>>,
-    /// The pose's own time, where the trajectory has times and was not matched by them.
+    /// The time of each pose, if the trajectory has times but was not matched by them.
     pub(super) times: Vec<Option<f64>>,
     pub(super) by: MatchedBy,
     /// Poses that belong to no cloud.
@@ -52,14 +52,16 @@ pub(super) struct Clouds<'a> {
 }
 
 impl Clouds<'_> {
-    /// The numbers that all names end with, if they are numbers of scans: each once, ascending, no dates.
+    /// The numbers that all names end with, if they are scan numbers.
     pub(super) fn numbers(&self) -> Option<Vec<u64>> {
-        let numbers: Option<Vec<u64>> = self.files.iter().map(|f| f.number.filter(|_| f.stamp.is_none())).collect();
-        numbers.filter(|n| n.windows(2).all(|pair| pair[0] < pair[1]))
+        scan_numbers(self.files)
     }
 }
 
-/// Matches a trajectory to the clouds; an error if none or hardly any rule applies.
+/// Matches a trajectory to the clouds: by time, by order, or by the numbers in the names.
+///
+/// # Errors
+/// [`Error::Dataset`] if none of these applies.
 pub(super) fn match_poses(clouds: Clouds<'_>, trajectory: &Trajectory, path: &Path) -> Result<Matched> {
     let count = clouds.files.len();
     if let (Some(cloud_times), Some(pose_times)) = (clouds.times, &trajectory.times) {
@@ -101,14 +103,14 @@ fn by_time(clouds: Clouds<'_>, cloud_times: &[f64], pose_times: &[f64], poses: &
             [only] => only.to_string(),
             [] => "nothing".into(),
         };
-        let problem = format!("no pose is taken at the time of a cloud: clouds are from {} s, poses from {} s", span(cloud_times), span(pose_times));
+        let problem = format!("no pose has the time of a cloud: clouds are from {} s, poses from {} s", span(cloud_times), span(pose_times));
         return Err(Error::dataset(path, problem, "use poses of the same clock, in seconds"));
     }
     let unused = used.iter().filter(|u| !**u).count();
     Ok(Matched { times: vec![None; matched.len()], poses: matched, by: MatchedBy::Time, unused })
 }
 
-/// The pose at a time: the one taken then, else between two neighbours that are close, else the nearest within tolerance.
+/// The pose at a time: the one of that time, else interpolated between two close neighbours, else the nearest within tolerance.
 fn pose_at(time: f64, times: &[f64], poses: &[Pose], tolerance_s: f64, used: &mut [bool]) -> Option<Pose> {
     let after = times.partition_point(|t| *t < time);
     let before = after.checked_sub(1);
@@ -133,7 +135,7 @@ fn pose_at(time: f64, times: &[f64], poses: &[Pose], tolerance_s: f64, used: &mu
     Some(poses[nearest])
 }
 
-/// Interpolates; nothing if the rotations are opposite, which no sensor turns in a tenth of a second.
+/// Interpolates; `None` if the rotations are opposite, which is implausible within a tenth of a second.
 fn between(a: &Pose, b: &Pose, fraction: f64) -> Option<Pose> {
     let translation = a.translation.vector.lerp(&b.translation.vector, fraction);
     let rotation = a.rotation.try_slerp(&b.rotation, fraction, 1e-9)?;
@@ -141,7 +143,7 @@ fn between(a: &Pose, b: &Pose, fraction: f64) -> Option<Pose> {
 }
 
 fn mismatch(clouds: usize, trajectory: &Trajectory, path: &Path) -> Error {
-    let problem = format!("{} poses for {clouds} clouds, and neither times nor the clouds' names tell which belong together", trajectory.len());
+    let problem = format!("{} poses for {clouds} clouds, and neither times nor the clouds' names say which belong together", trajectory.len());
     Error::dataset(path, problem, "give one pose per cloud, a times.txt with the time of each cloud, or another file with --poses")
 }
 
@@ -150,7 +152,7 @@ mod tests {
     use super::*;
 
     fn files(names: &[&str]) -> Vec<CloudFile> {
-        let file = |stem: &&str| CloudFile { path: format!("{stem}.pcd").into(), number: super::super::names::number(stem), stamp: None };
+        let file = |stem: &&str| CloudFile { path: format!("{stem}.pcd").into(), number: crate::file_names::number(stem), stamp: None };
         names.iter().map(file).collect()
     }
 

@@ -1,4 +1,4 @@
-//! Stations of a laser scanner in one file.
+//! Scans of a laser scanner in one file.
 //!
 //! ```text
 //! site.e57    scans, each with the scanner's pose in the file's frame and its points in the scanner's frame
@@ -6,14 +6,14 @@
 //!
 //! Layout from ASTM E2807 (`pose` and `cartesian` of a `Data3D`).
 
-use super::Dump;
+use super::dump::Dump;
 use crate::clouds::CloudFormat;
 use crate::survey::e57;
 use crate::{Error, Result};
 use std::path::Path;
 use voxelastic::geometry::PoseExt;
 
-/// Coordinates of a map are single precision: stations farther from the origin, metres, are moved to it.
+/// Scans farther from the origin than this are moved to it, metres: coordinates of a map are single precision.
 const FAR: f64 = 10_000.0;
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
@@ -23,7 +23,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let mut poses = e57::poses(path)?;
     let in_one_frame = poses.len() > 1 && poses.iter().all(|pose| pose.translation_distance(&poses[0]) == 0.0);
     if in_one_frame {
-        let problem = format!("{} scans that do not say where they were taken: all are at one place", poses.len());
+        let problem = format!("{} scans that do not say where they were taken: all have the same position", poses.len());
         return Err(Error::dataset(path, problem, "export the scans with their poses, in the scanner's own frame"));
     }
     let mut dump = Dump::new("file of laser scans (E57)", "each scan's own");
@@ -31,7 +31,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     if origin.iter().any(|c| c.abs() > FAR) {
         let origin = origin.map(|c| (c / 1000.0).round() * 1000.0);
         poses.iter_mut().for_each(|pose| (0..3).for_each(|k| pose.translation.vector[k] -= origin[k]));
-        dump.notes.push(format!("coordinates of the map count from {origin:?} m"));
+        dump.notes.push(format!("coordinates of the map are relative to {origin:?} m"));
     }
     for (k, pose) in poses.into_iter().enumerate() {
         dump.add(path.to_owned(), k as u64, k as f64, pose);

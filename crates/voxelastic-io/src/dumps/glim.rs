@@ -8,10 +8,10 @@
 //! ```
 //!
 //! Layout from the project's `src/glim/mapping/sub_map.cpp` (`SubMap::save`); `points_compact.bin` is gtsam_points' `save_compact`. A
-//! submap holds the points of a second or more of scans: it is mapped as if they were seen from its origin.
+//! submap holds the points of a second or more of scans; it is mapped as one scan from its origin.
 
-use super::matrices::Words;
-use super::{Dump, numbered};
+use super::dump::{Dump, numbered_folders};
+use super::labelled_text::LabelledText;
 use crate::Result;
 use std::path::Path;
 
@@ -19,22 +19,22 @@ use std::path::Path;
 const POINTS: &str = "points_compact.bin";
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
-    let submaps: Vec<_> = numbered(path, "data.txt").into_iter().filter(|(_, folder)| folder.join(POINTS).is_file()).collect();
+    let submaps: Vec<_> = numbered_folders(path, "data.txt").into_iter().filter(|(_, folder)| folder.join(POINTS).is_file()).collect();
     if submaps.is_empty() {
         return Ok(None);
     }
     let mut dump = Dump::new("GLIM dump", "T_world_origin in the data.txt of each submap");
-    dump.notes.push("each submap is mapped as if it had been seen from its origin: free space between its scans is approximate".into());
+    dump.notes.push("each submap is mapped as one scan from its origin: free space is approximate".into());
     for (number, folder) in submaps {
-        let words = Words::read(&folder.join("data.txt"))?;
-        let Some(origin) = words.labels("T_world_origin").next() else {
+        let text = LabelledText::read(&folder.join("data.txt"))?;
+        let Some(origin) = text.labels("T_world_origin").next() else {
             dump.without_pose.push(folder.join(POINTS));
             continue;
         };
         // The origin is the frame in the middle.
-        let stamps: Vec<usize> = words.labels("stamp").collect();
-        let stamp = stamps.get(stamps.len() / 2).map(|at| words.numbers::<1>(*at)).transpose()?;
-        dump.add(folder.join(POINTS), number, stamp.map_or(number as f64, |[stamp]| stamp), words.pose(origin)?);
+        let stamps: Vec<usize> = text.labels("stamp").collect();
+        let stamp = stamps.get(stamps.len() / 2).map(|at| text.numbers::<1>(*at)).transpose()?;
+        dump.add(folder.join(POINTS), number, stamp.map_or(number as f64, |[stamp]| stamp), text.pose(origin)?);
     }
     Ok(Some(dump.in_order()))
 }

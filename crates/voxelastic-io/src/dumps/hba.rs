@@ -8,21 +8,17 @@
 //!
 //! Layout from HBA's `include/mypcl.hpp` (`read_pose`, `write_pose`, `loadPCD`) and its README.
 
-use super::Dump;
-use crate::dataset::natural;
+use super::dump::{Dump, files_with_extension};
 use crate::text::{self, lines};
 use crate::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let (file, folder) = (path.join("pose.json"), path.join("pcd"));
     if !file.is_file() || !folder.is_dir() {
         return Ok(None);
     }
-    let entries = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;
-    let mut clouds: Vec<PathBuf> =
-        entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x.eq_ignore_ascii_case("pcd"))).collect();
-    clouds.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+    let clouds = files_with_extension(&folder, "pcd")?;
     let read = text::read(&file)?;
     let poses = lines(&file, &read).map(|line| {
         let [x, y, z, qw, qx, qy, qz] = line.numbers(line.words(), &["x", "y", "z", "qw", "qx", "qy", "qz"])?;

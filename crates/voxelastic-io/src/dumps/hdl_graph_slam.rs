@@ -9,28 +9,28 @@
 //!
 //! Layout from the project's `src/hdl_graph_slam/keyframe.cpp` (`KeyFrame::save`). The poses are the estimates.
 
-use super::matrices::Words;
-use super::{Dump, numbered};
+use super::dump::{Dump, numbered_folders};
+use super::labelled_text::LabelledText;
 use crate::{Result, g2o};
 use std::path::Path;
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
-    let keyframes: Vec<_> = numbered(path, "data").into_iter().filter(|(_, folder)| folder.join("cloud.pcd").is_file()).collect();
+    let keyframes: Vec<_> = numbered_folders(path, "data").into_iter().filter(|(_, folder)| folder.join("cloud.pcd").is_file()).collect();
     if keyframes.is_empty() {
         return Ok(None);
     }
     let mut dump = Dump::new("hdl_graph_slam dump", "estimate in the data of each keyframe");
     for (number, folder) in keyframes {
-        let words = Words::read(&folder.join("data"))?;
-        let Some(estimate) = words.labels("estimate").next() else {
+        let text = LabelledText::read(&folder.join("data"))?;
+        let Some(estimate) = text.labels("estimate").next() else {
             dump.without_pose.push(folder.join("cloud.pcd"));
             continue;
         };
-        let stamp = words.labels("stamp").next().map(|at| words.numbers::<2>(at)).transpose()?;
-        let id = words.labels("id").next().map(|at| words.numbers::<1>(at)).transpose()?;
+        let stamp = text.labels("stamp").next().map(|at| text.numbers::<2>(at)).transpose()?;
+        let id = text.labels("id").next().map(|at| text.numbers::<1>(at)).transpose()?;
         let time = stamp.map_or(number as f64, |[seconds, nanoseconds]| seconds + nanoseconds * 1e-9);
         let node = id.map_or(number, |[id]| id.max(0.0) as u64);
-        dump.add(folder.join("cloud.pcd"), node, time, words.pose(estimate)?);
+        dump.add(folder.join("cloud.pcd"), node, time, text.pose(estimate)?);
     }
     let graph = path.join("graph.g2o");
     if graph.is_file() {

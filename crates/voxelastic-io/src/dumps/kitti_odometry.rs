@@ -8,18 +8,21 @@
 //!   sequences/00/times.txt            the time of each cloud, seconds
 //! ```
 //!
+//! What is opened is a sequence, or the folder above `sequences` if that has one sequence only. SemanticKITTI has the same layout.
+//!
 //! Layout from the benchmark's development kit (readme). The camera's poses become the lidar's: `Tr^-1 * pose * Tr`, so that the map
 //! begins in the first lidar frame.
 
-use super::Dump;
-use super::matrices::rigid;
-use crate::dataset::natural;
+use super::dump::{Dump, files_with_extension};
+use super::labelled_text::rigid;
 use crate::text::{self, lines};
 use crate::{Error, PoseFormat, Position, Result, poses};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
+    let only = only_sequence(path);
+    let path = only.as_deref().unwrap_or(path);
     let (calibration, velodyne) = (path.join("calib.txt"), path.join("velodyne"));
     if !calibration.is_file() || !velodyne.is_dir() {
         return Ok(None);
@@ -27,9 +30,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let Some(t_camera_lidar) = lidar_in_camera(&calibration)? else { return Ok(None) };
     let Some(file) = pose_file(path) else { return Ok(None) };
     let camera = poses::parse(&text::read(&file)?, &file, PoseFormat::Kitti)?.poses;
-    let entries = std::fs::read_dir(&velodyne).map_err(|e| Error::io(&velodyne, "list", e))?;
-    let mut clouds: Vec<PathBuf> = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|x| x == "bin")).collect();
-    clouds.sort_by(|a, b| natural(&a.to_string_lossy(), &b.to_string_lossy()));
+    let clouds = files_with_extension(&velodyne, "bin")?;
     let times = path.join("times.txt");
     let times = if times.is_file() { Some(poses::read_times(&times)?) } else { None };
     let mut dump = Dump::new("KITTI odometry sequence", format!("{} (camera), with calib.txt", file.display()));
@@ -47,7 +48,14 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     Ok(Some(dump.in_order()))
 }
 
-/// The benchmark's pose file of a sequence, or one that was put beside the clouds.
+/// The sequence of a folder with one sequence.
+fn only_sequence(path: &Path) -> Option<PathBuf> {
+    let sequences = std::fs::read_dir(path.join("sequences")).ok()?.flatten().map(|e| e.path());
+    let sequences: Vec<PathBuf> = sequences.filter(|p| p.join("velodyne").is_dir()).collect();
+    if let [only] = sequences.as_slice() { Some(only.clone()) } else { None }
+}
+
+/// A pose file in the sequence's folder, or the benchmark's.
 fn pose_file(path: &Path) -> Option<PathBuf> {
     let absolute = path.canonicalize().ok()?;
     let name = absolute.file_name()?.to_str()?.to_owned();
@@ -55,12 +63,12 @@ fn pose_file(path: &Path) -> Option<PathBuf> {
     [path.join("poses.txt"), path.join(format!("{name}.txt")), of_benchmark].into_iter().find(|p| p.is_file())
 }
 
-/// The `Tr` line of `calib.txt`; none if it has none.
+/// The `Tr` line of `calib.txt`, if it has one.
 fn lidar_in_camera(path: &Path) -> Result<Option<Pose>> {
     let read = text::read(path)?;
     let Some(line) = lines(path, &read).find(|l| l.text.starts_with("Tr:") || l.text.starts_with("Tr ")) else { return Ok(None) };
     let names = ["r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z"];
     let numbers = line.numbers(line.words().skip(1), &names)?;
-    let damaged = || Error::content(path, Position::line(line.number), "Tr is no pose", "take the calibration of the benchmark");
+    let damaged = || Error::content(path, Position::line(line.number), "Tr is not a pose", "take the calibration of the benchmark");
     rigid(&numbers).map(Some).ok_or_else(damaged)
 }

@@ -6,14 +6,14 @@
 //!   Ouster/<stamp>.bin     clouds, lidar frame: x y z intensity as 32-bit floats; also in sensor_data/Ouster
 //! ```
 //!
-//! Layout as KISS-ICP's `datasets/mulran.py` reads it. The lidar's place on the vehicle is that of the data set's `calib_base2ouster.txt`, as
+//! Layout as KISS-ICP's `datasets/mulran.py` reads it. The lidar's pose on the vehicle is that of the data set's `calib_base2ouster.txt`, as
 //! quoted there and in LoGG3D-Net's `mulran_dataset.py`: x 1.7042 m, y -0.021 m, z 1.8047 m, roll 0.0001, pitch 0.0003, yaw 179.6654
-//! degrees. It is taken as the lidar's pose in the vehicle's frame, as the latter does: the lidar is on the roof. The map begins at the first
+//! degrees. It is taken as the lidar's pose in the vehicle's frame, as the latter does: the lidar is on the roof. The map's origin is the first
 //! pose, since UTM coordinates are too large for meshes.
 
-use super::Dump;
-use super::matrices::rigid;
-use crate::playback::{LONGEST_GAP_S, Track};
+use super::dump::Dump;
+use super::labelled_text::rigid;
+use crate::motion::{LONGEST_GAP_S, PoseTrack};
 use crate::text::{self, lines};
 use crate::{Error, Position, Result};
 use nalgebra::UnitQuaternion;
@@ -47,10 +47,10 @@ fn mounting() -> Pose {
     Pose::from_parts([1.7042, -0.021, 1.8047].into(), UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
-/// The vehicle's poses relative to the place of the first.
-fn read_poses(path: &Path) -> Result<Track> {
+/// The vehicle's poses relative to the position of the first.
+fn read_poses(path: &Path) -> Result<PoseTrack> {
     let read = text::read(path)?;
-    let (mut track, mut first) = (Track::default(), None);
+    let (mut track, mut first) = (PoseTrack::default(), None);
     for line in lines(path, &read) {
         let mut words = line.words();
         let stamp = line.integer(words.next(), "stamp")?;
@@ -58,7 +58,7 @@ fn read_poses(path: &Path) -> Result<Track> {
         let mut numbers = line.numbers(words, &names)?;
         let origin = *first.get_or_insert([numbers[3], numbers[7], numbers[11]]);
         (0..3).for_each(|k| numbers[4 * k + 3] -= origin[k]);
-        let damaged = || Error::content(path, Position::line(line.number), "the numbers are no pose", "download the file again");
+        let damaged = || Error::content(path, Position::line(line.number), "the numbers are not a pose", "download the file again");
         track.add(stamp as f64 * 1e-9, rigid(&numbers).ok_or_else(damaged)?);
     }
     Ok(track)

@@ -6,17 +6,17 @@
 //!   ground_truth/registered_poses.csv               sec,nsec,x,y,z,qx,qy,qz,qw: poses of the left camera
 //! ```
 //!
-//! Layout, and the lidar's place beside the camera, as KISS-ICP's `datasets/ncd.py` reads it.
+//! Layout, and the lidar's pose relative to the camera, as KISS-ICP's `datasets/ncd.py` reads it.
 
-use super::Dump;
-use crate::dataset::stamp;
-use crate::playback::{LONGEST_GAP_S, Track};
+use super::dump::Dump;
+use crate::file_names::stamp;
+use crate::motion::{LONGEST_GAP_S, PoseTrack};
 use crate::{Error, PoseFormat, Result, poses, text};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 
-/// How far in time a pose may be from a cloud of the same scan, seconds.
+/// Largest difference in time between a cloud and its pose, seconds.
 const SAME_TIME_S: f64 = 0.02;
 
 pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
@@ -25,7 +25,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
         ["raw_format/ouster_scan", "raw_format/ouster_zip_files/ouster_scan", "ouster_scan"].map(|f| path.join(f)).into_iter().find(|f| f.is_dir());
     let (true, Some(folder)) = (file.is_file(), folder) else { return Ok(None) };
     let trajectory = poses::parse(&text::read(&file)?, &file, PoseFormat::NewerCollege)?;
-    let mut track = Track::default();
+    let mut track = PoseTrack::default();
     trajectory.times.iter().flatten().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
     let entries = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;
     let stamped = |p: PathBuf| Some((stamp(p.file_stem()?.to_str()?)?, p));

@@ -1,6 +1,7 @@
 //! Writing g2o.
 
 use crate::file::write_atomically;
+use crate::pose_check::is_finite;
 use crate::{Error, PoseGraph, Result};
 use std::io::Write;
 use std::path::Path;
@@ -53,7 +54,7 @@ pub fn write(path: impl AsRef<Path>, graph: &PoseGraph) -> Result<()> {
 }
 
 fn check(path: &Path, pose: &Pose, what: &str) -> Result<()> {
-    if crate::poses::is_finite(pose) { Ok(()) } else { Err(Error::unwritable(path, format!("the pose of {what} is not finite"))) }
+    if is_finite(pose) { Ok(()) } else { Err(Error::unwritable(path, format!("the pose of {what} is not finite"))) }
 }
 
 /// `x y z qx qy qz qw`, each in the shortest form that reads back as the same number.

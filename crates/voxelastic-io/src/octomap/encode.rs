@@ -1,36 +1,37 @@
-//! Nodes to bytes.
+//! Serialising the tree.
 
-use super::REACH;
 use voxelastic::field::occupancy::LOG_ODDS_STEPS;
 use voxelastic::geometry::morton::{AXIS_BITS, encode as morton};
 use voxelastic::query::Cube;
 
 /// Level of the root: it spans 2^16 smallest voxels.
 const ROOT: u32 = 16;
-/// What cubes have for the origin.
+/// Smallest voxels along an axis, to either side of the origin.
+pub(super) const REACH: u32 = 1 << 15;
+/// Coordinate of the origin in a [`Cube`].
 const ORIGIN: u32 = 1 << (AXIS_BITS - 1);
 
-/// What a node says of its place.
+/// What the file stores per node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Format {
+pub(super) enum NodeValues {
     States,
     LogOdds,
 }
 
-/// A leaf by its place in the tree.
+/// A leaf and its position in the tree.
 struct Leaf {
     key: u64,
     level: u32,
     value: i8,
 }
 
-/// Leaves in the order in which a descent meets them.
+/// The leaves in depth-first order.
 pub(super) struct Tree {
     leaves: Vec<Leaf>,
 }
 
 impl Tree {
-    /// Places cubes in the tree; says in words what forbids it.
+    /// Builds the tree; the error says why the cubes do not form one.
     pub fn new(cubes: &[Cube]) -> Result<Self, String> {
         let mut leaves: Vec<Leaf> = Vec::with_capacity(cubes.len());
         let mut end = 0;
@@ -63,12 +64,12 @@ fn leaf(cube: &Cube) -> Result<Leaf, String> {
 }
 
 /// Number of nodes, and their bytes.
-pub(super) fn encode(tree: &Tree, format: Format) -> (usize, Vec<u8>) {
+pub(super) fn encode(tree: &Tree, values: NodeValues) -> (usize, Vec<u8>) {
     let mut encoder = Encoder { out: Vec::new(), nodes: 0 };
     if !tree.leaves.is_empty() {
-        match format {
-            Format::States => encoder.states(&tree.leaves, ROOT),
-            Format::LogOdds => drop(encoder.log_odds(&tree.leaves, ROOT)),
+        match values {
+            NodeValues::States => encoder.states(&tree.leaves, ROOT),
+            NodeValues::LogOdds => drop(encoder.log_odds(&tree.leaves, ROOT)),
         }
     }
     (encoder.nodes, encoder.out)
@@ -85,7 +86,7 @@ fn children(leaves: &[Leaf], level: u32) -> [&[Leaf]; 8] {
     })
 }
 
-/// The leaf that fills a child of a node of `level`, if one does.
+/// The leaf that fills a child of a node of `level`, if there is one.
 fn whole(child: &[Leaf], level: u32) -> Option<&Leaf> {
     child.first().filter(|leaf| leaf.level + 1 == level)
 }
@@ -134,18 +135,18 @@ impl Encoder {
             };
             largest = largest.max(value);
         }
-        self.out[at..at + 4].copy_from_slice(&in_units(largest));
+        self.out[at..at + 4].copy_from_slice(&log_odds_bytes(largest));
         largest
     }
 
     fn node(&mut self, value: i8, children: u8) {
         self.nodes += 1;
-        self.out.extend(in_units(value));
+        self.out.extend(log_odds_bytes(value));
         self.out.push(children);
     }
 }
 
-/// Steps as the bytes of log-odds.
-fn in_units(value: i8) -> [u8; 4] {
+/// The log-odds of an occupancy value, as bytes.
+fn log_odds_bytes(value: i8) -> [u8; 4] {
     (f32::from(value) / LOG_ODDS_STEPS).to_le_bytes()
 }

@@ -15,13 +15,10 @@ mod tests;
 
 use crate::file::write_atomically;
 use crate::{Error, Result};
-use encode::{Format, Tree, encode};
+use encode::{NodeValues, Tree, encode};
 use std::io::Write;
 use std::path::Path;
 use voxelastic::query::Cube;
-
-/// Smallest voxels along an axis, to either side of the origin.
-const REACH: u32 = 1 << 15;
 
 /// Writes `cubes`, as [`resample`](voxelastic::query::AtlasQuery::resample) gives them for smallest cubes of `voxel`
 /// metres, as an OctoMap of states (`.bt`), atomically.
@@ -30,7 +27,7 @@ const REACH: u32 = 1 << 15;
 /// [`Error::Unwritable`] for a map that reaches farther than 32,768 voxels from the origin, for a voxel size that is none
 /// and for cubes that are not in Morton order; [`Error::Io`] if the disk refuses.
 pub fn write_bt(path: impl AsRef<Path>, voxel: f64, cubes: &[Cube]) -> Result<()> {
-    write(path.as_ref(), voxel, cubes, Format::States, "# Octomap OcTree binary file")
+    write(path.as_ref(), voxel, cubes, NodeValues::States, "# Octomap OcTree binary file")
 }
 
 /// As [`write_bt`], with log-odds (`.ot`).
@@ -38,15 +35,15 @@ pub fn write_bt(path: impl AsRef<Path>, voxel: f64, cubes: &[Cube]) -> Result<()
 /// # Errors
 /// As [`write_bt`].
 pub fn write_ot(path: impl AsRef<Path>, voxel: f64, cubes: &[Cube]) -> Result<()> {
-    write(path.as_ref(), voxel, cubes, Format::LogOdds, "# Octomap OcTree file")
+    write(path.as_ref(), voxel, cubes, NodeValues::LogOdds, "# Octomap OcTree file")
 }
 
-fn write(path: &Path, voxel: f64, cubes: &[Cube], format: Format, title: &str) -> Result<()> {
+fn write(path: &Path, voxel: f64, cubes: &[Cube], values: NodeValues, title: &str) -> Result<()> {
     if !(voxel.is_finite() && voxel > 0.0) {
         return Err(Error::unwritable(path, format!("a voxel cannot have an edge of {voxel} m")));
     }
     let tree = Tree::new(cubes).map_err(|problem| Error::unwritable(path, problem))?;
-    let (nodes, data) = encode(&tree, format);
+    let (nodes, data) = encode(&tree, values);
     write_atomically(path, |out| {
         // Readers know a file by its first line.
         write!(out, "{title}\n# made by voxelastic\nid OcTree\nsize {nodes}\nres {voxel}\ndata\n")?;

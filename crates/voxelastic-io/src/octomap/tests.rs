@@ -2,10 +2,10 @@
 // Tests say when they skip.
 #![allow(clippy::print_stdout)]
 
+use super::encode::REACH;
 use super::*;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
-use std::process::Command;
 use voxelastic::geometry::morton;
 
 /// Disjoint cubes around the origin, in Morton order.
@@ -113,16 +113,7 @@ fn what_octomap_cannot_hold_is_refused() {
 
 /// Runs the script on a file with the real library; none when it is not installed.
 fn octomap_leaves(path: &Path) -> Option<String> {
-    let python = std::env::var_os("VOXELASTIC_PYTHON").unwrap_or_else(|| "python3".into());
-    let has = Command::new(&python).args(["-c", "import pyoctomap"]).output();
-    if !has.is_ok_and(|o| o.status.success()) {
-        println!("skipped: no Python with pyoctomap (pip install pyoctomap; VOXELASTIC_PYTHON names another interpreter)");
-        return None;
-    }
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/octomap/leaves.py");
-    let output = Command::new(&python).arg(script).arg(path).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    Some(String::from_utf8(output.stdout).unwrap())
+    voxelastic_testing::run_python("pyoctomap", include_str!("leaves.py"), &[path])
 }
 
 #[test]

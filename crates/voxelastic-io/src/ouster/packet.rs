@@ -1,6 +1,6 @@
 //! Lidar packets: columns of returns. Layouts as in Ouster's firmware user manual, sections on the lidar data packet formats.
 
-use super::meta::{Meta, Profile};
+use super::sensor_metadata::{Profile, SensorMetadata};
 
 /// Where things are in a packet, bytes.
 #[derive(Clone, Copy, Debug)]
@@ -53,31 +53,31 @@ impl Layout {
 }
 
 /// Bytes of a packet of a sensor.
-pub(crate) fn size(meta: &Meta) -> usize {
-    let layout = Layout::of(meta.profile);
-    layout.packet_head + meta.columns_per_packet * layout.column(meta.rows()) + layout.packet_tail
+pub(crate) fn size(metadata: &SensorMetadata) -> usize {
+    let layout = Layout::of(metadata.profile);
+    layout.packet_head + metadata.columns_per_packet * layout.column(metadata.rows()) + layout.packet_tail
 }
 
 /// The columns of a packet that were measured; nothing if the packet is of another size.
-pub(crate) fn columns<'a>(meta: &Meta, packet: &'a [u8]) -> Vec<Column<'a>> {
-    let layout = Layout::of(meta.profile);
-    if packet.len() != size(meta) {
+pub(crate) fn columns<'a>(metadata: &SensorMetadata, packet: &'a [u8]) -> Vec<Column<'a>> {
+    let layout = Layout::of(metadata.profile);
+    if packet.len() != size(metadata) {
         return Vec::new();
     }
     let u16_at = |bytes: &[u8], at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
     let frame_of_packet = if layout.packet_head > 0 { u16_at(packet, 2) } else { 0 };
-    let size = layout.column(meta.rows());
+    let size = layout.column(metadata.rows());
     let read = |bytes: &'a [u8]| {
-        let (is_valid, frame) = match meta.profile {
+        let (is_valid, frame) = match metadata.profile {
             Profile::Legacy => (bytes[size - 4..] == [0xff; 4], u16_at(bytes, 10)),
             _ => (u16_at(bytes, 10) & 1 == 1, frame_of_packet),
         };
         let number = usize::from(u16_at(bytes, 8));
         let time_ns = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
         let pixels = &bytes[layout.column_head..size - layout.column_tail];
-        (is_valid && number < meta.columns).then_some(Column { time_ns, number, frame, profile: meta.profile, pixels, size: layout.pixel })
+        (is_valid && number < metadata.columns).then_some(Column { time_ns, number, frame, profile: metadata.profile, pixels, size: layout.pixel })
     };
-    packet[layout.packet_head..].chunks_exact(size).take(meta.columns_per_packet).filter_map(read).collect()
+    packet[layout.packet_head..].chunks_exact(size).take(metadata.columns_per_packet).filter_map(read).collect()
 }
 
 impl Column<'_> {

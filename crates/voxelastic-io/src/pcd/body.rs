@@ -2,31 +2,30 @@
 
 use super::header::{Data, Header};
 use super::lzf;
-use crate::channels::{Raw, Roles};
-use crate::record::Column;
-use crate::{Error, Position, Result, StampedCloud, text_table};
+use crate::points::{Column, FieldRoles, RawCloud, Table};
+use crate::{Error, Position, Result, StampedCloud};
 use std::path::Path;
 
 const TRUNCATED: &str = "the file is truncated: copy or record it again";
 
 pub(super) fn parse(bytes: &[u8], header: &Header, path: &Path) -> Result<StampedCloud> {
-    let roles = Roles::of(&header.fields, path)?;
+    let roles = FieldRoles::of(&header.fields, path)?;
     let body = &bytes[header.body..];
     let raw = match header.data {
         Data::Ascii => {
-            let table = text_table::Table { path, text: body, first_line: header.lines + 1, rows: header.points, columns: header.numbers };
+            let table = Table { path, text: body, first_line: header.lines + 1, rows: header.points, columns: header.numbers };
             let (numbers, rest) = table.read(&roles.fields(&header.fields))?;
             if rest.iter().any(|b| !b.is_ascii_whitespace()) {
                 let at = Position::line(header.lines + 1 + header.points);
                 let problem = format!("there is more after the {} points that the header claims", header.points);
                 return Err(Error::content(path, at, problem, "the header is wrong: write the file again"));
             }
-            Raw::gather(&header.fields, &roles, |field| numbers.column(field))
+            RawCloud::gather(&header.fields, &roles, |field| numbers.column(field))
         }
         Data::Binary => {
             let needed = header.record.checked_mul(header.points).filter(|&n| n <= body.len());
             let Some(needed) = needed else { return Err(too_short(bytes, body.len() / header.record.max(1), header, path)) };
-            Raw::gather(&header.fields, &roles, |field| Column {
+            RawCloud::gather(&header.fields, &roles, |field| Column {
                 bytes: body[..needed].get(field.offset..).unwrap_or(&[]),
                 stride: header.record,
                 len: header.points,
@@ -37,7 +36,7 @@ pub(super) fn parse(bytes: &[u8], header: &Header, path: &Path) -> Result<Stampe
         Data::Compressed => {
             let unpacked = unpack(bytes, header, path)?;
             // Compressed files hold all of the first field, then all of the second, and so on.
-            Raw::gather(&header.fields, &roles, |field| Column {
+            RawCloud::gather(&header.fields, &roles, |field| Column {
                 bytes: unpacked.get(field.offset * header.points..).unwrap_or(&[]),
                 stride: field.scalar.size(),
                 len: header.points,
@@ -46,7 +45,7 @@ pub(super) fn parse(bytes: &[u8], header: &Header, path: &Path) -> Result<Stampe
             })
         }
     };
-    Raw { width: header.width, height: header.height, ..raw }.finish(path)
+    RawCloud { width: header.width, height: header.height, ..raw }.finish(path)
 }
 
 /// The numbers of one field of a binary file.

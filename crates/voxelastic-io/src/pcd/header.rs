@@ -1,6 +1,6 @@
 //! The header of a PCD file.
 
-use crate::record::{Field, Scalar};
+use crate::points::{Field, Scalar};
 use crate::{Error, Position, Result};
 use std::path::Path;
 

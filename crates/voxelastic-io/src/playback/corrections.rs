@@ -1,7 +1,7 @@
-//! Corrected poses that became known while a recording was made: files `poses@SECONDS.tum` in a folder, each a trajectory as it was known
-//! then, in the clock of the recording.
+//! Corrected poses that became known during a recording: files `poses@SECONDS.tum` in a folder, each a trajectory as it was known at that
+//! time, in the clock of the recording.
 
-use super::track::{LONGEST_GAP_S, Track};
+use crate::motion::{LONGEST_GAP_S, PoseTrack};
 use crate::{Error, Result, poses};
 use std::collections::VecDeque;
 use std::fs;
@@ -9,36 +9,36 @@ use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
 
-/// Corrections to come, and the scans that they can be about.
+/// Corrections that are still to come, and the scans that they can apply to.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Corrections {
-    /// When each became known, seconds, and its file; in the order of time.
+    /// When each became known, seconds, and its file; ordered by time.
     files: VecDeque<(f64, PathBuf)>,
-    /// The scans that were delivered.
-    taken: Vec<Delivered>,
+    /// The scans delivered so far.
+    delivered: Vec<Delivered>,
 }
 
-/// A scan that was delivered, and the pose that was told of it then.
+/// A delivered scan and the pose that was reported for it.
 #[derive(Clone, Debug)]
 struct Delivered {
     time: f64,
     node: NodeId,
-    told: Pose,
+    reported: Pose,
 }
 
 /// What a file corrects.
 #[derive(Clone, Debug)]
 pub(crate) struct Correction {
-    /// The lidar's poses at the scans that it is about, in their order.
+    /// The lidar's corrected poses at the scans that the file covers, in order.
     pub(crate) poses: Vec<(NodeId, Pose)>,
-    /// What was told of the last of them.
-    pub(crate) told: Pose,
-    /// Its pose now.
-    pub(crate) now: Pose,
+    /// The reported pose of the last of them.
+    pub(crate) reported: Pose,
+    /// Its corrected pose.
+    pub(crate) corrected: Pose,
 }
 
 impl Corrections {
-    /// Looks for them in a folder.
+    /// Lists the corrections in a folder.
     ///
     /// # Errors
     /// [`Error::Dataset`] if there are none; [`Error::Io`].
@@ -55,39 +55,39 @@ impl Corrections {
             let remedy = "name a g2o file, or a folder of trajectories (TUM) that were known at such times: poses@1600000000.5.tum";
             return Err(Error::dataset(folder, "no corrected poses in it", remedy));
         }
-        Ok(Self { files: files.into(), taken: Vec::new() })
+        Ok(Self { files: files.into(), delivered: Vec::new() })
     }
 
-    /// How many are to come.
+    /// Number of corrections to come.
     pub(crate) fn len(&self) -> usize {
         self.files.len()
     }
 
-    /// Notes a scan that is delivered, and the pose that was told of it.
-    pub(crate) fn note(&mut self, time: f64, node: NodeId, told: Pose) {
+    /// Notes a delivered scan and the pose that was reported for it.
+    pub(crate) fn note(&mut self, time: f64, node: NodeId, reported: Pose) {
         if !self.files.is_empty() {
-            self.taken.push(Delivered { time, node, told });
+            self.delivered.push(Delivered { time, node, reported });
         }
     }
 
-    /// The next file, if it was known before `time` and there are scans that it can be about.
-    pub(crate) fn due(&mut self, time: f64) -> Option<PathBuf> {
-        self.files.pop_front_if(|(at, _)| *at < time && !self.taken.is_empty()).map(|(_, path)| path)
+    /// Takes the next file, if it was known before `time` and scans have been delivered that it can apply to.
+    pub(crate) fn take_due(&mut self, time: f64) -> Option<PathBuf> {
+        self.files.pop_front_if(|(at, _)| *at < time && !self.delivered.is_empty()).map(|(_, path)| path)
     }
 
-    /// What a file says of the scans delivered so far; the lidar lies at `t_child_lidar` in what the file's poses are of.
+    /// Reads the corrections of the scans delivered so far. `t_child_lidar` is the lidar's pose in the frame that the file's poses are of.
     ///
     /// # Errors
-    /// Those of [`read_track`], and when no pose belongs to a scan.
+    /// Those of [`read_track`], and [`Error::Dataset`] if no pose belongs to a scan.
     pub(crate) fn read(&self, path: &Path, t_child_lidar: &Pose, tolerance_s: f64) -> Result<Correction> {
         let track = read_track(path)?;
         let at = |scan: &Delivered| Some((scan.node, track.at(scan.time, LONGEST_GAP_S, tolerance_s)? * t_child_lidar));
-        let found: Vec<(&Delivered, (NodeId, Pose))> = self.taken.iter().filter_map(|scan| Some((scan, at(scan)?))).collect();
-        let Some((last, (_, now))) = found.last() else {
+        let found: Vec<(&Delivered, (NodeId, Pose))> = self.delivered.iter().filter_map(|scan| Some((scan, at(scan)?))).collect();
+        let Some((last, (_, corrected))) = found.last() else {
             return Err(Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording"));
         };
-        let (told, now) = (last.told, *now);
-        Ok(Correction { poses: found.into_iter().map(|(_, update)| update).collect(), told, now })
+        let (reported, corrected) = (last.reported, *corrected);
+        Ok(Correction { poses: found.into_iter().map(|(_, update)| update).collect(), reported, corrected })
     }
 }
 
@@ -95,12 +95,12 @@ impl Corrections {
 ///
 /// # Errors
 /// [`Error::Dataset`] if it has none; those of [`poses::read`].
-pub(crate) fn read_track(path: &Path) -> Result<Track> {
+pub(crate) fn read_track(path: &Path) -> Result<PoseTrack> {
     let trajectory = poses::read(path)?;
     let Some(times) = trajectory.times else {
         return Err(Error::dataset(path, "poses without times", "give a trajectory with times (TUM, Newer College), in the clock of the recording"));
     };
-    let mut track = Track::default();
+    let mut track = PoseTrack::default();
     times.iter().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
     Ok(track)
 }

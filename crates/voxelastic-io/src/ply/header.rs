@@ -1,7 +1,6 @@
 //! The header of a PLY file.
 
-use crate::record::Scalar;
-use crate::text_table::split_line;
+use crate::points::{Scalar, split_line};
 use crate::{Error, Position, Result};
 use std::path::Path;
 

@@ -2,8 +2,7 @@
 
 use super::header::{self, Element, Encoding, Header, Property};
 use super::vertices::{Cursor, Rows, TRUNCATED, fields, rows};
-use crate::channels::Roles;
-use crate::record::{self, Column, Field};
+use crate::points::{Column, Field, FieldRoles, points};
 use crate::{Error, Result, file};
 use std::path::Path;
 
@@ -52,7 +51,7 @@ pub fn parse_mesh(bytes: &[u8], path: &Path) -> Result<MeshData> {
 }
 
 fn vertices(cursor: &mut Cursor<'_>, vertex: &Element, header: &Header, fields: &[Field]) -> Result<MeshData> {
-    let roles = Roles::of(fields, cursor.path)?;
+    let roles = FieldRoles::of(fields, cursor.path)?;
     let find = |names: [&str; 3]| -> Option<[&Field; 3]> {
         let [a, b, c] = names.map(|n| fields.iter().find(|f| f.name == n));
         Some([a?, b?, c?])
@@ -61,8 +60,8 @@ fn vertices(cursor: &mut Cursor<'_>, vertex: &Element, header: &Header, fields: 
     let wanted: Vec<&Field> = roles.fields(fields).into_iter().chain(normals.into_iter().flatten()).collect();
     let rows: Rows<'_> = rows(cursor, vertex, header.encoding, &wanted)?;
     Ok(MeshData {
-        positions: record::points(roles.xyz.map(|k| rows.column(&fields[k]))),
-        normals: normals.map(|n| record::points(n.map(|f| rows.column(f)))),
+        positions: points(roles.xyz.map(|k| rows.column(&fields[k]))),
+        normals: normals.map(|n| points(n.map(|f| rows.column(f)))),
         colours: roles.colour.map(|colour| colour.read(fields, |k| rows.column(&fields[k]))),
         intensity: roles.intensity.map(|k| rows.column(&fields[k]).to_f32()),
         triangles: Vec::new(),

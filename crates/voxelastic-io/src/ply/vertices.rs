@@ -1,9 +1,7 @@
 //! The elements of a PLY file: skipping to one, and the vertices.
 
 use super::header::{Element, Encoding, Header, Property};
-use crate::channels::{Raw, Roles};
-use crate::record::{Column, Field, Scalar};
-use crate::text_table::{Numbers, Table, split_line};
+use crate::points::{Column, Field, FieldRoles, Numbers, RawCloud, Scalar, Table, split_line};
 use crate::{Error, Position, Result, StampedCloud};
 use std::path::Path;
 
@@ -162,9 +160,9 @@ pub(super) fn cloud(bytes: &[u8], header: &Header, path: &Path) -> Result<Stampe
     let mut cursor = Cursor::after(header, bytes, path);
     let vertex = cursor.seek(header, &mut header.elements.iter(), "vertex")?;
     let fields = fields(vertex, path)?;
-    let roles = Roles::of(&fields, path)?;
+    let roles = FieldRoles::of(&fields, path)?;
     let Some(vertex) = vertex else { return Err(Error::NoReturn { path: path.into(), points: 0 }) };
     let rows = rows(&mut cursor, vertex, header.encoding, &roles.fields(&fields))?;
-    let raw = Raw::gather(&fields, &roles, |field| rows.column(field));
-    Raw { width: vertex.count, height: 1, ..raw }.finish(path)
+    let raw = RawCloud::gather(&fields, &roles, |field| rows.column(field));
+    RawCloud { width: vertex.count, height: 1, ..raw }.finish(path)
 }

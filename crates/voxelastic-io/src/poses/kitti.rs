@@ -1,6 +1,6 @@
 //! KITTI rows: the upper 3 x 4 part of a pose's matrix, row by row, on each line.
 
-use super::Trajectory;
+use super::trajectory::Trajectory;
 use crate::Result;
 use crate::text::{Line, ROTATION_TOLERANCE, lines};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};

@@ -2,7 +2,7 @@
 //!
 //! Layout from the project's `src/mapOptmization.cpp`: the point type `PointXYZIRPYT`, written by the service that saves the map.
 
-use super::Trajectory;
+use super::trajectory::Trajectory;
 use crate::{Error, Position, Result, pcd};
 use nalgebra::{Translation3, UnitQuaternion};
 use std::path::Path;

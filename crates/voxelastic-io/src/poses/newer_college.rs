@@ -1,6 +1,6 @@
 //! `registered_poses.csv` of the Newer College Dataset: `sec,nsec,x,y,z,qx,qy,qz,qw`.
 
-use super::Trajectory;
+use super::trajectory::Trajectory;
 use crate::Result;
 use crate::text::{check_increasing, lines};
 use std::path::Path;

@@ -1,6 +1,6 @@
 //! TUM trajectories: `time x y z qx qy qz qw` per line.
 
-use super::Trajectory;
+use super::trajectory::Trajectory;
 use crate::Result;
 use crate::text::{check_increasing, lines};
 use std::path::Path;

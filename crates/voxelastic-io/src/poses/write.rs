@@ -1,7 +1,7 @@
 //! Writing trajectories.
 
-use super::is_finite;
 use crate::file::write_atomically;
+use crate::pose_check::is_finite;
 use crate::{Error, Result};
 use std::io::Write;
 use std::path::Path;

@@ -9,11 +9,11 @@
 //! 4. of these voxels all reds, then all greens, blues, and numbers of observations.
 
 use super::bytes::{Bytes, push_varint};
-use super::error::Result;
 use super::frames::{self, FULL, LARGEST, Section};
 use super::tsdf_page::{for_each_set, mask, push_mask};
+use crate::Result;
 use std::io::{self, Write};
-use voxelastic::field::tsdf::{Tint, TsdfField};
+use voxelastic::field::tsdf::{ColourVoxel, TsdfField};
 use voxelastic::octree::{SCALES, voxels_at};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -22,12 +22,12 @@ pub(super) const HEAD: usize = 8;
 
 /// Blocks with colours, in Morton order.
 pub(super) fn coloured(field: &TsdfField) -> Vec<u32> {
-    field.ids_in_morton_order().into_iter().filter(|&id| field.colours().of(id).is_some()).collect()
+    field.ids_in_morton_order().into_iter().filter(|&id| field.colours().block(id).is_some()).collect()
 }
 
 /// Scale and colours of each of `ids`, with its key.
-fn blocks<'a>(field: &'a TsdfField, ids: &'a [u32]) -> impl Iterator<Item = (u64, usize, &'a [Tint])> {
-    ids.iter().filter_map(|&id| field.colours().of(id).map(|(scale, tints)| (field.block(id).key, scale, tints)))
+fn blocks<'a>(field: &'a TsdfField, ids: &'a [u32]) -> impl Iterator<Item = (u64, usize, &'a [ColourVoxel])> {
+    ids.iter().filter_map(|&id| field.colours().block(id).map(|(scale, tints)| (field.block(id).key, scale, tints)))
 }
 
 /// A hash of everything that the section would hold.
@@ -43,7 +43,7 @@ pub(super) fn digest(field: &TsdfField) -> u64 {
 
 /// Bytes that a block's colours count for.
 fn cost(scale: usize) -> usize {
-    16 + voxels_at(scale) * size_of::<Tint>()
+    16 + voxels_at(scale) * size_of::<ColourVoxel>()
 }
 
 /// Cuts blocks into pages.
@@ -51,7 +51,7 @@ fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
     let mut size = 0;
     let mut full = false;
     ids.chunk_by(|&id, _| {
-        size = if full { 0 } else { size } + field.colours().of(id).map_or(0, |(scale, _)| cost(scale));
+        size = if full { 0 } else { size } + field.colours().block(id).map_or(0, |(scale, _)| cost(scale));
         full = size >= FULL;
         !full
     })
@@ -77,23 +77,23 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
     }
     raw.extend_from_slice(&keys);
     push_mask(raw, &tints);
-    tints.retain(|t| *t != Tint::default());
+    tints.retain(|t| *t != ColourVoxel::default());
     for k in 0..3 {
         raw.extend(tints.iter().map(|t| t.rgb[k]));
     }
-    raw.extend(tints.iter().map(|t| t.seen));
+    raw.extend(tints.iter().map(|t| t.observations));
     ids.len()
 }
 
 /// The blocks of a page, unpacked: keys, scales, and all arrays end to end.
 pub(super) struct Page {
     heads: Vec<(u64, u8)>,
-    tints: Vec<Tint>,
+    tints: Vec<ColourVoxel>,
 }
 
 impl Page {
     /// Gives the blocks of `field` their colours; says how many.
-    pub fn paint(&self, field: &mut TsdfField) -> std::result::Result<usize, String> {
+    pub fn integrate_colours(&self, field: &mut TsdfField) -> std::result::Result<usize, String> {
         let mut tints = &self.tints[..];
         for &(key, scale) in &self.heads {
             let (array, rest) = tints.split_at(voxels_at(scale.into()));
@@ -119,13 +119,13 @@ pub(super) fn parse(mut bytes: Bytes<'_>, blocks: usize) -> std::result::Result<
         key = key.checked_add(bytes.varint()?).ok_or("a block key is longer than 64 bits")?;
         heads.push((key, scale));
     }
-    let mut tints = vec![Tint::default(); scales.iter().map(|s| voxels_at((*s).into())).sum()];
+    let mut tints = vec![ColourVoxel::default(); scales.iter().map(|s| voxels_at((*s).into())).sum()];
     let (known, count) = mask(&mut bytes, tints.len())?;
     let mut plane = || bytes.take(count);
     let (red, green, blue, seen) = (plane()?, plane()?, plane()?, plane()?);
     let mut at = 0;
     for_each_set(known, |i| {
-        tints[i] = Tint { rgb: [red[at], green[at], blue[at]], seen: seen[at] };
+        tints[i] = ColourVoxel { rgb: [red[at], green[at], blue[at]], observations: seen[at] };
         at += 1;
     });
     bytes.end()?;
@@ -137,6 +137,6 @@ pub(super) fn read(section: &Section<'_>, field: &mut TsdfField) -> Result<()> {
     let (mut head, frames) = section.split(HEAD)?;
     let claimed = head.u64().map_err(|e| section.damaged(0, e))?;
     let mut blocks = 0;
-    frames::read(section, &frames, parse, |page: Page| page.paint(field).map(|count| blocks += count))?;
+    frames::read(section, &frames, parse, |page: Page| page.integrate_colours(field).map(|count| blocks += count))?;
     if blocks as u64 == claimed { Ok(()) } else { Err(section.damaged(0, format!("{claimed} blocks are claimed, {blocks} are there"))) }
 }

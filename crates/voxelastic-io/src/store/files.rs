@@ -1,6 +1,6 @@
 //! Files in a map directory: their names, and writing them so that they are there wholly or not at all.
 
-use super::error::{Result, StoreError};
+use crate::{Error, Result};
 use std::fmt;
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -62,7 +62,7 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
     write().map_err(|source| {
         // The half-written file only takes space, often the very space that ran out; the error to report is the first.
         let _ = fs::remove_file(&temporary);
-        StoreError::io("write", &path)(source)
+        Error::on_io("write", &path)(source)
     })
 }
 
@@ -70,7 +70,7 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
 pub(super) fn sync_dir(dir: &Path) -> Result<()> {
     // Elsewhere directories cannot be opened as files, and renames are durable by the file system's own means.
     if cfg!(unix) {
-        File::open(dir).and_then(|d| d.sync_all()).map_err(StoreError::io("make durable", dir))?;
+        File::open(dir).and_then(|d| d.sync_all()).map_err(Error::on_io("make durable", dir))?;
     }
     Ok(())
 }
@@ -78,23 +78,23 @@ pub(super) fn sync_dir(dir: &Path) -> Result<()> {
 /// Reads the file at `path`, which has `expected` bytes if that is known.
 pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     let metadata = match fs::metadata(path) {
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(StoreError::Missing { path: path.to_owned() }),
-        other => other.map_err(StoreError::io("read", path))?,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(Error::Missing { path: path.to_owned() }),
+        other => other.map_err(Error::on_io("read", path))?,
     };
     // Opening anything else, a pipe for one, could wait forever.
     if !metadata.is_file() {
-        return Err(StoreError::damaged(path, "length", 0, "it is not a regular file"));
+        return Err(Error::damaged(path, "length", 0, "it is not a regular file"));
     }
     let length = metadata.len();
     let expected = expected.unwrap_or(length);
-    let differs = |length: u64| StoreError::damaged(path, "length", length.min(expected), format!("it has {length} bytes instead of {expected}"));
+    let differs = |length: u64| Error::damaged(path, "length", length.min(expected), format!("it has {length} bytes instead of {expected}"));
     if length != expected {
         return Err(differs(length));
     }
-    let too_large = || StoreError::OutOfMemory { path: path.to_owned(), bytes: length };
+    let too_large = || Error::OutOfMemory { path: path.to_owned(), bytes: length };
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
-    File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(StoreError::io("read", path))?;
+    File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(Error::on_io("read", path))?;
     if bytes.len() as u64 != expected { Err(differs(bytes.len() as u64)) } else { Ok(bytes) }
 }
 
@@ -102,7 +102,7 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
 pub(super) fn remove(dir: &Path, name: &str) -> Result<()> {
     let path = dir.join(name);
     match fs::remove_file(&path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(StoreError::io("remove", &path)(error)),
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::on_io("remove", &path)(error)),
         _ => Ok(()),
     }
 }
@@ -111,7 +111,7 @@ pub(super) fn remove(dir: &Path, name: &str) -> Result<()> {
 pub(super) fn names(dir: &Path) -> Result<Vec<String>> {
     let entries = fs::read_dir(dir).and_then(|entries| entries.collect::<io::Result<Vec<_>>>());
     let mut names: Vec<String> =
-        entries.map_err(StoreError::io("list", dir))?.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+        entries.map_err(Error::on_io("list", dir))?.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
     Ok(names)
 }

@@ -4,7 +4,7 @@
 //! in it (u32), CRC-32 of the packed bytes (u32), the packed bytes (one zstd frame). All numbers little endian.
 
 use super::bytes::Bytes;
-use super::error::{Result, StoreError};
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::{self, Write};
 use std::path::Path;
@@ -82,8 +82,8 @@ pub(super) struct Section<'a> {
 
 impl<'a> Section<'a> {
     /// Damage noticed at `at` of the section.
-    pub fn damaged(&self, at: usize, what: impl Into<String>) -> StoreError {
-        StoreError::damaged(self.path, self.name, self.offset + at as u64, what)
+    pub fn damaged(&self, at: usize, what: impl Into<String>) -> Error {
+        Error::damaged(self.path, self.name, self.offset + at as u64, what)
     }
 
     /// The section's own head of `length` bytes, and its frames.
@@ -105,7 +105,7 @@ impl<'a> Section<'a> {
     }
 
     /// Finds the place of damage in a section whose checksum is wrong and whose own head has `length` bytes.
-    pub fn find_damage(&self, length: usize) -> StoreError {
+    pub fn find_damage(&self, length: usize) -> Error {
         let frames = match self.split(length) {
             Ok((_, frames)) => frames,
             Err(error) => return error,
@@ -138,7 +138,7 @@ pub(super) fn read<T: Send>(
     mut take: impl FnMut(T) -> std::result::Result<(), String> + Send,
 ) -> Result<()> {
     let unpack = |decompressor: &mut io::Result<Decompressor<'_>>, frame: &Frame<'_>| {
-        let decompressor = decompressor.as_mut().map_err(|e| StoreError::io("decompress", section.path)(copy(e)))?;
+        let decompressor = decompressor.as_mut().map_err(|e| Error::on_io("decompress", section.path)(copy(e)))?;
         let damaged = |e: String| section.damaged(frame.at, e);
         let raw = decompress(decompressor, frame).map_err(damaged)?;
         Ok((frame.at, parse(Bytes::new(&raw), frame.items).map_err(damaged)?))

@@ -1,7 +1,7 @@
 //! One writer per map.
 
-use super::error::{Result, StoreError};
 use super::files::LOCK;
+use crate::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
@@ -17,26 +17,26 @@ impl Lock {
     /// Locks the map directory `dir`; the file names this process for whoever finds it locked.
     pub fn take(dir: &Path) -> Result<Self> {
         let path = dir.join(LOCK);
-        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(StoreError::io("lock", &path))?;
+        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(Error::on_io("lock", &path))?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let mut pid = String::new();
                 let known = (&file).take(20).read_to_string(&mut pid).is_ok() && !pid.trim().is_empty();
                 let pid = if known { pid.trim().to_owned() } else { "unknown".to_owned() };
-                return Err(StoreError::Locked { path: dir.to_owned(), pid });
+                return Err(Error::Locked { path: dir.to_owned(), pid });
             }
             // Some network file systems know no locks; mapping onto them must still be possible.
             Err(TryLockError::Error(e)) if e.kind() == ErrorKind::Unsupported => {
                 tracing::warn!(path = %path.display(), "the file system knows no locks: make sure that only one process writes this map");
             }
-            Err(TryLockError::Error(e)) => return Err(StoreError::io("lock", &path)(e)),
+            Err(TryLockError::Error(e)) => return Err(Error::on_io("lock", &path)(e)),
         }
         let note = |file: &mut File| {
             file.set_len(0)?;
             file.write_all(format!("{}\n", std::process::id()).as_bytes())
         };
-        note(&mut file).map_err(StoreError::io("lock", &path))?;
+        note(&mut file).map_err(Error::on_io("lock", &path))?;
         Ok(Self { _file: file })
     }
 }

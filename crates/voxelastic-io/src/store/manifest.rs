@@ -1,14 +1,15 @@
 //! What a map is made of: settings, sensor, and the table of submaps with where they lie.
 
-use super::error::{Result, StoreError};
 use super::files::SubmapName;
 use super::submap_file::{Expected, Fields, Written};
+use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use voxelastic::Pose;
+use std::path::Path;
 use voxelastic::atlas::{Submap, SubmapId, SubmapScan};
 use voxelastic::event::NodeId;
 use voxelastic::octree::SCALES;
+use voxelastic::{Pose, Settings};
 
 /// The content of a map's `manifest.json`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,6 +18,20 @@ pub struct Manifest {
     pub details: MapDetails,
     /// The submaps, ordered by id.
     pub submaps: Vec<SubmapEntry>,
+}
+
+impl Manifest {
+    /// Edge of the finest voxel as the settings in the manifest have it, metres; the default if they do not.
+    pub(super) fn voxel_size(&self) -> f32 {
+        let mut settings = Settings::default();
+        for key in ["voxel", "voxel_size"] {
+            if let Some(value) = self.details.settings.get(key) {
+                // A value that is no voxel size is refused where the settings are read.
+                let _ = settings.set(key, value);
+            }
+        }
+        settings.voxel_size
+    }
 }
 
 /// How a map was made, in words: stored and given back as it is.
@@ -97,7 +112,7 @@ impl SubmapEntry {
     /// The entry of a submap whose file is `name`.
     pub(super) fn new(piece: &Piece<'_>, name: SubmapName, written: Written) -> Self {
         let submap = piece.submap;
-        let (tsdf, occupancy) = (&submap.tsdf, &submap.occupancy);
+        let (tsdf, occupancy) = (submap.tsdf(), submap.occupancy());
         let of_tsdf = || TsdfSummary { blocks_by_scale: tsdf.blocks_by_scale().map(|n| n as u64), memory_bytes: tsdf.bytes() as u64 };
         let of_occupancy = || OccupancySummary {
             octants: occupancy.tree().octants() as u64,
@@ -105,15 +120,15 @@ impl SubmapEntry {
             memory_bytes: occupancy.bytes() as u64,
         };
         Self {
-            id: submap.id,
+            id: submap.id(),
             file: name.to_string(),
             bytes: written.bytes,
             crc32: written.crc32,
             t_map_submap: piece.t_map_submap,
-            travelled: submap.travelled,
+            travelled: submap.travelled(),
             tsdf: (!tsdf.is_empty()).then(of_tsdf),
             occupancy: (!occupancy.is_empty()).then(of_occupancy),
-            scans: submap.scans.iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect(),
+            scans: submap.scans().iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect(),
         }
     }
 
@@ -123,25 +138,22 @@ impl SubmapEntry {
     }
 
     /// The submap with `fields`.
-    pub(super) fn submap(&self, fields: Fields) -> Submap {
-        let mut submap = Submap::new(self.id, self.t_map_submap);
-        submap.travelled = self.travelled;
-        submap.scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
-        submap.tsdf = fields.tsdf;
-        submap.occupancy = fields.occupancy;
-        submap
+    pub(super) fn submap(&self, fields: Fields, voxel_size: f32) -> Submap {
+        let scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
+        let submap = Submap::new(self.id, voxel_size, self.t_map_submap).with_scans(scans, self.travelled);
+        submap.with_fields(fields.tsdf, fields.occupancy)
     }
 }
 
-/// Refuses a submap whose numbers a manifest cannot hold.
-pub(super) fn check_storable(piece: &Piece<'_>) -> Result<()> {
+/// Refuses a submap whose numbers the manifest of the map in `dir` cannot hold.
+pub(super) fn check_storable(piece: &Piece<'_>, dir: &Path) -> Result<()> {
     let submap = piece.submap;
-    let unstorable = |what: String| StoreError::Unstorable { id: submap.id, what };
+    let unstorable = |what: String| Error::unwritable(dir, format!("submap {}: {what}", submap.id()));
     pose_as_numbers::check(&piece.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
-    for scan in &submap.scans {
+    for scan in submap.scans() {
         pose_as_numbers::check(&scan.t_submap_lidar).map_err(|e| unstorable(format!("the pose of node {} {e}", scan.node)))?;
     }
-    if submap.travelled.is_finite() { Ok(()) } else { Err(unstorable(format!("its travelled distance is {}", submap.travelled))) }
+    if submap.travelled().is_finite() { Ok(()) } else { Err(unstorable(format!("its travelled distance is {}", submap.travelled()))) }
 }
 
 /// Poses as `[x, y, z, qx, qy, qz, qw]`, the order of TUM trajectories, every bit kept.

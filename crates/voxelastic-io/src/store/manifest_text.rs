@@ -4,9 +4,9 @@
 //! in the checksum's place. What follows may gain keys that older programs can do without; any other change is a new version.
 
 use super::FORMAT_VERSION;
-use super::error::{Result, StoreError};
 use super::files::SubmapName;
 use super::manifest::{Manifest, MapDetails, SubmapEntry};
+use crate::{Error, Result};
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -50,7 +50,7 @@ fn checksum(before: &[u8], after: &[u8]) -> String {
 
 /// Reads the text of the manifest at `path`.
 pub(super) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
-    let other = || StoreError::NotAMap {
+    let other = || Error::NotAMap {
         path: path.to_owned(),
         reason: "its first lines are not those of a map's manifest; it belongs to another program, was edited, or is damaged",
     };
@@ -61,15 +61,15 @@ pub(super) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
     let (crc32, after) = rest.split_at_checked(NO_CRC.len()).ok_or_else(other)?;
     let before = &text[..text.len() - rest.len()];
     if checksum(before, after).as_bytes() != crc32 {
-        return Err(StoreError::damaged(path, "text", 0, format!("its {} bytes do not match their checksum", text.len())));
+        return Err(Error::damaged(path, "text", 0, format!("its {} bytes do not match their checksum", text.len())));
     }
     // The text is whole, so a number that does not fit is a version from very far ahead.
     let version = number.iter().fold(0u32, |n, d| n.saturating_mul(10).saturating_add(u32::from(d - b'0')));
     if version > FORMAT_VERSION {
-        return Err(StoreError::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+        return Err(Error::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let document: Document =
-        serde_json::from_slice(text).map_err(|e| StoreError::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;
+        serde_json::from_slice(text).map_err(|e| Error::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;
     check(path, text, &document.submaps)?;
     let Document { generator, settings, sensor, submaps } = document;
     Ok(Manifest { details: MapDetails { generator, settings, sensor }, submaps })
@@ -88,7 +88,7 @@ fn check(path: &Path, text: &[u8], submaps: &[SubmapEntry]) -> Result<()> {
         let damaged = |what: String| {
             let line = format!("{{\"id\":{},", entry.id);
             let at = text.windows(line.len()).position(|w| w == line.as_bytes()).unwrap_or(0);
-            StoreError::damaged(path, "submap table", at as u64, what)
+            Error::damaged(path, "submap table", at as u64, what)
         };
         if last.is_some_and(|last| last >= entry.id) {
             return Err(damaged(format!("submap {} comes twice or too late", entry.id)));

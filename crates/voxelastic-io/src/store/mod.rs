@@ -14,14 +14,13 @@
 //! manifest names any more. A process that dies at any moment leaves the old map or the new one.
 //!
 //! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
-//! [`StoreError`] that names the file, the place in it and the remedy.
+//! [`Error`](crate::Error) that names the file, the place in it and the remedy.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
 //! `occupancy_section`, and `colour_section` for colours of the TSDF), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
 mod colour_section;
-mod error;
 mod files;
 mod frames;
 mod lock;
@@ -36,7 +35,6 @@ mod tsdf_page;
 mod tsdf_section;
 mod writer;
 
-pub use error::{Result, StoreError};
 pub use manifest::{Manifest, MapDetails, OccupancySummary, ScanEntry, SubmapEntry, TsdfSummary};
 pub use reader::MapStore;
 pub use writer::{MapWriter, SaveReport};

@@ -7,8 +7,8 @@
 //! arrays end to end. All numbers little endian.
 
 use super::bytes::Bytes;
-use super::error::Result;
 use super::frames::{self, FULL, Frame, LARGEST, Section};
+use crate::Result;
 use rayon::prelude::*;
 use std::io::{self, Write};
 use voxelastic::field::occupancy::{OccupancyField, Summary};

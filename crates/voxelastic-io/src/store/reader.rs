@@ -1,9 +1,9 @@
 //! Reading a map directory.
 
-use super::error::{Result, StoreError};
 use super::files::{self, MANIFEST, RUN_LOG};
 use super::manifest::{Manifest, SubmapEntry};
 use super::{manifest_text, submap_file};
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use voxelastic::atlas::{Atlas, Submap, SubmapId};
 /// A stored map. Opening reads the manifest only.
 ///
 /// Reading takes no lock: a map may be read while it is saved again. A submap that was replaced meanwhile is
-/// [`StoreError::Missing`]; open the map again.
+/// [`Error::Missing`]; open the map again.
 #[derive(Clone, Debug)]
 pub struct MapStore {
     dir: PathBuf,
@@ -23,20 +23,20 @@ impl MapStore {
     /// Opens the map directory `path`.
     ///
     /// # Errors
-    /// [`StoreError::NotAMap`] when something else or nothing is there, [`StoreError::Newer`], [`StoreError::Damaged`], and
-    /// [`StoreError::Io`] when the manifest may not be read.
+    /// [`Error::NotAMap`] when something else or nothing is there, [`Error::Newer`], [`Error::Damaged`], and
+    /// [`Error::Io`] when the manifest may not be read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
-        let not_a_map = |reason| StoreError::NotAMap { path: dir.to_owned(), reason };
+        let not_a_map = |reason| Error::NotAMap { path: dir.to_owned(), reason };
         match dir.metadata() {
             Err(e) if e.kind() == ErrorKind::NotFound => return Err(not_a_map("there is nothing of this name")),
-            Err(e) => return Err(StoreError::io("open", dir)(e)),
+            Err(e) => return Err(Error::on_io("open", dir)(e)),
             Ok(metadata) if !metadata.is_dir() => return Err(not_a_map("it is a file; a map is a directory with a manifest.json")),
             Ok(_) => {}
         }
         let path = dir.join(MANIFEST);
         let text = match files::read(&path, None) {
-            Err(StoreError::Missing { .. }) => return Err(not_a_map("it has no manifest.json; if it was being mapped, nothing was saved yet")),
+            Err(Error::Missing { .. }) => return Err(not_a_map("it has no manifest.json; if it was being mapped, nothing was saved yet")),
             other => other?,
         };
         Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)? })
@@ -64,14 +64,14 @@ impl MapStore {
     /// The log of the run that made the map, as it was written; none where there is none, as in maps of older programs.
     ///
     /// # Errors
-    /// [`StoreError::Io`] when it may not be read, [`StoreError::Damaged`] when it is not text.
+    /// [`Error::Io`] when it may not be read, [`Error::Damaged`] when it is not text.
     pub fn run_log(&self) -> Result<Option<String>> {
         let path = self.dir.join(RUN_LOG);
         let bytes = match files::read(&path, None) {
-            Err(StoreError::Missing { .. }) => return Ok(None),
+            Err(Error::Missing { .. }) => return Ok(None),
             other => other?,
         };
-        let not_text = |e: std::string::FromUtf8Error| StoreError::damaged(&path, "text", e.utf8_error().valid_up_to() as u64, "it is not UTF-8");
+        let not_text = |e: std::string::FromUtf8Error| Error::damaged(&path, "text", e.utf8_error().valid_up_to() as u64, "it is not UTF-8");
         String::from_utf8(bytes).map(Some).map_err(not_text)
     }
 
@@ -88,15 +88,15 @@ impl MapStore {
     /// Loads submap `id`.
     ///
     /// # Errors
-    /// [`StoreError::NoSuchSubmap`]; [`StoreError::Missing`], [`StoreError::Damaged`], [`StoreError::Newer`],
-    /// [`StoreError::UnknownSection`] and [`StoreError::Io`] for its file.
+    /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::Newer`],
+    /// [`Error::UnknownSection`] and [`Error::Io`] for its file.
     pub fn load_submap(&self, id: SubmapId) -> Result<Submap> {
-        self.entry(id).ok_or_else(|| StoreError::NoSuchSubmap { path: self.dir.clone(), id }).and_then(|entry| self.load(entry))
+        self.entry(id).ok_or_else(|| Error::NoSuchSubmap { path: self.dir.clone(), id }).and_then(|entry| self.load(entry))
     }
 
     fn load(&self, entry: &SubmapEntry) -> Result<Submap> {
         let fields = submap_file::read(&self.dir.join(&entry.file), &entry.expected())?;
-        Ok(entry.submap(fields))
+        Ok(entry.submap(fields, self.manifest.voxel_size()))
     }
 
     /// Loads all submaps.
@@ -105,11 +105,11 @@ impl MapStore {
     /// As for [`load_submap`](Self::load_submap), for the first submap that cannot be loaded.
     pub fn load_atlas(&self) -> Result<Atlas> {
         let submaps: Vec<Result<Submap>> = self.manifest.submaps.par_iter().map(|entry| self.load(entry)).collect();
-        Ok(Atlas::from_submaps(submaps.into_iter().collect::<Result<_>>()?))
+        Ok(Atlas::from_submaps(self.manifest.voxel_size(), submaps.into_iter().collect::<Result<_>>()?))
     }
 
     /// Checks every submap file against its checksums and returns what is wrong, ordered by submap.
-    pub fn check(&self) -> Vec<StoreError> {
+    pub fn check(&self) -> Vec<Error> {
         self.manifest.submaps.par_iter().filter_map(|entry| submap_file::check(&self.dir.join(&entry.file), &entry.expected()).err()).collect()
     }
 }

@@ -8,9 +8,9 @@
 //! submap file.
 
 use super::bytes::Bytes;
-use super::error::{Result, StoreError};
 use super::frames::Section;
 use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
+use crate::{Error, Result};
 use crc32fast::Hasher;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -80,25 +80,25 @@ impl Kind {
 
     fn is_in(self, submap: &Submap) -> bool {
         match self {
-            Self::Tsdf => !submap.tsdf.is_empty(),
-            Self::Colour => !submap.tsdf.colours().is_empty(),
-            Self::Occupancy => !submap.occupancy.is_empty(),
+            Self::Tsdf => !submap.tsdf().is_empty(),
+            Self::Colour => !submap.tsdf().colours().is_empty(),
+            Self::Occupancy => !submap.occupancy().is_empty(),
         }
     }
 
     fn digest(self, submap: &Submap) -> u64 {
         match self {
-            Self::Tsdf => tsdf_section::digest(&submap.tsdf),
-            Self::Colour => colour_section::digest(&submap.tsdf),
-            Self::Occupancy => occupancy_section::digest(&submap.occupancy),
+            Self::Tsdf => tsdf_section::digest(submap.tsdf()),
+            Self::Colour => colour_section::digest(submap.tsdf()),
+            Self::Occupancy => occupancy_section::digest(submap.occupancy()),
         }
     }
 
     fn write(self, submap: &Submap, out: &mut (impl Write + Send)) -> io::Result<()> {
         match self {
-            Self::Tsdf => tsdf_section::write(&submap.tsdf, out),
-            Self::Colour => colour_section::write(&submap.tsdf, out),
-            Self::Occupancy => occupancy_section::write(&submap.occupancy, out),
+            Self::Tsdf => tsdf_section::write(submap.tsdf(), out),
+            Self::Colour => colour_section::write(submap.tsdf(), out),
+            Self::Occupancy => occupancy_section::write(submap.occupancy(), out),
         }
     }
 
@@ -175,7 +175,7 @@ pub(super) fn write(file: &mut File, submap: &Submap) -> io::Result<Written> {
     }
     body.flush()?;
     drop(body);
-    let head = head(submap.id, &rows);
+    let head = head(submap.id(), &rows);
     file.seek(SeekFrom::Start(0))?;
     file.write_all(&head)?;
     let mut crc = Hasher::new();
@@ -228,18 +228,18 @@ pub(super) fn check(path: &Path, expected: &Expected) -> Result<()> {
 fn verified<'a>(path: &'a Path, bytes: &'a [u8], expected: &Expected) -> Result<Vec<(Kind, Section<'a>)>> {
     let (id, sections) = parse(path, bytes)?;
     if id != expected.id {
-        return Err(StoreError::damaged(path, "header", 12, format!("it is submap {id}, the manifest says {}", expected.id)));
+        return Err(Error::damaged(path, "header", 12, format!("it is submap {id}, the manifest says {}", expected.id)));
     }
     if crc32fast::hash(bytes) != expected.crc32 {
         let what = "the checksum differs from the manifest's: another file of the same length is in its place";
-        return Err(StoreError::damaged(path, "content", 0, what));
+        return Err(Error::damaged(path, "content", 0, what));
     }
     Ok(sections)
 }
 
 /// Takes a file apart and checks the checksums of its head and sections.
 fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Section<'a>)>)> {
-    let damaged = |offset: usize, what: String| StoreError::damaged(path, "header", offset as u64, what);
+    let damaged = |offset: usize, what: String| Error::damaged(path, "header", offset as u64, what);
     let mut head = Bytes::new(bytes);
     if head.take(MAGIC.len()) != Ok(&MAGIC[..]) {
         return Err(damaged(0, "it does not start like a submap file".to_owned()));
@@ -255,7 +255,7 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
         return Err(damaged(0, "the header does not match its checksum".to_owned()));
     }
     if version > FORMAT_VERSION {
-        return Err(StoreError::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+        return Err(Error::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let mut rows = Bytes::new(table);
     let mut sections: Vec<(Kind, Section<'_>)> = Vec::new();
@@ -269,21 +269,21 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
         sections.push((kind, section));
     }
     if end != bytes.len() as u64 {
-        return Err(StoreError::damaged(path, "length", end, format!("{} bytes follow the last section", bytes.len() as u64 - end)));
+        return Err(Error::damaged(path, "length", end, format!("{} bytes follow the last section", bytes.len() as u64 - end)));
     }
     Ok((id, sections))
 }
 
 /// Reads the next row of the section table and checks its section, which starts where the one before ended.
 fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
-    let damaged = |what: String| StoreError::damaged(path, "section table", HEAD as u64, what);
+    let damaged = |what: String| Error::damaged(path, "section table", HEAD as u64, what);
     let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
     let (tag, crc32, offset, length) = fields().map_err(damaged)?;
     let place = usize::try_from(offset).ok().zip(usize::try_from(length).ok()).filter(|_| offset == start);
     let content = place.and_then(|(offset, length)| bytes.get(offset..)?.get(..length));
     let content = content.ok_or_else(|| damaged(format!("a section of {length} bytes at byte {offset} does not fit the file")))?;
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.tag() == tag) else {
-        return Err(StoreError::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
+        return Err(Error::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
     };
     let section = Section { path, version, name: kind.name(), offset, bytes: content };
     if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(section.find_damage(kind.head())) }

@@ -8,7 +8,7 @@ use super::{colour_section, manifest_text, occupancy_section, tsdf_page, tsdf_se
 use proptest::prelude::*;
 use std::path::Path;
 use voxelastic::field::occupancy::{OccupancyField, Summary};
-use voxelastic::field::tsdf::{Tint, TsdfField, Voxel};
+use voxelastic::field::tsdf::{ColourVoxel, TsdfField, Voxel};
 use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
 use voxelastic::octree::voxels_at;
 use voxelastic::surface::{MeshOptions, extract};
@@ -37,10 +37,10 @@ fn changed(mut bytes: Vec<u8>, changes: &Changes, cut: Option<f64>) -> Vec<u8> {
 fn tsdf() -> TsdfField {
     let mut builder = TsdfBuilder::default();
     for i in 0..40u64 {
-        let head = BlockHead { key: 3 * i, scale: (i % 4) as u8, finest: (i % 2).min(i % 4) as u8, shaded: i % 3 == 0 };
+        let head = BlockHead { key: 3 * i, scale: (i % 4) as u8, finest: (i % 2).min(i % 4) as u8, has_intensity: i % 3 == 0 };
         let voxel = |v: usize| Voxel { distance: (v as i16).wrapping_mul(700), weight: (v % 3) as u16 * 64 };
         let voxels: Vec<Voxel> = (0..head.voxel_count()).map(voxel).collect();
-        builder.push(head, &voxels, &vec![9; head.shade_count()]).expect("a possible block");
+        builder.push(head, &voxels, &vec![9; head.intensity_count()]).expect("a possible block");
     }
     builder.finish()
 }
@@ -50,7 +50,9 @@ fn coloured() -> TsdfField {
     let mut field = tsdf();
     for i in (0..40u64).step_by(3) {
         let scale = (i % 4) as u8;
-        let tint = |v: usize| if v.is_multiple_of(3) { Tint::default() } else { Tint { rgb: [v as u8, i as u8, 9], seen: 1 + v as u8 % 5 } };
+        let tint = |v: usize| {
+            if v.is_multiple_of(3) { ColourVoxel::default() } else { ColourVoxel { rgb: [v as u8, i as u8, 9], observations: 1 + v as u8 % 5 } }
+        };
         field.set_colours(3 * i, scale, &(0..voxels_at(scale.into())).map(tint).collect::<Vec<_>>()).expect("a block that is there");
     }
     field
@@ -97,7 +99,7 @@ proptest! {
         let true_items = colour_section::fill(&coloured(), &colour_section::coloured(&coloured()), &mut raw);
         let items = if items % 2 == 0 { true_items } else { items };
         if let Ok(page) = colour_section::parse(Bytes::new(&changed(raw, &changes, cut)), items) {
-            let _ = page.paint(&mut tsdf());
+            let _ = page.integrate_colours(&mut tsdf());
         }
     }
 

@@ -21,7 +21,7 @@ const _: () = assert!(WEIGHT_ONE == 16);
 
 /// Bytes that a block counts for: its arrays and more than its head takes.
 fn cost(head: &BlockHead) -> usize {
-    16 + head.voxel_count() * size_of::<Voxel>() + head.shade_count()
+    16 + head.voxel_count() * size_of::<Voxel>() + head.intensity_count()
 }
 
 /// Cuts blocks, in Morton order, into pages.
@@ -38,23 +38,23 @@ pub(super) fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
 
 /// Appends the page of the blocks `ids` to `raw` and returns how many blocks it has.
 pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
-    let (mut voxels, mut shades, mut keys) = (Vec::new(), Vec::new(), Vec::with_capacity(2 * ids.len()));
+    let (mut voxels, mut intensities, mut keys) = (Vec::new(), Vec::new(), Vec::with_capacity(2 * ids.len()));
     let mut last = 0;
     for &id in ids {
         let head = field.head(id);
-        raw.push(head.scale | head.finest << 2 | u8::from(head.shaded) << 4);
+        raw.push(head.scale | head.finest << 2 | u8::from(head.has_intensity) << 4);
         push_varint(&mut keys, head.key - last);
         last = head.key;
         field.stored_voxels(id).for_each(|array| voxels.extend_from_slice(&array));
-        field.stored_shades(id).for_each(|array| shades.extend_from_slice(&array));
+        field.stored_intensities(id).for_each(|array| intensities.extend_from_slice(&array));
     }
     raw.extend_from_slice(&keys);
     push_mask(raw, &voxels);
     voxels.retain(|v| *v != Voxel::default());
     push_voxels(raw, &voxels);
-    push_mask(raw, &shades);
-    shades.retain(|&s| s != 0);
-    raw.extend_from_slice(&shades);
+    push_mask(raw, &intensities);
+    intensities.retain(|&s| s != 0);
+    raw.extend_from_slice(&intensities);
     ids.len()
 }
 
@@ -86,7 +86,7 @@ fn push_voxels(out: &mut Vec<u8>, voxels: &[Voxel]) {
 pub(super) struct Unpacked {
     heads: Vec<BlockHead>,
     voxels: Vec<Voxel>,
-    shades: Vec<u8>,
+    intensities: Vec<u8>,
 }
 
 impl Unpacked {
@@ -97,12 +97,12 @@ impl Unpacked {
 
     /// Adds the page's blocks to a field.
     pub fn build(&self, builder: &mut TsdfBuilder) -> Result<(), String> {
-        let (mut voxels, mut shades) = (&self.voxels[..], &self.shades[..]);
+        let (mut voxels, mut intensities) = (&self.voxels[..], &self.intensities[..]);
         for head in &self.heads {
             let (array, rest) = voxels.split_at(head.voxel_count());
-            let (shade, other) = shades.split_at(head.shade_count());
-            builder.push(*head, array, shade).map_err(|e| e.to_string())?;
-            (voxels, shades) = (rest, other);
+            let (intensity, other) = intensities.split_at(head.intensity_count());
+            builder.push(*head, array, intensity).map_err(|e| e.to_string())?;
+            (voxels, intensities) = (rest, other);
         }
         Ok(())
     }
@@ -115,9 +115,9 @@ pub(super) fn parse(mut bytes: Bytes<'_>, blocks: usize) -> Result<Unpacked, Str
         return Err("a page holds more blocks than any may".to_owned());
     }
     let voxels = voxels(&mut bytes, heads.iter().map(BlockHead::voxel_count).sum())?;
-    let shades = shades(&mut bytes, heads.iter().map(BlockHead::shade_count).sum())?;
+    let intensities = intensities(&mut bytes, heads.iter().map(BlockHead::intensity_count).sum())?;
     bytes.end()?;
-    Ok(Unpacked { heads, voxels, shades })
+    Ok(Unpacked { heads, voxels, intensities })
 }
 
 fn heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String> {
@@ -128,7 +128,7 @@ fn heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String>
         if flag >> 5 != 0 {
             return Err(format!("block {key:#x} has unknown flags {flag:#x}"));
         }
-        let head = BlockHead { key, scale: flag & 3, finest: flag >> 2 & 3, shaded: flag >> 4 & 1 == 1 };
+        let head = BlockHead { key, scale: flag & 3, finest: flag >> 2 & 3, has_intensity: flag >> 4 & 1 == 1 };
         head.check().map_err(|e| e.to_string())?;
         Ok(head)
     };
@@ -170,10 +170,10 @@ fn voxels(bytes: &mut Bytes<'_>, count: usize) -> Result<Vec<Voxel>, String> {
     Ok(voxels)
 }
 
-fn shades(bytes: &mut Bytes<'_>, count: usize) -> Result<Vec<u8>, String> {
+fn intensities(bytes: &mut Bytes<'_>, count: usize) -> Result<Vec<u8>, String> {
     let (mask, set) = mask(bytes, count)?;
     let mut left = bytes.take(set)?.iter();
-    let mut shades = vec![0; count];
-    for_each_set(mask, |i| shades[i] = left.next().copied().unwrap_or_default());
-    Ok(shades)
+    let mut intensities = vec![0; count];
+    for_each_set(mask, |i| intensities[i] = left.next().copied().unwrap_or_default());
+    Ok(intensities)
 }

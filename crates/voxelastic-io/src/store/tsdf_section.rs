@@ -1,9 +1,9 @@
 //! The TSDF section of a submap file: the number of blocks (u64), then [frames](super::frames) of blocks in Morton order.
 
 use super::bytes::Bytes;
-use super::error::Result;
 use super::frames::{self, Section};
 use super::tsdf_page::{Unpacked, cut, fill, parse};
+use crate::Result;
 use rayon::prelude::*;
 use std::io::{self, Write};
 use voxelastic::field::TsdfBuilder;
@@ -25,9 +25,9 @@ fn digest_page(field: &TsdfField, ids: &[u32]) -> u64 {
     for &id in ids {
         let head = field.head(id);
         hash.update(&head.key.to_le_bytes());
-        hash.update(&[head.scale, head.finest, u8::from(head.shaded)]);
+        hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
         field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(&array)));
-        field.stored_shades(id).for_each(|array| hash.update(&array));
+        field.stored_intensities(id).for_each(|array| hash.update(&array));
     }
     hash.digest()
 }

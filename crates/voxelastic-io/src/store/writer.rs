@@ -1,12 +1,12 @@
 //! Saving an atlas to a map directory.
 
-use super::error::{Result, StoreError};
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName};
 use super::lock::Lock;
 use super::manifest::{Manifest, MapDetails, Piece, SubmapEntry, check_storable};
 use super::manifest_text;
 use super::reader::MapStore;
 use super::submap_file::{self, Written};
+use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::Write;
 use std::path::Path;
@@ -39,14 +39,14 @@ impl MapWriter {
     /// [`save`](Self::save) replaces it.
     ///
     /// # Errors
-    /// [`StoreError::WouldOverwrite`] when the directory holds anything else, [`StoreError::NotAMap`] when `path` is a file,
-    /// [`StoreError::Locked`], what [`MapStore::open`] says about a map that is there, and [`StoreError::Io`].
+    /// [`Error::WouldOverwrite`] when the directory holds anything else, [`Error::NotAMap`] when `path` is a file,
+    /// [`Error::Locked`], what [`MapStore::open`] says about a map that is there, and [`Error::Io`].
     pub fn create(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
         if dir.is_file() {
-            return Err(StoreError::NotAMap { path: dir.to_owned(), reason: "it is a file; choose a directory" });
+            return Err(Error::NotAMap { path: dir.to_owned(), reason: "it is a file; choose a directory" });
         }
-        std::fs::create_dir_all(dir).map_err(StoreError::io("create", dir))?;
+        std::fs::create_dir_all(dir).map_err(Error::on_io("create", dir))?;
         // Looked at before the lock is made, so that nothing is left in a directory that is not ours.
         check_is_ours(dir)?;
         let lock = Lock::take(dir)?;
@@ -58,7 +58,7 @@ impl MapWriter {
     /// Opens the map at `path` to save to it again.
     ///
     /// # Errors
-    /// As for [`MapStore::open`], and [`StoreError::Locked`].
+    /// As for [`MapStore::open`], and [`Error::Locked`].
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
         MapStore::open(dir)?;
@@ -87,10 +87,10 @@ impl MapWriter {
     /// durable; when it fails or the process dies, the map is the one saved before.
     ///
     /// # Errors
-    /// [`StoreError::Unstorable`] when a pose is not finite, [`StoreError::Io`] when the file system refuses.
+    /// [`Error::Unwritable`] when a pose is not finite, [`Error::Io`] when the file system refuses.
     pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
         let pieces = pieces(atlas);
-        pieces.iter().try_for_each(check_storable)?;
+        pieces.iter().try_for_each(|piece| check_storable(piece, self.store.dir()))?;
         let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece)).collect();
         let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
         let dir = self.store.dir();
@@ -107,7 +107,7 @@ impl MapWriter {
         // The log of an earlier run is not that of this map.
         files::remove(dir, RUN_LOG)?;
         let path = dir.join(MANIFEST);
-        let text = manifest_text::write(&manifest).map_err(|e| StoreError::io("write", &path)(e.into()))?;
+        let text = manifest_text::write(&manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
         files::write_atomically(dir, MANIFEST, |file| file.write_all(text.as_bytes()))?;
         files::sync_dir(dir)?;
         self.store.set_manifest(manifest);
@@ -121,7 +121,7 @@ impl MapWriter {
     /// part of the map: runs differ in their times where maps are the same bit for bit.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; the map is not touched.
+    /// [`Error::Io`]; the map is not touched.
     pub fn write_run_log(&mut self, text: &str) -> Result<()> {
         let dir = self.store.dir();
         files::write_atomically(dir, RUN_LOG, |file| file.write_all(text.as_bytes()))?;
@@ -136,10 +136,10 @@ impl MapWriter {
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
     fn save_piece(&self, piece: &Piece<'_>) -> Result<(SubmapEntry, bool)> {
         let submap = piece.submap;
-        let name = SubmapName { id: submap.id, digest: submap_file::digest(submap) };
+        let name = SubmapName { id: submap.id(), digest: submap_file::digest(submap) };
         let file = name.to_string();
         let dir = self.store.dir();
-        if let Some(entry) = self.store.entry(submap.id).filter(|entry| entry.file == file)
+        if let Some(entry) = self.store.entry(submap.id()).filter(|entry| entry.file == file)
             && dir.join(&file).metadata().is_ok_and(|m| m.is_file() && m.len() == entry.bytes)
         {
             let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
@@ -153,10 +153,10 @@ impl MapWriter {
 /// Everything that the map of `atlas` is made of, ordered by id. A submap that is being fused into another one is still the
 /// only place where its part of the map is.
 fn pieces(atlas: &Atlas) -> Vec<Piece<'_>> {
-    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap };
+    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap() };
     let mut pieces: Vec<Piece<'_>> = atlas.submaps().iter().map(of_submap).collect();
-    pieces.extend(atlas.retiring().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap }));
-    pieces.sort_by_key(|piece| piece.submap.id);
+    pieces.extend(atlas.merging().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap }));
+    pieces.sort_by_key(|piece| piece.submap.id());
     pieces
 }
 
@@ -167,7 +167,7 @@ fn check_is_ours(dir: &Path) -> Result<bool> {
         return MapStore::open(dir).map(|_| true);
     }
     match names.into_iter().find(|name| name != LOCK && !files::is_disposable(name)) {
-        Some(found) => Err(StoreError::WouldOverwrite { path: dir.to_owned(), found }),
+        Some(found) => Err(Error::WouldOverwrite { path: dir.to_owned(), found }),
         None => Ok(false),
     }
 }

@@ -7,14 +7,14 @@ use voxelastic::geometry::PoseExt;
 use voxelastic::mapper::ScanSource;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::bag::Recording;
-use voxelastic_io::dataset::Every;
+use voxelastic_io::dataset::Keyframing;
 use voxelastic_io::{Error, OpenOptions};
 
 pub const SCANS: usize = 12;
 pub const POINTS: usize = 320;
 
 pub fn every_scan() -> OpenOptions {
-    OpenOptions { every: Some(Every::Scan), ..OpenOptions::default() }
+    OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() }
 }
 
 /// The scans and the errors of a recording.

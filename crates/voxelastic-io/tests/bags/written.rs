@@ -1,14 +1,15 @@
 //! Every format, packing, layout and kind of pose.
 
 use crate::drive::{Has, SCANS, check, every_scan, play, t_map_lidar};
-use crate::{fixture, python};
+use crate::fixture;
 use std::path::Path;
 use voxelastic::event::Event;
 use voxelastic::geometry::PoseExt;
 use voxelastic_io::bag::{self, BagFormat, Recording};
-use voxelastic_io::dataset::Every;
+use voxelastic_io::dataset::Keyframing;
 use voxelastic_io::ouster::{Capture, find_metadata};
 use voxelastic_io::{Error, OpenOptions, PoseGraph, clouds, g2o, poses};
+use voxelastic_testing::run_python;
 
 const OUSTER: Has = Has { ring: true, time: true, rows: 16 };
 const LINES: Has = Has { ring: true, time: true, rows: 1 };
@@ -24,7 +25,7 @@ fn fixtures_of_every_container() {
 #[test]
 fn everything_that_other_software_writes() {
     let dir = tempfile::tempdir().unwrap();
-    if !python("rosbags, mcap", include_str!("write.py"), &[dir.path()]) {
+    if run_python("rosbags, mcap", include_str!("write.py"), &[dir.path()]).is_none() {
         return;
     }
     let at = |name: &str| dir.path().join(name);
@@ -65,7 +66,7 @@ fn what_is_in_a_recording() {
 #[test]
 fn keyframes_and_selections() {
     let nodes = |options: &OpenOptions| play(&fixture("ouster_bz2.bag"), options).0.iter().map(|s| s.node).collect::<Vec<_>>();
-    let every = |every: &str| OpenOptions { every: Some(every.parse().unwrap()), ..OpenOptions::default() };
+    let every = |every: &str| OpenOptions { keyframing: Some(every.parse().unwrap()), ..OpenOptions::default() };
     assert_eq!(nodes(&OpenOptions::default()), [0, 4, 8], "2 m of travel");
     assert_eq!(nodes(&every("0.3s")), [0, 3, 6, 9]);
     assert_eq!(nodes(&every("5")), [0, 5, 10]);
@@ -172,8 +173,12 @@ fn what_cannot_be_meant_is_said() {
     let none = Recording::open(Path::new(file!()).file_name().map(|_| fixture("../main.rs")).unwrap(), &OpenOptions::default()).unwrap_err();
     assert!(matches!(&none, Error::Content { .. }) && none.to_string().contains("not a recording"), "{none}");
     // A name without its slash will do.
-    let chosen =
-        OpenOptions { cloud_topic: Some("points".into()), pose_topic: Some("odometry".into()), every: Some(Every::Nth(4)), ..OpenOptions::default() };
+    let chosen = OpenOptions {
+        cloud_topic: Some("points".into()),
+        pose_topic: Some("odometry".into()),
+        keyframing: Some(Keyframing::Nth(4)),
+        ..OpenOptions::default()
+    };
     let (scans, _) = play(&fixture("ouster_bz2.bag"), &chosen);
     assert_eq!(scans.len(), SCANS / 4);
     assert!(scans[1].t_map_lidar.translation_distance(&t_map_lidar(4, 1.5)) < 1e-9);
@@ -194,13 +199,10 @@ fn figure(path: &Path, by: &str, read: impl FnOnce() -> usize) {
 #[test]
 #[ignore = "figures: minutes of writing"]
 fn figures_of_a_real_street() {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data");
-    let data = std::path::PathBuf::from(std::env::var("VOXELASTIC_DATA").unwrap_or_else(|_| default.into()));
-    let street = data.join("kitti00-street");
+    let Some(street) = voxelastic_testing::data("kitti00-street") else { return };
     let dir = tempfile::tempdir().unwrap();
     let script = [include_str!("write.py"), include_str!("street.py")].concat();
-    if !street.is_dir() || !python("rosbags, mcap", &script, &[&street, dir.path()]) {
-        eprintln!("skipped: needs kitti00-street (VOXELASTIC_DATA)");
+    if run_python("rosbags, mcap", &script, &[&street, dir.path()]).is_none() {
         return;
     }
     let sorted = |folder: &Path| {
@@ -223,7 +225,7 @@ fn figures_of_a_real_street() {
         };
         figure(&folder, by, || sorted(&folder).iter().filter(|f| clouds::read(f).is_ok()).count());
     }
-    for capture in sorted(&data.join("ouster")).iter().filter(|p| p.extension().is_some_and(|e| e == "pcap")) {
+    for capture in sorted(&voxelastic_testing::data_folder().join("ouster")).iter().filter(|p| p.extension().is_some_and(|e| e == "pcap")) {
         let metadata = find_metadata(capture).unwrap();
         let read = || {
             let mut capture = Capture::open(capture, &metadata).unwrap();

@@ -5,7 +5,8 @@ use proptest::prelude::*;
 use std::path::Path;
 use std::time::Instant;
 use voxelastic::Cloud;
-use voxelastic_io::{kitti_bin, pcd, ply};
+use voxelastic_io::bin::{self, BinLayout};
+use voxelastic_io::{pcd, ply};
 
 const NAME: &str = "a";
 
@@ -157,5 +158,5 @@ fn a_million_points_a_second_at_least() {
         time(&format!("PLY {format}"), table.ply(format), &ply_cloud);
     }
     let bin: Vec<u8> = table.rows.iter().flat_map(|r| r[..4].iter().flat_map(|v| (*v as f32).to_le_bytes())).collect();
-    time("KITTI bin", bin, &|bytes| kitti_bin::parse(bytes, Path::new(NAME)).unwrap().cloud);
+    time("KITTI bin", bin, &|bytes| bin::parse(bytes, Path::new(NAME), BinLayout::Kitti).unwrap().cloud);
 }

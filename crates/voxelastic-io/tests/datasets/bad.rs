@@ -93,7 +93,7 @@ fn graphs_that_do_not_belong() {
     g2o::write(folder.file("graph.g2o"), &graph(&[0, 1, 2], &[(2, 0)])).unwrap();
     let dataset = folder.open().unwrap();
     assert_eq!(story(&dataset), "S0 S1 O0-1");
-    assert!(dataset.description().to_string().contains("its 3 nodes cannot be tied to the 2 clouds"));
+    assert!(dataset.description().to_string().contains("its 3 nodes cannot be matched to the 2 clouds"));
     assert!(folder.open_with(OpenOptions { strict: true, ..OpenOptions::default() }).is_err());
 
     g2o::write(folder.file("other.g2o"), &graph(&[0, 1], &[])).unwrap();
@@ -112,5 +112,5 @@ fn a_broken_ground_truth_does_not_end_a_run() {
     folder.text("groundtruth.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 9 0 0 0 0 1 0\n");
     let dataset = folder.open().unwrap();
     assert!(dataset.ground_truth().is_none());
-    assert!(dataset.description().to_string().contains("the ground truth is left aside"));
+    assert!(dataset.description().to_string().contains("the ground truth is ignored"));
 }

@@ -1,8 +1,8 @@
 //! What is found without flags, and with them.
 
 use crate::*;
-use voxelastic_io::dataset::{Every, MatchedBy};
-use voxelastic_io::{Error, g2o};
+use voxelastic_io::dataset::{Keyframing, MatchedBy};
+use voxelastic_io::{Error, PoseKind, g2o};
 
 #[test]
 fn clouds_in_any_of_the_usual_places() {
@@ -39,30 +39,57 @@ fn poses_of_every_format() {
 }
 
 #[test]
-fn several_pose_files_are_a_question() {
+fn several_pose_files_are_ambiguous() {
     let folder = Folder::with_scans(2);
-    folder.kitti("odom_poses.txt", 2, 0.0);
-    folder.kitti("optimized_poses.txt", 2, 10.0);
+    folder.kitti("odometry.txt", 2, 0.0);
+    folder.kitti("slam_poses.txt", 2, 10.0);
     folder.kitti("groundtruth_poses.txt", 2, 20.0);
     g2o::write(folder.file("graph.g2o"), &graph(&[0, 1], &[])).unwrap();
     let error = folder.open().unwrap_err();
     let Error::Ambiguous { choices, .. } = &error else { panic!("{error}") };
-    assert_eq!(choices, &["graph.g2o", "groundtruth_poses.txt", "odom_poses.txt", "optimized_poses.txt"]);
+    assert_eq!(choices, &["graph.g2o", "groundtruth_poses.txt", "odometry.txt", "slam_poses.txt"]);
     assert!(error.to_string().contains("--poses") && error.remedy().contains("--poses"));
 
-    for (asked, x) in [("odom", 0.0), ("odom_poses.txt", 0.0), ("optimized_poses", 10.0), ("ground-truth", 20.0), ("graph", 0.0)] {
+    for (asked, x) in [("odom", 0.0), ("odometry.txt", 0.0), ("slam_poses", 10.0), ("ground-truth", 20.0), ("graph", 0.0)] {
         assert_eq!(xs(&folder.open_with(with_poses(asked)).unwrap())[0], x, "{asked}");
     }
-    let by_path = folder.file("optimized_poses.txt");
+    let by_path = folder.file("slam_poses.txt");
     assert_eq!(xs(&folder.open_with(with_poses(by_path.to_str().unwrap())).unwrap())[0], 10.0);
 
-    assert!(matches!(folder.open_with(with_poses("poses")), Err(Error::Ambiguous { choices, .. }) if choices.len() == 3));
-    let error = folder.open_with(with_poses("slam")).unwrap_err().to_string();
-    assert!(error.contains("odom_poses.txt"), "{error}");
+    assert!(matches!(folder.open_with(with_poses("poses")), Err(Error::Ambiguous { choices, .. }) if choices.len() == 2));
+    let error = folder.open_with(with_poses("unknown")).unwrap_err().to_string();
+    assert!(error.contains("odometry.txt"), "{error}");
 }
 
 #[test]
-fn ground_truth_is_kept_apart() {
+fn poses_before_and_after_optimisation_of_one_system() {
+    // SC-A-LOAM, SC-LIO-SAM, FAST-LIO-SLAM.
+    let folder = Folder::with_scans(2);
+    folder.kitti("odom_poses.txt", 2, 0.0);
+    folder.kitti("optimized_poses.txt", 2, 10.0);
+    folder.kitti("groundtruth_poses.txt", 2, 20.0);
+    g2o::write(folder.file("singlesession_posegraph.g2o"), &graph(&[0, 1], &[])).unwrap();
+    folder.text("times.txt", "0.0\n0.5\n");
+
+    let optimised = folder.open().unwrap();
+    assert_eq!((xs(&optimised)[0], optimised.scans()[1].time), (10.0, 0.5));
+    assert_eq!(optimised.ground_truth().unwrap().t_map_lidar[0].unwrap().translation.x, 20.0);
+    let described = optimised.description().to_string();
+    assert!(described.contains("poses: optimized_poses.txt") && described.contains("odom_poses.txt are not used"), "{described}");
+
+    let odometry = folder.open_with(OpenOptions { pose_kind: PoseKind::Odometry, ..OpenOptions::default() }).unwrap();
+    assert_eq!(xs(&odometry)[0], 0.0);
+    let described = odometry.description().to_string();
+    assert!(described.contains("poses: odom_poses.txt") && described.contains("graph: singlesession_posegraph.g2o"), "{described}");
+    assert_eq!(xs(&folder.open_with(with_poses("groundtruth")).unwrap())[0], 20.0, "a request comes first");
+
+    // A third estimate is not part of that layout.
+    folder.kitti("poses_v2.txt", 2, 30.0);
+    assert!(matches!(folder.open(), Err(Error::Ambiguous { choices, .. }) if choices.len() == 5));
+}
+
+#[test]
+fn ground_truth_is_not_used_as_poses() {
     let folder = Folder::with_scans(3);
     folder.kitti("poses.txt", 3, 0.0);
     folder.kitti("groundtruth.txt", 3, 1.0);
@@ -73,7 +100,7 @@ fn ground_truth_is_kept_apart() {
     assert_eq!(truth.t_map_lidar.iter().map(|p| p.unwrap().translation.x).collect::<Vec<_>>(), [1.0, 5.0]);
     assert!(dataset.description().to_string().contains("ground truth: groundtruth.txt, not used as poses"));
 
-    // Under any other name than `poses` it could be meant.
+    // Only the name `poses` is preferred to ground truth.
     std::fs::rename(folder.file("poses.txt"), folder.file("odometry.txt")).unwrap();
     assert!(matches!(folder.open(), Err(Error::Ambiguous { .. })));
     std::fs::remove_file(folder.file("odometry.txt")).unwrap();
@@ -121,16 +148,16 @@ fn times_txt_gives_times_and_matches_by_them() {
 fn fewer_scans_on_request() {
     let folder = Folder::with_scans(10);
     folder.kitti("poses.txt", 10, 0.0);
-    let open = |every| folder.open_with(OpenOptions { every: Some(every), ..OpenOptions::default() }).unwrap();
-    assert_eq!(xs(&open(Every::Metres(5.0))), [0.0, 6.0, 12.0, 18.0]);
-    let thinned = open(Every::Nth(4));
+    let open = |every| folder.open_with(OpenOptions { keyframing: Some(every), ..OpenOptions::default() }).unwrap();
+    assert_eq!(xs(&open(Keyframing::Metres(5.0))), [0.0, 6.0, 12.0, 18.0]);
+    let thinned = open(Keyframing::Nth(4));
     assert_eq!(xs(&thinned), [0.0, 8.0, 16.0]);
-    assert!(thinned.description().to_string().contains("left out: 7 scans"));
+    assert!(thinned.description().to_string().contains("not taken: 7 scans"));
     assert_eq!(story(&thinned), "S0 S4 O0-4 S8 O4-8");
 }
 
 #[test]
-fn other_files_do_not_disturb() {
+fn other_files_are_ignored() {
     let folder = Folder::with_scans(2);
     folder.tum("poses.tum", 2, 0.0, 1.0, 0.0);
     folder.text("calib.txt", "P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 1 0 0 0 0 1 0 0 0 0 1 0\n");

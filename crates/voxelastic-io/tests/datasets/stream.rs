@@ -139,7 +139,7 @@ fn snapshots_do_not_correct_the_truth() {
     let truth = folder.open_with(with_poses("groundtruth")).unwrap();
     assert_eq!(story(&truth), "S0 S1 O0-1 S2 O1-2");
     assert_eq!(truth.description().snapshots, 0);
-    assert!(truth.description().to_string().contains("1 pose snapshots are left aside"));
+    assert!(truth.description().to_string().contains("1 pose snapshots are ignored"));
 }
 
 #[test]

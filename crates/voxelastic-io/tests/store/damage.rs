@@ -4,7 +4,8 @@ use crate::world::{details, made_up_atlas, same_atlas};
 use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
-use voxelastic_io::store::{FORMAT_VERSION, MapStore, MapWriter, Result, StoreError};
+use voxelastic_io::store::{FORMAT_VERSION, MapStore, MapWriter};
+use voxelastic_io::{Error, Result};
 
 /// A small map and where its files are.
 struct Map {
@@ -96,7 +97,7 @@ fn every_truncation_and_every_tail_is_noticed() {
         |bytes| bytes.truncate(100),
         || {
             let error = load(map.dir.path()).unwrap_err();
-            assert!(matches!(&error, StoreError::Damaged { section, offset: 100, .. } if section == "length"), "{error}");
+            assert!(matches!(&error, Error::Damaged { section, offset: 100, .. } if section == "length"), "{error}");
         },
     );
 }
@@ -113,11 +114,11 @@ fn the_damaged_page_is_named() {
         bytes[at] ^= 4;
         fs::write(&path, &bytes).unwrap();
         for error in [writer.store().load_submap(id).unwrap_err(), writer.store().check().pop().unwrap()] {
-            let StoreError::Damaged { section, offset, what, .. } = &error else { panic!("{error}") };
+            let Error::Damaged { section, offset, what, .. } = &error else { panic!("{error}") };
             assert!(section == field && *offset > 1000 && *offset < at as u64 && what.starts_with("page "), "{error}");
         }
     }
-    assert!(matches!(load(dir.path()), Err(StoreError::Damaged { section, .. }) if section == "tsdf section"), "the first is reported");
+    assert!(matches!(load(dir.path()), Err(Error::Damaged { section, .. }) if section == "tsdf section"), "the first is reported");
 }
 
 #[test]
@@ -126,15 +127,15 @@ fn files_that_are_missing_or_not_files_are_named() {
     let aside = map.submap.with_extension("aside");
     fs::rename(&map.submap, &aside).unwrap();
     let error = load(map.dir.path()).unwrap_err();
-    assert!(matches!(&error, StoreError::Missing { path } if *path == map.submap), "{error}");
+    assert!(matches!(&error, Error::Missing { path } if *path == map.submap), "{error}");
     assert!(MapStore::open(map.dir.path()).unwrap().load_submap(0).is_ok(), "the other submap is still there");
     fs::create_dir(&map.submap).unwrap();
-    assert!(matches!(load(map.dir.path()).unwrap_err(), StoreError::Damaged { path, .. } if path == map.submap));
+    assert!(matches!(load(map.dir.path()).unwrap_err(), Error::Damaged { path, .. } if path == map.submap));
     fs::remove_dir(&map.submap).unwrap();
     fs::rename(&aside, &map.submap).unwrap();
     assert!(load(map.dir.path()).is_ok());
     fs::remove_file(&map.manifest).unwrap();
-    assert!(matches!(MapStore::open(map.dir.path()), Err(StoreError::NotAMap { .. })));
+    assert!(matches!(MapStore::open(map.dir.path()), Err(Error::NotAMap { .. })));
 }
 
 #[test]
@@ -145,7 +146,7 @@ fn a_submap_in_the_place_of_another_is_noticed() {
     let mut atlas = made_up_atlas(3, 2, 12);
     let first = atlas.submaps()[0].clone();
     let second = atlas.submap_mut(1).unwrap();
-    (second.tsdf, second.occupancy) = (first.tsdf, first.occupancy);
+    (*second.tsdf_mut(), *second.occupancy_mut()) = (first.tsdf().clone(), first.occupancy().clone());
     writer.save(&atlas, &details("swap")).unwrap();
     let files: Vec<PathBuf> = writer.store().manifest().submaps.iter().map(|e| dir.path().join(&e.file)).collect();
     fs::copy(&files[0], &files[1]).unwrap();
@@ -161,7 +162,7 @@ fn manifests_that_name_files_elsewhere_are_refused() {
     for evil in ["../secret.vxs", "/etc/passwd", "submap-000001-../../x.vxs", "", ".lock", "manifest.json", "submap-000000-00000000000000aa.vxs"] {
         rewrite_manifest(&map, &name, evil);
         let error = MapStore::open(map.dir.path()).unwrap_err();
-        assert!(matches!(&error, StoreError::Damaged { section, offset, .. } if section == "submap table" && *offset > 0), "{error}");
+        assert!(matches!(&error, Error::Damaged { section, offset, .. } if section == "submap table" && *offset > 0), "{error}");
         fs::write(&map.manifest, &original).unwrap();
     }
 }
@@ -174,8 +175,8 @@ fn newer_versions_are_refused_and_unknown_keys_are_not() {
     for (version, found) in [((FORMAT_VERSION + 1).to_string(), FORMAT_VERSION + 1), ("99999999999999999999".to_owned(), u32::MAX)] {
         rewrite_manifest(&map, &current, &format!("\"version\": {version}"));
         let error = MapStore::open(map.dir.path()).unwrap_err();
-        assert!(matches!(error, StoreError::Newer { found: f, supported: FORMAT_VERSION, .. } if f == found), "{error}");
-        assert!(matches!(MapWriter::create(map.dir.path()), Err(StoreError::Newer { .. })), "a newer map is not replaced");
+        assert!(matches!(error, Error::Newer { found: f, supported: FORMAT_VERSION, .. } if f == found), "{error}");
+        assert!(matches!(MapWriter::create(map.dir.path()), Err(Error::Newer { .. })), "a newer map is not replaced");
         fs::write(&map.manifest, &original).unwrap();
     }
     rewrite_manifest(&map, "\"submaps\": [", "\"weather\": \"fine\",\n\"submaps\": [");
@@ -198,7 +199,7 @@ fn manifests_with_impossible_content_are_refused() {
     ] {
         rewrite_manifest(&map, from, to);
         let error = MapStore::open(map.dir.path()).unwrap_err();
-        assert!(matches!(&error, StoreError::Damaged { offset, .. } if *offset > 0), "{from} -> {to}: {error}");
+        assert!(matches!(&error, Error::Damaged { offset, .. } if *offset > 0), "{from} -> {to}: {error}");
         fs::write(&map.manifest, &original).unwrap();
     }
 }
@@ -221,13 +222,13 @@ fn newer_submap_files_and_unknown_sections_are_refused() {
         error
     };
     let error = load_changed(&|bytes| bytes[8] = FORMAT_VERSION as u8 + 1);
-    assert!(matches!(error, StoreError::Newer { found, supported: FORMAT_VERSION, .. } if found == FORMAT_VERSION + 1), "{error}");
+    assert!(matches!(error, Error::Newer { found, supported: FORMAT_VERSION, .. } if found == FORMAT_VERSION + 1), "{error}");
     let error = load_changed(&|bytes| bytes[20..24].copy_from_slice(b"heat"));
-    assert!(matches!(&error, StoreError::UnknownSection { tag, offset: 48, .. } if tag == "heat"), "{error}");
+    assert!(matches!(&error, Error::UnknownSection { tag, offset: 48, .. } if tag == "heat"), "{error}");
     let error = load_changed(&|bytes| bytes[16] = 65);
     assert!(error.to_string().contains("claims 65 sections"), "{error}");
     for (what, at) in [("offset", 28), ("length", 36)] {
         let error = load_changed(&|bytes| bytes[at..at + 8].fill(0xff));
-        assert!(matches!(&error, StoreError::Damaged { section, .. } if section == "section table"), "{what}: {error}");
+        assert!(matches!(&error, Error::Damaged { section, .. } if section == "section table"), "{what}: {error}");
     }
 }

@@ -1,13 +1,11 @@
 //! A real hall with both fields: `VOXELASTIC_DATA` says where the data is.
 
 use crate::world::{details, image, occupancy_image, same_atlas};
-use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::occupancy::{OccupancyIntegrator, OccupancySettings};
-use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
-use voxelastic::mapper::Front;
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, ReturnsView, TsdfIntegrator, TsdfSettings};
+use voxelastic::mapper::Frontend;
 use voxelastic::settings::Settings;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::store::{MapStore, MapWriter};
@@ -15,12 +13,7 @@ use voxelastic_io::{clouds, poses};
 
 /// The scans of the hall that are asked for, with their poses; none without the data.
 fn scans(count: usize) -> Option<Vec<(Pose, Cloud)>> {
-    let default = || concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into();
-    let dir = std::env::var_os("VOXELASTIC_DATA").map_or_else(default, PathBuf::from).join("hall");
-    if !dir.is_dir() {
-        println!("skipped: no data in {}", dir.display());
-        return None;
-    }
+    let dir = voxelastic_testing::data("hall")?;
     let poses = poses::read(dir.join("poses.tum")).unwrap().poses;
     let cloud = |i: usize| clouds::read(dir.join(format!("scans/{i:06}.pcd"))).unwrap().cloud;
     Some(poses.into_iter().take(count).enumerate().map(|(i, pose)| (pose, cloud(i))).collect())
@@ -35,29 +28,28 @@ struct Fields {
 
 /// Integrates scans into submaps whose frame is the map's.
 struct Scanner {
-    front: Front,
+    front: Frontend,
     tsdf: TsdfIntegrator,
     occupancy: OccupancyIntegrator,
 }
 
 impl Scanner {
     fn new(voxel: f32, max_range: f32, first: &Cloud) -> Self {
-        let front = Front::open(&Settings { voxel, max_range, ..Settings::default() }, None, first).unwrap();
+        let front = Frontend::open(&Settings { voxel_size: voxel, max_range, ..Settings::default() }, None, first).unwrap();
         let occupancy = OccupancyIntegrator::new(OccupancySettings { voxel, max_range, ..OccupancySettings::default() }, front.model());
         Self { tsdf: TsdfIntegrator::new(TsdfSettings { voxel, max_range, ..TsdfSettings::default() }), occupancy, front }
     }
 
     fn scan_into(&mut self, submap: &mut Submap, fields: Fields, (pose, cloud): &(Pose, Cloud)) {
-        self.front.prepare(cloud);
-        self.front.finish(cloud);
-        let (pose, scan) = (Rigid::from(pose), self.front.scan());
-        let beams = &scan.beams;
-        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &[], smallest_angle: beams.smallest_angle };
+        let mut prepared = self.front.prepare(cloud);
+        prepared.fit_planes();
+        let (pose, scan) = (Rigid::from(pose), prepared.scan());
+        let returns = ReturnsView { origins: &[], ..ReturnsView::new(&scan.returns) };
         if fields.tsdf {
-            self.tsdf.integrate(&mut submap.tsdf, &pose, &returns);
+            self.tsdf.integrate(submap.tsdf_mut(), &pose, &returns);
         }
         if fields.occupancy {
-            self.occupancy.integrate(&mut submap.occupancy, &pose, &scan.image, &returns, self.front.fills_gaps());
+            self.occupancy.integrate(submap.occupancy_mut(), &pose, &scan.image, &returns, prepared.fills_gaps());
         }
     }
 }
@@ -66,7 +58,7 @@ impl Scanner {
 fn a_hall_that_was_stored_on_the_way_ends_as_the_same_map() {
     let Some(scans) = scans(8) else { return };
     let both = Fields { tsdf: true, occupancy: true };
-    let mut kept = Atlas::default();
+    let mut kept = Atlas::new(0.2);
     let id = kept.spawn(Pose::identity());
     let mut scanner = Scanner::new(0.2, 30.0, &scans[0].1);
     let dir = tempfile::tempdir().unwrap();
@@ -77,11 +69,11 @@ fn a_hall_that_was_stored_on_the_way_ends_as_the_same_map() {
         scanner.scan_into(kept.submap_mut(id).unwrap(), both, scan);
         scanner.scan_into(reopened.submap_mut(id).unwrap(), both, scan);
         let (a, b) = (&kept.submaps()[0], &reopened.submaps()[0]);
-        assert!(image(&a.tsdf) == image(&b.tsdf));
-        assert!(occupancy_image(&a.occupancy) == occupancy_image(&b.occupancy));
+        assert!(image(a.tsdf()) == image(b.tsdf()));
+        assert!(occupancy_image(a.occupancy()) == occupancy_image(b.occupancy()));
     }
     let submap = &kept.submaps()[0];
-    assert!(submap.tsdf.len() > 1000 && submap.occupancy.len() > 1000, "{} and {} blocks", submap.tsdf.len(), submap.occupancy.len());
+    assert!(submap.tsdf().len() > 1000 && submap.occupancy().len() > 1000, "{} and {} blocks", submap.tsdf().len(), submap.occupancy().len());
 }
 
 /// `cargo test --release -p voxelastic-io --test store hall_speed -- --ignored --nocapture`
@@ -95,14 +87,14 @@ fn hall_speed() {
         ("occupancy", 0.05, Fields { tsdf: false, occupancy: true }, 1),
     ] {
         let mut scanner = Scanner::new(voxel, 60.0, &scans[0].1);
-        let mut atlas = Atlas::default();
+        let mut atlas = Atlas::new(voxel);
         let first = atlas.spawn(Pose::identity());
         scans.iter().for_each(|scan| scanner.scan_into(atlas.submap_mut(first).unwrap(), fields, scan));
         let submap = atlas.submaps()[0].clone();
         for _ in 1..submaps {
             let id = atlas.spawn(Pose::identity());
             let copy = atlas.submap_mut(id).unwrap();
-            (copy.tsdf, copy.occupancy) = (submap.tsdf.clone(), submap.occupancy.clone());
+            (*copy.tsdf_mut(), *copy.occupancy_mut()) = (submap.tsdf().clone(), submap.occupancy().clone());
         }
         measure(&format!("{field} of the hall at {voxel} m, submaps: {submaps}"), &atlas);
     }

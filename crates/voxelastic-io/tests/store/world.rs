@@ -3,10 +3,10 @@
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapScan};
 use voxelastic::field::occupancy::{OccupancyField, Summary};
-use voxelastic::field::tsdf::{Tint, TsdfField, Voxel};
+use voxelastic::field::tsdf::{ColourVoxel, TsdfField, Voxel};
 use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
 use voxelastic::octree::voxels_at;
 use voxelastic_io::store::MapDetails;
 
@@ -32,15 +32,15 @@ impl Numbers {
 pub struct Walk {
     pub integrator: TsdfIntegrator,
     step: usize,
-    shaded: bool,
+    has_intensity: bool,
     /// Rows and columns of a scan.
     rays: [usize; 2],
 }
 
 impl Walk {
-    pub fn new(shaded: bool) -> Self {
+    pub fn new(has_intensity: bool) -> Self {
         let settings = TsdfSettings { voxel: 0.1, coarser_factor: 1.0, ..TsdfSettings::default() };
-        Self { integrator: TsdfIntegrator::new(settings), step: 0, shaded, rays: [64, 160] }
+        Self { integrator: TsdfIntegrator::new(settings), step: 0, has_intensity, rays: [64, 160] }
     }
 
     /// The same walk, from the same place on.
@@ -54,22 +54,22 @@ impl Walk {
         self.step += 1;
         let origin = [away, 0.3 * self.step as f32 % 2.0, 0.1];
         let [rows, columns] = self.rays;
-        let (mut points, mut shades) = (Vec::new(), Vec::new());
+        let (mut points, mut intensities) = (Vec::new(), Vec::new());
         for ray in 0..rows * columns {
             let elevation = 0.5 - (ray / columns) as f32 / rows as f32;
             let azimuth = std::f32::consts::TAU * (ray % columns) as f32 / columns as f32 + 0.01 * self.step as f32;
             let d = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
             let range = (0..3).map(|k| (HALF[k].copysign(d[k]) - origin[k]) / d[k]).fold(f32::INFINITY, f32::min);
             points.push(d.map(|c| c * range));
-            shades.push((ray % 251) as u8);
+            intensities.push((ray % 251) as u8);
         }
         let normals = vec![[0.0; 3]; points.len()];
         let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: origin };
-        let shades = if self.shaded { &shades[..] } else { &[] };
+        let intensities = if self.has_intensity { &intensities[..] } else { &[] };
         self.integrator.integrate(
             field,
             &pose,
-            &Returns { points: &points, normals: &normals, shades, origins: &[], smallest_angle: 6.4 / columns as f32 },
+            &ReturnsView { points: &points, normals: &normals, intensities, origins: &[], smallest_angle: 6.4 / columns as f32 },
         );
     }
 }
@@ -94,14 +94,14 @@ fn made_up_field_of(seed: u64, blocks: usize, weight: fn(u16) -> u16) -> TsdfFie
     for _ in 0..blocks {
         key += 1 + (numbers.next() >> 60).pow(2);
         let (a, b) = ((numbers.next() % 4) as u8, (numbers.next() % 4) as u8);
-        let head = BlockHead { key, scale: a.max(b), finest: a.min(b), shaded: numbers.next() & 1 == 0 };
+        let head = BlockHead { key, scale: a.max(b), finest: a.min(b), has_intensity: numbers.next() & 1 == 0 };
         let mut voxel = |_| match numbers.next() {
             n if n % 3 == 0 => Voxel { distance: (n >> 16) as i16, weight: weight((n >> 40) as u16 % 6400) },
             _ => Voxel::default(),
         };
         let voxels: Vec<Voxel> = (0..head.voxel_count()).map(&mut voxel).collect();
-        let shades: Vec<u8> = (0..head.shade_count()).map(|_| (numbers.next() >> 50) as u8).collect();
-        builder.push(head, &voxels, &shades).expect("a possible block");
+        let intensities: Vec<u8> = (0..head.intensity_count()).map(|_| (numbers.next() >> 50) as u8).collect();
+        builder.push(head, &voxels, &intensities).expect("a possible block");
     }
     builder.finish()
 }
@@ -114,10 +114,12 @@ fn colour(field: &mut TsdfField, seed: u64) {
         let scale = (numbers.next() % 5) as u8;
         if scale < 4 {
             let mut tint = |_| match numbers.next() {
-                n if n.is_multiple_of(3) => Tint { rgb: [(n >> 16) as u8, (n >> 24) as u8, (n >> 32) as u8], seen: 1 + (n >> 40) as u8 % 16 },
-                _ => Tint::default(),
+                n if n.is_multiple_of(3) => {
+                    ColourVoxel { rgb: [(n >> 16) as u8, (n >> 24) as u8, (n >> 32) as u8], observations: 1 + (n >> 40) as u8 % 16 }
+                }
+                _ => ColourVoxel::default(),
             };
-            let tints: Vec<Tint> = (0..voxels_at(scale.into())).map(&mut tint).collect();
+            let tints: Vec<ColourVoxel> = (0..voxels_at(scale.into())).map(&mut tint).collect();
             field.set_colours(key, scale, &tints).expect("the block is there");
         }
     }
@@ -164,26 +166,27 @@ pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
 /// The same with other weights.
 pub fn made_up_atlas_of(seed: u64, submaps: usize, blocks: usize, weight: fn(u16) -> u16) -> Atlas {
     let mut numbers = Numbers(seed);
-    let mut atlas = Atlas::default();
+    let mut atlas = Atlas::new(0.065);
     for _ in 0..submaps {
         let id = atlas.spawn(pose(&mut numbers));
         let field_seed = numbers.next();
         let submap = atlas.submap_mut(id).expect("just made");
         // Every second and third of four has one field only.
         if id % 4 != 2 {
-            submap.tsdf = made_up_field_of(field_seed, blocks, weight);
+            *submap.tsdf_mut() = made_up_field_of(field_seed, blocks, weight);
             if id % 4 == 3 {
-                colour(&mut submap.tsdf, field_seed);
+                colour(submap.tsdf_mut(), field_seed);
             }
         }
         if id % 4 != 1 {
-            submap.occupancy = made_up_occupancy(field_seed, 4 * blocks);
+            *submap.occupancy_mut() = made_up_occupancy(field_seed, 4 * blocks);
         }
+        let mut scans = Vec::new();
         for _ in 0..3 {
             let t_submap_lidar = pose(&mut numbers);
-            submap.scans.push(SubmapScan { node: numbers.next(), t_submap_lidar });
+            scans.push(SubmapScan { node: numbers.next(), t_submap_lidar });
         }
-        submap.travelled = 100.0 * numbers.unit();
+        *submap = submap.clone().with_scans(scans, 100.0 * numbers.unit());
     }
     atlas
 }
@@ -194,13 +197,13 @@ pub fn details(words: &str) -> MapDetails {
 }
 
 /// A block of a TSDF: head, voxels, intensities, scale of its colours and these.
-pub type BlockImage = (BlockHead, Vec<Voxel>, Vec<u8>, Option<(usize, Vec<Tint>)>);
+pub type BlockImage = (BlockHead, Vec<Voxel>, Vec<u8>, Option<(usize, Vec<ColourVoxel>)>);
 
 /// Everything that a field is, without ids and slots.
 pub fn image(field: &TsdfField) -> Vec<BlockImage> {
     let block = |id| {
-        let colours = field.colours().of(id).map(|(scale, tints)| (scale, tints.to_vec()));
-        (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_shades(id).collect::<Vec<_>>().concat(), colours)
+        let colours = field.colours().block(id).map(|(scale, tints)| (scale, tints.to_vec()));
+        (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_intensities(id).collect::<Vec<_>>().concat(), colours)
     };
     field.ids_in_morton_order().into_iter().map(block).collect()
 }
@@ -221,13 +224,13 @@ fn pose_bits(pose: &Pose) -> [u64; 7] {
 }
 
 pub fn same_submap(a: &Submap, b: &Submap) -> bool {
-    let scans = |s: &Submap| s.scans.iter().map(|s| (s.node, pose_bits(&s.t_submap_lidar))).collect::<Vec<_>>();
-    a.id == b.id
-        && pose_bits(&a.t_map_submap) == pose_bits(&b.t_map_submap)
-        && a.travelled.to_bits() == b.travelled.to_bits()
+    let scans = |s: &Submap| s.scans().iter().map(|s| (s.node, pose_bits(&s.t_submap_lidar))).collect::<Vec<_>>();
+    a.id() == b.id()
+        && pose_bits(&a.t_map_submap()) == pose_bits(&b.t_map_submap())
+        && a.travelled().to_bits() == b.travelled().to_bits()
         && scans(a) == scans(b)
-        && image(&a.tsdf) == image(&b.tsdf)
-        && occupancy_image(&a.occupancy) == occupancy_image(&b.occupancy)
+        && image(a.tsdf()) == image(b.tsdf())
+        && occupancy_image(a.occupancy()) == occupancy_image(b.occupancy())
 }
 
 pub fn same_atlas(a: &Atlas, b: &Atlas) -> bool {

@@ -1,4 +1,4 @@
-//! How good are the paths? Plans between random places of a map of a simulated world, and holds the paths against the world itself.
+//! Quality of paths: plans between random positions in the map of a simulated world and compares the paths with the world itself.
 //!
 //! ```sh
 //! voxelastic simulate mine -o mine --drift 0
@@ -7,14 +7,13 @@
 //! cargo run --release -p voxelastic-plan --example score -- campus campus.vox --ground 0.9
 //! ```
 //!
-//! Options: `--pairs N` (100), `--radius M` (0.35), `--time S` (1), `--seed N` (1), `--ground M` (on wheels, centre at this height),
-//! `--low M`, `--high M` (heights that the centre stays between), `--planner ours|oxmpl-connect|oxmpl-star`, `--verbose`, `--only N` (of the pairs
-//! just this one).
+//! Options: `--pairs N` (100), `--radius M` (0.35), `--time S` (1), `--seed N` (1), `--ground M` (wheeled, centre at this height),
+//! `--low M`, `--high M` (limits of the centre's height), `--planner ours|oxmpl-connect|oxmpl-star`, `--verbose`, `--only N` (only this pair).
 //!
-//! A pair counts when a way between its ends exists in the true world. Its reference is the shortest way on a grid of the true world, pulled
-//! tight there with exact sweeps; where our own path, pulled tight in the true world, is shorter than that, it is the reference. The map
-//! does not know all of the world, so the same is done in the map, too: `exists_in_map`, and the length over that reference. A
-//! collision is a path along which the true distance falls below the radius minus one voxel.
+//! Pairs without a path in the true world are left out. The reference of a pair is the shortest path on a grid of the true world, shortened there with
+//! exact sweeps, or our own path shortened in the true world if that is shorter. The map does not contain all of the world, so a second reference is
+//! computed in the map: `exists_in_map`, and the length over that reference. A collision is a path along which the true distance falls below
+//! the radius minus one voxel. `seconds` shows how precisely the limit of time is kept.
 
 mod other;
 mod truth;
@@ -26,7 +25,7 @@ use truth::{Grid, Truth};
 use voxelastic::atlas::Atlas;
 use voxelastic::query::{AtlasQuery, UnknownAs};
 use voxelastic_io::store::MapStore;
-use voxelastic_plan::{Air, Effort, Ground, Plan, Point, Request, Robot, Space, Wheels, length, plan, shorten};
+use voxelastic_plan::{Effort, FlyingSpace, GroundSpace, Plan, Point, Request, Robot, Space, Wheels, length, plan, shorten};
 use voxelastic_sim::World;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -80,7 +79,7 @@ fn options(arguments: &[String]) -> Result<Options> {
     Ok(options)
 }
 
-/// One pair, planned.
+/// Result of one pair.
 struct Score {
     found: bool,
     first_s: f64,
@@ -89,9 +88,9 @@ struct Score {
     cpu_s: f64,
     length: f64,
     reference: f64,
-    /// Length of the shortest way in the map; not a number where there is none.
+    /// Length of the shortest path in the map, metres; NaN where there is none.
     in_map: f64,
-    /// True distance to the world along the path.
+    /// Least true distance to the world along the path, metres.
     least: f64,
 }
 
@@ -101,11 +100,11 @@ fn main() -> Result<()> {
     let options = options(rest)?;
     let world = World::load(world)?;
     let store = MapStore::open(map)?;
-    let voxel: f32 = store.manifest().details.settings.get("voxel").ok_or("the map does not say how large its voxels are")?.parse()?;
-    // The planners of the other library want a map that lives for ever.
+    let voxel: f32 = store.manifest().details.settings.get("voxel_size").ok_or("the map does not say how large its voxels are")?.parse()?;
+    // The planners of oxmpl require a map with a static lifetime.
     let atlas: &'static Atlas = Box::leak(Box::new(store.load_atlas()?));
     let begun = Instant::now();
-    let query: &'static AtlasQuery<'static> = Box::leak(Box::new(AtlasQuery::new(atlas, voxel)));
+    let query: &'static AtlasQuery<'static> = Box::leak(Box::new(atlas.query()));
     let known = query.bounds();
     eprintln!(
         "{} submaps, query made in {:.1} ms, known {:?} to {:?}",
@@ -118,27 +117,27 @@ fn main() -> Result<()> {
     (bounds[0][2], bounds[1][2]) = (options.low.max(bounds[0][2]), options.high.min(bounds[1][2]));
     let ground = options.ground.map(|height| Wheels { height: Some(height), step: None });
     let robot = Robot { radius: options.radius, unknown: UnknownAs::Blocked, ground };
-    // On the ground the true way is that of a ball at its height over level ground.
+    // On the ground the reference is the path of a ball at its height above level ground.
     let heights = options.ground.map_or([bounds[0][2], bounds[1][2]], |height| [height - 0.1, height + 0.3]);
     let [low, high] = bounds;
     let truth = Truth { world: &world, radius: options.radius, bounds: [[low[0], low[1], heights[0]], [high[0], high[1], heights[1]]] };
 
     let begun = Instant::now();
     let scores = match options.ground {
-        Some(height) => run(Box::leak(Box::new(Ground::new(query, &robot, [0.0, 0.0, height], bounds)?)), query, &truth, &robot, &options),
-        None => run(Box::leak(Box::new(Air::new(query, &robot, bounds))), query, &truth, &robot, &options),
+        Some(height) => run(Box::leak(Box::new(GroundSpace::new(query, &robot, [0.0, 0.0, height], bounds)?)), query, &truth, &robot, &options),
+        None => run(Box::leak(Box::new(FlyingSpace::new(query, &robot, bounds))), query, &truth, &robot, &options),
     };
     report(&scores, &options, f64::from(voxel));
     eprintln!("{:.0} s in all", begun.elapsed().as_secs_f64());
     Ok(())
 }
 
-/// Random places where the robot fits in the map and in the world.
-fn places<S: Space>(space: &S, truth: &Truth<'_>, random: &mut StdRng) -> Point {
+/// A random position where the robot fits in the map and in the world.
+fn random_state<S: Space>(space: &S, truth: &Truth<'_>, random: &mut StdRng) -> Point {
     loop {
         let [low, high] = space.bounds();
         let p: Point = std::array::from_fn(|k| random.random_range(low[k]..high[k]));
-        if let Some(p) = space.settle(p).filter(|p| truth.settle(*p).is_some()) {
+        if let Some(p) = space.state_at(p).filter(|p| truth.state_at(*p).is_some()) {
             return p;
         }
     }
@@ -149,19 +148,19 @@ fn run<S: Space>(space: &'static S, query: &AtlasQuery<'_>, truth: &Truth<'_>, r
     let edge = if options.ground.is_some() { 0.1 } else { 0.25 };
     let (mut grid, mut map_grid) = (Grid::new(truth, options.ground, edge), Grid::new(space, options.ground, edge));
     let mut scores = Vec::new();
-    let (mut apart, mut count) = (0, 0);
+    let (mut unconnected, mut count) = (0, 0);
     while count < options.pairs {
-        let (start, goal) = (places(space, truth, &mut random), places(space, truth, &mut random));
-        let Some(way) = grid.search(start, goal) else {
-            apart += 1;
+        let (start, goal) = (random_state(space, truth, &mut random), random_state(space, truth, &mut random));
+        let Some(path) = grid.search(start, goal) else {
+            unconnected += 1;
             continue;
         };
         count += 1;
         if options.only.is_some_and(|only| only != count) {
             continue;
         }
-        let reference = length(&shorten(truth, way, Effort::Thorough));
-        let in_map = map_grid.search(start, goal).map_or(f64::NAN, |way| length(&shorten(space, way, Effort::Thorough)));
+        let reference = length(&shorten(truth, path, Effort::Thorough));
+        let in_map = map_grid.search(start, goal).map_or(f64::NAN, |path| length(&shorten(space, path, Effort::Thorough)));
         let request = Request {
             bounds: Some(space.bounds()),
             time: Duration::from_secs_f64(options.time),
@@ -192,7 +191,7 @@ fn run<S: Space>(space: &'static S, query: &AtlasQuery<'_>, truth: &Truth<'_>, r
         }
         scores.push(score);
     }
-    eprintln!("{apart} pairs left out: no way between them in the true world");
+    eprintln!("{unconnected} pairs left out: no path in the true world");
     scores
 }
 
@@ -203,7 +202,7 @@ fn cpu_time() -> f64 {
 
 fn score(plan: &Plan, truth: &Truth<'_>, reference: f64, seconds: f64) -> Score {
     let least = plan.path.windows(2).map(|w| truth.least(w[0], w[1], 0.0)).fold(f64::INFINITY, f64::min);
-    let is_free = plan.path.windows(2).all(|w| truth.joins(w[0], w[1]));
+    let is_free = plan.path.windows(2).all(|w| truth.connects(w[0], w[1]));
     let tight = if is_free { length(&shorten(truth, plan.path.clone(), Effort::Thorough)) } else { f64::INFINITY };
     Score {
         found: true,
@@ -238,7 +237,7 @@ fn report(scores: &[Score], options: &Options, voxel: f64) {
         "length_over_reference_in_map": { "median": rank(all(in_map), 0.5), "p95": rank(all(in_map), 0.95), "max": rank(all(in_map), 1.0),
             "within_5_percent": found.iter().filter(|s| in_map(s) <= 1.05).count() },
         "first_path_ms": { "median": 1e3 * rank(all(|s| s.first_s), 0.5), "p95": 1e3 * rank(all(|s| s.first_s), 0.95), "max": 1e3 * rank(all(|s| s.first_s), 1.0) },
-        // What the machine gave of the time; the first path's processor time is about its time by this.
+        // Share of the wall time that the process ran; the first path's processor time is estimated with it.
         "processor_share": found.iter().map(|s| s.cpu_s).sum::<f64>() / found.iter().map(|s| s.seconds).sum::<f64>(),
         "first_path_cpu_ms": { "median": 1e3 * rank(all(|s| s.first_s * s.cpu_s / s.seconds), 0.5), "p95": 1e3 * rank(all(|s| s.first_s * s.cpu_s / s.seconds), 0.95) },
         "seconds": { "median": rank(all(|s| s.seconds), 0.5), "max": rank(all(|s| s.seconds), 1.0) },

@@ -1,6 +1,6 @@
-//! The same tasks for the planners of the oxmpl library, with our map as their validity checker.
+//! The same problems for the planners of the oxmpl library, with our map as their validity checker.
 //!
-//! Its planners ask for single states, at steps along a motion: here every 5 cm. Its RRT* ends with its first path.
+//! They check single states at steps along a motion, here every 5 cm. Their RRT* ends with its first path.
 
 use oxmpl::base::error::StateSamplingError;
 use oxmpl::base::goal::{Goal, GoalRegion, GoalSampleableRegion};
@@ -11,7 +11,7 @@ use oxmpl::base::state::RealVectorState;
 use oxmpl::base::validity::StateValidityChecker;
 use oxmpl::geometric::{RRTConnect, RRTStar};
 use std::sync::Arc;
-use voxelastic_plan::{Effort, First, Plan, Point, Request, Space, distance, length, shorten};
+use voxelastic_plan::{Effort, FirstPath, Plan, Point, Request, Space, distance, length, shorten};
 
 /// Distance between the states that are checked along a motion, metres.
 const STEP: f64 = 0.05;
@@ -40,12 +40,12 @@ fn point(state: &RealVectorState) -> Point {
     std::array::from_fn(|k| state.values[k])
 }
 
-/// The library wants checkers that live for ever.
+/// The library requires checkers with a static lifetime.
 struct Fits<S: 'static>(&'static S);
 
 impl<S: Space> StateValidityChecker<RealVectorState> for Fits<S> {
     fn is_valid(&self, state: &RealVectorState) -> bool {
-        self.0.settle(point(state)).is_some()
+        self.0.state_at(point(state)).is_some()
     }
 }
 
@@ -65,7 +65,7 @@ pub fn plan<S: Space>(space: &'static S, request: &Request, name: &str) -> Resul
         "oxmpl-star" => solve(RRTStar::new(stride, 0.05, 1.5 * stride, &config), problem, space, request),
         other => Err(format!("there is no planner {other}")),
     }?;
-    let first = First { seconds: begun.elapsed().as_secs_f64(), samples: 0, length: length(&path) };
+    let first = FirstPath { seconds: begun.elapsed().as_secs_f64(), samples: 0, length: length(&path) };
     let path = shorten(space, path, Effort::Thorough);
     Ok(Plan {
         length: length(&path),

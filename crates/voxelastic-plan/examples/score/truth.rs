@@ -1,4 +1,4 @@
-//! The true world as a space to plan in, with exact sweeps; and the shortest way in any space, by a search on a fine grid.
+//! The true world as a configuration space with exact sweeps, and shortest paths in any space by A* on a fine grid.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,8 +13,8 @@ pub struct Truth<'a> {
 }
 
 impl Truth<'_> {
-    /// Least distance to the world along a straight motion, but no less than about `enough`: steps as long as the distance
-    /// allows, a millimetre at least.
+    /// Least distance to the world along a straight motion; stops at the first below `enough`. Steps are as long as the distance allows, at least a
+    /// millimetre.
     pub fn least(&self, from: Point, to: Point, enough: f64) -> f64 {
         let all = distance(from, to);
         let (mut at, mut least) = (0.0, f64::INFINITY);
@@ -30,12 +30,12 @@ impl Truth<'_> {
 }
 
 impl Space for Truth<'_> {
-    fn reach(&self, from: Point, to: Point) -> Option<Point> {
+    fn steer(&self, from: Point, to: Point) -> Option<Point> {
         let inside = (0..3).all(|k| to[k] >= self.bounds[0][k] && to[k] <= self.bounds[1][k]);
         (inside && self.least(from, to, self.radius) >= self.radius).then_some(to)
     }
 
-    fn settle(&self, p: Point) -> Option<Point> {
+    fn state_at(&self, p: Point) -> Option<Point> {
         (self.world.distance(p) >= self.radius).then_some(p)
     }
 
@@ -44,14 +44,14 @@ impl Space for Truth<'_> {
     }
 }
 
-/// A space on a grid, looked at where a search goes.
+/// A grid over a space; cells are evaluated on demand.
 pub struct Grid<'a, S> {
     space: &'a S,
-    /// The height of all places, on the ground.
+    /// On the ground, the height of all cells, metres.
     height: Option<f64>,
     edge: f64,
     size: [usize; 3],
-    /// 0: not looked at yet, 1: free, 2: not.
+    /// 0: not evaluated, 1: free, 2: blocked.
     cells: Vec<u8>,
     costs: Vec<f32>,
     from: Vec<u32>,
@@ -82,14 +82,14 @@ impl<'a, S: Space> Grid<'a, S> {
 
     fn is_free(&mut self, cell: usize) -> bool {
         if self.cells[cell] == 0 {
-            let free = self.space.settle(self.point(self.coords(cell))).is_some();
+            let free = self.space.state_at(self.point(self.coords(cell))).is_some();
             self.cells[cell] = if free { 1 } else { 2 };
         }
         self.cells[cell] == 1
     }
 
-    /// The free cell nearest to `p` that can be seen from it.
-    fn enter(&mut self, p: Point) -> Option<usize> {
+    /// The free cell nearest to `p` that a free motion leads to.
+    fn entry_cell(&mut self, p: Point) -> Option<usize> {
         let low = self.space.bounds()[0];
         let middle: [i64; 3] = std::array::from_fn(|k| ((p[k] - low[k]) / self.edge).round() as i64);
         let mut best: Option<(f64, usize)> = None;
@@ -100,35 +100,35 @@ impl<'a, S: Space> Grid<'a, S> {
             }
             let cell = self.cell(c.map(|v| v as usize));
             let off = distance(self.point(self.coords(cell)), p);
-            if best.is_none_or(|b| off < b.0) && self.is_free(cell) && self.space.reach(p, self.point(self.coords(cell))).is_some() {
+            if best.is_none_or(|b| off < b.0) && self.is_free(cell) && self.space.steer(p, self.point(self.coords(cell))).is_some() {
                 best = Some((off, cell));
             }
         }
         best.map(|b| b.1)
     }
 
-    /// A way over free cells and their 26 (on the ground 8) neighbours, the shortest of these; none when there is none.
+    /// The shortest path over free cells and their 26 (on the ground 8) neighbours; none when there is none.
     pub fn search(&mut self, start: Point, goal: Point) -> Option<Vec<Point>> {
-        let (first, last) = (self.enter(start)?, self.enter(goal)?);
+        let (first, last) = (self.entry_cell(start)?, self.entry_cell(goal)?);
         let target = self.point(self.coords(last));
         self.costs.clear();
         self.costs.resize(self.cells.len(), f32::INFINITY);
         self.from.resize(self.cells.len(), u32::MAX);
         self.costs[first] = 0.0;
         self.from[first] = u32::MAX;
-        let mut open = BinaryHeap::from([Reverse((0u64, first as u32))]);
-        while let Some(Reverse((_, cell))) = open.pop() {
+        let mut queue = BinaryHeap::from([Reverse((0u64, first as u32))]);
+        while let Some(Reverse((_, cell))) = queue.pop() {
             let at = cell as usize;
             if at == last {
-                let mut way = vec![goal];
+                let mut path = vec![goal];
                 let mut next = cell;
                 while next != u32::MAX {
-                    way.push(self.point(self.coords(next as usize)));
+                    path.push(self.point(self.coords(next as usize)));
                     next = self.from[next as usize];
                 }
-                way.push(start);
-                way.reverse();
-                return Some(way);
+                path.push(start);
+                path.reverse();
+                return Some(path);
             }
             let c = self.coords(at);
             for i in 0..27 {
@@ -144,7 +144,7 @@ impl<'a, S: Space> Grid<'a, S> {
                     self.costs[to] = cost;
                     self.from[to] = cell;
                     let ahead = distance(self.point(next), target);
-                    open.push(Reverse((((f64::from(cost) + ahead) * 1e4) as u64, to as u32)));
+                    queue.push(Reverse((((f64::from(cost) + ahead) * 1e4) as u64, to as u32)));
                 }
             }
         }

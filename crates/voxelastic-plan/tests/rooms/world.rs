@@ -12,9 +12,9 @@ use voxelastic_sim::sensor::{Lidar, LidarSettings};
 use voxelastic_sim::{World, WorldBuilder};
 
 pub const VOXEL: f32 = 0.08;
-/// In the west room, behind the wall.
+/// A position in the west room.
 pub const WEST: [f64; 3] = [-4.5, -2.0, 1.0];
-/// In the east room.
+/// A position in the east room.
 pub const EAST: [f64; 3] = [4.5, -2.0, 1.3];
 
 pub struct Rooms {
@@ -24,7 +24,7 @@ pub struct Rooms {
 
 impl Rooms {
     pub fn query(&self) -> AtlasQuery<'_> {
-        AtlasQuery::new(&self.atlas, VOXEL)
+        self.atlas.query()
     }
 }
 
@@ -42,14 +42,14 @@ fn world() -> World {
     b.build().unwrap()
 }
 
-/// An empty map, to be filled with [`scan`]s. They make several submaps.
+/// A mapper for [`scans`], which give several submaps.
 pub fn mapper() -> Mapper {
-    let mut settings = Settings { voxel: VOXEL, max_range: 30.0, lambda_odom: 4.0, min_overlap: 1.0, ..Settings::default() };
+    let mut settings = Settings { voxel_size: VOXEL, max_range: 30.0, lambda_odom: 4.0, min_overlap: 1.0, ..Settings::default() };
     settings.set("field", "occupancy").unwrap();
     Mapper::new(settings).unwrap()
 }
 
-/// The scans of a loop through both rooms and the doorway, one every 0.8 m, the sensor higher and lower by turns.
+/// The scans of a loop through both rooms and the doorway, one every 0.8 m, at alternating heights.
 pub fn scans(world: &World) -> impl Iterator<Item = Event> {
     let lidar = Lidar::new(preset_with_columns("os0-64", 1024).unwrap(), LidarSettings::default()).unwrap();
     let route = Route::rounded(&[[-4.5, 1.5], [-4.5, -1.8], [-1.0, -1.8], [-1.0, 1.5], [1.2, 1.5], [1.2, -1.8], [4.5, -1.8], [4.5, 1.5]], 0.5);

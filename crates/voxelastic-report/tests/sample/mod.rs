@@ -1,4 +1,4 @@
-//! A report on a made-up map: a hilly lawn with a wall in two submaps, of which one was corrected.
+//! A synthetic report: a hilly surface with a wall in two submaps, of which one was corrected.
 
 use voxelastic_eval::DistanceStats;
 use voxelastic_report::content::{Distances, Fact, Node, PlannedPath, Table};
@@ -22,7 +22,7 @@ fn lawn(submap: u32, shift: f64) -> Surface {
         pose: RootPose([shift, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
         first_pose: Some(RootPose([shift * 1.1, 0.5 * shift.signum(), 0.0, 0.0, 0.0, 0.0, 1.0])),
         normals: positions.iter().map(|p| unit(slope(p[0], p[1]))).collect(),
-        shades: positions.iter().map(|p| (p[1] * 14.0) as u8).collect(),
+        intensities: positions.iter().map(|p| (p[1] * 14.0) as u8).collect(),
         // One of both submaps was mapped with a camera.
         colours: if submap == 0 { positions.iter().map(|p| [(p[0] * 13.0) as u8, 90, (p[1] * 13.0) as u8]).collect() } else { Vec::new() },
         scales: positions.iter().map(|p| (p[0] / 5.0) as u8).collect(),
@@ -72,7 +72,7 @@ pub fn report() -> Report {
     let row = |name: &str| vec![name.to_owned(), "1.2".to_owned()];
     let columns = vec!["field".to_owned(), "mean, cm".to_owned()];
     report.tables.push(Table { title: "Figures".into(), columns, rows: vec![row("TSDF"), row("occupancy")], ..Table::default() });
-    report.plan = Some(PlannedPath {
+    report.planned_path = Some(PlannedPath {
         start: Some([1.0, 1.0, 1.0]),
         goal: Some([17.0, 16.0, 1.0]),
         path: vec![[1.0, 1.0, 1.0], [6.0, 12.0, 1.2], [17.0, 16.0, 1.0]],

@@ -1,4 +1,4 @@
-//! What is written is what is read.
+//! Round trips and errors of simulated folders.
 
 use super::*;
 use crate::sensor::LidarSettings;
@@ -10,7 +10,7 @@ fn small() -> SimOptions {
 }
 
 #[test]
-fn a_folder_reads_back_as_it_was() -> Outcome {
+fn folder_round_trip() -> Outcome {
     let dir = tempfile::tempdir()?;
     let mut options = small();
     options.scans = Some(30);
@@ -49,7 +49,7 @@ fn a_folder_reads_back_as_it_was() -> Outcome {
 }
 
 #[test]
-fn breaking_off_keeps_a_folder_that_fits_together() -> Outcome {
+fn stopped_writing_leaves_a_consistent_folder() -> Outcome {
     let dir = tempfile::tempdir()?;
     let simulation = Simulation::new(SimOptions { scans: Some(200), columns: Some(16), ..small() })?;
     let written = simulation.write(dir.path(), &mut |_, _| ControlFlow::Break(()))?;
@@ -57,16 +57,16 @@ fn breaking_off_keeps_a_folder_that_fits_together() -> Outcome {
     assert_eq!(fs::read_dir(dir.path().join("scans"))?.count(), written);
     assert_eq!(poses::read(dir.path().join("poses.tum"))?.len(), written);
     assert_eq!(g2o::read(dir.path().join("graph.g2o"))?.nodes.len(), written);
-    let told = Simulation::load(dir.path())?;
-    assert_eq!(told.ground_truth(), &simulation.ground_truth()[..written], "the world file tells of the scans that are there");
+    let loaded = Simulation::load(dir.path())?;
+    assert_eq!(loaded.ground_truth(), &simulation.ground_truth()[..written], "the world file describes the scans in the folder");
     let bits = |s: &Simulation| s.cloud(written - 1).map(|c| c.points.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>());
-    assert_eq!(bits(&told), bits(&simulation));
+    assert_eq!(bits(&loaded), bits(&simulation));
     assert!(matches!(simulation.write(dir.path(), &mut |_, _| ControlFlow::Continue(())), Err(SimError::NotEmpty { .. })));
     Ok(())
 }
 
 #[test]
-fn world_files_that_do_not_fit_are_refused_by_name() -> Outcome {
+fn bad_world_files_are_rejected() -> Outcome {
     let dir = tempfile::tempdir()?;
     let path = dir.path().join(WORLD_FILE);
     assert!(matches!(World::load(dir.path()), Err(SimError::File { .. })));

@@ -1,24 +1,24 @@
-//! Places seen again.
+//! Loop closures between nodes near each other.
 
+use super::gaussian::{information, random_motion};
 use super::odometry::path_lengths;
-use super::{information, jolt};
 use crate::random::Stream;
 use crate::{SimError, World};
 use serde::{Deserialize, Serialize};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, NodeId};
 
-/// When a place counts as seen again.
+/// Settings of loop closures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LoopSettings {
     /// Farthest distance between two nodes of a loop edge, metres. Zero: no loop edges.
     pub radius: f64,
-    /// Least path between them, metres.
+    /// Least path length between the two nodes, metres.
     pub least_path: f64,
-    /// Least path between two loop edges, metres.
+    /// Least path length between two loop edges, metres.
     pub spacing: f64,
-    /// Standard deviation of the measured translation for each axis, metres.
+    /// Standard deviation of the measured translation per axis, metres.
     pub sigma: f64,
     /// Standard deviation of the measured rotation about each axis, radians.
     pub sigma_turn: f64,
@@ -44,8 +44,8 @@ impl LoopSettings {
     }
 }
 
-/// Loop edges in the order in which they close, from the older node to the newer: the nearest earlier node within reach, where
-/// one can see the other (a place behind a wall is not seen again).
+/// Loop edges in the order in which they close, from the older node to the newer: to the nearest earlier node within the radius that is in line of
+/// sight (not behind a wall).
 pub(crate) fn find(world: &World, truth: &[Pose], settings: &LoopSettings, random: &Stream) -> Vec<Edge> {
     let travelled = path_lengths(truth);
     let mut edges = Vec::new();
@@ -56,15 +56,15 @@ pub(crate) fn find(world: &World, truth: &[Pose], settings: &LoopSettings, rando
         }
         let old = truth.iter().enumerate().take_while(|(i, _)| travelled[j] - travelled[*i] >= settings.least_path);
         let near = old.map(|(i, p)| ((p.translation.vector - pose.translation.vector).norm(), i));
-        let nearest = near.filter(|&(d, i)| d < settings.radius && is_seen(world, pose, &truth[i])).min_by(|a, b| a.0.total_cmp(&b.0));
+        let nearest = near.filter(|&(d, i)| d < settings.radius && is_visible(world, pose, &truth[i])).min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((_, i)) = nearest {
-            let noise = jolt(&mut random.fork(j as u64), settings.sigma, settings.sigma_turn);
-            let (place, turn) = (settings.sigma.max(1e-4), settings.sigma_turn.max(1e-5));
+            let noise = random_motion(&mut random.fork(j as u64), settings.sigma, settings.sigma_turn);
+            let (translation, rotation) = (settings.sigma.max(1e-4), settings.sigma_turn.max(1e-5));
             edges.push(Edge {
                 from: i as NodeId,
                 to: j as NodeId,
                 t_from_to: truth[i].inv_mul(pose) * noise,
-                information: Some(information([place, place, place, turn, turn, turn])),
+                information: Some(information([translation, translation, translation, rotation, rotation, rotation])),
             });
             last = travelled[j];
         }
@@ -72,8 +72,8 @@ pub(crate) fn find(world: &World, truth: &[Pose], settings: &LoopSettings, rando
     edges
 }
 
-fn is_seen(world: &World, from: &Pose, to: &Pose) -> bool {
-    let way = to.translation.vector - from.translation.vector;
-    let Some(direction) = way.try_normalize(1e-9) else { return true };
-    world.cast(from.translation.vector.into(), direction.into(), way.norm()).is_none()
+fn is_visible(world: &World, from: &Pose, to: &Pose) -> bool {
+    let offset = to.translation.vector - from.translation.vector;
+    let Some(direction) = offset.try_normalize(1e-9) else { return true };
+    world.cast(from.translation.vector.into(), direction.into(), offset.norm()).is_none()
 }

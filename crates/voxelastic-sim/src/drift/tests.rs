@@ -1,27 +1,31 @@
-//! Drift is what was asked for, loop edges are true, corrections are good.
+//! Magnitude of drift, and accuracy of loop edges and corrections.
 
+use super::gaussian::information;
 use super::odometry::path_lengths;
 use super::*;
+use crate::random::Stream;
 use crate::{Scene, SimError};
+use nalgebra::Vector3;
+use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
 
 fn truth(name: &str, scans: usize) -> Result<(Scene, Vec<Pose>), SimError> {
     let scene = Scene::named(name, 1)?;
-    let step = 2.0 / scene.ride.gait.speed;
-    let poses = (0..scans).map(|k| scene.ride.pose(k as f64 * step)).collect();
+    let step = 2.0 / scene.trajectory.carrier.speed;
+    let poses = (0..scans).map(|k| scene.trajectory.pose(k as f64 * step)).collect();
     Ok((scene, poses))
 }
 
 #[test]
-fn odometry_drifts_as_asked_on_every_route_and_seed() -> Result<(), SimError> {
+fn odometry_has_the_requested_drift_on_every_route_and_seed() -> Result<(), SimError> {
     for name in ["campus", "mine", "street"] {
         let (_, truth) = truth(name, 210)?;
         let mut ends = 0.0;
         let mut worst = [0.0f64; 3];
         for seed in 0..20 {
             for rate in [1.0, 0.3, 3.0] {
-                let odometry = drifted(&truth, rate, &Stream::new(seed, &[]));
-                let drift = drift_of(&truth, &odometry).unwrap_or(0.0);
+                let odometry = drifting_odometry(&truth, rate, &Stream::new(seed, &[]));
+                let drift = mean_drift(&truth, &odometry).unwrap_or(0.0);
                 assert!((drift - rate).abs() < 0.02 * rate, "{name} {seed}: {drift} for {rate}");
                 assert_eq!(odometry[0], truth[0]);
                 // Gravity holds roll and pitch; neighbours agree.
@@ -44,30 +48,30 @@ fn odometry_drifts_as_asked_on_every_route_and_seed() -> Result<(), SimError> {
 }
 
 #[test]
-fn no_drift_is_the_truth_and_short_paths_are_no_trouble() -> Result<(), SimError> {
+fn zero_drift_is_the_truth_and_short_paths_do_not_panic() -> Result<(), SimError> {
     let (_, truth) = truth("campus", 50)?;
-    assert_eq!(drifted(&truth, 0.0, &Stream::new(1, &[])), truth);
+    assert_eq!(drifting_odometry(&truth, 0.0, &Stream::new(1, &[])), truth);
     for count in [0, 1, 2, 3] {
-        assert_eq!(drifted(&truth[..count], 1.0, &Stream::new(1, &[])).len(), count);
+        assert_eq!(drifting_odometry(&truth[..count], 1.0, &Stream::new(1, &[])).len(), count);
         assert_eq!(odometry_edges(&truth[..count], 1.0).len(), count.saturating_sub(1));
     }
     let still = vec![truth[0]; 5];
-    assert_eq!(drifted(&still, 1.0, &Stream::new(1, &[])).len(), 5);
-    assert_eq!(drift_of(&still, &still), None);
+    assert_eq!(drifting_odometry(&still, 1.0, &Stream::new(1, &[])).len(), 5);
+    assert_eq!(mean_drift(&still, &still), None);
     Ok(())
 }
 
 #[test]
 fn odometry_edges_chain_to_the_odometry() -> Result<(), SimError> {
     let (_, truth) = truth("campus", 60)?;
-    let odometry = drifted(&truth, 1.0, &Stream::new(1, &[]));
+    let odometry = drifting_odometry(&truth, 1.0, &Stream::new(1, &[]));
     let end = odometry_edges(&odometry, 1.0).iter().fold(odometry[0], |pose, edge| pose * edge.t_from_to);
     assert!(end.translation_distance(&odometry[59]) < 1e-9);
     Ok(())
 }
 
 #[test]
-fn loop_edges_join_places_seen_twice_and_hold_their_noise() -> Result<(), SimError> {
+fn loop_edges_and_corrections_are_accurate() -> Result<(), SimError> {
     for (name, scans, least) in [("campus", 210, 3), ("mine", 210, 6), ("street", 400, 25)] {
         let (scene, truth) = truth(name, scans)?;
         let settings = LoopSettings::default();

@@ -1,7 +1,7 @@
-//! Where a sensor is carried: closed routes with rounded corners, and the way a walker, robot or car moves along them.
+//! Trajectories of a sensor: closed routes with rounded corners, and the motion of a pedestrian, robot or car along them.
 
-mod gait;
-mod path;
+mod closed_route;
+mod trajectory;
 
-pub use gait::{Gait, Ride};
-pub use path::Route;
+pub use closed_route::Route;
+pub use trajectory::{Carrier, Trajectory};

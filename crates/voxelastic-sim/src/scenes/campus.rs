@@ -1,10 +1,10 @@
 //! The campus: a college quad (pilasters, window recesses, a colonnade), a tunnel of 3 m out of it into a park with trees and
 //! railings, a doorway of 1 m in the park's wall and a passage back. 135 x 225 m.
 
+use super::albedo;
 use super::facade::{Facade, RECESS, mass};
-use super::{albedo, off_route};
 use crate::WorldBuilder;
-use crate::route::{Gait, Route};
+use crate::route::{Carrier, Route};
 
 /// Once round the court, through the tunnel (x = 47.5), round the park and back by doorway and passage (x = 101.5): 357 m.
 const CORNERS: [[f64; 2]; 15] = [
@@ -33,7 +33,7 @@ const TUNNEL: [[f64; 2]; 2] = [[46.0, 95.0], [49.0, 120.0]];
 const PASSAGE: [[f64; 2]; 2] = [[100.0, 95.0], [103.0, 110.0]];
 const TUNNEL_HEIGHT: f64 = 3.4;
 
-pub(super) fn furnish(b: &mut WorldBuilder) -> (Route, Gait) {
+pub(super) fn build(b: &mut WorldBuilder) -> (Route, Carrier) {
     let route = Route::rounded(&CORNERS, 5.0);
     b.ground(0.0, albedo::PAVING);
     ranges(b);
@@ -42,7 +42,7 @@ pub(super) fn furnish(b: &mut WorldBuilder) -> (Route, Gait) {
     court(b);
     forecourt(b);
     park(b, &route);
-    (route, Gait::WALK)
+    (route, Carrier::PEDESTRIAN)
 }
 
 /// The four wings around the court.
@@ -50,7 +50,7 @@ fn ranges(b: &mut WorldBuilder) {
     mass(b, [10.0, 5.0], [125.0, 20.0], 12.0);
     mass(b, [10.0, 5.0], [25.0, 110.0], 12.0);
     mass(b, [110.0, 5.0], [125.0, 110.0], 12.0);
-    // The north range in three pieces, with plain walls where tunnel and passage run, and what bridges them.
+    // The north range in three parts, with plain walls along tunnel and passage, and the bridge over the passage.
     let (low, high) = (95.0 + RECESS, 110.0 - RECESS);
     b.cuboid([12.0, low, -0.5], [TUNNEL[0][0], high, 10.0], albedo::STONE);
     b.cuboid([TUNNEL[1][0], low, -0.5], [PASSAGE[0][0], high, 10.0], albedo::STONE);
@@ -195,7 +195,7 @@ fn trees(b: &mut WorldBuilder, route: &Route) {
         let at = [b.random.range(10.0, 126.0), b.random.range(126.0, 218.0)];
         let in_forecourt = at[0] > 56.0 && at[1] < 139.0;
         let crowded = placed.iter().any(|q| (at[0] - q[0]).hypot(at[1] - q[1]) < 6.5);
-        if placed.len() < 46 && !in_forecourt && !crowded && off_route(route, at, 3.0) {
+        if placed.len() < 46 && !in_forecourt && !crowded && route.is_clear_of(at, 3.0) {
             placed.push(at);
             let scale = b.random.range(0.8, 1.5);
             b.tree(at, scale);

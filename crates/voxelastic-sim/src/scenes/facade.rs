@@ -1,15 +1,15 @@
-//! Fronts of houses: piers, bands, window recesses, pilasters and a cornice in front of a plain mass.
+//! Facades: piers, bands, window recesses, pilasters and a cornice in front of a plain block.
 
 use super::albedo;
 use crate::WorldBuilder;
 
-/// How far windows lie behind the front, metres: the mass behind the front must begin here.
+/// Depth of the windows behind the front, metres: the block behind the front must start here.
 pub(super) const RECESS: f64 = 0.3;
 
-/// A straight front. The street or court is on the left of the way from `from` to `to`.
+/// A straight front. The street or court is to the left of the direction from `from` to `to`.
 #[derive(Clone, Debug)]
 pub(super) struct Facade {
-    /// Ends of the front, metres; the way must run along an axis.
+    /// Ends of the front, metres; it must be parallel to an axis.
     pub from: [f64; 2],
     pub to: [f64; 2],
     /// Height of the cornice, metres.
@@ -18,9 +18,9 @@ pub(super) struct Facade {
     pub storeys: usize,
     /// Width of a window with its share of the piers, metres.
     pub bay: f64,
-    /// How far pilasters stand out at every second pier, metres; none at 0.
+    /// Depth of the pilasters at every second pier, metres; 0 for none.
     pub pilasters: f64,
-    /// Doors and gates: where along the front they begin and end, and how high they are.
+    /// Doors and gates: start and end along the front, and height, metres.
     pub gates: Vec<[f64; 3]>,
 }
 
@@ -80,7 +80,7 @@ impl Facade {
         }
     }
 
-    /// Adds a part, without what would stand in the gates from number `gate` on.
+    /// Adds a part without its intersection with the gates from index `gate` on.
     fn put(&self, b: &mut WorldBuilder, part: Part, gate: usize) {
         let Some(&[start, end, top]) = self.gates.get(gate) else { return self.solid(b, &part) };
         if part.along[1] <= start || part.along[0] >= end || part.up[0] >= top {
@@ -106,7 +106,7 @@ impl Facade {
     }
 }
 
-/// A block of masonry from the ground up, set back by the recess on all sides, to stand behind fronts on its outline.
+/// A block of masonry from the ground up, set back by the recess on all sides, to be placed behind facades on its outline.
 pub(super) fn mass(b: &mut WorldBuilder, low: [f64; 2], high: [f64; 2], height: f64) {
     b.cuboid([low[0] + RECESS, low[1] + RECESS, -0.5], [high[0] - RECESS, high[1] - RECESS, height], albedo::GLASS);
 }

@@ -1,10 +1,10 @@
-//! Trees, railings, lamps, benches and cars.
+//! Furniture: trees, railings, lamps, benches, cars and signs.
 
 use super::albedo;
 use crate::WorldBuilder;
 
 impl WorldBuilder {
-    /// A tree on level ground: trunk, branches, a crown of overlapping balls.
+    /// A tree on level ground: trunk, branches, and a crown of overlapping spheres.
     pub(super) fn tree(&mut self, at: [f64; 2], scale: f64) {
         let [x, y] = at;
         let trunk = self.random.range(2.4, 3.4) * scale;
@@ -40,7 +40,7 @@ impl WorldBuilder {
         }
     }
 
-    /// A post that keeps cars out.
+    /// A bollard.
     pub(super) fn bollard(&mut self, at: [f64; 2]) {
         self.column([at[0], at[1], -0.1], 1.0, 0.1, albedo::IRON);
         self.sphere([at[0], at[1], 0.92], 0.12, albedo::PAINT);
@@ -69,7 +69,7 @@ impl WorldBuilder {
         }
     }
 
-    /// A parked car, about 4.2 x 1.75 m, that stands along `yaw`.
+    /// A parked car of about 4.2 x 1.75 m with heading `yaw`.
     pub(super) fn car(&mut self, at: [f64; 2], yaw: f64) {
         let [x, y] = at;
         let (sin, cos) = yaw.sin_cos();
@@ -92,7 +92,7 @@ impl WorldBuilder {
         }
     }
 
-    /// A sign of 0.6 m on a post, that faces along `yaw`.
+    /// A sign of 0.6 m on a post, facing along `yaw`.
     pub(super) fn sign(&mut self, at: [f64; 2], yaw: f64) {
         self.column([at[0], at[1], -0.1], 2.7, 0.03, albedo::IRON);
         self.turned([at[0] + 0.05 * yaw.cos(), at[1] + 0.05 * yaw.sin(), 2.3], [0.03, 0.6, 0.6], yaw, albedo::SIGN);

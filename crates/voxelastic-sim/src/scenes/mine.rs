@@ -1,11 +1,11 @@
 //! The mine: seven rooms hewn from rock, about 100 m across, joined by corridors with narrow doorways, with pillars and
-//! rubble. The rock's roughness is made of thousands of balls and blocks half sunk in walls and ceilings, so that the distance
-//! to it is exact, which that to a noise field never is.
+//! rubble. The rough rock consists of thousands of spheres and blocks half embedded in walls and ceilings, whose distance
+//! is exact, unlike that of a noise field.
 
 use super::albedo;
-use super::plan::{Area, Plan, Wall};
+use super::floor_plan::{Area, FloorPlan, Wall};
 use crate::WorldBuilder;
-use crate::route::{Gait, Route};
+use crate::route::{Carrier, Route};
 
 /// Rooms are about the nodes of a grid with this spacing, metres; corridors run along its lines.
 const GRID: f64 = 38.0;
@@ -24,25 +24,25 @@ fn node(at: [usize; 2]) -> [f64; 2] {
     [at[0] as f64 * GRID, at[1] as f64 * GRID]
 }
 
-pub(super) fn furnish(b: &mut WorldBuilder) -> (Route, Gait) {
+pub(super) fn build(b: &mut WorldBuilder) -> (Route, Carrier) {
     let rooms: Vec<Area> = ROOMS.map(|at| room(b, node(at))).to_vec();
     let corridors: Vec<Area> = CORRIDORS.iter().map(|&[from, to]| corridor(b, (from, to), &rooms)).collect();
     let areas: Vec<Area> = rooms.iter().chain(&corridors).copied().collect();
     b.ground(0.0, albedo::ROCK);
-    let plan = Plan::new(&areas, 8.0);
-    for (low, high) in plan.rock() {
+    let floor_plan = FloorPlan::new(&areas, 8.0);
+    for (low, high) in floor_plan.rock() {
         b.cuboid([low[0], low[1], -0.5], [high[0], high[1], TOP], albedo::ROCK);
     }
     for area in &areas {
         b.cuboid([area.low[0] - 0.5, area.low[1] - 0.5, area.ceiling], [area.high[0] + 0.5, area.high[1] + 0.5, TOP], albedo::ROCK);
     }
-    plan.walls().iter().for_each(|wall| rough_wall(b, wall));
+    floor_plan.walls().iter().for_each(|wall| rough_wall(b, wall));
     corridors.iter().for_each(|c| doorway(b, c));
     for (area, at) in rooms.iter().zip(ROOMS) {
         rough_ceiling(b, area);
         pillars(b, area, node(at));
     }
-    (Route::rounded(&CORNERS.map(node), 3.0), Gait::ROBOT)
+    (Route::rounded(&CORNERS.map(node), 3.0), Carrier::ROBOT)
 }
 
 fn room(b: &mut WorldBuilder, [x, y]: [f64; 2]) -> Area {
@@ -83,8 +83,8 @@ fn doorway(b: &mut WorldBuilder, area: &Area) {
     part(area.low[across] - 0.3, area.high[across] + 0.3, 2.0, TOP - 2.0);
 }
 
-/// Balls and turned blocks behind the wall that stand out by no more than its roughness. They keep away from the ends of the
-/// wall, where they would block the mouths of corridors.
+/// Spheres and rotated blocks embedded in the wall that protrude by no more than its roughness. The ends of the wall are left out, where they would
+/// block corridors.
 fn rough_wall(b: &mut WorldBuilder, wall: &Wall) {
     let (dx, dy) = (wall.to[0] - wall.from[0], wall.to[1] - wall.from[1]);
     let length = dx.hypot(dy);
@@ -98,14 +98,14 @@ fn rough_wall(b: &mut WorldBuilder, wall: &Wall) {
         let size: [f64; 3] = std::array::from_fn(|_| radius * b.random.range(0.6, 1.4));
         let depth = if block { 0.5 * size[0].hypot(size[1]) } else { radius } - out;
         let at = [wall.from[0] + dx * along - wall.inwards[0] * depth, wall.from[1] + dy * along - wall.inwards[1] * depth, z];
-        let shade = albedo::ROCK * b.random.range(0.6, 1.6) as f32;
+        let albedo = albedo::ROCK * b.random.range(0.6, 1.6) as f32;
         if block {
             // An edge points into the room.
             let towards = wall.inwards[1].atan2(wall.inwards[0]);
             let yaw = towards - size[1].atan2(size[0]) + b.random.range(-0.1, 0.1);
-            b.turned(at, size, yaw, shade);
+            b.turned(at, size, yaw, albedo);
         } else {
-            b.sphere(at, radius, shade);
+            b.sphere(at, radius, albedo);
         }
     }
 }
@@ -123,7 +123,7 @@ fn rough_ceiling(b: &mut WorldBuilder, area: &Area) {
     }
 }
 
-/// One or two pillars of rock in each quarter of a room that has space for them, away from the ways through the room.
+/// One or two pillars of rock in each quarter of a room that has space for them, away from the routes through the room.
 fn pillars(b: &mut WorldBuilder, area: &Area, middle: [f64; 2]) {
     for (sx, sy) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         if b.random.index(4) == 0 {

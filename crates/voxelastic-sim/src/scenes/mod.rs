@@ -1,50 +1,36 @@
-//! The worlds that come with the crate, each with a route through it.
+//! The built-in worlds, each with a route through it.
 
+mod albedo;
 mod campus;
 mod facade;
+mod floor_plan;
 mod furniture;
 mod mine;
-mod plan;
 mod simple;
 mod street;
 
-use crate::route::{Gait, Ride, Route};
+use crate::route::{Carrier, Route, Trajectory};
 use crate::{SimError, World, WorldBuilder};
 
-/// A world and a ride through it.
+/// A world and a trajectory through it.
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// The world.
     pub world: World,
-    /// Where the sensor goes in it, and how.
-    pub ride: Ride,
-    /// Scans that show the whole of it, 2 m apart, and come back to places seen before.
-    pub usual_scans: usize,
+    /// The sensor's motion.
+    pub trajectory: Trajectory,
+    /// Number of scans, 2 m apart, that cover the world and revisit parts of it.
+    pub default_scans: usize,
 }
 
-/// How much light surfaces throw back.
-pub(crate) mod albedo {
-    pub(crate) const STONE: f32 = 0.42;
-    pub(crate) const TRIM: f32 = 0.6;
-    pub(crate) const GLASS: f32 = 0.12;
-    pub(crate) const ROCK: f32 = 0.25;
-    pub(crate) const GRASS: f32 = 0.3;
-    pub(crate) const PAVING: f32 = 0.22;
-    pub(crate) const BARK: f32 = 0.2;
-    pub(crate) const LEAVES: f32 = 0.35;
-    pub(crate) const IRON: f32 = 0.15;
-    pub(crate) const WOOD: f32 = 0.3;
-    pub(crate) const PAINT: f32 = 0.7;
-    pub(crate) const SIGN: f32 = 0.95;
-}
+/// Adds the solids of a world to a builder.
+type Build = fn(&mut WorldBuilder) -> (Route, Carrier);
 
-/// Furnishes a world: its solids go into the builder.
-type Furnish = fn(&mut WorldBuilder) -> (Route, Gait);
-
-const SCENES: [(&str, usize, Furnish); 6] = [
-    ("campus", 210, campus::furnish),
-    ("mine", 210, mine::furnish),
-    ("street", 400, street::furnish),
+/// Name, default number of scans and construction of each world.
+const SCENES: [(&str, usize, Build); 6] = [
+    ("campus", 210, campus::build),
+    ("mine", 210, mine::build),
+    ("street", 400, street::build),
     ("room", 20, simple::room),
     ("plane", 20, simple::plane),
     ("sphere", 20, simple::sphere),
@@ -57,17 +43,17 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 impl Scene {
-    /// The scene called `name` (see [`names`]). What is random in it follows from `seed`; the same on every machine.
+    /// The scene called `name` (see [`names`]). Its random details depend on `seed` only and are the same on every machine.
     ///
     /// # Errors
     /// [`SimError::UnknownWorld`], with the names that exist.
     pub fn named(name: &str, seed: u64) -> Result<Self, SimError> {
         let found = SCENES.iter().find(|s| s.0 == name);
-        let &(name, usual_scans, furnish) =
+        let &(name, default_scans, build) =
             found.ok_or_else(|| SimError::UnknownWorld { name: name.into(), known: names().collect::<Vec<_>>().join(", ") })?;
         let mut builder = WorldBuilder::new(name, seed);
-        let (route, gait) = furnish(&mut builder);
-        Ok(Self { world: builder.build()?, ride: Ride { route, gait }, usual_scans })
+        let (route, carrier) = build(&mut builder);
+        Ok(Self { world: builder.build()?, trajectory: Trajectory { route, carrier }, default_scans })
     }
 }
 
@@ -79,15 +65,6 @@ impl World {
     pub fn named(name: &str, seed: u64) -> Result<Self, SimError> {
         Scene::named(name, seed).map(|scene| scene.world)
     }
-}
-
-/// Free space around a planned route, to keep furniture out of the way.
-pub(crate) fn off_route(route: &Route, p: [f64; 2], clearance: f64) -> bool {
-    let steps = (route.length() / 0.5) as usize;
-    (0..steps).all(|k| {
-        let q = route.at(k as f64 * 0.5).0;
-        (p[0] - q[0]).hypot(p[1] - q[1]) > clearance
-    })
 }
 
 #[cfg(test)]

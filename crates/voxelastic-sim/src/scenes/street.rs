@@ -1,21 +1,22 @@
-//! The street: a block of houses of 90 x 60 m with houses all around, parked cars, trees, lamps and signs. A car drives round
-//! it lap after lap.
+//! The street: a block of houses of 90 x 60 m with houses all around, parked cars, trees, lamps and signs. A car drives around
+//! it, lap after lap.
 
 use super::albedo;
 use super::facade::{Facade, RECESS};
 use crate::WorldBuilder;
-use crate::route::{Gait, Route};
+use crate::route::{Carrier, Route};
 use std::f64::consts::PI;
 
 /// The block, metres.
 const BLOCK: [f64; 2] = [90.0, 60.0];
-/// From front to front across the street.
+/// Distance between the facades across the street, metres.
 const WIDTH: f64 = 15.0;
-/// The pavement on either side.
+/// Width of the pavement on either side, metres.
 const PAVEMENT: f64 = 2.7;
+/// Height of the kerb, metres.
 const KERB: f64 = 0.12;
 
-/// A side of the street: where its fronts run, with the street on the left.
+/// A side of the street: a line of facades with the street on its left.
 struct Side {
     from: [f64; 2],
     to: [f64; 2],
@@ -37,11 +38,11 @@ impl Side {
     }
 }
 
-pub(super) fn furnish(b: &mut WorldBuilder) -> (Route, Gait) {
+pub(super) fn build(b: &mut WorldBuilder) -> (Route, Carrier) {
     let [w, h] = BLOCK;
     let s = WIDTH;
     b.ground(0.0, albedo::PAVING);
-    // Round the block clockwise, round the houses opposite counter-clockwise: the street is always on the left.
+    // The block is traversed clockwise and the houses opposite counter-clockwise, so that the street is always on the left.
     let inner = [[0.0, 0.0], [0.0, h], [w, h], [w, 0.0]];
     let outer = [[-s, -s], [w + s, -s], [w + s, h + s], [-s, h + s]];
     for corners in [inner, outer] {
@@ -52,13 +53,13 @@ pub(super) fn furnish(b: &mut WorldBuilder) -> (Route, Gait) {
             parked(b, &side);
         }
     }
-    // The block's own middle, so that nothing can be seen through it.
+    // The inside of the block, which blocks the view through it.
     b.cuboid([3.0, 3.0, -0.5], [w - 3.0, h - 3.0, 8.0], albedo::STONE);
     let (low, high) = (-s / 2.0, [w + s / 2.0, h + s / 2.0]);
-    (Route::rounded(&[[low, low], [high[0], low], [high[0], high[1]], [low, high[1]]], 6.0), Gait::CAR)
+    (Route::rounded(&[[low, low], [high[0], low], [high[0], high[1]], [low, high[1]]], 6.0), Carrier::CAR)
 }
 
-/// Houses of different width and height along a side; an alley now and then on the far side of the street.
+/// Houses of random width and height along a side, with some alleys on the outer side of the street.
 fn houses(b: &mut WorldBuilder, side: &Side, alleys: bool) {
     let length = side.length();
     let mut start = 0.0;

@@ -1,19 +1,19 @@
-//! Every scene can be driven through, is the same each time, and has no surprises in its surface.
+//! Every scene has a collision-free trajectory, is reproducible, and has consistent distances and rays.
 
 use super::*;
 use crate::SimError;
 
 #[test]
-fn rides_keep_clear_of_everything() -> Result<(), SimError> {
+fn trajectories_keep_clear_of_solids() -> Result<(), SimError> {
     for name in names() {
         for seed in 0..6 {
-            let Scene { world, ride, .. } = Scene::named(name, seed)?;
-            let lap = ride.route.length() / ride.gait.speed;
+            let Scene { world, trajectory, .. } = Scene::named(name, seed)?;
+            let lap = trajectory.route.length() / trajectory.carrier.speed;
             // Two laps, a pose each 10 cm.
-            let steps = (2.0 * ride.route.length() / 0.1) as usize;
+            let steps = (2.0 * trajectory.route.length() / 0.1) as usize;
             for k in 0..steps {
                 let time = 2.0 * lap * k as f64 / steps as f64;
-                let p = ride.pose(time).translation.vector;
+                let p = trajectory.pose(time).translation.vector;
                 let d = world.distance(p.into());
                 assert!(d >= 0.4, "{name} {seed}: {d:.3} m from a solid at {p:?}");
             }
@@ -23,7 +23,7 @@ fn rides_keep_clear_of_everything() -> Result<(), SimError> {
 }
 
 #[test]
-fn scenes_are_the_same_each_time_and_differ_by_seed() -> Result<(), SimError> {
+fn scenes_are_reproducible_and_depend_on_the_seed() -> Result<(), SimError> {
     for name in ["campus", "mine", "street"] {
         let build = |seed| World::named(name, seed).map(|w| w.fingerprint());
         assert_eq!(build(5)?, build(5)?);
@@ -34,12 +34,12 @@ fn scenes_are_the_same_each_time_and_differ_by_seed() -> Result<(), SimError> {
 }
 
 #[test]
-fn rays_from_the_ride_agree_with_the_distance() -> Result<(), SimError> {
+fn rays_agree_with_sphere_tracing() -> Result<(), SimError> {
     for name in ["campus", "mine", "street"] {
-        let Scene { world, ride, .. } = Scene::named(name, 1)?;
+        let Scene { world, trajectory, .. } = Scene::named(name, 1)?;
         let mut random = crate::random::Stream::new(8, &[]);
         for _ in 0..300 {
-            let p = ride.pose(random.range(0.0, 300.0)).translation.vector;
+            let p = trajectory.pose(random.range(0.0, 300.0)).translation.vector;
             let direction = crate::solid::Sphere::new([0.0; 3], 1.0).surface_point(random.uniform(), random.uniform(), 0.0);
             let hit = world.cast(p.into(), direction.into(), 120.0);
             let range = hit.map_or(120.0, |h| h.range);
@@ -47,11 +47,11 @@ fn rays_from_the_ride_agree_with_the_distance() -> Result<(), SimError> {
                 let d = world.distance((p + direction * range).into());
                 assert!(d.abs() < 1e-4, "{name}: {d} at a hit");
             }
-            // Sphere tracing, which knows only distances, must come as far.
+            // Sphere tracing uses only distances and must reach the same point.
             let mut t = 0.0;
             while t < range - 1e-3 {
                 let d = world.distance((p + direction * t).into());
-                assert!(d > 0.0, "{name}: through matter at {t} of {range}");
+                assert!(d > 0.0, "{name}: inside of a solid at {t} of {range}");
                 t += d.max(1e-4);
             }
             assert!(hit.is_none() || t < range + 1e-3, "{name}: sphere tracing passes the hit at {range}, {t}");
@@ -61,7 +61,7 @@ fn rays_from_the_ride_agree_with_the_distance() -> Result<(), SimError> {
 }
 
 #[test]
-fn the_doorway_of_the_campus_is_a_metre_wide_and_the_tunnel_three() -> Result<(), SimError> {
+fn campus_doorway_is_one_metre_wide_and_tunnel_three() -> Result<(), SimError> {
     let world = World::named("campus", 1)?;
     let width = |at: [f64; 3]| {
         let side = |x: f64| world.cast(at, [x, 0.0, 0.0], 50.0).map_or(f64::INFINITY, |h| h.range);

@@ -1,7 +1,7 @@
-//! Taking scans.
+//! The sensor model: casts the beams and makes clouds.
 
-use super::Noise;
-use super::noise::Neighbours;
+use super::noise::{Neighbours, Noise};
+use super::sample::{NO_RETURN, Sample};
 use crate::random::Stream;
 use crate::solid::Vec3;
 use crate::{Hit, Ray, SimError, SurfacePoint, World};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use voxelastic::sensor::BeamModel;
 use voxelastic::{Cloud, Pose};
 
-/// How a sensor is run.
+/// Settings of the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LidarSettings {
@@ -18,11 +18,11 @@ pub struct LidarSettings {
     pub max_range: f64,
     /// Nearest return, metres.
     pub min_range: f64,
-    /// Whether the sensor moves while it turns; otherwise the whole sweep is taken at one instant.
+    /// Whether the sensor moves during the sweep; otherwise the whole sweep is measured at one instant.
     pub moving: bool,
     /// Duration of a turn, seconds.
     pub period: f64,
-    /// Noise.
+    /// Noise of the measurements.
     pub noise: Noise,
 }
 
@@ -44,20 +44,6 @@ impl LidarSettings {
         self.noise.check()
     }
 }
-
-/// What a beam truly meets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sample {
-    /// Range along the beam, metres; infinite for no return.
-    pub range: f64,
-    /// Cosine of the angle of incidence.
-    pub cosine: f32,
-    /// Albedo of the surface.
-    pub albedo: f32,
-}
-
-/// Nothing within range.
-const NOTHING: Sample = Sample { range: f64::INFINITY, cosine: 0.0, albedo: 0.0 };
 
 /// A simulated sensor.
 #[derive(Clone, Debug)]
@@ -91,27 +77,27 @@ impl Lidar {
         Ok(Self { model, settings, beams, ring_of_row })
     }
 
-    /// The sensor's beams.
+    /// The beam model.
     pub fn model(&self) -> &BeamModel {
         &self.model
     }
 
-    /// How it is run.
+    /// Its settings.
     pub fn settings(&self) -> &LidarSettings {
         &self.settings
     }
 
-    /// What every beam truly meets within the sensor's range, column by column (`column * rows + row`). `pose_at` gives the pose
-    /// of the lidar frame so many seconds after the sweep began.
+    /// True measurements of all beams, column by column (`column * rows + row`). `pose_at` returns the pose of the lidar frame at a time in seconds since
+    /// the start of the sweep.
     pub fn sample(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<Sample> {
-        self.cast(world, pose_at, self.settings.max_range, NOTHING, |(_, direction), hit, _, normal| {
-            // Rounding at a silhouette may show a surface from behind by a hair.
+        self.cast(world, pose_at, self.settings.max_range, NO_RETURN, |(_, direction), hit, _, normal| {
+            // At silhouettes rounding may give a slightly negative cosine.
             let cosine = (-normal.dot(direction)).clamp(0.0, 1.0) as f32;
             Sample { range: hit.range, cosine, albedo: world.albedo(hit.solid) }
         })
     }
 
-    /// The points of the surface that the beams truly meet within `max_range` metres, map frame, column by column.
+    /// True surface points of all beams within `max_range` metres, map frame, column by column.
     pub(crate) fn true_points(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, max_range: f64) -> Vec<Option<SurfacePoint>> {
         let max_range = max_range.min(self.settings.max_range);
         self.cast(world, pose_at, max_range, None, |_, hit, point, normal| {
@@ -119,14 +105,14 @@ impl Lidar {
         })
     }
 
-    /// Casts all beams and makes a `T` of each hit (ray, hit, point, normal), or leaves `nothing`.
+    /// Casts all beams and maps each hit (ray, hit, point, normal) to a `T`; beams without hit get `nothing`.
     fn cast<T: Clone + Send + Sync>(
         &self,
         world: &World,
         pose_at: impl Fn(f64) -> Pose + Sync,
         max_range: f64,
         nothing: T,
-        seen: impl Fn(&Ray, &Hit, Vec3, Vec3) -> T + Sync,
+        map: impl Fn(&Ray, &Hit, Vec3, Vec3) -> T + Sync,
     ) -> Vec<T> {
         let (rows, columns) = (self.model.rows(), self.model.columns());
         let mut results = vec![nothing; rows * columns];
@@ -144,7 +130,7 @@ impl Lidar {
                 for ((result, ray), hit) in results.iter_mut().zip(rays.iter()).zip(hits.iter()) {
                     if let Some(hit) = hit.filter(|h| h.range >= self.settings.min_range) {
                         let point = ray.0 + ray.1 * hit.range;
-                        *result = seen(ray, &hit, point, world.normal(hit.solid, point.into()).into());
+                        *result = map(ray, &hit, point, world.normal(hit.solid, point.into()).into());
                     }
                 }
             },
@@ -152,21 +138,21 @@ impl Lidar {
         results
     }
 
-    /// Where the sensor is when each column is fired: translation and rotation; a single one when it stands still.
+    /// Translation and rotation of the sensor at each firing; a single pose if it does not move.
     fn poses(&self, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<(Vec3, nalgebra::Matrix3<f64>)> {
         let count = if self.settings.moving { self.model.columns() } else { 1 };
         let split = |pose: Pose| (pose.translation.vector, *pose.rotation.to_rotation_matrix().matrix());
         (0..count).map(|firing| split(pose_at(self.offset(firing)))).collect()
     }
 
-    /// Seconds from the beginning of the sweep to a firing; 0 when the sensor stands still.
+    /// Seconds from the start of the sweep to a firing; 0 if the sensor does not move.
     fn offset(&self, firing: usize) -> f64 {
         if self.settings.moving { self.settings.period * firing as f64 / self.model.columns() as f64 } else { 0.0 }
     }
 
-    /// Takes a scan: an organised cloud of rows x columns, in the pixels of the beam model (upright columns), with
-    /// intensity, ring and time. Each point is in the lidar frame of the instant of its own firing, as sensors report them;
-    /// beams without return are NaN. `random` makes the noise, the same whatever the number of threads.
+    /// Simulates a scan: an organised cloud of rows x columns in the pixels of the beam model, with intensity, ring and time. Each point is in the lidar
+    /// frame at the time of its firing, as sensors report it; beams without return are NaN. The noise depends on `random` only, not on the
+    /// number of threads.
     pub fn scan(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, random: &Stream) -> Cloud {
         let (rows, columns) = (self.model.rows(), self.model.columns());
         let samples = self.sample(world, pose_at);
@@ -181,8 +167,8 @@ impl Lidar {
                     continue;
                 }
                 let mut random = random.fork(index as u64);
-                let beside = self.neighbours(&samples, row, column);
-                let Some(range) = self.settings.noise.measure(sample, beside, &mut random) else { continue };
+                let neighbours = self.neighbours(&samples, row, column);
+                let Some(range) = self.settings.noise.measure(sample, neighbours, &mut random) else { continue };
                 let (origin, direction) = &self.beams[index];
                 let p = origin + direction * range.max(1e-3);
                 points[column] = [p.x as f32, p.y as f32, p.z as f32];
@@ -202,7 +188,7 @@ impl Lidar {
         }
     }
 
-    /// True ranges beside a pixel: left and right, above and below.
+    /// True ranges of the neighbours of a pixel: left and right, above and below.
     fn neighbours(&self, samples: &[Sample], row: usize, column: usize) -> [Neighbours; 2] {
         let (rows, columns) = (self.model.rows(), self.model.columns());
         let at = |row: usize, column: usize| Some(samples[column * rows + row].range).filter(|r| r.is_finite());

@@ -2,6 +2,8 @@
 
 mod lidar;
 mod noise;
+mod sample;
 
-pub use lidar::{Lidar, LidarSettings, Sample};
+pub use lidar::{Lidar, LidarSettings};
 pub use noise::Noise;
+pub use sample::Sample;

@@ -1,30 +1,30 @@
-//! What a real sensor adds to the truth and leaves out of it.
+//! Noise model: range noise, lost returns, mixed pixels, intensity noise.
 
-use super::Sample;
+use super::sample::Sample;
 use crate::SimError;
 use crate::random::Stream;
 use serde::{Deserialize, Serialize};
 
-/// How a sensor errs. The default is an Ouster OS1: 1 cm near, 3 cm at 100 m, and half of the returns lost where its data sheet ends.
+/// Noise of a sensor. The default is that of an Ouster OS1: 1 cm near, 3 cm at 100 m, and half of the returns lost at the range of its data sheet.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Noise {
-    /// Standard deviation of a range at no distance, metres.
+    /// Standard deviation of a range at distance zero, metres.
     pub range_sigma: f64,
-    /// What each metre of range adds to it, metres.
+    /// Increase of the standard deviation per metre of range, metres.
     pub range_sigma_per_metre: f64,
-    /// By what share each unit of 1 / cos(angle of incidence) above 1 raises it (no further than at 80 degrees).
+    /// Relative increase of the standard deviation per unit of 1 / cos(angle of incidence) above 1, up to 80 degrees.
     pub grazing: f64,
-    /// Share of returns that are lost for no reason.
+    /// Share of returns lost at random.
     pub dropout: f64,
-    /// Range at which half of the returns of a surface of albedo 0.8 are lost when hit squarely, metres; others are lost
-    /// nearer by, as their light is weaker. Infinite: none are lost.
+    /// Range at which half of the returns from a surface of albedo 0.8 at normal incidence are lost, metres. Weaker returns are lost at shorter ranges.
+    /// Infinite: none are lost.
     pub reach: f64,
-    /// Share of the pixels at edges of depth whose range lies somewhere between the two sides.
+    /// Share of mixed pixels at depth edges, whose range is between those of the two sides.
     pub mixed: f64,
-    /// Largest step of depth that can mix, metres: beyond it a sensor tells the two returns apart.
+    /// Largest depth step of a mixed pixel, metres: a sensor separates returns that are farther apart.
     pub mixed_depth: f64,
-    /// Standard deviation of the intensity, relative.
+    /// Relative standard deviation of the intensity.
     pub intensity_sigma: f64,
 }
 
@@ -43,14 +43,14 @@ impl Default for Noise {
     }
 }
 
-/// Steepest incidence that still adds noise, as a cosine.
-const LEAST_COSINE: f64 = 0.17;
+/// Cosine of the incidence beyond which noise does not increase.
+const MIN_COSINE: f64 = 0.17;
 
-/// The returns of the two neighbours on a line through a pixel.
+/// True ranges of the two neighbours of a pixel along a line.
 pub(super) type Neighbours = [Option<f64>; 2];
 
 impl Noise {
-    /// A sensor that measures the truth.
+    /// No noise.
     pub fn none() -> Self {
         Self {
             range_sigma: 0.0,
@@ -64,8 +64,10 @@ impl Noise {
         }
     }
 
+    /// Checks all settings.
+    ///
     /// # Errors
-    /// [`SimError::Setting`] for a number below zero, a share above one, or none at all.
+    /// [`SimError::Setting`] for a value out of range or NaN.
     pub(crate) fn check(&self) -> Result<(), SimError> {
         let lengths = [
             ("noise.range_sigma", self.range_sigma),
@@ -90,28 +92,28 @@ impl Noise {
 
     /// Standard deviation of a range, metres.
     pub fn sigma(&self, range: f64, cosine: f64) -> f64 {
-        let steep = 1.0 / cosine.max(LEAST_COSINE) - 1.0;
+        let steep = 1.0 / cosine.max(MIN_COSINE) - 1.0;
         (self.range_sigma + self.range_sigma_per_metre * range) * (1.0 + self.grazing * steep)
     }
 
-    /// Chance that a return is strong enough to be noticed: light falls with the square of the range and with the albedo; rough
-    /// surfaces throw some of it back at any angle.
-    pub fn chance(&self, sample: &Sample) -> f64 {
+    /// Probability that a return is detected: its strength decreases with the square of the range and with the albedo; rough surfaces reflect some
+    /// light at any angle.
+    pub fn detection_probability(&self, sample: &Sample) -> f64 {
         let strength = f64::from(sample.albedo) * (0.3 + 0.7 * f64::from(sample.cosine)) / 0.8;
         let share = sample.range / (self.reach * strength.sqrt());
-        // From all to none within a tenth of the range on either side.
+        // A smooth step from all to none between 90 % and 110 % of the range.
         let t = ((share - 0.9) / 0.2).clamp(0.0, 1.0);
         (1.0 - self.dropout) * (1.0 - t * t * (3.0 - 2.0 * t))
     }
 
-    /// The range measured, or `None` when the return is lost. `beside` are the neighbours across and along the columns.
-    pub(super) fn measure(&self, sample: &Sample, beside: [Neighbours; 2], random: &mut Stream) -> Option<f64> {
-        if random.uniform() >= self.chance(sample) {
+    /// The measured range, or `None` for a lost return. `neighbours` are those across and along the columns.
+    pub(super) fn measure(&self, sample: &Sample, neighbours: [Neighbours; 2], random: &mut Stream) -> Option<f64> {
+        if random.uniform() >= self.detection_probability(sample) {
             return None;
         }
         let mut range = sample.range;
         if self.mixed > 0.0 {
-            let line = beside[random.index(2)];
+            let line = neighbours[random.index(2)];
             let (one, other) = if random.uniform() < 0.5 { (line[0], line[1]) } else { (line[1], line[0]) };
             let mixes = random.uniform() < self.mixed;
             let share = random.uniform();
@@ -122,7 +124,7 @@ impl Noise {
         Some(range + self.sigma(sample.range, f64::from(sample.cosine)) * random.normal())
     }
 
-    /// A step is an edge when it is much more than the slope of the surface explains.
+    /// Whether a depth step is an edge: much larger than the slope of the surface explains.
     fn is_edge(&self, range: f64, across: f64, opposite: Option<f64>) -> bool {
         let step = (across - range).abs();
         let slope = opposite.map_or(0.0, |o| (o - range).abs().min(0.5 * step));

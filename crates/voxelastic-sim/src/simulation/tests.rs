@@ -1,4 +1,4 @@
-//! Simulations as their users see them.
+//! Tests of the public interface of simulations.
 
 use super::*;
 use voxelastic::geometry::PoseExt;
@@ -8,7 +8,7 @@ fn quick(world: &str, scans: usize) -> Result<Simulation, SimError> {
 }
 
 #[test]
-fn events_come_in_order_and_update_what_is_known() -> Result<(), SimError> {
+fn events_are_ordered() -> Result<(), SimError> {
     let simulation = quick("campus", 210)?;
     let (mut scans, mut edges, mut loops) = (0, 0, 0);
     let mut events = simulation.events().peekable();
@@ -37,18 +37,18 @@ fn events_come_in_order_and_update_what_is_known() -> Result<(), SimError> {
 }
 
 #[test]
-fn poses_known_online_jump_back_to_the_truth_when_loops_close() -> Result<(), SimError> {
+fn online_poses_return_to_the_truth_at_loop_closures() -> Result<(), SimError> {
     let simulation = quick("street", 400)?;
     let off = |k: usize, source| simulation.poses(source)[k].translation_distance(&simulation.ground_truth()[k]);
     let first = simulation.loop_edges()[0].to as usize;
-    assert_eq!(off(first, PoseSource::Online), off(first, PoseSource::Odometry), "before the first closure all is odometry");
+    assert_eq!(off(first, PoseSource::Online), off(first, PoseSource::Odometry), "odometry until the first closure");
     assert!(off(first, PoseSource::Online) > 0.3 && off(first + 1, PoseSource::Online) < 0.2);
     assert!(off(399, PoseSource::Online) < 0.4 && off(399, PoseSource::Odometry) > 0.5);
     Ok(())
 }
 
 #[test]
-fn two_laps_see_the_same_surface_and_it_is_the_worlds() -> Result<(), SimError> {
+fn visible_surface_lies_on_the_world() -> Result<(), SimError> {
     let simulation = quick("room", 5)?;
     let surface = simulation.visible_surface(0.2, 60.0);
     assert!(surface.len() > 2000, "{}", surface.len());
@@ -64,7 +64,7 @@ fn two_laps_see_the_same_surface_and_it_is_the_worlds() -> Result<(), SimError> 
 }
 
 #[test]
-fn the_rate_sets_times_and_bad_options_are_refused() -> Result<(), SimError> {
+fn rate_sets_times_and_bad_options_are_rejected() -> Result<(), SimError> {
     let simulation = Simulation::new(SimOptions { rate: Some(10.0), scans: Some(4), ..SimOptions::of("campus") })?;
     assert!(simulation.times().iter().zip([0.0, 0.1, 0.2, 0.3]).all(|(a, b)| (a - b).abs() < 1e-12));
     let bad = [

@@ -1,14 +1,15 @@
-//! The cylinder with round ends.
+//! The capsule: a cylinder with round ends.
 
 use super::cuboid::slab;
 use super::cylinder::circle;
-use super::{Cylinder, Sphere, Vec3, basis, larger, smaller};
+use super::maths::{Vec3, basis, larger, smaller};
+use super::{Cylinder, Sphere};
 use std::f64::consts::TAU;
 
 /// All points within a radius of a segment: rails, branches, bars.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capsule {
-    /// Middle of the segment, world frame, metres.
+    /// Centre of the segment, world frame, metres.
     pub centre: Vec3,
     /// Unit vector along the segment.
     pub axis: Vec3,
@@ -19,7 +20,7 @@ pub struct Capsule {
 }
 
 impl Capsule {
-    /// A capsule about the segment from `a` to `b`; a ball when they coincide.
+    /// A capsule around the segment from `a` to `b`; a sphere when they coincide.
     pub fn between(a: [f64; 3], b: [f64; 3], radius: f64) -> Self {
         let Cylinder { centre, axis, half_length, radius } = Cylinder::between(a, b, radius);
         Self { centre, axis, half_length, radius }
@@ -37,7 +38,7 @@ impl Capsule {
         (p - self.foot(p)).norm() - self.radius
     }
 
-    /// The capsule is convex and its three parts cover it: it is entered where the first part is, and left where the last is.
+    /// The capsule is convex and the union of its three parts: the interval is from the first entry to the last exit.
     #[inline(always)]
     pub(crate) fn interval(&self, origin: &Vec3, direction: &Vec3) -> (f64, f64) {
         let o = origin - self.centre;
@@ -63,7 +64,7 @@ impl Capsule {
         2.0 * TAU * self.radius * (self.half_length + self.radius)
     }
 
-    /// By Archimedes' theorem a sphere's area is uniform along its axis, as a cylinder's is: one height chooses both.
+    /// By Archimedes' theorem the area of a sphere is uniform along its axis like that of a cylinder, so one coordinate samples both.
     pub(crate) fn surface_point(&self, u: f64, v: f64, _w: f64) -> Vec3 {
         let (a, b) = basis(&self.axis);
         let (sin, cos) = (TAU * u).sin_cos();

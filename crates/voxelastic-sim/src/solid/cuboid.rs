@@ -1,15 +1,15 @@
-//! The box, turned about the vertical.
+//! The box, rotated about the vertical.
 
-use super::{Vec3, larger, reciprocal, smaller};
+use super::maths::{Vec3, larger, reciprocal, smaller};
 
-/// A box with vertical sides, turned about the vertical through its centre.
+/// A box rotated about the vertical through its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cuboid {
     /// Centre, world frame, metres.
     pub centre: Vec3,
     /// Half of the edge lengths along the box's own axes, metres.
     pub half: Vec3,
-    /// Cosine and sine of the turn.
+    /// Cosine and sine of the rotation.
     pub(crate) turn: (f64, f64),
 }
 
@@ -20,20 +20,20 @@ impl Cuboid {
         Self { centre: (a + b) / 2.0, half: (b - a).abs() / 2.0, turn: (1.0, 0.0) }
     }
 
-    /// A box about `centre` with edges of length `size`, turned counter-clockwise by `yaw` radians.
+    /// A box around `centre` with edges of length `size`, rotated counter-clockwise by `yaw` radians.
     pub fn turned(centre: [f64; 3], size: [f64; 3], yaw: f64) -> Self {
         let (sin, cos) = yaw.sin_cos();
         Self { centre: centre.into(), half: Vec3::from(size) / 2.0, turn: (cos, sin) }
     }
 
-    /// A direction of the world in the box's own axes.
+    /// A direction in world coordinates, in the axes of the box.
     #[inline(always)]
     pub(crate) fn to_local(self, v: &Vec3) -> Vec3 {
         let (cos, sin) = self.turn;
         Vec3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z)
     }
 
-    /// The other way.
+    /// The inverse of [`to_local`](Self::to_local).
     #[inline(always)]
     pub(crate) fn to_world(self, v: &Vec3) -> Vec3 {
         let (cos, sin) = self.turn;
@@ -72,15 +72,15 @@ impl Cuboid {
 
     pub(crate) fn surface_point(&self, u: f64, v: f64, w: f64) -> Vec3 {
         let h = self.half;
-        // Pairs of faces across x, y, z by their share of the area; the fraction left over chooses the side.
+        // The pair of faces across x, y or z is chosen by area; the rest of the number chooses the side.
         let shares = [h.y * h.z, h.z * h.x, h.x * h.y];
-        let mut rest = w * shares.iter().sum::<f64>();
+        let mut remainder = w * shares.iter().sum::<f64>();
         let mut axis = 0;
-        while axis < 2 && rest >= shares[axis] {
-            rest -= shares[axis];
+        while axis < 2 && remainder >= shares[axis] {
+            remainder -= shares[axis];
             axis += 1;
         }
-        let side = if rest < shares[axis] / 2.0 { -1.0 } else { 1.0 };
+        let side = if remainder < shares[axis] / 2.0 { -1.0 } else { 1.0 };
         let (a, b) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut local = Vec3::zeros();
         local[axis] = side * h[axis];
@@ -95,7 +95,7 @@ impl Cuboid {
     }
 }
 
-/// Where a coordinate that starts at `o` and grows by `d` per metre lies within -half..half.
+/// The interval in which a coordinate `o + t * d` is within -half..half.
 #[inline(always)]
 pub(crate) fn slab(o: f64, d: f64, half: f64) -> (f64, f64) {
     let inverse = reciprocal(d);

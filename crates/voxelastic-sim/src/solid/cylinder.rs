@@ -1,13 +1,13 @@
 //! The finite cylinder.
 
 use super::cuboid::slab;
-use super::{MISS, Vec3, basis, larger, smaller};
+use super::maths::{MISS, Vec3, basis, larger, smaller};
 use std::f64::consts::TAU;
 
 /// A cylinder with flat ends about any axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
-    /// Middle of the axis, world frame, metres.
+    /// Centre of the axis, world frame, metres.
     pub centre: Vec3,
     /// Unit vector along the axis.
     pub axis: Vec3,
@@ -18,12 +18,12 @@ pub struct Cylinder {
 }
 
 impl Cylinder {
-    /// An upright cylinder that stands on `foot`.
+    /// An upright cylinder with the centre of its base at `foot`.
     pub fn upright(foot: [f64; 3], height: f64, radius: f64) -> Self {
         Self { centre: Vec3::from(foot) + Vec3::z() * (height / 2.0), axis: Vec3::z(), half_length: height / 2.0, radius }
     }
 
-    /// A cylinder with the ends' centres `a` and `b`; upright and flat when they coincide.
+    /// A cylinder between the centres `a` and `b` of its ends; upright and of zero length when they coincide.
     pub fn between(a: [f64; 3], b: [f64; 3], radius: f64) -> Self {
         let (a, b) = (Vec3::from(a), Vec3::from(b));
         let axis = (b - a).try_normalize(1e-12).unwrap_or_else(Vec3::z);
@@ -79,11 +79,11 @@ impl Cylinder {
     }
 }
 
-/// Where a line is within `radius` of an axis, given its origin and direction without their parts along the axis.
+/// The interval in which a line is within `radius` of an axis, from its origin and direction perpendicular to the axis.
 #[inline(always)]
 pub(crate) fn circle(o: &Vec3, d: &Vec3, radius: f64) -> (f64, f64) {
     let speed2 = d.dot(d);
-    // A line along the axis is inside for ever or never: a tiny speed moves the two ends that far away.
+    // A line parallel to the axis is always or never inside: with a tiny speed both ends are very far away.
     let per_speed2 = 1.0 / larger(speed2, 1e-24);
     let foot = -o.dot(d) * per_speed2;
     let nearest = o + d * foot;

@@ -1,18 +1,19 @@
-//! The smooth faces of a solid: being outside of a convex solid means being in front of at least one of them.
+//! The smooth faces of a solid. A point is outside of a convex solid if it is in front of at least one of them.
 
-use super::{Solid, Vec3, basis};
+use super::Solid;
+use super::maths::{Vec3, basis};
 
-/// One smooth face of one solid.
+/// A smooth face of a solid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Face {
     /// A plane with unit normal and offset.
     Plane(Vec3, f64),
-    /// The tube around an axis (point, unit vector) with a radius.
-    Tube(Vec3, Vec3, f64),
-    /// The sphere around a centre.
-    Ball(Vec3, f64),
-    /// The surface around a segment.
-    Pill(super::Capsule),
+    /// The side of a cylinder: a point of the axis, its unit vector, and the radius.
+    CylinderSide(Vec3, Vec3, f64),
+    /// A sphere: centre and radius.
+    Sphere(Vec3, f64),
+    /// The surface of a capsule.
+    Capsule(super::Capsule),
 }
 
 impl Face {
@@ -20,17 +21,17 @@ impl Face {
     pub(crate) fn eval(&self, p: &Vec3) -> (f64, Vec3) {
         let around = |to: Vec3, radius: f64, fallback: Vec3| {
             let length = to.norm();
-            // On the axis every direction leads out by the same way.
+            // On the axis all directions are equivalent.
             (length - radius, if length > 1e-12 { to / length } else { fallback })
         };
         match self {
             Face::Plane(normal, offset) => (normal.dot(p) - offset, *normal),
-            Face::Tube(centre, axis, radius) => {
+            Face::CylinderSide(centre, axis, radius) => {
                 let to = p - centre;
                 around(to - axis * to.dot(axis), *radius, basis(axis).0)
             }
-            Face::Ball(centre, radius) => around(p - centre, *radius, Vec3::z()),
-            Face::Pill(capsule) => around(p - capsule.foot(p), capsule.radius, basis(&capsule.axis).0),
+            Face::Sphere(centre, radius) => around(p - centre, *radius, Vec3::z()),
+            Face::Capsule(capsule) => around(p - capsule.foot(p), capsule.radius, basis(&capsule.axis).0),
         }
     }
 }
@@ -56,12 +57,12 @@ impl Solid {
                 end(&b.centre, b.to_world(&axis), b.half[k / 2])
             }
             Solid::Cylinder(c) => match k {
-                0 => Face::Tube(c.centre, c.axis, c.radius),
+                0 => Face::CylinderSide(c.centre, c.axis, c.radius),
                 1 => end(&c.centre, c.axis, c.half_length),
                 _ => end(&c.centre, -c.axis, c.half_length),
             },
-            Solid::Sphere(s) => Face::Ball(s.centre, s.radius),
-            Solid::Capsule(c) => Face::Pill(*c),
+            Solid::Sphere(s) => Face::Sphere(s.centre, s.radius),
+            Solid::Capsule(c) => Face::Capsule(*c),
             Solid::HalfSpace(h) => Face::Plane(h.normal, h.offset),
         }
     }

@@ -1,6 +1,6 @@
-//! Everything on one side of a plane.
+//! The half space.
 
-use super::{MISS, Vec3};
+use super::maths::{MISS, Vec3};
 
 /// All points with `normal . p <= offset`: the ground, a rock face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,13 +25,13 @@ impl HalfSpace {
     #[inline(always)]
     pub(crate) fn interval(&self, origin: &Vec3, direction: &Vec3) -> (f64, f64) {
         let height = self.distance(origin);
-        let climb = self.normal.dot(direction);
-        let t = -height * super::reciprocal(climb);
-        let level = climb.abs() < 1e-12;
-        let sinking = if level { height <= 0.0 } else { climb < 0.0 };
-        if level && !sinking {
+        let slope = self.normal.dot(direction);
+        let t = -height * super::maths::reciprocal(slope);
+        let level = slope.abs() < 1e-12;
+        let is_descending = if level { height <= 0.0 } else { slope < 0.0 };
+        if level && !is_descending {
             MISS
-        } else if sinking {
+        } else if is_descending {
             (if level { f64::NEG_INFINITY } else { t }, f64::INFINITY)
         } else {
             (f64::NEG_INFINITY, t)

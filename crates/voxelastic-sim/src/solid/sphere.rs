@@ -1,9 +1,9 @@
-//! The ball.
+//! The sphere.
 
-use super::{MISS, Vec3};
+use super::maths::{MISS, Vec3};
 use std::f64::consts::{PI, TAU};
 
-/// A ball.
+/// A sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sphere {
     /// Centre, world frame, metres.
@@ -13,7 +13,7 @@ pub struct Sphere {
 }
 
 impl Sphere {
-    /// A ball about `centre`.
+    /// A sphere around `centre`.
     pub fn new(centre: [f64; 3], radius: f64) -> Self {
         Self { centre: centre.into(), radius }
     }
@@ -23,7 +23,7 @@ impl Sphere {
         (p - self.centre).norm() - self.radius
     }
 
-    /// From the foot of the centre on the line, which keeps its digits however far the ray comes from.
+    /// Computed from the projection of the centre on the line, which is accurate for distant origins, too.
     #[inline(always)]
     pub(crate) fn interval(&self, origin: &Vec3, direction: &Vec3) -> (f64, f64) {
         let to = self.centre - origin;

@@ -1,4 +1,4 @@
-//! Solids against brute force: what their closed forms say is what marching along rays and sampling surfaces finds.
+//! Closed forms of solids against marching along rays and sampling of surfaces.
 
 use super::*;
 use proptest::prelude::*;
@@ -21,7 +21,7 @@ fn solid() -> impl Strategy<Value = Solid> {
 
 proptest! {
     #[test]
-    fn rays_enter_and_leave_where_the_distance_is_zero(
+    fn distance_is_zero_at_the_ends_of_the_ray_interval(
         solid in solid(), origin in vector(100.0), target in vector(3.0), steps in prop::collection::vec(0.0..1.0f64, 20),
     ) {
         let origin = Vec3::from(origin);
@@ -39,7 +39,7 @@ proptest! {
     }
 
     #[test]
-    fn rays_that_start_at_a_point_inside_leave_forwards(solid in solid(), p in vector(4.0), direction in vector(1.0)) {
+    fn interval_of_a_ray_from_inside_contains_zero(solid in solid(), p in vector(4.0), direction in vector(1.0)) {
         prop_assume!(Vec3::from(direction).norm() > 0.1);
         let (p, direction) = (Vec3::from(p), Vec3::from(direction).normalize());
         let (enter, exit) = solid.interval(&p, &direction);
@@ -48,7 +48,7 @@ proptest! {
     }
 
     #[test]
-    fn distance_is_that_to_the_nearest_surface_point(
+    fn distance_agrees_with_surface_samples(
         solid in solid().prop_filter("finite", |s| s.area().is_finite()), p in vector(4.0), seed in any::<u64>(),
     ) {
         let p = Vec3::from(p);
@@ -66,7 +66,7 @@ proptest! {
     }
 
     #[test]
-    fn normals_are_the_slope_of_the_distance(
+    fn normals_are_the_gradient_of_the_distance(
         solid in solid().prop_filter("finite", |s| s.area().is_finite()), u in 0.0..1.0f64, v in 0.0..1.0f64, w in 0.0..1.0f64,
     ) {
         let q = solid.surface_point(u, v, w);

@@ -1,47 +1,41 @@
-//! A world: the union of solids, with exact distances and ray casting.
+//! Worlds: unions of solids with exact distances and ray casting.
 
-mod build;
-mod interior;
+mod builder;
+mod depth;
 mod surface;
+mod union;
 
-pub use build::WorldBuilder;
+pub use builder::WorldBuilder;
 pub use surface::SurfacePoint;
+pub use union::{Hit, Ray};
 
-use crate::bvh::{Bvh, LANES, Packet};
 use crate::solid::{Solid, Vec3};
-
-/// A ray: a start and a unit direction, world frame, metres.
-pub type Ray = (Vec3, Vec3);
-
-/// Where a ray meets a world.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
-    /// Distance along the ray, metres; 0 when the ray starts inside a solid.
-    pub range: f64,
-    /// Which of [`World::solids`] is hit.
-    pub solid: u32,
-}
+use depth::SKIN;
+use union::Union;
 
 /// A union of solids in a map frame with z up, metres.
 ///
-/// The distance to it is exact outside, and inside down to a limit: also where solids overlap or touch, whose inner faces do not count as
-/// surface. Rays are cast in closed form.
+/// Distances are exact outside, and inside down to a limit, also where solids overlap or touch: faces inside of the union are not surface. Rays are
+/// intersected in closed form.
 #[derive(Clone, Debug)]
 pub struct World {
     name: String,
     seed: u64,
-    /// First those in the tree, in its order, then the unbounded ones.
-    solids: Vec<Solid>,
+    union: Union,
+    /// Albedo of each solid.
     albedo: Vec<f32>,
-    bounded: usize,
-    bvh: Bvh,
 }
 
 impl World {
-    /// Usual limit of [`distance`](Self::distance): inside of solids it is exact down to this depth in metres; deeper points all get minus this.
+    /// Limit of [`distance`](Self::distance) inside of solids, metres: deeper points get minus this.
     pub const DEPTH_LIMIT: f64 = 1.0;
 
-    /// What the world is called.
+    /// A world of a union whose solids have these albedos.
+    fn new(name: String, seed: u64, union: Union, albedo: Vec<f32>) -> Self {
+        Self { name, seed, union, albedo }
+    }
+
+    /// Name of the world.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -51,12 +45,17 @@ impl World {
         self.seed
     }
 
-    /// The solids whose union the world is.
+    /// The solids whose union is the world.
     pub fn solids(&self) -> &[Solid] {
-        &self.solids
+        &self.union.solids
     }
 
-    /// Share of light that a solid's surface throws back, 0 to 1.
+    /// The solids except half spaces; the first of [`solids`](Self::solids).
+    fn bounded_solids(&self) -> &[Solid] {
+        &self.union.solids[..self.union.bounded]
+    }
+
+    /// Albedo of a solid's surface, 0 to 1.
     pub fn albedo(&self, solid: u32) -> f32 {
         self.albedo[solid as usize]
     }
@@ -69,30 +68,23 @@ impl World {
         self.distance_within(p, Self::DEPTH_LIMIT)
     }
 
-    /// As [`distance`](Self::distance), down to a depth of `limit` metres: the search for the way out grows with it.
+    /// As [`distance`](Self::distance), down to a depth of `limit` metres. The cost inside of solids grows with the limit.
     pub fn distance_within(&self, p: [f64; 3], limit: f64) -> f64 {
         let p = Vec3::from(p);
         if !p.iter().all(|c| c.is_finite()) {
             return f64::NAN;
         }
-        match self.nearest_solid(&p) {
-            Some((d, _)) if d < interior::SKIN / 10.0 => -self.depth(&p, limit),
+        match self.union.nearest(&p) {
+            Some((d, _)) if d < SKIN / 10.0 => -depth::depth(&self.union, &p, Self::DEPTH_LIMIT, limit),
             Some((d, _)) => d,
             None => f64::INFINITY,
         }
     }
 
-    /// The solid nearest to `p` with its own signed distance; inside of several, the one that `p` is deepest in.
-    pub(crate) fn nearest_solid(&self, p: &Vec3) -> Option<(f64, u32)> {
-        let mut best: Option<(f64, u32)> = None;
-        for (index, solid) in (self.bounded as u32..).zip(&self.solids[self.bounded..]) {
-            let d = solid.distance(p);
-            if best.is_none_or(|b| d < b.0) {
-                best = Some((d, index));
-            }
-        }
-        let limit = best.map_or(f64::INFINITY, |b| b.0);
-        self.bvh.nearest(&self.solids, p, limit).or(best)
+    /// Smallest signed distance of a solid to `p`, and the index of the solid; inside of several the one whose surface is farthest.
+    #[cfg(test)]
+    fn nearest_solid(&self, p: &Vec3) -> Option<(f64, u32)> {
+        self.union.nearest(p)
     }
 
     /// First surface along the ray from `origin` to the unit `direction`, no further than `range` metres. A ray that starts
@@ -104,41 +96,26 @@ impl World {
     }
 
     /// As [`World::cast`] for many rays; fastest when neighbours in the list are neighbours in space. Fills as many
-    /// `hits` as there are rays (or as it is long).
+    /// `hits` as there are rays, at most all.
     pub fn cast_all(&self, rays: &[Ray], range: f64, hits: &mut [Option<Hit>]) {
-        for (rays, hits) in rays.chunks(LANES).zip(hits.chunks_mut(LANES)) {
-            let packet = self.cast_packet(rays, range);
-            for (lane, hit) in hits.iter_mut().take(rays.len()).enumerate() {
-                let solid = packet.solid[lane];
-                *hit = (solid != u32::MAX).then(|| Hit { range: packet.range[lane], solid });
-            }
-        }
-    }
-
-    fn cast_packet(&self, rays: &[Ray], range: f64) -> Packet {
-        let mut packet = Packet::new(rays, range);
-        for (index, solid) in (self.bounded as u32..).zip(&self.solids[self.bounded..]) {
-            packet.hit(index, solid);
-        }
-        self.bvh.cast(&self.solids, &mut packet);
-        packet
+        self.union.cast(rays, range, hits);
     }
 
     /// Unit normal, pointing out, of solid `solid` at a point on its surface.
     pub fn normal(&self, solid: u32, p: [f64; 3]) -> [f64; 3] {
-        self.solids[solid as usize].normal(&p.into()).into()
+        self.union.solids[solid as usize].normal(&p.into()).into()
     }
 
     /// Corners of the smallest axis-aligned box around all bounded solids; `None` if there are none.
     pub fn bounds(&self) -> Option<([f64; 3], [f64; 3])> {
-        let boxes = self.solids[..self.bounded].iter().map(Solid::bounds);
+        let boxes = self.bounded_solids().iter().map(Solid::bounds);
         boxes.reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1))).map(|(low, high)| (low.into(), high.into()))
     }
 
-    /// A hash of all solids: equal for equal worlds, whichever machine built them (coordinates count to 0.1 mm).
+    /// A hash of all solids: equal for equal worlds on every machine (coordinates are rounded to 0.1 mm).
     pub fn fingerprint(&self) -> u64 {
         let fold = |hash: u64, value: u64| (hash ^ value).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23);
-        let solids = self.solids.iter().zip(&self.albedo);
+        let solids = self.solids().iter().zip(&self.albedo);
         solids.fold(0xcbf2_9ce4_8422_2325, |hash, (solid, albedo)| {
             let (kind, numbers) = solid.parameters();
             let hash = fold(fold(hash, kind), u64::from((albedo * 1000.0) as u32));

@@ -1,4 +1,4 @@
-//! Points spread over the surface of a world.
+//! Sampling of the surface of a world.
 
 use super::World;
 use crate::random::Stream;
@@ -16,14 +16,13 @@ pub struct SurfacePoint {
 }
 
 impl World {
-    /// Points drawn at random, `density` to a square metre, from the surface of the union: what lies inside another solid
-    /// is left out. Unbounded solids (the ground) give none; to cover what a sensor saw of them use
-    /// [`crate::Simulation::visible_surface`]. The same for the same `seed`.
+    /// Random points on the surface of the union, `density` per square metre; faces inside of other solids are left out. Unbounded solids (the ground)
+    /// are not sampled; for the part that a sensor saw use [`crate::Simulation::visible_surface`]. Deterministic for a `seed`.
     pub fn sample_surface(&self, density: f64, seed: u64) -> Vec<SurfacePoint> {
         let mut points = Vec::new();
-        for (index, solid) in (0u32..).zip(&self.solids[..self.bounded]) {
+        for (index, solid) in (0u32..).zip(self.bounded_solids()) {
             let mut random = Stream::new(seed, &[0x5, u64::from(index)]);
-            // A fraction of a point is a point by that chance, so that small solids get their share.
+            // The fraction of a point is rounded up with that probability, so that small solids are sampled, too.
             let count = (solid.area() * density.max(0.0) + random.uniform()) as usize;
             for _ in 0..count {
                 let p = solid.surface_point(random.uniform(), random.uniform(), random.uniform());
@@ -35,7 +34,7 @@ impl World {
         points
     }
 
-    /// Whether a point of a solid's surface is surface of the union, too.
+    /// Whether a point of a solid's surface is on the surface of the union.
     fn is_exposed(&self, p: &Vec3) -> bool {
         self.distance((*p).into()) > -1e-4
     }

@@ -2,16 +2,16 @@
 
 use super::*;
 use crate::random::Stream;
-use crate::solid::{Capsule, Cuboid, Cylinder, HalfSpace, Sphere};
+use crate::solid::{Capsule, Cuboid, Cylinder, HalfSpace, Solid, Sphere, Vec3};
 use proptest::prelude::*;
 
-/// A heap of solids that overlap.
-fn heap(seed: u64, count: usize, ground: bool) -> World {
+/// A world of random overlapping solids.
+fn random_world(seed: u64, count: usize, ground: bool) -> World {
     let mut random = Stream::new(seed, &[9]);
-    let mut builder = WorldBuilder::new("heap", seed);
-    let spot = |r: &mut Stream| [r.range(-3.0, 3.0), r.range(-3.0, 3.0), r.range(-1.0, 3.0)];
+    let mut builder = WorldBuilder::new("random", seed);
+    let position = |r: &mut Stream| [r.range(-3.0, 3.0), r.range(-3.0, 3.0), r.range(-1.0, 3.0)];
     for k in 0..count {
-        let (a, b, size) = (spot(&mut random), spot(&mut random), random.range(0.1, 1.2));
+        let (a, b, size) = (position(&mut random), position(&mut random), random.range(0.1, 1.2));
         let solid = match k % 5 {
             0 => Solid::Cuboid(Cuboid::turned(a, [size, 2.0 * size, 1.5 * size], random.range(0.0, 3.0))),
             1 => Solid::Cylinder(Cylinder::upright(a, 2.0 * size, size / 2.0)),
@@ -27,19 +27,18 @@ fn heap(seed: u64, count: usize, ground: bool) -> World {
     builder.build().unwrap_or_else(|e| unreachable!("{e}"))
 }
 
-/// Depth by growing a ball until some of its surface is outside of every solid: an upper bound that tightens with the
-/// number of directions.
+/// Depth as the shortest exit along random directions: an upper bound that tightens with their number.
 fn depth_by_rays(world: &World, p: &Vec3, seed: u64) -> f64 {
     let mut random = Stream::new(seed, &[1]);
     let mut best = f64::INFINITY;
     for _ in 0..3000 {
         let direction = Sphere::new([0.0; 3], 1.0).surface_point(random.uniform(), random.uniform(), 0.0);
-        // Walk out of the union along the ray: leave whatever solid holds the point until none does.
+        // Follow the ray out of every solid that contains the point.
         let mut t: f64 = 0.0;
         while t < best {
             let q = p + direction * (t + 1e-9);
-            let leave = world.solids().iter().filter(|s| s.distance(&q) < 0.0).map(|s| s.interval(p, &direction).1);
-            match leave.reduce(f64::max) {
+            let exits = world.solids().iter().filter(|s| s.distance(&q) < 0.0).map(|s| s.interval(p, &direction).1);
+            match exits.reduce(f64::max) {
                 Some(exit) if exit > t => t = exit,
                 _ => break,
             }
@@ -53,8 +52,8 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn distance_outside_is_the_least_of_all_solids(seed in any::<u64>(), count in 1usize..60) {
-        let world = heap(seed, count, seed % 2 == 0);
+    fn distance_outside_is_the_least_distance_to_a_solid(seed in any::<u64>(), count in 1usize..60) {
+        let world = random_world(seed, count, seed % 2 == 0);
         let mut random = Stream::new(seed, &[2]);
         for _ in 0..200 {
             let p = Vec3::new(random.range(-6.0, 6.0), random.range(-6.0, 6.0), random.range(-2.0, 6.0));
@@ -69,8 +68,8 @@ proptest! {
     }
 
     #[test]
-    fn rays_hit_what_brute_force_hits(seed in any::<u64>(), count in 0usize..60) {
-        let world = heap(seed, count, seed % 2 == 0);
+    fn rays_agree_with_brute_force(seed in any::<u64>(), count in 0usize..60) {
+        let world = random_world(seed, count, seed % 2 == 0);
         let mut random = Stream::new(seed, &[3]);
         let rays: Vec<Ray> = (0..37)
             .map(|_| {
@@ -85,7 +84,7 @@ proptest! {
             let all = world.solids().iter().map(|s| s.interval(o, d)).filter(|i| i.1 > 0.0 && i.0 < 15.0).map(|i| i.0.max(0.0));
             let nearest = all.fold(f64::INFINITY, f64::min);
             prop_assert_eq!(hit.map_or(f64::INFINITY, |h| h.range), nearest);
-            prop_assert_eq!(world.cast((*o).into(), (*d).into(), 15.0).map(|h| h.range), hit.map(|h| h.range), "alone as in company");
+            prop_assert_eq!(world.cast((*o).into(), (*d).into(), 15.0).map(|h| h.range), hit.map(|h| h.range), "single rays and packets agree");
             if let Some(h) = hit.filter(|h| h.range > 0.0) {
                 prop_assert!(world.distance((o + d * h.range).into()).abs() < 1e-6);
                 for k in 0..20 {
@@ -97,8 +96,8 @@ proptest! {
     }
 
     #[test]
-    fn depth_inside_is_the_way_out(seed in any::<u64>(), count in 2usize..14) {
-        let world = heap(seed, count, seed % 3 == 0);
+    fn depth_is_the_shortest_exit(seed in any::<u64>(), count in 2usize..14) {
+        let world = random_world(seed, count, seed % 3 == 0);
         let mut random = Stream::new(seed, &[4]);
         let inside = (0..400)
             .map(|_| Vec3::new(random.range(-3.0, 3.0), random.range(-3.0, 3.0), random.range(-1.5, 3.0)))
@@ -117,8 +116,8 @@ proptest! {
     }
 
     #[test]
-    fn distance_rises_no_faster_than_one_walks(seed in any::<u64>(), count in 1usize..30) {
-        let world = heap(seed, count, true);
+    fn distance_is_lipschitz(seed in any::<u64>(), count in 1usize..30) {
+        let world = random_world(seed, count, true);
         let mut random = Stream::new(seed, &[5]);
         for _ in 0..100 {
             let p = Vec3::new(random.range(-4.0, 4.0), random.range(-4.0, 4.0), random.range(-2.0, 4.0));
@@ -130,7 +129,7 @@ proptest! {
 }
 
 #[test]
-fn solids_that_touch_have_no_surface_between_them() -> Result<(), crate::SimError> {
+fn touching_solids_have_no_surface_between_them() -> Result<(), crate::SimError> {
     let mut builder = WorldBuilder::new("wall", 0);
     builder.cuboid([0.0, 0.0, 0.0], [2.0, 0.6, 3.0], 0.5);
     builder.cuboid([2.0, 0.0, 0.0], [4.0, 0.6, 3.0], 0.5);
@@ -149,7 +148,7 @@ fn solids_that_touch_have_no_surface_between_them() -> Result<(), crate::SimErro
 }
 
 #[test]
-fn an_empty_world_and_points_that_are_no_points_are_no_trouble() -> Result<(), crate::SimError> {
+fn empty_worlds_and_bad_points_do_not_panic() -> Result<(), crate::SimError> {
     let world = WorldBuilder::new("void", 0).build()?;
     assert_eq!(world.distance([1.0, 2.0, 3.0]), f64::INFINITY);
     assert!(world.distance([f64::NAN, 0.0, 0.0]).is_nan());

@@ -1,19 +1,19 @@
 //! Graph clustering (paper Sec. IV-A): which nodes share a submap, and which submaps a loop closure fuses.
 //!
 //! The paper fuses all submaps that hold nodes within `lambda_cluster` of a loop's ends. Taken literally, a corridor that is driven twice
-//! ends as one rigid submap: every loop edge along it fuses its neighbours, the clusters overlap, and nothing is left to bend. So there
-//! is a bound: **every node of a submap lies within `lambda_odom + lambda_cluster` of the submap's root along the graph.** A fusion that
-//! would break it is not done; the submaps stay apart, each rigid over a stretch that drift over that distance can describe.
+//! becomes one rigid submap: every loop edge along it fuses its neighbours, the clusters overlap, and corrections inside the corridor have
+//! no effect. So the size is bounded: **every node of a submap lies within `lambda_odom + lambda_cluster` of the submap's root along the
+//! graph.** A fusion that would exceed the bound is refused; both submaps remain, each rigid over a distance over which drift is small.
 //!
-//! What the bound keeps apart now may fit later, when another loop shortens the way; the mapper asks again then.
+//! A refused fusion may be possible later, when another loop shortens the path; the mapper stores refusals and tries again.
 //!
-//! Traversals still fuse. A later submap covers at most `lambda_odom` of path; of the older submaps beside it, one has its root beside
-//! that stretch, and then no node of the later one is farther from it than `lambda_odom` and the loop edge's own length. Each newer
-//! submap goes into the older one whose root is nearest in that sense, and two neighbours of the same traversal, whose far ends are two
-//! `lambda_odom` apart, stay two.
+//! Repeated traversals still fuse. A later submap covers at most `lambda_odom` of path. One of the older submaps along that part of the
+//! path has its root there, so no node of the later submap is farther from that root than `lambda_odom` plus the length of the loop edge.
+//! Each newer submap is fused into the older one whose root is nearest in that sense. Two consecutive submaps of one traversal, whose far
+//! ends are two `lambda_odom` apart, are not fused.
 
 use super::graph::PoseGraph;
-use super::{Members, SubmapId};
+use super::{NodeAssignments, SubmapId};
 use crate::event::NodeId;
 use std::collections::{BTreeSet, HashMap};
 
@@ -26,22 +26,22 @@ pub struct ClusterRule {
     pub lambda_cluster: f64,
 }
 
-/// What a closed loop leads to.
+/// The result of clustering around a closed loop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Clustered {
-    /// The fusions that it asks for, newest source first.
+    /// The fusions to do, newest source first.
     pub fusions: Vec<Fusion>,
-    /// Submaps that its cluster is in after them, in ascending order: more than one where the bound keeps some apart. Whether they can
-    /// fuse later is a matter of these submaps alone, whatever loop asks.
-    pub left: Vec<SubmapId>,
+    /// Submaps that hold nodes of the cluster after these fusions, in ascending order: more than one where the size bound refuses
+    /// fusions. Whether they can fuse later depends on these submaps alone, not on the loop.
+    pub remaining: Vec<SubmapId>,
 }
 
-/// A submap that is to become part of an older one.
+/// Two submaps to be fused, the newer one into the older one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fusion {
-    /// The submap that goes.
+    /// The submap that is removed.
     pub source: SubmapId,
-    /// The submap that stays.
+    /// The submap that receives its fields.
     pub target: SubmapId,
 }
 
@@ -51,43 +51,43 @@ impl ClusterRule {
         self.lambda_odom + self.lambda_cluster
     }
 
-    /// Farthest along the graph from the ends of a loop that has just closed that another loop's cluster can be if it is to fuse now and
-    /// was not to before: such a fusion needs a way through the new loop from a root to a node, and the cluster is with the node's submap.
+    /// Largest distance along the graph, in metres, between the ends of a newly closed loop and a refused cluster that can fuse because
+    /// of it: such a fusion needs a path through the new loop from a root to a node of a submap in the cluster.
     pub fn influence(&self) -> f64 {
         3.0 * self.bound() + self.lambda_cluster
     }
 
-    /// What the closed loop between `ends` asks for. `members` is left as it will be after the fusions.
-    pub fn cluster(&self, graph: &PoseGraph, members: &mut Members, ends: [NodeId; 2]) -> Clustered {
+    /// The fusions due to the closed loop between `ends`. Updates `assignments` to the state after these fusions.
+    pub fn cluster(&self, graph: &PoseGraph, assignments: &mut NodeAssignments, ends: [NodeId; 2]) -> Clustered {
         let cluster = graph.within(&ends, self.lambda_cluster);
-        let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| members.submap_of(*node)).collect();
+        let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| assignments.submap_of(*node)).collect();
         let mut fusions = Vec::new();
         let mut reaches: HashMap<SubmapId, HashMap<NodeId, f64>> = HashMap::new();
         for source in submaps.clone().into_iter().rev() {
-            let target = self.best_target(graph, members, source, submaps.range(..source), &mut reaches);
+            let target = self.best_target(graph, assignments, source, submaps.range(..source), &mut reaches);
             if let Some(target) = target {
-                members.merge(source, target);
+                assignments.merge(source, target);
                 submaps.remove(&source);
                 fusions.push(Fusion { source, target });
             }
         }
-        Clustered { fusions, left: submaps.into_iter().collect() }
+        Clustered { fusions, remaining: submaps.into_iter().collect() }
     }
 
     /// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
     fn best_target<'a>(
         &self,
         graph: &PoseGraph,
-        members: &Members,
+        assignments: &NodeAssignments,
         source: SubmapId,
         targets: impl Iterator<Item = &'a SubmapId>,
         reaches: &mut HashMap<SubmapId, HashMap<NodeId, f64>>,
     ) -> Option<SubmapId> {
         let mut best: Option<(f64, SubmapId)> = None;
         for &target in targets {
-            let Some(root) = members.root(target) else { continue };
+            let Some(root) = assignments.root(target) else { continue };
             let reach = reaches.entry(target).or_insert_with(|| graph.within(&[root], self.bound()).into_iter().collect());
-            let farthest = members.nodes(source).iter().try_fold(0.0f64, |far, node| reach.get(node).map(|d| far.max(*d)));
+            let farthest = assignments.nodes(source).iter().try_fold(0.0f64, |far, node| reach.get(node).map(|d| far.max(*d)));
             if let Some(farthest) = farthest
                 && best.is_none_or(|(least, _)| farthest < least)
             {
@@ -97,14 +97,14 @@ impl ClusterRule {
         best.map(|(_, target)| target)
     }
 
-    /// The submap that a scan at `node` belongs to by distance alone: `home`, where its odometry comes from, while it is near enough to
-    /// that submap's root, else the submap with the nearest root.
-    pub fn submap_by_distance(&self, graph: &PoseGraph, members: &Members, node: NodeId, home: Option<SubmapId>) -> Option<SubmapId> {
+    /// The submap for a scan at `node` by distance along the graph alone: `current`, the submap of its odometry predecessor, as long as
+    /// that submap's root is near enough, otherwise the submap with the nearest root.
+    pub fn submap_by_distance(&self, graph: &PoseGraph, assignments: &NodeAssignments, node: NodeId, current: Option<SubmapId>) -> Option<SubmapId> {
         let mut nearest = None;
         for (other, _) in graph.within(&[node], self.lambda_odom) {
-            if let Some(submap) = members.submap_of(other).filter(|&s| members.root(s) == Some(other)) {
-                if Some(submap) == home {
-                    return home;
+            if let Some(submap) = assignments.submap_of(other).filter(|&s| assignments.root(s) == Some(other)) {
+                if Some(submap) == current {
+                    return current;
                 }
                 nearest = nearest.or(Some(submap));
             }
@@ -122,10 +122,11 @@ mod tests {
 
     const RULE: ClusterRule = ClusterRule { lambda_odom: 30.0, lambda_cluster: 15.0 };
 
-    /// A street of `length` metres driven twice, 2 m a node, in submaps of 30 m; nodes 0.. forth, 10,000.. again, `back` on the way back.
-    fn street(length: f64, back: bool, offset: f64) -> (PoseGraph, Members, Vec<NodeId>) {
+    /// A street of `length` metres driven twice, a node every 2 m, submaps of 30 m. Nodes of the first pass are 0.., of the second 10,000..;
+    /// with `back` the second pass drives in the opposite direction.
+    fn street(length: f64, back: bool, offset: f64) -> (PoseGraph, NodeAssignments, Vec<NodeId>) {
         let mut graph = PoseGraph::new(Agreement { distance: 0.5, angle: 0.1 });
-        let mut members = Members::default();
+        let mut assignments = NodeAssignments::default();
         let count = (length / 2.0) as u64;
         let position = |pass: u64, i: u64| if pass == 1 && back { length - 2.0 * i as f64 - offset } else { 2.0 * i as f64 + pass as f64 * offset };
         for pass in 0..2u64 {
@@ -135,63 +136,63 @@ mod tests {
                 if i > 0 {
                     graph.assume_odometry(node - 1, node);
                 }
-                members.add(node, (pass * 1000 + i / 15) as SubmapId);
+                assignments.add(node, (pass * 1000 + i / 15) as SubmapId);
             }
         }
         let second = (0..count).map(|i| 10_000 + i).collect();
-        (graph, members, second)
+        (graph, assignments, second)
     }
 
-    fn close_loops(graph: &mut PoseGraph, members: &mut Members, length: f64, every: usize, second: &[NodeId]) -> Vec<Fusion> {
+    fn close_loops(graph: &mut PoseGraph, assignments: &mut NodeAssignments, length: f64, step: usize, second: &[NodeId]) -> Vec<Fusion> {
         let mut done = Vec::new();
-        for &node in second.iter().step_by(every) {
+        for &node in second.iter().step_by(step) {
             let here = *graph.pose(node).unwrap();
-            let partner = (0..(length / 2.0) as u64)
+            let nearest = (0..(length / 2.0) as u64)
                 .min_by(|a, b| {
                     let d = |n: &u64| (graph.pose(*n).unwrap().translation.vector - here.translation.vector).norm();
                     d(a).total_cmp(&d(b))
                 })
                 .unwrap();
-            let t_from_to = graph.pose(partner).unwrap().inv_mul(&here);
-            graph.add_edge(LinkKind::Loop, &Edge { from: partner, to: node, t_from_to, information: None }).unwrap();
+            let t_from_to = graph.pose(nearest).unwrap().inv_mul(&here);
+            graph.add_edge(LinkKind::Loop, &Edge { from: nearest, to: node, t_from_to, information: None }).unwrap();
             for ends in graph.take_closed() {
-                done.extend(RULE.cluster(graph, members, ends).fusions);
+                done.extend(RULE.cluster(graph, assignments, ends).fusions);
             }
         }
         done
     }
 
     #[test]
-    fn a_street_driven_twice_is_not_welded_and_its_second_drive_is_absorbed() {
+    fn a_street_driven_twice_keeps_several_submaps_and_the_second_pass_adds_none() {
         for back in [false, true] {
             for offset in [0.0, 7.0, 16.0] {
-                let (mut graph, mut members, second) = street(300.0, back, offset);
-                let before = members.submaps().count();
-                let fusions = close_loops(&mut graph, &mut members, 300.0, 5, &second);
-                let after: Vec<SubmapId> = members.submaps().collect();
+                let (mut graph, mut assignments, second) = street(300.0, back, offset);
+                let before = assignments.submaps().count();
+                let fusions = close_loops(&mut graph, &mut assignments, 300.0, 5, &second);
+                let after: Vec<SubmapId> = assignments.submaps().collect();
                 assert!((9..=12).contains(&after.len()), "back {back}, offset {offset}: {} of {before} left", after.len());
                 assert!(fusions.iter().all(|f| f.target < f.source));
                 for submap in after {
-                    let root = members.root(submap).unwrap();
+                    let root = assignments.root(submap).unwrap();
                     let reach: HashMap<NodeId, f64> = graph.within(&[root], RULE.bound()).into_iter().collect();
-                    assert!(members.nodes(submap).iter().all(|n| reach.contains_key(n)), "bound of submap {submap}");
+                    assert!(assignments.nodes(submap).iter().all(|n| reach.contains_key(n)), "bound of submap {submap}");
                 }
             }
         }
     }
 
     #[test]
-    fn a_scan_stays_at_home_then_goes_where_the_root_is_near() {
-        let (mut graph, mut members, _) = street(60.0, false, 0.0);
-        assert_eq!(RULE.submap_by_distance(&graph, &members, 14, Some(0)), Some(0));
-        assert_eq!(RULE.submap_by_distance(&graph, &members, 10_020, Some(1001)), Some(1001));
+    fn a_scan_stays_in_the_current_submap_while_its_root_is_near_else_takes_the_nearest_root() {
+        let (mut graph, mut assignments, _) = street(60.0, false, 0.0);
+        assert_eq!(RULE.submap_by_distance(&graph, &assignments, 14, Some(0)), Some(0));
+        assert_eq!(RULE.submap_by_distance(&graph, &assignments, 10_020, Some(1001)), Some(1001));
         let mut far = Pose::translation(30.0, 1.0, 0.0);
         graph.add_node(99_999, &far);
-        assert_eq!(RULE.submap_by_distance(&graph, &members, 99_999, None), None, "not connected");
+        assert_eq!(RULE.submap_by_distance(&graph, &assignments, 99_999, None), None, "not connected");
         far = graph.pose(15).unwrap().inv_mul(&far);
         graph.add_edge(LinkKind::Loop, &Edge { from: 15, to: 99_999, t_from_to: far, information: None }).unwrap();
-        assert_eq!(RULE.submap_by_distance(&graph, &members, 99_999, None), Some(1), "a closed loop leads to submap 1's root");
-        members.merge(1, 0);
-        assert_eq!(RULE.submap_by_distance(&graph, &members, 99_999, None), None, "31 m from the root of submap 0");
+        assert_eq!(RULE.submap_by_distance(&graph, &assignments, 99_999, None), Some(1), "a closed loop leads to submap 1's root");
+        assignments.merge(1, 0);
+        assert_eq!(RULE.submap_by_distance(&graph, &assignments, 99_999, None), None, "31 m from the root of submap 0");
     }
 }

@@ -1,40 +1,40 @@
-//! The pose graph as the map needs it (paper Sec. IV): nodes with their current poses, links with lengths, distances along them.
+//! The pose graph as far as mapping needs it (paper Sec. IV): nodes with current poses, links with lengths, distances along links.
 //!
 //! The paper measures "the distance travelled along the pose graph" because drift grows with it. Along the odometry chain that is the
-//! path length. Where a loop closure has tied two ends of a long path together, their relative pose is as good as the shortest way
-//! between them, so distances here are shortest paths over odometry *and* closed loops. It matters in two places: a revisit is near the
-//! root of the submap that it revisits, and a cluster reaches across the loop edge from one traversal to the other.
+//! path length. Where a loop closure connects two ends of a long path, their relative pose is as accurate as the shortest connection
+//! between them, so distances here are shortest paths over odometry *and* closed loops. This matters in two places: a revisit is near the
+//! root of the submap that it revisits, and a cluster extends over the loop edge from one traversal to the other.
 //!
-//! A loop edge takes part only while it is *closed*: while the current poses of its nodes agree with its measurement. Before the SLAM
-//! system has corrected the poses, and for ever if the edge is an outlier that its robust kernel switched off, the edge is open and
-//! guides nothing: fusing along it would weld surfaces together that do not belong together.
+//! A loop edge is used only while it is *closed*, that is, while the current poses of its nodes agree with its measurement. Before the
+//! SLAM system has corrected the poses the edge is open; an outlier that the robust kernel rejects stays open. Fusing along an open edge
+//! would merge surfaces that are not the same.
 
 use crate::event::{Edge, NodeId};
 use crate::geometry::{Pose, PoseExt};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
-/// What a link of the graph stands for.
+/// Origin of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LinkKind {
     /// A measured odometry edge.
     Odometry,
-    /// No odometry edge was given (yet) for consecutive scans; the difference of their poses stands in.
+    /// No odometry edge between consecutive scans is known (yet); the difference of their poses is used instead.
     Assumed,
     /// A loop edge of the SLAM system.
     Loop,
-    /// A scan was found to agree with the surfaces of an older submap: its node is linked to that submap's nearest one.
+    /// A scan overlaps the surfaces of an older submap: its node is linked to the nearest node of that submap.
     Overlap,
 }
 
 impl LinkKind {
-    /// Whether the link is only as good as the poses that confirm it.
+    /// Whether the link is used only while the poses agree with it.
     fn needs_agreement(self) -> bool {
         matches!(self, Self::Loop | Self::Overlap)
     }
 }
 
-/// How far the poses may be from a loop's measurement for the loop to count as closed.
+/// Largest difference between the poses and a loop's measurement at which the loop counts as closed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agreement {
     /// Metres.
@@ -43,14 +43,14 @@ pub struct Agreement {
     pub angle: f64,
 }
 
-/// What became of an edge.
+/// What was done with an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EdgeOutcome {
-    /// It is part of the graph.
+    /// Added to the graph.
     Added,
-    /// One of its nodes is not known yet; it is kept until it is.
+    /// One of its nodes is unknown; the edge is stored until that node is added.
     Waiting,
-    /// An edge of that kind between these nodes was there; the new measurement replaces it.
+    /// Replaces an earlier edge of the same kind between the same nodes.
     Replaced,
 }
 
@@ -59,12 +59,12 @@ pub enum EdgeOutcome {
 #[non_exhaustive]
 pub enum EdgeError {
     /// Both ends are the same node.
-    #[error("an edge from node {node} to itself says nothing")]
+    #[error("an edge from node {node} to itself is not a constraint")]
     SelfEdge {
         /// The node.
         node: NodeId,
     },
-    /// The measured pose has a number that is not finite, or a quaternion that is not of unit length.
+    /// The measured pose is not finite, or its quaternion does not have unit length.
     #[error("the edge from node {from} to node {to} is not a rigid transform: a number is not finite or the quaternion is not of unit length")]
     BadEdge {
         /// Its first node.
@@ -83,8 +83,8 @@ struct Link {
     t_from_to: Pose,
     /// Metres.
     length: f64,
-    /// Whether it can be walked: always for odometry, while the poses agree for loops.
-    walkable: bool,
+    /// Whether paths may use it: always for odometry, while the poses agree for loops.
+    usable: bool,
 }
 
 impl Link {
@@ -99,7 +99,7 @@ struct Node {
     links: Vec<u32>,
 }
 
-/// Counts of what is in the graph.
+/// Number of nodes and links by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GraphCounts {
     /// Nodes.
@@ -110,15 +110,15 @@ pub struct GraphCounts {
     pub assumed_links: usize,
     /// Loop edges between known nodes.
     pub loop_edges: usize,
-    /// Loop edges that the current poses do not agree with: not optimised yet, or outliers.
+    /// Loop edges with which the current poses do not agree: not optimised yet, or outliers.
     pub open_loops: usize,
     /// Links found by overlap.
     pub overlap_links: usize,
-    /// Edges that wait for a node.
+    /// Edges stored until one of their nodes is added.
     pub waiting_edges: usize,
 }
 
-/// The pose graph. Everything it returns is in an order that depends on nothing but the events.
+/// The pose graph. The order of everything it returns depends on the events alone.
 #[derive(Clone, Debug)]
 pub struct PoseGraph {
     agreement: Agreement,
@@ -126,9 +126,9 @@ pub struct PoseGraph {
     links: Vec<Link>,
     /// Links that need agreement, in the order in which they came.
     loops: Vec<u32>,
-    /// Edges by a node that they wait for.
+    /// Edges by the unknown node that they wait for.
     waiting: HashMap<NodeId, Vec<(LinkKind, Edge)>>,
-    /// Ends of loops that closed since they were last asked for.
+    /// Ends of loops that closed since the last call of `take_closed`.
     closed: Vec<[NodeId; 2]>,
 }
 
@@ -138,7 +138,7 @@ impl PoseGraph {
         Self { agreement, nodes: HashMap::new(), links: Vec::new(), loops: Vec::new(), waiting: HashMap::new(), closed: Vec::new() }
     }
 
-    /// Whether there is such a node.
+    /// Whether `node` is in the graph.
     pub fn contains(&self, node: NodeId) -> bool {
         self.nodes.contains_key(&node)
     }
@@ -148,7 +148,7 @@ impl PoseGraph {
         self.nodes.get(&node).map(|n| &n.t_map_lidar)
     }
 
-    /// Adds a node, or moves the one that is there; edges that waited for it become links.
+    /// Adds a node, or moves an existing one; edges that waited for it become links.
     pub fn add_node(&mut self, node: NodeId, t_map_lidar: &Pose) {
         match self.nodes.get_mut(&node) {
             Some(known) => known.t_map_lidar = *t_map_lidar,
@@ -161,8 +161,8 @@ impl PoseGraph {
         }
     }
 
-    /// Stands in for a missing odometry edge from `last` to `node`: the difference of their poses. Nothing happens if `node` has
-    /// odometry to a known node already.
+    /// Adds the difference of the poses of `last` and `node` in place of a missing odometry edge, unless `node` has an odometry edge to
+    /// a known node.
     pub fn assume_odometry(&mut self, last: NodeId, node: NodeId) {
         let (Some(a), Some(b)) = (self.nodes.get(&last), self.nodes.get(&node)) else { return };
         let has_odometry = b.links.iter().any(|&l| self.links[l as usize].kind == LinkKind::Odometry);
@@ -172,10 +172,10 @@ impl PoseGraph {
         }
     }
 
-    /// Adds a measured edge; it may come before its nodes.
+    /// Adds a measured edge; its nodes may be added later.
     ///
     /// # Errors
-    /// [`EdgeError`]; the graph is as before.
+    /// [`EdgeError`]; the graph is unchanged.
     pub fn add_edge(&mut self, kind: LinkKind, edge: &Edge) -> Result<EdgeOutcome, EdgeError> {
         let &Edge { from, to, .. } = edge;
         if from == to {
@@ -199,7 +199,7 @@ impl PoseGraph {
             Some(index) => (index, EdgeOutcome::Replaced),
             None => {
                 let index = self.links.len() as u32;
-                self.links.push(Link { from, to, kind, t_from_to, length, walkable: false });
+                self.links.push(Link { from, to, kind, t_from_to, length, usable: false });
                 for node in [from, to] {
                     if let Some(node) = self.nodes.get_mut(&node) {
                         node.links.push(index);
@@ -212,8 +212,8 @@ impl PoseGraph {
             }
         };
         let was_assumed = self.links[index as usize].kind == LinkKind::Assumed && kind != LinkKind::Assumed;
-        let walkable = self.links[index as usize].walkable;
-        self.links[index as usize] = Link { from, to, kind, t_from_to, length, walkable };
+        let usable = self.links[index as usize].usable;
+        self.links[index as usize] = Link { from, to, kind, t_from_to, length, usable };
         if kind == LinkKind::Odometry {
             self.drop_assumed(to, index);
         }
@@ -221,19 +221,19 @@ impl PoseGraph {
         if was_assumed { EdgeOutcome::Added } else { outcome }
     }
 
-    /// Whether a new edge takes the place of `link`: one of its kind, or an assumption that it makes good.
+    /// Whether a new edge replaces `link`: one of the same kind, or an assumed one that odometry replaces.
     fn replaces(&self, kind: LinkKind, from: NodeId, to: NodeId, link: u32) -> bool {
         let link = &self.links[link as usize];
         link.joins(from, to) && (link.kind == kind || (kind == LinkKind::Odometry && link.kind == LinkKind::Assumed))
     }
 
-    /// A node whose odometry is known needs no assumption about where it came from.
+    /// Removes assumed links to a node whose odometry is known.
     fn drop_assumed(&mut self, to: NodeId, odometry: u32) {
         let Some(node) = self.nodes.get(&to) else { return };
         let assumed: Vec<u32> = node.links.iter().copied().filter(|&l| l != odometry).filter(|&l| self.is_assumed_to(l, to)).collect();
         for link in assumed {
             let Link { from, to, .. } = self.links[link as usize];
-            self.links[link as usize].walkable = false;
+            self.links[link as usize].usable = false;
             for node in [from, to] {
                 if let Some(node) = self.nodes.get_mut(&node) {
                     node.links.retain(|&l| l != link);
@@ -247,14 +247,14 @@ impl PoseGraph {
         link.kind == LinkKind::Assumed && link.to == node
     }
 
-    /// Decides anew whether `link` can be walked, and notes a loop that closes.
+    /// Updates whether a link is usable, and records a loop that closes.
     fn refresh(&mut self, index: u32) {
         let link = &self.links[index as usize];
-        let walkable = !link.kind.needs_agreement() || self.agrees(link);
-        if walkable && !link.walkable && link.kind.needs_agreement() {
+        let usable = !link.kind.needs_agreement() || self.agrees(link);
+        if usable && !link.usable && link.kind.needs_agreement() {
             self.closed.push([link.from, link.to]);
         }
-        self.links[index as usize].walkable = walkable;
+        self.links[index as usize].usable = usable;
     }
 
     fn agrees(&self, link: &Link) -> bool {
@@ -263,7 +263,8 @@ impl PoseGraph {
         now.translation_distance(&link.t_from_to) <= self.agreement.distance && now.rotation_distance(&link.t_from_to) <= self.agreement.angle
     }
 
-    /// Moves known nodes and returns how many of `poses` belong to unknown ones. Call [`refresh_loops`](Self::refresh_loops) after.
+    /// Sets the poses of known nodes and returns how many of `poses` belong to unknown ones. Call [`refresh_loops`](Self::refresh_loops)
+    /// afterwards.
     pub fn update_poses(&mut self, poses: &[(NodeId, Pose)]) -> usize {
         let mut unknown = 0;
         for (node, pose) in poses {
@@ -275,55 +276,55 @@ impl PoseGraph {
         unknown
     }
 
-    /// Decides for every loop edge whether the current poses agree with it.
+    /// Updates for every loop edge whether the current poses agree with it.
     pub fn refresh_loops(&mut self) {
         for i in 0..self.loops.len() {
             self.refresh(self.loops[i]);
         }
     }
 
-    /// Ends of the loops that closed since the last call, in the order in which they did.
+    /// Ends of the loops that closed since the last call, in that order.
     pub fn take_closed(&mut self) -> Vec<[NodeId; 2]> {
         std::mem::take(&mut self.closed)
     }
 
-    /// Nodes that odometry, measured or assumed, ties to `node`.
+    /// Nodes linked to `node` by odometry, measured or assumed.
     pub fn odometry_neighbours(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
         let links = self.nodes.get(&node).map_or(&[][..], |n| &n.links);
         links.iter().map(|&l| &self.links[l as usize]).filter(|l| !l.kind.needs_agreement()).map(move |l| if l.from == node { l.to } else { l.from })
     }
 
-    /// All nodes within `limit` metres of any of `starts` along the graph, with their distances, nearest first, ties by node.
-    /// Unknown starts reach nothing.
+    /// All nodes within `limit` metres of any of `starts` along the graph with their distances, nearest first, ties by node. Unknown
+    /// starts are ignored.
     pub fn within(&self, starts: &[NodeId], limit: f64) -> Vec<(NodeId, f64)> {
-        self.search(starts, limit, |link| link.walkable)
+        self.search(starts, limit, |link| link.usable)
     }
 
-    /// Whether any loop or overlap joins nodes that agree with it.
+    /// Whether any loop or overlap link is closed.
     pub fn has_loops(&self) -> bool {
-        self.loops.iter().any(|&link| self.links[link as usize].walkable)
+        self.loops.iter().any(|&link| self.links[link as usize].usable)
     }
 
-    /// As [`within`](Self::within), along odometry only: the nodes of the same pass.
+    /// As [`within`](Self::within) along odometry only: the nodes of the same pass.
     pub fn within_pass(&self, node: NodeId, limit: f64) -> Vec<(NodeId, f64)> {
-        self.search(&[node], limit, |link| link.walkable && !link.kind.needs_agreement())
+        self.search(&[node], limit, |link| link.usable && !link.kind.needs_agreement())
     }
 
-    fn search(&self, starts: &[NodeId], limit: f64, passes: impl Fn(&Link) -> bool) -> Vec<(NodeId, f64)> {
+    fn search(&self, starts: &[NodeId], limit: f64, may_use: impl Fn(&Link) -> bool) -> Vec<(NodeId, f64)> {
         let mut heap: BinaryHeap<Reverse<(u64, NodeId)>> = starts.iter().filter(|n| self.contains(**n)).map(|&n| Reverse((0, n))).collect();
-        let mut settled: HashMap<NodeId, ()> = HashMap::new();
+        let mut visited: HashMap<NodeId, ()> = HashMap::new();
         let mut reached = Vec::new();
         while let Some(Reverse((bits, node))) = heap.pop() {
-            if settled.insert(node, ()).is_some() {
+            if visited.insert(node, ()).is_some() {
                 continue;
             }
-            // Bits of numbers that are not negative sort like the numbers.
+            // Bit patterns of non-negative floats order like the floats.
             let distance = f64::from_bits(bits);
             reached.push((node, distance));
-            for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| passes(l)) {
+            for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| may_use(l)) {
                 let other = if link.from == node { link.to } else { link.from };
                 let further = distance + link.length;
-                if further <= limit && !settled.contains_key(&other) {
+                if further <= limit && !visited.contains_key(&other) {
                     heap.push(Reverse((further.to_bits(), other)));
                 }
             }
@@ -331,16 +332,16 @@ impl PoseGraph {
         reached
     }
 
-    /// What is in the graph.
+    /// Number of nodes and links by kind.
     pub fn counts(&self) -> GraphCounts {
         let mut counts = GraphCounts { nodes: self.nodes.len(), waiting_edges: self.waiting.values().map(Vec::len).sum(), ..GraphCounts::default() };
         for link in &self.links {
             match link.kind {
                 LinkKind::Odometry => counts.odometry_edges += 1,
-                LinkKind::Assumed => counts.assumed_links += usize::from(link.walkable),
+                LinkKind::Assumed => counts.assumed_links += usize::from(link.usable),
                 LinkKind::Loop => {
                     counts.loop_edges += 1;
-                    counts.open_loops += usize::from(!link.walkable);
+                    counts.open_loops += usize::from(!link.usable);
                 }
                 LinkKind::Overlap => counts.overlap_links += 1,
             }
@@ -349,7 +350,7 @@ impl PoseGraph {
     }
 }
 
-/// Whether every number is finite and the quaternion has unit length.
+/// Whether all components are finite and the quaternion has unit length.
 pub fn is_rigid(pose: &Pose) -> bool {
     let numbers = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
     numbers.clone().all(|c| c.is_finite()) && (pose.rotation.coords.norm() - 1.0).abs() < 1e-6
@@ -372,17 +373,17 @@ mod tests {
     }
 
     #[test]
-    fn edges_may_come_before_their_nodes_and_assumptions_give_way_to_measurements() {
+    fn edges_may_precede_their_nodes_and_odometry_replaces_assumed_links() {
         let mut graph = PoseGraph::new(AGREEMENT);
         assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(0, 1, 2.0)), Ok(EdgeOutcome::Waiting));
         assert_eq!(graph.add_edge(LinkKind::Loop, &edge(2, 0, -5.0)), Ok(EdgeOutcome::Waiting));
         graph.add_node(0, &at(0.0));
         graph.add_node(1, &at(2.5));
         graph.assume_odometry(0, 1);
-        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0)], "the measured edge counts");
+        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0)], "the measured edge is used");
         graph.add_node(2, &at(5.0));
         graph.assume_odometry(1, 2);
-        assert_eq!(graph.take_closed(), [[2, 0]], "the loop closed as its second node came");
+        assert_eq!(graph.take_closed(), [[2, 0]], "the loop closes when its second node is added");
         assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.5)]);
         assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(1, 2, 2.0)), Ok(EdgeOutcome::Added));
         assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.0)]);
@@ -407,7 +408,7 @@ mod tests {
     }
 
     #[test]
-    fn impossible_edges_are_refused_and_unknown_starts_reach_nothing() {
+    fn invalid_edges_are_refused_and_unknown_starts_are_ignored() {
         let mut graph = PoseGraph::new(AGREEMENT);
         graph.add_node(3, &at(0.0));
         assert_eq!(graph.add_edge(LinkKind::Loop, &edge(3, 3, 0.0)), Err(EdgeError::SelfEdge { node: 3 }));

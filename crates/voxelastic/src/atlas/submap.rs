@@ -1,57 +1,127 @@
-//! A submap: its fields, its root pose and the scans it was made from.
+//! A submap: its fields, its root pose and the scans integrated into it.
 
 use crate::event::NodeId;
 use crate::field::occupancy::OccupancyField;
 use crate::field::tsdf::TsdfField;
 use crate::geometry::{Pose, PoseExt};
 
-/// Identifier of a submap, unique within an atlas and never used again.
+/// Identifier of a submap: unique within an atlas, not reused after a fusion.
 pub type SubmapId = u32;
 
-/// A scan that a submap was made from.
+/// A scan that was integrated into a submap.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SubmapScan {
-    /// The pose-graph node where it was taken.
+    /// The pose-graph node of the scan.
     pub node: NodeId,
-    /// Where it was integrated: pose of the lidar in the submap's frame.
+    /// Pose of the lidar in the submap frame at which it was integrated.
     pub t_submap_lidar: Pose,
 }
 
-/// A rigid piece of the map (paper Sec. IV): fields in the submap frame S, placed by the root pose.
+/// A rigid part of the map (paper Sec. IV): fields in the submap frame S, which the root pose places in the map frame M.
 #[derive(Clone, Debug)]
 pub struct Submap {
-    /// Its identifier.
-    pub id: SubmapId,
-    /// Root pose: the submap frame in the map frame. The only thing that a pose correction changes.
-    pub t_map_submap: Pose,
-    /// The scans it was made from, in the order in which they were integrated.
-    pub scans: Vec<SubmapScan>,
-    /// The TSDF, if the map has that field.
-    pub tsdf: TsdfField,
-    /// Free, occupied and unknown space, if the map has that field.
-    pub occupancy: OccupancyField,
-    /// Path length from the root pose to the last scan, metres.
-    pub travelled: f64,
-    /// Counts the changes of the fields, so that whatever was made from them knows whether it is out of date. Not stored.
-    pub revision: u64,
+    pub(crate) id: SubmapId,
+    pub(crate) voxel_size: f32,
+    pub(crate) t_map_submap: Pose,
+    pub(crate) scans: Vec<SubmapScan>,
+    pub(crate) tsdf: TsdfField,
+    pub(crate) occupancy: OccupancyField,
+    pub(crate) travelled: f64,
+    pub(crate) revision: u64,
 }
 
 impl Submap {
-    /// An empty submap at `t_map_submap`.
-    pub fn new(id: SubmapId, t_map_submap: Pose) -> Self {
+    /// An empty submap with finest voxels of `voxel_size` metres, its root at `t_map_submap`.
+    pub fn new(id: SubmapId, voxel_size: f32, t_map_submap: Pose) -> Self {
         let (tsdf, occupancy) = (TsdfField::default(), OccupancyField::default());
-        Self { id, t_map_submap, scans: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
+        Self { id, voxel_size, t_map_submap, scans: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
     }
 
-    /// Notes that the scan of `node`, taken at `t_map_lidar`, was integrated; returns its pose in the submap.
+    /// The same submap with other fields, both in its frame and with its voxel size.
+    #[must_use]
+    pub fn with_fields(self, tsdf: TsdfField, occupancy: OccupancyField) -> Self {
+        Self { tsdf, occupancy, revision: self.revision + 1, ..self }
+    }
+
+    /// The same submap with another list of scans, in the order of their integration, and the path length from the root to the last
+    /// one in metres.
+    #[must_use]
+    pub fn with_scans(self, scans: Vec<SubmapScan>, travelled: f64) -> Self {
+        Self { scans, travelled, ..self }
+    }
+
+    /// The same submap with another identifier.
+    #[must_use]
+    pub fn with_id(self, id: SubmapId) -> Self {
+        Self { id, ..self }
+    }
+
+    /// Its identifier.
+    pub fn id(&self) -> SubmapId {
+        self.id
+    }
+
+    /// Edge of the finest voxel, metres: that of its atlas.
+    pub fn voxel_size(&self) -> f32 {
+        self.voxel_size
+    }
+
+    /// Root pose: the submap frame in the map frame. A pose correction changes this and nothing else.
+    pub fn t_map_submap(&self) -> Pose {
+        self.t_map_submap
+    }
+
+    /// Sets the root pose.
+    pub fn set_pose(&mut self, t_map_submap: Pose) {
+        self.t_map_submap = t_map_submap;
+    }
+
+    /// The scans integrated into it, in that order.
+    pub fn scans(&self) -> &[SubmapScan] {
+        &self.scans
+    }
+
+    /// The TSDF in the submap frame; empty if the map does not have that field.
+    pub fn tsdf(&self) -> &TsdfField {
+        &self.tsdf
+    }
+
+    /// The TSDF, mutable; counts as a change of the fields.
+    pub fn tsdf_mut(&mut self) -> &mut TsdfField {
+        self.revision += 1;
+        &mut self.tsdf
+    }
+
+    /// Free, occupied and unknown space in the submap frame; empty if the map does not have that field.
+    pub fn occupancy(&self) -> &OccupancyField {
+        &self.occupancy
+    }
+
+    /// The occupancy field, mutable; counts as a change of the fields.
+    pub fn occupancy_mut(&mut self) -> &mut OccupancyField {
+        self.revision += 1;
+        &mut self.occupancy
+    }
+
+    /// Path length from the root pose to the last scan, metres.
+    pub fn travelled(&self) -> f64 {
+        self.travelled
+    }
+
+    /// Number of changes of the fields: data derived from them (meshes) is up to date if it was made at the same revision. Not stored.
+    pub fn revision(&self) -> u64 {
+        self.revision
+    }
+
+    /// Records that the scan of `node`, taken at `t_map_lidar`, is integrated; returns the lidar's pose in the submap frame.
     pub fn add_scan(&mut self, node: NodeId, t_map_lidar: &Pose) -> Pose {
         let t_submap_lidar = self.t_map_submap.inv_mul(t_map_lidar);
-        self.place_scan(node, t_submap_lidar);
+        self.add_scan_at(node, t_submap_lidar);
         t_submap_lidar
     }
 
-    /// Notes that the scan of `node` was integrated at `t_submap_lidar`.
-    pub fn place_scan(&mut self, node: NodeId, t_submap_lidar: Pose) {
+    /// Records that the scan of `node` is integrated at `t_submap_lidar`.
+    pub fn add_scan_at(&mut self, node: NodeId, t_submap_lidar: Pose) {
         self.travelled += self.scans.last().map_or(0.0, |last| last.t_submap_lidar.translation_distance(&t_submap_lidar));
         self.scans.push(SubmapScan { node, t_submap_lidar });
         self.revision += 1;
@@ -62,7 +132,7 @@ impl Submap {
         self.scans.first().map(|s| s.node)
     }
 
-    /// Bytes that the fields hold.
+    /// Memory of the fields, bytes.
     pub fn bytes(&self) -> usize {
         self.tsdf.bytes() + self.occupancy.bytes()
     }

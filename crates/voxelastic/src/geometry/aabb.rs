@@ -3,9 +3,9 @@
 /// An axis-aligned box in metres; empty until a point is added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Aabb {
-    /// Smallest corner.
+    /// Corner with the smallest coordinates, metres.
     pub min: [f32; 3],
-    /// Largest corner.
+    /// Corner with the largest coordinates, metres.
     pub max: [f32; 3],
 }
 
@@ -16,7 +16,7 @@ impl Default for Aabb {
 }
 
 impl Aabb {
-    /// Grows the box to hold `p`.
+    /// Extends the box to contain point `p`, metres.
     pub fn add(&mut self, p: [f32; 3]) {
         self.min = std::array::from_fn(|i| self.min[i].min(p[i]));
         self.max = std::array::from_fn(|i| self.max[i].max(p[i]));

@@ -1,11 +1,11 @@
-//! Rigid transforms, Morton keys and boxes.
+//! Geometry shared by all rooms: rigid transforms, axis-aligned boxes and Morton keys.
+//!
+//! Poses are [`Pose`]s in double precision and named after their frames, as in `t_map_lidar`; hot loops move points with the same
+//! transform as a single-precision matrix, [`Rigid`]. Lengths are in metres, angles in radians.
 
 pub mod aabb;
-pub(crate) mod bits;
 pub mod morton;
 pub mod pose;
-mod whole;
 
 pub use aabb::Aabb;
 pub use pose::{Pose, PoseExt, Rigid};
-pub(crate) use whole::whole;

@@ -1,10 +1,10 @@
-//! Morton (Z-order) keys of up to 21 bits per axis: sorting by key keeps neighbours in space near each other in memory.
+//! Morton (Z-order) keys of up to 21 bits per axis: sorting by key keeps spatial neighbours close together in memory.
 
 /// Bits per axis that a key can hold.
 pub const AXIS_BITS: u32 = 21;
 
-/// The bits of a key that are of its first coordinate.
-pub const EVERY_THIRD: u64 = 0x1249_2492_4924_9249;
+/// The bits of a key that come from its first coordinate; shifted left by one and two, those of the second and third.
+pub const AXIS_MASK: u64 = 0x1249_2492_4924_9249;
 
 /// Spreads the low 21 bits of `v` so that two zero bits follow each.
 #[inline(always)]
@@ -14,12 +14,13 @@ const fn spread(v: u32) -> u64 {
     x = (x | x << 16) & 0x001f_0000_ff00_00ff;
     x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
     x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
-    (x | x << 2) & EVERY_THIRD
+    (x | x << 2) & AXIS_MASK
 }
 
+/// Inverse of [`spread`].
 #[inline(always)]
-const fn gather(v: u64) -> u32 {
-    let mut x = v & EVERY_THIRD;
+const fn compact(v: u64) -> u32 {
+    let mut x = v & AXIS_MASK;
     x = (x | x >> 2) & 0x10c3_0c30_c30c_30c3;
     x = (x | x >> 4) & 0x100f_00f0_0f00_f00f;
     x = (x | x >> 8) & 0x001f_0000_ff00_00ff;
@@ -27,16 +28,16 @@ const fn gather(v: u64) -> u32 {
     (x | x >> 32) as u32 & 0x1f_ffff
 }
 
-/// Interleaves three unsigned coordinates: bit 0 of the key is bit 0 of x, bit 1 of y, bit 2 of z.
+/// Interleaves the low 21 bits of three coordinates: bit 0 of the key is bit 0 of x, bit 1 is bit 0 of y, bit 2 is bit 0 of z.
 #[inline(always)]
 pub const fn encode(c: [u32; 3]) -> u64 {
     spread(c[0]) | spread(c[1]) << 1 | spread(c[2]) << 2
 }
 
-/// The coordinates that [`encode`] interleaved.
+/// Inverse of [`encode`].
 #[inline(always)]
 pub const fn decode(key: u64) -> [u32; 3] {
-    [gather(key), gather(key >> 1), gather(key >> 2)]
+    [compact(key), compact(key >> 1), compact(key >> 2)]
 }
 
 #[cfg(test)]

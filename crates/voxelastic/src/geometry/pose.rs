@@ -21,10 +21,10 @@ impl PoseExt for Pose {
     }
 }
 
-/// A rigid transform as a single-precision matrix: the form in which the hot loops move points.
+/// A rigid transform as a single-precision matrix, for hot loops.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rigid {
-    /// Rotation, row by row.
+    /// Rotation matrix, row by row.
     pub rotation: [[f32; 3]; 3],
     /// Translation, metres.
     pub translation: [f32; 3],
@@ -42,14 +42,14 @@ impl From<&Pose> for Rigid {
 }
 
 impl Rigid {
-    /// Rotates a direction.
+    /// Rotates a direction into the target frame.
     #[inline(always)]
     pub fn rotate(&self, v: [f32; 3]) -> [f32; 3] {
         let r = &self.rotation;
         std::array::from_fn(|i| r[i][0] * v[0] + r[i][1] * v[1] + r[i][2] * v[2])
     }
 
-    /// Moves a point.
+    /// Transforms a point, metres, into the target frame.
     #[inline(always)]
     pub fn apply(&self, p: [f32; 3]) -> [f32; 3] {
         let q = self.rotate(p);

@@ -1,22 +1,16 @@
-//! Integrating a scan into a submap (paper Sec. III-B, IV-B): select, update, propagate.
+//! Integration of scans into a submap (paper Sec. III-B, IV-B): select, update, propagate.
+//!
+//! [`TsdfIntegrator`] and [`OccupancyIntegrator`] each integrate scans into one field. A mapper with both fields transforms the returns once for both
+//! (`both_fields`).
 
-mod band;
-mod bundle;
-mod colour;
-mod formation;
-mod known;
-pub mod occupancy;
-pub mod radix;
-mod rescale;
-pub mod scale;
-mod select;
-mod transform;
-pub mod tsdf;
-mod walk;
+mod both_fields;
+mod occupancy;
+mod rays;
+mod tsdf;
 
-pub use colour::paint;
-pub(crate) use known::Known;
+pub(crate) use both_fields::{FieldIntegrators, FieldsMut, ScanInput};
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
-pub use scale::ScaleRule;
-pub use transform::Returns;
-pub use tsdf::{TsdfIntegrator, TsdfPhases, TsdfSettings, TsdfStats};
+pub use rays::returns::ReturnsView;
+pub use rays::scale::ScaleRule;
+pub(crate) use tsdf::Redundancy;
+pub use tsdf::{TsdfIntegrator, TsdfPhases, TsdfSettings, TsdfStats, integrate_colours};

@@ -1,13 +1,13 @@
-//! A finger into the octree: looking up keys in Morton order costs a step or two each instead of a whole descent.
+//! A finger into the octree: looking up keys in Morton order takes a step or two each instead of a whole descent.
 
 use super::{NONE, Octree};
 use crate::geometry::morton::AXIS_BITS;
 
-/// Remembers the path to the last key looked up. A cursor is only good for the tree it was made for, and only until
-/// groups are removed from it or its root grows.
+/// Caches the path to the last key looked up. A cursor is valid only for the tree it was made for, and only until
+/// groups are removed from that tree or its root grows.
 #[derive(Clone, Debug)]
-pub struct Cursor {
-    /// `path[k]` is the group that holds the level k octant of `key`; valid for `low <= k < root_level`.
+pub(crate) struct Cursor {
+    /// `path[k]` is the group that contains the level k octant of `key`; valid for `low <= k < root_level`.
     path: [u32; AXIS_BITS as usize + 1],
     key: u64,
     low: u32,
@@ -25,7 +25,7 @@ impl Cursor {
         Self { path, key: tree.root_key(), low: top.saturating_sub(1), top }
     }
 
-    /// Level of the lowest group on the remembered path that `key` shares.
+    /// Level of the lowest group on the cached path that `key` shares.
     #[inline(always)]
     fn shared_level(&self, key: u64) -> u32 {
         let differing = key ^ self.key;
@@ -33,28 +33,28 @@ impl Cursor {
         level.max(self.low)
     }
 
-    /// The block-level octant of `key` as (group, place in it); octants on the way are made, with `payload` inherited
-    /// from the octant that they split. The tree's root must cover `key`.
+    /// The block-level octant of `key` as (group, index in it). Missing octants are created, each with the payload of the octant that
+    /// it splits. The tree's root must cover `key`.
     #[inline]
-    pub fn make<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64) -> (u32, usize) {
-        self.make_at(tree, key, 0)
+    pub fn find_or_create<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64) -> (u32, usize) {
+        self.find_or_create_at(tree, key, 0)
     }
 
-    /// As [`make`](Self::make), for the octant of `lowest` level (below the root's).
+    /// As [`find_or_create`](Self::find_or_create), for the octant of level `lowest` (below the root's).
     #[inline]
-    pub fn make_at<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64, lowest: u32) -> (u32, usize) {
+    pub fn find_or_create_at<P: Copy + Default>(&mut self, tree: &mut Octree<P>, key: u64, lowest: u32) -> (u32, usize) {
         debug_assert!(tree.covers(key) && tree.root_level() == self.top && lowest < self.top);
         let mut level = self.shared_level(key).max(lowest);
         let mut group = self.path[level as usize];
         while level > lowest {
-            let place = (key >> (3 * level)) as usize & 7;
-            let octant = tree.groups[group][place];
-            let mut below = octant.link;
-            if below == NONE {
-                below = tree.add_group(octant.payload);
-                tree.groups[group][place].link = below;
+            let index = (key >> (3 * level)) as usize & 7;
+            let octant = tree.groups[group][index];
+            let mut children = octant.link;
+            if children == NONE {
+                children = tree.add_group(octant.payload);
+                tree.groups[group][index].link = children;
             }
-            group = below;
+            group = children;
             level -= 1;
             self.path[level as usize] = group;
         }
@@ -63,7 +63,7 @@ impl Cursor {
         (group, (key >> (3 * lowest)) as usize & 7)
     }
 
-    /// The octant of `lowest` level (below the root's) that holds block `key`, as (group, place in it), if it exists.
+    /// The octant of level `lowest` (below the root's) that contains block `key`, as (group, index in it), if it exists.
     #[inline]
     pub fn find_at<P: Copy + Default>(&mut self, tree: &Octree<P>, key: u64, lowest: u32) -> Option<(u32, usize)> {
         if !tree.covers(key) {
@@ -73,12 +73,12 @@ impl Cursor {
         let mut group = self.path[level as usize];
         self.key = key;
         while level > lowest {
-            let below = tree.siblings(group)[(key >> (3 * level)) as usize & 7].link;
-            if below == NONE {
+            let children = tree.siblings(group)[(key >> (3 * level)) as usize & 7].link;
+            if children == NONE {
                 self.low = level;
                 return None;
             }
-            group = below;
+            group = children;
             level -= 1;
             self.path[level as usize] = group;
         }
@@ -86,19 +86,19 @@ impl Cursor {
         Some((group, (key >> (3 * lowest)) as usize & 7))
     }
 
-    /// The id of block `key`, if there is one.
+    /// The id of block `key`, if it exists.
     #[inline]
     pub fn block<P: Copy + Default>(&mut self, tree: &Octree<P>, key: u64) -> Option<u32> {
-        let (group, place) = self.find_at(tree, key, 0)?;
-        let link = tree.siblings(group)[place].link;
+        let (group, index) = self.find_at(tree, key, 0)?;
+        let link = tree.siblings(group)[index].link;
         (link != NONE).then_some(link)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{block_coords, block_key};
     use super::*;
+    use crate::octree::{block_coords, block_key};
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
@@ -117,8 +117,8 @@ mod tests {
                 let key = block_key(c);
                 prop_assert_eq!(block_coords(key), c);
                 tree.grow_to(key);
-                let (group, place) = Cursor::new(&tree).make(&mut tree, key);
-                tree.siblings_mut(group)[place].link = id as u32;
+                let (group, index) = Cursor::new(&tree).find_or_create(&mut tree, key);
+                tree.siblings_mut(group)[index].link = id as u32;
                 slow.insert(key, id as u32);
             }
             let mut cursor = Cursor::new(&tree);
@@ -127,13 +127,13 @@ mod tests {
                 prop_assert_eq!(tree.block(key), slow.get(&key).copied());
                 prop_assert_eq!(cursor.block(&tree, key), slow.get(&key).copied());
             }
-            let mut seen = Vec::new();
-            tree.for_each(|key, level, octant| if level == 0 && octant.link != NONE { seen.push((key, octant.link)) });
-            prop_assert_eq!(seen, slow.into_iter().collect::<Vec<_>>());
+            let mut visited = Vec::new();
+            tree.for_each(|key, level, octant| if level == 0 && octant.link != NONE { visited.push((key, octant.link)) });
+            prop_assert_eq!(visited, slow.into_iter().collect::<Vec<_>>());
         }
 
         #[test]
-        fn a_tree_grows_over_all_blocks_at_once_as_one_by_one(blocks in coords()) {
+        fn growing_over_all_blocks_equals_growing_one_by_one(blocks in coords()) {
             let mut tree = Octree::<u8>::default();
             tree.grow_over(blocks.iter().map(|&c| block_key(c)));
             let mut slow = Octree::<u8>::default();
@@ -143,13 +143,13 @@ mod tests {
         }
 
         #[test]
-        fn a_cursor_that_makes_octants_in_any_order_finds_them_again(blocks in coords()) {
+        fn octants_created_through_a_cursor_are_found_again(blocks in coords()) {
             let mut tree = Octree::<u8>::default();
             blocks.iter().for_each(|&c| tree.grow_to(block_key(c)));
             let mut cursor = Cursor::new(&tree);
             for (id, &c) in blocks.iter().enumerate() {
-                let (group, place) = cursor.make(&mut tree, block_key(c));
-                tree.siblings_mut(group)[place].link = id as u32;
+                let (group, index) = cursor.find_or_create(&mut tree, block_key(c));
+                tree.siblings_mut(group)[index].link = id as u32;
             }
             for (id, &c) in blocks.iter().enumerate() {
                 let last = blocks.iter().rposition(|&b| b == c).unwrap_or(id);
@@ -157,7 +157,7 @@ mod tests {
                 let level = id as u32 % tree.root_level();
                 let expected = tree.octant_mut(block_key(c), level).map(|octant| *octant);
                 let found = cursor.find_at(&tree, block_key(c), level);
-                prop_assert_eq!(found.map(|(group, place)| tree.siblings(group)[place]), expected);
+                prop_assert_eq!(found.map(|(group, index)| tree.siblings(group)[index]), expected);
             }
         }
     }

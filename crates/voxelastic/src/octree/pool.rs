@@ -1,11 +1,13 @@
-//! A paged arena with `u32` handles: growing never moves what is there, and memory grows by a page, not by doubling.
+//! A paged arena with `u32` handles: growing never moves items, and memory grows by a page, not by doubling.
 
-/// Bytes that a page holds, about.
+use super::NONE;
+
+/// Target size of a page, bytes.
 const PAGE_BYTES: usize = 1 << 16;
 
-/// Items of one size in pages, addressed by index; freed items are reused, the last freed first.
+/// Items of one type in pages, addressed by index; freed slots are reused, the last freed first.
 #[derive(Clone, Debug)]
-pub struct Pool<T> {
+pub(crate) struct Pool<T> {
     pages: Vec<Vec<T>>,
     free: Vec<u32>,
     len: u32,
@@ -25,24 +27,24 @@ impl<T> Pool<T> {
     };
     pub(super) const PAGE: usize = 1 << Self::SHIFT;
 
-    /// Where item `index` lies: page and place in it.
+    /// Number of the page that holds item `index`, and the item's offset in it.
     #[inline(always)]
-    pub(super) const fn place(index: u32) -> (usize, usize) {
+    pub(super) const fn page_and_offset(index: u32) -> (usize, usize) {
         ((index >> Self::SHIFT) as usize, index as usize & (Self::PAGE - 1))
     }
 
     /// Stores `item` and returns its index.
     ///
     /// # Panics
-    /// When 2^32 - 1 items are stored.
+    /// If 2^32 - 1 items are stored.
     pub fn insert(&mut self, item: T) -> u32 {
         if let Some(index) = self.free.pop() {
             self[index] = item;
             return index;
         }
         let index = self.len;
-        assert!(index < super::NONE, "pool is full");
-        let (page, _) = Self::place(index);
+        assert!(index < NONE, "pool is full");
+        let (page, _) = Self::page_and_offset(index);
         if page == self.pages.len() {
             self.pages.push(Vec::with_capacity(Self::PAGE));
         }
@@ -51,23 +53,23 @@ impl<T> Pool<T> {
         index
     }
 
-    /// Gives the place of item `index` back for reuse. The item itself stays until it is overwritten.
+    /// Frees the slot of item `index` for reuse. The item itself is kept until it is overwritten.
     pub fn remove(&mut self, index: u32) {
         debug_assert!(index < self.len);
         self.free.push(index);
     }
 
-    /// Indices ever handed out: every valid index is below this.
+    /// Upper bound of all valid indices.
     pub fn capacity_used(&self) -> u32 {
         self.len
     }
 
-    /// Items in use.
+    /// Number of items in use.
     pub fn live(&self) -> usize {
         self.len as usize - self.free.len()
     }
 
-    /// Bytes held, pages and free list.
+    /// Memory held, bytes: pages and free list.
     pub fn bytes(&self) -> usize {
         self.pages.len() * Self::PAGE * size_of::<T>() + self.pages.capacity() * size_of::<Vec<T>>() + self.free.capacity() * 4
     }
@@ -81,16 +83,16 @@ impl<T> std::ops::Index<u32> for Pool<T> {
     type Output = T;
     #[inline(always)]
     fn index(&self, index: u32) -> &T {
-        let (page, place) = Self::place(index);
-        &self.pages[page][place]
+        let (page, offset) = Self::page_and_offset(index);
+        &self.pages[page][offset]
     }
 }
 
 impl<T> std::ops::IndexMut<u32> for Pool<T> {
     #[inline(always)]
     fn index_mut(&mut self, index: u32) -> &mut T {
-        let (page, place) = Self::place(index);
-        &mut self.pages[page][place]
+        let (page, offset) = Self::page_and_offset(index);
+        &mut self.pages[page][offset]
     }
 }
 
@@ -99,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn freed_items_are_reused_and_others_stay() {
+    fn freed_slots_are_reused_and_other_items_are_kept() {
         let mut pool = Pool::<[u8; 4096]>::default();
         let ids: Vec<u32> = (0..100u8).map(|i| pool.insert([i; 4096])).collect();
         pool.remove(ids[7]);

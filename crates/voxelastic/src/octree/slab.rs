@@ -1,96 +1,97 @@
-//! An arena whose items several threads take at once, and whose memory can be handed on to another one.
+//! An arena in which several threads allocate at once, and whose pages can be passed on to another slab.
 //!
-//! Memory that was never used costs page faults, which is much when a scan needs tens of megabytes at once. So a slab that is being
-//! emptied is emptied from its end, and [gives away](Slab::give_away) the pages behind the last item to one that fills.
+//! The first use of fresh memory costs page faults, which is much when a scan needs tens of megabytes. So a slab whose items are being
+//! compressed is emptied from its end and [releases](Slab::release_pages) the pages behind its last item, and a slab that grows
+//! [adopts](Slab::adopt_pages) them.
 
-use super::{Cells, NONE, Pool, ask_for_all};
+use super::{DisjointMut, NONE, Pool, prefetch_item};
 use bytemuck::Zeroable;
 use std::ops::Range;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Items of one size in pages, addressed by slot; each has an owner, a number that means something to the user.
+/// Items of one type in pages, addressed by slot; each has an owner, a number whose meaning is up to the user.
 #[derive(Debug)]
-pub struct Slab<T> {
-    /// Each of full length.
+pub(crate) struct Slab<T> {
+    /// Each of [`Slab::PAGE`] items.
     pages: Vec<Vec<T>>,
-    /// Places for the pages that an opened slab may need. They are made when first needed: it seldom needs them all, and a page whose memory the
-    /// allocator had before costs its zeros even if nobody uses it.
-    coming: Vec<OnceLock<Vec<T>>>,
+    /// The pages that an allocator may need. They are allocated on first use: it seldom needs them all, and zeroing memory that the system
+    /// allocator recycles has a cost even if it stays unused.
+    pending: Vec<OnceLock<Vec<T>>>,
     /// Free slots below `len`.
     free: Vec<u32>,
-    /// By slot; [`NONE`] for the free ones.
+    /// By slot; [`NONE`] for free slots.
     owners: Vec<AtomicU32>,
     len: u32,
 }
 
 impl<T> Default for Slab<T> {
     fn default() -> Self {
-        Self { pages: Vec::new(), coming: Vec::new(), free: Vec::new(), owners: Vec::new(), len: 0 }
+        Self { pages: Vec::new(), pending: Vec::new(), free: Vec::new(), owners: Vec::new(), len: 0 }
     }
 }
 
 impl<T: Clone> Clone for Slab<T> {
     fn clone(&self) -> Self {
         let owners = self.owners.iter().map(|owner| AtomicU32::new(owner.load(Ordering::Relaxed))).collect();
-        Self { pages: self.pages.clone(), coming: Vec::new(), free: self.free.clone(), owners, len: self.len }
+        Self { pages: self.pages.clone(), pending: Vec::new(), free: self.free.clone(), owners, len: self.len }
     }
 }
 
 impl<T: Zeroable> Slab<T> {
     const PAGE: usize = Pool::<T>::PAGE;
 
-    /// Makes sure that `more` items can be taken.
+    /// Makes room for `more` items.
     fn reserve(&mut self, more: usize) {
         let slots = self.len as usize + more.saturating_sub(self.free.len());
         assert!(slots < NONE as usize, "slab is full");
-        self.coming.resize_with(slots.div_ceil(Self::PAGE).saturating_sub(self.pages.len()), OnceLock::new);
+        self.pending.resize_with(slots.div_ceil(Self::PAGE).saturating_sub(self.pages.len()), OnceLock::new);
         if self.owners.len() < slots {
             self.owners.resize_with(slots, || AtomicU32::new(NONE));
         }
     }
 
-    /// Opens the slab to threads that write to items and take `more` at most, with at most so many batches. To be [closed](Self::close).
-    pub fn open(&mut self, more: usize, batches: usize) -> Taking<'_, T> {
+    /// Lets threads write to items and allocate at most `more`, using at most `batches` batches. Afterwards call [`finish`](Self::finish).
+    pub fn allocator(&mut self, more: usize, batches: usize) -> SlabAllocator<'_, T> {
         self.reserve(more + batches * BATCH as usize);
-        let cells = Cells::over(&mut self.pages, &mut self.coming);
-        Taking { cells, free: &self.free, owners: &self.owners, fresh: self.len, taken: AtomicU32::new(0) }
+        let items = DisjointMut::over(&mut self.pages, &mut self.pending);
+        SlabAllocator { items, free: &self.free, owners: &self.owners, fresh: self.len, allocated: AtomicU32::new(0) }
     }
 
-    /// Closes the slab after so many items were [taken](Taking::taken); what batches have left is free again.
-    pub fn close(&mut self, taken: usize, batches: impl IntoIterator<Item = Batch>) {
-        let left: Vec<u32> = batches.into_iter().flat_map(|batch| batch.numbers).map(|number| slot(&self.free, self.len, number)).collect();
-        let reused = taken.min(self.free.len());
+    /// Ends an allocation pass in which `allocated` items were [allocated](SlabAllocator::allocated). Unused slots of `batches` become free.
+    pub fn finish(&mut self, allocated: usize, batches: impl IntoIterator<Item = SlotBatch>) {
+        let unused: Vec<u32> = batches.into_iter().flat_map(|batch| batch.numbers).map(|number| slot(&self.free, self.len, number)).collect();
+        let reused = allocated.min(self.free.len());
         self.free.truncate(self.free.len() - reused);
-        self.len += (taken - reused) as u32;
-        self.free.extend(left);
-        self.pages.extend(self.coming.drain(..).map_while(OnceLock::into_inner));
+        self.len += (allocated - reused) as u32;
+        self.free.extend(unused);
+        self.pages.extend(self.pending.drain(..).map_while(OnceLock::into_inner));
     }
 
-    /// Gives an item back for reuse.
+    /// Frees `slot` for reuse.
     pub fn remove(&mut self, slot: u32) {
         *self.owners[slot as usize].get_mut() = NONE;
         self.free.push(slot);
     }
 
-    /// Slots ever handed out: those in use are below this.
+    /// Upper bound of the slots in use.
     pub fn capacity_used(&self) -> u32 {
         self.len
     }
 
-    /// Items in use.
+    /// Number of items in use.
     pub fn live(&self) -> usize {
         self.len as usize - self.free.len()
     }
 
-    /// Whose the item in `slot` is; none if it is free.
+    /// Owner of the item in `slot`; none if the slot is free.
     pub fn owner(&self, slot: u32) -> Option<u32> {
         let owner = self.owners[slot as usize].load(Ordering::Relaxed);
         (owner != NONE).then_some(owner)
     }
 
     /// Moves the pages behind the last item in use to the end of `pages`.
-    pub fn give_away(&mut self, pages: &mut Vec<Vec<T>>) {
+    pub fn release_pages(&mut self, pages: &mut Vec<Vec<T>>) {
         let free = |owner: &mut AtomicU32| *owner.get_mut() == NONE;
         while self.len > 0 && free(&mut self.owners[self.len as usize - 1]) {
             self.len -= 1;
@@ -105,14 +106,14 @@ impl<T: Zeroable> Slab<T> {
         pages.extend(self.pages.drain(kept..));
     }
 
-    /// Takes over pages that were given away, as far as room for no more than `spare` items is free then.
-    pub fn adopt(&mut self, pages: Vec<Vec<T>>, spare: usize) {
-        let most = (self.len as usize + spare).div_ceil(Self::PAGE);
-        let wanted = most.saturating_sub(self.pages.len());
+    /// Takes over [released](Self::release_pages) pages until there is room for `spare` further items; drops the others.
+    pub fn adopt_pages(&mut self, pages: Vec<Vec<T>>, spare: usize) {
+        let limit = (self.len as usize + spare).div_ceil(Self::PAGE);
+        let wanted = limit.saturating_sub(self.pages.len());
         self.pages.extend(pages.into_iter().take(wanted));
     }
 
-    /// Bytes held.
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.pages.len() * Self::PAGE * size_of::<T>() + 4 * (self.free.capacity() + self.owners.capacity())
     }
@@ -122,78 +123,80 @@ impl<T> std::ops::Index<u32> for Slab<T> {
     type Output = T;
     #[inline(always)]
     fn index(&self, slot: u32) -> &T {
-        let (page, place) = Pool::<T>::place(slot);
-        &self.pages[page][place]
+        let (page, offset) = Pool::<T>::page_and_offset(slot);
+        &self.pages[page][offset]
     }
 }
 
-/// Items that a thread takes at a time: a counter that threads share is slow to count.
+/// Slots that a thread reserves at a time, because a counter shared by threads is slow.
 const BATCH: u32 = 16;
 
-/// How many items ahead one is asked for.
+/// How many allocations ahead a slot is prefetched.
 const AHEAD: u32 = 8;
 
-/// What a thread has taken and not yet used.
+/// Slots that a thread has reserved and not yet used.
 #[derive(Clone, Debug, Default)]
-pub struct Batch {
+pub(crate) struct SlotBatch {
     numbers: Range<u32>,
 }
 
-/// The slot of the item that is taken as number `number`: the free ones first, the last freed of them first.
+/// Slot of the allocation with number `number`: free slots first, in reverse order of being freed, then fresh ones.
 #[inline(always)]
 fn slot(free: &[u32], fresh: u32, number: u32) -> u32 {
     let reused = free.len() as u32;
     if number < reused { free[(reused - 1 - number) as usize] } else { fresh + (number - reused) }
 }
 
-/// A [`Slab`] opened to several threads.
-pub struct Taking<'a, T> {
-    cells: Cells<'a, T>,
+/// Allocates items of a [`Slab`] from several threads.
+pub(crate) struct SlabAllocator<'a, T> {
+    items: DisjointMut<'a, T>,
     free: &'a [u32],
     owners: &'a [AtomicU32],
     fresh: u32,
-    taken: AtomicU32,
+    /// Slots reserved so far.
+    allocated: AtomicU32,
 }
 
-impl<'a, T: Zeroable> Taking<'a, T> {
-    /// Takes an item for `owner`; it holds anything. Which slot it is depends on who comes first.
+impl<'a, T: Zeroable> SlabAllocator<'a, T> {
+    /// Allocates an item for `owner` and returns its slot. The item's value is arbitrary, and the slot depends on the order in which
+    /// threads reserve batches.
     ///
     /// # Panics
-    /// When more are taken than the slab was opened for.
+    /// If more items are allocated than were reserved by [`Slab::allocator`].
     #[inline]
-    pub fn take(&self, owner: u32, batch: &mut Batch) -> u32 {
+    pub fn allocate(&self, owner: u32, batch: &mut SlotBatch) -> u32 {
         let number = batch.numbers.next().unwrap_or_else(|| {
-            let first = self.taken.fetch_add(BATCH, Ordering::Relaxed);
+            let first = self.allocated.fetch_add(BATCH, Ordering::Relaxed);
             batch.numbers = first + 1..first + BATCH;
-            self.bring(first);
+            self.ensure_pages(first);
             first
         });
-        // What comes will be written to, and is as good as never near.
-        ask_for_all(self.cells.address(slot(self.free, self.fresh, number + AHEAD)));
+        // A slot is written to soon and hardly ever cached.
+        prefetch_item(self.items.address(slot(self.free, self.fresh, number + AHEAD)));
         let slot = slot(self.free, self.fresh, number);
         self.owners[slot as usize].store(owner, Ordering::Relaxed);
         slot
     }
 
-    /// Sees to it that the pages of a batch are there.
-    fn bring(&self, first: u32) {
+    /// Allocates the pages of the batch that begins with number `first`.
+    fn ensure_pages(&self, first: u32) {
         let last = slot(self.free, self.fresh, first + BATCH - 1);
         if last >= self.fresh {
             let make = || bytemuck::zeroed_vec(Slab::<T>::PAGE);
             let first = slot(self.free, self.fresh, first).clamp(self.fresh, last);
-            (first..last).step_by(Slab::<T>::PAGE).chain([last]).for_each(|slot| self.cells.bring(slot, make));
+            (first..last).step_by(Slab::<T>::PAGE).chain([last]).for_each(|slot| self.items.ensure_page(slot, make));
         }
     }
 
-    /// Items taken so far, also those that batches have left.
-    pub fn taken(&self) -> usize {
-        self.taken.load(Ordering::Relaxed) as usize
+    /// Slots reserved so far, including unused ones of batches.
+    pub fn allocated(&self) -> usize {
+        self.allocated.load(Ordering::Relaxed) as usize
     }
 
-    /// The items.
+    /// The slab's items.
     #[inline(always)]
-    pub fn cells(&self) -> &Cells<'a, T> {
-        &self.cells
+    pub fn items(&self) -> &DisjointMut<'a, T> {
+        &self.items
     }
 }
 
@@ -205,7 +208,7 @@ mod tests {
 
     type Item = [u32; 1024];
 
-    /// Fails unless exactly the items of `slow` are in use, each with its owner and what was written to it.
+    /// Fails unless exactly the items of `slow` are in use, each with its owner and the value written to it.
     fn assert_holds(slab: &Slab<Item>, slow: &BTreeMap<u32, u32>) {
         assert_eq!(slab.live(), slow.len());
         for slot in 0..slab.capacity_used() {
@@ -214,29 +217,29 @@ mod tests {
         }
     }
 
-    /// Takes 150 items in five threads, for owners from `first` on, and writes to them.
+    /// Allocates 150 items in five tasks, for owners from `first` on, and writes to them.
     #[allow(unsafe_code)]
     fn fill(slab: &mut Slab<Item>, slow: &mut BTreeMap<u32, u32>, first: u32) {
-        let taking = slab.open(150, 5);
+        let allocator = slab.allocator(150, 5);
         let share = |share: u32| {
-            let mut batch = Batch::default();
-            let take = |i| {
+            let mut batch = SlotBatch::default();
+            let allocate = |i| {
                 let owner = first + 30 * share + i;
-                let slot = taking.take(owner, &mut batch);
-                // SAFETY: the slot was just taken, by nobody else.
-                unsafe { *taking.cells().get(slot) = [owner + 7; 1024] };
+                let slot = allocator.allocate(owner, &mut batch);
+                // SAFETY: the slot was just allocated, and only here.
+                unsafe { *allocator.items().get(slot) = [owner + 7; 1024] };
                 (slot, owner)
             };
-            ((0..30).map(take).collect(), batch)
+            ((0..30).map(allocate).collect(), batch)
         };
-        let (taken, batches): (Vec<Vec<(u32, u32)>>, Vec<Batch>) = (0..5).into_par_iter().map(share).unzip();
-        let count = taking.taken();
-        slab.close(count, batches);
-        assert!(taken.into_iter().flatten().all(|(slot, owner)| slow.insert(slot, owner).is_none()), "a slot twice");
+        let (slots, batches): (Vec<Vec<(u32, u32)>>, Vec<SlotBatch>) = (0..5).into_par_iter().map(share).unzip();
+        let count = allocator.allocated();
+        slab.finish(count, batches);
+        assert!(slots.into_iter().flatten().all(|(slot, owner)| slow.insert(slot, owner).is_none()), "a slot was allocated twice");
     }
 
     #[test]
-    fn threads_take_items_and_pages_are_handed_on() {
+    fn threads_allocate_distinct_slots_and_pages_are_passed_on() {
         let (mut slab, mut slow) = (Slab::<Item>::default(), BTreeMap::new());
         for round in 0..6u32 {
             fill(&mut slab, &mut slow, 1000 * round);
@@ -254,18 +257,18 @@ mod tests {
             }
         }
         let mut pages = Vec::new();
-        slab.give_away(&mut pages);
+        slab.release_pages(&mut pages);
         assert_holds(&slab, &slow);
         assert!(pages.len() > before / 2 && slab.pages.len() + pages.len() == before, "{} of {before} pages", pages.len());
-        let (mut modest, spare) = (slab.clone(), Slab::<Item>::PAGE);
-        modest.adopt(pages.clone(), spare);
-        let room = modest.pages.len() * Slab::<Item>::PAGE - modest.capacity_used() as usize;
+        let (mut other, spare) = (slab.clone(), Slab::<Item>::PAGE);
+        other.adopt_pages(pages.clone(), spare);
+        let room = other.pages.len() * Slab::<Item>::PAGE - other.capacity_used() as usize;
         assert!((spare..2 * spare).contains(&room), "room for {room} more");
-        slab.adopt(pages, usize::MAX / 2);
+        slab.adopt_pages(pages, usize::MAX / 2);
         assert!(slab.bytes() >= before * Slab::<Item>::PAGE * size_of::<Item>());
         (0..2).for_each(|round| fill(&mut slab, &mut slow, 150 * round));
         assert_holds(&slab, &slow);
-        assert_eq!(slab.pages.len(), before, "what was given is used again");
+        assert_eq!(slab.pages.len(), before, "adopted pages are used");
         assert_holds(&slab.clone(), &slow);
     }
 }

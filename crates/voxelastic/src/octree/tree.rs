@@ -1,12 +1,12 @@
-//! Octants, eight siblings contiguous, under a root that grows as the scan reaches out.
+//! Octants, stored in groups of eight siblings, under a root that grows on demand.
 
-use super::{Cells, NONE, Pool};
+use super::{DisjointMut, NONE, Pool};
 use crate::geometry::morton;
 
-/// One cube of space: what lies below it and what the field says about all of it.
+/// One cube of space: a link to its children or block, and the field's summary of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Octant<P> {
-    /// At level 0 the block's id, above it the index of the eight children; [`NONE`] when nothing lies below.
+    /// At level 0 the block's id, above it the index of the group of eight children; [`NONE`](super::NONE) if it has neither.
     pub link: u32,
     /// The field's summary of this cube.
     pub payload: P,
@@ -24,7 +24,7 @@ pub struct Octree<P> {
     pub(super) groups: Pool<[Octant<P>; 8]>,
     root: Octant<P>,
     root_level: u32,
-    /// Key of the root cube's smallest block, shifted down by `3 * root_level`; meaningless while the tree is empty.
+    /// Key of the root cube's first block, shifted down by `3 * root_level`; meaningless while the tree is empty.
     root_prefix: u64,
 }
 
@@ -35,8 +35,8 @@ impl<P: Copy + Default> Default for Octree<P> {
 }
 
 impl<P: Copy + Default> Octree<P> {
-    /// A tree of the root cube alone: the one of `level`, 1 to 21, that holds block `key`.
-    pub fn with_root(key: u64, level: u32, payload: P) -> Self {
+    /// A tree of the root cube alone: the one of `level`, 1 to 21, that contains block `key`.
+    pub(crate) fn with_root(key: u64, level: u32, payload: P) -> Self {
         Self { groups: Pool::default(), root: Octant { link: NONE, payload }, root_level: level, root_prefix: key >> (3 * level) }
     }
 
@@ -55,12 +55,12 @@ impl<P: Copy + Default> Octree<P> {
         &self.root
     }
 
-    /// The root octant.
-    pub fn root_mut(&mut self) -> &mut Octant<P> {
+    /// The root octant, mutable.
+    pub(crate) fn root_mut(&mut self) -> &mut Octant<P> {
         &mut self.root
     }
 
-    /// Key of the root cube's smallest block.
+    /// Key of the root cube's first block in Morton order.
     pub fn root_key(&self) -> u64 {
         self.root_prefix << (3 * self.root_level)
     }
@@ -71,29 +71,29 @@ impl<P: Copy + Default> Octree<P> {
         &self.groups[group]
     }
 
-    /// The eight octants of group `group`.
+    /// The eight octants of group `group`, mutable.
     #[inline(always)]
-    pub fn siblings_mut(&mut self, group: u32) -> &mut [Octant<P>; 8] {
+    pub(crate) fn siblings_mut(&mut self, group: u32) -> &mut [Octant<P>; 8] {
         &mut self.groups[group]
     }
 
-    /// Opens all groups for writing to different octants from several threads.
-    pub fn cells(&mut self) -> Cells<'_, [Octant<P>; 8]> {
-        Cells::new(&mut self.groups)
+    /// Borrows all groups for writing to different octants from several threads.
+    pub(crate) fn disjoint_mut(&mut self) -> DisjointMut<'_, [Octant<P>; 8]> {
+        DisjointMut::new(&mut self.groups)
     }
 
-    /// Adds a group of eight octants, all with `payload` and nothing below, and returns its index.
-    pub fn add_group(&mut self, payload: P) -> u32 {
+    /// Adds a group of eight octants, all with `payload` and without links, and returns its index.
+    pub(crate) fn add_group(&mut self, payload: P) -> u32 {
         self.groups.insert([Octant { link: NONE, payload }; 8])
     }
 
-    /// Gives group `group` back. The caller has unlinked it and whatever was below.
-    pub fn remove_group(&mut self, group: u32) {
+    /// Frees group `group`. The caller has unlinked it and everything below.
+    pub(crate) fn remove_group(&mut self, group: u32) {
         self.groups.remove(group);
     }
 
-    /// Grows the root until it holds `key`; what was there stays below. A new root's payload is the default.
-    pub fn grow_to(&mut self, key: u64) {
+    /// Grows the root until it contains block `key`; existing octants are kept. A new root has the default payload.
+    pub(crate) fn grow_to(&mut self, key: u64) {
         if self.is_empty() {
             self.root_level = 1;
             self.root_prefix = key >> 3;
@@ -109,10 +109,10 @@ impl<P: Copy + Default> Octree<P> {
         }
     }
 
-    /// Grows the root until it holds all of `keys`, and all blocks between them.
-    pub fn grow_over(&mut self, keys: impl Iterator<Item = u64>) {
-        let axes = [0, 1, 2].map(|k| morton::EVERY_THIRD << k);
-        // The bits of one axis compare as its coordinate does: no key needs to be decoded.
+    /// Grows the root until it contains the bounding box of all blocks in `keys`.
+    pub(crate) fn grow_over(&mut self, keys: impl Iterator<Item = u64>) {
+        let axes = [0, 1, 2].map(|k| morton::AXIS_MASK << k);
+        // Masked to the bits of one axis, keys compare as that coordinate does, so they need not be decoded.
         let (low, high) = keys.fold(([u64::MAX; 3], [0; 3]), |(mut low, mut high), key| {
             for k in 0..3 {
                 low[k] = low[k].min(key & axes[k]);
@@ -126,27 +126,19 @@ impl<P: Copy + Default> Octree<P> {
         }
     }
 
-    /// Whether the root cube holds `key`.
+    /// Whether the root cube contains block `key`.
     #[inline(always)]
     pub fn covers(&self, key: u64) -> bool {
         self.root_level > 0 && key >> (3 * self.root_level) == self.root_prefix
     }
 
-    /// The smallest existing octant that holds block `key`, and its level; none outside the root.
+    /// The smallest existing octant that contains block `key`, and its level; none outside of the root.
     pub fn find(&self, key: u64) -> Option<(u32, &Octant<P>)> {
-        if !self.covers(key) {
-            return None;
-        }
-        let (mut level, mut octant) = (self.root_level, &self.root);
-        while level > 0 && octant.link != NONE {
-            level -= 1;
-            octant = &self.groups[octant.link][(key >> (3 * level)) as usize & 7];
-        }
-        Some((level, octant))
+        self.find_at_least(key, 0)
     }
 
-    /// The octant of exactly `level` that holds block `key`, if it exists.
-    pub fn octant_mut(&mut self, key: u64, level: u32) -> Option<&mut Octant<P>> {
+    /// The octant of exactly `level` that contains block `key`, if it exists.
+    pub(crate) fn octant_mut(&mut self, key: u64, level: u32) -> Option<&mut Octant<P>> {
         if !self.covers(key) || level > self.root_level {
             return None;
         }
@@ -164,6 +156,19 @@ impl<P: Copy + Default> Octree<P> {
             return None;
         }
         Some(&mut self.groups[group][(key >> (3 * level)) as usize & 7])
+    }
+
+    /// The smallest existing octant of at least `lowest` level that contains block `key`, and its level.
+    pub(crate) fn find_at_least(&self, key: u64, lowest: u32) -> Option<(u32, &Octant<P>)> {
+        if !self.covers(key) {
+            return None;
+        }
+        let (mut level, mut octant) = (self.root_level, &self.root);
+        while level > lowest && octant.link != NONE {
+            level -= 1;
+            octant = &self.groups[octant.link][(key >> (3 * level)) as usize & 7];
+        }
+        Some((level, octant))
     }
 
     /// The id of block `key`, if there is one.
@@ -190,12 +195,23 @@ impl<P: Copy + Default> Octree<P> {
         }
     }
 
-    /// Bytes held.
+    /// Ids of all blocks in ascending order of their Morton keys.
+    pub(crate) fn block_ids(&self) -> Vec<u32> {
+        let mut ids = Vec::new();
+        self.for_each(|_, level, octant| {
+            if level == 0 && octant.link != NONE {
+                ids.push(octant.link);
+            }
+        });
+        ids
+    }
+
+    /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.groups.bytes()
     }
 
-    /// Octants in use, the root included.
+    /// Number of octants, including the root.
     pub fn octants(&self) -> usize {
         if self.is_empty() { 0 } else { 1 + 8 * self.groups.live() }
     }

@@ -1,54 +1,54 @@
-//! Questions to the whole atlas, in the map frame.
+//! Queries on the whole atlas in the map frame.
 
-use super::frontier::gather;
-use super::ray::{Ray, RayHit};
+use super::frontier::{FrontierFace, gather};
+use super::ray_cast::{Ray, RayHit};
 use super::shape::{Shape, moved};
-use super::{FieldQuery, FrontierPoint, Region, UnknownAs};
-use crate::atlas::Atlas;
+use super::{CellSummary, FieldQuery, FrontierPoint, UnknownAs};
+use crate::atlas::{Atlas, Submap};
 use crate::field::occupancy::{State, UNKNOWN, log_odds, state_of};
 use crate::geometry::{Aabb, Pose};
 use rayon::prelude::*;
 
-/// Asks all submaps of an atlas at their current root poses, also one that is [being fused](Atlas::retiring). Coordinates are metres
-/// in the map frame.
+/// Queries all submaps of an atlas at their current root poses, including one that is [being fused](Atlas::merging). Coordinates are
+/// metres in the map frame.
 ///
-/// Making one costs a look at the coarse octants of every submap, for their bounds; make a new one after the map changed.
+/// Creating one visits the coarse octants of every submap to find their bounds. It borrows the atlas: create a new one after the map changed.
 #[derive(Clone, Debug)]
 pub struct AtlasQuery<'a> {
-    voxel: f64,
-    pub(super) parts: Vec<Part<'a>>,
+    voxel_size: f64,
+    pub(super) parts: Vec<PlacedField<'a>>,
 }
 
-/// A submap that has occupancy.
+/// The occupancy field of a submap, its pose and bounds.
 #[derive(Clone, Debug)]
-pub(super) struct Part<'a> {
+pub(super) struct PlacedField<'a> {
     pub query: FieldQuery<'a>,
     pub t_map_submap: Pose,
     pub t_submap_map: Pose,
-    /// Around everything observed, in the submap frame.
+    /// Bounds of everything observed, submap frame.
     pub low: [f64; 3],
     pub high: [f64; 3],
 }
 
-impl Part<'_> {
-    /// Whether anything observed may be in the box (submap frame).
+impl PlacedField<'_> {
+    /// Whether the box (submap frame) overlaps the bounds.
     #[inline(always)]
     pub fn reaches(&self, low: [f64; 3], high: [f64; 3]) -> bool {
         (0..3).all(|k| low[k] <= self.high[k] && high[k] >= self.low[k])
     }
 
-    /// Value at a point of the map frame.
+    /// Value at a point in the map frame.
     #[inline(always)]
     pub fn value(&self, p: [f64; 3]) -> i8 {
         let local = moved(&self.t_submap_map, p);
         if self.reaches(local, local) { self.query.value(local) } else { UNKNOWN }
     }
 
-    /// Whether anything observed may be on a ray (submap frame).
-    fn may_meet(&self, ray: &Ray) -> bool {
+    /// Whether a ray (submap frame) may cross the bounds.
+    fn may_cross(&self, ray: &Ray) -> bool {
         let end: [f64; 3] = std::array::from_fn(|k| ray.origin[k] + ray.direction[k] * ray.length);
-        let is_apart = |k: usize| ray.origin[k].max(end[k]) < self.low[k] || ray.origin[k].min(end[k]) > self.high[k];
-        !(ray.length.is_finite() && (0..3).any(is_apart))
+        let is_outside = |k: usize| ray.origin[k].max(end[k]) < self.low[k] || ray.origin[k].min(end[k]) > self.high[k];
+        !(ray.length.is_finite() && (0..3).any(is_outside))
     }
 
     /// The ray in the submap's frame.
@@ -61,10 +61,10 @@ impl Part<'_> {
     }
 }
 
-/// The stronger of two values: anything known over the unknown, otherwise the larger. Occupied wins over free.
+/// The union of two values: a known one over an unknown one, otherwise the larger. Occupied wins over free.
 #[inline(always)]
-pub(super) fn stronger(a: i8, b: i8) -> i8 {
-    // A value of zero is no knowledge of free or occupied either.
+pub(super) fn union(a: i8, b: i8) -> i8 {
+    // A value of zero is neither free nor occupied.
     match (state_of(a), state_of(b)) {
         (State::Unknown, State::Unknown) => a.max(b),
         (State::Unknown, _) => b,
@@ -73,31 +73,58 @@ pub(super) fn stronger(a: i8, b: i8) -> i8 {
     }
 }
 
+impl Atlas {
+    /// Queries on the occupancy of all submaps in the map frame.
+    ///
+    /// ```
+    /// use voxelastic::atlas::Atlas;
+    /// use voxelastic::field::occupancy::State;
+    /// let atlas = Atlas::new(0.065);
+    /// assert_eq!(atlas.query().state([1.0, 2.0, 0.5]), State::Unknown);
+    /// ```
+    pub fn query(&self) -> AtlasQuery<'_> {
+        AtlasQuery::new(self)
+    }
+}
+
+impl Submap {
+    /// Queries on the submap's occupancy in the submap frame.
+    pub fn query(&self) -> FieldQuery<'_> {
+        FieldQuery::new(&self.occupancy, self.voxel_size)
+    }
+}
+
 impl<'a> AtlasQuery<'a> {
-    /// Asks `atlas`, whose finest voxels have edges of `voxel` metres.
-    pub fn new(atlas: &'a Atlas, voxel: f32) -> Self {
-        let part = |(submap, t_map_submap): (&'a crate::atlas::Submap, Pose)| {
-            let query = FieldQuery::new(&submap.occupancy, voxel);
+    /// Queries on `atlas`, the same as [`Atlas::query`].
+    pub fn new(atlas: &'a Atlas) -> Self {
+        let part = |(submap, t_map_submap): (&'a Submap, Pose)| {
+            let query = submap.query();
             let bounds = query.bounds();
             let t_submap_map = t_map_submap.inverse();
-            (!bounds.is_empty()).then(|| Part { query, t_map_submap, t_submap_map, low: bounds.min.map(f64::from), high: bounds.max.map(f64::from) })
+            (!bounds.is_empty()).then(|| PlacedField {
+                query,
+                t_map_submap,
+                t_submap_map,
+                low: bounds.min.map(f64::from),
+                high: bounds.max.map(f64::from),
+            })
         };
-        let retiring = atlas.retiring().map(|retiring| (retiring.submap, retiring.t_map_submap));
+        let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
         let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap));
-        Self { voxel: f64::from(voxel), parts: submaps.chain(retiring).filter_map(part).collect() }
+        Self { voxel_size: f64::from(atlas.voxel_size()), parts: submaps.chain(merging).filter_map(part).collect() }
     }
 
     /// Edge of the finest voxel, metres.
-    pub fn voxel(&self) -> f64 {
-        self.voxel
+    pub fn voxel_size(&self) -> f64 {
+        self.voxel_size
     }
 
-    /// Whether no submap knows anything.
+    /// Whether no submap has observations.
     pub fn is_empty(&self) -> bool {
         self.parts.is_empty()
     }
 
-    /// Box around everything that any submap observed, map frame; empty when nothing was.
+    /// Box around everything observed, map frame; empty if nothing was.
     pub fn bounds(&self) -> Aabb {
         let mut bounds = Aabb::default();
         for part in &self.parts {
@@ -108,27 +135,27 @@ impl<'a> AtlasQuery<'a> {
         bounds
     }
 
-    /// Strongest value at `p` in steps.
+    /// [Union](union) of the values at `p`, steps.
     #[inline(always)]
     pub(super) fn value(&self, p: [f64; 3]) -> i8 {
-        self.parts.iter().fold(UNKNOWN, |best, part| stronger(best, part.value(p)))
+        self.parts.iter().fold(UNKNOWN, |best, part| union(best, part.value(p)))
     }
 
-    /// State at `p`: occupied if any submap says so, free if some submap says so and none occupied.
+    /// State at `p`: occupied if it is occupied in any submap, free if it is free in some submap and occupied in none.
     pub fn state(&self, p: [f64; 3]) -> State {
         state_of(self.value(p))
     }
 
-    /// Log-odds of being occupied at `p`, the largest of all submaps that know free or occupied space there.
+    /// Log-odds of occupancy at `p`: the largest of all submaps in which `p` is free or occupied.
     pub fn log_odds(&self, p: [f64; 3]) -> Option<f32> {
         log_odds(self.value(p))
     }
 
-    /// What is known of the cubes of 2^level finest voxels around `p`, of which each submap has its own: the strongest state
-    /// of all, as [`FieldQuery::at_level`] gives it.
-    pub fn at_level(&self, p: [f64; 3], level: u32) -> Region {
-        let ask = |part: &Part<'_>| part.query.at_level(moved(&part.t_submap_map, p), level);
-        let stronger = |a: Region, b: Region| match (a.state(), b.state()) {
+    /// Summary of the cubes of 2^level finest voxels around `p`, one in the grid of each submap: occupied over free over unknown, as
+    /// [`FieldQuery::at_level`] returns it.
+    pub fn at_level(&self, p: [f64; 3], level: u32) -> CellSummary {
+        let summary = |part: &PlacedField<'_>| part.query.at_level(moved(&part.t_submap_map, p), level);
+        let larger = |a: CellSummary, b: CellSummary| match (a.state(), b.state()) {
             (State::Unknown, State::Unknown) => {
                 if b.max > a.max {
                     b
@@ -146,27 +173,27 @@ impl<'a> AtlasQuery<'a> {
                 }
             }
         };
-        self.parts.iter().map(ask).fold(Region::UNSEEN, stronger)
+        self.parts.iter().map(summary).fold(CellSummary::UNKNOWN, larger)
     }
 
     /// Whether all of `shape` (map frame) is free.
     ///
-    /// No submap may have an occupied voxel that the shape touches. Unless unknown space counts as free, submaps may share
-    /// the rest: space is taken in cubes of the finest voxel's size (a grid of the map frame), and of each cube's part
-    /// in the shape some submap must know all to be free. Where the free spaces of two submaps only just meet, a shape across
-    /// both may so be called not free for want of a voxel's overlap, never the other way round.
+    /// The shape may not touch an occupied voxel of any submap. Unless unknown space counts as free, the free spaces of submaps complete
+    /// each other: space is divided into cubes of the finest voxel's size (a grid of the map frame), and each cube's intersection with the
+    /// shape must be free in some submap. Where the free spaces of two submaps overlap by less than a voxel, a shape across both may be
+    /// reported as not free, never the other way round.
     pub fn is_free(&self, shape: &Shape, unknown: UnknownAs) -> bool {
         if !shape.is_valid() {
             return false;
         }
-        let local: Vec<(&Part<'_>, Shape)> = self.near(shape);
+        let local: Vec<(&PlacedField<'_>, Shape)> = self.near(shape);
         if unknown == UnknownAs::Blocked && local.is_empty() {
             return false;
         }
         if unknown == UnknownAs::Blocked && local.len() == 1 {
             return local[0].0.query.is_free(&local[0].1, UnknownAs::Blocked);
         }
-        // One submap knows all of the shape, most often.
+        // Most often the whole shape is free in one submap.
         let mut is_known = unknown == UnknownAs::Free;
         for (part, shape) in &local {
             if !is_known && part.query.is_free(shape, UnknownAs::Blocked) {
@@ -178,45 +205,45 @@ impl<'a> AtlasQuery<'a> {
         is_known || self.is_covered(shape, &local)
     }
 
-    /// Whether some submap knows all of `shape` (map frame) to be free and none of the others has anything occupied in it: what is free by that is
-    /// free by [`is_free`](Self::is_free), which also puts together what several submaps know, and takes its time for that.
+    /// Whether all of `shape` (map frame) is free in some submap and nothing in it is occupied in any other: sufficient for
+    /// [`is_free`](Self::is_free), which also combines the free spaces of several submaps and takes longer.
     pub fn is_free_by_one(&self, shape: &Shape) -> bool {
         if !shape.is_valid() {
             return false;
         }
         let mut is_known = false;
         for (part, shape) in self.near(shape) {
-            let knows = !is_known && part.query.is_free(&shape, UnknownAs::Blocked);
-            is_known |= knows;
-            if !knows && !part.query.is_free(&shape, UnknownAs::Free) {
+            let is_free = !is_known && part.query.is_free(&shape, UnknownAs::Blocked);
+            is_known |= is_free;
+            if !is_free && !part.query.is_free(&shape, UnknownAs::Free) {
                 return false;
             }
         }
         is_known
     }
 
-    /// The submaps that may know something of the shape, with the shape in their frames.
-    fn near(&self, shape: &Shape) -> Vec<(&Part<'a>, Shape)> {
-        let local = |part: &'_ Part<'a>| shape.moved(&part.t_submap_map);
-        let reaches = |part: &Part<'_>, local: &Shape| {
+    /// The submaps whose bounds the shape overlaps, with the shape in their frames.
+    fn near(&self, shape: &Shape) -> Vec<(&PlacedField<'a>, Shape)> {
+        let local = |part: &'_ PlacedField<'a>| shape.moved(&part.t_submap_map);
+        let reaches = |part: &PlacedField<'_>, local: &Shape| {
             let (low, high) = local.bounds();
             part.reaches(low, high)
         };
         self.parts.iter().map(|part| (part, local(part))).filter(|(part, local)| reaches(part, local)).collect()
     }
 
-    /// The first place along `ray` (map frame) that any submap calls occupied or, unless unknown space counts as free, that
-    /// none calls free. None when the ray ends before, and for a ray that is none.
-    pub fn cast(&self, ray: &Ray, unknown: UnknownAs) -> Option<RayHit> {
+    /// First point along `ray` (map frame) that is occupied in any submap or, unless unknown space counts as free, free in none. None if
+    /// the ray ends before, or if the ray is invalid.
+    pub fn ray_cast(&self, ray: &Ray, unknown: UnknownAs) -> Option<RayHit> {
         let ray = ray.normalised()?;
         let mut nearest: Option<RayHit> = None;
         let mut left = ray;
         for part in &self.parts {
             let local = part.ray(&left);
-            if !part.may_meet(&local) {
+            if !part.may_cross(&local) {
                 continue;
             }
-            if let Some(hit) = part.query.cast_from(&local, 0.0, UnknownAs::Free) {
+            if let Some(hit) = part.query.ray_cast_from(&local, 0.0, UnknownAs::Free) {
                 let normal = (part.t_map_submap.rotation * nalgebra::Vector3::from(hit.normal)).into();
                 // The first of equals stays.
                 if nearest.is_none_or(|n| hit.distance < n.distance) {
@@ -231,15 +258,15 @@ impl<'a> AtlasQuery<'a> {
         self.end_of_free(&left).or(nearest)
     }
 
-    /// Where the free space of all submaps together ends along `ray`, if before the ray does.
+    /// Where the union of the submaps' free spaces ends along `ray`, if before the ray does.
     fn end_of_free(&self, ray: &Ray) -> Option<RayHit> {
-        let nudge = 1e-6 * self.voxel;
+        let nudge = 1e-6 * self.voxel_size;
         let (mut at, mut normal) = (0.0, [0.0; 3]);
         loop {
             let mut farthest: Option<(f64, [f64; 3])> = None;
             for part in &self.parts {
                 let start = if at > 0.0 { at + nudge } else { 0.0 };
-                let hit = part.query.cast_from(&part.ray(ray), start, UnknownAs::Blocked)?;
+                let hit = part.query.ray_cast_from(&part.ray(ray), start, UnknownAs::Blocked)?;
                 if farthest.is_none_or(|(distance, _)| hit.distance > distance) {
                     farthest = Some((hit.distance, (part.t_map_submap.rotation * nalgebra::Vector3::from(hit.normal)).into()));
                 }
@@ -252,22 +279,23 @@ impl<'a> AtlasQuery<'a> {
         (at < ray.length - nudge).then_some(RayHit { distance: at, normal, state: State::Unknown })
     }
 
-    /// The frontier of the whole map, a point for each cube of 2^level finest voxels of the map frame: free space next to
-    /// space that no submap knows, in the order of the cubes' coordinates.
+    /// The frontier of the whole map: free space next to space that is unknown in all submaps. One point per cube of 2^level finest voxels
+    /// of the map frame, ordered by the cubes' coordinates.
     pub fn frontier(&self, level: u32) -> Vec<FrontierPoint> {
-        let mut pieces = Vec::new();
+        let mut points = Vec::new();
         for (i, part) in self.parts.iter().enumerate() {
-            let others =
-                |p: [f64; 3]| self.parts.iter().enumerate().filter(|(j, _)| *j != i).fold(UNKNOWN, |best, (_, o)| stronger(best, o.value(p)));
-            let seen = |p: [f64; 3]| state_of(others(moved(&part.t_map_submap, p)));
-            let open = |face: &super::frontier::FrontierFace| seen(face.unknown) == State::Unknown && seen(face.free) != State::Occupied;
+            let others = |p: [f64; 3]| self.parts.iter().enumerate().filter(|(j, _)| *j != i).fold(UNKNOWN, |best, (_, o)| union(best, o.value(p)));
+            let other_state = |p: [f64; 3]| state_of(others(moved(&part.t_map_submap, p)));
+            let is_frontier = |face: &FrontierFace| other_state(face.unknown) == State::Unknown && other_state(face.free) != State::Occupied;
             let faces = part.query.frontier_faces();
-            pieces.extend(faces.par_iter().filter(|face| open(face)).map(|face| moved_point(&part.t_map_submap, &face.point)).collect::<Vec<_>>());
+            points.extend(
+                faces.par_iter().filter(|face| is_frontier(face)).map(|face| transformed(&part.t_map_submap, &face.point)).collect::<Vec<_>>(),
+            );
         }
-        gather(pieces.into_iter(), self.voxel * f64::from(1u32 << level.min(30)))
+        gather(points.into_iter(), self.voxel_size * f64::from(1u32 << level.min(30)))
     }
 }
 
-fn moved_point(t: &Pose, point: &FrontierPoint) -> FrontierPoint {
+fn transformed(t: &Pose, point: &FrontierPoint) -> FrontierPoint {
     FrontierPoint { position: moved(t, point.position), normal: (t.rotation * nalgebra::Vector3::from(point.normal)).into(), area: point.area }
 }

@@ -1,13 +1,13 @@
-//! Is a shape covered by the free spaces of several submaps together?
+//! Coverage of a shape by the union of several submaps' free spaces.
 
-use super::atlas::Part;
-use super::free::with_solid;
+use super::atlas::PlacedField;
+use super::collision::with_solid;
 use super::shape::{OrientedBox, Shape};
-use super::solid::{Block, Both, Solid};
+use super::shape_sdf::{Both, BoxSolid, Solid};
 use super::{AtlasQuery, UnknownAs};
 use crate::geometry::Pose;
 
-/// Deepest halving of a shape's bounding cube; shapes larger than 2^this finest voxels are taken in coarser cubes.
+/// Largest number of halvings of a shape's bounding cube; shapes larger than 2^this finest voxels are divided into coarser cubes.
 const MAX_HALVINGS: u32 = 12;
 
 /// A cube of the map frame: coordinates in multiples of its own edge, from a common origin.
@@ -18,49 +18,49 @@ struct Cell {
 }
 
 impl AtlasQuery<'_> {
-    /// Whether, of every map cube's part in the shape, some submap knows all to be free. `local` has the shape in the
-    /// frames of the submaps that may know something of it.
-    pub(super) fn is_covered(&self, shape: &Shape, local: &[(&Part<'_>, Shape)]) -> bool {
+    /// Whether the intersection of every map cube with the shape is free in some submap. `local` has the shape in the frames of the submaps
+    /// whose bounds it overlaps.
+    pub(super) fn is_covered(&self, shape: &Shape, local: &[(&PlacedField<'_>, Shape)]) -> bool {
         let (low, high) = shape.bounds();
         let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
-        let level = ((extent / self.voxel()).max(1.0).log2().ceil() as u32).min(MAX_HALVINGS);
-        let edge = self.voxel() * f64::from(1u32 << level);
+        let level = ((extent / self.voxel_size()).max(1.0).log2().ceil() as u32).min(MAX_HALVINGS);
+        let edge = self.voxel_size() * f64::from(1u32 << level);
         let [first, last] = [low, high].map(|p| p.map(|c| (c / edge).floor()));
-        // Cubes and shape are held against each other near the origin: single precision is fine enough there.
+        // Cubes and shape are compared near the origin, where single precision is sufficient.
         let origin = first.map(|c| c * edge);
         let shifted = shape.moved(&Pose::translation(-origin[0], -origin[1], -origin[2]));
-        let cover = Cover { query: self, origin, local };
+        let coverage = Coverage { query: self, origin, local };
         let [nx, ny, nz] = std::array::from_fn(|k| (last[k] - first[k]) as i32);
-        with_solid!(&shifted, 1.0 / self.voxel(), |solid| {
-            (0..=nz).all(|z| (0..=ny).all(|y| (0..=nx).all(|x| cover.is_covered(Cell { at: [x, y, z], level }, solid))))
+        with_solid!(&shifted, 1.0 / self.voxel_size(), |solid| {
+            (0..=nz).all(|z| (0..=ny).all(|y| (0..=nx).all(|x| coverage.is_covered(Cell { at: [x, y, z], level }, solid))))
         })
     }
 }
 
-/// A question for coverage.
-struct Cover<'a, 'b> {
+/// A coverage check.
+struct Coverage<'a, 'b> {
     query: &'a AtlasQuery<'b>,
     /// Smallest corner of the cell at zero, metres in the map frame.
     origin: [f64; 3],
-    /// The shape in the frames of the submaps that may know something of it.
-    local: &'a [(&'a Part<'b>, Shape)],
+    /// The shape in the frames of the submaps whose bounds it overlaps.
+    local: &'a [(&'a PlacedField<'b>, Shape)],
 }
 
-impl Cover<'_, '_> {
+impl Coverage<'_, '_> {
     fn is_covered<S: Solid>(&self, cell: Cell, shape: &S) -> bool {
         let corner = |add: i32| cell.at.map(|c| ((c + add) << cell.level) as f32);
         if !shape.meets(corner(0), corner(1)) {
             return true;
         }
-        let edge = self.query.voxel() * f64::from(1u32 << cell.level);
+        let edge = self.query.voxel_size() * f64::from(1u32 << cell.level);
         let middle: [f64; 3] = std::array::from_fn(|k| self.origin[k] + (f64::from(cell.at[k]) + 0.5) * edge);
         let t_map_cell = Pose::translation(middle[0], middle[1], middle[2]);
-        let knows = |(part, shape): &(&Part<'_>, Shape)| {
+        let is_free = |(part, shape): &(&PlacedField<'_>, Shape)| {
             let per_metre = part.query.per_metre;
-            let cube = Block::new(&OrientedBox { t_frame_box: part.t_submap_map * t_map_cell, half: [0.5 * edge; 3] }, per_metre);
+            let cube = BoxSolid::new(&OrientedBox { t_frame_box: part.t_submap_map * t_map_cell, half: [0.5 * edge; 3] }, per_metre);
             with_solid!(shape, per_metre, |solid| part.query.is_clear_of(&Both(solid, &cube), UnknownAs::Blocked))
         };
-        if self.local.iter().any(knows) {
+        if self.local.iter().any(is_free) {
             return true;
         }
         cell.level > 0

@@ -1,12 +1,12 @@
-//! Questions to one field, in its submap's frame: points and cubes.
+//! Queries on one field in the submap frame: points and cubes.
 
 use super::UnknownAs;
 use super::shape::moved;
 use crate::field::occupancy::{OccupancyField, State, Summary, UNKNOWN, log_odds, state_of};
 use crate::geometry::{Aabb, Pose};
-use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, block_key, voxel_coords};
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, block_coords, block_key, voxel_coords};
 
-/// Asks one occupancy field. Coordinates are metres in the submap frame.
+/// Queries one occupancy field. Coordinates are metres in the submap frame.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldQuery<'a> {
     pub(super) field: &'a OccupancyField,
@@ -14,20 +14,20 @@ pub struct FieldQuery<'a> {
     pub(super) per_metre: f64,
 }
 
-/// What is known of a cube of space.
+/// Summary of a cube of space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Region {
-    /// Largest value (in steps of log-odds) anywhere in the cube; [`UNKNOWN`] when nothing of it was observed.
+pub struct CellSummary {
+    /// Largest value in the cube, steps of log-odds; [`UNKNOWN`] if no voxel was observed.
     pub max: i8,
-    /// Whether all of the cube was observed.
+    /// Whether all voxels of the cube were observed.
     pub observed: bool,
 }
 
-impl Region {
-    /// A cube that nothing is known of.
-    pub const UNSEEN: Self = Self { max: UNKNOWN, observed: false };
+impl CellSummary {
+    /// A cube without observations.
+    pub const UNKNOWN: Self = Self { max: UNKNOWN, observed: false };
 
-    /// Occupied if anything in the cube is, free if all of it is.
+    /// Occupied if any voxel in the cube is, free if all are.
     pub fn state(&self) -> State {
         if self.max > 0 {
             State::Occupied
@@ -38,7 +38,7 @@ impl Region {
         }
     }
 
-    /// Largest log-odds anywhere in the cube; none when nothing of it was observed.
+    /// Largest log-odds in the cube; none if no voxel was observed.
     pub fn log_odds(&self) -> Option<f32> {
         log_odds(self.max)
     }
@@ -49,13 +49,13 @@ impl Region {
     }
 }
 
-impl From<Summary> for Region {
+impl From<Summary> for CellSummary {
     fn from(summary: Summary) -> Self {
         Self { max: summary.max, observed: summary.observed }
     }
 }
 
-/// Whether a voxel of this value stops robots and rays.
+/// Whether a voxel of this value blocks robots and rays.
 #[inline(always)]
 pub(super) fn blocks(value: i8, unknown: UnknownAs) -> bool {
     match unknown {
@@ -64,7 +64,7 @@ pub(super) fn blocks(value: i8, unknown: UnknownAs) -> bool {
     }
 }
 
-/// Whether nothing below an octant stops robots and rays.
+/// Whether no voxel of an octant blocks robots and rays.
 #[inline(always)]
 pub(super) fn is_clear(summary: &Summary, unknown: UnknownAs) -> bool {
     match unknown {
@@ -74,20 +74,20 @@ pub(super) fn is_clear(summary: &Summary, unknown: UnknownAs) -> bool {
 }
 
 impl<'a> FieldQuery<'a> {
-    /// Asks `field`, whose finest voxels have edges of `voxel` metres.
-    pub fn new(field: &'a OccupancyField, voxel: f32) -> Self {
-        let voxel = f64::from(voxel);
+    /// Queries on `field`, whose finest voxels have edges of `voxel_size` metres.
+    pub(crate) fn new(field: &'a OccupancyField, voxel_size: f32) -> Self {
+        let voxel = f64::from(voxel_size);
         Self { field, voxel, per_metre: 1.0 / voxel }
     }
 
-    /// Coordinates of the finest voxel that holds `p`; none far outside of what a field can hold, or when not finite.
+    /// Coordinates of the finest voxel that contains `p`; none if `p` is beyond the largest coordinates of a field or not finite.
     pub(super) fn voxel_of(&self, p: [f64; 3]) -> Option<[i32; 3]> {
         const LIMIT: f64 = ((crate::octree::MAX_BLOCK_COORD as i64) << BLOCK_SHIFT) as f64;
         let c = p.map(|c| (c * self.per_metre).floor());
         c.iter().all(|v| v.abs() <= LIMIT).then(|| c.map(|v| v as i32))
     }
 
-    /// Value at `p` in steps; [`UNKNOWN`] outside of the field.
+    /// Value at `p`, steps; [`UNKNOWN`] outside of the field.
     pub(super) fn value(&self, p: [f64; 3]) -> i8 {
         self.voxel_of(p).map_or(UNKNOWN, |c| self.field.value_at(c))
     }
@@ -97,67 +97,53 @@ impl<'a> FieldQuery<'a> {
         state_of(self.value(p))
     }
 
-    /// Log-odds of being occupied of the voxel at `p`; none where nothing was observed.
+    /// Log-odds of occupancy of the voxel at `p`; none if it was not observed.
     pub fn log_odds(&self, p: [f64; 3]) -> Option<f32> {
         log_odds(self.value(p))
     }
 
-    /// What is known of the cube of 2^level finest voxels around `p`: cubes of one level tile the submap frame, as octants do.
-    pub fn at_level(&self, p: [f64; 3], level: u32) -> Region {
-        let Some(c) = self.voxel_of(p) else { return Region::UNSEEN };
+    /// Summary of the cube of 2^level finest voxels around `p`: cubes of one level tile the submap frame, as octants do.
+    pub fn at_level(&self, p: [f64; 3], level: u32) -> CellSummary {
+        let Some(c) = self.voxel_of(p) else { return CellSummary::UNKNOWN };
         let tree = self.field.tree();
         let key = block_key(c.map(|v| v >> BLOCK_SHIFT));
         let lowest = level.saturating_sub(BLOCK_SHIFT);
         if lowest > tree.root_level() {
-            // A cube larger than the root cube holds all of it or nothing, and space that was never seen.
+            // A cube larger than the root contains all of it or none, and unknown space.
             let above = (3 * lowest).min(u64::BITS - 1);
-            let holds_root = !tree.is_empty() && key >> above == tree.root_key() >> above;
-            return if holds_root { Region { observed: false, ..tree.root().payload.into() } } else { Region::UNSEEN };
+            let contains_root = !tree.is_empty() && key >> above == tree.root_key() >> above;
+            return if contains_root { CellSummary { observed: false, ..tree.root().payload.into() } } else { CellSummary::UNKNOWN };
         }
-        match self.octant(key, lowest) {
-            Some((0, octant)) if octant.link != NONE && level < BLOCK_SHIFT => self.region_in_block(octant.link, c, level as usize),
+        match self.field.tree().find_at_least(key, lowest) {
+            Some((0, octant)) if octant.link != NONE && level < BLOCK_SHIFT => self.summary_in_block(octant.link, c, level as usize),
             Some((_, octant)) => octant.payload.into(),
-            None => Region::UNSEEN,
+            None => CellSummary::UNKNOWN,
         }
     }
 
-    /// What a block knows of the cube of 2^level voxels, smaller than itself, that holds voxel `c`.
-    fn region_in_block(&self, link: u32, c: [i32; 3], level: usize) -> Region {
+    /// Summary of the cube of 2^level voxels, smaller than the block, that contains voxel `c`.
+    fn summary_in_block(&self, link: u32, c: [i32; 3], level: usize) -> CellSummary {
         let block = self.field.block(link);
         let (values, scale) = (self.field.values(block), usize::from(block.scale));
         let cube = |c: [usize; 3]| c.map(|v| v >> level);
         let at = cube(c.map(|v| v as usize & (BLOCK_EDGE - 1)));
-        let mut region = Region { max: UNKNOWN, observed: true };
+        let mut summary = CellSummary { max: UNKNOWN, observed: true };
         for (i, &value) in values.iter().enumerate() {
             let low = voxel_coords(i, scale).map(|v| v << scale);
             let is_in = cube(low) == at || (scale > level && (0..3).all(|k| at[k] << level >> scale == low[k] >> scale));
             if is_in {
-                region.add(value);
+                summary.add(value);
             }
         }
-        region
+        summary
     }
 
-    /// The smallest existing octant of at least `lowest` level that holds block `key`, and its level.
-    pub(super) fn octant(&self, key: u64, lowest: u32) -> Option<(u32, Octant<Summary>)> {
-        let tree = self.field.tree();
-        if !tree.covers(key) {
-            return None;
-        }
-        let (mut level, mut octant) = (tree.root_level(), *tree.root());
-        while level > lowest && octant.link != NONE {
-            level -= 1;
-            octant = tree.siblings(octant.link)[(key >> (3 * level)) as usize & 7];
-        }
-        Some((level, octant))
-    }
-
-    /// Box around everything that was observed, metres in the submap frame; empty when nothing was.
+    /// Box around everything observed, metres in the submap frame; empty if nothing was.
     pub fn bounds(&self) -> Aabb {
         self.bounds_in(&Pose::identity())
     }
 
-    /// Box around all octants that were observed, in the frame that `t_frame_submap` maps to; empty when nothing was.
+    /// Box around all observed octants in the frame that `t_frame_submap` maps to; empty if there are none.
     pub fn bounds_in(&self, t_frame_submap: &Pose) -> Aabb {
         let tree = self.field.tree();
         let mut bounds = Aabb::default();
@@ -165,7 +151,7 @@ impl<'a> FieldQuery<'a> {
             return bounds;
         }
         let rotation = t_frame_submap.rotation.to_rotation_matrix();
-        // Half extents of a turned block.
+        // Half extents of a rotated block.
         let reach: [f64; 3] = std::array::from_fn(|k| (0..3).map(|j| rotation[(k, j)].abs()).sum::<f64>() * 0.5 * BLOCK_EDGE as f64 * self.voxel);
         let mut stack = vec![(tree.root_key(), tree.root_level(), *tree.root())];
         while let Some((key, level, octant)) = stack.pop() {

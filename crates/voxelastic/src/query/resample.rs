@@ -1,19 +1,19 @@
-//! The whole map on one grid of the map frame, as cubes of the largest size that has one value: for export to other maps.
+//! The whole map on one grid of the map frame as cubes of uniform value: for export to other map formats.
 
 use super::AtlasQuery;
-use super::atlas::{Part, stronger};
+use super::atlas::{PlacedField, union};
 use super::shape::moved;
 use crate::field::occupancy::{State, UNKNOWN, state_of};
 use crate::geometry::morton;
 use crate::octree::{BLOCK_SHIFT, NONE, block_coords, voxel_coords};
 use rayon::prelude::*;
 
-/// On what grid.
+/// The grid, and the precision of the values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Resampling {
-    /// Edge of the smallest cube, metres: the map's finest voxel or larger. Cubes start at multiples of it.
+    /// Edge of the smallest cube, metres: the map's finest voxel or larger. The grid contains the origin.
     pub voxel: f64,
-    /// Whether only states matter: cubes are then larger, and values are those of one voxel in them.
+    /// Whether only states are needed: cubes are larger then, and have the value of one of their voxels.
     pub states_only: bool,
 }
 
@@ -28,19 +28,19 @@ pub struct Cube {
     pub value: i8,
 }
 
-/// What [`Cube::corner`] has for the origin: the middle of what Morton keys hold.
+/// Value of [`Cube::corner`] at the origin: the middle of the range of Morton keys.
 pub(super) const ORIGIN: u32 = 1 << (morton::AXIS_BITS - 1);
 
-/// What a submap knows of a region, or of a sampled cube.
+/// Range of the known values in a region, and whether some of it is unknown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Known {
+struct ValueRange {
     least: i8,
     most: i8,
     unknown: bool,
 }
 
-impl Known {
-    const NOTHING: Self = Self { least: i8::MAX, most: i8::MIN, unknown: false };
+impl ValueRange {
+    const EMPTY: Self = Self { least: i8::MAX, most: i8::MIN, unknown: false };
 
     fn add(&mut self, value: i8) {
         if state_of(value) == State::Unknown {
@@ -58,39 +58,39 @@ impl Known {
 impl AtlasQuery<'_> {
     /// The known part of the map on a grid, cubes in Morton order.
     ///
-    /// A smallest cube is asked at points no more than a finest voxel apart: it is occupied if one of them is, or if the
-    /// middle of a finest voxel of occupied space lies in it (so that turning a map loses no wall), otherwise free if
-    /// all points are. Where the grid is that of the only submap, all states are those of its voxels. The value is the
-    /// largest among the points. Space beyond 2^20 smallest cubes from the origin is left out.
+    /// A smallest cube is sampled at points no more than a finest voxel apart. It is occupied if one of them is, or if it contains the
+    /// centre of an occupied finest voxel (so that rotated maps lose no wall); otherwise free if all points are. With a single submap on the
+    /// same grid, all states are those of its voxels. The value is the largest among the points. Space beyond 2^20 smallest cubes from the
+    /// origin is omitted.
     pub fn resample(&self, to: &Resampling) -> Vec<Cube> {
         if self.is_empty() || !(to.voxel.is_finite() && to.voxel > 0.0) {
             return Vec::new();
         }
-        let samples = ((to.voxel / self.voxel() - 1e-6).ceil() as usize).max(1);
+        let samples = ((to.voxel / self.voxel_size() - 1e-6).ceil() as usize).max(1);
         let occupied = self.occupied_cubes(to.voxel);
-        let task = Task { query: self, to: *to, samples };
-        let parts: Vec<&Part<'_>> = self.parts.iter().collect();
-        let root = Job { corner: [0; 3], level: morton::AXIS_BITS, occupied: &occupied, parts };
+        let resampler = Resampler { query: self, to: *to, samples };
+        let parts: Vec<&PlacedField<'_>> = self.parts.iter().collect();
+        let root = CubeTask { corner: [0; 3], level: morton::AXIS_BITS, occupied: &occupied, parts };
         let mut jobs = vec![root];
-        // Enough tasks for any number of threads, cut where the map and not the machine says.
+        // Enough tasks for any number of threads; how they are divided depends on the map alone.
         for _ in 0..morton::AXIS_BITS {
             if jobs.len() >= 512 {
                 break;
             }
-            jobs = jobs.iter().flat_map(|job| if job.level > 4 { task.split(job) } else { vec![job.clone()] }).collect();
+            jobs = jobs.iter().flat_map(|job| if job.level > 4 { resampler.split(job) } else { vec![job.clone()] }).collect();
         }
         let cubes: Vec<Vec<Cube>> = jobs
             .par_iter()
             .map(|job| {
                 let mut cubes = Vec::new();
-                task.run(job, &mut cubes);
+                resampler.run(job, &mut cubes);
                 cubes
             })
             .collect();
-        merge(cubes.concat())
+        merge_siblings(cubes.concat())
     }
 
-    /// Smallest cubes that hold the middle of a finest voxel of occupied space, with the largest value: sorted Morton keys.
+    /// Smallest cubes that contain the centre of an occupied finest voxel, with the largest value, sorted by Morton key.
     fn occupied_cubes(&self, voxel: f64) -> Vec<(u64, i8)> {
         let mut all: Vec<(u64, i8)> = self.parts.par_iter().flat_map_iter(|part| part.occupied_points(voxel)).collect();
         all.par_sort_unstable();
@@ -102,13 +102,13 @@ impl AtlasQuery<'_> {
     }
 }
 
-/// Key of the smallest cube that holds `p`; none beyond what keys hold.
+/// Key of the smallest cube that contains `p`; none beyond the range of keys.
 fn key_of(p: [f64; 3], voxel: f64) -> Option<u64> {
     let c = p.map(|c| (c / voxel).floor() + f64::from(ORIGIN));
     c.iter().all(|v| (0.0..f64::from(2 * ORIGIN)).contains(v)).then(|| morton::encode(c.map(|v| v as u32)))
 }
 
-impl Part<'_> {
+impl PlacedField<'_> {
     fn occupied_points(&self, voxel: f64) -> Vec<(u64, i8)> {
         let mut points = Vec::new();
         let field = self.query.field;
@@ -138,9 +138,9 @@ impl Part<'_> {
         points
     }
 
-    /// What the submap knows of everything within a ball around a cube of the map frame: more than the cube, never less.
-    fn around(&self, middle: [f64; 3], radius: f64) -> Known {
-        let mut known = Known::NOTHING;
+    /// Values of the submap within a ball around a cube of the map frame.
+    fn around(&self, middle: [f64; 3], radius: f64) -> ValueRange {
+        let mut known = ValueRange::EMPTY;
         let local = moved(&self.t_submap_map, middle);
         let (low, high) = (local.map(|c| c - radius), local.map(|c| c + radius));
         if !self.reaches(low, high) {
@@ -152,11 +152,11 @@ impl Part<'_> {
         let root = block_coords(tree.root_key()).map(|c| c << BLOCK_SHIFT);
         let edge = f64::from(8u32 << tree.root_level());
         known.unknown = (0..3).any(|k| low[k] < f64::from(root[k]) || high[k] > f64::from(root[k]) + edge);
-        self.look(&mut known, (tree.root().link, tree.root().payload), root, tree.root_level(), [low, high]);
+        self.collect(&mut known, (tree.root().link, tree.root().payload), root, tree.root_level(), [low, high]);
         known
     }
 
-    fn look(&self, known: &mut Known, octant: (u32, crate::field::occupancy::Summary), corner: [i32; 3], level: u32, bounds: [[f64; 3]; 2]) {
+    fn collect(&self, known: &mut ValueRange, octant: (u32, crate::field::occupancy::Summary), corner: [i32; 3], level: u32, bounds: [[f64; 3]; 2]) {
         let edge = 8 << level;
         let [low, high] = bounds;
         if (0..3).any(|k| f64::from(corner[k]) > high[k] || f64::from(corner[k] + edge) < low[k]) {
@@ -178,43 +178,43 @@ impl Part<'_> {
         } else {
             for (i, child) in self.query.field.tree().siblings(link).iter().enumerate() {
                 let at = std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { edge / 2 } else { 0 });
-                self.look(known, (child.link, child.payload), at, level - 1, bounds);
+                self.collect(known, (child.link, child.payload), at, level - 1, bounds);
             }
         }
     }
 }
 
-/// A cube to look into, with what may be in it.
+/// A cube to resample, with the occupied smallest cubes in it and the submaps around it.
 #[derive(Clone)]
-struct Job<'a, 'b> {
+struct CubeTask<'a, 'b> {
     corner: [u32; 3],
     level: u32,
     occupied: &'a [(u64, i8)],
-    parts: Vec<&'a Part<'b>>,
+    parts: Vec<&'a PlacedField<'b>>,
 }
 
-struct Task<'a, 'b> {
+struct Resampler<'a, 'b> {
     query: &'a AtlasQuery<'b>,
     to: Resampling,
     samples: usize,
 }
 
-impl<'a, 'b> Task<'a, 'b> {
-    /// Cubes larger than this many finest voxels are not looked at as a whole: that would be a look at half the map.
-    const LARGEST: f64 = 64.0;
+impl<'a, 'b> Resampler<'a, 'b> {
+    /// Largest edge in finest voxels of cubes that are tested as a whole: for larger ones this would visit half the map.
+    const MAX_EDGE: f64 = 64.0;
 
     fn edge(&self, level: u32) -> f64 {
         self.to.voxel * f64::from(1u32 << level)
     }
 
-    /// Middle of a cube, map frame.
-    fn middle(&self, job: &Job<'_, '_>) -> [f64; 3] {
+    /// Centre of a cube, map frame.
+    fn middle(&self, job: &CubeTask<'_, '_>) -> [f64; 3] {
         let half = 0.5 * self.edge(job.level);
         job.corner.map(|c| (f64::from(c) - f64::from(ORIGIN)) * self.to.voxel + half)
     }
 
-    /// The eight cubes within one, without those that nothing is known of.
-    fn split(&self, job: &Job<'a, 'b>) -> Vec<Job<'a, 'b>> {
+    /// The children of a cube that overlap the bounds of some submap.
+    fn split(&self, job: &CubeTask<'a, 'b>) -> Vec<CubeTask<'a, 'b>> {
         let level = job.level - 1;
         let mut jobs = Vec::with_capacity(8);
         for i in 0..8u32 {
@@ -223,7 +223,7 @@ impl<'a, 'b> Task<'a, 'b> {
             let end = first + (1u64 << (3 * level));
             let start = job.occupied.partition_point(|(key, _)| *key < first);
             let stop = job.occupied.partition_point(|(key, _)| *key < end);
-            let mut child = Job { corner, level, occupied: &job.occupied[start..stop], parts: Vec::new() };
+            let mut child = CubeTask { corner, level, occupied: &job.occupied[start..stop], parts: Vec::new() };
             let (middle, radius) = (self.middle(&child), self.edge(level) * 0.5 * 3f64.sqrt());
             child.parts = job
                 .parts
@@ -241,13 +241,13 @@ impl<'a, 'b> Task<'a, 'b> {
         jobs
     }
 
-    fn run(&self, job: &Job<'a, 'b>, cubes: &mut Vec<Cube>) {
+    fn run(&self, job: &CubeTask<'a, 'b>, cubes: &mut Vec<Cube>) {
         if job.level == 0 {
             cubes.extend(self.smallest(job));
             return;
         }
         let edge = self.edge(job.level);
-        if job.occupied.is_empty() && edge <= Self::LARGEST * self.query.voxel().max(self.to.voxel) {
+        if job.occupied.is_empty() && edge <= Self::MAX_EDGE * self.query.voxel_size().max(self.to.voxel) {
             match self.uniform(job, 0.5 * edge * 3f64.sqrt()) {
                 Some(UNKNOWN) => return,
                 Some(value) => return cubes.push(Cube { corner: job.corner, level: job.level, value }),
@@ -259,8 +259,8 @@ impl<'a, 'b> Task<'a, 'b> {
         }
     }
 
-    /// The value that all smallest cubes of a cube without occupied space have, if it can be told at a glance.
-    fn uniform(&self, job: &Job<'_, '_>, radius: f64) -> Option<i8> {
+    /// The value of all smallest cubes of a cube without occupied space, if the values around the cube determine it.
+    fn uniform(&self, job: &CubeTask<'_, '_>, radius: f64) -> Option<i8> {
         let middle = self.middle(job);
         let (mut all_unknown, mut free) = (true, None::<i8>);
         let mut others_free = false;
@@ -282,23 +282,23 @@ impl<'a, 'b> Task<'a, 'b> {
         free.filter(|_| self.to.states_only || !others_free)
     }
 
-    fn smallest(&self, job: &Job<'_, '_>) -> Option<Cube> {
+    fn smallest(&self, job: &CubeTask<'_, '_>) -> Option<Cube> {
         let n = self.samples;
         let low: [f64; 3] = job.corner.map(|c| (f64::from(c) - f64::from(ORIGIN)) * self.to.voxel);
         let step = self.to.voxel / n as f64;
-        let mut known = Known::NOTHING;
+        let mut known = ValueRange::EMPTY;
         for i in 0..n * n * n {
             let c = [i % n, i / n % n, i / (n * n)];
             let p: [f64; 3] = std::array::from_fn(|k| low[k] + (c[k] as f64 + 0.5) * step);
-            known.add(job.parts.iter().fold(UNKNOWN, |best, part| stronger(best, part.value(p))));
+            known.add(job.parts.iter().fold(UNKNOWN, |best, part| union(best, part.value(p))));
         }
         let value = job.occupied.iter().map(|(_, v)| *v).chain((!known.is_empty()).then_some(known.most)).max()?;
         (value > 0 || !known.unknown).then_some(Cube { corner: job.corner, level: 0, value })
     }
 }
 
-/// Eight cubes of one value that fill a larger one become it.
-fn merge(cubes: Vec<Cube>) -> Vec<Cube> {
+/// Replaces eight cubes of one value that fill a larger cube by that cube.
+fn merge_siblings(cubes: Vec<Cube>) -> Vec<Cube> {
     let mut merged: Vec<Cube> = Vec::with_capacity(cubes.len());
     for cube in cubes {
         merged.push(cube);
@@ -310,7 +310,7 @@ fn merge(cubes: Vec<Cube>) -> Vec<Cube> {
     merged
 }
 
-/// The cube that the last eight fill, if they do.
+/// The cube that the last eight fill, if any.
 fn parent_of_last(cubes: &[Cube]) -> Option<Cube> {
     let last = cubes.last()?;
     let eight = cubes.get(cubes.len().checked_sub(8)?..)?;

@@ -1,9 +1,9 @@
-//! Shapes whose freedom can be asked for, in any frame; lengths in metres.
+//! Shapes for collision checks, in any frame; lengths in metres.
 
 use crate::geometry::Pose;
 use nalgebra::Point3;
 
-/// A ball.
+/// A sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sphere {
     /// Centre.
@@ -12,7 +12,7 @@ pub struct Sphere {
     pub radius: f64,
 }
 
-/// Everything within a distance of a line segment: a sphere that moved from one end to the other.
+/// All points within a distance of a line segment: a sphere swept from one end to the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capsule {
     /// One end of the segment.
@@ -32,14 +32,12 @@ pub struct OrientedBox {
     pub half: [f64; 3],
 }
 
-/// A shape.
-///
-/// A shape that is not finite, or has a negative size, is never free.
+/// A shape. One that is not finite or has a negative size is never free.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shape {
-    /// A ball.
+    /// A sphere.
     Sphere(Sphere),
-    /// A swept ball.
+    /// A swept sphere.
     Capsule(Capsule),
     /// A box.
     Box(OrientedBox),
@@ -63,7 +61,7 @@ impl From<OrientedBox> for Shape {
     }
 }
 
-/// `p` moved by `t`.
+/// `p` transformed by `t`.
 pub(super) fn moved(t: &Pose, p: [f64; 3]) -> [f64; 3] {
     (t * Point3::from(p)).coords.into()
 }

@@ -1,4 +1,4 @@
-//! Cuts through a map as images of states.
+//! Cross-sections of a map as images.
 
 use super::shape::moved;
 use super::{AtlasQuery, FieldQuery};
@@ -9,19 +9,19 @@ use crate::geometry::{Aabb, Pose};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, block_coords, block_key, voxel_index};
 use rayon::prelude::*;
 
-/// An axis of the frame that is asked.
+/// An axis of the frame of a query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axis {
-    /// Forward, mostly.
+    /// Usually forward.
     X,
-    /// To the left, mostly.
+    /// Usually to the left.
     Y,
-    /// Up, mostly.
+    /// Usually up.
     Z,
 }
 
 impl Axis {
-    /// The axes of the image across and up, and the one that it looks along.
+    /// Indices of the axes along the image's rows and columns, and of the viewing direction.
     pub fn frame(self) -> [usize; 3] {
         match self {
             Self::X => [1, 2, 0],
@@ -31,19 +31,19 @@ impl Axis {
     }
 }
 
-/// What to cut.
+/// Position, size and resolution of a slice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SliceRequest {
-    /// Axis that the slice stands on.
+    /// Axis perpendicular to the slice.
     pub axis: Axis,
-    /// Where on the axis, metres.
+    /// Position on the axis, metres.
     pub at: f64,
-    /// Thickness of the slice from `at` upwards, metres; 0 for a plane. Of a thick slice the image has the strongest state
-    /// along the axis: occupied if anything is, otherwise free if anything is.
+    /// Thickness of the slice from `at` in the direction of the axis, metres; 0 for a plane. A pixel of a thick slice is occupied if any
+    /// point along the axis is, otherwise free if any is.
     pub thickness: f64,
     /// Edge of a pixel, metres.
     pub pixel: f64,
-    /// What part of the frame to show, metres.
+    /// Bounds of the image in the frame of the query, metres.
     pub bounds: Aabb,
 }
 
@@ -69,18 +69,18 @@ pub struct DistanceSlice {
     pub distances: Vec<f32>,
 }
 
-/// Most pixels of a slice along an edge.
+/// Largest number of pixels along an edge of a slice.
 const MAX_EDGE: usize = 16_384;
 
-/// The points of a request: pixels across and up, layers through its thickness.
-struct Raster<'a> {
+/// Sample points of a request: pixels along rows and columns, layers through its thickness.
+struct SampleRaster<'a> {
     request: &'a SliceRequest,
     width: usize,
     height: usize,
     layers: usize,
 }
 
-impl<'a> Raster<'a> {
+impl<'a> SampleRaster<'a> {
     /// Layers are at most `step` metres apart.
     fn new(request: &'a SliceRequest, step: f64) -> Self {
         let [u, v, _] = request.axis.frame();
@@ -99,16 +99,16 @@ impl<'a> Raster<'a> {
         p
     }
 
-    /// One value per pixel, from its points from the lowest layer up.
-    fn pixels<T: Send>(&self, ask: impl Fn(&mut dyn Iterator<Item = [f64; 3]>) -> T + Sync) -> Vec<T> {
-        let pixel = |at: usize| ask(&mut (0..self.layers).map(|layer| self.point(at % self.width, at / self.width, layer)));
+    /// One value per pixel, computed from its points from the lowest layer up.
+    fn pixels<T: Send>(&self, value: impl Fn(&mut dyn Iterator<Item = [f64; 3]>) -> T + Sync) -> Vec<T> {
+        let pixel = |at: usize| value(&mut (0..self.layers).map(|layer| self.point(at % self.width, at / self.width, layer)));
         (0..self.width * self.height).into_par_iter().map(pixel).collect()
     }
 }
 
-/// Asks `state` at the points of every pixel.
+/// The image of `state`.
 fn states(request: &SliceRequest, step: f64, state: impl Fn([f64; 3]) -> State + Sync) -> Slice {
-    let raster = Raster::new(request, step);
+    let raster = SampleRaster::new(request, step);
     let strongest = |points: &mut dyn Iterator<Item = [f64; 3]>| {
         let mut best = State::Unknown;
         for p in points {
@@ -123,20 +123,20 @@ fn states(request: &SliceRequest, step: f64, state: impl Fn([f64; 3]) -> State +
 }
 
 impl FieldQuery<'_> {
-    /// An image of a cut through the field, submap frame. A side of more than 16,384 pixels is cut off there.
+    /// An image of a slice of the field in the submap frame, at most 16,384 pixels along an edge.
     pub fn slice(&self, request: &SliceRequest) -> Slice {
         states(request, self.voxel, |p| self.state(p))
     }
 }
 
 impl AtlasQuery<'_> {
-    /// An image of a cut through the map, map frame. A side of more than 16,384 pixels is cut off there.
+    /// An image of a slice of the map in the map frame, at most 16,384 pixels along an edge.
     pub fn slice(&self, request: &SliceRequest) -> Slice {
-        states(request, self.voxel(), |p| self.state(p))
+        states(request, self.voxel_size(), |p| self.state(p))
     }
 }
 
-/// Asks the TSDFs of an atlas: a cut through the bands around the surfaces, map frame.
+/// Queries on the TSDFs of an atlas in the map frame.
 #[derive(Clone, Debug)]
 pub struct DistanceQuery<'a> {
     voxel: f64,
@@ -144,10 +144,10 @@ pub struct DistanceQuery<'a> {
 }
 
 impl<'a> DistanceQuery<'a> {
-    /// Asks `atlas`, whose finest voxels have edges of `voxel` metres.
-    pub fn new(atlas: &'a Atlas, voxel: f32) -> Self {
+    /// Queries on `atlas`.
+    pub fn new(atlas: &'a Atlas) -> Self {
         let parts = atlas.submaps().iter().filter(|s| !s.tsdf.is_empty()).map(|s| (&s.tsdf, s.t_map_submap.inverse()));
-        Self { voxel: f64::from(voxel), parts: parts.collect() }
+        Self { voxel: f64::from(atlas.voxel_size()), parts: parts.collect() }
     }
 
     /// Whether no submap has a TSDF.
@@ -168,8 +168,8 @@ impl<'a> DistanceQuery<'a> {
         bounds
     }
 
-    /// Signed distance stored in the voxel at `p`, metres, positive in front of the surface: of all submaps the one nearest to
-    /// zero. None where nothing was observed near a surface.
+    /// Signed distance stored in the voxel at `p`, metres, positive in front of the surface; of all submaps the value nearest to zero. None
+    /// if no submap has an observed voxel there.
     pub fn distance(&self, p: [f64; 3]) -> Option<f32> {
         let stored = self.parts.iter().filter_map(|(field, t_submap_map)| self.stored(field, moved(t_submap_map, p)));
         stored.min_by(|a, b| a.abs().total_cmp(&b.abs()))
@@ -188,9 +188,9 @@ impl<'a> DistanceQuery<'a> {
         voxel.is_observed().then(|| voxel.distance_in_voxels() * (self.voxel * f64::from(1 << scale)) as f32)
     }
 
-    /// An image of a cut through the map. Of a thick slice it has the smallest distances, by their size.
+    /// An image of a slice of the map; in a thick slice each pixel is the distance nearest to zero.
     pub fn slice(&self, request: &SliceRequest) -> DistanceSlice {
-        let raster = Raster::new(request, self.voxel);
+        let raster = SampleRaster::new(request, self.voxel);
         let nearest = |points: &mut dyn Iterator<Item = [f64; 3]>| {
             let distances = points.filter_map(|p| self.distance(p));
             distances.min_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f32::NAN)

@@ -1,15 +1,15 @@
-//! What can go wrong when a sensor is described or recognised.
+//! Errors of describing or recognising a sensor.
 
 /// Errors of the sensor module.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SensorError {
-    /// A beam model needs at least one row and two columns, and not more than [`super::model::MAX_ROWS`] x [`super::model::MAX_COLUMNS`].
+    /// A beam model needs at least one row and two columns, and at most 4096 x 65536.
     #[error("a beam model of {rows} rows x {columns} columns: rows must be 1 to 4096 and columns 2 to 65536")]
     Size {
-        /// Rows asked for.
+        /// Rows given.
         rows: usize,
-        /// Columns asked for.
+        /// Columns given.
         columns: usize,
     },
     /// An elevation, offset or length that is not finite, or an elevation beyond the zenith or nadir.
@@ -26,7 +26,7 @@ pub enum SensorError {
         /// Offsets given.
         offsets: usize,
     },
-    /// Two rows look in the same direction, so that a point cannot be given to one of them.
+    /// Two rows have the same direction, so that the row of a point is ambiguous.
     #[error("rows {first} and {second} (from the top) are {gap_degrees:.5} degrees apart: merge them, or correct the beam table")]
     RowsCoincide {
         /// Upper row, counted from the top.
@@ -47,7 +47,7 @@ pub enum SensorError {
     /// No preset has this name.
     #[error("unknown sensor `{name}`: choose one of {known}")]
     UnknownPreset {
-        /// Name asked for.
+        /// Name given.
         name: String,
         /// Names that exist.
         known: String,
@@ -57,7 +57,7 @@ pub enum SensorError {
     TooFewReturns {
         /// Returns found.
         returns: usize,
-        /// Clouds looked at.
+        /// Clouds examined.
         clouds: usize,
         /// Returns needed.
         needed: usize,

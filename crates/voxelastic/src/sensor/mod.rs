@@ -1,31 +1,33 @@
-//! The sensor (paper Sec. III): beam model, range image, normals, pyramid.
+//! The sensor (paper Sec. III): beam model, range image, returns with local planes.
 //!
-//! A [`BeamModel`] says which pixel looks where. It comes from a [`preset`], from tables, or is measured from the clouds
-//! themselves by [`detect`], which also finds how the points are laid out ([`Layout`]). A [`Preparer`] turns each cloud into a
-//! [`PreparedScan`]: the [`RangeImage`], and the [`Beams`] with a local plane for each return, which is what the integrators
-//! take. A [`Pyramid`] over the image answers what a box of pixels sees in a constant number of steps.
+//! A [`BeamModel`] gives the direction of each pixel. It comes from a [`preset`], from tables, or is measured from the clouds by [`detect`], which also finds how
+//! the points are laid out ([`CloudLayout`]). A [`ScanPreprocessor`] turns each cloud into a [`PreparedScan`]: the [`RangeImage`], and the [`Returns`] with a
+//! local plane each, which are the input of the integrators.
+//!
+//! A *beam* is a direction in which the sensor measures; a *return* is a measured point.
 
-mod assign;
+mod beam_model;
+mod cloud_layout;
 mod detect;
 mod error;
-mod image;
-mod layout;
-pub mod model;
 mod normals;
-mod prepare;
+mod prepared_scan;
+mod preprocess;
 mod presets;
-mod pyramid;
-mod rows;
-mod trig;
+mod project;
+mod range_image;
+mod range_limits;
+mod returns;
+mod row_lookup;
 
+pub use beam_model::{BeamModel, BeamTables, Projection};
+pub use cloud_layout::{CloudLayout, Grid};
 pub use detect::{Detected, Fit, detect, layout_for};
 pub use error::SensorError;
-pub use image::{NO_POINT, RangeImage};
-pub use layout::{Grid, Layout};
-pub use model::{BeamModel, BeamTables, Projection};
 pub use normals::NormalSettings;
-pub use prepare::{Beams, Counts, Limits, PreparedScan, Preparer};
+pub use prepared_scan::{Counts, PreparedScan};
+pub use preprocess::{LazyScan, ScanPreprocessor};
 pub use presets::{names as preset_names, preset, preset_with_columns};
-pub use pyramid::{Coverage, Pyramid, View};
-pub use trig::atan2;
-pub(crate) use trig::{larger, smaller};
+pub use range_image::{NO_POINT, RangeImage};
+pub use range_limits::RangeLimits;
+pub use returns::Returns;

@@ -1,10 +1,10 @@
 //! Sensors known by name.
 //!
 //! Angles are the nominal ones of the makers' data sheets and user manuals; units differ by up to a few tenths of a
-//! degree, so that a recognised model ([`super::detect`]) is better wherever the clouds allow it.
+//! degree, so that a recognised model ([`crate::sensor::detect`]) is better wherever the clouds allow it.
 
+use super::beam_model::{BeamModel, BeamTables};
 use super::error::SensorError;
-use super::model::{BeamModel, BeamTables};
 
 /// How a sensor's rows are spread over its field of view.
 enum Rows {

@@ -1,28 +1,28 @@
-//! Which dual cells of a block the surface passes through, and where their corners are.
+//! The dual cells of a block that the surface crosses, and their corners.
 //!
 //! A cell's corners are the eight voxels that meet at a corner of the grid; cell `c` lies between the voxels `c - 1` and `c`.
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
-use super::gaps::Closed;
-use super::layout::{Around, CENTRE, Head, neighbour_offset};
-use super::rows::{LAYER, Padded, ROWS, Rows};
-use super::samples::{MAX_SLOPE, Which, coords, place};
+use super::block_grid::{BlockHead, CENTRE, Neighbours, neighbour_offset};
+use super::block_masks::{MAX_SLOPE, MaskKind, coords, mask_index};
+use super::fill_holes::FilledField;
+use super::padding::{LAYER, PaddedBlock, PaddedRows, ROWS};
 use crate::field::tsdf::DISTANCE_STEPS;
 use crate::octree::BLOCK_EDGE;
 
-/// The cells of a block that the surface passes through.
-pub(super) struct Cells {
+/// The cells of a block that the surface crosses.
+pub(super) struct SurfaceCells {
     /// Bit c of row y in layer z for the cell at (c, y, z).
-    pub rows: Rows,
-    /// The voxels behind the surface, as [`Padded`] has them.
-    pub behind: Rows,
+    pub rows: PaddedRows,
+    /// The voxels behind the surface, as in [`PaddedBlock`].
+    pub behind: PaddedRows,
 }
 
-impl Cells {
-    /// Finds the cells whose corners are all known, not all on one side, and no two of them too far apart to be one surface. None if there is none.
+impl SurfaceCells {
+    /// Finds the cells whose corners are all known, not all on one side, and without a crossing that is too steep. None if there is no such cell.
     #[inline(always)]
-    pub fn find(padded: &Padded<'_>, closed: &Closed<'_>, around: &Around, head: &Head) -> Option<Self> {
-        let (known, behind) = (padded.rows(Which::Known), padded.rows(Which::Behind));
+    pub fn find(padded: &PaddedBlock<'_>, filled: &FilledField<'_>, neighbours: &Neighbours, head: &BlockHead) -> Option<Self> {
+        let (known, behind) = (padded.rows(MaskKind::Known), padded.rows(MaskKind::Behind));
         let mut rows = [0; ROWS];
         let mut found = 0;
         for i in 0..9 * LAYER {
@@ -35,15 +35,15 @@ impl Cells {
         if found == 0 {
             return None;
         }
-        let far = padded.rows(Which::Far);
-        let mut doubtful = 0;
+        let far = padded.rows(MaskKind::Far);
+        let mut may_be_steep = 0;
         for i in 0..9 * LAYER {
             let distant = far[i] | far[i + 1] | far[i + LAYER] | far[i + LAYER + 1];
-            doubtful |= rows[i] & (distant | distant >> 1);
+            may_be_steep |= rows[i] & (distant | distant >> 1);
         }
         let mut cells = Self { rows, behind };
-        if doubtful != 0 {
-            cells.leave_out_steep(&known, &far, closed, around, head);
+        if may_be_steep != 0 {
+            cells.remove_steep(&known, &far, filled, neighbours, head);
         }
         Some(cells)
     }
@@ -55,19 +55,19 @@ impl Cells {
         usize::from((a >> x & 3) | (b >> x & 3) << 2 | (c >> x & 3) << 4 | (d >> x & 3) << 6)
     }
 
-    /// Leaves out the cells around every crossed edge that is too steep to be a surface, see [`MAX_SLOPE`].
-    fn leave_out_steep(&mut self, known: &Rows, far: &Rows, closed: &Closed<'_>, around: &Around, head: &Head) {
+    /// Removes the cells around every crossed edge that is too steep to be a surface, see [`MAX_SLOPE`].
+    fn remove_steep(&mut self, known: &PaddedRows, far: &PaddedRows, filled: &FilledField<'_>, neighbours: &Neighbours, head: &BlockHead) {
         let behind = &self.behind;
-        let mut doubtful = [0; ROWS];
+        let mut may_be_steep = [0; ROWS];
         for i in 0..10 * LAYER {
             let along = known[i] >> 1 & (behind[i] ^ behind[i] >> 1) & (far[i] | far[i] >> 1);
             let across = known[i + 1] & (behind[i] ^ behind[i + 1]) & (far[i] | far[i + 1]);
             let upward = known[i + LAYER] & (behind[i] ^ behind[i + LAYER]) & (far[i] | far[i + LAYER]);
-            doubtful[i] = known[i] & (along | across | upward);
+            may_be_steep[i] = known[i] & (along | across | upward);
         }
-        for i in (0..10 * LAYER).filter(|&i| doubtful[i] != 0) {
+        for i in (0..10 * LAYER).filter(|&i| may_be_steep[i] != 0) {
             // Bit c for the edge from the voxel at bit c to the next one along each axis.
-            let beyond = |rows: &Rows| [rows[i] >> 1, rows[i + 1], rows[i + LAYER]];
+            let beyond = |rows: &PaddedRows| [rows[i] >> 1, rows[i + 1], rows[i + LAYER]];
             let [known_there, behind_there, far_there] = [beyond(known), beyond(behind), beyond(far)];
             for axis in 0..3 {
                 let mut left = known[i] & known_there[axis] & (behind[i] ^ behind_there[axis]) & (far[i] | far_there[axis]);
@@ -75,7 +75,7 @@ impl Cells {
                     let x = left.trailing_zeros() as usize;
                     left &= left - 1;
                     let here = [x as i32 - 1, (i % LAYER) as i32 - 1, (i / LAYER) as i32 - 1];
-                    if is_too_steep(here, axis, closed, around, head) {
+                    if is_too_steep(here, axis, filled, neighbours, head) {
                         let at = (1 << x) | if axis == 0 { 0 } else { (1 << x) >> 1 };
                         for dy in 0..1 + usize::from(axis != 1) {
                             for dz in 0..1 + usize::from(axis != 2) {
@@ -93,15 +93,15 @@ impl Cells {
 }
 
 /// Whether the crossing between voxel `here` and the next one along `axis` is too steep.
-fn is_too_steep(here: [i32; 3], axis: usize, closed: &Closed<'_>, around: &Around, head: &Head) -> bool {
+fn is_too_steep(here: [i32; 3], axis: usize, filled: &FilledField<'_>, neighbours: &Neighbours, head: &BlockHead) -> bool {
     let mut there = here;
     there[axis] += 1;
-    let [a, b] = [here, there].map(|c| Corner::at(c, closed, around, head));
+    let [a, b] = [here, there].map(|c| Corner::at(c, filled, neighbours, head));
     let spacing = (0..3).map(|k| (a.centre[k] - b.centre[k]).powi(2)).sum::<f32>().sqrt();
     (a.distance - b.distance).abs() > MAX_SLOPE * spacing
 }
 
-/// Blocks around that the cells of each zone touch. In each axis a cell may lie between the block and the one before it (0), in the
+/// Neighbours that the cells of each zone touch. In each axis a cell may lie between the block and the one before it (0), in the
 /// block (1), or between the block and the one beyond (2); zones are numbered x fastest.
 const TOUCHED: [u32; 27] = {
     let mut touched = [0; 27];
@@ -124,10 +124,10 @@ const TOUCHED: [u32; 27] = {
     touched
 };
 
-/// The cells between blocks of different scales that a block owns, as rows like those of [`Cells`]: none of the blocks that meet there
-/// is finer, and it is the first in z, y, x order of those that are as fine.
-pub(super) fn owned_seams(around: &Around, n: usize) -> Option<Rows> {
-    let (native, coarser) = (around.native, around.coarser);
+/// The cells between blocks of different scales that a block owns, as rows like those of [`SurfaceCells`]: none of the blocks that meet there
+/// is finer, and it is the first in z, y, x order of those of its scale.
+pub(super) fn owned_seams(neighbours: &Neighbours, n: usize) -> Option<PaddedRows> {
+    let (native, coarser) = (neighbours.native, neighbours.coarser);
     let before = (1 << CENTRE) - 1;
     let owned = |touched: u32| touched & !(native | coarser) == 0 && touched & coarser != 0 && touched & native & before == 0;
     let zones = (0..27).filter(|&zone| owned(TOUCHED[zone])).fold(0u32, |zones, zone| zones | 1 << zone);
@@ -148,7 +148,7 @@ pub(super) fn owned_seams(around: &Around, n: usize) -> Option<Rows> {
 #[derive(Clone, Copy)]
 pub(super) struct Corner {
     pub rank: u32,
-    pub place: u16,
+    pub mask_index: u16,
     pub scale: u8,
     /// Centre and distance, in finest voxels.
     pub centre: [f32; 3],
@@ -162,29 +162,29 @@ pub(super) struct Cell {
 
 impl Cell {
     /// Looks up the corners of cell `c` of a block.
-    pub fn at(c: [i32; 3], closed: &Closed<'_>, around: &Around, head: &Head) -> Self {
-        Self { corners: corners(c).map(|voxel| Corner::at(voxel, closed, around, head)) }
+    pub fn at(c: [i32; 3], filled: &FilledField<'_>, neighbours: &Neighbours, head: &BlockHead) -> Self {
+        Self { corners: corners(c).map(|voxel| Corner::at(voxel, filled, neighbours, head)) }
     }
 }
 
 impl Corner {
-    /// Looks up voxel `c` of a block or of one of the blocks around that are not finer.
+    /// Looks up voxel `c` of a block or of a neighbour that is not finer.
     #[inline(always)]
-    pub fn at(c: [i32; 3], closed: &Closed<'_>, around: &Around, head: &Head) -> Self {
+    pub fn at(c: [i32; 3], filled: &FilledField<'_>, neighbours: &Neighbours, head: &BlockHead) -> Self {
         let n = head.edge() as i32;
         let side = c.map(|v| usize::from(v >= 0) + usize::from(v >= n));
         let neighbour = side[0] + 3 * side[1] + 9 * side[2];
-        let rank = around.ranks[neighbour];
-        let scale = closed.layout.heads[rank as usize].scale;
-        let place = place(c.map(|v| (v & (n - 1)) as usize >> (scale - head.scale)));
+        let rank = neighbours.ranks[neighbour];
+        let scale = filled.grid.heads[rank as usize].scale;
+        let mask_index = mask_index(c.map(|v| (v & (n - 1)) as usize >> (scale - head.scale)));
         let (origin, offset, edge) = (head.origin(), neighbour_offset(neighbour), (1u32 << scale) as f32);
-        let local = coords(place);
+        let local = coords(mask_index);
         Self {
             rank,
-            place: place as u16,
+            mask_index: mask_index as u16,
             scale,
             centre: std::array::from_fn(|k| (origin[k] + offset[k] * BLOCK_EDGE as i32) as f32 + (local[k] as f32 + 0.5) * edge),
-            distance: closed.steps(rank as usize, place) * (edge / DISTANCE_STEPS),
+            distance: filled.steps(rank as usize, mask_index) * (edge / DISTANCE_STEPS),
         }
     }
 }

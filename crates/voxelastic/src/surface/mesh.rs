@@ -1,28 +1,28 @@
 //! A triangle mesh with shared vertices.
 
-use crate::dispatch::{Kernel, dispatch};
 use crate::geometry::Rigid;
+use crate::simd::{Kernel, dispatch};
 use rayon::prelude::*;
 
-/// A triangle mesh; vertices are shared between triangles. The frame is that of what it was extracted from.
+/// A triangle mesh; vertices are shared between triangles. Its frame is that of the field or atlas it was extracted from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Vertex positions, metres.
     pub positions: Vec<[f32; 3]>,
     /// Unit normals per vertex, towards free space.
     pub normals: Vec<[f32; 3]>,
-    /// Strength of return per vertex, 0 to 255; empty when the map has none.
-    pub shades: Vec<u8>,
-    /// Colour per vertex as the scans had it, sRGB; empty when the map has none.
+    /// Intensity per vertex, 0 to 255; empty if the map has none.
+    pub intensities: Vec<u8>,
+    /// Colour per vertex, sRGB; empty if the map has none.
     pub colours: Vec<[u8; 3]>,
-    /// Integration scale per vertex, 0 to 3 (the finer of the two voxels that it lies between).
+    /// Integration scale per vertex, 0 to 3 (of the finer of the two voxels between which it lies).
     pub scales: Vec<u8>,
     /// Vertex indices of each triangle, counter-clockwise seen from free space.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
-    /// Adds to the normals of some vertices, which are numbered from `first` on.
+    /// Adds to the normals of some vertices, numbered from `first` on.
     pub(super) fn add_to_normals(&mut self, first: usize, normals: impl Iterator<Item = (u32, [f32; 3])>) {
         for (vertex, n) in normals {
             let normal = &mut self.normals[first + vertex as usize];
@@ -30,41 +30,41 @@ impl Mesh {
         }
     }
 
-    /// Makes unit vectors of the normals of vertices from `first` on; a vertex without any faces up.
+    /// Normalises the normals of the vertices from `first` on; zero becomes +z.
     pub(super) fn normalise_from(&mut self, first: usize) {
         self.normals[first..].par_chunks_mut(1024).for_each(|normals| dispatch(Normalise { normals }));
     }
 
-    /// Adds what vertices from `first` on bear, if anything. A map may have submaps, and a submap blocks, with and without intensity or
-    /// colour: those without count as mid grey.
-    pub(super) fn append_marks(&mut self, first: usize, shades: &[u8], colours: &[[u8; 3]]) {
-        append(&mut self.shades, shades, first, self.positions.len(), 128);
+    /// Adds intensities and colours of the vertices from `first` on, if any. Submaps and blocks without intensity or colour become mid grey if
+    /// others have them.
+    pub(super) fn append_attributes(&mut self, first: usize, intensities: &[u8], colours: &[[u8; 3]]) {
+        append(&mut self.intensities, intensities, first, self.positions.len(), 128);
         append(&mut self.colours, colours, first, self.positions.len(), [128; 3]);
     }
 
-    /// Moves the mesh by `t`.
+    /// Transforms the mesh by `t`.
     pub fn transform(&mut self, t: &Rigid) {
         self.transform_from(0, t);
     }
 
-    /// Moves the vertices from `first` on by `t`.
+    /// Transforms the vertices from `first` on by `t`.
     pub(super) fn transform_from(&mut self, first: usize, t: &Rigid) {
         self.positions[first..].par_iter_mut().for_each(|p| *p = t.apply(*p));
         self.normals[first..].par_iter_mut().for_each(|n| *n = t.rotate(*n));
     }
 
-    /// Appends `other`, moved by `t`.
+    /// Appends `other`, transformed by `t`.
     pub fn append(&mut self, other: &Mesh, t: &Rigid) {
         let first = self.positions.len() as u32;
         self.positions.extend(other.positions.iter().map(|&p| t.apply(p)));
         self.normals.extend(other.normals.iter().map(|&n| t.rotate(n)));
-        self.append_marks(first as usize, &other.shades, &other.colours);
+        self.append_attributes(first as usize, &other.intensities, &other.colours);
         self.scales.extend_from_slice(&other.scales);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }
 }
 
-/// Appends `values` for the vertices from `first` to `end`, with `unknown` for those that have none; nothing if nobody has any.
+/// Appends `values` for the vertices from `first` to `end`, with `unknown` for missing ones; nothing if there are no values at all.
 fn append<V: Copy>(all: &mut Vec<V>, values: &[V], first: usize, end: usize, unknown: V) {
     if !all.is_empty() || !values.is_empty() {
         all.resize(first, unknown);
@@ -73,7 +73,7 @@ fn append<V: Copy>(all: &mut Vec<V>, values: &[V], first: usize, end: usize, unk
     }
 }
 
-/// Normals made unit vectors at a time.
+/// Normals per vector.
 const LANES: usize = 16;
 
 struct Normalise<'a> {

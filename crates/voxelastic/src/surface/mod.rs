@@ -1,27 +1,29 @@
-//! Surfaces: triangle meshes of the zero crossings of a TSDF, free of cracks across blocks and scales.
+//! Surfaces: triangle meshes of the zero crossings of a TSDF, without cracks between blocks and scales, and of occupied or free space.
 //!
 //! Marching cubes runs on the *dual* grid: a cell's corners are the centres of the eight voxels that meet at a point,
 //! whatever their scales (Schaefer and Warren 2004; Wald 2020 for block-structured data). Where scales meet, cells are
-//! pyramids and prisms instead of cubes, but neighbours still share whole faces, so no crack can open.
+//! pyramids and prisms instead of cubes, but neighbours still share whole faces, so there are no cracks.
 
-mod cases;
+mod block_grid;
+mod block_masks;
 mod cells;
 mod colour;
 mod crossings;
-mod detail;
+mod edge_table;
 mod extract;
-mod gaps;
-mod layout;
+mod fill_holes;
+mod mc_table;
 mod mesh;
-pub mod occupied;
-mod rows;
-mod samples;
+mod mesh_part;
+mod occupancy_faces;
+mod padding;
+mod resolved_blocks;
+mod simplify;
 #[cfg(test)]
 mod tests;
 mod triangles;
 mod vertices;
-pub(crate) mod view;
 
 pub use extract::{MeshOptions, extract, extract_onto};
 pub use mesh::Mesh;
-pub use occupied::{OccupancySurface, extract_occupancy};
+pub use occupancy_faces::{OccupancySurface, extract_occupancy};

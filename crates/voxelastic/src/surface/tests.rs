@@ -1,7 +1,7 @@
 //! Meshes of analytic shapes over blocks of mixed scales.
 
 use super::*;
-use crate::field::tsdf::packed::PackedArray;
+use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{Array, DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};
 use crate::octree::{BLOCK_EDGE, Cursor, block_key, voxel_coords, voxels_at};
 use proptest::prelude::*;
@@ -17,7 +17,7 @@ fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i
         for y in -reach..reach {
             for x in -reach..reach {
                 let scale = scale_of([x, y, z]);
-                let (id, _) = field.make(&mut cursor, block_key([x, y, z]), scale as u8, false);
+                let (id, _) = field.find_or_create(&mut cursor, block_key([x, y, z]), scale as u8, false);
                 let mut voxels = vec![Voxel::default(); voxels_at(scale)];
                 for (i, voxel) in voxels.iter_mut().enumerate() {
                     let c = voxel_coords(i, scale);
@@ -28,7 +28,7 @@ fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i
                     let weight = if steps.is_nan() { 0 } else { 10 * WEIGHT_ONE };
                     *voxel = Voxel { distance: steps as i16, weight };
                 }
-                field.store(id, Array::Data(scale), &PackedArray::new(scale, &voxels, None));
+                field.store(id, Array::Data(scale), &EncodedArray::new(scale, &voxels, None));
             }
         }
     }
@@ -122,12 +122,12 @@ fn blocks_without_intensity_among_others_count_as_grey() {
     let mut field = field_of(4, sphere(20.0), |_| 0);
     for id in field.ids().filter(|id| id % 3 == 0) {
         let voxels = field.current(field.block(id));
-        field.blocks[id].shaded = true;
-        field.store(id, Array::Data(0), &PackedArray::new(0, &voxels, Some(&[9; voxels_at(0)])));
+        field.blocks[id].has_intensity = true;
+        field.store(id, Array::Data(0), &EncodedArray::new(0, &voxels, Some(&[9; voxels_at(0)])));
     }
     let mesh = extract(&field, 0.1, &MeshOptions::default());
-    assert_eq!(mesh.shades.len(), mesh.positions.len());
-    assert!(mesh.shades.contains(&9) && mesh.shades.contains(&128));
+    assert_eq!(mesh.intensities.len(), mesh.positions.len());
+    assert!(mesh.intensities.contains(&9) && mesh.intensities.contains(&128));
 }
 
 /// Numbers from 0 to 1 that depend on `p` and `seed` alone.
@@ -153,13 +153,13 @@ fn by_the_book(known: &HashMap<[i32; 3], f32>, inside: impl Fn([i32; 3]) -> bool
     for &c in voxels {
         let corners = cells::corners(c.map(|v| v + 1));
         let Some(values) = corners.iter().map(|corner| closed.get(corner).copied()).collect::<Option<Vec<f32>>>() else { continue };
-        if cases::EDGES.iter().any(|&[a, b]| (values[a] < 0.0) != (values[b] < 0.0) && (values[a] - values[b]).abs() > 4.0) {
+        if mc_table::EDGES.iter().any(|&[a, b]| (values[a] < 0.0) != (values[b] < 0.0) && (values[a] - values[b]).abs() > 4.0) {
             continue;
         }
         let case = values.iter().enumerate().fold(0, |case, (i, v)| case | usize::from(*v < 0.0) << i);
-        for triangle in &cases::CASES[case] {
+        for triangle in &mc_table::CASES[case] {
             triangles.push(triangle.map(|edge| {
-                let [a, b] = cases::EDGES[usize::from(edge)];
+                let [a, b] = mc_table::EDGES[usize::from(edge)];
                 let t = values[a] / (values[a] - values[b]);
                 std::array::from_fn(|k| {
                     let at = corners[a][k] as f32 + 0.5 + t * (corners[b][k] - corners[a][k]) as f32;
@@ -196,12 +196,12 @@ fn mixed_by_the_book(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: i
             let (a, b) = (corners[a], corners[b]);
             (a.1 < 0.0) != (b.1 < 0.0) && (a.1 - b.1).abs() > 4.0 * spacing(a.0, b.0)
         };
-        if c.iter().any(|v| v % (1 << finest) != 0) || corners.iter().any(|corner| corner.1.is_nan()) || cases::EDGES.iter().any(steep) {
+        if c.iter().any(|v| v % (1 << finest) != 0) || corners.iter().any(|corner| corner.1.is_nan()) || mc_table::EDGES.iter().any(steep) {
             continue;
         }
         let case = (0..8).fold(0, |case, i| case | usize::from(corners[i].1 < 0.0) << i);
-        for triangle in &cases::CASES[case] {
-            let edges = triangle.map(|edge| cases::EDGES[usize::from(edge)].map(|i| corners[i]));
+        for triangle in &mc_table::CASES[case] {
+            let edges = triangle.map(|edge| mc_table::EDGES[usize::from(edge)].map(|i| corners[i]));
             // Edges between the same two voxels are one.
             let same = |a: usize, b: usize| edges[a].map(|corner| corner.0) == edges[b].map(|corner| corner.0);
             if !same(0, 1) && !same(1, 2) && !same(2, 0) {

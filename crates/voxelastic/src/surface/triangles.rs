@@ -1,42 +1,18 @@
 //! Triangles and normals: cells look their vertices up in a table of the block and of the first voxels beyond.
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
-use super::cases::{CASES, EDGES};
-use super::crossings::{CASE_SHIFT, Part, Vertices, WIDE};
-use super::layout::{Around, CENTRE, Layout};
-use crate::dispatch::Kernel;
-use std::sync::LazyLock;
+use super::block_grid::{BlockGrid, CENTRE, Neighbours};
+use super::edge_table::{AXIS, TABLE, WIDE};
+use super::mesh_part::{BlockVertices, CASE_SHIFT, MeshPart};
+use crate::simd::Kernel;
 
-/// Indices of the table from axis to axis.
-const AXIS: usize = WIDE * WIDE * WIDE;
-
-/// The cases of marching cubes with edges as indices into the table, from that of the cell's lower corner.
-pub(super) struct Cases {
-    starts: [u16; 256],
-    pub counts: [u8; 256],
-    corners: Vec<[u16; 3]>,
-}
-
-pub(super) static TABLE: LazyLock<Cases> = LazyLock::new(|| {
-    let mut cases = Cases { starts: [0; 256], counts: [0; 256], corners: Vec::new() };
-    let index = |edge: u8| {
-        let (corner, axis) = (EDGES[usize::from(edge)][0], usize::from(edge) / 4);
-        (AXIS * axis + (corner & 1) + WIDE * ((corner >> 1 & 1) + WIDE * (corner >> 2))) as u16
-    };
-    for (i, triangles) in CASES.iter().enumerate() {
-        (cases.starts[i], cases.counts[i]) = (cases.corners.len() as u16, triangles.len() as u8);
-        cases.corners.extend(triangles.iter().map(|triangle| triangle.map(index)));
-    }
-    cases
-});
-
-/// Makes the triangles of a part's blocks, and sums up the normals of its vertices.
+/// Writes the triangles of a part's blocks and sums the normals of its vertices.
 pub(super) struct Connect<'a> {
-    pub layout: &'a Layout,
-    pub vertices: &'a [Vertices],
+    pub grid: &'a BlockGrid,
+    pub vertices: &'a [BlockVertices],
     /// Rank of the first block.
     pub first: usize,
-    pub part: &'a Part,
+    pub part: &'a MeshPart,
     /// Of all vertices.
     pub positions: &'a [[f32; 3]],
     pub triangles: &'a mut [[u32; 3]],
@@ -45,8 +21,8 @@ pub(super) struct Connect<'a> {
     /// Of the part's own vertices, and the number of the first one of them.
     pub normals: &'a mut [[f32; 3]],
     pub first_normal: u32,
-    /// What goes to vertices of other parts.
-    pub spilt: &'a mut Vec<(u32, [f32; 3])>,
+    /// Normals for vertices of other parts.
+    pub foreign: &'a mut Vec<(u32, [f32; 3])>,
 }
 
 impl Kernel for Connect<'_> {
@@ -62,9 +38,9 @@ impl Kernel for Connect<'_> {
                 continue;
             }
             let rank = self.first + i;
-            let n = self.layout.heads[rank].edge();
+            let n = self.grid.heads[rank].edge();
             number(&mut numbers, &self.vertices[rank]);
-            number_beyond(&mut numbers, &self.layout.around[rank], self.vertices, n);
+            number_beyond(&mut numbers, &self.grid.neighbours[rank], self.vertices, n);
             for cell in cells {
                 let (below, case) = ((cell & ((1 << CASE_SHIFT) - 1)) as usize, (cell >> CASE_SHIFT) as usize);
                 let first = usize::from(table.starts[case]);
@@ -98,7 +74,7 @@ impl Connect<'_> {
                 let normal = &mut self.normals[own];
                 *normal = [normal[0] + n[0], normal[1] + n[1], normal[2] + n[2]];
             } else {
-                self.spilt.push((vertex, n));
+                self.foreign.push((vertex, n));
             }
         }
         self.triangles[index] = [triangle[0] + self.offset, triangle[1] + self.offset, triangle[2] + self.offset];
@@ -113,7 +89,7 @@ fn area_normal(a: [f32; 3], b: [f32; 3], c: [f32; 3]) -> [f32; 3] {
     [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
-/// Where a vertex is in the table: its axis, layer, and bit in the layer.
+/// Index of a vertex in the table by axis, layer, and bit in the layer.
 #[inline(always)]
 fn index(axis: usize, z: usize, bit: usize) -> usize {
     AXIS * axis + WIDE * WIDE * z + WIDE * (bit >> 3) + (bit & 7)
@@ -121,7 +97,7 @@ fn index(axis: usize, z: usize, bit: usize) -> usize {
 
 /// Writes the numbers of a block's own vertices.
 #[inline(always)]
-fn number(numbers: &mut [u32; 3 * AXIS], block: &Vertices) {
+fn number(numbers: &mut [u32; 3 * AXIS], block: &BlockVertices) {
     let mut number = block.first;
     for word in 0..24 {
         let mut left = block.words[word];
@@ -135,14 +111,14 @@ fn number(numbers: &mut [u32; 3 * AXIS], block: &Vertices) {
 
 /// Writes the numbers of the vertices on the first layer beyond the block along one or two axes.
 #[inline(always)]
-fn number_beyond(numbers: &mut [u32; 3 * AXIS], around: &Around, vertices: &[Vertices], n: usize) {
+fn number_beyond(numbers: &mut [u32; 3 * AXIS], neighbours: &Neighbours, vertices: &[BlockVertices], n: usize) {
     for beyond in 1..7 {
         let [dx, dy, dz] = [beyond & 1, beyond >> 1 & 1, beyond >> 2];
         let neighbour = CENTRE + dx + 3 * dy + 9 * dz;
-        if around.native >> neighbour & 1 == 0 {
+        if neighbours.native >> neighbour & 1 == 0 {
             continue;
         }
-        let block = &vertices[around.ranks[neighbour] as usize];
+        let block = &vertices[neighbours.ranks[neighbour] as usize];
         let layers = if dz == 1 { 1 } else { n };
         let columns = if dx == 1 { 0x0101_0101_0101_0101 } else { u64::MAX };
         let face = if dy == 1 { columns & 0xff } else { columns };

@@ -1,9 +1,10 @@
-//! What a SLAM system may send by mistake: refused or counted, and nothing mapped is lost.
+//! Invalid input from a SLAM system: refused or counted, and the map is unchanged.
 
 use crate::settings;
 use crate::town::{LAP, Town};
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::mapper::MapError;
+use voxelastic::sensor::SensorError;
 use voxelastic::{Mapper, Pose};
 
 fn edge(from: NodeId, to: NodeId, t_from_to: Pose) -> Edge {
@@ -27,7 +28,7 @@ fn duplicates_and_impossible_numbers_are_refused_by_name() {
     let bad = Pose::translation(f64::NAN, 0.0, 0.0);
     assert_eq!(mapper.handle(town.scan(5, &pose, &bad)).unwrap_err(), MapError::BadPose { node: 5 });
     assert_eq!(mapper.handle(Event::PoseUpdate(vec![(3, pose), (4, bad)])).unwrap_err(), MapError::BadPose { node: 4 });
-    assert_eq!(mapper.atlas().submaps()[0].t_map_submap, Town::pose(0.0), "an update is taken whole or not at all");
+    assert_eq!(mapper.atlas().submaps()[0].t_map_submap(), Town::pose(0.0), "an update is applied completely or not at all");
     assert!(mapper.handle(Event::LoopEdge(edge(3, 3, pose))).unwrap_err().to_string().contains("node 3 to itself"));
     assert!(mapper.handle(Event::OdometryEdge(edge(3, 4, bad))).unwrap_err().to_string().contains("from node 3 to node 4"));
     assert_eq!((mapper.atlas().bytes(), mapper.atlas().scan_count()), (bytes, 2));
@@ -80,11 +81,11 @@ fn events_out_of_order_and_a_graph_in_pieces_lose_nothing() {
     mapper.handle(Event::PoseUpdate((0..89).rev().map(|i| (i, Town::pose(2.0 * i as f64))).collect())).unwrap();
     mapper.finish();
     assert_eq!(mapper.atlas().scan_count(), 59);
-    assert_eq!(mapper.atlas().submaps().iter().map(|s| s.tsdf.len()).filter(|blocks| *blocks == 0).count(), 0);
+    assert_eq!(mapper.atlas().submaps().iter().map(|s| s.tsdf().len()).filter(|blocks| *blocks == 0).count(), 0);
 }
 
 #[test]
-fn the_update_that_came_last_counts_whatever_was_in_it_and_before() {
+fn the_last_update_of_a_node_is_effective() {
     let (_, mut mapper) = mapper_with(&(0..30).map(|i| (i, 2.0 * i as f64)).collect::<Vec<_>>());
     let roots: Vec<NodeId> = mapper.atlas().submaps().iter().filter_map(|s| s.root_node()).collect();
     assert!(roots.len() > 2);
@@ -95,27 +96,36 @@ fn the_update_that_came_last_counts_whatever_was_in_it_and_before() {
     mapper.handle(Event::PoseUpdate(vec![moved(roots[1], 9.0), moved(roots[1], 3.0)])).unwrap();
     for (submap, &root) in mapper.atlas().submaps().iter().zip(&roots) {
         let up = if root == roots[1] { 3.0 } else { 1.0 };
-        assert_eq!(submap.t_map_submap, moved(root, up).1, "submap of node {root}");
+        assert_eq!(submap.t_map_submap(), moved(root, up).1, "submap of node {root}");
     }
 }
 
 #[test]
 fn a_graph_in_two_pieces_is_two_maps_until_an_edge_joins_them() {
-    // Two stretches of the lap, no edge between them: the second begins with a node that follows no other.
+    // Two parts of the lap without an edge between them: the first node of the second part follows no other.
     let (town, mut mapper) = mapper_with(&(0..12).map(|i| (i, 2.0 * i as f64)).collect::<Vec<_>>());
     let there = |i: NodeId| Town::pose(2.0 * i as f64);
     for i in 40..52 {
         mapper.handle(town.scan(i, &there(i), &there(i))).unwrap();
     }
-    let of = |mapper: &Mapper, node: NodeId| mapper.atlas().submaps().iter().find(|s| s.scans.iter().any(|scan| scan.node == node)).unwrap().id;
+    let of = |mapper: &Mapper, node: NodeId| mapper.atlas().submaps().iter().find(|s| s.scans().iter().any(|scan| scan.node == node)).unwrap().id();
     assert_ne!(of(&mapper, 11), of(&mapper, 40));
     // A correction of one piece leaves the other where it is.
     let lifted = |i: NodeId| Pose::translation(0.0, 0.0, 5.0) * there(i);
     mapper.handle(Event::PoseUpdate((40..52).map(|i| (i, lifted(i))).collect())).unwrap();
     for submap in mapper.atlas().submaps() {
         let root = submap.root_node().unwrap();
-        assert_eq!(submap.t_map_submap, if root < 40 { there(root) } else { lifted(root) });
+        assert_eq!(submap.t_map_submap(), if root < 40 { there(root) } else { lifted(root) });
     }
     mapper.finish();
     assert_eq!((mapper.atlas().scan_count(), mapper.elastic_counts().fusions), (24, 0));
+}
+
+#[test]
+fn no_error_repeats_its_cause() {
+    let reason = SensorError::TableLength { elevations: 2, offsets: 3 };
+    let error = MapError::Sensor { node: 3, reason };
+    assert!(error.to_string().contains("node 3") && error.to_string().contains("2 elevations"));
+    let mut causes = std::iter::successors(std::error::Error::source(&error), |cause| cause.source());
+    assert!(causes.all(|cause| !error.to_string().contains(&cause.to_string())), "{error}");
 }

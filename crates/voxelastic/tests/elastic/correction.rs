@@ -1,13 +1,14 @@
-//! Drift, a loop, a correction: submaps move, fuse, bend and are rebuilt.
+//! Drift, a loop and a correction: submaps move, fuse, deform and are rebuilt.
 
 use crate::settings;
 use crate::town::{LAP, Town};
 use std::error::Error;
 use std::time::Instant;
-use voxelastic::atlas::{Atlas, MeshCache, Submap};
+use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::geometry::PoseExt;
 use voxelastic::mapper::ScanSource;
+use voxelastic::meshing::MeshCache;
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -17,13 +18,13 @@ const STEP: f64 = 2.0;
 fn drive() -> Vec<(Pose, Pose)> {
     let truth: Vec<Pose> = (0..(1.5 * LAP / STEP) as usize).map(|i| Town::pose(i as f64 * STEP)).collect();
     // The drift is one in the map frame: over a lap, one in the lidar frame would cancel itself.
-    let told: Vec<Pose> = truth.iter().enumerate().map(|(i, pose)| Pose::translation(0.03 * i as f64, 0.02 * i as f64, 0.0) * pose).collect();
-    truth.into_iter().zip(told).collect()
+    let drifted: Vec<Pose> = truth.iter().enumerate().map(|(i, pose)| Pose::translation(0.03 * i as f64, 0.02 * i as f64, 0.0) * pose).collect();
+    truth.into_iter().zip(drifted).collect()
 }
 
-struct Again<'a>(&'a Town, &'a [(Pose, Pose)]);
+struct ReplayedScans<'a>(&'a Town, &'a [(Pose, Pose)]);
 
-impl ScanSource for Again<'_> {
+impl ScanSource for ReplayedScans<'_> {
     fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
         let (truth, _) = self.1.get(node as usize).ok_or("no such scan")?;
         Ok(self.0.cloud(truth, node + 1))
@@ -32,11 +33,11 @@ impl ScanSource for Again<'_> {
 
 fn mean_height_error(atlas: &Atlas) -> f64 {
     // Ground and walls are at whole known places: x or y of +-30 and +-15, z of 0.
-    let mut cache = MeshCache::new(0.2, MeshOptions::default());
+    let mut cache = MeshCache::new(MeshOptions::default());
     let (mut sum, mut count) = (0.0, 0);
     for submap in atlas.submaps() {
         for p in &cache.mesh(submap).positions {
-            let p = submap.t_map_submap * nalgebra::Point3::from(p.map(f64::from));
+            let p = submap.t_map_submap() * nalgebra::Point3::from(p.map(f64::from));
             let walls = [p.x.abs(), p.y.abs()].into_iter().flat_map(|c| [(c - 30.0).abs(), (c - 15.0).abs()]).fold(p.z.abs(), f64::min);
             if walls < 1.5 {
                 sum += walls;
@@ -48,12 +49,12 @@ fn mean_height_error(atlas: &Atlas) -> f64 {
 }
 
 #[test]
-fn a_correction_moves_submaps_fuses_them_and_rebuilding_removes_what_bent() {
+fn a_correction_moves_and_fuses_submaps_and_rebuilding_removes_deformation() {
     let (town, poses) = (Town::new(), drive());
     let mut mapper = Mapper::new(Settings { min_overlap: 1.0, ..settings() }).unwrap();
     let (mut loop_nodes, per_lap) = (Vec::new(), (LAP / STEP) as usize);
-    for (i, (truth, told)) in poses.iter().enumerate() {
-        mapper.handle(town.scan(i as NodeId, truth, told)).unwrap();
+    for (i, (truth, drifted)) in poses.iter().enumerate() {
+        mapper.handle(town.scan(i as NodeId, truth, drifted)).unwrap();
         if i >= per_lap && i % 8 == 0 {
             loop_nodes.push(i);
         }
@@ -78,12 +79,12 @@ fn a_correction_moves_submaps_fuses_them_and_rebuilding_removes_what_bent() {
     let elastic = mean_height_error(mapper.atlas());
     assert!(elastic < 0.6 * error, "{elastic} against {error}");
     for submap in mapper.atlas().submaps() {
-        assert!(submap.t_map_submap.translation_distance(&poses[submap.root_node().unwrap() as usize].0) < 1e-9);
+        assert!(submap.t_map_submap().translation_distance(&poses[submap.root_node().unwrap() as usize].0) < 1e-9);
     }
 
     let deformed = mapper.deformations();
     assert!(deformed.iter().any(|d| d.distance > 0.1), "{deformed:?}");
-    let mut source = Again(&town, &poses);
+    let mut source = ReplayedScans(&town, &poses);
     for d in deformed {
         mapper.rebuild(d.submap, &mut source).unwrap();
     }
@@ -98,7 +99,7 @@ fn off(poses: &[(Pose, Pose)]) -> f64 {
 }
 
 #[test]
-fn small_corrections_are_left_alone() {
+fn small_corrections_are_ignored() {
     let town = Town::new();
     let mut mapper = Mapper::new(settings()).unwrap();
     let pose = Town::pose(0.0);
@@ -106,7 +107,7 @@ fn small_corrections_are_left_alone() {
     let moved = |t: f64, yaw: f64| pose * Pose::new(nalgebra::Vector3::new(t, 0.0, 0.0), nalgebra::Vector3::new(0.0, 0.0, yaw));
     for (correction, follows) in [(moved(0.09, 0.0), false), (moved(0.0, 0.04), false), (moved(0.11, 0.0), true), (moved(0.11, 0.05), true)] {
         mapper.handle(Event::PoseUpdate(vec![(5, correction)])).unwrap();
-        assert_eq!(mapper.atlas().submaps()[0].t_map_submap == correction, follows);
+        assert_eq!(mapper.atlas().submaps()[0].t_map_submap() == correction, follows);
     }
     assert_eq!(mapper.elastic_counts().submap_moves, 2);
 }
@@ -117,20 +118,20 @@ fn a_mesh_is_extracted_once_whatever_the_pose_does() {
     let mut mapper = Mapper::new(settings()).unwrap();
     let pose = Town::pose(0.0);
     mapper.handle(town.scan(0, &pose, &pose)).unwrap();
-    let mut cache = MeshCache::new(0.2, MeshOptions::default());
+    let mut cache = MeshCache::new(MeshOptions::default());
     let first = cache.mesh(&mapper.atlas().submaps()[0]);
     mapper.handle(Event::PoseUpdate(vec![(0, Pose::translation(50.0, 0.0, 0.0))])).unwrap();
     assert!(std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])), "the correction is a matrix");
     let next = Pose::translation(50.0, 1.0, 0.0);
     mapper.handle(town.scan(1, &Town::pose(1.0), &next)).unwrap();
     assert!(!std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])));
-    cache.keep(&[] as &[Submap]);
+    cache.retain(&[] as &[Submap]);
     assert!(cache.is_empty());
 }
 
 #[test]
-fn what_is_too_far_apart_fuses_when_another_loop_shortens_the_way() {
-    // Out along y = 0, back along y = 2, up, over, and down beside where it began.
+fn refused_fusions_are_done_when_another_loop_shortens_the_path() {
+    // Out along y = 0, back along y = 2, then up, across, and down next to the start.
     let mut path: Vec<[f64; 2]> = (0..6).map(|i| [2.0 * f64::from(i), 0.0]).collect();
     path.extend((0..3).map(|i| [10.0 - 2.0 * f64::from(i), 2.0]));
     path.extend((2..8).map(|i| [6.0, 2.0 * f64::from(i)]));
@@ -147,11 +148,11 @@ fn what_is_too_far_apart_fuses_when_another_loop_shortens_the_way() {
         let t_from_to = poses[from].inv_mul(&poses[to]);
         mapper.handle(Event::LoopEdge(Edge { from: from as NodeId, to: to as NodeId, t_from_to, information: None })).unwrap();
         mapper.finish();
-        (mapper.atlas().submaps().len(), mapper.elastic_counts().fusions, mapper.elastic_counts().groups_apart)
+        (mapper.atlas().submaps().len(), mapper.elastic_counts().fusions, mapper.elastic_counts().size_limited_groups)
     };
     assert_eq!(close(4, 7), (4, 0, 1), "the end of the second submap is 18 m from the root of the first");
     assert_eq!(close(0, 23), (4, 0, 2));
-    assert_eq!(close(8, 23), (3, 1, 1), "now it is 12.3 m: the first loop's fusion is done, though this one joins two others");
+    assert_eq!(close(8, 23), (3, 1, 1), "now it is 12.3 m: the first loop's fusion is done, although this loop connects two others");
 }
 
 #[test]

@@ -10,9 +10,9 @@ use voxelastic::event::NodeId;
 use voxelastic::field::occupancy::{OccupancyField, State, UNKNOWN, state_of};
 use voxelastic::field::tsdf::TsdfField;
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, ReturnsView, TsdfIntegrator, TsdfSettings};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
-use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
+use voxelastic::sensor::{BeamModel, CloudLayout, RangeLimits, ScanPreprocessor};
 
 const ROWS: usize = 48;
 const COLUMNS: usize = 360;
@@ -30,12 +30,12 @@ struct Bench {
     room: Room,
     tsdf: TsdfIntegrator,
     occupancy: OccupancyIntegrator,
-    preparer: Preparer,
+    preprocessor: ScanPreprocessor,
 }
 
 impl Bench {
     fn new(seed: u64, max_scale: usize) -> Self {
-        let limits = Limits { near: 0.3, max: 30.0 };
+        let limits = RangeLimits { near: 0.3, max: 30.0 };
         let elevations = Room::elevations(ROWS);
         let model = BeamModel::even(ROWS, COLUMNS, elevations[0], elevations[ROWS - 1]).unwrap();
         let occupancy = OccupancySettings { voxel: VOXEL, max_range: 30.0, ..OccupancySettings::default() };
@@ -44,7 +44,7 @@ impl Bench {
             room: Room::random(seed),
             tsdf: TsdfIntegrator::new(tsdf),
             occupancy: OccupancyIntegrator::new(occupancy, &model),
-            preparer: Preparer::new(model, Layout::Projected, limits),
+            preprocessor: ScanPreprocessor::new(model, CloudLayout::Projected, limits),
         }
     }
 
@@ -52,11 +52,10 @@ impl Bench {
         let (t_map_lidar, points, _) = self.room.scan(index, ROWS, COLUMNS, 0.01);
         let t_submap_lidar = submap.add_scan(index as NodeId, &pose_of(&t_map_lidar));
         let t_submap_lidar = Rigid::from(&t_submap_lidar);
-        let scan = self.preparer.prepare(&voxelastic::Cloud::from_points(points));
-        let beams = &scan.beams;
-        let returns = Returns { points: &beams.points, normals: &beams.normals, shades: &[], origins: &[], smallest_angle: beams.smallest_angle };
-        self.tsdf.integrate(&mut submap.tsdf, &t_submap_lidar, &returns);
-        self.occupancy.integrate(&mut submap.occupancy, &t_submap_lidar, &scan.image, &returns, true);
+        let scan = self.preprocessor.prepare(&voxelastic::Cloud::from_points(points));
+        let returns = ReturnsView { origins: &[], ..ReturnsView::new(&scan.returns) };
+        self.tsdf.integrate(submap.tsdf_mut(), &t_submap_lidar, &returns);
+        self.occupancy.integrate(submap.occupancy_mut(), &t_submap_lidar, &scan.image, &returns, true);
     }
 }
 
@@ -137,26 +136,26 @@ proptest! {
     ) {
         let mut bench = Bench::new(seed, max_scale);
         let root = Pose::from_parts(Translation3::new(t[0], t[1], t[2]), UnitQuaternion::from_euler_angles(angles[0], angles[1], yaw));
-        let (mut target, mut source, mut direct) = (Submap::new(0, Pose::identity()), Submap::new(1, root), Submap::new(2, Pose::identity()));
+        let (mut target, mut source, mut direct) = (Submap::new(0, VOXEL, Pose::identity()), Submap::new(1, VOXEL, root), Submap::new(2, VOXEL, Pose::identity()));
         for i in 0..6 {
             bench.integrate(if i < 3 { &mut target } else { &mut source }, i);
             bench.integrate(&mut direct, i);
         }
-        let weight = FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
-        let before = target.occupancy.clone();
+        let weight = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+        let before = target.occupancy().clone();
         fuse(&mut target, &source, &root, &weight);
-        prop_assert_eq!(target.scans.len(), 6);
-        for (fused, direct) in target.scans.iter().zip(&direct.scans) {
+        prop_assert_eq!(target.scans().len(), 6);
+        for (fused, direct) in target.scans().iter().zip(direct.scans()) {
             prop_assert!((fused.t_submap_lidar.translation.vector - direct.t_submap_lidar.translation.vector).norm() < 1e-9);
         }
-        let (difference, missing) = compare_tsdf(&target.tsdf, &direct.tsdf);
+        let (difference, missing) = compare_tsdf(target.tsdf(), direct.tsdf());
         println!("scale {max_scale}: {difference:.3} voxels, {:.1} % missing", 100.0 * missing);
         prop_assert!(difference <= 0.15, "zero crossings differ by {difference} voxels");
         prop_assert!(missing <= 0.08, "{missing} of the surface is missing");
         let t_source_target = Rigid::from(&root.inverse());
-        let shares = compare_occupancy(&target.occupancy, |c| sum_at(&before, &source.occupancy, &t_source_target, c));
+        let shares = compare_occupancy(target.occupancy(), |c| sum_at(&before, source.occupancy(), &t_source_target, c));
         // Two lattices cut free space into cubes differently, but in all neither knows more.
-        let volume = known(&target.occupancy) / known(&direct.occupancy);
+        let volume = known(target.occupancy()) / known(direct.occupancy());
         println!("unknown, opposite, more: {shares:.3?}; {volume:.3} of the direct volume");
         let [unknown, opposite, more] = shares;
         prop_assert!(unknown <= 0.01 && opposite <= 0.01 && more <= 0.01, "unknown, opposite, more: {shares:?}");
@@ -166,13 +165,13 @@ proptest! {
 
 /// Everything that the fields of a submap hold.
 fn image(submap: &Submap) -> (Vec<(u64, u8, Vec<u32>)>, String) {
-    let tsdf = submap.tsdf.ids_in_morton_order().into_iter().map(|id| {
-        let voxels = submap.tsdf.stored_voxels(id).flatten().map(|v| u32::from(v.distance as u16) | u32::from(v.weight) << 16);
-        (submap.tsdf.block(id).key, submap.tsdf.block(id).scale, voxels.collect())
+    let tsdf = submap.tsdf().ids_in_morton_order().into_iter().map(|id| {
+        let voxels = submap.tsdf().stored_voxels(id).flatten().map(|v| u32::from(v.distance as u16) | u32::from(v.weight) << 16);
+        (submap.tsdf().block(id).key, submap.tsdf().block(id).scale, voxels.collect())
     });
     let mut occupancy = String::new();
-    submap.occupancy.tree().for_each(|key, level, octant| {
-        let values = if level == 0 && octant.link != NONE { submap.occupancy.values(submap.occupancy.block(octant.link)) } else { &[] };
+    submap.occupancy().tree().for_each(|key, level, octant| {
+        let values = if level == 0 && octant.link != NONE { submap.occupancy().values(submap.occupancy().block(octant.link)) } else { &[] };
         occupancy += &format!("{key} {level} {:?} {values:?}\n", octant.payload);
     });
     (tsdf.collect(), occupancy)
@@ -182,14 +181,14 @@ fn image(submap: &Submap) -> (Vec<(u64, u8, Vec<u32>)>, String) {
 fn fused_in_parts_and_in_steps_of_any_size_is_the_same_bit_for_bit() {
     let mut bench = Bench::new(11, 2);
     let root = Pose::from_parts(Translation3::new(0.7, -0.4, 0.1), UnitQuaternion::from_euler_angles(0.05, -0.02, 0.9));
-    let (mut target, mut source) = (Submap::new(0, Pose::identity()), Submap::new(1, root));
+    let (mut target, mut source) = (Submap::new(0, VOXEL, Pose::identity()), Submap::new(1, VOXEL, root));
     (0..4).for_each(|i| bench.integrate(if i < 2 { &mut target } else { &mut source }, i));
-    let settings = FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+    let settings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
     let mut fused = target.clone();
     fuse(&mut fused, &source, &root, &settings);
     let expected = image(&fused);
-    assert!(expected != image(&target) && source.tsdf.len() > 1000);
-    let sampling = Sampling::new(&source, &root, &settings);
+    assert!(expected != image(&target) && source.tsdf().len() > 1000);
+    let sampling = Sampling::new(&source, &root);
     assert!(sampling.parts() > 3, "there are parts to be taken in turn");
     let sampled_first: Vec<_> = (0..sampling.parts()).map(|number| sampling.part(number)).collect();
     let mut at_once = target.clone();
@@ -212,16 +211,16 @@ fn fusing_by_whole_voxels_loses_nothing() {
     let mut bench = Bench::new(3, 0);
     // 16 voxels along x: both lattices coincide.
     let root = Pose::translation(f64::from(VOXEL) * 16.0, 0.0, 0.0);
-    let (mut empty, mut source) = (Submap::new(0, Pose::identity()), Submap::new(1, root));
+    let (mut empty, mut source) = (Submap::new(0, VOXEL, Pose::identity()), Submap::new(1, VOXEL, root));
     bench.integrate(&mut source, 0);
-    fuse(&mut empty, &source, &root, &FusionSettings { voxel: VOXEL, max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 });
+    fuse(&mut empty, &source, &root, &FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 });
     let mut compared = 0;
-    for id in source.tsdf.ids() {
-        let block = source.tsdf.block(id);
+    for id in source.tsdf().ids() {
+        let block = source.tsdf().block(id);
         let c = block_coords(block.key);
-        let moved = empty.tsdf.find(voxelastic::octree::block_key([c[0] + 2, c[1], c[2]]));
-        for (i, voxel) in source.tsdf.current(block).iter().enumerate().filter(|(_, v)| v.is_observed()) {
-            let there = empty.tsdf.current(empty.tsdf.block(moved.unwrap()))[i];
+        let moved = empty.tsdf().find(voxelastic::octree::block_key([c[0] + 2, c[1], c[2]]));
+        for (i, voxel) in source.tsdf().current(block).iter().enumerate().filter(|(_, v)| v.is_observed()) {
+            let there = empty.tsdf().current(empty.tsdf().block(moved.unwrap()))[i];
             assert!((there.distance - voxel.distance).abs() <= 2 && there.weight.abs_diff(voxel.weight) <= 1, "{there:?} {voxel:?}");
             compared += 1;
         }

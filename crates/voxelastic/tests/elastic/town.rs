@@ -41,13 +41,13 @@ impl Town {
         Self { boxes }
     }
 
-    /// The same town after a box from `low` to `high` was built.
+    /// The same town with another box from `low` to `high`.
     pub fn with_box(mut self, low: [f64; 3], high: [f64; 3]) -> Self {
         self.boxes.push((low, high));
         self
     }
 
-    /// Where the sensor is after `s` metres of path, the lidar's frame in the map.
+    /// Pose of the lidar in the map frame after `s` metres of path.
     pub fn pose(s: f64) -> Pose {
         let s = s.rem_euclid(LAP);
         let (side, along) = ((s / (2.0 * SIDE)) as usize, s % (2.0 * SIDE) - SIDE);
@@ -89,8 +89,8 @@ impl Town {
         })
     }
 
-    /// The scan taken at `true_pose`, told to be at `told_pose`.
-    pub fn scan(&self, node: NodeId, true_pose: &Pose, told_pose: &Pose) -> Event {
-        Event::Scan(Scan { node, time: node as f64, t_map_lidar: *told_pose, cloud: self.cloud(true_pose, node + 1) })
+    /// The scan taken at `true_pose` and reported at `reported_pose`.
+    pub fn scan(&self, node: NodeId, true_pose: &Pose, reported_pose: &Pose) -> Event {
+        Event::Scan(Scan { node, time: node as f64, t_map_lidar: *reported_pose, cloud: self.cloud(true_pose, node + 1) })
     }
 }

@@ -1,4 +1,4 @@
-//! Scans that are not what they should be.
+//! Bad scans: too near, empty, without returns, at wrong poses.
 
 use super::{COLUMNS, Integration, ROWS, SPACING};
 use crate::room::Room;
@@ -30,10 +30,10 @@ fn at_origin() -> Rigid {
 }
 
 #[test]
-fn points_within_the_near_range_are_left_out() {
+fn points_within_the_near_limit_are_dropped() {
     let mut integration = Integration::with_near(&settings(), SPACING, 1.0);
     let mut points = sphere(5.0);
-    // The operator's head covers a third of the view.
+    // The operator's head covers a third of the field of view.
     points.iter_mut().take(ROWS * COLUMNS / 3).for_each(|p| *p = p.map(|c| c * 0.1));
     integration.add(&at_origin(), &points);
     let near = (-8..8).flat_map(|x| (-8..8).flat_map(move |y| (-8..8).map(move |z| [x, y, z])));
@@ -43,7 +43,7 @@ fn points_within_the_near_range_are_left_out() {
 }
 
 #[test]
-fn a_scan_without_returns_says_nothing() {
+fn a_scan_without_returns_changes_nothing() {
     for points in [Vec::new(), vec![[f32::NAN; 3]; ROWS * COLUMNS], vec![[0.0; 3]; ROWS * COLUMNS], vec![[f32::INFINITY; 3]; 100]] {
         let mut integration = Integration::new(&settings(), SPACING);
         integration.add(&at_origin(), &points);
@@ -52,12 +52,12 @@ fn a_scan_without_returns_says_nothing() {
 }
 
 #[test]
-fn beams_without_return_clear_where_the_sensor_is_to_be_trusted() {
+fn beams_without_return_clear_space_if_the_setting_says_so() {
     let mut integration = Integration::new(&OccupancySettings { clear_no_return: true, ..settings() }, SPACING);
     let mut points = sphere(5.0);
     points.truncate(ROWS * COLUMNS / 2);
     integration.add(&at_origin(), &points);
-    // The upper half came back from 5 m, the lower did not come back at all.
+    // The upper half has returns at 5 m, the lower half has none.
     let at = |elevation: f32, range: f32| [range * elevation.cos(), 0.5, range * elevation.sin()].map(|c| (c / 0.1).floor() as i32);
     let elevations = Room::elevations(ROWS);
     let (up, down) = (elevations[ROWS / 4], elevations[3 * ROWS / 4]);
@@ -77,13 +77,13 @@ fn returns_beyond_the_maximum_range_clear_up_to_it() {
 }
 
 #[test]
-fn a_pose_inside_of_a_wall_spoils_no_more_than_it_says() {
+fn good_scans_correct_what_a_scan_with_a_wrong_pose_changed() {
     let room = Room::random(5);
     let mut integration = Integration::new(&settings(), SPACING);
     let scans: Vec<_> = (0..6).map(|i| room.scan(i, ROWS, COLUMNS, 0.0)).collect();
     scans.iter().for_each(|(pose, points, _)| integration.add(pose, points));
     let before = known(&integration.field);
-    // The same scan again, as if taken within whatever is 4 m to the left, and once as if a kilometre away.
+    // The same scan again at a pose 4 m to the left, which may be inside a wall, and at one a kilometre away.
     let (pose, points, _) = &scans[0];
     for step in [4.0, 1000.0] {
         let [x, y, z] = pose.translation;
@@ -91,7 +91,7 @@ fn a_pose_inside_of_a_wall_spoils_no_more_than_it_says() {
     }
     let after = known(&integration.field);
     assert!(after.0 > before.0 && after.1 > before.1, "{before:?} {after:?}");
-    // Good scans win it back.
+    // Good scans correct the map.
     (0..8).for_each(|_| scans.iter().for_each(|(pose, points, _)| integration.add(pose, points)));
     let clean = {
         let mut integration = Integration::new(&settings(), SPACING);

@@ -1,4 +1,4 @@
-//! The occupancy integrator against the obvious: a dense map, and the truth of random rooms.
+//! The occupancy integrator against a dense reference map and against the geometry of random rooms.
 
 mod bad_input;
 mod reference;
@@ -12,8 +12,8 @@ use room::Room;
 use voxelastic::Cloud;
 use voxelastic::field::occupancy::{OccupancyField, State, state_of};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns};
-use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, ReturnsView};
+use voxelastic::sensor::{BeamModel, CloudLayout, RangeLimits, ScanPreprocessor};
 
 const ROWS: usize = 48;
 const COLUMNS: usize = 256;
@@ -36,7 +36,7 @@ fn model() -> BeamModel {
 
 /// Integrates scans one by one.
 struct Integration {
-    preparer: Preparer,
+    preprocessor: ScanPreprocessor,
     integrator: OccupancyIntegrator,
     field: OccupancyField,
     smallest_angle: f32,
@@ -48,14 +48,13 @@ impl Integration {
     }
 
     fn with_near(settings: &OccupancySettings, smallest_angle: f32, near: f32) -> Self {
-        let preparer = Preparer::new(model(), Layout::Projected, Limits { near, max: settings.max_range });
-        Self { preparer, integrator: OccupancyIntegrator::new(settings.clone(), &model()), field: OccupancyField::default(), smallest_angle }
+        let preprocessor = ScanPreprocessor::new(model(), CloudLayout::Projected, RangeLimits { near, max: settings.max_range });
+        Self { preprocessor, integrator: OccupancyIntegrator::new(settings.clone(), &model()), field: OccupancyField::default(), smallest_angle }
     }
 
     fn add(&mut self, pose: &Rigid, points: &[[f32; 3]]) {
-        let scan = self.preparer.prepare(&Cloud::from_points(points.to_vec()));
-        let returns =
-            Returns { points: &scan.beams.points, normals: &scan.beams.normals, shades: &[], origins: &[], smallest_angle: self.smallest_angle };
+        let scan = self.preprocessor.prepare(&Cloud::from_points(points.to_vec()));
+        let returns = ReturnsView { origins: &[], smallest_angle: self.smallest_angle, ..ReturnsView::new(&scan.returns) };
         self.integrator.integrate(&mut self.field, pose, &scan.image, &returns, false);
     }
 }
@@ -77,13 +76,13 @@ fn distance(c: [i32; 3], voxel: f32, pose: &Rigid) -> f32 {
     (0..3).map(|k| ((c[k] as f32 + 0.5) * voxel - pose.translation[k]).powi(2)).sum::<f32>().sqrt()
 }
 
-/// Whether the descent must tell the free voxel `c` apart from its neighbours.
+/// Whether the descent must find the free voxel `c`.
 fn is_expected(c: [i32; 3], voxel: f32, scans: &[Scan]) -> bool {
-    // Free space is no finer than the beams are spaced.
+    // Free space is no finer than the spacing of the rays.
     scans.iter().any(|(pose, _)| distance(c, voxel, pose) * SPACING <= voxel) && !scans.iter().any(|(pose, _)| is_at_rim(c, voxel, pose))
 }
 
-/// Whether the four-voxel cube around `c` may reach over the field of view's upper or lower rim: there the descent stays coarse.
+/// Whether the four-voxel cube around `c` may extend beyond the upper or lower limit of the field of view: there the descent stays coarse.
 fn is_at_rim(c: [i32; 3], voxel: f32, pose: &Rigid) -> bool {
     let offset: [f32; 3] = std::array::from_fn(|k| (c[k] as f32 + 0.5) * voxel - pose.translation[k]);
     let range = offset.iter().map(|v| v * v).sum::<f32>().sqrt();
@@ -106,7 +105,7 @@ proptest! {
         let room = Room::random(seed);
         let scans = scans_of(&room, 4);
         let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
-        // One scale for surfaces, so that both maps have the same voxels to talk about.
+        // One scale for surfaces, so that both maps have the same voxels.
         let field = integrate(&scans, &settings, 1e-6);
         let (low, high) = bounds(voxel);
         let mut dense = DenseOccupancy::new(settings.clone(), &model());
@@ -115,7 +114,7 @@ proptest! {
         for c in voxels_of(voxel) {
             let fast = field.state_at(c);
             let slow = match dense.voxels.get(&c) {
-                // A step of the field is 1/32: four scans' rounding leaves values this near zero too close to call.
+                // A step of the field is 1/32: with the rounding of four scans, values this near zero may have either sign.
                 Some(v) if v.abs() < 0.1 => continue,
                 Some(v) if *v < 0.0 => State::Free,
                 Some(_) => State::Occupied,
@@ -135,9 +134,9 @@ proptest! {
             let centre: [f32; 3] = c.map(|v| (v as f32 + 0.5) * voxel);
             prop_assert!(room.distance(centre).abs() < 1.8 * voxel, "{c:?} differs {} m from a surface", room.distance(centre));
         }
-        // A texel may be wider than the patch of a near voxel, so the descent leaves a few free voxels for a later scan.
-        prop_assert!(only_fast * 2000 <= same, "{only_fast} known only to the fast map, {same} to both");
-        prop_assert!(only_dense * 20 <= same, "{only_dense} known only to the dense map, {same} to both");
+        // A texel may be larger than the patch of a near voxel, so the descent misses a few free voxels.
+        prop_assert!(only_fast * 2000 <= same, "{only_fast} known in the fast map only, {same} in both");
+        prop_assert!(only_dense * 20 <= same, "{only_dense} known in the dense map only, {same} in both");
     }
 
     #[test]
@@ -150,9 +149,8 @@ proptest! {
         for c in voxels_of(voxel) {
             let Some(leaf) = field.leaf_at(c).filter(|leaf| state_of(leaf.value) == State::Free) else { continue };
             free += 1;
-            // A local voxel that reaches into the air may be free: its corners are half its diagonal from its centre. Some
-            // scan may have looked at it from so far that its beams told only larger voxels apart. The noise of the range is
-            // less than what a voxel needs to be called free.
+            // A local voxel that extends into the air may be free: its corners are half its diagonal from its centre. A scan from far away may have resolved larger
+            // voxels only. The range noise is smaller than the margin of free voxels.
             let farthest = scans.iter().map(|(pose, _)| distance(c, voxel, pose)).fold(0.0, f32::max);
             let local = (voxel * (1 << leaf.edge_log2.min(3)) as f32).max(SPACING * farthest);
             let depth = -room.distance(c.map(|v| (v as f32 + 0.5) * voxel));
@@ -177,7 +175,7 @@ fn the_number_of_threads_does_not_change_a_voxel() {
 }
 
 #[test]
-fn ancestors_know_the_largest_value_below_and_whether_all_was_seen() {
+fn ancestors_hold_the_largest_value_below_and_whether_all_is_observed() {
     let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
     let field = integrate(&scans_of(&Room::random(11), 4), &settings, 0.02);
     let tree = field.tree();
@@ -189,7 +187,7 @@ fn ancestors_know_the_largest_value_below_and_whether_all_was_seen() {
             let values = field.values(field.block(octant.link));
             assert_eq!(octant.payload.max, *values.iter().max().expect("voxels"));
             assert_eq!(octant.payload.observed, !values.contains(&i8::MIN));
-            assert!(values.iter().any(|v| *v != values[0]), "a uniform block was not given back");
+            assert!(values.iter().any(|v| *v != values[0]), "a uniform block was not removed");
         } else {
             let below = tree.siblings(octant.link);
             assert_eq!(octant.payload.max, below.iter().map(|o| o.payload.max).max().expect("siblings"));

@@ -1,4 +1,4 @@
-//! The obvious occupancy map: one resolution, every voxel held against every beam of every scan.
+//! A dense reference occupancy map: one resolution, every voxel compared with every ray of every scan.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -15,7 +15,7 @@ pub struct DenseOccupancy {
     pub voxels: HashMap<[i32; 3], f32>,
 }
 
-/// One scan as an image: range of each pixel, 0 where nothing was seen.
+/// One scan as an image: range of each pixel, 0 without return.
 struct Image {
     ranges: Vec<f64>,
 }
@@ -31,7 +31,7 @@ impl DenseOccupancy {
         }
     }
 
-    /// Column of an azimuth; the first pixel reaches from 0 to 1.
+    /// Fractional column of an azimuth; the first pixel covers 0 to 1.
     fn column(&self, azimuth: f64) -> f64 {
         (azimuth - self.first_azimuth).rem_euclid(TAU) * self.columns as f64 / TAU
     }
@@ -76,14 +76,14 @@ impl DenseOccupancy {
         (self.elevations[0] - elevation) / gap
     }
 
-    /// Whether every beam that passes through the voxel or next to it, by its corners, saw beyond it.
+    /// Whether all rays through the voxel and around it have their returns beyond it.
     fn is_free(&self, c: [i32; 3], pose: &Rigid, image: &Image) -> bool {
         let voxel = f64::from(self.settings.voxel);
-        let seen_from_sensor = |part: [f64; 3]| -> [f64; 3] {
+        let in_lidar = |part: [f64; 3]| -> [f64; 3] {
             let offset: [f64; 3] = std::array::from_fn(|k| (f64::from(c[k]) + part[k]) * voxel - f64::from(pose.translation[k]));
             std::array::from_fn(|j| (0..3).map(|i| f64::from(pose.rotation[i][j]) * offset[i]).sum())
         };
-        let p = seen_from_sensor([0.5; 3]);
+        let p = in_lidar([0.5; 3]);
         let flat = p[0].hypot(p[1]);
         let (range, radius) = (flat.hypot(p[2]), 0.5 * 3f64.sqrt() * voxel);
         if radius > 0.5 * flat {
@@ -93,7 +93,7 @@ impl DenseOccupancy {
         let half = self.columns as f64 / 2.0;
         let (mut rows, mut columns, mut farthest) = ((f64::MAX, f64::MIN), (f64::MAX, f64::MIN), 0f64);
         for corner in 0..8 {
-            let q = seen_from_sensor([0, 1, 2].map(|k| f64::from(corner >> k & 1)));
+            let q = in_lidar([0, 1, 2].map(|k| f64::from(corner >> k & 1)));
             let distance = q[0].hypot(q[1]).hypot(q[2]);
             let row = self.row((q[2] / distance).asin()) + 0.5;
             let column = middle + (self.column(q[1].atan2(q[0])) - middle + half).rem_euclid(2.0 * half) - half;
@@ -107,8 +107,8 @@ impl DenseOccupancy {
                 if r < 0 || r >= self.elevations.len() as i64 {
                     return false;
                 }
-                let seen = image.ranges[r as usize * self.columns + k.rem_euclid(self.columns as i64) as usize];
-                if farthest + margin >= seen {
+                let range_there = image.ranges[r as usize * self.columns + k.rem_euclid(self.columns as i64) as usize];
+                if farthest + margin >= range_there {
                     return false;
                 }
             }
@@ -116,7 +116,7 @@ impl DenseOccupancy {
         true
     }
 
-    /// The evidence of one beam, largest per voxel; the line is cut at voxel faces.
+    /// Adds the evidence of one ray, the largest per voxel; the ray is cut at voxel faces.
     fn walk(&self, p: [f32; 3], pose: &Rigid, updates: &mut HashMap<[i32; 3], f32>) {
         let voxel = f64::from(self.settings.voxel);
         let world = pose.apply(p).map(|c| f64::from(c) / voxel);

@@ -1,11 +1,11 @@
-//! Thin things survive (FIELD, demand 17): beams that pass beside them must not erase them.
+//! Thin objects are kept: rays that pass beside them must not erase them.
 
 use std::f32::consts::TAU;
 use voxelastic::Cloud;
 use voxelastic::field::occupancy::{OccupancyField, State};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, Returns};
-use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer};
+use voxelastic::integrate::{OccupancyIntegrator, OccupancySettings, ReturnsView};
+use voxelastic::sensor::{BeamModel, CloudLayout, RangeLimits, ScanPreprocessor};
 
 const VOXEL: f32 = 0.065;
 const ROWS: usize = 64;
@@ -28,7 +28,7 @@ impl Bar {
         let minus = |a: [f32; 3], b: [f32; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
         let length = dot(minus(self.to, self.from), minus(self.to, self.from)).sqrt();
         let axis = minus(self.to, self.from).map(|c| c / length);
-        // Without what lies along the axis, the ray against a circle.
+        // Without the components along the axis: the ray against a circle.
         let across = |v: [f32; 3]| minus(v, axis.map(|c| c * dot(v, axis)));
         let (p, d) = (across(minus(origin, self.from)), across(ray));
         let (a, b, c) = (dot(d, d), dot(p, d), dot(p, p) - self.radius * self.radius);
@@ -42,7 +42,7 @@ impl Bar {
     }
 }
 
-/// A scan from `origin` of the bars before a round wall 40 m from the middle, over flat ground.
+/// A scan from `origin` of bars on flat ground within a round wall 40 m from the centre.
 fn scan(bars: &[Bar], origin: [f32; 3], number: usize) -> Vec<[f32; 3]> {
     let mut points = Vec::new();
     for i in 0..ROWS * COLUMNS {
@@ -61,10 +61,10 @@ fn scan(bars: &[Bar], origin: [f32; 3], number: usize) -> Vec<[f32; 3]> {
     points
 }
 
-/// Maps scans taken at `places`; also the returns nearer than the wall, in the map frame.
+/// Maps scans taken at `places`; also returns the points on the bars, in the map frame.
 fn map(bars: &[Bar], places: impl Iterator<Item = [f32; 3]>) -> (OccupancyField, Vec<[f32; 3]>) {
     let model = || BeamModel::even(ROWS, COLUMNS, TOP, -TOP).expect("a valid model");
-    let mut preparer = Preparer::new(model(), Layout::Projected, Limits { near: 0.5, max: 60.0 });
+    let mut preprocessor = ScanPreprocessor::new(model(), CloudLayout::Projected, RangeLimits { near: 0.5, max: 60.0 });
     let mut integrator = OccupancyIntegrator::new(OccupancySettings { voxel: VOXEL, ..OccupancySettings::default() }, &model());
     let mut field = OccupancyField::default();
     let mut all = Vec::new();
@@ -73,17 +73,15 @@ fn map(bars: &[Bar], places: impl Iterator<Item = [f32; 3]>) -> (OccupancyField,
         let points = scan(bars, place, number);
         let in_map = points.iter().map(|p| pose.apply(*p));
         all.extend(in_map.filter(|p| p[2] > 0.1 && p[0].hypot(p[1]) < 30.0));
-        let prepared = preparer.prepare(&Cloud::from_points(points));
-        let beams = &prepared.beams;
-        let returns =
-            Returns { points: &beams.points, normals: &beams.normals, origins: &beams.origins, shades: &[], smallest_angle: beams.smallest_angle };
+        let prepared = preprocessor.prepare(&Cloud::from_points(points));
+        let returns = ReturnsView::new(&prepared.returns);
         integrator.integrate(&mut field, &pose, &prepared.image, &returns, true);
     }
     (field, all)
 }
 
-/// Share of the places along a bar, of those that were ever hit, where a voxel is occupied, or one beside it.
-fn standing(field: &OccupancyField, returns: &[[f32; 3]], from: [f32; 3], to: [f32; 3]) -> f32 {
+/// Share of the places along a bar that are occupied, or have an occupied neighbour, of those that were ever hit.
+fn occupied_share(field: &OccupancyField, returns: &[[f32; 3]], from: [f32; 3], to: [f32; 3]) -> f32 {
     let steps = 200;
     let places = (0..=steps).map(|s| -> [f32; 3] { std::array::from_fn(|k| from[k] + (to[k] - from[k]) * s as f32 / steps as f32) });
     let hit = places.filter(|p| returns.iter().any(|r| (0..3).map(|k| (r[k] - p[k]).powi(2)).sum::<f32>() < VOXEL * VOXEL));
@@ -94,13 +92,13 @@ fn standing(field: &OccupancyField, returns: &[[f32; 3]], from: [f32; 3], to: [f
         occupied += usize::from(around.into_iter().any(|c| field.state_at(c) == State::Occupied));
         all += 1;
     }
-    println!("{occupied} of {all} stand");
+    println!("{occupied} of {all} places are occupied");
     assert!(all > steps / 3, "the bar was hit at {all} of {steps} places");
     occupied as f32 / all as f32
 }
 
 #[test]
-fn a_pole_and_a_railing_stand_after_fifty_scans_around_them() {
+fn a_pole_and_a_railing_are_occupied_after_fifty_scans_around_them() {
     // A pole of 5 cm in the middle, seen from 20 m all around, and a railing of 4 cm bars passed at 4 to 12 m.
     let pole = Bar { from: [0.01, 0.02, 0.0], to: [0.01, 0.02, 4.0], radius: 0.025 };
     let rail = Bar { from: [12.0, -3.0, 1.0], to: [12.0, 3.0, 1.05], radius: 0.02 };
@@ -108,20 +106,20 @@ fn a_pole_and_a_railing_stand_after_fifty_scans_around_them() {
     let bars = [pole, rail, post];
     let places = (0..50).map(|i| {
         let angle = i as f32 / 50.0 * TAU;
-        // Carried: it sways.
+        // A carried sensor sways.
         [20.0 * angle.cos(), 20.0 * angle.sin(), SENSOR_HEIGHT + 0.1 * (7.0 * angle).sin()]
     });
     let (field, returns) = map(&bars, places);
     let (pole, rail, post) = (
-        standing(&field, &returns, [0.01, 0.02, 0.3], [0.01, 0.02, 3.7]),
-        standing(&field, &returns, [12.0, -2.9, 1.0], [12.0, 2.9, 1.05]),
-        standing(&field, &returns, [12.0, 0.03, 0.2], [12.0, 0.03, 0.9]),
+        occupied_share(&field, &returns, [0.01, 0.02, 0.3], [0.01, 0.02, 3.7]),
+        occupied_share(&field, &returns, [12.0, -2.9, 1.0], [12.0, 2.9, 1.05]),
+        occupied_share(&field, &returns, [12.0, 0.03, 0.2], [12.0, 0.03, 0.9]),
     );
     println!("occupied: pole {pole:.3}, rail {rail:.3}, post {post:.3}");
     assert!(pole > 0.9 && rail > 0.9 && post > 0.9, "pole {pole}, rail {rail}, post {post}");
-    // And nothing stands beside them.
-    for beside in [[1.0, 0.0], [-0.7, 0.6], [11.0, 1.0], [10.0, -2.0]] {
-        let c = [beside[0], beside[1], 1.5].map(|v: f32| (v / VOXEL).floor() as i32);
-        assert_eq!(field.state_at(c), State::Free, "{beside:?}");
+    // The space beside them is free.
+    for free in [[1.0, 0.0], [-0.7, 0.6], [11.0, 1.0], [10.0, -2.0]] {
+        let c = [free[0], free[1], 1.5].map(|v: f32| (v / VOXEL).floor() as i32);
+        assert_eq!(field.state_at(c), State::Free, "{free:?}");
     }
 }

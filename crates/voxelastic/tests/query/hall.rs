@@ -8,8 +8,7 @@ use voxelastic::{Cloud, Mapper, Pose, Settings};
 
 /// The recording's folder, if the data is there.
 pub fn folder() -> Option<PathBuf> {
-    let data = std::env::var_os("VOXELASTIC_DATA").map_or_else(|| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into(), PathBuf::from);
-    Some(data.join("hall")).filter(|hall| hall.join("poses.tum").is_file())
+    voxelastic_testing::data("hall")
 }
 
 /// Every `step`-th scan of the hall with its pose. The scans are binary PCD files of x, y, z.

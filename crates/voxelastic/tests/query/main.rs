@@ -1,4 +1,4 @@
-//! Queries on the map of a real hall: what they say about shapes and rays against what they say about points.
+//! Queries on the map of a real hall: shapes and rays compared with points.
 // Tests say when they skip.
 #![allow(clippy::print_stdout)]
 
@@ -7,7 +7,7 @@ mod hall;
 use proptest::prelude::*;
 use voxelastic::Settings;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{AtlasQuery, Capsule, Ray, Resampling, Shape, Sphere, UnknownAs};
+use voxelastic::query::{Capsule, Ray, Resampling, Shape, Sphere, UnknownAs};
 
 const VOXEL: f32 = 0.1;
 
@@ -22,22 +22,19 @@ fn points_within(centre: [f64; 3], radius: f64) -> impl Iterator<Item = [f64; 3]
         .map(move |d| std::array::from_fn(|k| centre[k] + d[k]))
 }
 
-/// The hall in several submaps, so that most places are known to two of them.
+/// The hall in several submaps, so that most of it is in two of them.
 #[test]
-fn shapes_rays_and_points_tell_the_same_story() {
+fn shapes_rays_and_points_agree() {
     let settings =
-        Settings { voxel: VOXEL, max_range: 25.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
-    let Some(atlas) = hall::map(settings, 4) else {
-        println!("skipped: no hall in VOXELASTIC_DATA");
-        return;
-    };
+        Settings { voxel_size: VOXEL, max_range: 25.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
+    let Some(atlas) = hall::map(settings, 4) else { return };
     assert!(atlas.submaps().len() >= 3, "{} submaps", atlas.submaps().len());
-    let map = AtlasQuery::new(&atlas, VOXEL);
+    let map = atlas.query();
     let place = (-12.0..12.0f64, -12.0..12.0f64, -1.0..2.5f64).prop_map(|(x, y, z)| [x, y, z]);
     let direction = prop::array::uniform3(-1.0..1.0f64);
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(3000));
     let (free, ended) = (std::cell::Cell::new(0), std::cell::Cell::new(0));
-    let tell = |(centre, direction): ([f64; 3], [f64; 3])| {
+    let check = |(centre, direction): ([f64; 3], [f64; 3])| {
         let sphere: Shape = Sphere { centre, radius: 0.2 }.into();
         if map.is_free(&sphere, UnknownAs::Blocked) {
             free.set(free.get() + 1);
@@ -49,32 +46,29 @@ fn shapes_rays_and_points_tell_the_same_story() {
         let sweep: Shape = Capsule { from: centre, to, radius: 0.2 }.into();
         if map.is_free(&sweep, UnknownAs::Blocked) {
             let end: Shape = Sphere { centre: to, radius: 0.2 }.into();
-            prop_assert!(map.is_free(&end, UnknownAs::Blocked), "the end of a free capsule is not");
+            prop_assert!(map.is_free(&end, UnknownAs::Blocked), "the end of a free capsule is not free");
             let length = 2.0 * direction.iter().map(|c| c * c).sum::<f64>().sqrt();
-            let hit = map.cast(&Ray { origin: centre, direction, length }, UnknownAs::Blocked);
+            let hit = map.ray_cast(&Ray { origin: centre, direction, length }, UnknownAs::Blocked);
             prop_assert!(hit.is_none(), "a ray within a free capsule ends: {hit:?}");
         }
-        let Some(hit) = map.cast(&Ray { origin: centre, direction, length: 20.0 }, UnknownAs::Blocked) else { return Ok(()) };
+        let Some(hit) = map.ray_cast(&Ray { origin: centre, direction, length: 20.0 }, UnknownAs::Blocked) else { return Ok(()) };
         ended.set(ended.get() + 1);
         let norm = direction.iter().map(|c| c * c).sum::<f64>().sqrt();
         let along = |t: f64| -> [f64; 3] { std::array::from_fn(|k| centre[k] + t * direction[k] / norm) };
         let steps = (hit.distance / 0.02) as usize;
-        prop_assert!((0..steps).all(|i| map.state(along(0.02 * i as f64 + 0.005)) == State::Free), "a voxel was passed");
+        prop_assert!((0..steps).all(|i| map.state(along(0.02 * i as f64 + 0.005)) == State::Free), "a blocking voxel was skipped");
         Ok(())
     };
-    runner.run(&(place, direction), tell).unwrap_or_else(|e| panic!("{e}"));
+    runner.run(&(place, direction), check).unwrap_or_else(|e| panic!("{e}"));
     assert!(free.get() > 20 && ended.get() > 1000, "{} free, {} rays ended", free.get(), ended.get());
 }
 
 #[test]
 fn threads_change_no_cube_of_a_resampled_map() {
     let settings =
-        Settings { voxel: VOXEL, max_range: 10.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
-    let Some(atlas) = hall::map(settings, 10) else {
-        println!("skipped: no hall in VOXELASTIC_DATA");
-        return;
-    };
-    let map = AtlasQuery::new(&atlas, VOXEL);
+        Settings { voxel_size: VOXEL, max_range: 10.0, lambda_odom: 20.0, min_overlap: 1.0, sensor: "os0-64".to_owned(), ..Settings::default() };
+    let Some(atlas) = hall::map(settings, 10) else { return };
+    let map = atlas.query();
     let [one, three] = [1, 3].map(|n| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap_or_else(|e| panic!("{e}"));
         pool.install(|| (map.resample(&Resampling { voxel: 0.15, states_only: false }), map.frontier(2)))

@@ -1,17 +1,10 @@
 //! Real scans, where they are; the plain binary layouts of the development data.
 
-use std::path::PathBuf;
 use voxelastic::Cloud;
 
-/// A file of the development data, or `None` (said in words) where the data is absent.
+/// A file of the recorded data; none, after noting the skip, where it is absent.
 fn bytes(relative: &str) -> Option<Vec<u8>> {
-    let root = std::env::var_os("VOXELASTIC_DATA")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")), PathBuf::from);
-    let read = std::fs::read(root.join(relative));
-    if read.is_err() {
-        println!("skipped: no {relative} (set VOXELASTIC_DATA)");
-    }
-    read.ok()
+    voxelastic_testing::data(relative).map(|path| std::fs::read(path).unwrap())
 }
 
 fn floats(bytes: &[u8]) -> Vec<f32> {

@@ -3,7 +3,7 @@
 use super::data;
 use super::scene::Scene;
 use voxelastic::Cloud;
-use voxelastic::sensor::{BeamModel, Layout, SensorError, detect, layout_for, preset, preset_with_columns};
+use voxelastic::sensor::{BeamModel, CloudLayout, SensorError, detect, layout_for, preset, preset_with_columns};
 
 fn model(name: &str) -> BeamModel {
     preset(name).unwrap_or_else(|e| panic!("{e}"))
@@ -26,7 +26,7 @@ fn organised_clouds_give_the_true_model() {
     for name in ["os1-64", "os0-128", "vlp-16", "hdl-64e", "pandar-64"] {
         let truth = model(name);
         let found = recognised(name, &[&Scene::room(0.01).scan(&truth, 1).cloud]);
-        assert!(matches!(found.layout, Layout::Grid(_)));
+        assert!(matches!(found.layout, CloudLayout::Grid(_)));
         assert_eq!((found.model.rows(), found.model.columns()), (truth.rows(), truth.columns()), "{name}");
         assert_eq!(found.model.is_clockwise(), truth.is_clockwise(), "{name}");
         assert!(apart(&truth, &found.model) < 0.03, "{name} {}", apart(&truth, &found.model));
@@ -55,7 +55,7 @@ fn staggered_bottom_up_and_transposed_grids_are_set_upright() {
     }
     (staggered.width, staggered.height) = (rows, columns);
     let found = recognised("transposed, staggered", &[&staggered]);
-    assert!(matches!(&found.layout, Layout::Grid(grid) if grid.transposed && grid.shift_of_ring.iter().any(|&s| s != 0)));
+    assert!(matches!(&found.layout, CloudLayout::Grid(grid) if grid.transposed && grid.shift_of_ring.iter().any(|&s| s != 0)));
     assert_eq!((found.model.rows(), found.model.columns()), (rows, columns));
     assert!(apart(&truth, &found.model) < 0.03);
     for row in [0, 1, 30, 63] {
@@ -72,9 +72,9 @@ fn ring_fields_and_ring_order_give_the_rows() {
     let points: Vec<[f32; 3]> = kept.iter().map(|&i| scan.points[i]).collect();
     let ring: Vec<u16> = kept.iter().map(|&i| (63 - i / scan.width) as u16).collect();
     let by_field = recognised("ring field", &[&Cloud { ring: Some(ring), ..Cloud::from_points(points.clone()) }]);
-    assert!(matches!(&by_field.layout, Layout::Rings { row_of_ring } if row_of_ring[0] == 63));
+    assert!(matches!(&by_field.layout, CloudLayout::Rings { row_of_ring } if row_of_ring[0] == 63));
     let by_order = recognised("ring order", &[&Cloud::from_points(points)]);
-    assert!(matches!(by_order.layout, Layout::RingOrder { .. }));
+    assert!(matches!(by_order.layout, CloudLayout::RingOrder { .. }));
     for found in [by_field, by_order] {
         assert!((found.model.columns() as f32 / truth.columns() as f32 - 1.0).abs() < 0.005, "{}", found.model.columns());
         assert!(apart(&truth, &found.model) < 0.05);
@@ -91,7 +91,7 @@ fn unorganised_clouds_give_rows_and_columns() {
         points.retain(Cloud::is_return);
         points.shuffle(&mut super::scene::rng(5));
         let found = recognised(&format!("{name} shuffled"), &[&Cloud::from_points(points)]);
-        assert_eq!(found.layout, Layout::Projected);
+        assert_eq!(found.layout, CloudLayout::Projected);
         assert_eq!(found.model.rows(), truth.rows(), "{name}");
         assert!((found.model.columns() as f32 / columns as f32 - 1.0).abs() < 0.01, "{name}: {}", found.model.columns());
         assert!(found.fit.shown > 0.9, "{name}");
@@ -103,12 +103,12 @@ fn unorganised_clouds_give_rows_and_columns() {
 fn a_named_sensor_keeps_the_grid_only_where_it_fits() {
     let truth = model("os1-64");
     let scan = Scene::room(0.01).scan(&truth, 6).cloud;
-    assert!(matches!(layout_for(&truth, &scan), Layout::Grid(_)));
+    assert!(matches!(layout_for(&truth, &scan), CloudLayout::Grid(_)));
     let mut turned = scan.clone();
     turned.points.rotate_left(300);
-    assert!(!matches!(layout_for(&truth, &turned), Layout::Grid(_)));
-    assert_eq!(layout_for(&model("os0-64"), &scan), Layout::Projected);
-    assert_eq!(layout_for(&truth, &Cloud::from_points(scan.points)), Layout::Projected);
+    assert!(!matches!(layout_for(&truth, &turned), CloudLayout::Grid(_)));
+    assert_eq!(layout_for(&model("os0-64"), &scan), CloudLayout::Projected);
+    assert_eq!(layout_for(&truth, &Cloud::from_points(scan.points)), CloudLayout::Projected);
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! The sensor room from outside: models, preparation, normals, recognition; on analytic scenes and on real scans.
+//! The public interface of `sensor`: models, preparation, normals, recognition; on analytic scenes and on real scans.
 
-// Figures and skipped tests are told on the standard output.
+// Measured figures and skipped tests are printed.
 #![allow(clippy::print_stdout)]
 
 mod data;

@@ -57,22 +57,22 @@ proptest! {
 }
 
 #[test]
-fn bad_tables_are_refused_with_reasons() {
+fn bad_tables_are_rejected_with_reasons() {
     let tables = |elevations: &[f32]| BeamTables { elevations: elevations.to_vec(), columns: 100, ..BeamTables::default() };
-    let refuse = |t: BeamTables| BeamModel::from_tables(t).err();
-    assert!(matches!(refuse(tables(&[])), Some(SensorError::Size { rows: 0, .. })));
-    assert!(matches!(refuse(tables(&[0.1, f32::NAN])), Some(SensorError::Angle { row: 1 })));
-    assert!(matches!(refuse(tables(&[0.1, 2.0])), Some(SensorError::Angle { row: 1 })));
-    assert!(matches!(refuse(tables(&[0.1, 0.1])), Some(SensorError::RowsCoincide { first: 0, .. })));
-    assert!(matches!(refuse(BeamTables { columns: 1, ..tables(&[0.1]) }), Some(SensorError::Size { columns: 1, .. })));
-    assert!(matches!(refuse(BeamTables { azimuth_offsets: vec![0.0], ..tables(&[0.1, 0.0]) }), Some(SensorError::TableLength { .. })));
-    assert!(matches!(refuse(BeamTables { origin_radius: f32::NAN, ..tables(&[0.1, 0.0]) }), Some(SensorError::Origin { .. })));
+    let reject = |t: BeamTables| BeamModel::from_tables(t).err();
+    assert!(matches!(reject(tables(&[])), Some(SensorError::Size { rows: 0, .. })));
+    assert!(matches!(reject(tables(&[0.1, f32::NAN])), Some(SensorError::Angle { row: 1 })));
+    assert!(matches!(reject(tables(&[0.1, 2.0])), Some(SensorError::Angle { row: 1 })));
+    assert!(matches!(reject(tables(&[0.1, 0.1])), Some(SensorError::RowsCoincide { first: 0, .. })));
+    assert!(matches!(reject(BeamTables { columns: 1, ..tables(&[0.1]) }), Some(SensorError::Size { columns: 1, .. })));
+    assert!(matches!(reject(BeamTables { azimuth_offsets: vec![0.0], ..tables(&[0.1, 0.0]) }), Some(SensorError::TableLength { .. })));
+    assert!(matches!(reject(BeamTables { origin_radius: f32::NAN, ..tables(&[0.1, 0.0]) }), Some(SensorError::Origin { .. })));
     assert!(BeamModel::even(usize::MAX, 1024, 0.3, -0.3).is_err());
     assert!(BeamModel::even(16, 1024, -0.3, -0.3).is_err());
 }
 
 #[test]
-fn what_is_no_point_is_not_projected() {
+fn invalid_points_are_not_projected() {
     let model = preset("os1-64").unwrap_or_else(|e| panic!("{e}"));
     for p in [[f32::NAN; 3], [0.0; 3], [f32::INFINITY, 0.0, 0.0], [0.0, 0.0, 5.0]] {
         assert_eq!(model.project(p), None, "{p:?}");

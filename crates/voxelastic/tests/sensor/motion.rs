@@ -1,7 +1,7 @@
-//! Motion compensation against other people's: Newer College scans as measured and as gtsam_points set them right.
+//! Motion compensation against other software: Newer College scans as measured and as undistorted by gtsam_points.
 //!
-//! No trajectory comes with them. What their own software took for the motion shows in a few points: poses fitted to one in thirty of
-//! them, every 5 ms, must then set right the others too.
+//! The scans come without a trajectory. The motion is estimated every 5 ms from pairs of raw and undistorted points, one in thirty of them; undistortion with it must
+//! then move the other points to their undistorted positions, too.
 
 use crate::data::numbers;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
@@ -25,7 +25,7 @@ fn fit(pairs: &[(Point3<f64>, Point3<f64>)]) -> Pose {
 }
 
 #[test]
-fn scans_of_newer_college_are_set_right_as_others_do() {
+fn scans_of_newer_college_are_undistorted_like_by_gtsam_points() {
     for k in 0..3 {
         let file = |kind: &str| format!("newer-college-sample/{kind}_{k:02}.bin");
         let (Some(raw), Some(right), Some(times)) = (points(&file("raw")), points(&file("deskewed")), numbers(&file("times"))) else { return };
@@ -48,7 +48,7 @@ fn scans_of_newer_college_are_set_right_as_others_do() {
         let (before, after) = (off(&cloud.points), off(&moved.points));
         let at = |off: &[f64], share: f64| 100.0 * off[(share * (off.len() - 1) as f64) as usize];
         println!(
-            "scan {k}: {} points; off by {:.1} cm in the median as measured, {:.2} cm set right (95 % within {:.1} cm before, {:.2} cm after)",
+            "scan {k}: {} points; off by {:.1} cm in the median as measured, {:.2} cm undistorted (95 % within {:.1} cm before, {:.2} cm after)",
             raw.len(),
             at(&before, 0.5),
             at(&after, 0.5),

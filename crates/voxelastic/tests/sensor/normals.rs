@@ -1,8 +1,8 @@
-//! Normals against the truth.
+//! Normals against the true ones.
 
 use super::scene::{Scene, dot};
 use rand::RngExt;
-use voxelastic::sensor::{BeamModel, Layout, Limits, Preparer, preset};
+use voxelastic::sensor::{BeamModel, CloudLayout, RangeLimits, ScanPreprocessor, preset};
 
 /// How well normals agree with the truth over a set of returns.
 #[derive(Debug, Default)]
@@ -27,12 +27,12 @@ impl Score {
 /// Scores the returns that `select` picks, by shape and true range.
 fn score(scene: &Scene, model: &BeamModel, select: impl Fn(usize, f32, [f32; 3]) -> bool) -> Score {
     let scan = scene.scan(model, 5);
-    let mut preparer = Preparer::new(model.clone(), Layout::grid_of(model), Limits { near: 0.5, max: 100.0 });
-    let beams = &preparer.prepare(&scan.cloud).beams;
+    let mut preprocessor = ScanPreprocessor::new(model.clone(), CloudLayout::grid_of(model), RangeLimits { near: 0.5, max: 100.0 });
+    let returns = &preprocessor.prepare(&scan.cloud).returns;
     let mut score = Score::default();
-    for (i, n) in beams.normals.iter().enumerate() {
-        let Some(hit) = scan.truth[beams.pixel[i] as usize] else { continue };
-        if !select(hit.shape, hit.range, beams.points[i]) {
+    for (i, n) in returns.normals.iter().enumerate() {
+        let Some(hit) = scan.truth[returns.pixel[i] as usize] else { continue };
+        if !select(hit.shape, hit.range, returns.points[i]) {
             continue;
         }
         if *n == [0.0; 3] {
@@ -114,7 +114,7 @@ fn bent_surfaces_get_narrow_windows() {
     }
 }
 
-/// Edges and thin things: what is given is right, or at least not worse than knowing nothing.
+/// Edges and thin objects: planes are right, or there is none.
 #[test]
 fn edges_rarely_get_a_wrong_plane() {
     for name in ["os1-64", "hdl-64e"] {
@@ -124,7 +124,7 @@ fn edges_rarely_get_a_wrong_plane() {
     }
 }
 
-/// A random fifth of the scan missing must not take the planes of the rest.
+/// With a random fifth of the scan missing, the rest keeps its planes.
 #[test]
 fn dropouts_are_bridged() {
     let model = model("os1-64");
@@ -135,10 +135,10 @@ fn dropouts_are_bridged() {
             *p = [f32::NAN; 3];
         }
     });
-    let mut preparer = Preparer::new(model.clone(), Layout::grid_of(&model), Limits::default());
-    let beams = &preparer.prepare(&scan).beams;
-    let given = beams.normals.iter().filter(|n| **n != [0.0; 3]).count();
-    assert!(given as f32 > 0.93 * beams.len() as f32, "{given} of {}", beams.len());
+    let mut preprocessor = ScanPreprocessor::new(model.clone(), CloudLayout::grid_of(&model), RangeLimits::default());
+    let returns = &preprocessor.prepare(&scan).returns;
+    let given = returns.normals.iter().filter(|n| **n != [0.0; 3]).count();
+    assert!(given as f32 > 0.93 * returns.len() as f32, "{given} of {}", returns.len());
 }
 
 #[test]
@@ -146,11 +146,11 @@ fn roughness_is_the_noise_along_the_normal() {
     let model = model("os1-64");
     for noise in [0.01, 0.02] {
         let scan = Scene::room(noise).scan(&model, 9).cloud;
-        let mut preparer = Preparer::new(model.clone(), Layout::grid_of(&model), Limits::default());
-        let beams = &preparer.prepare(&scan).beams;
-        let mut ratios: Vec<f32> = (0..beams.len())
-            .filter(|&i| beams.normals[i] != [0.0; 3])
-            .map(|i| beams.roughness[i] * beams.ranges[i] / dot(beams.normals[i], beams.points[i]).abs().max(1e-3))
+        let mut preprocessor = ScanPreprocessor::new(model.clone(), CloudLayout::grid_of(&model), RangeLimits::default());
+        let returns = &preprocessor.prepare(&scan).returns;
+        let mut ratios: Vec<f32> = (0..returns.len())
+            .filter(|&i| returns.normals[i] != [0.0; 3])
+            .map(|i| returns.roughness[i] * returns.ranges[i] / dot(returns.normals[i], returns.points[i]).abs().max(1e-3))
             .collect();
         ratios.sort_by(f32::total_cmp);
         let median = ratios[ratios.len() / 2];

@@ -1,13 +1,13 @@
-//! A small analytic world to look at: ground, walls, a cylinder, a sphere.
+//! A small analytic world: ground, walls, a cylinder, a sphere.
 
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use voxelastic::Cloud;
 use voxelastic::sensor::BeamModel;
 
-/// Something that a ray can meet.
+/// Something that a ray can hit.
 #[derive(Clone, Copy, Debug)]
 pub enum Shape {
-    /// Points p with normal . p = offset, met from any side.
+    /// Points p with normal . p = offset, hit from either side.
     Plane { normal: [f32; 3], offset: f32 },
     /// A part of the plane y = `y` or x = `x`: axis (0 or 1), position, and bounds of the other horizontal axis and of z.
     Panel { axis: usize, at: f32, along: [f32; 2], up: [f32; 2] },
@@ -57,7 +57,7 @@ impl Shape {
     }
 }
 
-/// A scene and what noise its sensor has.
+/// A scene and the noise of its sensor.
 #[derive(Clone, Debug)]
 pub struct Scene {
     pub shapes: Vec<Shape>,
@@ -65,7 +65,7 @@ pub struct Scene {
     pub max: f32,
 }
 
-/// One scan with the truth of each pixel.
+/// One scan with the true hit of each pixel.
 pub struct Scan {
     /// Organised, in the model's own pixels.
     pub cloud: Cloud,
@@ -118,7 +118,7 @@ impl Scene {
         best
     }
 
-    /// What `model` measures here, in its own pixel order; NaN without return.
+    /// The scan of `model` here, in its own pixel order; NaN without return.
     pub fn scan(&self, model: &BeamModel, seed: u64) -> Scan {
         let mut rng = StdRng::seed_from_u64(seed);
         let (mut points, mut truth) = (Vec::new(), Vec::new());

@@ -1,4 +1,4 @@
-//! The TSDF integrator against the obvious: a dense map updated voxel by voxel, on random rooms.
+//! The TSDF integrator against a dense reference map, on random rooms.
 
 mod colour;
 mod reference;
@@ -11,11 +11,11 @@ use room::Room;
 use std::collections::HashMap;
 use voxelastic::field::tsdf::{DISTANCE_STEPS, TsdfField};
 use voxelastic::geometry::Rigid;
-use voxelastic::integrate::{Returns, TsdfIntegrator, TsdfSettings};
+use voxelastic::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
 use voxelastic::octree::{BLOCK_EDGE, block_coords, voxel_coords};
 use voxelastic::surface::{MeshOptions, extract};
 
-/// Scans of a room as the integrator takes them: where the sensor was, points and normals in its frame.
+/// Scans of a room: pose of the sensor, points and normals in its frame.
 struct Scans {
     scans: Vec<(Rigid, Vec<[f32; 3]>, Vec<[f32; 3]>)>,
     smallest_angle: f32,
@@ -37,7 +37,7 @@ fn integrate(scans: &Scans, settings: &TsdfSettings) -> TsdfField {
     let mut field = TsdfField::default();
     let mut integrator = TsdfIntegrator::new(settings.clone());
     for (pose, points, normals) in &scans.scans {
-        let returns = Returns { points, normals, shades: &[], origins: &[], smallest_angle: scans.smallest_angle };
+        let returns = ReturnsView { points, normals, intensities: &[], origins: &[], smallest_angle: scans.smallest_angle };
         integrator.integrate(&mut field, pose, &returns);
     }
     field
@@ -76,7 +76,7 @@ proptest! {
         for (c, distance, weight) in observed(&field) {
             let Some(&(slow_distance, slow_weight)) = dense.voxels.get(&c) else { only_one += 1; continue };
             both += 1;
-            // A beam along a voxel's edge may count in one and not in the other: then weights differ, and nothing is compared.
+            // A ray along a voxel's edge may be counted in one map only: then weights differ, and distances are not compared.
             if (slow_weight - f32::from(weight)).abs() < 0.5 {
                 prop_assert!((distance - slow_distance).abs() < 0.004, "{c:?}: {distance} against {slow_distance}");
             } else {
@@ -85,11 +85,11 @@ proptest! {
         }
         let missed = dense.voxels.len() - both;
         prop_assert!(both > 1000);
-        prop_assert!((only_one + missed) * 200 <= both, "{only_one} + {missed} of {both} voxels differ in their beams");
+        prop_assert!((only_one + missed) * 200 <= both, "{only_one} + {missed} of {both} voxels differ in their rays");
     }
 
     #[test]
-    fn bundles_tell_what_their_beams_would_have_told(seed in any::<u64>()) {
+    fn bundled_rays_give_the_map_of_single_rays(seed in any::<u64>()) {
         let scans = scans_of(&Room::random(seed), 3, 48, 720, 0.02, true);
         let fields = [0.0, TsdfSettings::default().bundle_width].map(|bundle_width| {
             integrate(&scans, &TsdfSettings { voxel: 0.1, max_scale: 0, bundle_width, ..TsdfSettings::default() })
@@ -106,18 +106,18 @@ proptest! {
     #[test]
     fn across_scales_the_surface_stays_within_half_the_local_voxel(seed in any::<u64>()) {
         let room = Room::random(seed);
-        // Coarse angles make every scale occur inside a room.
+        // Coarse angles, so that several scales occur inside a room.
         let scans = scans_of(&room, 4, 64, 190, 0.0, true);
         let settings = TsdfSettings { voxel: 0.04, coarser_factor: 1.0, ..TsdfSettings::default() };
         let mesh = extract(&integrate(&scans, &settings), settings.voxel, &MeshOptions::default());
         prop_assert!(mesh.scales.contains(&0) && mesh.scales.contains(&1));
         let mut off = [0usize; 4];
         for (p, &scale) in mesh.positions.iter().zip(&mesh.scales) {
-            // A vertex may lie between a voxel and a coarser neighbour: the larger of the two counts.
+            // A vertex may be between a voxel and a coarser neighbour: the larger of the two counts.
             let local = settings.voxel * (2 << scale) as f32;
             off[usize::from(room.distance(*p).abs() > 0.5 * local)] += 1;
         }
-        // Planes that meet at an edge of the room are the only places where a local plane is not the surface.
+        // Only at edges of the room the local plane is not the surface.
         prop_assert!(off[1] * 100 <= off[0] * 2, "{off:?}");
     }
 }
@@ -134,7 +134,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
         assert_eq!(fields[0].len(), other.len());
         for id in fields[0].ids() {
             assert_eq!(fields[0].head(id), other.head(id));
-            assert!(fields[0].stored_voxels(id).eq(other.stored_voxels(id)) && fields[0].stored_shades(id).eq(other.stored_shades(id)));
+            assert!(fields[0].stored_voxels(id).eq(other.stored_voxels(id)) && fields[0].stored_intensities(id).eq(other.stored_intensities(id)));
         }
     }
     let meshes: Vec<_> = fields.iter().map(|f| extract(f, settings.voxel, &MeshOptions::default())).collect();
@@ -142,7 +142,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
 }
 
 #[test]
-fn a_block_that_is_left_and_revisited_keeps_its_detail() {
+fn a_block_observed_from_far_and_then_from_near_keeps_its_detail() {
     let wall = |at: f32| -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
         let half = 200;
         let points: Vec<[f32; 3]> = (-half..half)
@@ -163,7 +163,7 @@ fn a_block_that_is_left_and_revisited_keeps_its_detail() {
         let stats = integrator.integrate(
             &mut field,
             &pose,
-            &Returns { points: &points, normals: &normals, shades: &[], origins: &[], smallest_angle: 0.012 },
+            &ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.012 },
         );
         assert!(stats.blocks > 0);
         scales.push(field.block(field.find(voxelastic::octree::block_key([20, 0, 0])).expect("the wall's block")).scale);
@@ -176,5 +176,5 @@ fn a_block_that_is_left_and_revisited_keeps_its_detail() {
     for p in &mesh.positions {
         assert!((p[0] - 8.0).abs() < 0.002, "{p:?}");
     }
-    assert_eq!(field.arrays()[1..].iter().sum::<usize>(), field.blocks_by_scale()[1..].iter().sum::<usize>(), "coarser arrays are gone");
+    assert_eq!(field.arrays()[1..].iter().sum::<usize>(), field.blocks_by_scale()[1..].iter().sum::<usize>(), "coarser arrays are released");
 }

@@ -1,11 +1,11 @@
-//! The obvious TSDF: one resolution, a hash of voxels, beams sampled so densely that every voxel on the line is met.
+//! A dense reference TSDF: one resolution, a hash map of voxels, rays cut at every voxel face.
 
 use std::collections::HashMap;
 use voxelastic::field::tsdf::WEIGHT_ONE;
 use voxelastic::geometry::Rigid;
 use voxelastic::integrate::TsdfSettings;
 
-/// A beam that grazes its plane is walked at this sine to it.
+/// Least sine of the angle between a ray and its plane.
 const LEAST_SLOPE: f64 = 0.4;
 
 pub struct DenseTsdf {
@@ -33,7 +33,7 @@ impl DenseTsdf {
             let normal = if *n == [0.0; 3] { direction.map(|c| -c) } else { rotate(*n) };
             let slope = -(0..3).map(|k| direction[k] * normal[k]).sum::<f64>();
             if slope < LEAST_SLOPE {
-                // The part along the plane is kept, as long as it must be for a unit vector.
+                // The component along the plane keeps its direction; its length makes a unit vector.
                 let along: [f64; 3] = std::array::from_fn(|k| direction[k] + slope * normal[k]);
                 let length = along.iter().map(|c| c * c).sum::<f64>().sqrt();
                 direction = std::array::from_fn(|k| along[k] / length * (1.0 - LEAST_SLOPE * LEAST_SLOPE).sqrt() - LEAST_SLOPE * normal[k]);
@@ -61,7 +61,7 @@ impl DenseTsdf {
     }
 }
 
-/// Voxels that the line through `point` meets between two places along it: cut at every voxel face, take the middle of each piece.
+/// Voxels that the line through `point` passes between two parameters: cut at every voxel face, the voxels of the middle of each interval.
 fn voxels_on_line(point: [f64; 3], direction: [f64; 3], [from, to]: [f64; 2]) -> Vec<[i32; 3]> {
     let mut cuts = vec![from, to];
     for k in 0..3 {

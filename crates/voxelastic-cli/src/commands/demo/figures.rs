@@ -1,9 +1,9 @@
-//! The figures of the demo: for scripts, for a terminal, for the page.
+//! Results of the demo: as JSON, as text, and as a table of the page.
 
 use super::super::eval::Summary;
 use serde::Serialize;
 use std::path::PathBuf;
-use voxelastic_eval::Spread;
+use voxelastic_eval::SeriesStats;
 use voxelastic_report::content::Table;
 
 /// The keys of `demo --json`.
@@ -11,42 +11,42 @@ use voxelastic_report::content::Table;
 pub struct Figures {
     /// Scans mapped.
     pub scans: usize,
-    /// Loop closures on the way.
+    /// Number of loop closures.
     pub loop_closures: usize,
     /// Largest distance between true and odometry pose, metres.
     pub largest_drift_m: f64,
     /// Submaps of the elastic map that were fused into others.
     pub fusions: usize,
     /// Wall time of a scan of the elastic map, both fields, milliseconds.
-    pub integrate_ms: Spread,
-    /// What was measured.
+    pub integrate_ms: SeriesStats,
+    /// The measurements.
     pub rows: Vec<Row>,
     /// The folder.
     pub output: PathBuf,
     /// The page.
     pub report: PathBuf,
-    /// From start to page, seconds.
+    /// From start to written page, seconds.
     pub total_s: f64,
-    /// Most memory that the process held, megabytes (10^6 bytes).
+    /// Peak resident memory, megabytes (10^6 bytes).
     pub peak_rss_mb: Option<f64>,
 }
 
-/// Figures of one field of one map; lengths in metres, shares from 0 to 1.
+/// Errors of one field of one map; lengths in metres, fractions from 0 to 1.
 #[derive(Debug, Serialize)]
 pub struct Row {
     /// Field and poses.
     pub name: &'static str,
     /// Mean distance from the map to the true surface.
     pub accuracy_mean_m: Option<f64>,
-    /// 90 % of the map are at most this far from it.
+    /// 90th percentile of this distance.
     pub accuracy_p90_m: Option<f64>,
-    /// Share of the true surface seen from near that has map within 10 cm.
+    /// Fraction of the true surface visible within range that has map within 10 cm.
     pub complete_10cm: Option<f64>,
-    /// How often what is called free is free.
+    /// Precision of free space.
     pub free_precision: Option<f64>,
-    /// How much of the free space is known.
+    /// Recall of free space.
     pub free_recall: Option<f64>,
-    /// Root of the mean square of the errors of the poses.
+    /// Root mean square error of the poses.
     pub pose_rmse_m: Option<f64>,
 }
 
@@ -81,31 +81,31 @@ impl Row {
     }
 }
 
-/// What the columns of [`Row::cells`] are.
+/// Titles of the columns of [`Row::cells`].
 const COLUMNS: [&str; 7] = ["field and poses", "error, mean", "error, 90 %", "complete", "free, precision", "free, recall", "poses, rmse"];
 
 impl Figures {
-    /// With what was measured; the rest is filled in by who knows it.
+    /// With the measurements; the caller fills in the rest.
     pub fn new(rows: Vec<Row>, output: PathBuf, report: PathBuf) -> Self {
-        let integrate_ms = Spread::default();
+        let integrate_ms = SeriesStats::default();
         Self { scans: 0, loop_closures: 0, largest_drift_m: 0.0, fusions: 0, integrate_ms, rows, output, report, total_s: 0.0, peak_rss_mb: None }
     }
 
     fn note(&self) -> String {
         format!(
-            "{} scans of a simulated campus, {} loop closures; the odometry is up to {:.1} m off. Complete: share of the surface seen within 30 m \
+            "{} scans of a simulated campus, {} loop closures; the odometry is up to {:.1} m off. Complete: fraction of the surface visible within 30 m \
              that has map within 10 cm.",
             self.scans, self.loop_closures, self.largest_drift_m
         )
     }
 
-    /// For the page.
+    /// The table of the page.
     pub fn for_page(&self) -> Table {
         let columns = COLUMNS.map(str::to_owned).to_vec();
         Table { title: "Measured against the world".into(), note: self.note(), columns, rows: self.rows.iter().map(Row::cells).collect() }
     }
 
-    /// For the terminal, with where to look.
+    /// The text for the terminal.
     pub fn table(&self) -> String {
         let mut text = format!("{}\n\n", self.note());
         let header = COLUMNS.map(str::to_owned).to_vec();
@@ -119,8 +119,8 @@ impl Figures {
         }
         let memory = self.peak_rss_mb.map_or_else(String::new, |mb| format!(", {mb:.0} MB"));
         let (page, folder) = (self.report.display(), self.output.display());
-        text.push_str(&format!("\n{:.0} s in all{memory}\n\nLook at   {page}   in a browser.\n", self.total_s));
-        text.push_str(&format!("The maps are {folder}/elastic.vox and {folder}/odometry.vox: voxelastic mesh, render, info, eval.\n"));
+        text.push_str(&format!("\n{:.0} s in all{memory}\n\nOpen   {page}   in a browser.\n", self.total_s));
+        text.push_str(&format!("The maps are {folder}/elastic.vox and {folder}/odometry.vox, for voxelastic mesh, render, info, eval.\n"));
         text
     }
 }

@@ -1,57 +1,17 @@
-//! What is measured: a map's mesh or occupied voxels, or somebody's mesh or cloud.
+//! The measured object: mesh or occupied voxels of a map, or a mesh or cloud from a file.
 
-use super::{EvalArgs, Field};
+use super::args::{EvalArgs, Field};
+use super::surface::Surface;
 use crate::failure::Failure;
 use crate::map_files::{self, LoadedMap};
 use crate::meshing::map_mesh;
 use rayon::prelude::*;
-use std::path::Path;
-use voxelastic::Cloud;
 use voxelastic::atlas::fusion::{FusionSettings, fuse};
 use voxelastic::atlas::{Atlas, Submap};
-use voxelastic::field::occupancy::{State, state_of};
+use voxelastic::field::occupancy::{OccupancyField, State, state_of};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
-use voxelastic::query::AtlasQuery;
-use voxelastic_eval::MeshView;
-use voxelastic_eval::metrics::Map;
-use voxelastic_io::clouds::{self, CloudFormat};
-use voxelastic_io::ply;
 
-/// Points of a surface, and its triangles where it has some.
-#[derive(Default)]
-pub struct Surface {
-    /// `vertices`, `points` or `voxels`.
-    pub what: &'static str,
-    /// Metres, map frame.
-    pub positions: Vec<[f32; 3]>,
-    /// Indices of positions; empty for a cloud.
-    pub triangles: Vec<[u32; 3]>,
-}
-
-impl Surface {
-    /// As the evaluation wants it.
-    pub fn as_map(&self) -> voxelastic_eval::Result<Map<'_>> {
-        if self.triangles.is_empty() {
-            return Ok(Map::Points(&self.positions));
-        }
-        Ok(Map::Mesh(MeshView::new(&self.positions, &self.triangles)?))
-    }
-
-    /// Reads a mesh or a cloud; points that are not finite or no returns are left out.
-    pub fn read(path: &Path) -> anyhow::Result<Self> {
-        if CloudFormat::of(path) == Some(CloudFormat::Ply) {
-            let mesh = ply::read_mesh(path)?;
-            if !mesh.triangles.is_empty() {
-                return Ok(Self { what: "vertices", positions: mesh.positions, triangles: mesh.triangles });
-            }
-        }
-        let mut positions = clouds::read(path)?.cloud.points;
-        positions.retain(Cloud::is_return);
-        Ok(Self { what: "points", positions, triangles: Vec::new() })
-    }
-}
-
-/// What was named on the command line.
+/// A map, or a surface from a file.
 pub enum Measured {
     /// A map.
     Map(LoadedMap),
@@ -64,13 +24,13 @@ impl Measured {
     pub fn open(args: &EvalArgs) -> anyhow::Result<Self> {
         let path = &args.map;
         if !path.exists() {
-            return Err(Failure::new(format!("{}: there is nothing of this name", path.display()), "check the path").into());
+            return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path").into());
         }
         if path.is_dir() {
             return Ok(Self::Map(map_files::load(path)?));
         }
         if args.field.is_some() || args.no_fuse {
-            let what = format!("{}: not a map, so it has no fields and no submaps", path.display());
+            let what = format!("{}: this is this is not a map, so it has no fields and no submaps", path.display());
             return Err(Failure::usage(what, "leave out --field and --no-fuse").into());
         }
         Ok(Self::File(Surface::read(path)?))
@@ -84,7 +44,7 @@ impl Measured {
         }
     }
 
-    /// The surface to be measured. It is handed out once: fusing takes the TSDF apart to spare memory.
+    /// The surface to measure. Can be called once: fusing consumes the TSDF to save memory.
     pub fn surface(&mut self, args: &EvalArgs) -> anyhow::Result<Surface> {
         match self {
             Self::File(surface) => Ok(std::mem::take(surface)),
@@ -96,66 +56,65 @@ impl Measured {
     }
 }
 
-/// Whether a map knows free and occupied space.
+/// Whether a map has occupancy.
 pub fn has_occupancy(atlas: &Atlas) -> bool {
-    atlas.submaps().iter().any(|s| !s.occupancy.is_empty())
+    atlas.submaps().iter().any(|s| !s.occupancy().is_empty())
 }
 
-/// The field to be measured, which the map must have.
+/// The field to measure.
 fn field(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Field> {
-    let has_tsdf = map.atlas.submaps().iter().any(|s| !s.tsdf.is_empty());
+    let has_tsdf = map.atlas.submaps().iter().any(|s| !s.tsdf().is_empty());
     let missing = match args.field.unwrap_or(if has_tsdf { Field::Tsdf } else { Field::Occupancy }) {
         Field::Tsdf if !has_tsdf => "tsdf",
         Field::Occupancy if !has_occupancy(&map.atlas) => "occupancy",
-        there => return Ok(there),
+        present => return Ok(present),
     };
-    let what = format!("{}: the map has no {missing} field; it was made with field = {}", args.map.display(), map.settings.field.name());
+    let what = format!("{}: the map has no {missing} field; it was built with field = {}", args.map.display(), map.settings.field.name());
     Err(Failure::new(what, format!("map the data with --field {missing} or --field both, or choose another --field here")).into())
 }
 
-/// The mesh, of all submaps fused into one (paper Sec. V-A) or as each of them has it.
+/// Vertices of the mesh of all submaps fused into one (paper Sec. V-A), or of the meshes of the submaps.
 fn vertices(map: &mut LoadedMap, args: &EvalArgs) -> anyhow::Result<Surface> {
-    let voxel = map.settings.voxel;
+    let voxel = map.settings.voxel_size;
     let mesh = if args.no_fuse || map.atlas.submaps().len() < 2 {
         map_mesh(&map.atlas, voxel, &args.surface)?
     } else {
         tracing::info!("fusing {} submaps", map.atlas.submaps().len());
-        map_mesh(&Atlas::from_submaps(vec![fused(map)]), voxel, &args.surface)?
+        map_mesh(&Atlas::from_submaps(voxel, vec![fused(map)]), voxel, &args.surface)?
     };
     Ok(Surface { what: "vertices", positions: mesh.mesh.positions, triangles: mesh.mesh.triangles })
 }
 
-/// All TSDFs in the first submap's frame; the map keeps its occupancy only.
+/// All TSDFs fused in the frame of the first submap; the map keeps only its occupancy.
 fn fused(map: &mut LoadedMap) -> Submap {
     let settings = FusionSettings::from(&map.settings);
+    let voxel_size = map.atlas.voxel_size();
     let mut parts = map.atlas.submaps_mut().iter_mut().map(|submap| {
-        let mut part = Submap::new(submap.id, submap.t_map_submap);
-        part.tsdf = std::mem::take(&mut submap.tsdf);
-        part
+        let part = Submap::new(submap.id(), submap.voxel_size(), submap.t_map_submap());
+        part.with_fields(std::mem::take(submap.tsdf_mut()), OccupancyField::default())
     });
-    let mut target = parts.next().unwrap_or_else(|| Submap::new(0, voxelastic::Pose::identity()));
+    let mut target = parts.next().unwrap_or_else(|| Submap::new(0, voxel_size, voxelastic::Pose::identity()));
     for part in parts {
-        let t_target_part = target.t_map_submap.inv_mul(&part.t_map_submap);
+        let t_target_part = target.t_map_submap().inv_mul(&part.t_map_submap());
         fuse(&mut target, &part, &t_target_part, &settings);
     }
     target
 }
 
-/// Centres of the occupied voxels of the whole map, on one grid of the map frame: those that a submap holds to be occupied and that the map as
-/// a whole does not hold to be anything else.
+/// Centres of the occupied voxels of the map, on one grid in the map frame: occupied in a submap and in the query over all submaps.
 fn occupied(map: &LoadedMap) -> Vec<[f32; 3]> {
-    let voxel = f64::from(map.settings.voxel);
+    let voxel = f64::from(map.settings.voxel_size);
     let mut cells: Vec<[i32; 3]> = map.atlas.submaps().par_iter().flat_map_iter(|submap| occupied_cells(submap, voxel)).collect();
     cells.par_sort_unstable();
     cells.dedup();
-    let query = AtlasQuery::new(&map.atlas, map.settings.voxel);
+    let query = map.atlas.query();
     let centre = |cell: [i32; 3]| cell.map(|c| (f64::from(c) + 0.5) * voxel);
     cells.into_par_iter().map(centre).filter(|c| query.state(*c) == State::Occupied).map(|c| c.map(|c| c as f32)).collect()
 }
 
-/// Cells of the map frame's grid that hold the centre of a finest voxel that `submap` holds to be occupied.
+/// Cells of the grid in the map frame that contain the centre of an occupied finest voxel of `submap`.
 fn occupied_cells(submap: &Submap, voxel: f64) -> Vec<[i32; 3]> {
-    let field = &submap.occupancy;
+    let field = submap.occupancy();
     let mut cells = Vec::new();
     field.tree().for_each(|_, level, octant| {
         if level > 0 || octant.link == NONE {
@@ -169,7 +128,7 @@ fn occupied_cells(submap: &Submap, voxel: f64) -> Vec<[i32; 3]> {
             for k in 0..edge * edge * edge {
                 let step = [k % edge, k / edge % edge, k / (edge * edge)];
                 let at = std::array::from_fn::<_, 3, _>(|a| (f64::from(corner[a]) + (low[a] * edge + step[a]) as f64 + 0.5) * voxel);
-                let at = submap.t_map_submap * nalgebra::Point3::from(at);
+                let at = submap.t_map_submap() * nalgebra::Point3::from(at);
                 cells.push(<[f64; 3]>::from(at.coords).map(|c| (c / voxel).floor() as i32));
             }
         }

@@ -1,4 +1,4 @@
-//! Errors of the poses that a map was made with.
+//! Errors of the poses of a map.
 
 use super::truth::Truth;
 use anyhow::Context;
@@ -8,28 +8,28 @@ use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic_eval::trajectory::{Ate, Delta, Fit, Rpe, ate, by_id, rpe};
 
-/// Path between the poses of which the relative error is taken, metres.
+/// Path length for relative errors, metres.
 const STEP_M: f64 = 10.0;
 
 /// Errors of poses.
 #[derive(Debug, Serialize)]
 pub struct TrajectoryErrors {
-    /// Absolute, after the rigid motion that fits best.
+    /// Absolute, after the best rigid alignment.
     pub ate: Ate,
-    /// Absolute as they lie, where map and truth have one frame: a simulated world.
+    /// Absolute without alignment, if map and truth have one frame: for a simulated world.
     pub ate_in_place: Option<Ate>,
-    /// Relative, over stretches of 10 m; `null` for a shorter path.
+    /// Relative, over 10 m of path; `null` for a shorter path.
     pub rpe: Option<Rpe>,
 }
 
-/// Compares the poses of the scans in a map with the true ones, node by node. None where fewer than three belong together.
+/// Compares the poses of the scans in a map with the true ones, node by node. None if fewer than three scans have a true pose.
 pub fn compare(atlas: &Atlas, truth: &Truth) -> anyhow::Result<Option<TrajectoryErrors>> {
     if truth.poses.is_empty() {
         return Ok(None);
     }
     let pairs = by_id(&truth.poses, &poses(atlas));
     if pairs.len() < 3 {
-        tracing::warn!("only {} scans of the map have a true pose: the trajectory is not judged", pairs.len());
+        tracing::warn!("only {} scans of the map have a true pose: the trajectory is not evaluated", pairs.len());
         return Ok(None);
     }
     let in_place = truth.simulation.is_some().then(|| ate(&pairs, Fit::None)).transpose();
@@ -40,11 +40,11 @@ pub fn compare(atlas: &Atlas, truth: &Truth) -> anyhow::Result<Option<Trajectory
     }))
 }
 
-/// Pose of the lidar in the map at each node, by node.
+/// Poses of the lidar in the map frame, by node.
 fn poses(atlas: &Atlas) -> Vec<(NodeId, Pose)> {
     let of_submap = |s: &voxelastic::atlas::Submap| {
-        let t_map_submap = s.t_map_submap;
-        s.scans.iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
+        let t_map_submap = s.t_map_submap();
+        s.scans().iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
     };
     let mut poses: Vec<(NodeId, Pose)> = atlas.submaps().iter().flat_map(of_submap).collect();
     poses.sort_by_key(|(node, _)| *node);

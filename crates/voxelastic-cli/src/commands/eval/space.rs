@@ -1,43 +1,42 @@
-//! Free and occupied space against a simulated world, where the sensor's beams went.
+//! Free and occupied space along the beams of the sensor, compared with a simulated world.
 
 use crate::map_files::LoadedMap;
 use rayon::prelude::*;
 use voxelastic::Pose;
 use voxelastic::field::occupancy::State as Known;
-use voxelastic::query::AtlasQuery;
 use voxelastic_eval::occupancy::{self, OccupancyScores, State};
 use voxelastic_sim::Simulation;
 
-/// Scans whose beams are followed, at most; evenly spread.
+/// Largest number of scans, evenly selected.
 const SCANS: usize = 120;
-/// Beams of each, about.
+/// Beams per scan, approximately.
 const BEAMS: usize = 4096;
-/// Points looked at in the free space of a beam.
+/// Points in the free space of a beam.
 const STEPS: usize = 8;
 
-/// What is to be judged.
+/// Input of the comparison.
 pub struct Task<'a> {
-    /// The world and the ride through it.
+    /// The simulation: world, sensor and route.
     pub simulation: &'a Simulation,
     /// The map.
     pub map: &'a LoadedMap,
-    /// Maps map to world coordinates.
+    /// Maps map coordinates to world coordinates.
     pub t_truth_map: Pose,
-    /// Beams end here, metres from the sensor.
+    /// Maximum range of the beams, metres.
     pub max_range: f32,
 }
 
-/// Judges the map along true beams: in the space that they cross, and half a voxel behind the surface that they meet.
+/// Compares the map with the world along true beams: in the space before the surface, and half a voxel behind it.
 pub fn score(task: &Task<'_>) -> OccupancyScores {
     let Task { simulation, map, t_truth_map, max_range } = task;
-    let voxel = map.settings.voxel;
+    let voxel = map.settings.voxel_size;
     let range = f64::from(max_range.min(map.settings.max_range)).min(simulation.lidar().settings().max_range);
     let scans = simulation.ground_truth();
     let points: Vec<[f32; 3]> = spread(scans.len(), SCANS).par_iter().flat_map_iter(|&k| along_beams(simulation, &scans[k], range, voxel)).collect();
-    tracing::info!("asking for free or occupied at {} places", points.len());
-    let query = AtlasQuery::new(&map.atlas, voxel);
+    tracing::info!("comparing free and occupied space at {} points", points.len());
+    let query = map.atlas.query();
     let t_map_truth = t_truth_map.inverse();
-    let ask = |p: [f32; 3]| {
+    let state_at = |p: [f32; 3]| {
         let p = t_map_truth * nalgebra::Point3::from(p.map(f64::from));
         match query.state(p.coords.into()) {
             Known::Free => State::Free,
@@ -45,10 +44,10 @@ pub fn score(task: &Task<'_>) -> OccupancyScores {
             Known::Unknown => State::Unknown,
         }
     };
-    occupancy::score(&points, ask, |p| simulation.world().distance(p.map(f64::from)) as f32, voxel)
+    occupancy::score(&points, state_at, |p| simulation.world().distance(p.map(f64::from)) as f32, voxel)
 }
 
-/// Up to `most` of the numbers below `count`, evenly spread.
+/// Up to `most` of the numbers below `count`, evenly spaced.
 fn spread(count: usize, most: usize) -> Vec<usize> {
     let taken = count.min(most);
     (0..taken).map(|i| i * count / taken).collect()
@@ -60,13 +59,13 @@ fn along_beams(simulation: &Simulation, t_map_lidar: &Pose, range: f64, voxel: f
     let origin = t_map_lidar.translation.vector;
     let mut points = Vec::new();
     for beam in spread(model.rows() * model.columns(), BEAMS) {
-        // Column by column: a count of beams that the rows do not divide meets all rows in turn.
+        // Column by column, so that all rows are used.
         let (row, column) = (beam % model.rows(), beam / model.rows());
         let direction = t_map_lidar.rotation * nalgebra::Vector3::from(model.direction(row as f32, column as f32).map(f64::from));
         let direction = direction / direction.norm().max(1e-9);
         let Some(hit) = world.cast(origin.into(), direction.into(), range).filter(|h| h.range > nearest) else { continue };
         let at = |distance: f64| <[f32; 3]>::from((origin + direction * distance).map(|c| c as f32));
-        // A different start on each beam, so that no distance is preferred.
+        // A different offset on each beam, so that distances are uniform.
         let start = (beam as f64 * 0.618_033_988_749_895).fract();
         points.extend((0..STEPS).map(|i| at(hit.range * (i as f64 + start) / STEPS as f64)));
         let surface = origin + direction * hit.range;
@@ -81,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_spread_over_all() {
+    fn numbers_are_evenly_spaced() {
         assert_eq!(spread(10, 4), [0, 2, 5, 7]);
         assert_eq!(spread(3, 8), [0, 1, 2]);
         assert!(spread(0, 8).is_empty());

@@ -1,11 +1,11 @@
-//! The result for people.
+//! Results as text.
 
-use super::Summary;
+use super::summary::Summary;
 use voxelastic_eval::DistanceStats;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_eval::occupancy::{OccupancyScores, Score};
 
-/// All tables that there is something for.
+/// Tables of all results that are present.
 pub fn table(summary: &Summary) -> String {
     let mut text = String::new();
     if let Some(surface) = &summary.surface {
@@ -16,7 +16,7 @@ pub fn table(summary: &Summary) -> String {
     }
     if let Some(errors) = &summary.trajectory {
         section(&mut text, &format!("poses of {} scans", errors.ate.pairs), &["mean", "rmse", "max"]);
-        let stats = [Some(("as they lie", &errors.ate_in_place)).and_then(|(n, a)| Some((n, a.as_ref()?))), Some(("best fit", &errors.ate))];
+        let stats = [Some(("not aligned", &errors.ate_in_place)).and_then(|(n, a)| Some((n, a.as_ref()?))), Some(("aligned", &errors.ate))];
         for (name, ate) in stats.into_iter().flatten() {
             let t = &ate.translation_m;
             row(&mut text, name, &[metres(Some(t.mean)), metres(Some(t.rmse)), metres(Some(t.max))]);
@@ -25,11 +25,11 @@ pub fn table(summary: &Summary) -> String {
             let t = &rpe.translation_m;
             row(&mut text, "over 10 m", &[metres(Some(t.mean)), metres(Some(t.rmse)), metres(Some(t.max))]);
             let r = &rpe.rotation_deg;
-            row(&mut text, "turned over 10 m", &[r.mean, r.rmse, r.max].map(|a| format!("{a:.3} deg")));
+            row(&mut text, "rotation over 10 m", &[r.mean, r.rmse, r.max].map(|a| format!("{a:.3} deg")));
         }
     }
     if text.is_empty() {
-        text.push_str("nothing to compare: the truth has no surface, and no pose of it belongs to the map\n");
+        text.push_str("nothing to compare: the truth has no surface, and no pose of a scan in the map\n");
     }
     text
 }
@@ -40,17 +40,17 @@ fn distances(text: &mut String, summary: &Summary, c: &Comparison) {
         let angle = 2.0 * a.quaternion[3].abs().min(1.0).acos().to_degrees();
         let fit = &a.quality;
         let overlap = 100.0 * fit.overlap;
-        text.push_str(&format!("aligned: moved by ({x:.3}, {y:.3}, {z:.3}) m, turned by {angle:.2} deg; {overlap:.0} % overlap\n"));
+        text.push_str(&format!("aligned: translation ({x:.3}, {y:.3}, {z:.3}) m, rotation {angle:.2} deg; {overlap:.0} % overlap\n"));
         if !fit.converged || fit.undetermined > 0 {
-            text.push_str("  (doubtful: the steps did not end, or the geometry leaves some direction open)\n");
+            text.push_str("  (uncertain: the alignment did not converge, or the geometry does not determine all directions)\n");
         }
         text.push('\n');
     }
     let what = summary.measured.unwrap_or("points");
     section(text, &format!("{} {what}, metres", c.map_points), &["mean", "median", "90 %", "< 5 cm", "< 10 cm", "< 50 cm"]);
     let mut line = |name: &str, d: &DistanceStats| {
-        let shares = [d.fraction_under_5cm, d.fraction_under_10cm, d.fraction_under_50cm].map(share);
-        row(text, name, &[[d.mean, d.median, d.p90].map(metres).to_vec(), shares.to_vec()].concat());
+        let fractions = [d.fraction_under_5cm, d.fraction_under_10cm, d.fraction_under_50cm].map(percent);
+        row(text, name, &[[d.mean, d.median, d.p90].map(metres).to_vec(), fractions.to_vec()].concat());
     };
     if let Some(exact) = &c.accuracy_exact {
         line("to the truth", exact);
@@ -61,20 +61,20 @@ fn distances(text: &mut String, summary: &Summary, c: &Comparison) {
     text.push_str(&format!("  ({} points of the truth, {}{within} count for truth to map)\n\n", c.truth_points, c.visible_points));
     section(text, "within", &["precision", "recall", "F-score"]);
     for f in &c.f_scores {
-        row(text, &format!("{} m", f.threshold_m), &[f.precision, f.recall, f.f_score].map(|s| share(Some(s))));
+        row(text, &format!("{} m", f.threshold_m), &[f.precision, f.recall, f.f_score].map(|s| percent(Some(s))));
     }
     text.push('\n');
 }
 
 fn space(text: &mut String, scores: &OccupancyScores, within: Option<f32>) {
     let within = within.map_or_else(String::new, |m| format!(" within {m} m"));
-    section(text, &format!("{} places{within}", scores.points), &["precision", "recall"]);
+    section(text, &format!("{} points{within}", scores.points), &["precision", "recall"]);
     for (name, s) in [("free", &scores.free), ("occupied", &scores.occupied)] {
         let Score { precision, recall, .. } = s;
-        row(text, name, &[share(*precision), share(*recall)]);
+        row(text, name, &[percent(*precision), percent(*recall)]);
     }
-    let unknown = share(Some(scores.unknown as f64 / scores.points.max(1) as f64));
-    text.push_str(&format!("  ({unknown} unknown; {} called free inside of things)\n\n", scores.deep_false_free));
+    let unknown = percent(Some(scores.unknown as f64 / scores.points.max(1) as f64));
+    text.push_str(&format!("  ({unknown} unknown; {} free inside of solids)\n\n", scores.deep_false_free));
 }
 
 fn section(text: &mut String, title: &str, columns: &[&str]) {
@@ -91,6 +91,6 @@ fn metres(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |m| format!("{m:.4}"))
 }
 
-fn share(part: Option<f64>) -> String {
+fn percent(part: Option<f64>) -> String {
     part.map_or_else(|| "-".to_owned(), |p| format!("{:.1} %", p * 100.0))
 }

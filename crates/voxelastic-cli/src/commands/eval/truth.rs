@@ -1,6 +1,6 @@
-//! What is true: a survey, a mesh, a simulated world, or poses.
+//! The truth: a survey, a mesh, a simulated world, or poses.
 
-use super::measured::Surface;
+use super::surface::Surface;
 use crate::failure::Failure;
 use crate::map_files;
 use anyhow::Context;
@@ -15,21 +15,21 @@ use voxelastic_io::dataset;
 use voxelastic_sim::dataset::WORLD_FILE;
 use voxelastic_sim::{Simulation, World};
 
-/// Most points that a mesh is sampled with.
+/// Largest number of samples of a mesh.
 const MOST_SAMPLES: f64 = 3e7;
 
-/// Map that lies deeper than this inside of things counts as this far from the true surface, metres.
+/// Largest depth inside of solids, metres: deeper points count as this far from the surface.
 const DEEPEST_M: f64 = 10.0;
 
-/// What of a truth counts.
+/// Limits on the truth.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
-    /// It is thinned to one point in each cube of this edge, metres.
+    /// It is downsampled to one point per cube of this edge, metres.
     pub truth_voxel: f32,
-    /// Simulated surface farther from the sensor than this does not count for completeness, metres.
+    /// Maximum range of simulated surface for completeness, metres.
     pub max_range: f32,
-    /// Simulated surface farther from the sensor than this, or than the sensor sees, is no truth at all, metres: only exact distances are then
-    /// right for what lies there.
+    /// Maximum range of simulated surface that is sampled, metres; also limited by that of the sensor. Beyond it only exact distances are
+    /// right.
     pub reach: f32,
 }
 
@@ -43,16 +43,16 @@ impl Default for Limits {
 pub struct Truth {
     /// `cloud`, `mesh`, `world` or `poses`.
     pub kind: &'static str,
-    /// The true surface, where it is known.
+    /// The true surface, if it is known.
     pub surface: Option<TrueSurface>,
-    /// What the scans were simulated with.
+    /// The simulation of the scans, if they are simulated.
     pub simulation: Option<Simulation>,
     /// True poses of the lidar, in the frame of the truth.
     pub poses: Vec<(NodeId, Pose)>,
 }
 
 impl Truth {
-    /// Distance of each point of the map from the true surface, metres; none where the truth has no surface.
+    /// Distance of each point of the map from the true surface, metres; none if the truth has no surface.
     pub fn errors(&self, points: &[[f32; 3]], t_truth_map: &Pose) -> anyhow::Result<Option<Vec<f32>>> {
         let Some(surface) = &self.surface else { return Ok(None) };
         let points = moved(points, t_truth_map);
@@ -74,7 +74,7 @@ pub struct TrueSurface {
 type Distance = Box<dyn Fn([f32; 3]) -> f32 + Sync>;
 
 impl TrueSurface {
-    /// As the evaluation wants it.
+    /// As input of the evaluation.
     pub fn as_truth(&self) -> metrics::Truth<'_> {
         let distance = self.distance.as_deref().map(|d| d as &(dyn Fn([f32; 3]) -> f32 + Sync));
         metrics::Truth { points: &self.points, visible: self.visible.as_deref(), distance }
@@ -82,27 +82,27 @@ impl TrueSurface {
 }
 
 impl Truth {
-    /// Reads it. `poses` names the true ones among the pose files of a folder of scans.
+    /// Reads the truth. `poses` selects the pose file in a folder of scans.
     pub fn open(path: &Path, poses: Option<&Path>, limits: &Limits) -> anyhow::Result<Self> {
         if !path.exists() {
-            return Err(Failure::new(format!("{}: there is nothing of this name", path.display()), "check the path after --truth").into());
+            return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path after --truth").into());
         }
         let is_world = path.is_file() && path.extension().is_some_and(|e| e == "toml") || path.join(WORLD_FILE).is_file();
         if poses.is_some() && (is_world || !path.is_dir()) {
-            let what = format!("{}: --poses chooses among the pose files of a folder of scans, and this is none", path.display());
-            return Err(Failure::usage(what, "leave out --poses: a simulated world knows its true poses, a cloud or mesh has none").into());
+            let what = format!("{}: --poses selects a pose file in a folder of scans, and this is not one", path.display());
+            return Err(Failure::usage(what, "leave out --poses: a simulated world has its true poses, a cloud or mesh has none").into());
         }
         if is_world {
             return Self::of_world(Simulation::load(path)?, limits);
         }
-        if map_files::looks_like_map(path) {
-            let remedy = "make a mesh of it with `voxelastic mesh`, and give that";
-            return Err(Failure::new(format!("{}: a map, not a truth", path.display()), remedy).into());
+        if map_files::is_map(path) {
+            let remedy = "extract a mesh with `voxelastic mesh` and use that";
+            return Err(Failure::new(format!("{}: this is a map, not a truth", path.display()), remedy).into());
         }
         if path.is_dir() {
             return Self::of_folder(path, poses);
         }
-        Self::of_file(path, limits).with_context(|| format!("{}: no truth to measure against", path.display()))
+        Self::of_file(path, limits).with_context(|| format!("{}: cannot be used as truth", path.display()))
     }
 
     /// A cloud or a mesh.
@@ -116,13 +116,13 @@ impl Truth {
         Ok(Self { kind, surface: Some(surface), simulation: None, poses: Vec::new() })
     }
 
-    /// A simulated world: exact, and visible as far as beams of the simulated scans reach.
+    /// A simulated world: exact distances, and the surface that beams of the simulated scans reach.
     pub fn of_world(simulation: Simulation, limits: &Limits) -> anyhow::Result<Self> {
         let spacing = f64::from(limits.truth_voxel);
         let reach = simulation.lidar().settings().max_range.min(f64::from(limits.reach));
         tracing::info!("casting the beams of {} scans of the world `{}`", simulation.len(), simulation.world().name());
         let mut points = Vec::new();
-        // Near surface counts for completeness. Far surface is truth too: what the map says of it is not wrong.
+        // Surface within `max_range` counts for completeness; surface beyond it is true, too.
         let near = f64::from(limits.max_range).min(reach);
         let mut add = |range: f64| {
             points.extend(simulation.visible_surface(spacing, range).iter().map(|s| s.point.map(|c| c as f32)));
@@ -131,7 +131,7 @@ impl Truth {
         let near_count = add(near);
         if near_count == 0 {
             let remedy = "raise --max-range";
-            return Err(Failure::new(format!("the sensor sees no surface within {near} m"), remedy).into());
+            return Err(Failure::new(format!("no surface is visible to the sensor within {near} m"), remedy).into());
         }
         let all = if near < reach { add(reach) } else { near_count };
         let visible = Some((0..all).map(|i| i < near_count).collect());
@@ -141,12 +141,13 @@ impl Truth {
         Ok(Self { kind: "world", surface: Some(TrueSurface { points, visible, distance: Some(distance) }), simulation: Some(simulation), poses })
     }
 
-    /// A folder of scans, one of whose pose files is the truth.
+    /// A folder of scans with a file of true poses.
     fn of_folder(path: &Path, poses: Option<&Path>) -> anyhow::Result<Self> {
-        let found = dataset::open_truth(path, poses).with_context(|| format!("{}: no truth to measure against", path.display()))?;
+        let found = dataset::open_truth(path, poses).with_context(|| format!("{}: cannot be used as truth", path.display()))?;
         let Some((file, data)) = found else {
-            let what = format!("{}: neither a simulated folder ({WORLD_FILE} is missing) nor one with ground truth poses", path.display());
-            let remedy = "name the file with the true poses (--poses FILE), or give a survey (a cloud or mesh) as --truth; \
+            let what =
+                format!("{}: this is this is neither a simulated folder ({WORLD_FILE} is missing) nor one with ground truth poses", path.display());
+            let remedy = "name the file with the true poses (--poses FILE), or use a survey (a cloud or mesh) as --truth; \
                           `voxelastic heldout` measures a map with scans alone";
             return Err(Failure::new(what, remedy).into());
         };
@@ -156,24 +157,24 @@ impl Truth {
     }
 }
 
-/// A mesh as truth: samples as dense as the truth is to be after thinning, and distances to its triangles.
+/// A mesh as truth: samples with the density of the downsampled truth, and distances to its triangles.
 fn of_mesh(mesh: &Surface, voxel: f32) -> anyhow::Result<TrueSurface> {
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
     let area = area(&view);
     let wanted = 4.0 / f64::from(voxel).powi(2);
     let density = wanted.min(MOST_SAMPLES / area.max(1e-9));
     if density < wanted {
-        tracing::warn!("the truth is large ({area:.0} square metres): its samples lie {:.2} m apart", density.sqrt().recip());
+        tracing::warn!("the truth is large ({area:.0} square metres): its samples are {:.2} m apart", density.sqrt().recip());
     }
     let mut points = sample_surface(&view, density);
-    // Triangles too small to get a sample have corners.
+    // Vertices represent triangles that are too small for a sample.
     points.extend(mesh.positions.iter().filter(|p| p.iter().all(|c| c.is_finite())));
     let index = MeshIndex::new(&view)?;
     let distance: Distance = Box::new(move |p| index.closest(p, f32::INFINITY).map_or(f32::NAN, |c| c.distance));
     Ok(TrueSurface { points, visible: None, distance: Some(distance) })
 }
 
-/// Square metres of the finite triangles.
+/// Area of the finite triangles, square metres.
 fn area(mesh: &MeshView<'_>) -> f64 {
     let sizes = (0..mesh.triangles().len()).filter(|&i| mesh.is_finite(i)).map(|i| {
         let [a, b, c] = mesh.corners(i).map(|p| nalgebra::Vector3::from(p.map(f64::from)));

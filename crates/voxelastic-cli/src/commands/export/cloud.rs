@@ -1,6 +1,6 @@
-//! The surface as a cloud.
+//! Export of the surface as a cloud.
 
-use super::ExportArgs;
+use super::args::ExportArgs;
 use crate::meshing::{MapMesh, submap_meshes};
 use crate::{map_files, output};
 use anyhow::Context;
@@ -20,13 +20,13 @@ use voxelastic_io::survey::{SurveyCloud, e57, las};
 pub enum Format {
     Ply,
     Pcd,
-    /// LAS, or LAZ by the file's name.
+    /// LAS, or LAZ by the extension.
     Las,
     E57,
 }
 
 impl Format {
-    /// By a file's ending.
+    /// By the extension of a file.
     pub fn of(ending: &str) -> Option<Self> {
         match ending {
             "ply" => Some(Self::Ply),
@@ -38,7 +38,7 @@ impl Format {
     }
 }
 
-/// What was written.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
@@ -53,7 +53,7 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| map_files::load(&args.map))?;
-    let parts = pool.install(|| submap_meshes(&map.atlas, map.settings.voxel, &args.surface))?;
+    let parts = pool.install(|| submap_meshes(&map.atlas, map.settings.voxel_size, &args.surface))?;
     let mut all = Mesh::default();
     parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
     match format {
@@ -63,7 +63,7 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
         Format::E57 => e57::write(&args.output, &stations(&map.atlas, &parts)),
     }
     .with_context(|| format!("cannot write the cloud {}", args.output.display()))?;
-    let (points, intensity, colours) = (all.positions.len(), !all.shades.is_empty(), !all.colours.is_empty());
+    let (points, intensity, colours) = (all.positions.len(), !all.intensities.is_empty(), !all.colours.is_empty());
     tracing::info!("{points} points in {}", args.output.display());
     if args.json {
         output::print_json(&Summary { file: &args.output, points, intensity, colours, seconds: clock.elapsed().as_secs_f64() })?;
@@ -72,14 +72,14 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
 }
 
 fn write_cloud_ply(path: &Path, mesh: &Mesh) -> voxelastic_io::Result<()> {
-    let intensity: Option<Vec<f32>> = (!mesh.shades.is_empty()).then(|| mesh.shades.iter().map(|&s| f32::from(s)).collect());
+    let intensity: Option<Vec<f32>> = (!mesh.intensities.is_empty()).then(|| mesh.intensities.iter().map(|&s| f32::from(s)).collect());
     let colours = (!mesh.colours.is_empty()).then_some(&mesh.colours[..]);
     write_ply(path, &MeshRef { positions: &mesh.positions, normals: &mesh.normals, colours, intensity: intensity.as_deref(), triangles: &[] })
 }
 
-/// The vertices with what they bear; intensities, 0 to 255, times `scale`.
+/// The vertices with their colours and intensities; intensities, 0 to 255, are multiplied by `scale`.
 fn cloud(mesh: &Mesh, scale: f32) -> Cloud {
-    let intensity = (!mesh.shades.is_empty()).then(|| mesh.shades.iter().map(|&s| f32::from(s) * scale).collect());
+    let intensity = (!mesh.intensities.is_empty()).then(|| mesh.intensities.iter().map(|&s| f32::from(s) * scale).collect());
     let colours = (!mesh.colours.is_empty()).then(|| mesh.colours.clone());
     Cloud { intensity, colours, ..Cloud::from_points(mesh.positions.clone()) }
 }
@@ -87,7 +87,7 @@ fn cloud(mesh: &Mesh, scale: f32) -> Cloud {
 /// A scan for each submap, in the submap's frame.
 fn stations(atlas: &Atlas, parts: &[(SubmapId, MapMesh)]) -> Vec<e57::E57Scan> {
     let station = |(id, part): &(SubmapId, MapMesh)| {
-        let t_map_scan = atlas.submap(*id).map_or_else(Pose::identity, |submap| submap.t_map_submap);
+        let t_map_scan = atlas.submap(*id).map_or_else(Pose::identity, |submap| submap.t_map_submap());
         let mut local = Mesh::default();
         local.append(&part.mesh, &Rigid::from(&t_map_scan.inverse()));
         let survey = SurveyCloud { cloud: cloud(&local, 1.0 / 255.0), ..SurveyCloud::default() };

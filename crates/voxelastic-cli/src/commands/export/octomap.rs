@@ -1,16 +1,16 @@
-//! Occupancy as OctoMap files.
+//! Export of occupancy as an OctoMap.
 
-use super::ExportArgs;
+use super::args::ExportArgs;
 use crate::failure::Failure;
 use crate::{map_files, output};
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
-use voxelastic::query::{AtlasQuery, Resampling};
+use voxelastic::query::Resampling;
 use voxelastic_io::octomap;
 
-/// What was written.
+/// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
@@ -25,17 +25,17 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| map_files::load(&args.map))?;
-    let query = AtlasQuery::new(&map.atlas, map.settings.voxel);
+    let query = map.atlas.query();
     if query.is_empty() {
         let remedy = "map the data again with --field occupancy or --field both";
         return Err(Failure::new(format!("{}: the map has no occupancy", args.map.display()), remedy).into());
     }
-    // The setting as it was written: 0.065 and not its nearest single-precision number.
-    let finest: f64 = map.settings.voxel.to_string().parse().unwrap_or_else(|_| query.voxel());
-    let voxel = args.voxel.unwrap_or(finest);
+    // The setting as a decimal number: 0.065 and not its nearest single-precision number.
+    let finest: f64 = map.settings.voxel_size.to_string().parse().unwrap_or_else(|_| query.voxel_size());
+    let voxel = args.voxel_size.unwrap_or(finest);
     if voxel < 0.99 * finest {
-        let message = format!("the map knows nothing finer than {finest} m, but --voxel is {voxel}");
-        return Err(Failure::usage(message, "choose a larger --voxel, or map the data again with a smaller one").into());
+        let message = format!("the finest voxel of the map is {finest} m, but --voxel-size is {voxel}");
+        return Err(Failure::usage(message, "choose a larger --voxel-size, or map the data again with a smaller one").into());
     }
     let cubes = pool.install(|| query.resample(&Resampling { voxel, states_only }));
     let written = if states_only { octomap::write_bt(&args.output, voxel, &cubes) } else { octomap::write_ot(&args.output, voxel, &cubes) };

@@ -1,6 +1,6 @@
-//! What is in a single cloud.
+//! Description of a cloud.
 
-use super::{Bounds, row};
+use super::rows::{Bounds, row};
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
@@ -12,27 +12,27 @@ use voxelastic::geometry::Aabb;
 pub struct CloudInfo {
     kind: &'static str,
     points: usize,
-    /// Points that are measured returns: finite and not the origin.
+    /// Points that are returns: finite and not the origin.
     returns: usize,
     width: usize,
     height: usize,
     /// Whether the points form a grid of rings x columns.
     organised: bool,
-    /// Channels beside x, y, z.
+    /// Channels besides x, y, z.
     channels: Vec<&'static str>,
     /// Box around the returns, lidar frame.
     bounds_m: Option<Bounds>,
     /// Smallest and largest distance of a return from the origin, metres.
     range_m: Option<[f32; 2]>,
-    /// From the first to the last time of a point, seconds.
+    /// Time from the first to the last point, seconds.
     duration_s: Option<f32>,
-    /// Rings that points name.
+    /// Number of rings.
     rings: Option<usize>,
     read_ms: f64,
 }
 
-/// Looks into a cloud file.
-pub fn look(path: &Path) -> anyhow::Result<CloudInfo> {
+/// Reads a cloud file and describes it.
+pub fn describe(path: &Path) -> anyhow::Result<CloudInfo> {
     let clock = Instant::now();
     let cloud = voxelastic_io::clouds::read(path)?.cloud;
     let read_ms = clock.elapsed().as_secs_f64() * 1e3;
@@ -52,7 +52,7 @@ pub fn look(path: &Path) -> anyhow::Result<CloudInfo> {
         width: cloud.width,
         height: cloud.height,
         organised: cloud.is_organised(),
-        channels: channels.iter().filter(|(_, there)| *there).map(|(name, _)| *name).collect(),
+        channels: channels.iter().filter(|(_, present)| *present).map(|(name, _)| *name).collect(),
         bounds_m: Bounds::of(&bounds),
         range_m: (returns > 0).then_some([nearest, farthest]),
         duration_s: cloud.time.as_deref().and_then(duration),
@@ -67,12 +67,12 @@ fn duration(times: &[f32]) -> Option<f32> {
     Some(last - first)
 }
 
-/// The same for people.
+/// The description as rows of a table.
 pub fn table(info: &CloudInfo) -> Vec<(String, String)> {
     let layout = if info.organised { format!("{} rings x {} columns", info.height, info.width) } else { "unorganised".to_owned() };
     let channels = if info.channels.is_empty() { "none".to_owned() } else { info.channels.join(", ") };
     let mut rows =
-        vec![row("points", format!("{} ({} returns)", info.points, info.returns)), row("layout", layout), row("channels beside x y z", channels)];
+        vec![row("points", format!("{} ({} returns)", info.points, info.returns)), row("layout", layout), row("further channels", channels)];
     rows.extend(info.rings.map(|n| row("rings", n)));
     rows.extend(info.duration_s.map(|s| row("times over", format!("{s:.4} s"))));
     rows.extend(info.range_m.map(|[near, far]| row("ranges", format!("{near:.2} to {far:.2} m"))));

@@ -1,6 +1,6 @@
-//! What `voxelastic map` would read from a folder.
+//! Description of a dataset folder.
 
-use super::{Bounds, row};
+use super::rows::{Bounds, row};
 use crate::data::DataArgs;
 use serde::Serialize;
 use voxelastic::geometry::{Aabb, PoseExt};
@@ -10,9 +10,9 @@ use voxelastic_io::dataset;
 #[derive(Debug, Serialize)]
 pub struct DatasetInfo {
     kind: &'static str,
-    /// Scans that have a pose.
+    /// Scans with a pose.
     scans: usize,
-    /// Clouds that have none.
+    /// Clouds without a pose.
     without_pose: usize,
     loop_edges: usize,
     /// Time of the first and of the last scan, seconds.
@@ -21,12 +21,12 @@ pub struct DatasetInfo {
     path_m: f64,
     /// Box around the positions of the scans in the map frame.
     path_bounds_m: Option<Bounds>,
-    /// What was found in the folder, in words.
+    /// The layout of the folder, in words.
     description: String,
 }
 
-/// Looks into a folder without decoding its clouds.
-pub fn look(data: &DataArgs) -> anyhow::Result<DatasetInfo> {
+/// Describes a folder without decoding its clouds.
+pub fn describe(data: &DataArgs) -> anyhow::Result<DatasetInfo> {
     let dataset = dataset::open(data.path(), &data.options(false))?;
     let scans = dataset.scans();
     let mut bounds = Aabb::default();
@@ -43,7 +43,7 @@ pub fn look(data: &DataArgs) -> anyhow::Result<DatasetInfo> {
     })
 }
 
-/// The same for people.
+/// The description as rows of a table.
 pub fn table(info: &DatasetInfo) -> Vec<(String, String)> {
     let mut rows: Vec<(String, String)> =
         info.description.lines().map(|line| line.split_once(": ").map_or_else(|| row("", line), |(name, value)| row(name, value))).collect();

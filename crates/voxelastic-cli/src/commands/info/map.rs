@@ -1,6 +1,6 @@
-//! What is in a map.
+//! Description of a map.
 
-use super::{Bounds, row};
+use super::rows::{Bounds, row};
 use crate::map_files::settings_of;
 use crate::usage::megabytes;
 use nalgebra::Point3;
@@ -12,7 +12,6 @@ use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
-use voxelastic::query::FieldQuery;
 use voxelastic_io::store::{MapStore, SubmapEntry};
 
 /// The keys of `--json`.
@@ -26,13 +25,13 @@ pub struct MapInfo {
     blocks: u64,
     /// Blocks integrated at scales 0 to 3.
     blocks_by_scale: [u64; SCALES],
-    /// Memory that the map needs when loaded, megabytes.
+    /// Memory of the loaded map, megabytes.
     map_mb: f64,
     /// Size on disk, megabytes.
     file_mb: f64,
     /// Box around the positions of the scans in the map frame.
     path_bounds_m: Option<Bounds>,
-    /// Box around all blocks of the TSDF and all space known to be free or occupied, map frame; only with `--check`.
+    /// Box around all blocks of the TSDF and all free or occupied space, map frame; only with `--check`.
     bounds_m: Option<Bounds>,
     /// Known space of all submaps; only with `--check`, and for maps with occupancy.
     known_m3: Option<KnownSpace>,
@@ -42,7 +41,7 @@ pub struct MapInfo {
 /// Cubic metres, overlaps of submaps counted each time.
 #[derive(Debug, Serialize)]
 struct KnownSpace {
-    /// Seen to be empty, by log2 of the edge (in finest voxels) of the cubes that hold it.
+    /// Free space by log2 of the edge of its cubes, in finest voxels.
     free_by_edge_log2: Vec<f64>,
     occupied: f64,
 }
@@ -64,13 +63,13 @@ struct SubmapInfo {
 impl fmt::Display for KnownSpace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let free: f64 = self.free_by_edge_log2.iter().sum();
-        let shares: Vec<String> = self.free_by_edge_log2.iter().map(|m3| format!("{:.1}", 100.0 * m3 / free)).collect();
-        write!(f, "{:.0} m3 occupied, {free:.0} m3 free; of that in cubes of 1, 2, 4, .. voxels {} %", self.occupied, shares.join(", "))
+        let percentages: Vec<String> = self.free_by_edge_log2.iter().map(|m3| format!("{:.1}", 100.0 * m3 / free)).collect();
+        write!(f, "{:.0} m3 occupied, {free:.0} m3 free; of that in cubes of 1, 2, 4, .. voxels {} %", self.occupied, percentages.join(", "))
     }
 }
 
-/// Looks into a map; `check` reads all of it.
-pub fn look(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
+/// Describes a map; `check` reads and verifies all of it.
+pub fn describe(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
     let store = MapStore::open(path)?;
     let manifest = store.manifest();
     let mut blocks_by_scale = [0; SCALES];
@@ -115,21 +114,21 @@ fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
     }
 }
 
-/// Box around everything, map frame, and the known space; reads, and so verifies, one submap after the other.
+/// Box around everything, map frame, and the known space. Reads and verifies one submap after the other.
 fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
-    let voxel = settings_of(store)?.voxel;
+    let voxel = settings_of(store)?.voxel_size;
     let mut all = Aabb::default();
     let mut volumes: Option<Volumes> = None;
     for entry in &store.manifest().submaps {
         let submap = store.load_submap(entry.id)?;
         add_blocks(&mut all, &submap, voxel);
-        if !submap.occupancy.is_empty() {
-            let known = FieldQuery::new(&submap.occupancy, voxel).bounds_in(&submap.t_map_submap);
+        if !submap.occupancy().is_empty() {
+            let known = submap.query().bounds_in(&submap.t_map_submap());
             if !known.is_empty() {
                 all.add(known.min);
                 all.add(known.max);
             }
-            volumes.get_or_insert_default().add(&submap.occupancy.volumes());
+            volumes.get_or_insert_default().add(&submap.occupancy().volumes());
         }
     }
     let cubic_metres = |voxels: u64| voxels as f64 * f64::from(voxel).powi(3);
@@ -142,16 +141,16 @@ fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
 
 fn add_blocks(all: &mut Aabb, submap: &Submap, voxel: f32) {
     let edge = BLOCK_EDGE as f64 * f64::from(voxel);
-    for id in submap.tsdf.ids() {
-        let c = block_coords(submap.tsdf.block(id).key);
+    for id in submap.tsdf().ids() {
+        let c = block_coords(submap.tsdf().block(id).key);
         for corner in 0..8 {
             let p = Point3::from(std::array::from_fn::<f64, 3, _>(|k| f64::from(c[k] + (corner >> k & 1)) * edge));
-            all.add((submap.t_map_submap * p).coords.map(|c| c as f32).into());
+            all.add((submap.t_map_submap() * p).coords.map(|c| c as f32).into());
         }
     }
 }
 
-/// The same for people.
+/// The description as rows of a table.
 pub fn table(info: &MapInfo) -> Vec<(String, String)> {
     let mut rows = vec![
         row("map by", &info.generator),

@@ -1,6 +1,6 @@
-//! What is in a recording, and what `voxelastic map` would use of it.
+//! Description of a recording.
 
-use super::row;
+use super::rows::row;
 use crate::data::DataArgs;
 use serde::Serialize;
 use voxelastic_io::bag;
@@ -15,11 +15,11 @@ pub struct RecordingInfo {
     /// Time of the first and of the last message, seconds.
     time_s: Option<[f64; 2]>,
     topics: Vec<TopicInfo>,
-    /// The topic of the clouds that would be mapped.
+    /// The topic of the clouds that `map` would use.
     cloud_topic: Option<String>,
-    /// The topic or file that poses would be from.
+    /// The topic or file of the poses that `map` would use.
     poses: Option<String>,
-    /// Why it cannot be mapped as it is, if so.
+    /// The reason why it cannot be mapped as it is, if there is one.
     problem: Option<String>,
     notes: Vec<String>,
 }
@@ -33,12 +33,12 @@ struct TopicInfo {
     rate_hz: Option<f64>,
 }
 
-/// Looks into a recording.
-pub fn look(data: &DataArgs) -> anyhow::Result<RecordingInfo> {
+/// Describes a recording.
+pub fn describe(data: &DataArgs) -> anyhow::Result<RecordingInfo> {
     let d = bag::describe(data.path(), &data.options(false))?;
     let duration = d.times.map(|[first, last]| last - first).filter(|s| *s > 0.0);
     let topic = |t: bag::TopicSummary| TopicInfo {
-        // As many intervals as there are messages but one.
+        // N messages have N - 1 intervals.
         rate_hz: t.messages.zip(duration).map(|(n, s)| n.saturating_sub(1) as f64 / s),
         name: t.name,
         kind: t.kind,
@@ -57,7 +57,7 @@ pub fn look(data: &DataArgs) -> anyhow::Result<RecordingInfo> {
     })
 }
 
-/// The same for people.
+/// The description as rows of a table.
 pub fn table(info: &RecordingInfo) -> Vec<(String, String)> {
     let files = if info.files > 1 { format!(" in {} files", info.files) } else { String::new() };
     let mut rows = vec![row("recording", format!("{}{files}", info.format))];

@@ -1,4 +1,4 @@
-//! What `path.json` holds, written and read. The keys are documented in README.md and stay as they are; further ones may come.
+//! The file `path.json`, written and read. Its keys are documented and stable; further keys may be added.
 
 use crate::failure::Failure;
 use anyhow::Context;
@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::query::UnknownAs;
-use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor, distance, sharpest_turn};
+use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor_path, distance, sharpest_turn};
 use voxelastic_report::content::PlannedPath;
 
 /// Version of the file.
 const FORMAT: u32 = 1;
 
-/// Everything about a path. Points are in the map frame, metres.
+/// A planned path. Points are in the map frame, metres.
 #[derive(Debug, Serialize)]
 pub struct PathFile {
     format: u32,
@@ -28,7 +28,7 @@ pub struct PathFile {
     tree: TreeRecord,
 }
 
-/// Request and result in numbers.
+/// The request, and the properties of the path.
 #[derive(Debug, Serialize)]
 pub struct Figures {
     start: Point,
@@ -52,14 +52,14 @@ pub struct Figures {
     samples: usize,
 }
 
-/// Where a waypoint is tied to the map: in the frame of the lidar at a pose-graph node.
+/// Anchor of a waypoint: its position in the lidar frame at a pose-graph node.
 #[derive(Debug, Serialize, Deserialize)]
 struct AnchorRecord {
     node: NodeId,
     place: Point,
 }
 
-/// The tree of states: each is reached from its parent, the first from nowhere.
+/// The search tree: points, and the index of the parent of each; none for a root.
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(default)]
 struct TreeRecord {
@@ -94,7 +94,7 @@ impl Figures {
 
 impl PathFile {
     pub fn new(map: &Path, atlas: &Atlas, plan: &Plan, figures: Figures) -> Self {
-        let anchors = anchor(atlas, &plan.path).into_iter().map(|a| AnchorRecord { node: a.node, place: a.place });
+        let anchors = anchor_path(atlas, &plan.path).into_iter().map(|a| AnchorRecord { node: a.node, place: a.position });
         // A tenth of a millimetre is enough to draw with.
         let short = |p: Point| p.map(|c| (c * 1e4).round() / 1e4);
         let (points, parents) = plan.tree.iter().map(|(p, parent)| (short(*p), *parent)).unzip();
@@ -112,12 +112,12 @@ impl PathFile {
     }
 }
 
-/// A path as it is read back, for a recheck or a picture: only `path` must be there.
+/// A path file as it is read: only `path` is required.
 #[derive(Debug, Deserialize)]
 pub struct StoredPath {
     #[serde(default = "format")]
     format: u32,
-    /// The way of the robot's centre, map frame of its day, metres.
+    /// Waypoints of the robot centre, map frame at the time of planning, metres.
     pub path: Vec<Point>,
     #[serde(default)]
     anchors: Vec<AnchorRecord>,
@@ -138,22 +138,22 @@ fn format() -> u32 {
 }
 
 impl StoredPath {
-    /// Reads a file that `voxelastic plan` wrote, or one with at least a `path`.
+    /// Reads a path file.
     pub fn read(file: &Path) -> anyhow::Result<Self> {
         let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the planned path {}", file.display()))?;
-        let refuse = |why: String| Failure::new(format!("{}: no planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
+        let refuse = |why: String| Failure::new(format!("{}: not a planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
         let stored: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
         if stored.format != FORMAT {
-            return Err(refuse(format!("its format is {}, this program knows {FORMAT}", stored.format)).into());
+            return Err(refuse(format!("its format is {}, supported is {FORMAT}", stored.format)).into());
         }
         let count = stored.tree.points.len();
         if stored.tree.parents.len() != count || stored.tree.parents.iter().flatten().any(|parent| *parent as usize >= count) {
-            return Err(refuse("its tree has parents that are no points of it".to_owned()).into());
+            return Err(refuse("its tree has parents that do not exist".to_owned()).into());
         }
         Ok(stored)
     }
 
-    /// The robot that it was planned for; what the file does not say is that of `otherwise`.
+    /// The robot that it was planned for; `otherwise` has the values that the file lacks.
     pub fn robot(&self, otherwise: Robot) -> Robot {
         let wheels = otherwise.ground.unwrap_or_default();
         let wheels = Wheels { height: self.height_m.or(wheels.height), step: self.step_m.or(wheels.step) };
@@ -168,14 +168,14 @@ impl StoredPath {
         }
     }
 
-    /// What its waypoints are tied to, one for each; none when the file does not say.
+    /// The anchors of the waypoints; none if the file does not have one for each.
     pub fn anchors(&self) -> Option<Vec<Anchor>> {
-        let anchors = self.anchors.iter().map(|a| Anchor { node: a.node, place: a.place });
+        let anchors = self.anchors.iter().map(|a| Anchor { node: a.node, position: a.place });
         (self.anchors.len() == self.path.len()).then(|| anchors.collect())
     }
 
-    /// What a report draws of it.
-    pub fn drawn(self) -> PlannedPath {
+    /// The path and the search tree for a report.
+    pub fn into_drawing(self) -> PlannedPath {
         let TreeRecord { points, parents } = self.tree;
         let branches = points.iter().zip(&parents).filter_map(|(p, parent)| Some([points[(*parent)? as usize], *p]));
         PlannedPath {

@@ -1,4 +1,4 @@
-//! The path, and the tree it was found with, over a cut through the map.
+//! Picture of a path and its search tree over a slice of the map.
 
 use anyhow::Context;
 use std::path::Path;
@@ -6,7 +6,7 @@ use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, Axis, SliceRequest};
 use voxelastic_eval::colour::Rgb;
-use voxelastic_eval::plan::{Dot, Line, Plan as Drawing};
+use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_plan::{Plan, Point, Request};
 
 const OCCUPIED: Rgb = [60, 62, 68];
@@ -16,16 +16,16 @@ const TREE: Rgb = [232, 120, 110];
 const PATH: Rgb = [28, 84, 200];
 const START: Rgb = [30, 150, 60];
 const GOAL: Rgb = [205, 30, 40];
-/// Shown around what was planned, metres.
+/// Margin around the tree and the path, metres.
 const MARGIN: f32 = 3.0;
-/// A path that rises and falls by more than this is shown on a cut at its middle height, metres.
+/// A path with a larger height difference is drawn over a slice at its median height, metres.
 const FLAT: f64 = 1.0;
-/// Pixels along the longer side beyond which the picture is coarsened.
+/// Largest number of pixels along a side; larger pixels are used beyond.
 const MOST_PIXELS: f64 = 2400.0;
 
 /// Draws the picture.
 pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> anyhow::Result<()> {
-    let slice = cut(map, request, plan);
+    let slice = slice_request(map, request, plan);
     let image = map.slice(&slice);
     let colour = |state: &State| match state {
         State::Occupied => OCCUPIED,
@@ -41,23 +41,23 @@ pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -
     let dots = [end(plan.path.first(), START), end(plan.path.last(), GOAL)].into_iter().flatten().collect();
     let to = if slice.thickness > 0.0 { format!(" to {:.2}", slice.at + slice.thickness) } else { String::new() };
     let title = format!("{:.1} m, radius {:.2} m, map at z = {:.2}{to} m", plan.length, request.robot.radius, slice.at);
-    let key = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown"), (TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
-    let drawing = Drawing {
+    let legend = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown"), (TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
+    let drawing = GridView {
         title,
         labels: ["x [m]", "y [m]"],
         origin: [slice.bounds.min[0], slice.bounds.min[1]].map(f64::from),
         pixel: slice.pixel,
         size: [image.width, image.height],
         cells: &cells,
-        key: key.map(|(colour, text)| (colour, text.to_owned())).into(),
+        legend: legend.map(|(colour, text)| (colour, text.to_owned())).into(),
         lines,
         dots,
     };
     drawing.write_png(file).with_context(|| format!("cannot draw {}", file.display()))
 }
 
-/// The cut: all that the robot could run into at its height, or the middle of what it flies through.
-fn cut(map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> SliceRequest {
+/// The slice: all heights that the robot covers, or that of the median waypoint.
+fn slice_request(map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> SliceRequest {
     let mut bounds = Aabb::default();
     plan.tree.iter().map(|(p, _)| p).chain(&plan.path).for_each(|p| bounds.add(p.map(|c| c as f32)));
     bounds.min = bounds.min.map(|c| c - MARGIN);
@@ -68,5 +68,5 @@ fn cut(map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> SliceRequest {
     let radius = request.robot.radius;
     let (at, thickness) = if high - low <= FLAT { (low - radius, high - low + 2.0 * radius) } else { (heights[heights.len() / 2], 0.0) };
     let longest = f64::from(bounds.size()[0].max(bounds.size()[1]));
-    SliceRequest { axis: Axis::Z, at, thickness, pixel: map.voxel().max(longest / MOST_PIXELS), bounds }
+    SliceRequest { axis: Axis::Z, at, thickness, pixel: map.voxel_size().max(longest / MOST_PIXELS), bounds }
 }

@@ -1,66 +1,66 @@
-//! `voxelastic plan --recheck`: a path planned before, in the map as it is now.
+//! `voxelastic plan --recheck`: checks a stored path in the present map.
 
+use super::args::{PlanArgs, explain};
 use super::file::StoredPath;
-use super::{PlanArgs, explain};
 use crate::{failure, output};
 use serde::Serialize;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, UnknownAs};
-use voxelastic_plan::{Air, Broken, Ground, PlanError, Point, Robot, distance, length, place, recheck};
+use voxelastic_plan::{BlockedSegment, FlyingSpace, GroundSpace, PlanError, Point, Robot, distance, length, recheck, resolve_anchors};
 
-/// What came of a recheck.
+/// The keys of `--json` for a recheck.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     recheck: &'a Path,
     holds: bool,
     broken: Vec<BrokenRecord>,
-    /// Largest distance that a waypoint moved since the path was planned.
+    /// Largest distance between a waypoint now and when it was planned.
     moved_m: f64,
-    /// Waypoints without an anchor in this map; they stay where they were.
+    /// Waypoints without an anchor in this map; they keep their positions.
     waypoints_lost: usize,
     length_m: f64,
     path: &'a [Point],
 }
 
-/// A piece of the path that is blocked.
+/// A blocked segment of the path.
 #[derive(Debug, Serialize)]
 struct BrokenRecord {
-    /// From waypoint `piece` to the next.
+    /// Index of the waypoint at its start.
     piece: usize,
-    /// The robot gets so far along it.
+    /// Free length from its start.
     free_m: f64,
-    /// And is then here.
+    /// Position of the robot at the end of the free length.
     at: Point,
-    /// What the map says of that place.
+    /// State of the map there.
     state: &'static str,
 }
 
-impl From<&Broken> for BrokenRecord {
-    fn from(broken: &Broken) -> Self {
+impl From<&BlockedSegment> for BrokenRecord {
+    fn from(broken: &BlockedSegment) -> Self {
         let state = match broken.state {
             State::Free => "free",
             State::Occupied => "occupied",
             State::Unknown => "unknown",
         };
-        Self { piece: broken.piece, free_m: broken.free, at: broken.at, state }
+        Self { piece: broken.segment, free_m: broken.free, at: broken.at, state }
     }
 }
 
-/// Looks at the path in `file` again; the exit code says whether it holds.
+/// Checks the path in `file`; the exit code is 0 if it is free.
 pub fn run(args: &PlanArgs, file: &Path, atlas: &Atlas, map: &AtlasQuery<'_>) -> anyhow::Result<u8> {
     let stored = StoredPath::read(file)?;
     let robot = stored.robot(args.robot());
     let now = match stored.anchors() {
-        Some(anchors) => place(atlas, &anchors),
+        Some(anchors) => resolve_anchors(atlas, &anchors),
         None => vec![None; stored.path.len()],
     };
     let waypoints_lost = now.iter().filter(|p| p.is_none()).count();
     let path: Vec<Point> = now.iter().zip(&stored.path).map(|(now, before)| now.unwrap_or(*before)).collect();
     let moved_m = path.iter().zip(&stored.path).map(|(now, before)| distance(*now, *before)).fold(0.0, f64::max);
-    let broken = look(map, &robot, &path).map_err(|error| explain(args, error))?;
-    tell(&broken, &path);
+    let broken = check(map, &robot, &path).map_err(|error| explain(args, error))?;
+    log_result(&broken, &path);
     let summary = Summary {
         recheck: file,
         holds: broken.is_empty(),
@@ -76,7 +76,7 @@ pub fn run(args: &PlanArgs, file: &Path, atlas: &Atlas, map: &AtlasQuery<'_>) ->
     Ok(if broken.is_empty() { failure::DONE } else { failure::FAILED })
 }
 
-fn look(map: &AtlasQuery<'_>, robot: &Robot, path: &[Point]) -> Result<Vec<Broken>, PlanError> {
+fn check(map: &AtlasQuery<'_>, robot: &Robot, path: &[Point]) -> Result<Vec<BlockedSegment>, PlanError> {
     if map.is_empty() {
         return Err(PlanError::NoOccupancy);
     }
@@ -90,22 +90,27 @@ fn look(map: &AtlasQuery<'_>, robot: &Robot, path: &[Point]) -> Result<Vec<Broke
     }
     robot.check()?;
     match robot.ground {
-        Some(_) => Ok(recheck(&Ground::new(map, robot, path.first().copied().unwrap_or_default(), bounds)?, map, path)),
-        None => Ok(recheck(&Air::new(map, robot, bounds), map, path)),
+        Some(_) => Ok(recheck(&GroundSpace::new(map, robot, path.first().copied().unwrap_or_default(), bounds)?, map, path)),
+        None => Ok(recheck(&FlyingSpace::new(map, robot, bounds), map, path)),
     }
 }
 
-fn tell(broken: &[Broken], path: &[Point]) {
+fn log_result(broken: &[BlockedSegment], path: &[Point]) {
     if broken.is_empty() {
-        tracing::info!("the path holds: {} waypoints, {:.2} m", path.len(), length(path));
+        tracing::info!("the path is free: {} waypoints, {:.2} m", path.len(), length(path));
     }
     for part in broken {
         let [x, y, z] = part.at;
         let state = match part.state {
-            State::Free => "something is nearer than its radius",
+            State::Free => "free, but an obstacle is nearer than the radius",
             State::Occupied => "occupied",
             State::Unknown => "unknown",
         };
-        tracing::warn!("blocked between waypoints {} and {}, after {:.2} m, at {x:.2},{y:.2},{z:.2}: {state}", part.piece, part.piece + 1, part.free);
+        tracing::warn!(
+            "blocked between waypoints {} and {}, after {:.2} m, at {x:.2},{y:.2},{z:.2}: {state}",
+            part.segment,
+            part.segment + 1,
+            part.free
+        );
     }
 }

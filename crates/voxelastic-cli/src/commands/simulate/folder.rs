@@ -1,4 +1,4 @@
-//! The folder that a simulation is written to. One that was simulated before is replaced when the new one is complete; nothing else is touched.
+//! The folder of a simulation. An existing simulation is replaced when the new one is complete; any other folder is refused.
 
 use crate::failure::Failure;
 use anyhow::Context;
@@ -6,15 +6,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic_sim::dataset::WORLD_FILE;
 
-/// Where a new simulation is written inside of the folder that it will replace.
+/// Subfolder for the new simulation, in the folder that it will replace.
 const NEW: &str = ".new";
 
-/// What is in the folder in the end.
+/// Content of the folder at the end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// What was written, whole or, where nothing was before, in part.
+    /// The new simulation; a part of it if the folder was new and the run was interrupted.
     Written,
-    /// What was there before.
+    /// The previous simulation.
     Kept,
 }
 
@@ -25,10 +25,10 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Makes sure that `dir` is not there yet, empty, or a simulation of before with nothing else in it.
+    /// Checks that `dir` does not exist, is empty, or contains nothing but a simulation.
     pub fn claim(dir: &Path) -> anyhow::Result<Self> {
         if dir.exists() && !dir.is_dir() {
-            return Err(Failure::new(format!("{}: a file, not a folder", dir.display()), "name another folder with -o").into());
+            return Err(Failure::new(format!("{}: this is a file, not a folder", dir.display()), "name another folder with -o").into());
         }
         let found = if dir.is_dir() { entries(dir)? } else { Vec::new() };
         let replaces = !found.is_empty();
@@ -46,12 +46,12 @@ impl Folder {
         Ok(Self { dir: dir.to_owned(), replaces })
     }
 
-    /// Where to write to: not there yet, or empty.
+    /// The folder to write to: it does not exist or is empty.
     pub fn target(&self) -> PathBuf {
         if self.replaces { self.dir.join(NEW) } else { self.dir.clone() }
     }
 
-    /// What was written takes the place of what was there before, unless it is only a part.
+    /// Replaces the previous simulation by the new one, unless that is incomplete.
     pub fn finish(self, is_part: bool) -> anyhow::Result<Outcome> {
         if !self.replaces {
             return Ok(Outcome::Written);
@@ -81,12 +81,12 @@ fn entries(dir: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Whether all there is are the leavings of a simulation that was killed.
+/// Whether `found` are only remains of a simulation that was killed.
 fn only_new(found: &[PathBuf]) -> bool {
     found.iter().all(|path| path.ends_with(NEW))
 }
 
-/// The first thing in `dir` that a simulation does not write.
+/// The first entry of `dir` that is not part of a simulation.
 fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
     for path in entries(dir)? {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_takes_the_place_of_another_when_it_is_complete() {
+    fn a_complete_simulation_replaces_another() {
         let dir = simulated();
         let folder = Folder::claim(dir.path()).unwrap();
         fs::create_dir(folder.target()).unwrap();
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_leavings_of_a_killed_run_are_cleared_and_nothing_else() {
+    fn remains_of_a_killed_run_are_removed_and_nothing_else() {
         let dir = simulated();
         fs::create_dir(dir.path().join(NEW)).unwrap();
         fs::write(dir.path().join(NEW).join("poses.tum"), "half").unwrap();
@@ -147,15 +147,15 @@ mod tests {
         assert!(!folder.target().exists());
         fs::create_dir(folder.target()).unwrap();
         assert_eq!(folder.finish(true).unwrap(), Outcome::Kept);
-        assert_eq!(entries(dir.path()).unwrap().len(), 6, "a part replaces nothing: five files and the scans");
+        assert_eq!(entries(dir.path()).unwrap().len(), 6, "an incomplete simulation replaces nothing: five files and the scans");
         for other in ["scans/notes.txt", "scans/a.pcd", "poses@x.txt", "thesis.tex"] {
             let dir = simulated();
-            fs::write(dir.path().join(other), "precious").unwrap();
+            fs::write(dir.path().join(other), "content").unwrap();
             let refused = Folder::claim(dir.path()).err().map(|e| e.to_string()).unwrap_or_default();
             assert!(refused.contains(other.rsplit('/').next().unwrap()), "{refused}");
         }
         let dir = simulated();
         fs::remove_file(dir.path().join(WORLD_FILE)).unwrap();
-        assert!(Folder::claim(dir.path()).is_err(), "somebody's own data set may look like this");
+        assert!(Folder::claim(dir.path()).is_err(), "a dataset of the user may look like this");
     }
 }

@@ -16,7 +16,7 @@ fn points_without_noise_lie_on_the_surface_also_in_motion() -> Outcome {
         let lidar = lidar(LidarSettings { moving, noise: Noise::none(), ..LidarSettings::default() })?;
         for name in ["campus", "mine"] {
             let scene = Scene::named(name, 1)?;
-            let pose_at = |t: f64| scene.ride.pose(40.0 + t);
+            let pose_at = |t: f64| scene.trajectory.pose(40.0 + t);
             let cloud = lidar.scan(&scene.world, pose_at, &Stream::new(1, &[]));
             assert!(cloud.is_organised() && (cloud.height, cloud.width) == (64, 1024));
             let times = cloud.time.unwrap_or_default();
@@ -35,10 +35,10 @@ fn points_without_noise_lie_on_the_surface_also_in_motion() -> Outcome {
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() -> Outcome {
+fn result_does_not_depend_on_the_number_of_threads() -> Outcome {
     let lidar = lidar(LidarSettings { moving: true, ..LidarSettings::default() })?;
     let scene = Scene::named("campus", 1)?;
-    let take = || lidar.scan(&scene.world, |t| scene.ride.pose(10.0 + t), &Stream::new(3, &[4])).points;
+    let take = || lidar.scan(&scene.world, |t| scene.trajectory.pose(10.0 + t), &Stream::new(3, &[4])).points;
     let bits = |points: Vec<[f32; 3]>| points.into_iter().map(|p| p.map(f32::to_bits)).collect::<Vec<_>>();
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build()?.install(take);
     let many = rayon::ThreadPoolBuilder::new().num_threads(5).build()?.install(take);
@@ -47,11 +47,11 @@ fn the_number_of_threads_changes_nothing() -> Outcome {
 }
 
 #[test]
-fn noise_has_the_sigma_that_was_asked_for() -> Outcome {
+fn noise_has_the_requested_sigma() -> Outcome {
     let noise = Noise { range_sigma: 0.02, range_sigma_per_metre: 0.0, grazing: 0.0, mixed: 0.0, dropout: 0.1, ..Noise::none() };
     let lidar = lidar(LidarSettings { noise, ..LidarSettings::default() })?;
     let scene = Scene::named("room", 1)?;
-    let pose = scene.ride.pose(0.0);
+    let pose = scene.trajectory.pose(0.0);
     let samples = lidar.sample(&scene.world, |_| pose);
     let cloud = lidar.scan(&scene.world, |_| pose, &Stream::new(3, &[4]));
     let (mut n, mut sum, mut squares) = (0.0f64, 0.0f64, 0.0f64);
@@ -71,33 +71,35 @@ fn noise_has_the_sigma_that_was_asked_for() -> Outcome {
 }
 
 #[test]
-fn weak_returns_are_lost_and_edges_mix() -> Outcome {
+fn weak_returns_are_lost_and_edges_have_mixed_pixels() -> Outcome {
     let noise = Noise::default();
     let sample = |range, cosine, albedo| Sample { range, cosine, albedo };
-    assert!(noise.chance(&sample(100.0, 1.0, 0.8)) > 0.98 && noise.chance(&sample(120.0, 1.0, 0.8)) < 0.51);
-    assert!(noise.chance(&sample(60.0, 1.0, 0.1)) < 0.01 && noise.chance(&sample(20.0, 0.2, 0.1)) > 0.98);
-    // Points that hang in the air between two surfaces exist, and are few.
+    assert!(noise.detection_probability(&sample(100.0, 1.0, 0.8)) > 0.98 && noise.detection_probability(&sample(120.0, 1.0, 0.8)) < 0.51);
+    assert!(noise.detection_probability(&sample(60.0, 1.0, 0.1)) < 0.01 && noise.detection_probability(&sample(20.0, 0.2, 0.1)) > 0.98);
+    // There are some points between surfaces, but few.
     let scene = Scene::named("room", 1)?;
     let mixing = Noise { mixed: 0.5, mixed_depth: 3.0, ..Noise::none() };
-    let hanging = |noise| -> Result<usize, Box<dyn std::error::Error>> {
-        let cloud = lidar(LidarSettings { noise, ..LidarSettings::default() })?.scan(&scene.world, |_| scene.ride.pose(0.0), &Stream::new(1, &[]));
+    let mixed_pixels = |noise| -> Result<usize, Box<dyn std::error::Error>> {
+        let cloud =
+            lidar(LidarSettings { noise, ..LidarSettings::default() })?.scan(&scene.world, |_| scene.trajectory.pose(0.0), &Stream::new(1, &[]));
         let far = |p: &&[f32; 3]| {
-            Cloud::is_return(p) && scene.world.distance((scene.ride.pose(0.0) * nalgebra::Point3::from(p.map(f64::from))).coords.into()).abs() > 0.03
+            Cloud::is_return(p)
+                && scene.world.distance((scene.trajectory.pose(0.0) * nalgebra::Point3::from(p.map(f64::from))).coords.into()).abs() > 0.03
         };
         Ok(cloud.points.iter().filter(far).count())
     };
-    let count = hanging(mixing)?;
+    let count = mixed_pixels(mixing)?;
     assert!((100..2000).contains(&count), "{count}");
-    assert_eq!(hanging(Noise::none())?, 0);
+    assert_eq!(mixed_pixels(Noise::none())?, 0);
     Ok(())
 }
 
 #[test]
-fn every_preset_scans_and_nonsense_is_refused() -> Outcome {
+fn every_preset_scans_and_bad_settings_are_rejected() -> Outcome {
     let scene = Scene::named("room", 1)?;
     for name in voxelastic::sensor::preset_names() {
         let lidar = Lidar::new(preset_with_columns(name, 128)?, LidarSettings::default())?;
-        let cloud = lidar.scan(&scene.world, |_| scene.ride.pose(1.0), &Stream::new(1, &[]));
+        let cloud = lidar.scan(&scene.world, |_| scene.trajectory.pose(1.0), &Stream::new(1, &[]));
         assert!(cloud.points.iter().filter(|p| Cloud::is_return(p)).count() > 9 * cloud.len() / 10, "{name}");
     }
     for settings in [

@@ -1,78 +1,78 @@
-//! Occupancy fusion: evidence of the source at the target's voxels is added; free space stays as coarse as the source knows it.
+//! Occupancy fusion: log-odds of the source at the target's voxels are added; free space stays as coarse as in the source.
 
-use super::Placement;
+use super::placement::Placement;
 use crate::field::BlockStore;
+use crate::field::occupancy::propagate::ChangedOctants;
 use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN, state_of};
 use crate::geometry::morton;
-use crate::integrate::occupancy::propagate::Touched;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Subtrees up to this level (32 blocks) are parts of their own.
-const TASK_LEVEL: u32 = 5;
+/// Level of the subtrees (32 blocks along an edge) that are sampled as one part.
+const PART_LEVEL: u32 = 5;
 
-/// A piece of the target's lattice.
+/// An octant or block of the target's lattice.
 #[derive(Clone, Copy, Debug)]
-enum Piece {
-    /// A cube with one value: its smallest block's key, its level.
+enum PatchItem {
+    /// A cube with one value: key of its first block, level.
     Uniform { key: u64, level: u32, value: i8 },
     /// A block with voxels.
     Block { key: u64, scale: u8, slot: u32 },
 }
 
-/// The source in the target's lattice, in Morton order.
+/// The source in the target's lattice, items in Morton order.
 #[derive(Debug, Default)]
 pub(super) struct OccupancyPatch {
-    pieces: Vec<Piece>,
+    items: Vec<PatchItem>,
     voxels: BlockStore<i8>,
 }
 
-/// What the source holds in a box.
+/// Values of the source in a box.
 enum Content {
     /// One value.
     Uniform(i8),
-    /// Several, as fine as this scale, or coarser than any voxel; and whether some of it is free and some is not.
+    /// Several values; the finest scale among them, and whether both free and other space are among them.
     Mixed { finest: usize, is_border: bool },
 }
 
 impl OccupancyPatch {
     pub fn len(&self) -> usize {
-        self.pieces.len()
+        self.items.len()
     }
 
-    /// A patch of whole blocks, in any order; the number of its values tells a block's scale.
+    /// A patch of blocks in any order; the scale of each follows from its number of values.
     pub fn of_blocks(blocks: &[(u64, Box<[i8]>)]) -> Self {
         let mut patch = Self::default();
         for (key, values) in blocks {
             let scale = (0..SCALES).find(|&scale| voxels_at(scale) == values.len()).unwrap_or(0);
             let slot = patch.voxels.insert(scale);
             patch.voxels.get_mut(scale, slot).copy_from_slice(values);
-            patch.pieces.push(Piece::Block { key: *key, scale: scale as u8, slot });
+            patch.items.push(PatchItem::Block { key: *key, scale: scale as u8, slot });
         }
         patch
     }
 
-    /// Adds the pieces numbered `range` to `target`; sums stay within `limits`.
+    /// Adds items `range` to `target`; sums are clamped to `limits`.
     pub fn merge(&self, range: Range<usize>, target: &mut OccupancyField, limits: [i8; 2]) {
-        for piece in &self.pieces[range.clone()] {
-            let (key, last) = match *piece {
-                Piece::Uniform { key, level, .. } => (key, key | ((1u64 << (3 * level)) - 1)),
-                Piece::Block { key, .. } => (key, key),
+        for item in &self.items[range.clone()] {
+            let (key, last) = match *item {
+                PatchItem::Uniform { key, level, .. } => (key, key | ((1u64 << (3 * level)) - 1)),
+                PatchItem::Block { key, .. } => (key, key),
             };
             target.tree.grow_to(key);
             target.tree.grow_to(last);
         }
-        let mut adder = Adder { cursor: Cursor::new(&target.tree), limits, touched: Touched::default() };
-        for piece in &self.pieces[range] {
-            match *piece {
-                Piece::Uniform { key, level, value } => adder.add_cube(target, key, level, value),
-                Piece::Block { key, scale, slot } => {
+        let mut adder = Adder { cursor: Cursor::new(&target.tree), limits, changed: ChangedOctants::default() };
+        for item in &self.items[range] {
+            match *item {
+                PatchItem::Uniform { key, level, value } => adder.add_cube(target, key, level, value),
+                PatchItem::Block { key, scale, slot } => {
                     adder.add_block(target, key, usize::from(scale), self.voxels.get(usize::from(scale), slot));
                 }
             }
         }
-        adder.touched.propagate(target);
+        adder.changed.propagate(target);
     }
 }
 
@@ -80,32 +80,32 @@ impl OccupancyPatch {
 pub(super) struct OccupancySampling<'a> {
     source: &'a OccupancyField,
     placement: Placement,
-    /// Where something was observed; a part each.
+    /// Cubes with observations, one per part.
     cubes: Vec<Cube>,
 }
 
-/// A cube of the target: the key of its smallest block and its level.
+/// A cube of the target: key of its first block, level.
 type Cube = (u64, u32);
 
 impl<'a> OccupancySampling<'a> {
     pub fn new(source: &'a OccupancyField, placement: &Placement) -> Self {
         let mut sampling = Self { source, placement: *placement, cubes: Vec::new() };
         if !source.is_empty() {
-            let mut cubes = sampling.top();
-            while cubes.first().is_some_and(|c| c.1 > TASK_LEVEL) {
-                cubes = cubes.into_par_iter().flat_map_iter(|cube| sampling.open(cube)).collect();
+            let mut cubes = sampling.top_cubes();
+            while cubes.first().is_some_and(|c| c.1 > PART_LEVEL) {
+                cubes = cubes.into_par_iter().flat_map_iter(|cube| sampling.children(cube)).collect();
             }
             sampling.cubes = cubes;
         }
         sampling
     }
 
-    /// Its parts.
+    /// Number of parts.
     pub fn len(&self) -> usize {
         self.cubes.len()
     }
 
-    /// Samples the part numbered `number`.
+    /// Samples part `number`.
     pub fn part(&self, number: usize) -> OccupancyPatch {
         let (key, level) = self.cubes[number];
         let mut patch = OccupancyPatch::default();
@@ -113,8 +113,8 @@ impl<'a> OccupancySampling<'a> {
         patch
     }
 
-    /// The cubes of the source root's size that the source reaches.
-    fn top(&self) -> Vec<Cube> {
+    /// Cubes of the source root's size that the source reaches.
+    fn top_cubes(&self) -> Vec<Cube> {
         let tree = self.source.tree();
         let level = tree.root_level();
         let half = 0.5 * (BLOCK_EDGE << level) as f32;
@@ -137,25 +137,26 @@ impl<'a> OccupancySampling<'a> {
         cubes
     }
 
-    fn open(&self, (key, level): Cube) -> Vec<Cube> {
+    /// The eight children of a cube; none if the source has no observation there.
+    fn children(&self, (key, level): Cube) -> Vec<Cube> {
         match self.content(key, level) {
             Content::Uniform(UNKNOWN) => Vec::new(),
-            // A large uniform cube is cut here and grows together again in the target.
+            // A large uniform cube is divided here and becomes uniform again in the target.
             _ => (0..8).map(|i| (key | i << (3 * (level - 1)), level - 1)).collect(),
         }
     }
 
-    fn descend(&self, key: u64, level: u32, found: &mut OccupancyPatch) {
+    fn descend(&self, key: u64, level: u32, patch: &mut OccupancyPatch) {
         match self.content(key, level) {
             Content::Uniform(UNKNOWN) => {}
-            Content::Uniform(value) => found.pieces.push(Piece::Uniform { key, level, value }),
-            Content::Mixed { .. } if level > 0 => (0..8).for_each(|i| self.descend(key | i << (3 * (level - 1)), level - 1, found)),
-            Content::Mixed { finest, is_border } => self.block(key, finest, is_border, found),
+            Content::Uniform(value) => patch.items.push(PatchItem::Uniform { key, level, value }),
+            Content::Mixed { .. } if level > 0 => (0..8).for_each(|i| self.descend(key | i << (3 * (level - 1)), level - 1, patch)),
+            Content::Mixed { finest, is_border } => self.sample_block(key, finest, is_border, patch),
         }
     }
 
-    /// Samples a block. At the border of free space it is sampled no coarser than scale 1, so that free space does not creep outward.
-    fn block(&self, key: u64, finest: usize, is_border: bool, found: &mut OccupancyPatch) {
+    /// Samples a block. At the boundary of free space the scale is at most 1, so that free space does not grow.
+    fn sample_block(&self, key: u64, finest: usize, is_border: bool, patch: &mut OccupancyPatch) {
         let scale = if is_border { finest.min(1) } else { finest };
         let edge = (1 << scale) as f32;
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
@@ -167,26 +168,26 @@ impl<'a> OccupancySampling<'a> {
             })
             .collect();
         if values.iter().any(|v| *v != values[0]) {
-            let slot = found.voxels.insert(scale);
-            found.voxels.get_mut(scale, slot).copy_from_slice(&values);
-            found.pieces.push(Piece::Block { key, scale: scale as u8, slot });
+            let slot = patch.voxels.insert(scale);
+            patch.voxels.get_mut(scale, slot).copy_from_slice(&values);
+            patch.items.push(PatchItem::Block { key, scale: scale as u8, slot });
         } else if values[0] != UNKNOWN {
-            found.pieces.push(Piece::Uniform { key, level: 0, value: values[0] });
+            patch.items.push(PatchItem::Uniform { key, level: 0, value: values[0] });
         }
     }
 
-    /// What the source holds in the box around a cube of the target.
+    /// Values of the source in the box around a cube of the target.
     fn content(&self, key: u64, level: u32) -> Content {
         let half = 0.5 * (BLOCK_EDGE << level) as f32;
         let centre = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32 + half);
         let (middle, extent) = self.placement.box_in_source(centre, half);
         let search_box = [std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k])];
         let tree = self.source.tree();
-        let mut search = Search { source: self.source, search_box, is_exhaustive: level == 0, value: None, content: None };
+        let mut search = BoxSearch { source: self.source, search_box, is_exhaustive: level == 0, value: None, content: None };
         let root_half = 0.5 * (BLOCK_EDGE << tree.root_level()) as f32;
         let root_corner = block_coords(tree.root_key()).map(|c| c as f32 * BLOCK_EDGE as f32);
         if (0..3).any(|k| search_box[0][k] < root_corner[k] || search_box[1][k] > root_corner[k] + 2.0 * root_half) {
-            search.meet(UNKNOWN, SCALES - 1);
+            search.add(UNKNOWN, SCALES - 1);
         }
         search.visit(tree.root_key(), tree.root_level(), tree.root());
         match (search.content, search.value) {
@@ -196,21 +197,21 @@ impl<'a> OccupancySampling<'a> {
     }
 }
 
-/// Looks for different values in a box of the source.
-struct Search<'a> {
+/// Searches a box of the source for different values.
+struct BoxSearch<'a> {
     source: &'a OccupancyField,
     /// Smallest and largest corner, finest voxels of the source.
     search_box: [[f32; 3]; 2],
-    /// Whether to go on when the box is known to be mixed.
+    /// Whether to continue after the box is known to be mixed.
     is_exhaustive: bool,
-    /// The first value met.
+    /// The first value found.
     value: Option<i8>,
-    /// Once several were met: the finest scale, and whether free and other space meet.
+    /// Set once two different values were found: the finest scale, and whether both free and other space were found.
     content: Option<(usize, bool)>,
 }
 
-impl Search<'_> {
-    fn meet(&mut self, value: i8, scale: usize) {
+impl BoxSearch<'_> {
+    fn add(&mut self, value: i8, scale: usize) {
         let first = *self.value.get_or_insert(value);
         if first != value || scale < SCALES - 1 {
             let (finest, is_border) = self.content.unwrap_or((SCALES - 1, false));
@@ -228,11 +229,11 @@ impl Search<'_> {
             return;
         }
         if octant.link == NONE {
-            self.meet(octant.payload.value, SCALES - 1);
+            self.add(octant.payload.value, SCALES - 1);
         } else if level == 0 {
             let block = self.source.block(octant.link);
             let scale = usize::from(block.scale);
-            // A block is never uniform, even if the few voxels of it that are in the box are.
+            // A block is never uniform, even if its voxels within the box are.
             let (finest, is_border) = self.content.unwrap_or((scale, false));
             self.content = Some((finest.min(scale), is_border));
         } else {
@@ -243,11 +244,11 @@ impl Search<'_> {
     }
 }
 
-/// Adds evidence to a field.
+/// Adds log-odds to a field.
 struct Adder {
     cursor: Cursor,
     limits: [i8; 2],
-    touched: Touched,
+    changed: ChangedOctants,
 }
 
 impl Adder {
@@ -259,21 +260,21 @@ impl Adder {
         }
     }
 
-    /// Adds `more` everywhere in a cube.
+    /// Adds `more` to all of a cube.
     fn add_cube(&mut self, field: &mut OccupancyField, key: u64, level: u32, more: i8) {
         if level >= field.tree.root_level() {
             (0..8).for_each(|i| self.add_cube(field, key | i << (3 * (level - 1)), level - 1, more));
             return;
         }
-        let (group, place) = self.cursor.make_at(&mut field.tree, key, level);
-        self.add_below(field, key, level, (group, place), more);
+        let (group, child) = self.cursor.find_or_create_at(&mut field.tree, key, level);
+        self.add_below(field, key, level, (group, child), more);
     }
 
-    fn add_below(&mut self, field: &mut OccupancyField, key: u64, level: u32, (group, place): (u32, usize), more: i8) {
-        let octant = field.tree.siblings(group)[place];
+    fn add_below(&mut self, field: &mut OccupancyField, key: u64, level: u32, (group, child): (u32, usize), more: i8) {
+        let octant = field.tree.siblings(group)[child];
         if octant.link == NONE {
-            field.tree.siblings_mut(group)[place].payload = Summary::uniform(self.sum(octant.payload.value, more));
-            self.touched.add(key, level);
+            field.tree.siblings_mut(group)[child].payload = Summary::uniform(self.sum(octant.payload.value, more));
+            self.changed.add(key, level);
         } else if level == 0 {
             self.update(field, octant.link, |_| more);
         } else {
@@ -285,12 +286,13 @@ impl Adder {
 
     /// Adds a block's voxels.
     fn add_block(&mut self, field: &mut OccupancyField, key: u64, scale: usize, values: &[i8]) {
-        let id = field.make(&mut self.cursor, key, scale);
-        let own = usize::from(field.block(id).scale);
-        self.update(field, id, |i| values[voxel_index(voxel_coords(i, own).map(|c| c >> (scale - own)), scale)]);
+        let id = field.find_or_create(&mut self.cursor, key, scale);
+        let target_scale = usize::from(field.block(id).scale);
+        let index = |i: usize| voxel_index(voxel_coords(i, target_scale).map(|c| c >> (scale - target_scale)), scale);
+        self.update(field, id, |i| values[index(i)]);
     }
 
-    /// Adds `more(voxel)` to each voxel of block `id`, which gives its array back if that makes it uniform.
+    /// Adds `more(voxel)` to each voxel of block `id`; removes the block if that makes it uniform.
     fn update(&mut self, field: &mut OccupancyField, id: u32, more: impl Fn(usize) -> i8) {
         let block = *field.block(id);
         let (mut low, mut high) = (i8::MAX, i8::MIN);
@@ -299,13 +301,13 @@ impl Adder {
             low = low.min(*value);
             high = high.max(*value);
         }
-        let (group, place) = self.cursor.make(&mut field.tree, block.key);
+        let (group, child) = self.cursor.find_or_create(&mut field.tree, block.key);
         if low == high {
             field.remove(id);
-            field.tree.siblings_mut(group)[place] = Octant { link: NONE, payload: Summary::uniform(low) };
+            field.tree.siblings_mut(group)[child] = Octant { link: NONE, payload: Summary::uniform(low) };
         } else {
-            field.tree.siblings_mut(group)[place].payload = Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN };
+            field.tree.siblings_mut(group)[child].payload = Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN };
         }
-        self.touched.add(block.key, 0);
+        self.changed.add(block.key, 0);
     }
 }

@@ -1,22 +1,22 @@
-//! One voxel's knowledge, and the summary that octants hold of what lies below.
+//! The value of a voxel, the state that it stands for, and the summary of a subtree.
 
-/// Steps per unit of log-odds: a byte reaches from -3.97 to 3.97.
+/// Steps per unit of log-odds: a byte covers -3.97 to 3.97.
 pub const LOG_ODDS_STEPS: f32 = 32.0;
-/// The value of a voxel that no beam ever told anything about: not the same as log-odds of zero.
+/// Value of a voxel that was never observed. Not the same as log-odds of zero.
 pub const UNKNOWN: i8 = i8::MIN;
 
-/// What is known of a place.
+/// The state of a point in space.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum State {
-    /// Never observed, or observed with no result.
+    /// Never observed, or the observations cancel out.
     Unknown,
-    /// Seen to be empty.
+    /// Observed to be empty.
     Free,
-    /// Something is there.
+    /// Observed to be occupied.
     Occupied,
 }
 
-/// The state that a voxel's value stands for.
+/// The state that a value, log-odds in steps or [`UNKNOWN`], stands for.
 #[inline(always)]
 pub fn state_of(value: i8) -> State {
     match value {
@@ -26,24 +26,24 @@ pub fn state_of(value: i8) -> State {
     }
 }
 
-/// Log-odds of being occupied; none for an unknown voxel.
+/// Converts a value in steps to log-odds of being occupied; none for [`UNKNOWN`].
 pub fn log_odds(value: i8) -> Option<f32> {
     (value != UNKNOWN).then(|| f32::from(value) / LOG_ODDS_STEPS)
 }
 
-/// A log-odds value in steps, rounded, within what a byte holds.
+/// Converts log-odds to steps, rounded and clamped to -127..=127.
 pub fn steps(log_odds: f32) -> i8 {
     (log_odds * LOG_ODDS_STEPS).round().clamp(-127.0, 127.0) as i8
 }
 
-/// What an octant knows of all voxels below it.
+/// An octant's summary of its subtree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Summary {
-    /// Value of every voxel below, while nothing hangs below the octant.
+    /// Value of the whole octant, if it is uniform and has no subtree.
     pub value: i8,
-    /// Largest value below; [`UNKNOWN`] when nothing below was ever observed.
+    /// Largest value in the subtree; [`UNKNOWN`] if nothing in it was observed.
     pub max: i8,
-    /// Whether every voxel below was observed.
+    /// Whether all of the octant was observed.
     pub observed: bool,
 }
 
@@ -54,13 +54,13 @@ impl Default for Summary {
 }
 
 impl Summary {
-    /// The summary of a cube with one value everywhere.
+    /// The summary of a uniform cube.
     #[inline(always)]
     pub const fn uniform(value: i8) -> Self {
         Self { value, max: value, observed: value != UNKNOWN }
     }
 
-    /// The summary of eight siblings.
+    /// The summary of a parent of `siblings`.
     #[inline(always)]
     pub fn of(siblings: impl Iterator<Item = Summary>) -> Self {
         siblings.fold(Self { value: UNKNOWN, max: UNKNOWN, observed: true }, |all, one| Self {
@@ -70,7 +70,7 @@ impl Summary {
         })
     }
 
-    /// Whether everything below is as free as it can get, so that another look can teach nothing.
+    /// Whether all values are at most `limit`, the lower clamp of log-odds, so that further free-space observations change nothing.
     #[inline(always)]
     pub fn is_saturated_free(&self, limit: i8) -> bool {
         self.observed && self.max <= limit

@@ -1,15 +1,15 @@
-//! How much space is known, and in cubes of which size it is held.
+//! Volume of free and occupied space, by the size of the cubes that store it.
 
-use super::blocks::OccupancyField;
+use super::field::OccupancyField;
 use super::value::{State, state_of};
 use crate::octree::{BLOCK_SHIFT, NONE, Octant};
 
-/// Known space in finest voxels, by log2 of the edge (in finest voxels) of the cubes that hold it.
+/// Volume of known space, finest voxels; element i is the volume stored in cubes with an edge of 2^i finest voxels.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Volumes {
-    /// Seen to be empty.
+    /// Free space.
     pub free: Vec<u64>,
-    /// Something is there.
+    /// Occupied space.
     pub occupied: Vec<u64>,
 }
 
@@ -22,7 +22,7 @@ impl Volumes {
         }
     }
 
-    fn note(&mut self, value: i8, edge_log2: u32, cubes: u64) {
+    fn count(&mut self, value: i8, edge_log2: u32, cubes: u64) {
         let list = match state_of(value) {
             State::Unknown => return,
             State::Free => &mut self.free,
@@ -35,18 +35,18 @@ impl Volumes {
 }
 
 impl OccupancyField {
-    /// Measures all known space.
+    /// Volume of all known space.
     pub fn volumes(&self) -> Volumes {
         let mut volumes = Volumes::default();
         let mut stack = vec![(*self.tree.root(), self.tree.root_level())];
         while let Some((Octant { link, payload }, level)) = stack.pop() {
             if link == NONE {
-                volumes.note(payload.value, level + BLOCK_SHIFT, 1);
+                volumes.count(payload.value, level + BLOCK_SHIFT, 1);
             } else if level > 0 {
                 stack.extend(self.tree.siblings(link).iter().map(|&child| (child, level - 1)));
             } else {
                 let block = self.block(link);
-                self.values(block).iter().for_each(|&value| volumes.note(value, u32::from(block.scale), 1));
+                self.values(block).iter().for_each(|&value| volumes.count(value, u32::from(block.scale), 1));
             }
         }
         volumes

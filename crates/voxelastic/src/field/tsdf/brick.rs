@@ -1,104 +1,108 @@
-//! A brick: 4 x 4 x 4 voxels of a block, what is stored and comes to rest as one.
+//! A brick: 4 x 4 x 4 voxels of a block, the unit of storage and compression.
 //!
-//! A surface with its band passes through a block, it does not fill it: of the eight bricks of a fine array, four or five are ever met. A
-//! block at scale 0 has eight, at any coarser scale one. Bricks that hold nothing are not there.
+//! An array at scale 0 has eight bricks, a coarser one has one. A surface with its truncation band does not fill a block: of the eight
+//! bricks of a fine array, four or five are ever written to. The others are not stored.
 
 use super::voxel::Voxel;
 use crate::octree::voxels_at;
 use bytemuck::{Pod, Zeroable};
 
-/// Voxels of a brick.
+/// Number of voxels in a brick.
 pub(crate) const BRICK: usize = 64;
-/// Bricks of an array at scale 0.
+/// Number of bricks in an array at scale 0.
 pub(crate) const BRICKS: usize = voxels_at(0) / BRICK;
 
-/// The voxels of a brick and their intensities, x fastest; those of the scales 2 and 3 are the first ones.
+/// The voxels of a brick and their intensities, x fastest. Arrays at scales 2 and 3 use only the first 8 and 1.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Brick {
     pub voxels: [Voxel; BRICK],
-    pub shades: [u8; BRICK],
+    pub intensities: [u8; BRICK],
 }
 
 impl Brick {
-    /// Which voxels are observed, a bit each.
+    /// Bit set of the observed voxels.
     #[inline]
     pub fn observed(&self) -> u64 {
         self.voxels.iter().rev().fold(0, |observed, voxel| observed << 1 | u64::from(voxel.is_observed()))
     }
 }
 
-/// Where a brick is: nowhere, among those that are awake, or among those at rest.
+/// Reference to a stored brick: none, a slot of the field's slab, or a number in its compressed store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Handle(u32);
+pub(crate) struct BrickHandle(u32);
 
-/// What a [`Handle`] says.
+/// A decoded [`BrickHandle`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Whereabouts {
-    /// The brick holds nothing.
-    Nowhere,
-    /// In a slot of the slab of bricks.
-    Awake(u32),
-    /// Among the pieces.
-    Resting(u32),
+pub(crate) enum BrickState {
+    /// The brick is not stored: its voxels are all unobserved.
+    Absent,
+    /// Decoded, in this slot of the slab.
+    Resident(u32),
+    /// Encoded, with this number in the compressed store.
+    Compressed(u32),
 }
 
-impl Handle {
-    const AT_REST: u32 = 1 << 31;
-    /// Pieces are numbered below this, slots below twice as much.
-    pub const MOST: u32 = Self::AT_REST - 1;
-    pub const NOWHERE: Self = Self(u32::MAX);
+impl BrickHandle {
+    const COMPRESSED_BIT: u32 = 1 << 31;
+    /// Slots and numbers of compressed bricks are below this.
+    pub const MAX: u32 = Self::COMPRESSED_BIT - 1;
+    /// Handle of a brick that is not stored.
+    pub const ABSENT: Self = Self(u32::MAX);
 
+    /// Handle of the brick in `slot`.
     #[inline(always)]
-    pub fn awake(slot: u32) -> Self {
-        debug_assert!(slot < Self::MOST);
+    pub fn resident(slot: u32) -> Self {
+        debug_assert!(slot < Self::MAX);
         Self(slot)
     }
 
+    /// Handle of compressed brick `number`.
     #[inline(always)]
-    pub fn resting(piece: u32) -> Self {
-        debug_assert!(piece < Self::MOST);
-        Self(piece | Self::AT_REST)
+    pub fn compressed(number: u32) -> Self {
+        debug_assert!(number < Self::MAX);
+        Self(number | Self::COMPRESSED_BIT)
     }
 
+    /// Where the brick is stored.
     #[inline(always)]
-    pub fn whereabouts(self) -> Whereabouts {
+    pub fn state(self) -> BrickState {
         match self.0 {
-            u32::MAX => Whereabouts::Nowhere,
-            slot if slot < Self::AT_REST => Whereabouts::Awake(slot),
-            piece => Whereabouts::Resting(piece & !Self::AT_REST),
+            u32::MAX => BrickState::Absent,
+            slot if slot < Self::COMPRESSED_BIT => BrickState::Resident(slot),
+            number => BrickState::Compressed(number & !Self::COMPRESSED_BIT),
         }
     }
 
-    /// Its slot, if it is awake.
+    /// The brick's slot, if it is resident.
     #[inline(always)]
     pub fn slot(self) -> Option<u32> {
-        (self.0 < Self::AT_REST).then_some(self.0)
+        (self.0 < Self::COMPRESSED_BIT).then_some(self.0)
     }
 }
 
-/// Bits of a voxel's place among all bricks of its array: its place in its brick, and the brick above that.
-pub(crate) const PLACE_BITS: u32 = (BRICK * BRICKS).ilog2();
+/// Bits of a voxel's address within its array: its index in its brick, and the brick above that.
+pub(crate) const ADDRESS_BITS: u32 = (BRICK * BRICKS).ilog2();
 
-/// Where voxel `index` of an array lies: its brick times [`BRICK`], and its place there. `fine` has all bits set for an array at scale 0, and none for
-/// others, which have one brick. Shifts and masks only, for lanes of vectors.
+/// Address of voxel `index` of an array: its brick times [`BRICK`] plus its index in the brick. `fine` has all bits set for an array at
+/// scale 0, and none for coarser ones, which have one brick. Shifts and masks only, so that it vectorises.
 #[inline(always)]
-pub(crate) const fn place(fine: u32, index: u32) -> u32 {
-    // Of three bits an axis, the lower two are the place in the brick and the highest one the brick's.
+pub(crate) const fn brick_address(fine: u32, index: u32) -> u32 {
+    // Of the three bits of an axis, the lower two count within the brick, and the highest one selects the brick.
     let x = index & 0o3 | (index & 0o4) << 4;
     let y = (index & 0o30) >> 1 | (index & 0o40) << 2;
     let z = (index & 0o300) >> 2 | index & 0o400;
     (x | y | z) & fine | index & !fine
 }
 
-/// Where voxel `index` of an array at `scale` lies: brick, and place in it.
+/// Brick of voxel `index` of an array at `scale`, and the voxel's index in it.
 #[inline(always)]
-pub(crate) fn place_of(scale: usize, index: usize) -> (usize, usize) {
-    let place = place(u32::from(scale == 0).wrapping_neg(), index as u32) as usize;
-    (place / BRICK, place % BRICK)
+pub(crate) fn brick_and_index(scale: usize, index: usize) -> (usize, usize) {
+    let address = brick_address(u32::from(scale == 0).wrapping_neg(), index as u32) as usize;
+    (address / BRICK, address % BRICK)
 }
 
-/// Where the row of four voxels numbered `row` of brick `brick` begins in an array at scale 0.
+/// Index in an array at scale 0 of the first voxel of row `row` of brick `brick`; a row is four voxels along x.
 #[inline(always)]
 const fn row_start(brick: usize, row: usize) -> usize {
     let (x, y, z) = (4 * (brick & 1), 4 * (brick >> 1 & 1) + row % 4, 4 * (brick >> 2) + row / 4);
@@ -117,7 +121,7 @@ pub(crate) fn spread<T: Copy>(values: &[T; BRICK], brick: usize, scale: usize, a
     }
 }
 
-/// Copies the values of brick `brick` from an array at `scale`; those that the scale does not have become zero.
+/// Copies the values of brick `brick` from an array at `scale`; values beyond the end of a coarse array are the default.
 #[inline(always)]
 pub(crate) fn gather<T: Copy + Default>(array: &[T], scale: usize, brick: usize) -> [T; BRICK] {
     let mut values = [T::default(); BRICK];
@@ -137,7 +141,7 @@ mod tests {
     use crate::octree::SCALES;
 
     #[test]
-    fn bricks_hold_every_voxel_once() {
+    fn every_voxel_is_in_one_brick() {
         for scale in 0..SCALES {
             let array: Vec<u32> = (0..voxels_at(scale) as u32).collect();
             let bricks: Vec<[u32; BRICK]> = (0..voxels_at(scale).div_ceil(BRICK)).map(|b| gather(&array, scale, b)).collect();
@@ -145,20 +149,20 @@ mod tests {
             bricks.iter().enumerate().for_each(|(b, values)| spread(values, b, scale, &mut back));
             assert_eq!(back, array);
             for (i, value) in array.iter().enumerate() {
-                let (brick, place) = place_of(scale, i);
-                assert_eq!(bricks[brick][place], *value, "scale {scale}, voxel {i}");
+                let (brick, index) = brick_and_index(scale, i);
+                assert_eq!(bricks[brick][index], *value, "scale {scale}, voxel {i}");
             }
         }
     }
 
     #[test]
-    fn handles_tell_where_a_brick_is() {
-        assert_eq!(Handle::NOWHERE.whereabouts(), Whereabouts::Nowhere);
-        assert_eq!(Handle::NOWHERE.slot(), None);
-        for i in [0, 5, Handle::MOST - 1] {
-            assert_eq!(Handle::awake(i).whereabouts(), Whereabouts::Awake(i));
-            assert_eq!(Handle::resting(i).whereabouts(), Whereabouts::Resting(i));
-            assert_eq!([Handle::awake(i).slot(), Handle::resting(i).slot()], [Some(i), None]);
+    fn handles_encode_slots_and_numbers() {
+        assert_eq!(BrickHandle::ABSENT.state(), BrickState::Absent);
+        assert_eq!(BrickHandle::ABSENT.slot(), None);
+        for i in [0, 5, BrickHandle::MAX - 1] {
+            assert_eq!(BrickHandle::resident(i).state(), BrickState::Resident(i));
+            assert_eq!(BrickHandle::compressed(i).state(), BrickState::Compressed(i));
+            assert_eq!([BrickHandle::resident(i).slot(), BrickHandle::compressed(i).slot()], [Some(i), None]);
         }
     }
 }

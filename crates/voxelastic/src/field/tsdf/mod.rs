@@ -1,22 +1,26 @@
-//! The truncated signed distance field (paper Sec. III-A, MultiresTSDF): voxels, bricks, blocks, propagation between scales, and rest.
+//! The truncated signed distance field (paper Sec. III-A, MultiresTSDF).
+//!
+//! A [`TsdfField`] is an octree of [`Block`]s. A block has a current scale and, for each scale from its finest to its current one, an
+//! array of [`Voxel`]s, stored in bricks of 4 x 4 x 4. [`propagate`] transfers voxels between the scales of a block; the field resolves a
+//! block to a single scale for extraction and fusion. Bricks that no recent scan changed are compressed without loss. Colours are a
+//! separate [`ColourLayer`].
 
-mod bitstream;
-mod blocks;
+mod block;
 pub(crate) mod brick;
 pub(crate) mod colour;
-mod open;
-pub(crate) mod packed;
-mod pieces;
+mod field;
+mod observation_count;
 pub mod propagate;
-mod read;
-mod rest;
-mod told;
+pub(crate) mod resolve;
+pub(crate) mod storage;
 mod voxel;
+mod writer;
 
-pub(crate) use blocks::{Array, VoxelBuffer};
-pub use blocks::{Block, TsdfField};
-pub use colour::{ColourLayer, Tint};
-pub(crate) use open::{OpenField, Touched};
-pub(crate) use rest::BrickPages;
-pub(crate) use told::Told;
+pub use block::Block;
+pub(crate) use block::{Array, VoxelBuffer};
+pub use colour::{ColourLayer, ColourVoxel};
+pub use field::TsdfField;
+pub(crate) use observation_count::ObservationCount;
+pub(crate) use storage::compaction::BrickPages;
 pub use voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};
+pub(crate) use writer::{BlockWriter, BrickRef};

@@ -1,7 +1,7 @@
 //! One TSDF voxel: 4 bytes.
 //!
-//! A voxel's distance counts voxels *of its own scale*: the truncation band is as many voxels wide at every scale, so
-//! it grows with the integration scale in metres, on both sides of the surface. Positive is in front of the surface.
+//! A voxel's distance is in voxels *of its own scale*: the truncation band is equally many voxels wide at every scale, so in metres
+//! it grows with the scale, on both sides of the surface. Distances are positive in front of the surface.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -21,7 +21,7 @@ pub struct Voxel {
 }
 
 impl Voxel {
-    /// Whether anything was ever seen here.
+    /// Whether any beam was integrated into it.
     #[inline(always)]
     pub fn is_observed(self) -> bool {
         self.weight != 0
@@ -33,20 +33,20 @@ impl Voxel {
         f32::from(self.distance) / DISTANCE_STEPS
     }
 
-    /// Folds one observation in: the weighted mean, with the weight capped. Both are rounded to whole steps. An observation of no weight changes
-    /// nothing, any other weighs a step at least.
+    /// Updates distance and weight with one observation: the weighted mean, and the sum of the weights up to `max_weight` (paper Sec. III-A).
+    /// Both are rounded to whole steps. An observation of weight zero changes nothing; smaller sums than one step count as one.
     #[inline(always)]
     pub fn observe(&mut self, distance_steps: f32, weight: f32, max_weight: f32) {
         let sum = f32::from(self.weight) + weight;
         let distance = f32::from(self.distance);
         self.distance = low_bits(distance + (distance_steps - distance) * (weight / if sum > 1.0 { sum } else { 1.0 })) as i16;
-        // Not `min`, which would also care for NaN.
+        // Not `min`, which would also handle NaN.
         self.weight = low_bits(if sum < max_weight { sum } else { max_weight });
     }
 }
 
-/// The low 16 bits of `x` rounded to nearest, ties to even, for |x| < 2^22: the sum lands where the last place counts ones.
-/// A cast would saturate and care for NaN, at several times the cost.
+/// The low 16 bits of `x` rounded to nearest, ties to even, for |x| < 2^22: adding the constant leaves no fraction bits in the mantissa.
+/// A cast would saturate and handle NaN, at several times the cost.
 #[inline(always)]
 fn low_bits(x: f32) -> u16 {
     const MAGIC: f32 = 12_582_912.0; // 1.5 * 2^23

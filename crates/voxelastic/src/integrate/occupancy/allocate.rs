@@ -1,299 +1,241 @@
-//! Allocation: uniform octants learn what was found of them, and blocks are made or refined where voxels are needed.
+//! Allocation: uniform octants take the evidence of free space, and blocks are created or refined where voxels are needed.
 //!
-//! Most of what a scan meets is there already. Threads deal with that side by side, and leave what has to be made to one of them: making changes
-//! the tree.
+//! Most cells that a scan observes exist already. They are processed in parallel; cells that have to be created, which changes the tree, are left to one
+//! thread.
 
-use super::found::{Finds, Found, Spot, Stretch, What, clear};
-use super::model::Steps;
-use super::propagate::Touched;
+use super::block_task::{BlockTask, FreeVoxels};
+use super::evidence::Steps;
+use super::free_cells::{BufferRange, FreeCell, FreeCells, OctantRef, clear};
+use super::run_table::RunTable;
+use crate::field::occupancy::propagate::ChangedOctants;
 use crate::field::occupancy::{OccupancyField, Summary};
-use crate::integrate::scale::{ScaleRule, distance_to_block};
-use crate::integrate::select::BlockBeams;
-use crate::octree::{BLOCK_EDGE, Cursor, NONE, SCALES, block_coords, prefetch};
+use crate::integrate::rays::scale::{ScaleRule, distance_to_block};
+use crate::integrate::rays::select::BlockRays;
+use crate::octree::{BLOCK_EDGE, Cursor, NONE, block_coords, prefetch};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A block and everything that the scan says about it.
+/// A selected block: where it was before the scan created or refined any, and its scale.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
-    pub block: u32,
-    /// Where its octant is.
-    pub at: Spot,
-    pub free: Free,
-    /// Its records among the selection's.
-    pub start: u32,
-    pub end: u32,
-}
-
-/// What the descent found of a block.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Free {
-    None,
-    All,
-    /// Some voxels, by the heap and the number of the mask on it.
-    Mask {
-        heap: u32,
-        mask: u32,
-    },
-}
-
-/// A selected block: where it was before the scan made or refined any, and how fine it is to be.
-#[derive(Clone, Copy, Debug)]
-struct Wanted {
-    at: Spot,
+struct SelectedBlock {
+    octant: OctantRef,
     block: u32,
+    /// The coarsest scale at which its rays may be integrated.
     scale: u8,
-    /// Whether there is a block that is fine enough.
-    is_there: bool,
+    /// Whether there is a block of that scale or finer.
+    is_ready: bool,
 }
 
-/// The runs of beams that blocks were selected for, by block. Each is taken once; between scans there are none.
-#[derive(Debug, Default)]
-struct Runs(Vec<AtomicU32>);
-
-impl Clone for Runs {
-    fn clone(&self) -> Self {
-        Self::default()
-    }
-}
-
-impl Runs {
-    /// Makes room for blocks below `blocks`.
-    fn cover(&mut self, blocks: u32) {
-        let blocks = (blocks as usize).max(self.0.len());
-        self.0.resize_with(blocks, || AtomicU32::new(NONE));
-    }
-
-    /// The run of a block, or [`NONE`].
-    #[inline(always)]
-    fn of(&self, block: u32) -> u32 {
-        self.0.get(block as usize).map_or(NONE, |run| run.load(Ordering::Relaxed))
-    }
-
-    /// Notes a block's run; [`NONE`] for one that is taken.
-    #[inline(always)]
-    fn set(&self, block: u32, run: u32) {
-        if let Some(known) = self.0.get(block as usize) {
-            known.store(run, Ordering::Relaxed);
-        }
-    }
-
-    /// As [`of`](Self::of), and it is taken.
-    #[inline(always)]
-    fn take(&self, block: u32) -> u32 {
-        let run = self.of(block);
-        if run != NONE {
-            self.set(block, NONE);
-        }
-        run
-    }
-}
-
-/// The blocks that a scan touches, each once.
+/// The blocks that a scan updates, each once.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Touches {
-    pub list: Vec<Touch>,
+pub(super) struct BlockTasks {
+    pub list: Vec<BlockTask>,
     /// The selected blocks, and which of them is which block.
-    wanted: Vec<Wanted>,
-    runs: Runs,
-    /// Place in `list` of each block id, if it was made for what the descent found of it.
-    made: Vec<u32>,
-    /// Memory of tasks.
-    shares: Vec<Share>,
+    selected: Vec<SelectedBlock>,
+    runs: RunTable,
+    /// For each block, the index in `list` if the block was created or refined for free voxels in this scan; else any other number.
+    created: Vec<u32>,
+    /// Scratch memory of tasks.
+    outputs: Vec<TaskOutput>,
 }
 
-/// What a task dealt with, and what it left, with the heap that it is on.
+/// What one task has processed, and the cells that it leaves to one thread, with their buffers.
 #[derive(Clone, Debug, Default)]
-struct Share {
-    touched: Touched,
-    touches: Vec<Touch>,
-    left: Vec<(u32, Found)>,
+struct TaskOutput {
+    changed: ChangedOctants,
+    tasks: Vec<BlockTask>,
+    left: Vec<(u32, FreeCell)>,
 }
 
-/// Selected blocks that one task takes: few enough that threads share evenly, many enough that starting anew costs nothing.
-const PER_TASK: usize = 1024;
+/// Selected blocks of one task: few enough for an even load on all threads, many enough that the overhead of a task does not count.
+const BLOCKS_PER_TASK: usize = 1024;
 
-impl Touches {
-    /// Looks where the `selected` blocks are, side by side, because most are far away in memory. `sensor` is in metres.
-    pub fn look_up(&mut self, field: &OccupancyField, selected: &[BlockBeams], rule: &ScaleRule, voxel: f32, sensor: [f32; 3]) {
+impl BlockTasks {
+    /// Looks up the `selected` blocks, in parallel, because most are in no cache. `sensor` is the position of the sensor, metres.
+    pub fn look_up(&mut self, field: &OccupancyField, selected: &[BlockRays], rule: &ScaleRule, voxel: f32, sensor: [f32; 3]) {
         let edge = BLOCK_EDGE as f32 * voxel;
-        self.runs.cover(field.blocks.capacity_used());
-        self.wanted.clear();
-        self.wanted.resize(selected.len(), Wanted { at: Spot::NOWHERE, block: NONE, scale: 0, is_there: false });
-        let (wanted, runs) = (&mut self.wanted, &self.runs);
-        wanted.par_chunks_mut(PER_TASK).zip(selected.par_chunks(PER_TASK)).enumerate().for_each(|(chunk, (wanted, selected))| {
+        self.runs.reserve(field.blocks.capacity_used());
+        self.selected.clear();
+        self.selected.resize(selected.len(), SelectedBlock { octant: OctantRef::MISSING, block: NONE, scale: 0, is_ready: false });
+        let (found, runs) = (&mut self.selected, &self.runs);
+        found.par_chunks_mut(BLOCKS_PER_TASK).zip(selected.par_chunks(BLOCKS_PER_TASK)).enumerate().for_each(|(chunk, (found, selected))| {
             let mut cursor = Cursor::new(&field.tree);
-            for (wanted, beams) in wanted.iter_mut().zip(selected) {
-                let Some((group, place)) = cursor.find_at(&field.tree, beams.key, 0) else { continue };
-                (wanted.at, wanted.block) = (Spot::new((group, place)), field.tree.siblings(group)[place].link);
-                if wanted.block != NONE {
-                    prefetch(&raw const field.blocks[wanted.block]);
+            for (found, rays) in found.iter_mut().zip(selected) {
+                let Some((group, index)) = cursor.find_at(&field.tree, rays.key, 0) else { continue };
+                (found.octant, found.block) = (OctantRef::new((group, index)), field.tree.siblings(group)[index].link);
+                if found.block != NONE {
+                    prefetch(&raw const field.blocks[found.block]);
                 }
             }
-            for ((run, wanted), beams) in (chunk * PER_TASK..).zip(wanted).zip(selected) {
-                wanted.scale = rule.fitting(distance_to_block(block_coords(beams.key), edge, sensor)) as u8;
-                if wanted.block != NONE {
-                    wanted.is_there = field.blocks[wanted.block].scale <= wanted.scale;
-                    runs.set(wanted.block, run as u32);
+            for ((run, found), rays) in (chunk * BLOCKS_PER_TASK..).zip(found).zip(selected) {
+                found.scale = rule.fitting(distance_to_block(block_coords(rays.key), edge, sensor)) as u8;
+                if found.block != NONE {
+                    found.is_ready = field.blocks[found.block].scale <= found.scale;
+                    runs.set(found.block, run as u32);
                 }
             }
         });
     }
 
-    /// Applies what was found to uniform octants, and makes or refines the blocks that need voxels: those found, and those selected, which were
-    /// [looked up](Self::look_up). Returns the octants that changed.
-    pub fn allocate(&mut self, field: &mut OccupancyField, finds: &Finds, selected: &[BlockBeams], steps: &Steps) -> Touched {
-        let mut touched = Touched::default();
+    /// Adds the evidence of free space to uniform octants, and creates or refines the blocks that need voxels: those with free voxels, and those selected, which
+    /// must have been [looked up](Self::look_up). Returns the octants that changed.
+    pub fn allocate(&mut self, field: &mut OccupancyField, free: &FreeCells, selected: &[BlockRays], steps: &Steps) -> ChangedOctants {
+        let mut changed = ChangedOctants::default();
         self.list.clear();
-        let mut shares = std::mem::take(&mut self.shares);
-        let parts = self.meet(field, finds, selected, steps, &mut shares);
-        for share in &shares[..parts] {
-            touched.append(&share.touched);
-            self.list.extend_from_slice(&share.touches);
+        let mut outputs = std::mem::take(&mut self.outputs);
+        let used = self.process_existing(field, free, selected, steps, &mut outputs);
+        for output in &outputs[..used] {
+            changed.append(&output.changed);
+            self.list.extend_from_slice(&output.tasks);
         }
         let mut cursor = Cursor::new(&field.tree);
-        for (heap, found) in shares[..parts].iter().flat_map(|share| &share.left) {
-            let at = Spot::new(cursor.make_at(&mut field.tree, found.key, found.level()));
-            let Some((scale, free)) = found.needs(*heap) else {
-                let octant = &mut field.tree.siblings_mut(at.group)[at.place()];
-                octant.payload = learn(octant.payload, steps);
-                touched.add(found.key, found.level());
-                continue;
-            };
-            let run = self.runs.take(found.block) as usize;
-            let scale = self.wanted.get(run).map_or(scale, |wanted| scale.min(wanted.scale.into()));
-            let block = field.make_in((at.group, at.place()), found.key, scale);
-            *self.made_at(block) = self.list.len() as u32;
-            self.list.push(Touch::new(block, at, free, selected.get(run)));
+        for (buffer, cell) in outputs[..used].iter().flat_map(|output| &output.left) {
+            self.create_free(field, &mut cursor, (*buffer, cell), selected, steps, &mut changed);
         }
-        for (wanted, beams) in self.wanted.iter().zip(selected).filter(|(wanted, _)| !wanted.is_there) {
-            if wanted.block != NONE && self.runs.take(wanted.block) == NONE {
-                continue; // refined above
-            }
-            let at = if wanted.at.is_nowhere() { Spot::new(cursor.make(&mut field.tree, beams.key)) } else { wanted.at };
-            let block = field.make_in((at.group, at.place()), beams.key, wanted.scale.into());
-            let made = self.made.get(block as usize).and_then(|&place| self.list.get_mut(place as usize));
-            match made.filter(|touch| touch.block == block) {
-                Some(touch) => (touch.start, touch.end) = (beams.start, beams.end),
-                None => self.list.push(Touch::new(block, at, Free::None, Some(beams))),
-            }
-        }
-        let parts = self.rest(selected, &mut shares);
-        shares[..parts].iter().for_each(|share| self.list.extend_from_slice(&share.touches));
-        self.shares = shares;
-        touched
+        self.create_selected(field, &mut cursor, selected);
+        let used = self.add_remaining(selected, &mut outputs);
+        outputs[..used].iter().for_each(|output| self.list.extend_from_slice(&output.tasks));
+        self.outputs = outputs;
+        changed
     }
 
-    /// Deals with what was found that is there; returns how many `shares` that makes.
+    /// Processes the free cells that exist, in parallel; returns how many of `outputs` are used.
     #[allow(unsafe_code)]
-    fn meet(&self, field: &mut OccupancyField, finds: &Finds, selected: &[BlockBeams], steps: &Steps, shares: &mut Vec<Share>) -> usize {
-        /// As for [`PER_TASK`]; a stretch has some sixty finds.
-        const STRETCHES_PER_TASK: usize = 32;
-        /// How many octants and blocks ahead one is asked for.
+    fn process_existing(
+        &self,
+        field: &mut OccupancyField,
+        free: &FreeCells,
+        selected: &[BlockRays],
+        steps: &Steps,
+        outputs: &mut Vec<TaskOutput>,
+    ) -> usize {
+        /// As [`BLOCKS_PER_TASK`]; a range has about sixty cells.
+        const RANGES_PER_TASK: usize = 32;
+        /// How many cells ahead an octant or a block is prefetched.
         const AHEAD: usize = 8;
-        let (octants, blocks) = (field.tree.cells(), &field.blocks);
-        let meet = |(stretches, share): (&[Stretch], &mut Share)| {
-            let all = stretches.iter().flat_map(|stretch| finds.of(stretch).iter().map(|found| (stretch.heap, found)));
+        let (octants, blocks) = (field.tree.disjoint_mut(), &field.blocks);
+        let process = |(ranges, output): (&[BufferRange], &mut TaskOutput)| {
+            let all = ranges.iter().flat_map(|range| free.of(range).iter().map(|cell| (range.buffer, cell)));
             let mut ahead = all.clone().skip(AHEAD);
-            share.clear();
-            for (heap, one) in all {
+            output.clear();
+            for (buffer, cell) in all {
                 match ahead.next().map(|(_, next)| next) {
                     Some(next) if next.block != NONE => {
                         prefetch(&raw const blocks[next.block]);
-                        prefetch(&raw const self.runs.0[next.block as usize]);
+                        prefetch(self.runs.address(next.block));
                     }
-                    Some(next) if !next.at.is_nowhere() => prefetch(next.at.within(&octants).address()),
+                    Some(next) if !next.octant.is_missing() => prefetch(next.octant.within(&octants).address()),
                     _ => {}
                 }
-                match one.needs(heap) {
-                    None if !one.at.is_nowhere() => {
-                        // SAFETY: an octant is found once, and of a group only that one octant is referred to.
-                        let octant = unsafe { one.at.within(&octants).get() };
-                        octant.payload = learn(octant.payload, steps);
-                        share.touched.add(one.key, one.level());
+                match cell.block_update(buffer) {
+                    None if !cell.octant.is_missing() => {
+                        // SAFETY: an octant occurs in one cell only, and no reference to another octant of its group exists.
+                        let octant = unsafe { cell.octant.within(&octants).get() };
+                        octant.payload = with_free_evidence(octant.payload, steps);
+                        output.changed.add(cell.key, cell.level());
                     }
-                    Some((scale, free)) if one.block != NONE && usize::from(blocks[one.block].scale) <= scale => {
-                        let run = self.runs.of(one.block) as usize;
-                        if self.wanted.get(run).is_none_or(|wanted| wanted.is_there) {
-                            share.touches.push(Touch::new(one.block, one.at, free, selected.get(run)));
-                            self.runs.set(one.block, NONE);
+                    Some((scale, free)) if cell.block != NONE && usize::from(blocks[cell.block].scale) <= scale => {
+                        let run = self.runs.get(cell.block) as usize;
+                        if self.selected.get(run).is_none_or(|selected| selected.is_ready) {
+                            output.tasks.push(BlockTask::new(cell.block, cell.octant, free, selected.get(run)));
+                            self.runs.set(cell.block, NONE);
                         } else {
-                            share.left.push((heap, *one));
+                            output.left.push((buffer, *cell));
                         }
                     }
-                    _ => share.left.push((heap, *one)),
+                    _ => output.left.push((buffer, *cell)),
                 }
             }
         };
-        let parts = share_out(shares, finds.stretches.len(), STRETCHES_PER_TASK);
-        finds.stretches.par_chunks(STRETCHES_PER_TASK).zip(parts.par_iter_mut()).for_each(meet);
-        parts.len()
+        let outputs = outputs_for(outputs, free.ranges.len(), RANGES_PER_TASK);
+        free.ranges.par_chunks(RANGES_PER_TASK).zip(outputs.par_iter_mut()).for_each(process);
+        outputs.len()
     }
 
-    /// The selected blocks that are there and of which nothing was found; returns how many `shares` that makes.
-    fn rest(&self, selected: &[BlockBeams], shares: &mut Vec<Share>) -> usize {
-        let touch = |(wanted, beams): (&Wanted, &BlockBeams)| {
-            let is_left = wanted.is_there && self.runs.take(wanted.block) != NONE;
-            is_left.then(|| Touch::new(wanted.block, wanted.at, Free::None, Some(beams)))
+    /// Creates the octant of a free cell, or creates or refines its block.
+    fn create_free(
+        &mut self,
+        field: &mut OccupancyField,
+        cursor: &mut Cursor,
+        (buffer, cell): (u32, &FreeCell),
+        selected: &[BlockRays],
+        steps: &Steps,
+        changed: &mut ChangedOctants,
+    ) {
+        let at = OctantRef::new(cursor.find_or_create_at(&mut field.tree, cell.key, cell.level()));
+        let Some((scale, free)) = cell.block_update(buffer) else {
+            let octant = &mut field.tree.siblings_mut(at.group)[at.index()];
+            octant.payload = with_free_evidence(octant.payload, steps);
+            changed.add(cell.key, cell.level());
+            return;
         };
-        let parts = share_out(shares, self.wanted.len(), PER_TASK);
-        self.wanted.par_chunks(PER_TASK).zip(selected.par_chunks(PER_TASK)).zip(parts.par_iter_mut()).for_each(|((wanted, selected), share)| {
-            clear(&mut share.touches);
-            share.touches.extend(wanted.iter().zip(selected).filter_map(touch));
-        });
-        parts.len()
+        let run = self.runs.take(cell.block) as usize;
+        let scale = self.selected.get(run).map_or(scale, |selected| scale.min(selected.scale.into()));
+        let block = field.find_or_create_in((at.group, at.index()), cell.key, scale);
+        *self.created_mut(block) = self.list.len() as u32;
+        self.list.push(BlockTask::new(block, at, free, selected.get(run)));
     }
 
-    /// Place in the list of a block that was made, whatever it is so far.
-    #[inline(always)]
-    fn made_at(&mut self, block: u32) -> &mut u32 {
-        let block = block as usize;
-        if block >= self.made.len() {
-            self.made.resize(block + 1, NONE);
+    /// Creates or refines the selected blocks that are not ready.
+    fn create_selected(&mut self, field: &mut OccupancyField, cursor: &mut Cursor, selected: &[BlockRays]) {
+        for (found, rays) in self.selected.iter().zip(selected).filter(|(found, _)| !found.is_ready) {
+            if found.block != NONE && self.runs.take(found.block) == NONE {
+                continue; // Refined for its free voxels.
+            }
+            let at = if found.octant.is_missing() { OctantRef::new(cursor.find_or_create(&mut field.tree, rays.key)) } else { found.octant };
+            let block = field.find_or_create_in((at.group, at.index()), rays.key, found.scale.into());
+            let created = self.created.get(block as usize).and_then(|&index| self.list.get_mut(index as usize));
+            match created.filter(|task| task.block == block) {
+                Some(task) => (task.start, task.end) = (rays.start, rays.end),
+                None => self.list.push(BlockTask::new(block, at, FreeVoxels::None, Some(rays))),
+            }
         }
-        &mut self.made[block]
+    }
+
+    /// Adds the selected blocks that are ready and have no free voxels, in parallel; returns how many of `outputs` are used.
+    fn add_remaining(&self, selected: &[BlockRays], outputs: &mut Vec<TaskOutput>) -> usize {
+        let task = |(found, rays): (&SelectedBlock, &BlockRays)| {
+            let is_left = found.is_ready && self.runs.take(found.block) != NONE;
+            is_left.then(|| BlockTask::new(found.block, found.octant, FreeVoxels::None, Some(rays)))
+        };
+        let outputs = outputs_for(outputs, self.selected.len(), BLOCKS_PER_TASK);
+        let chunks = self.selected.par_chunks(BLOCKS_PER_TASK).zip(selected.par_chunks(BLOCKS_PER_TASK));
+        chunks.zip(outputs.par_iter_mut()).for_each(|((found, selected), output)| {
+            clear(&mut output.tasks);
+            output.tasks.extend(found.iter().zip(selected).filter_map(task));
+        });
+        outputs.len()
+    }
+
+    /// The entry of a block in `created`.
+    #[inline(always)]
+    fn created_mut(&mut self, block: u32) -> &mut u32 {
+        let block = block as usize;
+        if block >= self.created.len() {
+            self.created.resize(block + 1, NONE);
+        }
+        &mut self.created[block]
     }
 }
 
-impl Share {
+impl TaskOutput {
     fn clear(&mut self) {
-        self.touched.clear();
-        clear(&mut self.touches);
+        self.changed.clear();
+        clear(&mut self.tasks);
         clear(&mut self.left);
     }
 }
 
-/// As many shares as tasks that do `each` of `all`.
-fn share_out(shares: &mut Vec<Share>, all: usize, each: usize) -> &mut [Share] {
-    let parts = all.div_ceil(each);
-    if shares.len() < parts {
-        shares.resize_with(parts, Share::default);
+/// One output for each task that processes `per_task` of `count` items.
+fn outputs_for(outputs: &mut Vec<TaskOutput>, count: usize, per_task: usize) -> &mut [TaskOutput] {
+    let tasks = count.div_ceil(per_task);
+    if outputs.len() < tasks {
+        outputs.resize_with(tasks, TaskOutput::default);
     }
-    &mut shares[..parts]
+    &mut outputs[..tasks]
 }
 
-impl Touch {
-    #[inline(always)]
-    fn new(block: u32, at: Spot, free: Free, beams: Option<&BlockBeams>) -> Self {
-        let (start, end) = beams.map_or((0, 0), |beams| (beams.start, beams.end));
-        Self { block, at, free, start, end }
-    }
-}
-
-impl Found {
-    /// The coarsest scale that a block must have for what was found of it, which is on `heap`; nothing of octants that need no block.
-    #[inline(always)]
-    fn needs(&self, heap: u32) -> Option<(usize, Free)> {
-        match self.what {
-            What::Octant { .. } => None,
-            What::Block => Some((SCALES - 1, Free::All)),
-            What::Voxels { mask, scale } => Some((scale.into(), Free::Mask { heap, mask })),
-        }
-    }
-}
-
-/// What a uniform octant is after it was found free.
+/// The summary of a uniform octant after evidence that it is free.
 #[inline(always)]
-fn learn(summary: Summary, steps: &Steps) -> Summary {
+fn with_free_evidence(summary: Summary, steps: &Steps) -> Summary {
     Summary::uniform(steps.add(summary.value, steps.free))
 }

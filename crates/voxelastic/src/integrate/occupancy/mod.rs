@@ -1,18 +1,23 @@
-//! MultiresOFusion integration (paper Sec. III-A, III-B): descend for free space, walk beams for surfaces.
+//! MultiresOFusion integration (paper Sec. III-A, III-B): free space by a descent from the root of the tree, surfaces by walking rays.
 
 mod allocate;
 mod apply;
+mod block_task;
+mod classify;
+mod cube;
 mod descend;
-mod found;
-mod gaps;
+mod evidence;
+mod extent;
+mod fill_holes;
+mod free_cells;
 mod integrator;
-mod model;
-pub(crate) mod propagate;
-mod rows;
-mod sight;
-mod silhouette;
+mod range_pyramid;
+mod row_table;
+mod run_table;
+mod settings;
 mod texel;
-mod visibility;
+mod update_blocks;
 
+pub(crate) use integrator::OccupancyScan;
 pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};
-pub use model::OccupancySettings;
+pub use settings::OccupancySettings;

@@ -1,64 +1,59 @@
-//! A tile of 32 x 32 x 32 cells, drawn from the voxels of all submaps around.
+//! A tile of 32 x 32 x 32 cells, rasterised from the voxels of all submaps around it.
 //!
-//! Occupied is what any submap calls so; not free is what no submap knows to be free. Both are bits, and bits of submaps are joined row by row.
+//! A cell is occupied if it is in any submap, and free if it is in some submap and occupied in none. Both are bit masks, combined row by row.
 
-use super::raster::{Bits, Stencil, TurnedBox};
-use super::{FREE, Node, OCCUPIED, Piece, Task};
+use super::box_raster::{BoxRaster, RotatedBox};
+use super::grid::{FREE, Grid, MergedItem, Node, OCCUPIED};
+use super::tile_mask::{TILE_EDGE, TILE_LEVEL, TileMask};
 use crate::field::occupancy::{State, Summary, UNKNOWN, state_of};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, voxel_coords};
-use crate::query::atlas::Part;
+use crate::query::atlas::PlacedField;
 use crate::query::shape::moved;
 
-/// Octree level of a tile, and its edge in cells.
-pub const LEVEL: u32 = 2;
-pub const EDGE: usize = BLOCK_EDGE << LEVEL;
-
-/// A submap's voxels as boxes in a tile.
-struct Pencil<'a, 'b> {
-    part: &'a Part<'b>,
-    stencil: Stencil,
-    /// The tile's smallest corner, map frame, and a cell's edge: metres.
+/// A submap's voxels around a tile as boxes in it.
+struct TileBoxes<'a, 'b> {
+    part: &'a PlacedField<'b>,
+    raster: BoxRaster,
+    /// The tile's first corner in the map frame and the edge of a cell, metres.
     corner: [f64; 3],
     cell: f64,
-    /// Around the tile, finest voxels of the submap: the first, and the first beyond.
+    /// Bounds of the tile, finest voxels of the submap: the first, and the first beyond.
     low: [i32; 3],
     end: [i32; 3],
-    /// What is occupied, and what nothing is known of.
-    solid: Vec<TurnedBox>,
-    unseen: Vec<TurnedBox>,
+    occupied: Vec<RotatedBox>,
+    unknown: Vec<RotatedBox>,
 }
 
-impl Task {
-    /// Draws a tile.
-    pub(super) fn draw(&self, node: &Node<'_, '_>, pieces: &mut Vec<Piece>) {
-        let all = Bits([u32::MAX; EDGE * EDGE]);
-        let (mut occupied, mut unseen) = (Bits([0; EDGE * EDGE]), all.clone());
-        for part in &node.parts {
-            let mut pencil = Pencil::new(self, part, node);
-            pencil.collect();
-            let mut solid = Bits([0; EDGE * EDGE]);
-            pencil.draw(&pencil.solid, &all, &mut solid);
-            let mut blocked = solid.clone();
-            // What others know to be free is not asked again.
-            pencil.draw(&pencil.unseen, &unseen, &mut blocked);
-            for row in 0..EDGE * EDGE {
-                occupied.0[row] |= solid.0[row];
-                unseen.0[row] &= blocked.0[row];
-            }
+/// Rasterises a tile: appends its blocks.
+pub(super) fn rasterise_tile(grid: &Grid, node: &Node<'_, '_>, items: &mut Vec<MergedItem>) {
+    let all = TileMask([u32::MAX; TILE_EDGE * TILE_EDGE]);
+    // Cells that are free in no submap so far.
+    let (mut occupied, mut not_free) = (TileMask([0; TILE_EDGE * TILE_EDGE]), all.clone());
+    for part in &node.parts {
+        let mut boxes = TileBoxes::new(grid, part, node);
+        boxes.collect();
+        let mut own_occupied = TileMask([0; TILE_EDGE * TILE_EDGE]);
+        boxes.fill(&boxes.occupied, &all, &mut own_occupied);
+        let mut blocked = own_occupied.clone();
+        // Rows that are free in other submaps need no unknown voxels.
+        boxes.fill(&boxes.unknown, &not_free, &mut blocked);
+        for row in 0..TILE_EDGE * TILE_EDGE {
+            occupied.0[row] |= own_occupied.0[row];
+            not_free.0[row] &= blocked.0[row];
         }
-        for i in 0..1 << (3 * LEVEL) {
-            pieces.extend(piece(node.key | i, &occupied, &unseen));
-        }
+    }
+    for i in 0..1 << (3 * TILE_LEVEL) {
+        items.extend(block_item(node.key | i, &occupied, &not_free));
     }
 }
 
-/// A block of a tile; none when nothing is known of it.
-fn piece(key: u64, occupied: &Bits, unseen: &Bits) -> Option<Piece> {
-    let place = crate::geometry::morton::decode(key).map(|c| (c as usize & ((1 << LEVEL) - 1)) * BLOCK_EDGE);
+/// A block of a tile; none if all of it is unknown.
+fn block_item(key: u64, occupied: &TileMask, not_free: &TileMask) -> Option<MergedItem> {
+    let corner = crate::geometry::morton::decode(key).map(|c| (c as usize & ((1 << TILE_LEVEL) - 1)) * BLOCK_EDGE);
     let mut values = Box::new([FREE; BLOCK_EDGE * BLOCK_EDGE * BLOCK_EDGE]);
     for (i, row) in values.as_chunks_mut::<BLOCK_EDGE>().0.iter_mut().enumerate() {
-        let at = place[1] + i % BLOCK_EDGE + EDGE * (place[2] + i / BLOCK_EDGE);
-        let (solid, blocked) = (occupied.0[at] >> place[0], unseen.0[at] >> place[0]);
+        let row_index = corner[1] + i % BLOCK_EDGE + TILE_EDGE * (corner[2] + i / BLOCK_EDGE);
+        let (solid, blocked) = (occupied.0[row_index] >> corner[0], not_free.0[row_index] >> corner[0]);
         for (x, value) in row.iter_mut().enumerate() {
             if solid >> x & 1 == 1 {
                 *value = OCCUPIED;
@@ -70,41 +65,41 @@ fn piece(key: u64, occupied: &Bits, unseen: &Bits) -> Option<Piece> {
     let first = values[0];
     match values.iter().all(|v| *v == first) {
         true if first == UNKNOWN => None,
-        true => Some(Piece::Uniform { key, level: 0, value: first }),
-        false => Some(Piece::Cells { key, values }),
+        true => Some(MergedItem::Uniform { key, level: 0, value: first }),
+        false => Some(MergedItem::Cells { key, values }),
     }
 }
 
-impl<'a, 'b> Pencil<'a, 'b> {
-    fn new(task: &Task, part: &'a Part<'b>, node: &Node<'_, '_>) -> Self {
-        let (corner, edge) = task.cube(node.key, node.level);
+impl<'a, 'b> TileBoxes<'a, 'b> {
+    fn new(grid: &Grid, part: &'a PlacedField<'b>, node: &Node<'_, '_>) -> Self {
+        let (corner, edge) = grid.cube(node.key, node.level);
         let middle = moved(&part.t_submap_map, corner.map(|c| c + 0.5 * edge));
         let rotation = part.t_submap_map.rotation.to_rotation_matrix();
         let reach: [f64; 3] = std::array::from_fn(|k| (0..3).map(|j| rotation[(k, j)].abs()).sum::<f64>() * 0.5 * edge);
         let voxel = |k: usize, side: f64| ((middle[k] + side * reach[k]) * part.query.per_metre).floor() as i32;
         Self {
             part,
-            stencil: Stencil::new(&part.t_map_submap.rotation.to_rotation_matrix()),
+            raster: BoxRaster::new(&part.t_map_submap.rotation.to_rotation_matrix()),
             corner,
-            cell: task.cell,
+            cell: grid.cell,
             low: std::array::from_fn(|k| voxel(k, -1.0)),
             end: std::array::from_fn(|k| voxel(k, 1.0) + 1),
-            solid: Vec::new(),
-            unseen: Vec::new(),
+            occupied: Vec::new(),
+            unknown: Vec::new(),
         }
     }
 
-    /// Looks for all that is not free around the tile.
+    /// Collects all voxels around the tile that are not free.
     fn collect(&mut self) {
         let tree = self.part.query.field.tree();
         let corner = block_coords(tree.root_key()).map(|c| c << BLOCK_SHIFT);
         let edge = (BLOCK_EDGE as i32) << tree.root_level();
-        self.beyond(corner, edge);
-        self.look(tree.root(), corner, tree.root_level());
+        self.add_outside(corner, edge);
+        self.visit(tree.root(), corner, tree.root_level());
     }
 
-    /// Space outside of the root cube is unseen: a box on each side that the tile reaches beyond.
-    fn beyond(&mut self, corner: [i32; 3], edge: i32) {
+    /// Adds the unknown space outside of the root cube: a box on each side on which the tile extends beyond it.
+    fn add_outside(&mut self, corner: [i32; 3], edge: i32) {
         for k in 0..3 {
             let (mut low, mut size) = (self.low, [0, 1, 2].map(|j| self.end[j] - self.low[j]));
             if self.low[k] < corner[k] {
@@ -119,26 +114,26 @@ impl<'a, 'b> Pencil<'a, 'b> {
         }
     }
 
-    fn look(&mut self, octant: &Octant<Summary>, corner: [i32; 3], level: u32) {
+    fn visit(&mut self, octant: &Octant<Summary>, corner: [i32; 3], level: u32) {
         let edge = (BLOCK_EDGE << level) as i32;
         let summary = octant.payload;
-        let is_apart = (0..3).any(|k| corner[k] >= self.end[k] || corner[k] + edge <= self.low[k]);
-        if is_apart || (summary.observed && summary.max < 0) {
+        let is_outside = (0..3).any(|k| corner[k] >= self.end[k] || corner[k] + edge <= self.low[k]);
+        if is_outside || (summary.observed && summary.max < 0) {
             return;
         }
         if octant.link == NONE || summary.max == UNKNOWN {
             self.push(state_of(if octant.link == NONE { summary.value } else { UNKNOWN }), corner, [edge; 3]);
         } else if level == 0 {
-            self.look_into(octant.link, corner);
+            self.visit_block(octant.link, corner);
         } else {
             for (i, child) in self.part.query.field.tree().siblings(octant.link).iter().enumerate() {
-                self.look(child, std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { edge / 2 } else { 0 }), level - 1);
+                self.visit(child, std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { edge / 2 } else { 0 }), level - 1);
             }
         }
     }
 
-    /// A block's voxels near the tile, as few boxes.
-    fn look_into(&mut self, id: u32, corner: [i32; 3]) {
+    /// Adds a block's voxels near the tile, combined into few boxes.
+    fn visit_block(&mut self, id: u32, corner: [i32; 3]) {
         let block = self.part.query.field.block(id);
         let (values, scale) = (self.part.query.field.values(block), usize::from(block.scale));
         let mut masks = [[0u64; BLOCK_EDGE]; 2];
@@ -163,27 +158,27 @@ impl<'a, 'b> Pencil<'a, 'b> {
         }
     }
 
-    /// Notes a box: smallest corner and edges in finest voxels of the submap.
+    /// Adds a box, given by first corner and edges in finest voxels of the submap.
     fn push(&mut self, state: State, low: [i32; 3], size: [i32; 3]) {
-        // No larger than what is around the tile, so that single precision does.
+        // Clipped to the tile, so that single precision is sufficient.
         let first: [i32; 3] = std::array::from_fn(|k| low[k].max(self.low[k]));
         let end: [i32; 3] = std::array::from_fn(|k| (low[k] + size[k]).min(self.end[k]));
         let voxel = self.part.query.voxel;
         let middle = moved(&self.part.t_map_submap, std::array::from_fn(|k| 0.5 * (f64::from(first[k]) + f64::from(end[k])) * voxel));
-        let drawn = TurnedBox {
+        let rotated = RotatedBox {
             centre: std::array::from_fn(|k| ((middle[k] - self.corner[k]) / self.cell) as f32),
             half: std::array::from_fn(|k| (0.5 * f64::from(end[k] - first[k]) * voxel / self.cell) as f32),
         };
-        if state == State::Occupied { &mut self.solid } else { &mut self.unseen }.push(drawn);
+        if state == State::Occupied { &mut self.occupied } else { &mut self.unknown }.push(rotated);
     }
 
-    fn draw(&self, boxes: &[TurnedBox], within: &Bits, bits: &mut Bits) {
-        boxes.iter().for_each(|what| self.stencil.draw(what, within, bits));
+    fn fill(&self, boxes: &[RotatedBox], within: &TileMask, mask: &mut TileMask) {
+        boxes.iter().for_each(|rotated| self.raster.fill(rotated, within, mask));
     }
 }
 
-/// Takes all bits out of a block's mask (a word for each z, bit x + 8 y), as few boxes: smallest corner and edges.
-fn boxes(mask: &mut [u64; BLOCK_EDGE], mut give: impl FnMut([usize; 3], [usize; 3])) {
+/// Divides a block's mask (a word for each z, bit x + 8 y) into few boxes, given by first corner and edges. Clears the mask.
+fn boxes(mask: &mut [u64; BLOCK_EDGE], mut push: impl FnMut([usize; 3], [usize; 3])) {
     for z in 0..BLOCK_EDGE {
         while mask[z] != 0 {
             let at = mask[z].trailing_zeros() as usize;
@@ -195,7 +190,7 @@ fn boxes(mask: &mut [u64; BLOCK_EDGE], mut give: impl FnMut([usize; 3], [usize; 
             let face = (y..y + across).fold(0, |face, y| face | run << (BLOCK_EDGE * y));
             let up = (z..BLOCK_EDGE).take_while(|z| mask[*z] & face == face).count();
             mask[z..z + up].iter_mut().for_each(|slice| *slice &= !face);
-            give([x, y, z], [along, across, up]);
+            push([x, y, z], [along, across, up]);
         }
     }
 }
@@ -207,7 +202,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn boxes_hold_every_bit_once(mut mask in prop::array::uniform8(any::<u64>()), other in prop::array::uniform8(any::<u64>()), dense in any::<bool>()) {
+        fn boxes_contain_every_bit_once(mut mask in prop::array::uniform8(any::<u64>()), other in prop::array::uniform8(any::<u64>()), dense in any::<bool>()) {
             mask.iter_mut().zip(other).for_each(|(a, b)| if dense { *a |= b } else { *a &= b });
             let (expected, mut got) = (mask, [0u64; BLOCK_EDGE]);
             boxes(&mut mask, |low, size| {

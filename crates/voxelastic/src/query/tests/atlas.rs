@@ -1,21 +1,21 @@
 //! Several fields at different poses.
 
-use super::super::field::blocks;
-use super::super::free::with_solid;
-use super::super::shape::moved;
-use super::super::solid::{Block, Solid};
 use super::*;
 use crate::atlas::Atlas;
 use crate::geometry::Pose;
+use crate::query::collision::with_solid;
+use crate::query::field::blocks;
+use crate::query::shape::moved;
+use crate::query::shape_sdf::{BoxSolid, Solid};
 use std::collections::HashMap;
 
 pub(super) fn atlas(fields: Vec<(OccupancyField, Pose)>) -> Atlas {
     let submaps = fields.into_iter().enumerate().map(|(i, (field, pose))| {
-        let mut submap = crate::atlas::Submap::new(i as u32, pose);
+        let mut submap = crate::atlas::Submap::new(i as u32, VOXEL, pose);
         submap.occupancy = field;
         submap
     });
-    Atlas::from_submaps(submaps.collect())
+    Atlas::from_submaps(VOXEL, submaps.collect())
 }
 
 pub(super) fn fields(count: usize) -> impl Strategy<Value = Vec<(OccupancyField, Pose)>> {
@@ -35,7 +35,7 @@ fn slow_is_free(fields: &[(OccupancyField, Pose)], shape: &Shape, unknown: Unkno
     let all: Vec<(Vec<Leaf>, &Pose, Leaf)> = fields.iter().map(|(f, p)| (leaves(f), p, root(f))).collect();
     let touches = |(leaves, pose, root): &(Vec<Leaf>, &Pose, Leaf), cube: Option<&OrientedBox>, unknown: UnknownAs| {
         let local = shape.moved(&pose.inverse());
-        let cube = cube.map(|c| Block::new(&OrientedBox { t_frame_box: pose.inverse() * c.t_frame_box, ..*c }, 1.0 / voxel));
+        let cube = cube.map(|c| BoxSolid::new(&OrientedBox { t_frame_box: pose.inverse() * c.t_frame_box, ..*c }, 1.0 / voxel));
         with_solid!(&local, 1.0 / voxel, |solid| {
             let (mut low, mut high) = solid.bounds();
             if let Some(cube) = &cube {
@@ -83,7 +83,7 @@ proptest! {
     #[test]
     fn points_take_the_strongest_state(fields in fields(4), points in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 200)) {
         let atlas = atlas(fields.clone());
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         for p in points {
             prop_assert_eq!(query.state(p), slow_state(&fields, p));
         }
@@ -92,9 +92,9 @@ proptest! {
     #[test]
     fn rays_end_where_no_submap_says_free(fields in fields(3), rays in prop::collection::vec(ray(), 20), unknown in policy()) {
         let atlas = atlas(fields.clone());
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         for ray in rays.iter().filter_map(Ray::normalised) {
-            let at = query.cast(&ray, unknown).map_or(ray.length, |hit| hit.distance);
+            let at = query.ray_cast(&ray, unknown).map_or(ray.length, |hit| hit.distance);
             let mut cuts: Vec<f64> = vec![0.0, ray.length];
             for (field, pose) in &fields {
                 let t = pose.inverse();
@@ -125,11 +125,11 @@ proptest! {
         let mut atlas = atlas(fields.clone());
         // It follows its target from now on.
         let t_target_submap = fields[0].1.inverse() * fields[1].1;
-        atlas.retire(1, 0, t_target_submap);
+        atlas.begin_fusion(1, 0, t_target_submap);
         atlas.submaps_mut()[0].t_map_submap = by * fields[0].1;
         let mut moved = fields.clone();
         (0..2).for_each(|i| moved[i].1 = by * fields[i].1);
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         for p in points {
             prop_assert_eq!(query.state(p), slow_state(&moved, p));
         }
@@ -141,7 +141,7 @@ proptest! {
     #[test]
     fn shapes_may_be_free_in_parts(fields in fields(3), shapes in prop::collection::vec(shape(), 6), unknown in policy()) {
         let atlas = atlas(fields.clone());
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         for shape in &shapes {
             prop_assert_eq!(query.is_free(shape, unknown), slow_is_free(&fields, shape, unknown), "{:?}", shape);
             let alone = |unknown| move |(f, pose): &(OccupancyField, Pose)| FieldQuery::new(f, VOXEL).is_free(&shape.moved(&pose.inverse()), unknown);
@@ -155,9 +155,9 @@ proptest! {
         let field = random_field(seed, rare);
         let fields = vec![(field.clone(), Pose::identity())];
         let atlas = atlas(fields);
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         let scale = if double { 2 } else { 1 };
-        let cubes = query.resample(&Resampling { voxel: query.voxel() * f64::from(scale), states_only });
+        let cubes = query.resample(&Resampling { voxel: query.voxel_size() * f64::from(scale), states_only });
         let mut known: HashMap<[i32; 3], i8> = HashMap::new();
         for cube in &cubes {
             let edge = 1 << cube.level;
@@ -183,8 +183,8 @@ proptest! {
     #[test]
     fn turned_maps_keep_all_that_is_occupied(fields in fields(3), factor in 1.0..2.5f64) {
         let atlas = atlas(fields.clone());
-        let query = AtlasQuery::new(&atlas, VOXEL);
-        let voxel = query.voxel() * factor;
+        let query = AtlasQuery::new(&atlas);
+        let voxel = query.voxel_size() * factor;
         let cubes = query.resample(&Resampling { voxel, states_only: true });
         let by_corner: HashMap<[u32; 4], i8> = cubes.iter().map(|c| ([c.corner[0], c.corner[1], c.corner[2], c.level], c.value)).collect();
         let value = |p: [f64; 3]| {
@@ -216,7 +216,7 @@ proptest! {
         fields in fields(3), points in prop::collection::vec(prop::array::uniform3(-1.5..1.5f64), 20), up_to in 0.1..1.2f64, unknown in policy(),
     ) {
         let atlas = atlas(fields);
-        let query = AtlasQuery::new(&atlas, VOXEL);
+        let query = AtlasQuery::new(&atlas);
         for p in points {
             let found = query.clearance(p, up_to, unknown);
             let sphere = |radius| Sphere { centre: p, radius }.into();

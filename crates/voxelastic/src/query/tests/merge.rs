@@ -1,21 +1,21 @@
 //! Merged maps against the submaps that they were made from.
 
-use super::super::field::blocks;
-use super::super::merge::{MergedMap, Merging};
-use super::super::shape::moved;
-use super::super::solid::{Block, Solid};
 use super::atlas::{atlas, fields};
 use super::*;
+use crate::atlas::Atlas;
 use crate::geometry::{Aabb, Pose};
+use crate::query::field::blocks;
+use crate::query::shape::moved;
+use crate::query::shape_sdf::{BoxSolid, Solid};
 
 fn merged(fields: &[(OccupancyField, Pose)], cell: f32) -> MergedMap {
-    AtlasQuery::new(&atlas(fields.to_vec()), VOXEL).merge(&Merging { cell, bounds: None })
+    AtlasQuery::new(&atlas(fields.to_vec())).merge(&MergeOptions { cell, bounds: None })
 }
 
 /// What a submap knows of a cube of the map frame: whether it is occupied anywhere, and whether all of it is free.
 fn slow_knows(field: &OccupancyField, pose: &Pose, middle: [f64; 3], edge: f64) -> [bool; 2] {
     let cube = OrientedBox { t_frame_box: pose.inverse() * Pose::translation(middle[0], middle[1], middle[2]), half: [0.5 * edge; 3] };
-    let solid = Block::new(&cube, 1.0 / f64::from(VOXEL));
+    let solid = BoxSolid::new(&cube, 1.0 / f64::from(VOXEL));
     let (low, high) = solid.bounds();
     let (first, last) = root(field).corners();
     let inside = (0..3).all(|k| low[k] > first[k] && high[k] < last[k]);
@@ -95,7 +95,7 @@ proptest! {
         });
         prop_assert_eq!(&images[0], &images[1]);
         let bounds = Aabb { min: corner, max: corner.map(|c| c + 1.2) };
-        let part = AtlasQuery::new(&atlas(fields.clone()), VOXEL).merge(&Merging { cell: VOXEL, bounds: Some(bounds) });
+        let part = AtlasQuery::new(&atlas(fields.clone())).merge(&MergeOptions { cell: VOXEL, bounds: Some(bounds) });
         let all = merged(&fields, VOXEL);
         for i in 0..1000 {
             let p: [f64; 3] = std::array::from_fn(|k| f64::from(corner[k]) + 1.2 * (f64::from([i % 10, i / 10 % 10, i / 100][k]) + 0.5) / 10.0);
@@ -108,11 +108,11 @@ proptest! {
 #[test]
 fn what_is_no_grid_merges_nothing() {
     let atlas = atlas(vec![(random_field(3, 100), Pose::identity())]);
-    let query = AtlasQuery::new(&atlas, VOXEL);
+    let query = AtlasQuery::new(&atlas);
     for cell in [0.0, -1.0, f32::NAN, f32::INFINITY, 1e-9] {
-        assert_eq!(query.merge(&Merging { cell, bounds: None }).query().state([0.1; 3]), State::Unknown, "{cell}");
+        assert_eq!(query.merge(&MergeOptions { cell, bounds: None }).query().state([0.1; 3]), State::Unknown, "{cell}");
     }
     let nowhere = Aabb { min: [90.0; 3], max: [91.0; 3] };
-    assert!(query.merge(&Merging { cell: VOXEL, bounds: Some(nowhere) }).query().bounds().is_empty());
-    assert!(AtlasQuery::new(&crate::atlas::Atlas::default(), VOXEL).merge(&Merging { cell: VOXEL, bounds: None }).query().bounds().is_empty());
+    assert!(query.merge(&MergeOptions { cell: VOXEL, bounds: Some(nowhere) }).query().bounds().is_empty());
+    assert!(AtlasQuery::new(&Atlas::new(VOXEL)).merge(&MergeOptions { cell: VOXEL, bounds: None }).query().bounds().is_empty());
 }

@@ -4,9 +4,9 @@ mod atlas;
 mod merge;
 mod single;
 
-use super::*;
 use crate::field::occupancy::{OccupancyField, State, Summary, UNKNOWN, state_of};
 use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octant, block_coords, block_key, voxel_coords, voxels_at};
+use crate::query::*;
 use proptest::prelude::*;
 
 const VOXEL: f32 = 0.125;
@@ -61,12 +61,12 @@ fn fill(field: &mut OccupancyField, numbers: &mut Numbers, rare: u64, key: u64, 
     let mut cursor = Cursor::new(&field.tree);
     if level == 0 && numbers.below(3) > 0 {
         let scale = numbers.below(3) as usize;
-        let id = field.make(&mut cursor, key, scale);
+        let id = field.find_or_create(&mut cursor, key, scale);
         let values: Vec<i8> = (0..voxels_at(scale)).map(|_| numbers.value(8 * rare)).collect();
         let block = *field.block(id);
         field.voxels.get_mut(scale, block.slot).copy_from_slice(&values);
     } else if level == 0 || (level < field.tree.root_level() && numbers.below(4) == 0) {
-        let (group, place) = cursor.make_at(&mut field.tree, key, level);
+        let (group, place) = cursor.find_or_create_at(&mut field.tree, key, level);
         field.tree.siblings_mut(group)[place].payload = Summary::uniform(numbers.value(rare));
     } else {
         (0..8u64).for_each(|i| fill(field, numbers, rare, key | i << (3 * (level - 1)), level - 1));

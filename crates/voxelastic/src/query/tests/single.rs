@@ -1,11 +1,11 @@
 //! One field.
 
-use super::super::faces::{Boundary, faces};
-use super::super::field::blocks;
-use super::super::free::with_solid;
-use super::super::shape::moved;
-use super::super::solid::Solid;
 use super::*;
+use crate::field::occupancy::{Boundary, faces};
+use crate::query::collision::with_solid;
+use crate::query::field::blocks;
+use crate::query::shape::moved;
+use crate::query::shape_sdf::Solid;
 use crate::surface::{OccupancySurface, extract_occupancy};
 use std::collections::BTreeSet;
 
@@ -82,7 +82,7 @@ proptest! {
         let query = FieldQuery::new(&field, VOXEL);
         for shape in &shapes {
             prop_assert_eq!(query.is_free(shape, unknown), slow_is_free(&field, shape, unknown), "{:?}", shape);
-            prop_assert_eq!(query.is_free_with_work(shape, unknown).0, query.is_free(shape, unknown));
+            prop_assert_eq!(query.is_free_with_stats(shape, unknown).0, query.is_free(shape, unknown));
         }
     }
 
@@ -101,7 +101,7 @@ proptest! {
                 let entry = entries.fold(outside, f64::min);
                 if entry <= length { entry } else { f64::INFINITY }
             };
-            let found = query.cast(&ray, unknown);
+            let found = query.ray_cast(&ray, unknown);
             let at = found.map_or(f64::INFINITY, |hit| hit.distance / f64::from(VOXEL));
             // Rays that graze an edge may be told either way.
             let (early, late) = (first(1e-6), first(-1e-6));
@@ -147,7 +147,7 @@ proptest! {
             }
             let root = root(&field);
             let covered = (0..3).all(|k| low[k] >= root.low[k] && low[k] + (1 << level) <= root.low[k] + root.edge);
-            prop_assert_eq!(region, Region { max, observed: observed && covered });
+            prop_assert_eq!(region, CellSummary { max, observed: observed && covered });
         }
     }
 }
@@ -276,10 +276,10 @@ fn nonsense_is_never_free_and_hits_nothing() {
     assert_eq!(query.state([1e300, 0.0, 0.0]), State::Unknown);
     assert_eq!(query.state([f64::NAN; 3]), State::Unknown);
     for (direction, length) in [([0.0; 3], 1.0), ([f64::NAN, 0.0, 1.0], 1.0), ([1.0, 0.0, 0.0], -1.0), ([1.0, 0.0, 0.0], f64::NAN)] {
-        assert_eq!(query.cast(&Ray { origin: [0.0; 3], direction, length }, UnknownAs::Blocked), None);
+        assert_eq!(query.ray_cast(&Ray { origin: [0.0; 3], direction, length }, UnknownAs::Blocked), None);
     }
     let endless = Ray { origin: [0.0; 3], direction: [1.0, 0.0, 0.0], length: f64::INFINITY };
-    assert!(query.cast(&endless, UnknownAs::Blocked).is_some() && query.cast(&endless, UnknownAs::Free).is_none());
+    assert!(query.ray_cast(&endless, UnknownAs::Blocked).is_some() && query.ray_cast(&endless, UnknownAs::Free).is_none());
 }
 
 proptest! {

@@ -1,25 +1,25 @@
 //! Directions of points, and the statistics that find a sensor's steps in them.
 
-use super::super::trig::atan2;
 use crate::Cloud;
+use crate::simd::atan2;
 use std::f32::consts::{PI, TAU};
 
 /// A return in spherical coordinates.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ray {
+pub(super) struct Direction {
     /// Counter-clockwise from the x axis, -pi..=pi.
     pub(super) azimuth: f32,
     pub(super) elevation: f32,
     /// Horizontal distance and height, metres.
-    pub(super) out: f32,
-    pub(super) up: f32,
+    pub(super) horizontal: f32,
+    pub(super) height: f32,
 }
 
-impl Ray {
+impl Direction {
     pub(super) fn of(p: &[f32; 3]) -> Option<Self> {
-        let out = (p[0] * p[0] + p[1] * p[1]).sqrt();
-        let is_return = Cloud::is_return(p) && out.is_finite() && out > 0.0;
-        is_return.then(|| Self { azimuth: atan2(p[1], p[0]), elevation: atan2(p[2], out), out, up: p[2] })
+        let horizontal = (p[0] * p[0] + p[1] * p[1]).sqrt();
+        let is_return = Cloud::is_return(p) && horizontal.is_finite() && horizontal > 0.0;
+        is_return.then(|| Self { azimuth: atan2(p[1], p[0]), elevation: atan2(p[2], horizontal), horizontal, height: p[2] })
     }
 }
 
@@ -74,7 +74,7 @@ pub(super) fn columns_of(step: f32) -> usize {
     snapped.clamp(16.0, 16_384.0) as usize
 }
 
-/// Makes elevations differ enough to be told apart, keeping their order.
+/// Moves elevations apart so that they can be distinguished, keeping their order.
 pub(super) fn separate(elevations: &mut [f32]) {
     let mut order: Vec<usize> = (0..elevations.len()).collect();
     order.sort_by(|&a, &b| elevations[b].total_cmp(&elevations[a]));

@@ -1,14 +1,14 @@
-//! Organised clouds: the pixels are known, what they look at is measured.
+//! Organised clouds: the pixels are given, their directions are measured.
 
-use super::super::layout::{Grid, Layout};
-use super::super::model::{BeamModel, BeamTables};
-use super::angles::{Ray, circular_mean, median, mode, wrap};
+use super::angles::{Direction, circular_mean, median, mode, wrap};
 use super::rings::{Ring, columns_of_turn, rows};
 use crate::Cloud;
+use crate::sensor::beam_model::{BeamModel, BeamTables};
+use crate::sensor::cloud_layout::{CloudLayout, Grid};
 use std::f32::consts::TAU;
 
 /// The clouds' common grid and the beams of its pixels, if they are organised and every ring keeps its elevation.
-pub(super) fn recognise(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> {
+pub(super) fn recognise(clouds: &[&Cloud]) -> Option<(BeamModel, CloudLayout)> {
     let first = clouds.first()?;
     let same = |c: &&Cloud| c.is_organised() && (c.width, c.height) == (first.width, first.height) && c.width > 1;
     if !clouds.iter().all(same) {
@@ -21,18 +21,18 @@ pub(super) fn recognise(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> {
 struct Cell {
     ring: usize,
     column: usize,
-    ray: Ray,
+    direction: Direction,
 }
 
-fn recognise_way(clouds: &[&Cloud], transposed: bool) -> Option<(BeamModel, Layout)> {
+fn recognise_way(clouds: &[&Cloud], transposed: bool) -> Option<(BeamModel, CloudLayout)> {
     let (rings, columns) = if transposed { (clouds[0].width, clouds[0].height) } else { (clouds[0].height, clouds[0].width) };
     let at = |i: usize| if transposed { (i % rings, i / rings) } else { (i / columns, i % columns) };
-    let cell = |(i, p): (usize, &[f32; 3])| Ray::of(p).map(|ray| Cell { ring: at(i).0, column: at(i).1, ray });
+    let cell = |(i, p): (usize, &[f32; 3])| Direction::of(p).map(|direction| Cell { ring: at(i).0, column: at(i).1, direction });
     // In the order of the rings, so that neighbours in the list are neighbours in the grid.
     let mut cells: Vec<Cell> = clouds.iter().flat_map(|cloud| cloud.points.iter().enumerate().filter_map(cell)).collect();
     cells.sort_by_key(|c| (c.ring, c.column));
     let neighbours = cells.windows(2).filter(|w| w[0].ring == w[1].ring && w[1].column == w[0].column + 1);
-    let steps: Vec<f32> = neighbours.map(|w| wrap(w[1].ray.azimuth - w[0].ray.azimuth)).collect();
+    let steps: Vec<f32> = neighbours.map(|w| wrap(w[1].direction.azimuth - w[0].direction.azimuth)).collect();
     let one_way = steps.iter().filter(|s| **s < 0.0).count() as f32 / steps.len().max(1) as f32;
     let clockwise = one_way > 0.5;
     let sizes: Vec<f32> = steps.iter().map(|s| s.abs()).collect();
@@ -42,7 +42,7 @@ fn recognise_way(clouds: &[&Cloud], transposed: bool) -> Option<(BeamModel, Layo
     }
     let turn = columns_of_turn(step, columns);
     let mut by_ring: Vec<Ring> = vec![Ring::new(); rings];
-    cells.iter().for_each(|c| by_ring[c.ring].push(c.ray));
+    cells.iter().for_each(|c| by_ring[c.ring].push(c.direction));
     let rows = rows(&by_ring, true);
     if !keeps_elevation(&by_ring, &rows.elevations, rows.origin) {
         return None;
@@ -62,13 +62,14 @@ fn recognise_way(clouds: &[&Cloud], transposed: bool) -> Option<(BeamModel, Layo
     .ok()?;
     let row_of_ring = model.row_of_ring().to_vec();
     let shift_of_ring = row_of_ring.iter().map(|&row| model.shifts()[usize::from(row)]).collect();
-    Some((model, Layout::Grid(Grid { transposed, row_of_ring, shift_of_ring })))
+    Some((model, CloudLayout::Grid(Grid { transposed, row_of_ring, shift_of_ring })))
 }
 
-/// Whether the returns of a ring lie on its cone: else the cloud is organised in another way (a camera, a map).
+/// Whether the returns of each ring are on its cone; if not, the cloud is organised in another way (a camera, a map).
 fn keeps_elevation(rings: &[Ring], elevations: &[f32], origin: [f32; 2]) -> bool {
-    let off =
-        |(ring, &elevation): (&Ring, &f32)| median(ring.iter().map(|r| ((r.up - origin[1]).atan2(r.out - origin[0]) - elevation).abs()).collect());
+    let off = |(ring, &elevation): (&Ring, &f32)| {
+        median(ring.iter().map(|r| ((r.height - origin[1]).atan2(r.horizontal - origin[0]) - elevation).abs()).collect())
+    };
     let typical = median(rings.iter().zip(elevations).filter(|(ring, _)| !ring.is_empty()).map(off).collect());
     let (top, bottom) = elevations.iter().fold((f32::MIN, f32::MAX), |(t, b), e| (t.max(*e), b.min(*e)));
     typical < 0.4 * (top - bottom) / (rings.len().max(2) - 1) as f32
@@ -78,7 +79,7 @@ fn keeps_elevation(rings: &[Ring], elevations: &[f32], origin: [f32; 2]) -> bool
 fn offsets(cells: &[Cell], rings: usize, clockwise: bool, turn: usize) -> Vec<Option<f32>> {
     let step = if clockwise { -TAU } else { TAU } / turn as f32;
     let mut by_ring: Vec<Vec<f32>> = vec![Vec::new(); rings];
-    cells.iter().for_each(|c| by_ring[c.ring].push(wrap(c.ray.azimuth - c.column as f32 * step)));
+    cells.iter().for_each(|c| by_ring[c.ring].push(wrap(c.direction.azimuth - c.column as f32 * step)));
     by_ring.into_iter().map(|ring| (!ring.is_empty()).then(|| circular_mean(ring.into_iter()))).collect()
 }
 

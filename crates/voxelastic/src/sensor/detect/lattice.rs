@@ -1,24 +1,24 @@
-//! Sensors whose clouds tell nothing but points: rows and columns from the angles between neighbours.
+//! Sensors whose clouds are bare points: rows and columns from the angles between neighbours.
 
-use super::super::error::SensorError;
-use super::super::model::{BeamModel, BeamTables};
-use super::angles::{Ray, columns_of, mode};
+use super::angles::{Direction, columns_of, mode};
 use super::rings::{Ring, rows};
 use crate::Cloud;
+use crate::sensor::beam_model::{BeamModel, BeamTables};
+use crate::sensor::error::SensorError;
 
 /// Thickness of a slice of elevations, radians: thinner than the gap between rows, wider than a row's own spread.
 const SLICE: f32 = 0.0015;
-/// Numbers of rows that sensors have.
+/// Usual numbers of rows.
 const USUAL_ROWS: [usize; 9] = [16, 20, 32, 40, 64, 80, 96, 128, 192];
-/// Neighbouring returns of a row between which fewer than this share of the columns hold a return: the cloud was thinned,
-/// nothing of the sensor's lattice is left, and larger pixels are needed to make an image of it.
+/// If fewer than this share of the columns between neighbouring returns of a row have a return, the cloud was thinned: nothing of the sensor's lattice is left, and
+/// larger pixels are needed for an image.
 const LEAST_CONTINUOUS: f32 = 0.5;
-/// Share of the pixels that larger pixels are made to fill.
+/// Share of the larger pixels that should have a return.
 const WELL_FILLED: f32 = 0.5;
 
-/// The model whose pixels the returns of `clouds` fill best.
+/// The model that fits the returns of `clouds` best.
 pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
-    let scans: Vec<Vec<Ray>> = clouds.iter().map(|c| c.points.iter().filter_map(Ray::of).collect()).collect();
+    let scans: Vec<Vec<Direction>> = clouds.iter().map(|c| c.points.iter().filter_map(Direction::of).collect()).collect();
     let mut elevations: Vec<f32> = scans.iter().flatten().map(|r| r.elevation).collect();
     elevations.sort_by(f32::total_cmp);
     // A few strays must not widen the field of view.
@@ -45,18 +45,18 @@ pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
     Ok(with_origin(&model, &scans).unwrap_or(model))
 }
 
-/// The model with the origin of its beams, if the returns of its rows show one.
-fn with_origin(model: &BeamModel, scans: &[Vec<Ray>]) -> Option<BeamModel> {
+/// The model with the origin of its beams, if the returns of its rows have a common one.
+fn with_origin(model: &BeamModel, scans: &[Vec<Direction>]) -> Option<BeamModel> {
     let mut origin = [0.0; 2];
     let mut better = None;
     // Returns near the sensor go to wrong rows until the origin is known.
     for _ in 0..2 {
         let model = better.as_ref().unwrap_or(model);
         let mut rings: Vec<Ring> = vec![Ring::new(); model.rows()];
-        for ray in scans.iter().flatten() {
-            let row = model.row((ray.up - origin[1]).atan2(ray.out - origin[0]));
+        for direction in scans.iter().flatten() {
+            let row = model.row((direction.height - origin[1]).atan2(direction.horizontal - origin[0]));
             if row > -0.5 && row < model.rows() as f32 - 0.5 {
-                rings[model.nearest_row(row)].push(*ray);
+                rings[model.nearest_row(row)].push(*direction);
             }
         }
         let rows = rows(&rings, true);
@@ -85,7 +85,7 @@ fn usual_rows(rows: f32) -> usize {
 }
 
 /// Angle between neighbouring columns: the most frequent step in azimuth within thin slices of elevation.
-fn column_step(scans: &[Vec<Ray>], span: f32) -> Option<f32> {
+fn column_step(scans: &[Vec<Direction>], span: f32) -> Option<f32> {
     let mut steps = Vec::new();
     for scan in scans {
         steps.extend(steps_in_slices(scan, SLICE, |r| r.elevation, |r| r.azimuth));
@@ -93,8 +93,8 @@ fn column_step(scans: &[Vec<Ray>], span: f32) -> Option<f32> {
     mode(&steps, 5e-4, span.clamp(0.02, 0.2))
 }
 
-/// Share of the columns between neighbouring returns of a row that hold a return, where not more than a few are empty.
-fn continuity(scans: &[Vec<Ray>], step: f32) -> f32 {
+/// Share of the columns between neighbouring returns of a row that have a return, over gaps of at most a few columns.
+fn continuity(scans: &[Vec<Direction>], step: f32) -> f32 {
     let (mut kept, mut passed) = (0.0, 0.0);
     for steps in scans.iter().map(|scan| steps_in_slices(scan, SLICE, |r| r.elevation, |r| r.azimuth)) {
         for columns in steps.iter().map(|s| (s / step).round()).filter(|c| (1.0..=6.0).contains(c)) {
@@ -105,9 +105,9 @@ fn continuity(scans: &[Vec<Ray>], step: f32) -> f32 {
     kept / f32::max(passed, 1.0)
 }
 
-/// Angle between neighbouring rows: the most frequent step in elevation within slices a column wide. Neighbours were
-/// measured at nearly the same moment or by the same turn of the head, so that undistorted clouds show it, too.
-fn row_gap(scans: &[Vec<Ray>], step: f32) -> Option<f32> {
+/// Angle between neighbouring rows: the most frequent step in elevation within slices a column wide. Neighbours were measured at nearly the same time or in the same
+/// turn of the head, so this works for undistorted clouds, too.
+fn row_gap(scans: &[Vec<Direction>], step: f32) -> Option<f32> {
     let mut gaps = Vec::new();
     for scan in scans {
         gaps.extend(steps_in_slices(scan, step, |r| r.azimuth, |r| r.elevation));
@@ -119,15 +119,15 @@ fn row_gap(scans: &[Vec<Ray>], step: f32) -> Option<f32> {
 }
 
 /// Steps along one angle between neighbours within slices of the other.
-fn steps_in_slices(scan: &[Ray], slice: f32, across: impl Fn(&Ray) -> f32, along: impl Fn(&Ray) -> f32) -> Vec<f32> {
+fn steps_in_slices(scan: &[Direction], slice: f32, across: impl Fn(&Direction) -> f32, along: impl Fn(&Direction) -> f32) -> Vec<f32> {
     let mut cells: Vec<(i32, f32)> = scan.iter().map(|r| ((across(r) / slice).floor() as i32, along(r))).collect();
     cells.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
     cells.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| w[1].1 - w[0].1).collect()
 }
 
-/// Elevations at which returns gather, top to bottom; empty when they do not.
-fn peaks(scans: &[Vec<Ray>], gap: f32, top: f32, bottom: f32) -> Vec<f32> {
-    /// Cells of the histogram to a gap between rows.
+/// Elevations at which returns accumulate, top to bottom; empty if there are none.
+fn peaks(scans: &[Vec<Direction>], gap: f32, top: f32, bottom: f32) -> Vec<f32> {
+    /// Cells of the histogram per gap between rows.
     const CELLS: f32 = 24.0;
     /// Most cells of the histogram.
     const MOST: f32 = 16_384.0;
@@ -155,7 +155,7 @@ fn peaks(scans: &[Vec<Ray>], gap: f32, top: f32, bottom: f32) -> Vec<f32> {
     };
     let mut found: Vec<f32> = (0..cells).filter(|&i| is_peak(i)).map(centre).collect();
     found.reverse();
-    // Peaks must hold most returns, or they are accidents of the scene.
+    // Most returns must be in peaks, else the peaks are artefacts of the scene.
     let near = scans.iter().flatten().filter(|r| {
         let below = found.partition_point(|e| *e > r.elevation);
         [below.wrapping_sub(1), below].iter().any(|&k| found.get(k).is_some_and(|e| (e - r.elevation).abs() < 0.25 * gap))

@@ -1,23 +1,25 @@
 //! Recognising a sensor from its clouds (`--sensor auto`).
 //!
-//! In the order of how much a cloud tells: an organised cloud is the sensor's grid ([`grid`]); a ring channel, or points that
-//! come ring by ring, give the rows ([`rings`]); otherwise rows and columns show in the angles between neighbouring points
-//! ([`lattice`]). What was found is put to the test on the clouds themselves, and told in words.
+//! The methods are tried in the order of how much they need: an organised cloud is the sensor's grid ([`grid`]); a ring channel, or points that come ring by ring,
+//! give the rows ([`rings`]); otherwise rows and columns are estimated from the angles between neighbouring points ([`lattice`]). The model is then tested on the
+//! clouds and described in words.
 
 mod angles;
 mod grid;
 mod lattice;
 mod rings;
 
-use super::error::SensorError;
-use super::layout::Layout;
-use super::model::BeamModel;
-use super::prepare::{Limits, PreparedScan, Preparer};
 use crate::Cloud;
+use crate::sensor::beam_model::BeamModel;
+use crate::sensor::cloud_layout::CloudLayout;
+use crate::sensor::error::SensorError;
+use crate::sensor::prepared_scan::PreparedScan;
+use crate::sensor::preprocess::ScanPreprocessor;
+use crate::sensor::range_limits::RangeLimits;
 
-/// Fewer returns than this say nothing.
+/// Least returns for a recognition.
 const LEAST_RETURNS: usize = 200;
-/// Points that are looked at; more would not change the answer.
+/// Most points that are used; more would not change the result.
 const MOST_POINTS: usize = 2_000_000;
 
 /// A recognised sensor.
@@ -25,28 +27,28 @@ const MOST_POINTS: usize = 2_000_000;
 pub struct Detected {
     /// Its beams.
     pub model: BeamModel,
-    /// How its clouds are to be read.
-    pub layout: Layout,
-    /// What was chosen and how well it fits, in one line for people.
+    /// The layout of its clouds.
+    pub layout: CloudLayout,
+    /// The model and how well it fits, in one line of text.
     pub description: String,
-    /// How well it fits the clouds that it was made from.
+    /// How well it fits the clouds from which it was measured.
     pub fit: Fit,
 }
 
-/// How returns fall into the pixels of a model.
+/// How well returns fit the pixels of a model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Fit {
-    /// Share of the returns that show in the image: the nearest of their pixel.
+    /// Share of the returns that are shown in the image: the nearest of their pixel.
     pub shown: f32,
-    /// Share of the returns that no row looks at.
+    /// Share of the returns that are outside of the field of view.
     pub outside: f32,
     /// Share of the pixels that show a return.
     pub filled: f32,
-    /// Share of the empty pixels whose left and right neighbours show returns: accidents of projection, or dropouts.
+    /// Share of the empty pixels whose left and right neighbours show returns: artefacts of projection, or dropouts.
     pub gaps: f32,
 }
 
-/// Recognises the sensor that took `clouds`: one will do, a few from different places are better.
+/// Recognises the sensor that took `clouds`. One cloud is enough, a few from different places are better.
 ///
 /// # Errors
 /// [`SensorError::TooFewReturns`] or [`SensorError::NoSpread`] when the clouds hold no scan.
@@ -65,42 +67,41 @@ pub fn detect(clouds: &[&Cloud]) -> Result<Detected, SensorError> {
     let found = grid::recognise(&few).or_else(|| rings::recognise_field(&few)).or_else(|| rings::recognise_order(&few));
     let (model, layout) = match found {
         Some(found) => found,
-        None => (lattice::recognise(&few)?, Layout::Projected),
+        None => (lattice::recognise(&few)?, CloudLayout::Projected),
     };
     let fit = Fit::of(&model, &layout, &few);
     let description = describe(&model, &layout, &fit);
     Ok(Detected { model, layout, description, fit })
 }
 
-/// How clouds of a sensor that is known already are laid out: taken as the model's grid, or by their rings, where that
-/// agrees with the model's angles, and projected otherwise.
-pub fn layout_for(model: &BeamModel, cloud: &Cloud) -> Layout {
+/// The layout of clouds of a known sensor: the model's grid, or rings, if that agrees with the model's angles, else projected.
+pub fn layout_for(model: &BeamModel, cloud: &Cloud) -> CloudLayout {
     /// Share of the returns that must be within a pixel and a half of where a layout puts them.
     const AGREES: f32 = 0.9;
     let rows = 0..model.rows() as u16;
     let candidates = [
-        Some(Layout::grid_of(model)),
+        Some(CloudLayout::grid_of(model)),
         grid::recognise(&[cloud]).map(|(_, layout)| layout),
-        Some(Layout::Rings { row_of_ring: model.row_of_ring().to_vec() }),
-        Some(Layout::Rings { row_of_ring: rows.clone().collect() }),
-        Some(Layout::Rings { row_of_ring: rows.rev().collect() }),
+        Some(CloudLayout::Rings { row_of_ring: model.row_of_ring().to_vec() }),
+        Some(CloudLayout::Rings { row_of_ring: rows.clone().collect() }),
+        Some(CloudLayout::Rings { row_of_ring: rows.rev().collect() }),
     ];
     let agreeing = candidates.into_iter().flatten().find(|layout| agreement(model, layout, cloud) >= AGREES);
-    agreeing.unwrap_or(Layout::Projected)
+    agreeing.unwrap_or(CloudLayout::Projected)
 }
 
-/// Share of a cloud's returns that a layout puts where the model sees them; 0 for a cloud that the layout does not apply to.
-fn agreement(model: &BeamModel, layout: &Layout, cloud: &Cloud) -> f32 {
+/// Share of a cloud's returns for which the layout's pixel is the projected one; 0 if the layout does not apply to the cloud.
+fn agreement(model: &BeamModel, layout: &CloudLayout, cloud: &Cloud) -> f32 {
     let applies = match layout {
-        Layout::Grid(grid) => grid.size_in(cloud, model).is_some(),
-        Layout::Rings { .. } => cloud.ring.as_ref().is_some_and(|ring| ring.len() == cloud.len()),
+        CloudLayout::Grid(grid) => grid.size_in(cloud, model).is_some(),
+        CloudLayout::Rings { .. } => cloud.ring.as_ref().is_some_and(|ring| ring.len() == cloud.len()),
         _ => false,
     };
     if !applies {
         return 0.0;
     }
-    let mut preparer = Preparer::new(model.clone(), layout.clone(), Limits { near: 0.0, max: f32::MAX });
-    let scan = preparer.prepare(cloud);
+    let mut preprocessor = ScanPreprocessor::new(model.clone(), layout.clone(), RangeLimits { near: 0.0, max: f32::MAX });
+    let scan = preprocessor.prepare(cloud);
     let columns = model.columns() as f32;
     let near = |(p, &pixel): (&[f32; 3], &u32)| {
         let (row, column) = (pixel / model.columns() as u32, pixel % model.columns() as u32);
@@ -109,16 +110,16 @@ fn agreement(model: &BeamModel, layout: &Layout, cloud: &Cloud) -> f32 {
             (q.row - row as f32).abs() < 1.5 && off.min(columns - off) < 1.5
         })
     };
-    let hits = scan.beams.points.iter().zip(&scan.beams.pixel).filter(|&pair| near(pair)).count();
+    let hits = scan.returns.points.iter().zip(&scan.returns.pixel).filter(|&pair| near(pair)).count();
     hits as f32 / (scan.counts.usable + scan.counts.outside).max(1) as f32
 }
 
 impl Fit {
-    fn of(model: &BeamModel, layout: &Layout, clouds: &[&Cloud]) -> Self {
-        let mut preparer = Preparer::new(model.clone(), layout.clone(), Limits { near: 0.0, max: f32::MAX });
+    fn of(model: &BeamModel, layout: &CloudLayout, clouds: &[&Cloud]) -> Self {
+        let mut preprocessor = ScanPreprocessor::new(model.clone(), layout.clone(), RangeLimits { near: 0.0, max: f32::MAX });
         let (mut usable, mut hidden, mut outside, mut filled, mut gaps, mut empty) = (0, 0, 0, 0, 0, 0);
         for cloud in clouds.iter().take(5) {
-            let scan = preparer.prepare(cloud);
+            let scan = preprocessor.prepare(cloud);
             usable += scan.counts.usable;
             hidden += scan.counts.hidden;
             outside += scan.counts.outside;
@@ -148,7 +149,7 @@ fn filled_and_gaps(scan: &PreparedScan) -> (usize, usize) {
     })
 }
 
-fn describe(model: &BeamModel, layout: &Layout, fit: &Fit) -> String {
+fn describe(model: &BeamModel, layout: &CloudLayout, fit: &Fit) -> String {
     let elevations = model.elevations();
     let (top, bottom) = (elevations[0].to_degrees(), elevations[elevations.len() - 1].to_degrees());
     let origin = if model.origin_radius() + model.origin_height().abs() > 0.0 {

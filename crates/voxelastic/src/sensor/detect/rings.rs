@@ -1,13 +1,13 @@
-//! Sensors whose clouds tell the ring of each point.
+//! Sensors whose clouds have the ring of each point.
 
-use super::super::layout::{Layout, ring_ends};
-use super::super::model::{BeamModel, BeamTables, MAX_ROWS};
-use super::angles::{Ray, circular_mean, columns_of, median, mode, separate, wrap};
+use super::angles::{Direction, circular_mean, columns_of, median, mode, separate, wrap};
 use crate::Cloud;
+use crate::sensor::beam_model::{BeamModel, BeamTables, MAX_ROWS};
+use crate::sensor::cloud_layout::{CloudLayout, ring_ends};
 use std::f32::consts::TAU;
 
 /// The returns of one ring in the order of the cloud; gaps between clouds are harmless.
-pub(super) type Ring = Vec<Ray>;
+pub(super) type Ring = Vec<Direction>;
 
 /// What the rings of a sensor have in common.
 pub(super) struct Rows {
@@ -18,19 +18,19 @@ pub(super) struct Rows {
 }
 
 /// From a ring channel.
-pub(super) fn recognise_field(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> {
+pub(super) fn recognise_field(clouds: &[&Cloud]) -> Option<(BeamModel, CloudLayout)> {
     let mut rings: Vec<Ring> = Vec::new();
     for cloud in clouds {
         let field = cloud.ring.as_ref().filter(|field| field.len() == cloud.len())?;
         for (p, &ring) in cloud.points.iter().zip(field) {
             let ring = usize::from(ring);
             if ring < MAX_ROWS
-                && let Some(ray) = Ray::of(p)
+                && let Some(direction) = Direction::of(p)
             {
                 if ring >= rings.len() {
                     rings.resize_with(ring + 1, Ring::new);
                 }
-                rings[ring].push(ray);
+                rings[ring].push(direction);
             }
         }
     }
@@ -39,12 +39,12 @@ pub(super) fn recognise_field(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> 
     }
     let model = measure(&rings, true, "ring channel")?;
     let row_of_ring = model.row_of_ring().to_vec();
-    Some((model, Layout::Rings { row_of_ring }))
+    Some((model, CloudLayout::Rings { row_of_ring }))
 }
 
 /// From points that come ring by ring.
-pub(super) fn recognise_order(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> {
-    /// Share of the steps between points that must go the same way round.
+pub(super) fn recognise_order(clouds: &[&Cloud]) -> Option<(BeamModel, CloudLayout)> {
+    /// Share of the steps between points that must have the same direction.
     const ONE_WAY: f32 = 0.95;
     let mut rings: Vec<Ring> = Vec::new();
     let ends_of: Vec<Vec<u32>> = clouds.iter().map(|cloud| ring_ends(&cloud.points)).collect();
@@ -57,7 +57,7 @@ pub(super) fn recognise_order(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> 
     for (cloud, ends) in clouds.iter().zip(&ends_of).filter(|(_, ends)| ends.len() == count) {
         let mut start = 0;
         for (ring, &end) in rings.iter_mut().zip(ends) {
-            ring.extend(cloud.points[start..end as usize].iter().filter_map(Ray::of));
+            ring.extend(cloud.points[start..end as usize].iter().filter_map(Direction::of));
             start = end as usize;
         }
     }
@@ -69,7 +69,7 @@ pub(super) fn recognise_order(clouds: &[&Cloud]) -> Option<(BeamModel, Layout)> 
     }
     let model = measure(&rings, false, "ring order")?;
     let row_of_ring = model.row_of_ring().to_vec();
-    Some((model, Layout::RingOrder { row_of_ring }))
+    Some((model, CloudLayout::RingOrder { row_of_ring }))
 }
 
 fn most_frequent(values: impl Iterator<Item = usize>) -> Option<usize> {
@@ -78,7 +78,7 @@ fn most_frequent(values: impl Iterator<Item = usize>) -> Option<usize> {
     counts.into_iter().max_by_key(|&(value, count)| (count, value)).map(|(value, _)| value)
 }
 
-/// Whether rings are rings: each at one elevation, compared with what all of them span.
+/// Whether each ring has one elevation, compared with the span of all rings.
 fn are_narrow(rings: &[Ring]) -> bool {
     let middle = |ring: &Ring| median(ring.iter().map(|r| r.elevation).collect());
     let seen: Vec<(f32, f32)> = rings
@@ -133,20 +133,22 @@ fn sorted_step(rings: &[Ring]) -> Option<f32> {
 
 /// Elevations of rings, and, where the rings agree on it, the point that the beams start from.
 ///
-/// A beam from a point `radius` before the axis and `height` up follows up = height + tan(elevation) (out - radius): a straight
-/// line for each ring, whose slope is the beam's and whose intercepts over the slopes give the origin.
+/// A beam that starts `r` before the axis at height `h` follows height = h + tan(elevation) (horizontal - r): a straight line for each ring, whose slope is the
+/// beam's and whose intercepts over the slopes give the origin.
 pub(super) fn rows(rings: &[Ring], has_origin: bool) -> Rows {
     let lines: Vec<Option<[f64; 2]>> = rings.iter().map(line).collect();
     if has_origin && let Some(origin) = origin(&lines) {
         // A beam's slope is surer through the common origin than through its own line.
-        let slope = |ring: &Ring| median(ring.iter().filter(|r| r.out > 2.0 * origin[0]).map(|r| (r.up - origin[1]) / (r.out - origin[0])).collect());
+        let slope = |ring: &Ring| {
+            median(ring.iter().filter(|r| r.horizontal > 2.0 * origin[0]).map(|r| (r.height - origin[1]) / (r.horizontal - origin[0])).collect())
+        };
         let mut elevations: Vec<f32> = rings.iter().map(|ring| slope(ring).atan()).collect();
         fill(&mut elevations, rings);
         return Rows { elevations, origin };
     }
     let far = |ring: &Ring| {
-        let typical = median(ring.iter().map(|r| r.out).collect());
-        median(ring.iter().filter(|r| r.out >= typical).map(|r| r.elevation).collect())
+        let typical = median(ring.iter().map(|r| r.horizontal).collect());
+        median(ring.iter().filter(|r| r.horizontal >= typical).map(|r| r.elevation).collect())
     };
     let mut elevations: Vec<f32> = rings.iter().map(far).collect();
     fill(&mut elevations, rings);
@@ -170,23 +172,23 @@ fn fill(elevations: &mut [f32], rings: &[Ring]) {
     separate(elevations);
 }
 
-/// Slope and intercept of up over out; `None` where the ring's returns are all about equally far.
+/// Slope and intercept of height over horizontal; `None` where the ring's returns are all about equally far.
 fn line(ring: &Ring) -> Option<[f64; 2]> {
     const LEAST: usize = 60;
     const LEAST_SPREAD: f64 = 1.0;
     let n = ring.len() as f64;
-    let mean = |f: fn(&Ray) -> f32| ring.iter().map(|r| f64::from(f(r))).sum::<f64>() / n;
-    let (out, up) = (mean(|r| r.out), mean(|r| r.up));
+    let mean = |f: fn(&Direction) -> f32| ring.iter().map(|r| f64::from(f(r))).sum::<f64>() / n;
+    let (horizontal, height) = (mean(|r| r.horizontal), mean(|r| r.height));
     let (xx, xy) = ring.iter().fold((0.0, 0.0), |(xx, xy), r| {
-        let (x, y) = (f64::from(r.out) - out, f64::from(r.up) - up);
+        let (x, y) = (f64::from(r.horizontal) - horizontal, f64::from(r.height) - height);
         (xx + x * x, xy + x * y)
     });
-    (ring.len() >= LEAST && (xx / n).sqrt() > LEAST_SPREAD).then(|| [xy / xx, up - xy / xx * out])
+    (ring.len() >= LEAST && (xx / n).sqrt() > LEAST_SPREAD).then(|| [xy / xx, height - xy / xx * horizontal])
 }
 
 /// The origin of the beams whose rings follow `lines`: intercept = height - slope * radius.
 fn origin(lines: &[Option<[f64; 2]>]) -> Option<[f32; 2]> {
-    /// Lines that leave more than this do not meet in a point: the sensor has several heads, or the cloud is undistorted.
+    /// With a larger residual the lines have no common point: the sensor has several heads, or the cloud is undistorted.
     const MOST_RESIDUAL: f64 = 0.004;
     /// No sensor is larger.
     const LARGEST: f64 = 0.2;

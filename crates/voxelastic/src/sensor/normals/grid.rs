@@ -1,58 +1,57 @@
-//! The range image in the coordinates of the plane fit, and where its surfaces end.
+//! The range image in the coordinates of the plane fit, and the links between pixels of one surface.
 
-use super::super::image::{NO_POINT, RangeImage};
-use super::super::model::BeamModel;
-use super::super::trig::{larger, smaller};
-use super::STRIP;
-use super::seam::Seam;
-use crate::dispatch::{Kernel, dispatch};
+use super::settings::STRIP;
+use super::sweep_seam::Seam;
+use crate::sensor::beam_model::BeamModel;
+use crate::sensor::range_image::{NO_POINT, RangeImage};
+use crate::simd::{Kernel, dispatch};
+use crate::simd::{larger, smaller};
 use rayon::prelude::*;
 
-/// Columns repeated beyond both ends of a row, so that windows need not wrap. At least the largest window, and two more for
-/// the differences at its ends.
-pub(crate) const PAD: usize = 16;
+/// Columns repeated beyond both ends of a row, so that windows need not wrap: at least the largest window, and two more for the differences at its ends.
+pub(super) const PAD: usize = 16;
 
-/// Rows that one task takes at least: fewer are not worth handing out.
+/// Least rows of one task: fewer are not worth the overhead.
 const ROWS_PER_TASK: usize = 4;
 
-/// Differences against the trend of more than this many standard deviations of the range noise end a surface.
+/// A surface ends at differences against the trend of more than this many standard deviations of the range noise.
 const JUMP_SIGMAS: f32 = 5.0;
 
-/// Quantile of the second differences that the range noise is measured by, and where it is in |x| of a normal distribution.
+/// Quantile of the second differences from which the range noise is estimated, and the value of that quantile of |x| of a normal distribution.
 const QUANTILE: f32 = 0.35;
 const QUANTILE_OF_NORMAL: f32 = 0.4538;
 
 /// Per pixel, with `PAD` wrapped columns on both sides of each row (and zeros up to whole strips): the point in the frame of its column (X along the
 /// column's azimuth, Y to the left, Z up from the beams' origin).
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Grid {
-    pub(crate) rows: usize,
-    pub(crate) columns: usize,
-    pub(crate) stride: usize,
+pub(super) struct Grid {
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    pub(super) stride: usize,
     /// 1 / X; 0 where there is no point.
-    pub(crate) inverse: Vec<f32>,
+    pub(super) inverse: Vec<f32>,
     /// Y / X.
-    pub(crate) across: Vec<f32>,
+    pub(super) across: Vec<f32>,
     /// Z / X.
-    pub(crate) rise: Vec<f32>,
-    /// `inverse` as the pixel's centre would see it: rows are staggered, and projected points fall beside the centre.
+    pub(super) rise: Vec<f32>,
+    /// `inverse` interpolated to the pixel's centre: rows are staggered, and projected points are off the centre.
     centred: Vec<f32>,
-    /// 1 where the pixel and the next in the row lie on one surface, else 0. A single pixel without a point is part of the
-    /// surface that goes on beyond it; the same holds down the column.
-    pub(crate) link_right: Vec<f32>,
-    /// 1 where the pixel and the one below lie on one surface, else 0.
-    pub(crate) link_down: Vec<f32>,
+    /// 1 where the pixel and the next in the row are on one surface, else 0. A single pixel without a point belongs to the surface that continues beyond it, also
+    /// down the column.
+    pub(super) link_right: Vec<f32>,
+    /// 1 where the pixel and the one below are on one surface, else 0.
+    pub(super) link_down: Vec<f32>,
     /// Cosine and sine of each column's azimuth.
-    pub(crate) axes: Vec<[f32; 2]>,
-    pub(crate) height: f32,
+    pub(super) axes: Vec<[f32; 2]>,
+    pub(super) height: f32,
     /// 1 / (signed angle between columns).
     per_step: f32,
     /// Tangent of each row's elevation.
-    pub(crate) row_rise: Vec<f32>,
+    pub(super) row_rise: Vec<f32>,
 }
 
 impl Grid {
-    pub(crate) fn new(model: &BeamModel) -> Self {
+    pub(super) fn new(model: &BeamModel) -> Self {
         let first = model.azimuth(0.0, 0.0) as f64;
         let step = (model.azimuth(0.0, 1.0) - model.azimuth(0.0, 0.0)) as f64;
         let step = step.signum() * std::f64::consts::TAU / model.columns() as f64;
@@ -81,12 +80,12 @@ impl Grid {
 
     /// Position of a pixel in the padded planes.
     #[inline(always)]
-    pub(crate) fn at(&self, row: usize, column: usize) -> usize {
+    pub(super) fn at(&self, row: usize, column: usize) -> usize {
         row * self.stride + PAD + column
     }
 
-    /// Takes over the points that the pixels of `image` show.
-    pub(crate) fn fill(&mut self, points: &[[f32; 3]], image: &RangeImage) {
+    /// Copies the points that the pixels of `image` show.
+    pub(super) fn fill(&mut self, points: &[[f32; 3]], image: &RangeImage) {
         let Self { columns, stride, height, per_step, .. } = *self;
         let axes = &self.axes[..columns];
         let planes = (
@@ -117,12 +116,12 @@ impl Grid {
         });
     }
 
-    /// Standard deviation of the range, metres: from second differences, of which a low quantile forgets edges and rough places.
+    /// Standard deviation of the range, metres, from a low quantile of second differences, which excludes edges and rough surfaces.
     ///
-    /// Along the rows they show the noise of each laser, down the columns also the biases between lasers, and what an imperfect
-    /// undistortion leaves between them. A plane fit meets all of it.
-    pub(crate) fn range_noise(&self) -> f32 {
-        /// What is worse than this is no noise but a rough world.
+    /// Along rows the differences contain the noise of each laser, down columns also the biases between lasers and what an imperfect undistortion leaves. A plane
+    /// fit is affected by all of these.
+    pub(super) fn range_noise(&self) -> f32 {
+        /// Larger deviations are not noise but rough surfaces.
         const WORST: f32 = 0.03;
         let along = |row, column| {
             let i = self.at(row, column);
@@ -136,7 +135,7 @@ impl Grid {
             self.deviation([above, i, below], share.clamp(0.0, 1.0))
         };
         let (along, down) = rayon::join(|| self.quantile_of(along), || self.quantile_of(down));
-        // That quantile of |x| of a normal distribution, and the variance of the sum 1 - 2 + 1 over 2.
+        // From that quantile of |x| of a normal distribution; 1.5 is the variance of (1 - 2 + 1) / 2.
         let to_sigma = 1.0 / (QUANTILE_OF_NORMAL * 1.5f32.sqrt());
         match (along, down) {
             (Some(along), Some(down)) => (along.max(down) * to_sigma).min(WORST),
@@ -145,9 +144,9 @@ impl Grid {
         }
     }
 
-    /// A low quantile of a deviation over pixels spread over the image; `None` of too few.
+    /// A low quantile of a deviation over pixels spread over the image; `None` if there are too few.
     fn quantile_of(&self, deviation: impl Fn(usize, usize) -> Option<f32>) -> Option<f32> {
-        /// Enough samples for a few per cent, few enough to cost nothing.
+        /// Enough samples for an accuracy of a few per cent.
         const SAMPLES: usize = 3072;
         let pixels = self.rows * self.columns;
         let stride = (pixels / SAMPLES).max(1) | 1;
@@ -157,7 +156,7 @@ impl Grid {
         (deviations.len() >= 32).then(|| *deviations.select_nth_unstable_by(place, f32::total_cmp).1)
     }
 
-    /// How far a pixel's range is from the straight line between two neighbours, metres; `share` is the first one's weight.
+    /// Deviation of a pixel's range from the straight line between two neighbours, metres; `share` is the weight of the first one.
     fn deviation(&self, [before, here, after]: [usize; 3], share: f32) -> Option<f32> {
         let [w_before, w, w_after] = [before, here, after].map(|k| self.centred[k]);
         if w_before == 0.0 || w == 0.0 || w_after == 0.0 {
@@ -167,8 +166,8 @@ impl Grid {
         Some((share * w_before + (1.0 - share) * w_after - w).abs() / (w * w) * ray)
     }
 
-    /// Finds where surfaces end, for a range noise in metres, and cuts them at the `seam`.
-    pub(crate) fn link(&mut self, noise: f32, seam: Option<&Seam<'_>>) {
+    /// Computes the links for a range noise in metres, and removes those across the `seam`.
+    pub(super) fn link(&mut self, noise: f32, seam: Option<&Seam<'_>>) {
         let Self { rows, columns, stride, .. } = *self;
         let (inverse, centred, rise) = (&self.inverse, &self.centred, &self.rise);
         let row = |r: isize| {
@@ -213,7 +212,7 @@ struct Fill<'a> {
 impl Kernel for Fill<'_> {
     #[inline(always)]
     fn run(self) {
-        /// Points nearer to the axis than this are behind or beside their pixel.
+        /// Points nearer to the axis than this are behind or beside their pixel, metres.
         const NEAREST: f32 = 1e-3;
         let count = self.points.len().min(self.axes.len()).min(self.inverse.len()).min(self.across.len()).min(self.rise.len());
         for i in 0..count {
@@ -235,10 +234,10 @@ fn median(a: f32, b: f32, c: f32) -> f32 {
     larger(smaller(a, b), smaller(larger(a, b), c))
 }
 
-/// 1 when the step from `here` to `next` does not stand out of the steps before and after it by more than the noise.
+/// 1 if the step from `here` to `next` differs from the median of it and the steps before and after by no more than the noise.
 ///
-/// On a plane the steps of the inverse depth are equal, at a crease they change once and the median is one of them; only at
-/// a jump is the middle step unlike both.
+/// On a plane the steps of the inverse depth are equal. At a crease they change once, and the middle one is still the median. Only at a jump the middle step differs
+/// from both others.
 #[inline(always)]
 fn linked(here: f32, next: f32, steps: [f32; 3], noise: f32) -> f32 {
     let nearer = larger(here, next);
@@ -252,7 +251,7 @@ fn step(from: f32, to: f32) -> f32 {
     if (from > 0.0) & (to > 0.0) { to - from } else { 0.0 }
 }
 
-/// As [`linked`] for the pixels before and after an empty one: 1 when the surface goes on beyond it.
+/// As [`linked`] for the pixels before and after an empty one: 1 if the surface continues beyond it.
 #[inline(always)]
 fn bridged(w: [f32; 5], noise: f32) -> f32 {
     let [first, before, here, after, last] = w;
@@ -289,7 +288,7 @@ struct Centre<'a> {
 }
 
 impl Kernel for Centre<'_> {
-    /// Moves each inverse depth to its pixel's centre by the gentler of the slopes to both sides.
+    /// Interpolates each inverse depth to its pixel's centre by the smaller of the slopes to both sides.
     #[inline(always)]
     fn run(self) {
         let n = self.inverse.len();
@@ -321,12 +320,12 @@ impl<'a> Kernel for LinkDown<'a> {
             let six =
                 |planes| Some([chunk(0, planes)?, chunk(1, planes)?, chunk(2, planes)?, chunk(3, planes)?, chunk(4, planes)?, chunk(5, planes)?]);
             let (Some(w), Some(t)) = (six(&self.inverse), six(&self.rise)) else { return };
-            // In a copy: nothing read can then be what is written, and the loop vectorises.
+            // A local copy: it cannot alias the inputs, so the loop is vectorised.
             let mut links = [0f32; STRIP];
             for i in 0..STRIP {
                 let at = |k: usize| (w[k][i], t[k][i]);
                 let direct = linked_down([at(1), at(2), at(3), at(4)], noise);
-                // Over an empty pixel, as the neighbours of the gap see it.
+                // Over an empty pixel: between the neighbours of the gap.
                 let over_this = linked_down([at(0), at(1), at(3), at(4)], noise);
                 let over_next = linked_down([at(1), at(2), at(4), at(5)], noise);
                 let over = if w[2][i] > 0.0 { over_next } else { over_this };
@@ -337,7 +336,7 @@ impl<'a> Kernel for LinkDown<'a> {
     }
 }
 
-/// As [`linked`], for rows that are not evenly spaced: pairs of inverse depth and rise, of which the middle two are linked.
+/// As [`linked`], for rows that are not evenly spaced: four pairs of inverse depth and rise, of which the middle two may be linked.
 #[inline(always)]
 fn linked_down([before, here, next, after]: [(f32, f32); 4], noise: f32) -> f32 {
     /// Rows that noise has brought closer than this are not divided by.

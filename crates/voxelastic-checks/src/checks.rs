@@ -1,0 +1,218 @@
+//! What the sources must satisfy. Each check returns what contradicts [`layers`](crate::layers), with the place and the remedy.
+
+use crate::crate_source::{CrateSource, Reference};
+use crate::cycles::cycles;
+use crate::layers::{CRATES, EXAMPLE_DEPENDENCIES, KNOWN_ARROWS, KNOWN_CYCLES, KNOWN_UNSAFE_FILES, Layer, ROOMS, UNSAFE_FILES};
+use crate::manifest;
+use crate::tokens::tokenize;
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The crate whose top modules are rooms.
+const CORE: &str = "voxelastic";
+
+/// A folder with `ARCHITECTURE.md` and crates in `crates/`.
+#[derive(Clone, Debug)]
+pub struct Workspace {
+    root: PathBuf,
+}
+
+impl Workspace {
+    /// The workspace that this crate was built in.
+    pub fn this() -> Self {
+        Self { root: Path::new(env!("CARGO_MANIFEST_DIR")).join("../..") }
+    }
+
+    fn src(&self, name: &str) -> PathBuf {
+        self.root.join("crates").join(name).join("src")
+    }
+
+    /// The sources of the crate with the rooms.
+    ///
+    /// # Errors
+    /// When they cannot be read.
+    pub fn core(&self) -> Result<CrateSource, String> {
+        CrateSource::read(CORE, &self.src(CORE), "lib.rs")
+    }
+
+    /// The sources of all crates: of their libraries and, apart, of their binaries.
+    ///
+    /// # Errors
+    /// When sources cannot be read.
+    pub fn sources(&self) -> Result<Vec<CrateSource>, String> {
+        let mut sources = Vec::new();
+        for name in manifest::crates(&self.root)? {
+            for root in ["lib.rs", "main.rs"].into_iter().filter(|root| self.src(&name).join(root).is_file()) {
+                sources.push(CrateSource::read(&name, &self.src(&name), root)?);
+            }
+        }
+        Ok(sources)
+    }
+
+    /// Dependencies of crates on each other that [`CRATES`] does not have.
+    ///
+    /// # Errors
+    /// When a `Cargo.toml` cannot be read.
+    pub fn crate_arrows(&self) -> Result<Vec<String>, String> {
+        let mut found = backward_lines("CRATES", CRATES);
+        for name in manifest::crates(&self.root)? {
+            let file = format!("crates/{name}/Cargo.toml");
+            let text = std::fs::read_to_string(self.root.join(&file)).map_err(|e| format!("{file}: {e}"))?;
+            let Some(rank) = CRATES.iter().position(|(layer, _)| *layer == name) else {
+                found.push(format!(
+                    "{file}: the crate is in no layer. Add a line with what it may import to CRATES in layers.rs, and draw it in ARCHITECTURE.md."
+                ));
+                continue;
+            };
+            for dependency in manifest::dependencies(&text) {
+                let earlier = CRATES[..rank].iter().any(|(layer, _)| *layer == dependency.on);
+                let for_examples = EXAMPLE_DEPENDENCIES.contains(&(name.as_str(), dependency.on.as_str()));
+                if !(CRATES[rank].1.contains(&dependency.on.as_str()) || dependency.dev && (earlier || for_examples)) {
+                    found.push(format!("{file}:{}: {name} -> {} is not in the drawing. {}", dependency.line, dependency.on, REMEDY_ARROW));
+                }
+            }
+        }
+        Ok(found)
+    }
+
+    /// References between rooms that [`ROOMS`] does not have.
+    ///
+    /// # Errors
+    /// When sources cannot be read.
+    pub fn room_arrows(&self) -> Result<Vec<String>, String> {
+        let references = self.core()?.room_references();
+        let mut found = backward_lines("ROOMS", ROOMS);
+        let mut known: BTreeSet<(&str, &str)> = KNOWN_ARROWS.iter().copied().collect();
+        for (from, to, reference) in &references {
+            let allowed = ROOMS.iter().any(|(room, may)| room == from && may.contains(&to.as_str()));
+            if allowed || KNOWN_ARROWS.contains(&(from, to)) {
+                known.remove(&(from.as_str(), to.as_str()));
+                continue;
+            }
+            let Reference { from: file, line, path, .. } = reference;
+            found.push(format!("crates/{CORE}/src/{file}:{line}: `{path}` makes an arrow {from} -> {to} that is not in the drawing. {REMEDY_ARROW}"));
+        }
+        found.extend(known.iter().map(|(from, to)| format!("KNOWN_ARROWS in layers.rs has {from} -> {to}, which is gone. Remove it from the list.")));
+        Ok(found)
+    }
+
+    /// Cycles between the files of a crate, beyond those of [`KNOWN_CYCLES`].
+    ///
+    /// # Errors
+    /// When sources cannot be read.
+    pub fn file_cycles(&self) -> Result<Vec<String>, String> {
+        let mut found = Vec::new();
+        for source in self.sources()? {
+            let references = source.references();
+            let cycles = cycles(&references);
+            let files: usize = cycles.iter().map(Vec::len).sum();
+            let name = source.name();
+            let known = KNOWN_CYCLES.iter().find(|(known, _)| *known == name).map_or(0, |(_, files)| *files);
+            if files > known {
+                found.extend(cycles.iter().map(|cycle| describe_cycle(name, cycle, &references)));
+            } else if files < known {
+                found.push(format!("KNOWN_CYCLES in layers.rs allows {known} files of {name} in cycles, and there are {files}. Lower the number."));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Files with `unsafe` code that are not in [`UNSAFE_FILES`], and files in the list that `ARCHITECTURE.md` does not name.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub fn unsafe_files(&self) -> Result<Vec<String>, String> {
+        let mut found = Vec::new();
+        let mut unused: BTreeSet<(&str, &str)> = UNSAFE_FILES.iter().chain(KNOWN_UNSAFE_FILES).copied().collect();
+        for name in manifest::crates(&self.root)? {
+            let src = self.src(&name);
+            for path in rust_files(&src)? {
+                let file = path.strip_prefix(&src).unwrap_or(&path).to_string_lossy().into_owned();
+                let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+                let Some(line) = allows_unsafe(&text) else { continue };
+                let listed = UNSAFE_FILES.iter().chain(KNOWN_UNSAFE_FILES).any(|&(c, f)| c == name && f == file);
+                if !listed {
+                    found.push(format!(
+                        "crates/{name}/src/{file}:{line}: allows unsafe code. Write it safely, or name the file and the reason in ARCHITECTURE.md and add it to UNSAFE_FILES in layers.rs."
+                    ));
+                }
+                unused.retain(|&(c, f)| (c, f) != (name.as_str(), file.as_str()));
+            }
+        }
+        found.extend(
+            unused.iter().map(|(c, f)| format!("layers.rs lists crates/{c}/src/{f} for unsafe code, which has none. Remove it from the list.")),
+        );
+        let architecture = self.root.join("ARCHITECTURE.md");
+        let text = std::fs::read_to_string(&architecture).map_err(|e| format!("{}: {e}", architecture.display()))?;
+        let unnamed = UNSAFE_FILES.iter().filter(|(_, file)| !text.contains(file));
+        found.extend(unnamed.map(|(_, f)| format!("ARCHITECTURE.md: does not name {f}, which may hold unsafe code. Name it with the reason.")));
+        Ok(found)
+    }
+}
+
+const REMEDY_ARROW: &str =
+    "Move what is needed to the lower of the two, or to a layer below both; where the arrow is right, add it to layers.rs and to the drawing.";
+
+/// Lines that name later lines, by which arrows could go in circles.
+fn backward_lines(table: &str, layers: &[Layer]) -> Vec<String> {
+    let mut found = Vec::new();
+    for (rank, (name, may)) in layers.iter().enumerate() {
+        for wrong in may.iter().filter(|m| !layers[..rank].iter().any(|(earlier, _)| earlier == *m)) {
+            found.push(format!("{table} in layers.rs: {name} may import {wrong}, which is on no earlier line. Arrows go one way."));
+        }
+    }
+    found
+}
+
+/// The files of a cycle, and the arrows between them.
+fn describe_cycle(name: &str, cycle: &[String], references: &[Reference]) -> String {
+    let mut text = format!(
+        "crates/{name}/src: {} files depend on each other in a cycle. Move what they share to a file of its own, or to the one that is lower:",
+        cycle.len()
+    );
+    for r in references.iter().filter(|r| cycle.contains(&r.from) && cycle.contains(&r.to)) {
+        let _ = write!(text, "\n    crates/{name}/src/{}:{}: `{}` -> {}", r.from, r.line, r.path, r.to);
+    }
+    text
+}
+
+/// The line that allows unsafe code, from 1.
+fn allows_unsafe(source: &str) -> Option<usize> {
+    let tokens = tokenize(source);
+    let is = |at: usize, text: &str| tokens.get(at).is_some_and(|t| t.text == text);
+    let found = (0..tokens.len()).find(|&at| (is(at, "allow") || is(at, "expect")) && is(at + 1, "(") && is(at + 2, "unsafe_code"));
+    found.map(|at| tokens[at].line)
+}
+
+/// All `.rs` files below a folder, sorted.
+fn rust_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
+    let entries = std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let mut files = Vec::new();
+    for path in entries.flatten().map(|e| e.path()) {
+        if path.is_dir() {
+            files.extend(rust_files(&path)?);
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_name_earlier_layers_only() {
+        assert_eq!(backward_lines("T", &[("a", &[]), ("b", &["a"])]), Vec::<String>::new());
+        assert!(backward_lines("T", &[("a", &["b"]), ("b", &[])])[0].contains("a may import b"));
+    }
+
+    #[test]
+    fn allowing_unsafe_code_is_found_with_its_line() {
+        assert_eq!(allows_unsafe("// allow(unsafe_code)\n#[allow(unsafe_code)]\nfn f() {}"), Some(2));
+        assert_eq!(allows_unsafe("#![deny(unsafe_code)]"), None);
+    }
+}

@@ -1,0 +1,36 @@
+//! Results of `voxelastic eval`.
+
+use super::path::TrajectoryErrors;
+use serde::Serialize;
+use std::path::PathBuf;
+use voxelastic::Pose;
+use voxelastic_eval::metrics::Comparison;
+use voxelastic_eval::occupancy::OccupancyScores;
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// The measured map, mesh or cloud.
+    pub map: PathBuf,
+    /// The truth.
+    pub truth: PathBuf,
+    /// `cloud`, `mesh`, `world` or `poses`.
+    pub truth_kind: &'static str,
+    /// Measured points: `vertices` of a mesh, `points` of a cloud, occupied `voxels`; `null` if only poses were measured.
+    pub measured: Option<&'static str>,
+    /// Distances; `null` if the truth has no surface.
+    pub surface: Option<Comparison>,
+    /// Maximum range for completeness and occupancy, metres; only for a world.
+    pub max_range_m: Option<f32>,
+    /// Free and occupied space; `null` without a world, or without occupancy in the map.
+    pub occupancy: Option<OccupancyScores>,
+    /// Errors of the poses; `null` if the truth has no poses of scans in the map.
+    pub trajectory: Option<TrajectoryErrors>,
+    /// The file of `--error-ply`.
+    pub error_ply: Option<PathBuf>,
+    /// Total time, seconds.
+    pub total_s: f64,
+    /// Maps map coordinates to truth coordinates.
+    #[serde(skip)]
+    pub t_truth_map: Pose,
+}

@@ -1,0 +1,39 @@
+//! Arguments of `voxelastic export`.
+
+use crate::meshing::SurfaceArgs;
+use clap::Args;
+use std::path::PathBuf;
+
+/// Write a map as a cloud or as an OctoMap
+///
+/// A cloud has a point for each crossing of the surface between two voxels, in the map frame, with intensity and colour if the scans have them,
+/// and normals in PLY and PCD. E57 files have one scan per submap, with the pose of the submap.
+///
+/// An OctoMap is made of the occupancy of all submaps: a voxel is occupied if it is in any submap, free if it is free in some submap and occupied
+/// in none, and absent otherwise. Resampling of rotated submaps loses no occupied voxel.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic export hall.vox -o hall.laz               a cloud for survey software
+  voxelastic export hall.vox -o hall.pcd --lod 2       for PCL, a sixteenth of the points
+  voxelastic export hall.vox -o hall.bt                free and occupied, smallest
+  voxelastic export hall.vox -o hall.ot --voxel-size 0.2  with log-odds, coarser")]
+pub struct ExportArgs {
+    /// The map
+    #[arg(value_name = "MAP.vox")]
+    pub map: PathBuf,
+    /// The file to write; the extension selects the format: a cloud as .ply, .pcd, .las, .laz or .e57, an OctoMap as .bt (states) or .ot (log-odds)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+    /// Edge of the OctoMap's voxels, metres [default: the finest voxel of the map]
+    #[arg(long, alias = "voxel", value_name = "M", value_parser = voxel_size)]
+    pub voxel_size: Option<f64>,
+    /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of an OctoMap file, voxel_m, leaves, occupied_leaves, seconds
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub surface: SurfaceArgs,
+}
+
+fn voxel_size(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v| (0.005..=10.0).contains(v)).ok_or_else(|| "must be 0.005 to 10 metres".to_owned())
+}

@@ -1,0 +1,148 @@
+//! Decoding messages: clouds, poses, transforms.
+
+use super::container::{Encoding, Message, Topic};
+use super::cursor::MessageCursor;
+use super::point_clouds::{livox_cloud, point_cloud2, point_cloud2_fields};
+use super::topic_role::TopicRole;
+use crate::stamped_cloud::StampedCloud;
+use crate::{Error, Position, Result};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use std::borrow::Cow;
+use std::path::Path;
+use voxelastic::Pose;
+
+/// When and in which frame a message was made.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Header {
+    /// Seconds.
+    pub(super) time: f64,
+    pub(super) frame: String,
+}
+
+/// A pose of frame `child` in frame `parent`.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct StampedPose {
+    pub(super) time: f64,
+    pub(super) parent: String,
+    /// Empty where the message does not say.
+    pub(super) child: String,
+    pub(super) t_parent_child: Pose,
+}
+
+/// A message with what is needed to decode it and to report errors in it.
+#[derive(Clone, Copy)]
+pub(super) struct MessageDecoder<'a> {
+    pub(super) path: &'a Path,
+    pub(super) topic: &'a Topic,
+    pub(super) message: &'a Message,
+}
+
+impl<'a> MessageDecoder<'a> {
+    fn cursor(&self) -> Result<MessageCursor<'a>> {
+        MessageCursor::of(&self.message.data, self.topic.encoding).ok_or_else(|| self.error("it does not begin like a CDR message"))
+    }
+
+    fn error(&self, problem: impl Into<Cow<'static, str>>) -> Error {
+        let problem = format!("message of {} at {:.3} s: {}", self.topic.name, self.message.time_ns as f64 * 1e-9, problem.into());
+        Error::content(self.path, Position::Byte(self.message.at), problem, "the recording is damaged, or the topic is not of the type it claims")
+    }
+
+    fn truncated(&self) -> Error {
+        self.error("it ends early")
+    }
+
+    /// Time and frame of a message that begins with a header.
+    pub(super) fn header(&self) -> Result<Header> {
+        header(&mut self.cursor()?, self.topic.encoding).ok_or_else(|| self.truncated())
+    }
+
+    /// The poses of a message of poses.
+    pub(super) fn poses(&self, role: TopicRole) -> Result<Vec<StampedPose>> {
+        let mut cursor = self.cursor()?;
+        let poses = match role {
+            TopicRole::Odometry => odometry(&mut cursor, self.topic.encoding).map(|p| vec![p]),
+            TopicRole::PoseStamped => pose_stamped(&mut cursor, self.topic.encoding).map(|p| vec![p]),
+            TopicRole::Path => list(&mut cursor, self.topic.encoding, true, pose_stamped),
+            // A transform is laid out like the first fields of an odometry message.
+            TopicRole::Transforms => list(&mut cursor, self.topic.encoding, false, odometry),
+            TopicRole::PointCloud2 | TopicRole::Livox => Some(Vec::new()),
+        };
+        poses.ok_or_else(|| self.error("it ends early, or holds an invalid pose"))
+    }
+
+    /// Names of the fields of a cloud.
+    pub(super) fn cloud_fields(&self, role: TopicRole) -> Result<Vec<String>> {
+        let mut cursor = self.cursor()?;
+        header(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())?;
+        if role == TopicRole::Livox {
+            return Ok(["offset_time", "x", "y", "z", "reflectivity", "tag", "line"].map(String::from).to_vec());
+        }
+        point_cloud2_fields(&mut cursor).ok_or_else(|| self.truncated())
+    }
+
+    /// The cloud, in its own frame. Point times are relative to the returned stamp, or to the header's if there is none.
+    pub(super) fn cloud(&self, role: TopicRole) -> Result<StampedCloud> {
+        let mut cursor = self.cursor()?;
+        header(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())?;
+        let decode = if role == TopicRole::Livox { livox_cloud } else { point_cloud2 };
+        decode(&mut cursor, self.path).map_err(|problem| self.error(problem))?.finish(self.path).map_err(|e| match e {
+            // Errors about the content do not name the message.
+            Error::NoReturn { points, .. } => self.error(format!("no return among its {points} points")),
+            Error::Content { problem, .. } => self.error(problem),
+            other => other,
+        })
+    }
+}
+
+fn header(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<Header> {
+    if encoding == Encoding::Ros1 {
+        cursor.u32()?; // sequence number
+    }
+    let (seconds, nanoseconds) = (cursor.u32()?, cursor.u32()?);
+    Some(Header { time: f64::from(seconds) + f64::from(nanoseconds) * 1e-9, frame: frame(cursor.text()?) })
+}
+
+/// The frame's name without a leading slash.
+fn frame(name: String) -> String {
+    name.strip_prefix('/').map_or_else(|| name.clone(), str::to_owned)
+}
+
+fn odometry(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<StampedPose> {
+    let header = header(cursor, encoding)?;
+    let child = frame(cursor.text()?);
+    Some(StampedPose { time: header.time, parent: header.frame, child, t_parent_child: pose(cursor)? })
+}
+
+fn pose_stamped(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<StampedPose> {
+    let header = header(cursor, encoding)?;
+    Some(StampedPose { time: header.time, parent: header.frame, child: String::new(), t_parent_child: pose(cursor)? })
+}
+
+type Read = fn(&mut MessageCursor<'_>, Encoding) -> Option<StampedPose>;
+
+fn list(cursor: &mut MessageCursor<'_>, encoding: Encoding, has_header: bool, read: Read) -> Option<Vec<StampedPose>> {
+    if has_header {
+        header(cursor, encoding)?;
+    }
+    let count = cursor.count(68)?;
+    (0..count).map(|_| read(cursor, encoding)).collect()
+}
+
+/// Position and quaternion; `None` if a number is not finite or the quaternion is not close to a unit quaternion.
+fn pose(cursor: &mut MessageCursor<'_>) -> Option<Pose> {
+    let [x, y, z, qx, qy, qz, qw]: [f64; 7] = {
+        let mut numbers = [0.0; 7];
+        for number in &mut numbers {
+            *number = cursor.f64().filter(|v| v.is_finite())?;
+        }
+        numbers
+    };
+    let q = Quaternion::new(qw, qx, qy, qz);
+    let norm = q.norm();
+    if (norm - 1.0).abs() > crate::text::ROTATION_TOLERANCE {
+        return None;
+    }
+    // As in trajectory files: a quaternion that is a unit quaternion up to rounding is kept as it is.
+    let rotation = if (norm - 1.0).abs() < 4.0 * f64::EPSILON { UnitQuaternion::new_unchecked(q) } else { UnitQuaternion::new_normalize(q) };
+    Some(Pose::from_parts(Translation3::new(x, y, z), rotation))
+}

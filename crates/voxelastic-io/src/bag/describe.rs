@@ -1,0 +1,90 @@
+//! Looking into a recording without playing it.
+
+use super::description::RecordingDescription;
+use super::files;
+use super::format::BagFormat;
+use super::open::open;
+use super::summary::{RecordingSummary, count_messages};
+use super::topics::choose;
+use crate::{Error, OpenOptions, Result, ouster};
+use std::path::{Path, PathBuf};
+
+/// Whether a path is a recording: a file that begins like one, or a folder that holds some.
+///
+/// # Errors
+/// [`Error::Io`], and a folder of recordings of several kinds.
+pub fn is_recording(path: &Path) -> Result<bool> {
+    files::find(path).map(|found| found.is_some())
+}
+
+/// Describes a recording, whether it can be mapped or not. One without an index is read through for the counts.
+///
+/// # Errors
+/// [`Error::Content`] if it is not a recording; [`Error::Io`].
+pub fn describe(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RecordingDescription> {
+    let path = path.as_ref();
+    if is_capture(path)? {
+        let (_, mut description) = describe_capture(path, options)?;
+        description.problem = options.poses.is_none().then(|| capture_without_poses(path).to_string());
+        return Ok(description);
+    }
+    let (files, mut summary) = summarise(path)?;
+    if summary.counts.is_none() {
+        let (counts, times) = count_messages(&files);
+        summary.counts = Some(summary.topics.iter().map(|t| counts.get(&t.name).copied().unwrap_or(0)).collect());
+        summary.times = times;
+    }
+    let mut description = describe_bag(files, &summary, options)?;
+    match choose(&summary, path, options) {
+        Ok(chosen) => description.set_topics(&chosen),
+        Err(error) => description.problem = Some(error.to_string()),
+    }
+    Ok(description)
+}
+
+/// Whether a path is an Ouster capture.
+pub(super) fn is_capture(path: &Path) -> Result<bool> {
+    Ok(path.is_file() && BagFormat::of(path)? == Some(BagFormat::Ouster))
+}
+
+/// Metadata file and description of an Ouster capture.
+pub(super) fn describe_capture(path: &Path, options: &OpenOptions) -> Result<(PathBuf, RecordingDescription)> {
+    let metadata = match &options.metadata {
+        Some(metadata) => metadata.clone(),
+        None => ouster::find_metadata(path)?,
+    };
+    ouster::Capture::open(path, &metadata)?;
+    let mut description = RecordingDescription::new(vec![path.to_owned()], BagFormat::Ouster, options);
+    description.notes.push(format!("the sensor is described by {}", metadata.display()));
+    Ok((metadata, description))
+}
+
+/// The error about a capture for which no poses were given.
+pub(super) fn capture_without_poses(path: &Path) -> Error {
+    let remedy = "name a trajectory with times in the sensor's clock (TUM, Newer College) with --poses";
+    Error::no_poses(path, "a capture has no poses", remedy)
+}
+
+/// The files of a bag and their summary.
+pub(super) fn summarise(path: &Path) -> Result<(Vec<PathBuf>, RecordingSummary)> {
+    let Some(files) = files::find(path)? else {
+        open(path)?;
+        return Err(Error::dataset(path, "no recording in it", "name a .bag, .mcap or .db3 file, or the folder that holds them"));
+    };
+    let summary = RecordingSummary::of(&files)?;
+    Ok((files, summary))
+}
+
+/// Description of a bag before its topics are chosen.
+pub(super) fn describe_bag(files: Vec<PathBuf>, summary: &RecordingSummary, options: &OpenOptions) -> Result<RecordingDescription> {
+    let format = files.iter().find_map(|f| BagFormat::of(f).transpose()).transpose()?;
+    let Some(format) = format else {
+        let first = files.first().map_or(Path::new(""), PathBuf::as_path);
+        return Err(Error::dataset(first, "not a recording by its first bytes", "copy or record it again"));
+    };
+    let mut description = RecordingDescription::new(files, format, options);
+    description.topics = summary.topic_summaries();
+    description.times = summary.times;
+    description.notes = summary.notes.clone();
+    Ok(description)
+}

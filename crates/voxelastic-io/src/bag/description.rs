@@ -1,0 +1,93 @@
+//! What a recording consists of, for people.
+
+use super::format::BagFormat;
+use super::summary::TopicSummary;
+use super::topics::ChosenTopics;
+use crate::OpenOptions;
+use crate::scan_list::Keyframing;
+use std::fmt;
+use std::path::PathBuf;
+
+/// Distance between keyframes of a recording by default, metres of travel: the paper's (Sec. V).
+pub const KEYFRAME_DISTANCE_M: f64 = 2.0;
+
+/// What a recording consists of and which of it is used. [`fmt::Display`] says it in a few lines.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct RecordingDescription {
+    /// The files, in order.
+    pub files: Vec<PathBuf>,
+    /// Their format.
+    pub format: BagFormat,
+    /// All topics, by name.
+    pub topics: Vec<TopicSummary>,
+    /// Times of the first and the last message, seconds, if the recording has an index or was read through.
+    pub times: Option<[f64; 2]>,
+    /// The topic of the clouds.
+    pub cloud_topic: Option<String>,
+    /// The topic or file of the poses.
+    pub poses: Option<String>,
+    /// Which scans are taken.
+    pub keyframing: Keyframing,
+    /// Number of nodes and of loop edges of the graph given with the recording.
+    pub graph: Option<[usize; 2]>,
+    /// Why the recording cannot be mapped as it is, if so.
+    pub problem: Option<String>,
+    /// Further remarks.
+    pub notes: Vec<String>,
+}
+
+impl RecordingDescription {
+    pub(super) fn new(files: Vec<PathBuf>, format: BagFormat, options: &OpenOptions) -> Self {
+        Self {
+            files,
+            format,
+            topics: Vec::new(),
+            times: None,
+            cloud_topic: None,
+            poses: options.poses.as_ref().map(|p| p.display().to_string()),
+            keyframing: options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)),
+            graph: None,
+            problem: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Notes the chosen topics.
+    pub(super) fn set_topics(&mut self, chosen: &ChosenTopics) {
+        self.cloud_topic = Some(chosen.clouds.clone());
+        if self.poses.is_none() {
+            self.poses = chosen.poses.as_ref().map(|(name, _)| name.clone());
+        }
+    }
+}
+
+impl fmt::Display for RecordingDescription {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "recording: {}", self.format)?;
+        if self.files.len() > 1 {
+            write!(f, " in {} files", self.files.len())?;
+        }
+        if let Some([first, last]) = self.times {
+            write!(f, ", {:.1} s", last - first)?;
+        }
+        let messages = |name: &String| self.topics.iter().find(|t| t.name == *name).and_then(|t| t.messages);
+        if let Some(topic) = &self.cloud_topic {
+            write!(f, "\nclouds: {topic}")?;
+            messages(topic).map_or(Ok(()), |n| write!(f, ", {n}"))?;
+        }
+        if let Some(poses) = &self.poses {
+            write!(f, "\nposes: {poses}")?;
+            messages(poses).map_or(Ok(()), |n| write!(f, ", {n}"))?;
+        }
+        if let Some([nodes, loops]) = self.graph {
+            write!(f, "\ngraph: {nodes} nodes, {loops} loop edges")?;
+        }
+        if let Some(problem) = &self.problem {
+            write!(f, "\nproblem: {problem}")?;
+        } else {
+            write!(f, "\nkeyframes: {}", self.keyframing)?;
+        }
+        self.notes.iter().try_for_each(|note| write!(f, "\nnote: {note}"))
+    }
+}

@@ -1,0 +1,129 @@
+//! The clouds of a recording without poses.
+
+use super::describe::{describe_bag, describe_capture, is_capture, summarise};
+use super::stream::{BagStream, StreamTopics};
+use super::topics::choose_clouds;
+use crate::ouster::{self, CaptureStream};
+use crate::playback::{CloudRereader, DeliveredScan, MessageStream, OpenStream, PlaybackLog, SensorMessage};
+use crate::{OpenOptions, Result};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use voxelastic::Cloud;
+use voxelastic::event::NodeId;
+use voxelastic::mapper::ScanSource;
+use voxelastic::sensor::BeamModel;
+
+/// A cloud of a recording with its time.
+pub(crate) struct RecordedScan {
+    /// Index among all clouds of the recording.
+    pub(crate) index: usize,
+    /// Seconds.
+    pub(crate) time: f64,
+    pub(crate) cloud: Cloud,
+}
+
+/// A recording whose cloud topic has been chosen. Only its beginning has been read.
+#[derive(Clone)]
+pub(crate) struct RawRecording {
+    path: PathBuf,
+    /// For a capture, the sensor's metadata file.
+    metadata: Option<PathBuf>,
+    open: OpenStream,
+    /// Number of clouds, if known.
+    count: Option<usize>,
+    description: String,
+    log: Arc<PlaybackLog>,
+}
+
+impl fmt::Debug for RawRecording {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("RawRecording").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+impl RawRecording {
+    /// Opens a recording.
+    ///
+    /// # Errors
+    /// [`Error::Ambiguous`](crate::Error::Ambiguous) if several topics hold clouds; [`Error::Dataset`](crate::Error::Dataset) if none does; as
+    /// [`describe`](super::describe()).
+    pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<Self> {
+        let log = Arc::default();
+        if is_capture(path)? {
+            let (metadata, description) = describe_capture(path, options)?;
+            let (capture, sensor) = (path.to_owned(), metadata.clone());
+            let open: OpenStream = Arc::new(move || Ok(Box::new(CaptureStream::open(&capture, &sensor)?) as Box<dyn MessageStream>));
+            let description = format!("recording: {}\nnote: {}", description.format, description.notes.join("\nnote: "));
+            return Ok(Self { path: path.into(), metadata: Some(metadata), open, count: None, description, log });
+        }
+        let (files, summary) = summarise(path)?;
+        let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
+        let count = summary.count(&clouds).and_then(|n| usize::try_from(n).ok());
+        let described = describe_bag(files.clone(), &summary, options)?;
+        let description = format!("recording: {}\nclouds: {clouds}", described.format) + &count.map_or(String::new(), |n| format!(", {n}"));
+        let topics = StreamTopics { clouds, poses: None };
+        let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
+        Ok(Self { path: path.into(), metadata: None, open, count, description, log })
+    }
+
+    /// What is in it, in a few lines.
+    pub(crate) fn description(&self) -> String {
+        self.description.clone()
+    }
+
+    /// Number of clouds, if known before they are read.
+    pub(crate) fn count(&self) -> Option<usize> {
+        self.count
+    }
+
+    /// The sensor's own tables of beams, if it is a capture.
+    pub(crate) fn sensor(&self) -> Option<BeamModel> {
+        ouster::Capture::open(&self.path, self.metadata.as_ref()?).ok()?.model().ok()
+    }
+
+    /// The clouds from the beginning. A part that cannot be read is an `Err` item.
+    pub(crate) fn scans(&self) -> impl Iterator<Item = Result<RecordedScan>> + Send + use<> {
+        let (open, log) = (Arc::clone(&self.open), Arc::clone(&self.log));
+        let mut stream = None;
+        let (mut index, mut ended) = (0, false);
+        std::iter::from_fn(move || {
+            if ended {
+                return None;
+            }
+            if stream.is_none() {
+                match open() {
+                    Ok(opened) => stream = Some(opened),
+                    Err(error) => {
+                        ended = true;
+                        return Some(Err(error));
+                    }
+                }
+            }
+            let stream = stream.as_mut()?;
+            loop {
+                match stream.next() {
+                    Some(Ok(SensorMessage::Cloud(message))) => {
+                        let (k, time) = (index, message.time);
+                        index += 1;
+                        return Some((message.decode)().map(|decoded| {
+                            log.add(k as NodeId, DeliveredScan { index: k as u64, motion: None });
+                            RecordedScan { index: k, time, cloud: decoded.relative_to(time) }
+                        }));
+                    }
+                    Some(Ok(_)) => {}
+                    Some(Err(error)) => return Some(Err(error)),
+                    None => {
+                        ended = true;
+                        return None;
+                    }
+                }
+            }
+        })
+    }
+
+    /// Reads clouds again that [`scans`](Self::scans) delivered.
+    pub(crate) fn clouds(&self) -> impl ScanSource + Send + use<> {
+        CloudRereader::new(Arc::clone(&self.open), Arc::clone(&self.log))
+    }
+}

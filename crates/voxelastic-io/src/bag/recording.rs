@@ -1,0 +1,218 @@
+//! A recording that can be played as a registered cloud list.
+
+use super::describe::{capture_without_poses, describe_bag, describe_capture, is_capture, summarise};
+use super::description::RecordingDescription;
+use super::graph_nodes::read_nodes;
+use super::stream::{BagStream, StreamTopics};
+use super::topic_role::TopicRole;
+use super::topics::{ChosenTopics, choose};
+use crate::motion::PoseTrack;
+use crate::ouster::{self, CaptureStream};
+use crate::playback::{CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, read_track};
+use crate::read_ahead::{IdleStep, ReadAhead};
+use crate::scan_list::{KeyframeFilter, Keyframing, ScanEdges, ScanEntry};
+use crate::{Error, OpenOptions, Result};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::{fmt, iter};
+use voxelastic::event::Event;
+use voxelastic::mapper::ScanSource;
+use voxelastic::sensor::BeamModel;
+
+/// Number of events that are decoded ahead.
+const AHEAD: usize = 4;
+
+/// Where the scans come from.
+#[derive(Clone)]
+enum Input {
+    /// Topics of a bag.
+    Bag(ChosenTopics),
+    /// An Ouster capture with its metadata file.
+    Capture(PathBuf),
+}
+
+/// A recording whose topics have been chosen. Only its beginning has been read.
+#[derive(Clone)]
+pub struct Recording {
+    path: PathBuf,
+    description: RecordingDescription,
+    input: Input,
+    /// Poses from a file.
+    given: Option<PoseTrack>,
+    nodes: Option<(Vec<ScanEntry>, ScanEdges)>,
+    corrections: Corrections,
+    options: OpenOptions,
+    selection: Selection,
+    log: Arc<PlaybackLog>,
+}
+
+impl fmt::Debug for Recording {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Recording").field("description", &self.description).finish_non_exhaustive()
+    }
+}
+
+impl Recording {
+    /// Opens a recording: a file, or the folder that `ros2 bag record` makes.
+    ///
+    /// # Errors
+    /// [`Error::Ambiguous`] if several topics could hold the clouds or the poses; [`Error::Dataset`] if there are none;
+    /// [`Error::Content`] if it is not a recording, or a pose or graph file is damaged; [`Error::Io`].
+    pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Self> {
+        let path = path.as_ref();
+        let (input, mut description) = if is_capture(path)? {
+            let (metadata, description) = describe_capture(path, options)?;
+            if options.poses.is_none() {
+                return Err(capture_without_poses(path));
+            }
+            (Input::Capture(metadata), description)
+        } else {
+            let (files, summary) = summarise(path)?;
+            let chosen = choose(&summary, path, options)?;
+            let mut description = describe_bag(files, &summary, options)?;
+            description.set_topics(&chosen);
+            (Input::Bag(chosen), description)
+        };
+        let given = options.poses.as_deref().map(read_track).transpose()?;
+        let (corrections_folder, graph) = match &options.graph {
+            Some(folder) if folder.is_dir() => (Some(folder), None),
+            graph => (None, graph.as_ref()),
+        };
+        let corrections = corrections_folder.map(|folder| Corrections::find(folder)).transpose()?.unwrap_or_default();
+        let nodes = match (graph, &options.poses) {
+            (Some(graph), Some(poses)) => Some(read_nodes(graph, poses, options)?),
+            (Some(graph), None) => {
+                let remedy = "give the times of its nodes with --poses: a trajectory (TUM) with one pose per node, in their order";
+                return Err(Error::dataset(graph, "a graph does not say when its nodes were", remedy));
+            }
+            (None, _) => None,
+        };
+        if let Some((entries, edges)) = &nodes {
+            description.graph = Some([entries.len(), edges.loops.len()]);
+            description.keyframing = options.keyframing.unwrap_or(Keyframing::All);
+        }
+        if corrections.len() > 0 {
+            description.notes.push(format!("poses are corrected {} times", corrections.len()));
+        }
+        let (options, selection, log) = (options.clone(), Selection::default(), Arc::default());
+        Ok(Self { path: path.into(), description, input, given, nodes, corrections, options, selection, log })
+    }
+
+    /// The recording's path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is in it, and which of it is used; to be shown to the user.
+    pub fn description(&self) -> &RecordingDescription {
+        &self.description
+    }
+
+    /// Keeps only the scans for which `keep` holds, by their index among those taken so far. Indices start anew in each call of
+    /// [`events`](Self::events).
+    pub fn retain(&mut self, keep: impl Fn(usize) -> bool + Send + Sync + 'static) {
+        self.selection.add(keep);
+    }
+
+    /// Takes no more than the first `most` scans; playback ends with them.
+    pub fn limit(&mut self, most: usize) {
+        self.selection.limit(most);
+    }
+
+    /// Scans that [`retain`](Self::retain) has excluded so far.
+    pub fn left_out(&self) -> usize {
+        self.log.left_out.load(Ordering::Relaxed)
+    }
+
+    /// Clouds without a pose so far.
+    pub fn without_pose(&self) -> usize {
+        self.log.without_pose.load(Ordering::Relaxed)
+    }
+
+    /// The sensor's own tables of beams, if it is a capture.
+    pub fn sensor(&self) -> Option<BeamModel> {
+        match &self.input {
+            Input::Bag(_) => None,
+            Input::Capture(metadata) => ouster::Capture::open(&self.path, metadata).ok()?.model().ok(),
+        }
+    }
+
+    /// How much of the recording has been played, 0 to 1; `None` if its length is unknown.
+    pub fn progress(&self) -> Option<f64> {
+        let [first, last] = self.description.times?;
+        let now = self.log.now();
+        (last > first && now > 0.0).then(|| ((now - first) / (last - first)).clamp(0.0, 1.0))
+    }
+
+    /// The registered cloud list, played from the beginning, a few events ahead.
+    pub fn events(&self) -> RecordingEvents {
+        let (open, options) = (self.open_stream(), self.player_options());
+        let play = move || -> Box<dyn Iterator<Item = Result<Event>> + Send> {
+            match open() {
+                Ok(stream) => Box::new(Player::new(stream, options)),
+                Err(error) => Box::new(iter::once(Err(error))),
+            }
+        };
+        RecordingEvents(ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten()))
+    }
+
+    /// Reads clouds again that [`events`](Self::events) delivered.
+    pub fn clouds(&self) -> impl ScanSource + Send + use<> {
+        CloudRereader::new(self.open_stream(), Arc::clone(&self.log))
+    }
+
+    fn open_stream(&self) -> OpenStream {
+        let files = self.description.files.clone();
+        match &self.input {
+            Input::Bag(chosen) => {
+                let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
+                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses };
+                Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
+            }
+            Input::Capture(metadata) => {
+                let (capture, metadata) = (self.path.clone(), metadata.clone());
+                Arc::new(move || Ok(Box::new(CaptureStream::open(&capture, &metadata)?) as Box<dyn MessageStream>))
+            }
+        }
+    }
+
+    fn player_options(&self) -> PlayerOptions {
+        let poses = match (&self.given, &self.input) {
+            (Some(track), _) => PoseSource::File(track.clone()),
+            (None, Input::Bag(ChosenTopics { poses: Some((_, TopicRole::Transforms)), .. })) => PoseSource::Transforms,
+            (None, _) => PoseSource::Topic { track: PoseTrack::default(), child: String::new() },
+        };
+        PlayerOptions {
+            path: self.path.clone(),
+            poses,
+            t_base_lidar: self.options.t_base_lidar,
+            keyframes: KeyframeFilter::new(self.description.keyframing),
+            selection: self.selection.clone(),
+            nodes: self.nodes.clone(),
+            corrections: self.corrections.clone(),
+            tolerance_s: self.options.time_tolerance_s,
+            deskew: self.options.deskew,
+            log: Arc::clone(&self.log),
+        }
+    }
+}
+
+/// Iterator over the events of a [`Recording`].
+#[derive(Debug)]
+pub struct RecordingEvents(ReadAhead<Result<Event>>);
+
+impl RecordingEvents {
+    /// A function that reads on to the next event in the time of the calling thread, see [`IdleStep`].
+    pub fn idle_step(&mut self) -> IdleStep {
+        self.0.idle_step()
+    }
+}
+
+impl Iterator for RecordingEvents {
+    type Item = Result<Event>;
+
+    fn next(&mut self) -> Option<Result<Event>> {
+        self.0.next()
+    }
+}

@@ -1,0 +1,200 @@
+//! Summary of a recording: topics and counts from its index, and what its first seconds show.
+
+use super::container::{Index, Topic};
+use super::open::open;
+use super::stream::{MessageReader, is_static};
+use super::topic_role::TopicRole;
+use crate::Result;
+use crate::motion::TransformTree;
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+/// At most this much of the beginning is read, seconds of recording.
+const BEGINNING_S: f64 = 5.0;
+/// Transforms are read for this long: moving ones are published more often.
+const TRANSFORMS_S: f64 = 1.0;
+/// At most this much of the beginning is read, bytes of messages.
+const BEGINNING_BYTES: usize = 256 << 20;
+
+/// A topic of a recording.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct TopicSummary {
+    /// Such as `/points_raw`.
+    pub name: String,
+    /// Type as package/Type.
+    pub kind: String,
+    /// Messages, if the recording has an index or was read through.
+    pub messages: Option<u64>,
+}
+
+/// What the first message of a cloud topic shows.
+#[derive(Clone, Debug, Default)]
+pub(super) struct CloudTopic {
+    /// Frame of a cloud.
+    pub(super) frame: String,
+    /// Fields of a cloud.
+    pub(super) fields: Vec<String>,
+}
+
+/// What is known about a recording before it is played.
+pub(super) struct RecordingSummary {
+    pub(super) topics: Vec<Topic>,
+    /// Messages of each topic, if all files have an index.
+    pub(super) counts: Option<Vec<u64>>,
+    /// Times of the first and the last message, seconds, under the same condition.
+    pub(super) times: Option<[f64; 2]>,
+    pub(super) cloud_topics: HashMap<String, CloudTopic>,
+    /// The transforms at the beginning.
+    pub(super) tree: TransformTree,
+    /// Remarks about the files.
+    pub(super) notes: Vec<String>,
+}
+
+impl RecordingSummary {
+    /// Reads the indices and the beginning.
+    ///
+    /// # Errors
+    /// Those of opening the files.
+    pub(super) fn of(files: &[PathBuf]) -> Result<Self> {
+        let mut summary = Self {
+            topics: Vec::new(),
+            counts: Some(Vec::new()),
+            times: None,
+            cloud_topics: HashMap::new(),
+            tree: TransformTree::default(),
+            notes: Vec::new(),
+        };
+        for file in files {
+            let container = match open(file) {
+                Ok(container) => container,
+                // A part that is not a recording is reported when it is played; if it is the only file, it cannot be opened.
+                Err(error) if files.len() > 1 => {
+                    summary.counts = None;
+                    summary.notes.push(error.to_string());
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let index = container.index();
+            let has_index = index.is_some();
+            summary.add_index(container.topics(), index);
+            if !has_index {
+                summary
+                    .notes
+                    .push(format!("{} has no index, probably because the recording was not closed: it is read as far as it goes", file.display()));
+            }
+        }
+        summary.read_beginning(files);
+        Ok(summary)
+    }
+
+    fn add_index(&mut self, topics: &[Topic], index: Option<Index>) {
+        let indices: Vec<usize> = topics.iter().map(|t| self.topic_index(t)).collect();
+        let (Some(counts), Some(index)) = (&mut self.counts, index) else {
+            self.counts = None;
+            return;
+        };
+        counts.resize(self.topics.len(), 0);
+        for (index, count) in indices.iter().zip(&index.counts) {
+            counts[*index] += count;
+        }
+        if let Some((first, last)) = index.times_ns.map(|(a, b)| (a as f64 * 1e-9, b as f64 * 1e-9)) {
+            self.times = Some(self.times.map_or([first, last], |[a, b]| [a.min(first), b.max(last)]));
+        }
+    }
+
+    fn topic_index(&mut self, topic: &Topic) -> usize {
+        let known = self.topics.iter().position(|t| t.name == topic.name && t.kind == topic.kind);
+        known.unwrap_or_else(|| {
+            self.topics.push(topic.clone());
+            self.topics.len() - 1
+        })
+    }
+
+    /// Reads the first messages of the topics that are used.
+    fn read_beginning(&mut self, files: &[PathBuf]) {
+        let mut messages = MessageReader::new(files);
+        let (mut first, mut bytes) = (None, 0);
+        // Damaged parts are reported when the recording is played.
+        while let Some(message) = messages.next(&|_, _| true) {
+            let Ok(message) = message else { continue };
+            let time = message.message.time_ns as f64 * 1e-9;
+            bytes += message.message.data.len();
+            let elapsed = time - *first.get_or_insert(time);
+            if elapsed > BEGINNING_S || bytes > BEGINNING_BYTES || self.is_complete_after(elapsed) {
+                break;
+            }
+            let index = self.topic_index(&message.topic);
+            if let Some(counts) = &mut self.counts {
+                counts.resize(self.topics.len().max(index + 1), 0);
+            }
+            let decoder = message.decoder();
+            let cloud_topic = match message.role {
+                TopicRole::Transforms => {
+                    let is_fixed = is_static(&message.topic.name);
+                    for p in decoder.poses(message.role).unwrap_or_default() {
+                        self.tree.add(&p.parent, &p.child, p.time, p.t_parent_child, is_fixed);
+                    }
+                    None
+                }
+                role if role.is_cloud() => {
+                    decoder.header().ok().map(|h| CloudTopic { frame: h.frame, fields: decoder.cloud_fields(role).unwrap_or_default() })
+                }
+                _ => None,
+            };
+            if let Some(cloud_topic) = cloud_topic {
+                self.cloud_topics.entry(message.topic.name.clone()).or_insert(cloud_topic);
+            }
+        }
+    }
+
+    /// Whether reading on would show nothing new: each cloud topic was seen, and transforms were read long enough. Without an index more
+    /// topics may appear.
+    fn is_complete_after(&self, elapsed: f64) -> bool {
+        let clouds = self.of_role(TopicRole::is_cloud);
+        let transforms = self.of_role(|role| role == TopicRole::Transforms);
+        self.counts.is_some()
+            && clouds.iter().all(|(name, _)| self.cloud_topics.contains_key(name))
+            && (transforms.is_empty() || elapsed > TRANSFORMS_S)
+    }
+
+    /// Number of messages of a topic, if it is known.
+    pub(super) fn count(&self, topic: &str) -> Option<u64> {
+        let counts = self.counts.as_ref()?;
+        Some(self.topics.iter().zip(counts).filter(|(t, _)| t.name == topic).map(|(_, n)| n).sum())
+    }
+
+    /// Topics of a role that have messages, or may have.
+    pub(super) fn of_role(&self, has: impl Fn(TopicRole) -> bool) -> Vec<(String, TopicRole)> {
+        let with_role = self.topics.iter().filter_map(|t| TopicRole::of(t).filter(|r| has(*r)).map(|r| (t.name.clone(), r)));
+        with_role.filter(|(name, _)| self.count(name) != Some(0)).collect()
+    }
+
+    /// The topics by name.
+    pub(super) fn topic_summaries(&self) -> Vec<TopicSummary> {
+        let summary = |(k, t): (usize, &Topic)| TopicSummary {
+            name: t.name.clone(),
+            kind: t.kind.clone(),
+            messages: self.counts.as_ref().and_then(|c| c.get(k)).copied(),
+        };
+        let mut all: Vec<TopicSummary> = self.topics.iter().enumerate().map(summary).collect();
+        all.sort_by(|a, b| a.name.cmp(&b.name));
+        all
+    }
+}
+
+/// Counts the messages of a recording without an index by reading it all; also gives the time of the first and the last, seconds.
+pub(super) fn count_messages(files: &[PathBuf]) -> (HashMap<String, u64>, Option<[f64; 2]>) {
+    let (mut counts, mut times): (HashMap<String, u64>, Option<[f64; 2]>) = (HashMap::new(), None);
+    for file in files {
+        let Ok(mut container) = open(file) else { continue };
+        while let Some(message) = container.next(&|_| true) {
+            let Ok(message) = message else { continue };
+            let time = message.time_ns as f64 * 1e-9;
+            times = Some(times.map_or([time; 2], |[a, b]| [a.min(time), b.max(time)]));
+            *counts.entry(container.topics()[message.topic].name.clone()).or_default() += 1;
+        }
+    }
+    (counts, times)
+}

@@ -1,0 +1,45 @@
+//! Message types that are used.
+
+use super::container::{Encoding, Topic};
+
+/// What a topic is used for, by its message type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum TopicRole {
+    /// `sensor_msgs/PointCloud2`.
+    PointCloud2,
+    /// `livox_ros_driver/CustomMsg` and `livox_ros_driver2/CustomMsg`.
+    Livox,
+    /// `nav_msgs/Odometry`.
+    Odometry,
+    /// `geometry_msgs/PoseStamped`, with or without covariance.
+    PoseStamped,
+    /// `nav_msgs/Path`.
+    Path,
+    /// `tf2_msgs/TFMessage`, `tf/tfMessage`.
+    Transforms,
+}
+
+impl TopicRole {
+    pub(super) fn of(topic: &Topic) -> Option<Self> {
+        if topic.encoding == Encoding::Other {
+            return None;
+        }
+        match topic.kind.as_str() {
+            "sensor_msgs/PointCloud2" => Some(Self::PointCloud2),
+            "livox_ros_driver/CustomMsg" | "livox_ros_driver2/CustomMsg" => Some(Self::Livox),
+            "nav_msgs/Odometry" => Some(Self::Odometry),
+            "geometry_msgs/PoseStamped" | "geometry_msgs/PoseWithCovarianceStamped" => Some(Self::PoseStamped),
+            "nav_msgs/Path" => Some(Self::Path),
+            "tf2_msgs/TFMessage" | "tf/tfMessage" => Some(Self::Transforms),
+            _ => None,
+        }
+    }
+
+    pub(super) fn is_cloud(self) -> bool {
+        matches!(self, Self::PointCloud2 | Self::Livox)
+    }
+
+    pub(super) fn is_poses(self) -> bool {
+        matches!(self, Self::Odometry | Self::PoseStamped | Self::Path)
+    }
+}

@@ -1,0 +1,9 @@
+//! Poses by time: trajectories that grow while a recording is read, transform trees, and the lidar's motion during a sweep.
+
+mod pose_track;
+mod sweep;
+mod transform_tree;
+
+pub(crate) use pose_track::{LONGEST_GAP_S, PoseTrack};
+pub(crate) use sweep::{sweep_motion, time_span};
+pub(crate) use transform_tree::TransformTree;

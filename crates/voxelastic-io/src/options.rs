@@ -1,0 +1,63 @@
+//! How data are opened.
+
+use crate::scan_list::Keyframing;
+use std::path::PathBuf;
+use voxelastic::Pose;
+
+/// Which of a SLAM system's poses to use, where a folder has both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PoseKind {
+    /// After optimisation of the pose graph.
+    #[default]
+    Optimised,
+    /// Before: odometry, for those who optimise the graph themselves.
+    Odometry,
+}
+
+/// How to open a folder or a recording. The default fits most data.
+#[derive(Clone, Debug)]
+pub struct OpenOptions {
+    /// The pose file: a path, a file name in the folder, or a part of one that no other pose file has (`groundtruth`).
+    pub poses: Option<PathBuf>,
+    /// Which poses to use if `poses` is not given and the folder has a system's poses before and after optimisation (SC-A-LOAM, SC-LIO-SAM,
+    /// FAST-LIO-SLAM: `odom_poses.txt` and `optimized_poses.txt`).
+    pub pose_kind: PoseKind,
+    /// The g2o graph to take edges from, named like `poses`. With a recording also a folder of corrected trajectories as they were known
+    /// at times of the recording, seconds: `poses@1600000000.5.tum`.
+    pub graph: Option<PathBuf>,
+    /// Pose of the lidar frame in the base frame. If given, the poses and edges in the files are those of the base:
+    /// `t_map_lidar = t_map_base * t_base_lidar` (paper Sec. IV).
+    pub t_base_lidar: Option<Pose>,
+    /// Whether a cloud without a pose, or a graph that does not match the clouds, is an error instead of a counted skip.
+    pub strict: bool,
+    /// Which scans to take; by default all of a folder, and of a recording one every 2 m.
+    pub keyframing: Option<Keyframing>,
+    /// The topic of a recording that holds the clouds.
+    pub cloud_topic: Option<String>,
+    /// The topic of a recording that holds the poses.
+    pub pose_topic: Option<String>,
+    /// The sensor's metadata of a capture, where it is not found by its name.
+    pub metadata: Option<PathBuf>,
+    /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
+    pub deskew: bool,
+    /// How far in time the nearest pose may be from a cloud when they are matched by time, seconds.
+    pub time_tolerance_s: f64,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self {
+            poses: None,
+            pose_kind: PoseKind::default(),
+            graph: None,
+            t_base_lidar: None,
+            strict: false,
+            keyframing: None,
+            cloud_topic: None,
+            pose_topic: None,
+            metadata: None,
+            deskew: true,
+            time_tolerance_s: 0.01,
+        }
+    }
+}

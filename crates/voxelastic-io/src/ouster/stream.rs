@@ -1,0 +1,45 @@
+//! A capture as a stream of messages: one scan after the other.
+
+use super::capture::Capture;
+use crate::playback::{CloudMessage, MessageStream, SensorMessage};
+use crate::{Error, Result};
+use std::path::{Path, PathBuf};
+use voxelastic::Cloud;
+
+/// Memory of a decoded point, bytes: coordinates, intensity, ring and time.
+const POINT_BYTES: usize = 24;
+
+/// The message stream of a capture.
+pub(crate) struct CaptureStream {
+    capture: Capture,
+    path: PathBuf,
+    now: f64,
+}
+
+impl CaptureStream {
+    pub(crate) fn open(capture: &Path, metadata: &Path) -> Result<Self> {
+        Ok(Self { capture: Capture::open(capture, metadata)?, path: capture.into(), now: 0.0 })
+    }
+}
+
+impl MessageStream for CaptureStream {
+    fn next(&mut self) -> Option<Result<SensorMessage>> {
+        let scan = match self.capture.next_scan()? {
+            Ok(scan) => scan,
+            Err(error) => return Some(Err(error)),
+        };
+        self.now = scan.stamp.unwrap_or(self.now);
+        let path = self.path.clone();
+        let bytes = scan.cloud.len() * POINT_BYTES;
+        let decode = Box::new(move || {
+            let has_return = scan.cloud.points.iter().any(Cloud::is_return);
+            let points = scan.cloud.len();
+            if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
+        });
+        Some(Ok(SensorMessage::Cloud(CloudMessage { time: self.now, frame: "os_sensor".into(), bytes, decode })))
+    }
+
+    fn now(&self) -> f64 {
+        self.now
+    }
+}

@@ -1,0 +1,57 @@
+//! The messages of a recording, independent of its format.
+
+use crate::Result;
+use crate::stamped_cloud::StampedCloud;
+use std::sync::Arc;
+use voxelastic::Pose;
+
+/// A message of a recording.
+pub(crate) enum SensorMessage {
+    /// A scan.
+    Cloud(CloudMessage),
+    /// A pose of the vehicle or the lidar.
+    Pose {
+        /// Seconds.
+        time: f64,
+        /// The frame whose pose it is; empty where the message does not say.
+        child: String,
+        /// Its pose in the map frame.
+        pose: Pose,
+    },
+    /// A pose of one frame in another.
+    Transform {
+        /// Seconds.
+        time: f64,
+        parent: String,
+        child: String,
+        pose: Pose,
+        /// Whether it holds at all times.
+        is_fixed: bool,
+    },
+    /// A message that is not used; only its time counts.
+    Other,
+}
+
+/// A scan that has not been decoded.
+pub(crate) struct CloudMessage {
+    /// Time that its points' times are relative to, seconds.
+    pub(crate) time: f64,
+    /// Its frame.
+    pub(crate) frame: String,
+    /// Memory that it holds until it is decoded, bytes.
+    pub(crate) bytes: usize,
+    /// Decodes it.
+    pub(crate) decode: Box<dyn FnOnce() -> Result<StampedCloud> + Send>,
+}
+
+/// A recording that is read from front to back.
+pub(crate) trait MessageStream: Send {
+    /// The next message. An error names a part that could not be read; the stream continues after it.
+    fn next(&mut self) -> Option<Result<SensorMessage>>;
+
+    /// Recording time of the last message, seconds.
+    fn now(&self) -> f64;
+}
+
+/// Opens the stream from its beginning.
+pub(crate) type OpenStream = Arc<dyn Fn() -> Result<Box<dyn MessageStream>> + Send + Sync>;

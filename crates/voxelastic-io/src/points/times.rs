@@ -1,0 +1,71 @@
+//! Times of points: the units of the drivers, and relative to absolute.
+
+use super::record::Scalar;
+use super::roles::CURVATURE;
+use std::path::Path;
+use voxelastic::Cloud;
+
+/// No sweep takes longer, seconds.
+const LONGEST_SWEEP: f64 = 60.0;
+/// Larger times are absolute, not relative to their sweep, seconds.
+const LARGEST_RELATIVE: f64 = 2.0;
+
+/// Times in seconds relative to a stamp: the first return's if the file has absolute times, else the cloud's own.
+pub(super) fn relative_times(values: Vec<f64>, points: &[[f32; 3]], name: &str, scalar: Scalar, path: &Path) -> (Option<Vec<f32>>, Option<f64>) {
+    let is_known = |&(t, p): &(&f64, &[f32; 3])| t.is_finite() & Cloud::is_return(p);
+    let Some(first) = values.iter().zip(points).find(is_known).map(|(t, _)| *t) else { return (None, None) };
+    let is_curvature = name.eq_ignore_ascii_case(CURVATURE);
+    let unit = if is_curvature { 1e-3 } else { unit_s(scalar, first) };
+    let all = bounds(&values, first);
+    // Points without a return may have any time. Leaving them out is slower and rarely needed.
+    let (low, high) = if is_curvature || (all.1 - all.0) * unit > LONGEST_SWEEP {
+        let known: Vec<f64> = values.iter().zip(points).filter(is_known).map(|(t, _)| *t).collect();
+        bounds(&known, first)
+    } else {
+        all
+    };
+    // The curvature of a surface is at most 1/3; a sweep lasts longer than a third of a millisecond.
+    if is_curvature && low >= 0.0 && high <= 1.0 / 3.0 {
+        return (None, None);
+    }
+    if (high - low) * unit > LONGEST_SWEEP {
+        tracing::warn!("{}: the times in field {name} span {:.0} s, more than a sweep can take: ignored", path.display(), (high - low) * unit);
+        return (None, None);
+    }
+    let stamp = Some(first * unit).filter(|s| s.abs() > LARGEST_RELATIVE);
+    let origin = if stamp.is_some() { first } else { 0.0 };
+    let relative = |t: f64| {
+        let t = (t - origin) * unit;
+        (if t.abs() <= LONGEST_SWEEP + LARGEST_RELATIVE { t } else { 0.0 }) as f32
+    };
+    (Some(values.iter().map(|&t| relative(t)).collect()), stamp)
+}
+
+/// The least and the largest of the finite times and of `first`, in SIMD lanes.
+fn bounds(times: &[f64], first: f64) -> (f64, f64) {
+    const LANES: usize = 8;
+    let (whole, rest) = times.as_chunks::<LANES>();
+    let mut last = [first; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    let (mut low, mut high) = ([first; LANES], [first; LANES]);
+    for times in whole.iter().chain([&last]) {
+        for ((&t, low), high) in times.iter().zip(&mut low).zip(&mut high) {
+            let t = if t.is_finite() { t } else { first };
+            *low = if t < *low { t } else { *low };
+            *high = if t > *high { t } else { *high };
+        }
+    }
+    (low.into_iter().fold(first, f64::min), high.into_iter().fold(first, f64::max))
+}
+
+/// Seconds per unit of a time field: integers count nanoseconds, as the drivers of Ouster and Livox do; floats are
+/// seconds, unless they can only be a date (since 1970) in milliseconds, microseconds or nanoseconds.
+fn unit_s(scalar: Scalar, first: f64) -> f64 {
+    match first.abs() {
+        _ if !scalar.is_float() => 1e-9,
+        t if t >= 1e17 => 1e-9,
+        t if t >= 1e14 => 1e-6,
+        t if t >= 1e11 => 1e-3,
+        _ => 1.0,
+    }
+}

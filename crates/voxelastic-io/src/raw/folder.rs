@@ -1,0 +1,118 @@
+//! The scans of a folder.
+
+use super::timed_scan::TimedScan;
+use crate::clouds::CloudFormat;
+use crate::dumps;
+use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
+use crate::scan_list::read_scan;
+use crate::{Error, Result, poses};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use voxelastic::event::NodeId;
+
+/// Assumed time between scans without times, seconds.
+const ASSUMED_PERIOD_S: f64 = 0.1;
+
+/// A scan whose cloud has not been decoded.
+#[derive(Clone, Debug)]
+pub(super) struct RawScan {
+    path: PathBuf,
+    name: String,
+    index: usize,
+    pub(super) node: NodeId,
+    /// Seconds, if known from files or names.
+    time: Option<f64>,
+    sweep: Option<[f64; 2]>,
+}
+
+impl RawScan {
+    /// Decodes the cloud.
+    ///
+    /// # Errors
+    /// As [`crate::clouds::read`].
+    pub(super) fn read(&self) -> Result<TimedScan> {
+        let decoded = read_scan(&self.path, self.index)?;
+        // A cloud may have a time of its own.
+        let time = self.time.or(decoded.stamp).unwrap_or(ASSUMED_PERIOD_S * self.index as f64);
+        Ok(TimedScan { name: self.name.clone(), index: self.index, node: self.node, time, sweep: self.sweep, cloud: decoded.relative_to(time) })
+    }
+}
+
+/// The scans of a folder, and their description.
+pub(super) fn read_folder(path: &Path) -> Result<(Vec<RawScan>, String)> {
+    if CloudFormat::of(path) == Some(CloudFormat::E57) {
+        let problem = "a file of laser scans, each from another position: not a sequence";
+        return Err(Error::dataset(path, problem, "map it with the poses that it holds"));
+    }
+    match find_clouds(path) {
+        Ok(folder) => of_clouds(path, folder),
+        // Dumps keep each cloud in a folder of its own.
+        Err(error) => of_dump(path)?.ok_or(error),
+    }
+}
+
+fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)> {
+    let times = times(path, &folder)?;
+    let mut text = format!("clouds: {} {}", folder.clouds.len(), folder.format);
+    let location = &folder.relative;
+    let _ = if location.as_os_str().is_empty() { write!(text, " in the folder") } else { write!(text, " in {}/", location.display()) };
+    text.push_str("\ntimes: ");
+    text.push_str(&times.described);
+    folder.notes.iter().for_each(|note| text.push_str(&format!("\nnote: {note}")));
+    let numbers = scan_numbers(&folder.clouds);
+    let scan = |(index, cloud): (usize, &crate::folders::CloudFile)| RawScan {
+        path: cloud.path.clone(),
+        name: stem_of(&cloud.path),
+        index,
+        node: numbers.as_ref().map_or(index as NodeId, |n| n[index]),
+        time: times.times.as_ref().map(|t| t[index]),
+        sweep: times.sweeps.as_ref().map(|s| s[index]),
+    };
+    Ok((folder.clouds.iter().enumerate().map(scan).collect(), text))
+}
+
+/// The scans of a folder that a SLAM system left.
+fn of_dump(path: &Path) -> Result<Option<(Vec<RawScan>, String)>> {
+    let Some(dump) = dumps::find(path)? else { return Ok(None) };
+    let scan = |entry: &crate::scan_list::ScanEntry| RawScan {
+        path: entry.path.clone(),
+        name: entry.path.strip_prefix(path).unwrap_or(&entry.path).with_extension("").display().to_string(),
+        index: entry.index,
+        node: entry.node,
+        time: Some(entry.time),
+        sweep: None,
+    };
+    let scans: Vec<RawScan> = dump.scans.iter().map(scan).collect();
+    let text = format!("clouds: {} of a {}\ntimes: of its keyframes", scans.len(), dump.system);
+    Ok(Some((scans, text)))
+}
+
+/// Times of all scans, and where they come from.
+struct Times {
+    times: Option<Vec<f64>>,
+    sweeps: Option<Vec<[f64; 2]>>,
+    described: String,
+}
+
+/// Times from KITTI's timestamps, from the names, or from a file of times in the folder or next to the clouds.
+fn times(path: &Path, folder: &CloudFolder) -> Result<Times> {
+    let clouds_in = path.join(&folder.relative);
+    if let Some(ScanTimes { file, times, sweeps }) = read_scan_times(&clouds_in, &folder.clouds)? {
+        let described = if sweeps.is_some() { format!("{file}, with start and end of each sweep") } else { file };
+        return Ok(Times { times: Some(times), sweeps, described });
+    }
+    if let Some(times) = folder.clouds.iter().map(|c| c.stamp).collect() {
+        return Ok(Times { times: Some(times), sweeps: None, described: "in the clouds' names".into() });
+    }
+    let parent = clouds_in.parent().filter(|parent| parent.starts_with(path));
+    for place in [Some(path), parent].into_iter().flatten() {
+        let files = list(place)?;
+        let is_times = |f: &&PathBuf| f.is_file() && has_extension(f, &["txt", "csv"]) && stem_of(f).eq_ignore_ascii_case("times");
+        if let Some(file) = files.iter().find(is_times) {
+            let times = match_times(&poses::read_times(file)?, &folder.clouds, file)?;
+            return Ok(Times { times: Some(times), sweeps: None, described: name_of(file) });
+        }
+    }
+    let described = format!("the clouds' own, else unknown: {ASSUMED_PERIOD_S} s between scans");
+    Ok(Times { times: None, sweeps: None, described })
+}

@@ -1,0 +1,156 @@
+//! Opening scans without poses.
+
+use super::folder::{RawScan, read_folder};
+use super::timed_scan::TimedScan;
+use crate::bag::{self, RawRecording};
+use crate::folders::holds_clouds;
+use crate::read_ahead::{IdleStep, ReadAhead};
+use crate::{OpenOptions, Result};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use voxelastic::Cloud;
+use voxelastic::event::NodeId;
+use voxelastic::mapper::ScanSource;
+use voxelastic::sensor::BeamModel;
+
+/// Number of clouds that are decoded ahead.
+const AHEAD: usize = 2;
+
+/// Opens the scans of a folder, a recording or a capture without poses. Of the options, [`OpenOptions::cloud_topic`] and
+/// [`OpenOptions::metadata`] apply to recordings; the others are not used.
+///
+/// # Errors
+/// [`Error::Dataset`](crate::Error::Dataset) if there are no clouds, if several folders or formats could be meant, or if a file of times does
+/// not fit the clouds; [`Error::Ambiguous`](crate::Error::Ambiguous) if a recording has several topics of clouds;
+/// [`Error::Content`](crate::Error::Content) if a file of times is damaged; [`Error::Io`](crate::Error::Io).
+pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RawScans> {
+    let path = path.as_ref();
+    let is_recording = if path.is_file() { bag::BagFormat::of(path)?.is_some() } else { !holds_clouds(path) && bag::is_recording(path)? };
+    let (input, description) = if is_recording {
+        let recording = RawRecording::open(path, options)?;
+        let description = recording.description();
+        (Input::Recording(recording), description)
+    } else {
+        let (scans, description) = read_folder(path)?;
+        (Input::Folder(scans.into()), description)
+    };
+    Ok(RawScans { path: path.into(), description, input })
+}
+
+/// Scans without poses. No cloud has been decoded.
+#[derive(Clone, Debug)]
+pub struct RawScans {
+    path: PathBuf,
+    description: String,
+    input: Input,
+}
+
+#[derive(Clone, Debug)]
+enum Input {
+    Folder(Arc<[RawScan]>),
+    Recording(RawRecording),
+}
+
+impl RawScans {
+    /// The path that was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What was found, in a few lines; to be shown to the user.
+    pub fn description(&self) -> &str {
+        &self.description
+    }
+
+    /// Number of scans, if it is known before they are read.
+    pub fn count(&self) -> Option<usize> {
+        match &self.input {
+            Input::Folder(scans) => Some(scans.len()),
+            Input::Recording(recording) => recording.count(),
+        }
+    }
+
+    /// The sensor's own tables of beams, if the data contain them: those of an Ouster capture.
+    pub fn sensor(&self) -> Option<BeamModel> {
+        match &self.input {
+            Input::Folder(_) => None,
+            Input::Recording(recording) => recording.sensor(),
+        }
+    }
+
+    /// The scans in the order of time, decoded ahead. A cloud that cannot be read is an `Err` item, and the iteration continues with the
+    /// next.
+    pub fn iter(&self) -> TimedScans {
+        let scans: Box<dyn Iterator<Item = Result<TimedScan>> + Send> = match &self.input {
+            Input::Folder(scans) => {
+                let scans = Arc::clone(scans);
+                Box::new((0..scans.len()).map(move |k| scans[k].read()))
+            }
+            Input::Recording(recording) => Box::new(recording.scans().map(|scan| {
+                scan.map(|scan| TimedScan {
+                    name: scan.index.to_string(),
+                    index: scan.index,
+                    node: scan.index as NodeId,
+                    time: scan.time,
+                    sweep: None,
+                    cloud: scan.cloud,
+                })
+            })),
+        };
+        TimedScans(ReadAhead::new("voxelastic-decode", AHEAD, scans))
+    }
+
+    /// Reads clouds again by their nodes. Those of a recording must have been delivered by [`iter`](Self::iter).
+    pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
+        match &self.input {
+            Input::Folder(scans) => {
+                let indices = scans.iter().enumerate().map(|(k, scan)| (scan.node, k)).collect();
+                Box::new(FolderClouds { scans: Arc::clone(scans), indices })
+            }
+            Input::Recording(recording) => Box::new(recording.clouds()),
+        }
+    }
+}
+
+impl IntoIterator for &RawScans {
+    type Item = Result<TimedScan>;
+    type IntoIter = TimedScans;
+
+    fn into_iter(self) -> TimedScans {
+        self.iter()
+    }
+}
+
+/// Iterator over [`RawScans`].
+#[derive(Debug)]
+pub struct TimedScans(ReadAhead<Result<TimedScan>>);
+
+impl TimedScans {
+    /// A function that decodes one scan ahead in the time of the calling thread, see [`IdleStep`].
+    pub fn idle_step(&mut self) -> IdleStep {
+        self.0.idle_step()
+    }
+}
+
+impl Iterator for TimedScans {
+    type Item = Result<TimedScan>;
+
+    fn next(&mut self) -> Option<Result<TimedScan>> {
+        self.0.next()
+    }
+}
+
+/// Reads the clouds of a folder again.
+struct FolderClouds {
+    scans: Arc<[RawScan]>,
+    /// Index of each node's scan.
+    indices: HashMap<NodeId, usize>,
+}
+
+impl ScanSource for FolderClouds {
+    fn cloud(&mut self, node: NodeId) -> std::result::Result<Cloud, Box<dyn std::error::Error + Send + Sync>> {
+        let index = self.indices.get(&node).ok_or("no scan of the data belongs to it")?;
+        Ok(self.scans[*index].read()?.cloud)
+    }
+}

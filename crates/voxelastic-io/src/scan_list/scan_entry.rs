@@ -1,0 +1,44 @@
+//! A scan with its pose, before its cloud is decoded.
+
+use crate::stamped_cloud::StampedCloud;
+use crate::survey::e57;
+use crate::{Error, Position, Result, clouds};
+use std::path::{Path, PathBuf};
+use voxelastic::Pose;
+use voxelastic::event::NodeId;
+
+/// A scan whose cloud has not been decoded yet. In a file of several scans (E57) it is the one numbered `index`.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct ScanEntry {
+    /// The cloud's file.
+    pub path: PathBuf,
+    /// Position among all clouds of the dataset, 0-based.
+    pub index: usize,
+    /// The node of the pose graph: as the graph numbers it, else the number in the file's name, else `index`.
+    pub node: NodeId,
+    /// Time in seconds; `index` where the dataset has no times.
+    pub time: f64,
+    /// Pose of the lidar frame in the map frame.
+    pub t_map_lidar: Pose,
+}
+
+impl ScanEntry {
+    /// Decodes the cloud as it is in its file.
+    pub(crate) fn read(&self) -> Result<StampedCloud> {
+        read_scan(&self.path, self.index)
+    }
+}
+
+/// Decodes the cloud of a file, or in an E57 file the scan numbered `index`.
+pub(crate) fn read_scan(path: &Path, index: usize) -> Result<StampedCloud> {
+    if clouds::CloudFormat::of(path) != Some(clouds::CloudFormat::E57) {
+        return clouds::read(path);
+    }
+    let survey = e57::read_one(path, index)?.survey;
+    if survey.offset != [0.0; 3] {
+        let problem = format!("the points of scan {index} are {:?} m from the scanner", survey.offset);
+        return Err(Error::content(path, Position::File, problem, "export the scans in the scanner's own frame, with their poses"));
+    }
+    Ok(StampedCloud { cloud: survey.cloud, stamp: None })
+}

@@ -1,0 +1,23 @@
+//! Pose-graph optimisation: node poses that agree best with all edges, found by the [`factrs`] library.
+//!
+//! [`optimise`] solves a whole graph; [`LiveOptimiser`] sits in a stream of events and adds a
+//! [`PoseUpdate`](voxelastic::event::Event::PoseUpdate) after loop edges (paper Sec. IV-D takes these from any SLAM system).
+//!
+//! ```
+//! use voxelastic::{Pose, event::Edge};
+//! use voxelastic_slam::graph::{Options, Problem, optimise};
+//!
+//! // Odometry says 1 m and 1 m, the loop edge says 2.2 m; all have the same information.
+//! let nodes = [0, 1, 2].map(|i| (i, Pose::translation(i as f64, 0.0, 0.0)));
+//! let edge = |from, to, x| Edge { from, to, t_from_to: Pose::translation(x, 0.0, 0.0), information: None };
+//! let edges = [edge(0, 1, 1.0), edge(1, 2, 1.0), edge(0, 2, 2.2)];
+//! let solved = optimise(&Problem { nodes: &nodes, edges: &edges, fixed: &[] }, &Options::default())?;
+//! assert!((solved.poses[2].1.translation.x - 2.1).abs() < 0.1 && solved.cost < solved.cost_before);
+//! # Ok::<(), voxelastic_slam::SlamError>(())
+//! ```
+
+mod live;
+mod solve;
+
+pub use live::LiveOptimiser;
+pub use solve::{Options, Problem, Solved, default_information, optimise};

@@ -1,0 +1,12 @@
+//! SLAM for Voxelastic: from scans to the poses, edges and corrections that the mapper takes as events.
+//!
+//! | module | contents |
+//! | --- | --- |
+//! | [`odometry`] | poses of scans from the scans alone |
+//! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
+
+mod error;
+pub mod graph;
+pub mod odometry;
+
+pub use error::SlamError;

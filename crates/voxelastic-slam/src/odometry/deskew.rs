@@ -1,0 +1,24 @@
+//! Deskew: points of a sweep moved to the time stamp.
+
+use voxelastic::Cloud;
+use voxelastic::geometry::Rigid;
+use voxelastic::motion::Motion;
+
+/// Steps into which a sweep is divided.
+const STEPS: usize = 1024;
+
+/// Writes the returns of a cloud whose points have times, in the lidar frame at the time stamp. False, and nothing is written, without times.
+pub(crate) fn deskew(cloud: &Cloud, motion: &Motion, out: &mut Vec<[f32; 3]>) -> bool {
+    let Some(times) = cloud.time.as_ref().filter(|times| times.len() == cloud.len()) else { return false };
+    let finite = times.iter().copied().filter(|t| t.is_finite());
+    let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+    if begin >= end {
+        return false;
+    }
+    let per_second = STEPS as f32 / (end - begin);
+    let poses: Vec<Rigid> = (0..STEPS).map(|k| Rigid::from(&motion.at(begin + (k as f32 + 0.5) / per_second))).collect();
+    let returns = cloud.points.iter().zip(times).filter(|(p, t)| t.is_finite() && Cloud::is_return(p));
+    out.clear();
+    out.extend(returns.map(|(p, t)| poses[(((t - begin) * per_second) as usize).min(STEPS - 1)].apply(*p)));
+    true
+}

@@ -1,0 +1,197 @@
+//! The local map: voxels with running statistics of the points in them, and the plane or the spread that follows from these.
+
+use super::eigen::smallest;
+use super::voxel_index::{VoxelIndex, key};
+
+/// A voxel with this many points takes no more: the map stays where it was first measured, and does not follow the drift.
+const FULL: f32 = 60.0;
+/// Fewer points than this do not say where a surface is.
+const LEAST_FOR_POINT: f32 = 3.0;
+/// A plane needs this many points.
+const LEAST_FOR_PLANE: f32 = 5.0;
+/// The spread of a plane's points across it, as a share of their spread within it (standard deviations).
+const FLATNESS: f64 = 0.3;
+/// The smaller spread within a plane, in voxel edges: less, and the points are a line, like those of a single beam.
+const LEAST_WIDTH: f64 = 0.08;
+/// Cosine of the largest angle between planes that may be the same.
+const LEAST_COSINE: f32 = 0.8;
+/// Standard deviation of a return from a flat surface, metres.
+pub(crate) const RANGE_NOISE: f64 = 0.02;
+
+/// Sums over the points of a voxel, relative to its centre.
+#[derive(Clone, Copy, Debug)]
+struct Moments {
+    coordinates: [i32; 3],
+    count: f32,
+    /// Number of points when the surface was last computed.
+    computed: f32,
+    sum: [f32; 3],
+    squares: [f32; 6],
+}
+
+/// What a voxel says about the surface in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Surface {
+    /// Mean of the points, relative to the voxel's centre, metres.
+    pub(crate) mean: [f32; 3],
+    /// Relative information of a distance to it: 1 for a perfect plane, 0 where there is no surface yet.
+    pub(crate) weight: f32,
+    /// Normal of the plane; zero where the points are no plane.
+    pub(crate) normal: [f32; 3],
+}
+
+impl Surface {
+    const NONE: Self = Self { mean: [0.0; 3], weight: 0.0, normal: [0.0; 3] };
+
+    /// Whether it is a plane.
+    #[inline(always)]
+    pub(crate) fn is_plane(&self) -> bool {
+        self.normal != [0.0; 3]
+    }
+}
+
+/// A piece of a scan's surface: the mean of the points in a voxel, in the sensor's frame, and their normal, zero where they are no plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Surfel {
+    pub(crate) point: [f32; 3],
+    pub(crate) normal: [f32; 3],
+}
+
+/// Voxels of one size around the sensor.
+#[derive(Clone, Debug)]
+pub(crate) struct LocalMap {
+    size: f64,
+    index: VoxelIndex,
+    moments: Vec<Moments>,
+    surfaces: Vec<Surface>,
+    changed: Vec<u32>,
+}
+
+impl LocalMap {
+    /// An empty map of voxels of edge `size`, metres.
+    pub(crate) fn new(size: f64) -> Self {
+        Self { size, index: VoxelIndex::default(), moments: Vec::new(), surfaces: Vec::new(), changed: Vec::new() }
+    }
+
+    /// Removes all voxels and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.index.clear();
+        self.moments.clear();
+        self.surfaces.clear();
+    }
+
+    /// Writes a surfel per voxel.
+    pub(crate) fn surfels(&self, out: &mut Vec<Surfel>) {
+        out.clear();
+        out.extend(self.moments.iter().zip(&self.surfaces).map(|(m, s)| {
+            let point = std::array::from_fn(|i| ((f64::from(m.coordinates[i]) + 0.5) * self.size) as f32 + m.sum[i] / m.count);
+            Surfel { point, normal: s.normal }
+        }));
+    }
+
+    /// Edge of a voxel, metres.
+    pub(crate) fn size(&self) -> f64 {
+        self.size
+    }
+
+    /// Adds points in the map frame.
+    pub(crate) fn insert(&mut self, points: impl Iterator<Item = [f64; 3]>) {
+        self.changed.clear();
+        let per_metre = 1.0 / self.size;
+        for p in points {
+            let scaled = p.map(|v| v * per_metre);
+            let coordinates = scaled.map(|v| v.floor() as i32);
+            let (position, is_new) = self.index.get_or_insert(key(coordinates), self.moments.len() as u32);
+            if is_new {
+                self.moments.push(Moments { coordinates, count: 0.0, computed: 0.0, sum: [0.0; 3], squares: [0.0; 6] });
+                self.surfaces.push(Surface::NONE);
+            }
+            let moments = &mut self.moments[position as usize];
+            if moments.count >= FULL {
+                continue;
+            }
+            if moments.count == moments.computed {
+                self.changed.push(position);
+            }
+            let [x, y, z]: [f32; 3] = std::array::from_fn(|i| ((scaled[i] - f64::from(coordinates[i]) - 0.5) * self.size) as f32);
+            moments.count += 1.0;
+            (moments.sum[0], moments.sum[1], moments.sum[2]) = (moments.sum[0] + x, moments.sum[1] + y, moments.sum[2] + z);
+            for (sum, product) in moments.squares.iter_mut().zip([x * x, x * y, x * z, y * y, y * z, z * z]) {
+                *sum += product;
+            }
+        }
+        for &position in &self.changed {
+            let moments = &mut self.moments[position as usize];
+            moments.computed = moments.count;
+            self.surfaces[position as usize] = surface(moments, self.size);
+        }
+    }
+
+    /// The surface whose mean is nearest to a point, among the eight voxels nearest to the point, and the point relative to that mean.
+    /// Planes that are not parallel to the point's own plane are left out; `normal` is zero if it has none.
+    #[inline]
+    pub(crate) fn nearest(&self, p: [f64; 3], normal: [f32; 3]) -> Option<([f32; 3], &Surface)> {
+        let scaled = p.map(|v| v / self.size - 0.5);
+        let base = scaled.map(|v| v.floor() as i32);
+        // Relative to the centre of the voxel at `base`.
+        let local: [f32; 3] = std::array::from_fn(|i| ((scaled[i] - f64::from(base[i])) * self.size) as f32);
+        let size = self.size as f32;
+        let mut best: Option<([f32; 3], &Surface)> = None;
+        let mut best_distance = f32::INFINITY;
+        for corner in 0..8 {
+            let step = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let Some(position) = self.index.get(key([base[0] + step[0], base[1] + step[1], base[2] + step[2]])) else { continue };
+            let surface = &self.surfaces[position as usize];
+            let d: [f32; 3] = std::array::from_fn(|i| local[i] - step[i] as f32 * size - surface.mean[i]);
+            let distance = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            let n = surface.normal;
+            let cosine = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
+            let is_other = cosine.abs() < LEAST_COSINE && normal != [0.0; 3] && surface.is_plane();
+            if surface.weight > 0.0 && distance < best_distance && !is_other {
+                (best, best_distance) = (Some((d, surface)), distance);
+            }
+        }
+        best
+    }
+
+    /// Removes voxels farther than `radius` from a point.
+    pub(crate) fn prune(&mut self, centre: [f64; 3], radius: f64) {
+        let limit = (radius / self.size).powi(2);
+        let centre = centre.map(|v| v / self.size - 0.5);
+        let is_near = |m: &Moments| (0..3).map(|i| (f64::from(m.coordinates[i]) - centre[i]).powi(2)).sum::<f64>() <= limit;
+        let mut kept = 0;
+        for position in 0..self.moments.len() {
+            if is_near(&self.moments[position]) {
+                self.moments[kept] = self.moments[position];
+                self.surfaces[kept] = self.surfaces[position];
+                kept += 1;
+            }
+        }
+        self.moments.truncate(kept);
+        self.surfaces.truncate(kept);
+        self.index = VoxelIndex::with_capacity(kept * 2);
+        for (position, moments) in self.moments.iter().enumerate() {
+            self.index.get_or_insert(key(moments.coordinates), position as u32);
+        }
+    }
+}
+
+/// The surface that follows from a voxel's points.
+fn surface(moments: &Moments, size: f64) -> Surface {
+    let n = f64::from(moments.count);
+    if moments.count < LEAST_FOR_POINT {
+        return Surface::NONE;
+    }
+    let mean = moments.sum.map(|v| f64::from(v) / n);
+    let product = |k: usize, i: usize, j: usize| f64::from(moments.squares[k]) / n - mean[i] * mean[j];
+    let covariance = [product(0, 0, 0), product(1, 0, 1), product(2, 0, 2), product(3, 1, 1), product(4, 1, 2), product(5, 2, 2)];
+    let (values, normal) = smallest(covariance);
+    let noise = RANGE_NOISE * RANGE_NOISE;
+    let mean = mean.map(|v| v as f32);
+    let is_wide = values[1] > (LEAST_WIDTH * size).powi(2);
+    let is_flat = values[0] < FLATNESS * FLATNESS * values[1];
+    match normal.filter(|_| moments.count >= LEAST_FOR_PLANE && is_wide && is_flat) {
+        Some(normal) => Surface { mean, weight: (noise / (noise + values[0].max(0.0))) as f32, normal: normal.map(|v| v as f32) },
+        None => Surface { mean, weight: (noise / (noise + (values[0] + values[1] + values[2]).max(0.0))) as f32, normal: [0.0; 3] },
+    }
+}

@@ -1,0 +1,170 @@
+//! Registration of points to the local map: Gauss-Newton with a robust kernel that narrows, from coarse voxels to fine ones.
+
+use super::degeneracy::Solution;
+use super::local_map::{LocalMap, RANGE_NOISE, Surfel};
+use super::normal_equations::{Kernel, NormalEquations};
+use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
+use voxelastic::geometry::Pose;
+
+/// Fewer matches than this hold no pose.
+const LEAST_MATCHES: usize = 30;
+
+/// Starts of a search that are refined.
+const REFINED: usize = 4;
+
+/// Settings of a registration.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RegistrationSettings {
+    /// Most iterations on each level.
+    pub(crate) max_iterations: usize,
+    /// A step that moves no point farther than this ends the iterations, metres.
+    pub(crate) convergence: f64,
+    /// Narrowest scale of the kernel, metres.
+    pub(crate) least_scale: f64,
+    /// Weight of a distance to a surface that is no plane, relative to that of its spread.
+    pub(crate) point_weight: f64,
+}
+
+/// The outcome of a registration.
+#[derive(Clone, Debug)]
+pub(crate) struct Registration {
+    pub(crate) t_map_lidar: Pose,
+    /// Information of the pose (translation in the map frame, rotation about the sensor around the map's axes), inverse square metres and radians.
+    pub(crate) information: Matrix6<f64>,
+    /// Directions along which the surfaces did not hold the pose, in the same order as the information's rows.
+    pub(crate) degenerate: Vec<Vector6<f64>>,
+    /// Share of the points that have a surface within the gate.
+    pub(crate) overlap: f64,
+    /// Mean weight of the points: 1 where all lie on perfect planes.
+    pub(crate) score: f64,
+    /// Robust mean distance to the surfaces, metres.
+    pub(crate) spread: f64,
+    pub(crate) iterations: usize,
+    pub(crate) is_converged: bool,
+}
+
+/// Moves a pose by a small step: translation in the map frame, rotation about the sensor around the map's axes.
+pub(crate) fn stepped(pose: &Pose, step: &Vector6<f64>) -> Pose {
+    let mut rotation = UnitQuaternion::from_scaled_axis(Vector3::new(step[3], step[4], step[5])) * pose.rotation;
+    rotation.renormalize();
+    Pose::from_parts(Translation3::from(pose.translation.vector + Vector3::new(step[0], step[1], step[2])), rotation)
+}
+
+/// Registers points in the sensor's frame from a guess that is wrong by about `sigma`, metres. Where that is more than the finest voxels
+/// capture, coarser levels refine the guess first; as these can also lead astray, the outcome with the best score counts.
+pub(crate) fn register(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
+    let needed = levels.iter().take_while(|level| level.size() <= levels[0].size() || level.size() < 4.0 * sigma).count();
+    let mut best: Option<Registration> = None;
+    let mut iterations = 0;
+    for first in 0..needed {
+        let Some(found) = descend(points, guess, &levels[..=first], sigma, settings) else { continue };
+        iterations += found.iterations;
+        if best.as_ref().is_none_or(|best| found.score > best.score) {
+            best = Some(found);
+        }
+    }
+    best.map(|best| Registration { iterations, ..best })
+}
+
+/// The same from many starts, without an idea which is right: the coarsest level orders them, and the best few are refined.
+pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], settings: &RegistrationSettings) -> Option<Registration> {
+    let coarsest = levels.last()?;
+    let radius = mean_radius(points);
+    let sparse: Vec<Surfel> = points.iter().step_by(1 << levels.len()).copied().collect();
+    let size = coarsest.size();
+    let schedule = Schedule { gate: 2.0 * size, first_scale: size, last_scale: 0.2 * size, convergence: 0.02 * size };
+    let aligned = starts.iter().filter_map(|start| align(&sparse, start, coarsest, radius, &schedule, settings));
+    let mut scored: Vec<(f64, Pose)> = aligned.map(|a| (a.equations.fit, a.pose)).collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(REFINED);
+    let mut best: Option<Registration> = None;
+    for (_, pose) in scored {
+        let found = descend(points, &pose, &levels[..levels.len() - 1], 0.25 * size, settings);
+        best = match (best, found) {
+            (Some(best), Some(found)) if found.score > best.score => Some(found),
+            (None, found) => found,
+            (best, _) => best,
+        };
+    }
+    best
+}
+
+/// Aligns to each level, from the coarsest of these to the finest.
+fn descend(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
+    let radius = mean_radius(points);
+    let (mut pose, mut iterations) = (*guess, 0);
+    for (k, level) in levels.iter().enumerate().skip(1).rev() {
+        let size = level.size();
+        let sparse: Vec<Surfel> = points.iter().step_by(1 << k).copied().collect();
+        let schedule = Schedule { gate: (3.0 * sigma).max(size), first_scale: sigma / 3.0, last_scale: 0.2 * size, convergence: 0.02 * size };
+        let aligned = align(&sparse, &pose, level, radius, &schedule, settings)?;
+        (pose, iterations) = (aligned.pose, iterations + aligned.iterations);
+    }
+    let finest = levels.first()?;
+    let scale = settings.least_scale;
+    let schedule =
+        Schedule { gate: (3.0 * sigma).max(finest.size()), first_scale: sigma / 3.0, last_scale: scale, convergence: settings.convergence };
+    let aligned = align(points, &pose, finest, radius, &schedule, settings)?;
+    Some(summary(points.len(), aligned, iterations))
+}
+
+/// How the kernel of an alignment narrows, and when it ends.
+struct Schedule {
+    gate: f64,
+    first_scale: f64,
+    last_scale: f64,
+    convergence: f64,
+}
+
+/// A pose aligned to one level.
+struct Aligned {
+    pose: Pose,
+    equations: NormalEquations,
+    solution: Solution,
+    iterations: usize,
+    is_converged: bool,
+}
+
+fn align(points: &[Surfel], start: &Pose, level: &LocalMap, radius: f64, schedule: &Schedule, settings: &RegistrationSettings) -> Option<Aligned> {
+    let mut kernel = Kernel { gate: schedule.gate, scale: schedule.first_scale.max(schedule.last_scale), point_weight: settings.point_weight };
+    let mut pose = *start;
+    for iterations in 1..=settings.max_iterations {
+        let equations = NormalEquations::of(points, &pose, level, &kernel);
+        if equations.matched < LEAST_MATCHES {
+            return None;
+        }
+        let solution = Solution::of(&equations, radius)?;
+        pose = stepped(&pose, &solution.step);
+        let moved = solution.step.fixed_rows::<3>(0).norm() + radius * solution.step.fixed_rows::<3>(3).norm();
+        let is_converged = kernel.scale <= schedule.last_scale && moved < schedule.convergence;
+        if is_converged || iterations == settings.max_iterations {
+            return Some(Aligned { pose, equations, solution, iterations, is_converged });
+        }
+        // The kernel narrows once the pose is right for its scale.
+        if moved < 0.5 * kernel.scale || iterations % 8 == 0 {
+            kernel.scale = (kernel.scale * 0.5).max(schedule.last_scale);
+        }
+    }
+    None
+}
+
+fn summary(points: usize, aligned: Aligned, coarse_iterations: usize) -> Registration {
+    let Aligned { pose, equations, solution, iterations, is_converged } = aligned;
+    let variance = (equations.squares / equations.weight).max(RANGE_NOISE * RANGE_NOISE * 0.01);
+    Registration {
+        t_map_lidar: pose,
+        information: equations.information / variance,
+        degenerate: solution.degenerate,
+        overlap: equations.matched as f64 / points.max(1) as f64,
+        score: equations.fit / points.max(1) as f64,
+        spread: variance.sqrt(),
+        iterations: iterations + coarse_iterations,
+        is_converged,
+    }
+}
+
+/// Root mean square distance of the points from the sensor: what a rotation moves them by.
+pub(crate) fn mean_radius(points: &[Surfel]) -> f64 {
+    let sum: f64 = points.iter().map(|s| s.point.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>()).sum();
+    (sum / points.len().max(1) as f64).sqrt().max(1.0)
+}

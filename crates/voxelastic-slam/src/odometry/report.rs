@@ -1,0 +1,83 @@
+//! What the odometry says about a scan.
+
+use nalgebra::Matrix6;
+use std::time::Duration;
+use voxelastic::geometry::Pose;
+use voxelastic::motion::Motion;
+
+/// The outcome for one scan.
+#[derive(Clone, Debug)]
+#[non_exhaustive]
+pub struct OdometryReport {
+    /// Pose of the lidar in the map frame at the scan's time stamp. The map frame is the lidar frame of the first scan.
+    pub t_map_lidar: Pose,
+    /// How the lidar moved during the sweep, if the points have times and a velocity is known: for [`Cloud::motion`](voxelastic::Cloud::motion).
+    pub motion: Option<Motion>,
+    /// Information of the pose in the lidar frame (x y z roll pitch yaw), inverse square metres and radians; zero if it was not registered.
+    /// Points count as independent, which they are not: it is too large, and its scale is not calibrated yet.
+    pub information: Matrix6<f64>,
+    /// Whether the pose can be used.
+    pub status: Status,
+    /// Number of the piece of the trajectory. No odometry edge leads from one piece to another.
+    pub piece: usize,
+    /// Whether the scan is far enough from the last keyframe to be one.
+    pub is_keyframe: bool,
+    /// Share of the scan's surfaces that have a counterpart in the map.
+    pub overlap: f64,
+    /// Robust mean distance to the map's surfaces, metres.
+    pub spread: f64,
+    /// Iterations on all levels.
+    pub iterations: usize,
+    /// Wall time by phase.
+    pub times: PhaseTimes,
+}
+
+impl OdometryReport {
+    /// The information as an edge of a pose graph takes it: upper triangle row by row.
+    pub fn information_upper(&self) -> [f64; 21] {
+        let mut upper = [0.0; 21];
+        let pairs = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
+        upper.iter_mut().zip(pairs).for_each(|(v, ij)| *v = self.information[ij]);
+        upper
+    }
+}
+
+/// Whether a pose can be used.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Status {
+    /// The first scan of a piece: its pose is where the piece before was last predicted to be.
+    First,
+    /// Registered to the local map.
+    Tracked,
+    /// Registered, but the surfaces do not hold the pose along so many directions; along these it is the prediction.
+    Degenerate {
+        /// Number of directions, of six.
+        directions: usize,
+    },
+    /// Not registered; the pose is the prediction and the scan did not enter the map.
+    Failed(Failure),
+}
+
+/// Why a scan was not registered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Failure {
+    /// The scan has too few returns, as with a covered sensor.
+    TooFewReturns,
+    /// Too few of its surfaces have a counterpart in the map, as after a jump of the sensor.
+    TooLittleOverlap,
+    /// The time stamp is before that of the scan before, or not finite.
+    TimeNotAscending,
+}
+
+/// Wall time by phase.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PhaseTimes {
+    /// Range gate, deskew and downsampling.
+    pub prepare: Duration,
+    /// Registration.
+    pub register: Duration,
+    /// Update of the local map.
+    pub update: Duration,
+}

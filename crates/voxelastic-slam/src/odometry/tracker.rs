@@ -1,0 +1,305 @@
+//! The odometry: scans in, poses out.
+
+use super::deskew::deskew;
+use super::downsample::Downsampler;
+use super::imu::ImuSample;
+use super::local_map::{LocalMap, Surfel};
+use super::prediction::Predictor;
+use super::registration::{Registration, RegistrationSettings, mean_radius, register, search};
+use super::report::{Failure, OdometryReport, PhaseTimes, Status};
+use super::settings::OdometrySettings;
+use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
+use std::time::Instant;
+use voxelastic::Cloud;
+use voxelastic::geometry::{Pose, PoseExt};
+use voxelastic::motion::Motion;
+
+/// Surfaces that a scan must have to be registered.
+const LEAST_SURFACES: usize = 100;
+/// Share of a scan's surfaces that must have a counterpart in the map.
+const LEAST_OVERLAP: f64 = 0.3;
+/// A registration whose score falls below this share of the usual one is repeated from other starts.
+const USUAL_SCORE: f64 = 0.8;
+/// Yaw angles of these starts, degrees, to either side.
+const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
+/// Scans between two removals of far voxels.
+const PRUNE_EVERY: usize = 10;
+/// Edges of the finest voxels that are chosen automatically, metres, and their share of the root mean square range.
+const VOXEL_SIZES: (f64, f64, f64) = (0.2, 0.7, 0.08);
+/// Change of the motion during a sweep, for a point at the scan's radius, that is worth a second deskew, metres.
+const DESKEW_AGAIN: f64 = 0.02;
+
+/// Odometry: poses from scans alone, by registration to a local map.
+///
+/// Results do not depend on the number of threads.
+#[derive(Clone, Debug)]
+pub struct Odometry {
+    settings: OdometrySettings,
+    /// From fine to coarse; empty before the first scan.
+    levels: Vec<LocalMap>,
+    predictor: Predictor,
+    last: Option<Last>,
+    piece: usize,
+    scans: usize,
+    failures: usize,
+    /// Running mean of the registrations' scores.
+    score: f64,
+    scratch: Scratch,
+}
+
+/// The last registered scan, and the last keyframe.
+#[derive(Clone, Copy, Debug)]
+struct Last {
+    t_map_lidar: Pose,
+    time: Option<f64>,
+    keyframe: Pose,
+}
+
+/// Memory that is used again for each scan.
+#[derive(Clone, Debug)]
+struct Scratch {
+    downsampler: Downsampler,
+    points: Vec<[f32; 3]>,
+    dense: Vec<[f32; 3]>,
+    scan_map: LocalMap,
+    surfels: Vec<Surfel>,
+}
+
+impl Odometry {
+    /// An odometry that has seen no scan.
+    pub fn new(settings: OdometrySettings) -> Self {
+        let scratch =
+            Scratch { downsampler: Downsampler::default(), points: Vec::new(), dense: Vec::new(), scan_map: LocalMap::new(1.0), surfels: Vec::new() };
+        Self { settings, levels: Vec::new(), predictor: Predictor::new(), last: None, piece: 0, scans: 0, failures: 0, score: 0.0, scratch }
+    }
+
+    /// Adds a sample of an inertial measurement unit. Samples must come before the scan whose motion they cover; only the angular
+    /// velocity is used.
+    pub fn add_imu(&mut self, sample: ImuSample) {
+        self.predictor.add_imu(sample);
+    }
+
+    /// Finds the pose of a scan and adds the scan to the local map. `time` is the cloud's time stamp in seconds, where it is known.
+    pub fn register(&mut self, cloud: &Cloud, time: Option<f64>) -> OdometryReport {
+        let clock = Instant::now();
+        let mut times = PhaseTimes::default();
+        let Some(last) = self.last else { return self.first(cloud, time, Pose::identity(), clock) };
+        let seconds = time.zip(last.time).map(|(now, before)| now - before);
+        if time.is_some_and(|t| !t.is_finite()) || seconds.is_some_and(|s| s <= 0.0) {
+            return self.failed(Failure::TimeNotAscending, last.t_map_lidar, times);
+        }
+        let predicted = self.predictor.motion(last.time, seconds);
+        let prediction = renormalised(last.t_map_lidar * predicted);
+        let mut motion = self.sweep(cloud, seconds, &predicted);
+        self.prepare(cloud, motion.as_ref());
+        times.prepare = clock.elapsed();
+        if self.scratch.surfels.len() < LEAST_SURFACES {
+            return self.failed_or_restarted(Failure::TooFewReturns, cloud, time, prediction, times);
+        }
+        let clock = Instant::now();
+        let mut found = self.find(&prediction, &last.t_map_lidar);
+        // The motion during the sweep is known better now.
+        if let (Some(_), Some(registration)) = (&motion, &found) {
+            let moved = last.t_map_lidar.inv_mul(&registration.t_map_lidar);
+            let radius = mean_radius(&self.scratch.surfels);
+            if moved.translation_distance(&predicted) + radius * moved.rotation_distance(&predicted) > DESKEW_AGAIN {
+                let start = registration.t_map_lidar;
+                self.predictor.set_motion(moved, seconds);
+                motion = self.sweep(cloud, seconds, &moved);
+                self.prepare(cloud, motion.as_ref());
+                found = register(&self.scratch.surfels, &start, &self.levels, DESKEW_AGAIN, &self.registration_settings());
+            }
+        }
+        times.register = clock.elapsed();
+        let Some(found) = found.filter(|f| f.overlap >= LEAST_OVERLAP) else {
+            return self.failed_or_restarted(Failure::TooLittleOverlap, cloud, time, prediction, times);
+        };
+        let clock = Instant::now();
+        self.accept(&last, &prediction, &found, time, seconds);
+        let is_keyframe = self.is_keyframe(&last, &found.t_map_lidar);
+        self.insert(&found.t_map_lidar);
+        times.update = clock.elapsed();
+        OdometryReport {
+            t_map_lidar: found.t_map_lidar,
+            motion,
+            information: in_lidar_frame(&found),
+            status: if found.degenerate.is_empty() { Status::Tracked } else { Status::Degenerate { directions: found.degenerate.len() } },
+            piece: self.piece,
+            is_keyframe,
+            overlap: found.overlap,
+            spread: found.spread,
+            iterations: found.iterations,
+            times,
+        }
+    }
+
+    fn registration_settings(&self) -> RegistrationSettings {
+        let s = &self.settings;
+        RegistrationSettings { max_iterations: s.max_iterations, convergence: 1e-3, least_scale: s.kernel_scale, point_weight: s.point_weight }
+    }
+
+    /// How the lidar moved during the sweep, from its motion since the last scan: at constant velocity.
+    fn sweep(&self, cloud: &Cloud, seconds: Option<f64>, since_last: &Pose) -> Option<Motion> {
+        if cloud.motion.is_some() {
+            return cloud.motion.clone();
+        }
+        let times = cloud.time.as_ref().filter(|_| self.settings.deskew && self.predictor.has_velocity())?;
+        let seconds = seconds.filter(|s| *s > 0.0)?;
+        let finite = times.iter().copied().filter(|t| t.is_finite());
+        let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+        let at = |t: f32| {
+            let share = f64::from(t) / seconds;
+            let rotation = UnitQuaternion::from_scaled_axis(since_last.rotation.scaled_axis() * share);
+            // The velocity is that in the frame of the last scan; a turn since then does not matter within a sweep.
+            Pose::from_parts(Translation3::from(since_last.rotation.inverse() * since_last.translation.vector * share), rotation)
+        };
+        Motion::through([(begin, at(begin)), (end, at(end))])
+    }
+
+    /// Gate, deskew, downsampling and surfaces of a scan, into the scratch memory.
+    fn prepare(&mut self, cloud: &Cloud, motion: Option<&Motion>) {
+        let Scratch { downsampler, points, dense, scan_map, surfels } = &mut self.scratch;
+        let (low, high) = ((self.settings.min_range as f32).powi(2), (self.settings.max_range as f32).powi(2));
+        let is_used = |p: &[f32; 3]| {
+            let square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
+            square > low && square < high
+        };
+        if motion.is_some_and(|motion| deskew(cloud, motion, points)) {
+            points.retain(is_used);
+        } else {
+            points.clear();
+            points.extend(cloud.points.iter().filter(|p| is_used(p)));
+        }
+        if self.levels.is_empty() {
+            let (least, most, share) = VOXEL_SIZES;
+            let square =
+                points.iter().map(|p| p.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>()).sum::<f64>() / points.len().max(1) as f64;
+            let size = self.settings.voxel_size.unwrap_or_else(|| (share * square.sqrt()).clamp(least, most));
+            self.levels = (0..self.settings.levels.clamp(1, 8)).map(|k| LocalMap::new(size * f64::from(1u32 << k))).collect();
+            *scan_map = LocalMap::new(size * self.settings.source_spacing);
+        }
+        let size = self.levels[0].size();
+        downsampler.means(points, (size / self.settings.map_density) as f32, dense);
+        scan_map.clear();
+        scan_map.insert(dense.iter().map(|p| p.map(f64::from)));
+        scan_map.surfels(surfels);
+    }
+
+    /// Registers the prepared scan: from the prediction, and if that does not fit as usual, from other starts.
+    fn find(&self, prediction: &Pose, last: &Pose) -> Option<Registration> {
+        let settings = self.registration_settings();
+        let surfels = &self.scratch.surfels;
+        let found = register(surfels, prediction, &self.levels, self.predictor.sigma(), &settings);
+        if found.as_ref().is_some_and(|f| f.is_converged && f.score > USUAL_SCORE * self.score) {
+            return found;
+        }
+        let turned = |pose: &Pose, degrees: f64| {
+            pose * Pose::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians()))
+        };
+        let mut starts = vec![*prediction, *last];
+        for degrees in STARTS.into_iter().flat_map(|d| [d, -d]) {
+            starts.push(turned(last, degrees));
+            if degrees.abs() < 30.0 {
+                starts.push(turned(prediction, degrees));
+            }
+        }
+        let other = search(surfels, &starts, &self.levels, &settings);
+        match (found, other) {
+            (Some(found), Some(other)) => Some(if other.score > found.score { other } else { found }),
+            (found, other) => found.or(other),
+        }
+    }
+
+    /// Takes over the outcome of a registration.
+    fn accept(&mut self, last: &Last, prediction: &Pose, found: &Registration, time: Option<f64>, seconds: Option<f64>) {
+        self.failures = 0;
+        self.score = if self.score == 0.0 { found.score } else { 0.8 * self.score + 0.2 * found.score };
+        self.predictor.add_error(&prediction.inv_mul(&found.t_map_lidar), mean_radius(&self.scratch.surfels));
+        self.predictor.set_motion(renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar)), seconds);
+        self.last = Some(Last { t_map_lidar: found.t_map_lidar, time, keyframe: last.keyframe });
+    }
+
+    /// Whether a pose is far enough from the last keyframe; it is then the last keyframe.
+    fn is_keyframe(&mut self, last: &Last, pose: &Pose) -> bool {
+        let s = &self.settings;
+        let is_far = pose.translation_distance(&last.keyframe) >= s.keyframe_distance
+            || pose.rotation_distance(&last.keyframe) >= s.keyframe_angle.to_radians();
+        if let Some(last) = self.last.as_mut().filter(|_| is_far) {
+            last.keyframe = *pose;
+        }
+        is_far
+    }
+
+    /// Adds the prepared scan to the map.
+    fn insert(&mut self, t_map_lidar: &Pose) {
+        let rotation = t_map_lidar.rotation.to_rotation_matrix();
+        let centre = t_map_lidar.translation.vector;
+        let moved = |p: &[f32; 3]| (rotation * Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2])) + centre).into();
+        self.scans += 1;
+        for level in &mut self.levels {
+            level.insert(self.scratch.dense.iter().map(moved));
+            if self.scans.is_multiple_of(PRUNE_EVERY) {
+                level.prune(centre.into(), self.settings.max_range);
+            }
+        }
+    }
+
+    /// The first scan of a piece.
+    fn first(&mut self, cloud: &Cloud, time: Option<f64>, t_map_lidar: Pose, clock: Instant) -> OdometryReport {
+        self.levels.clear();
+        self.prepare(cloud, cloud.motion.as_ref());
+        let mut times = PhaseTimes { prepare: clock.elapsed(), ..PhaseTimes::default() };
+        if self.scratch.surfels.len() < LEAST_SURFACES {
+            self.levels.clear();
+            return self.failed(Failure::TooFewReturns, t_map_lidar, times);
+        }
+        let clock = Instant::now();
+        self.insert(&t_map_lidar);
+        self.last = Some(Last { t_map_lidar, time: time.filter(|t| t.is_finite()), keyframe: t_map_lidar });
+        self.predictor.restart();
+        (self.failures, self.score) = (0, 0.0);
+        times.update = clock.elapsed();
+        OdometryReport { status: Status::First, is_keyframe: true, overlap: 1.0, ..self.failed(Failure::TooFewReturns, t_map_lidar, times) }
+    }
+
+    /// A scan that cannot be registered: after several of these in turn, it is the first of a new piece.
+    fn failed_or_restarted(&mut self, failure: Failure, cloud: &Cloud, time: Option<f64>, prediction: Pose, times: PhaseTimes) -> OdometryReport {
+        self.failures += 1;
+        if self.failures < self.settings.max_failures || failure == Failure::TooFewReturns {
+            return self.failed(failure, prediction, times);
+        }
+        self.piece += 1;
+        self.first(cloud, time, prediction, Instant::now())
+    }
+
+    fn failed(&self, failure: Failure, t_map_lidar: Pose, times: PhaseTimes) -> OdometryReport {
+        OdometryReport {
+            t_map_lidar,
+            motion: None,
+            information: Matrix6::zeros(),
+            status: Status::Failed(failure),
+            piece: self.piece,
+            is_keyframe: false,
+            overlap: 0.0,
+            spread: 0.0,
+            iterations: 0,
+            times,
+        }
+    }
+}
+
+/// The information of a registration with its axes turned into the lidar's.
+fn in_lidar_frame(found: &Registration) -> Matrix6<f64> {
+    let rotation = *found.t_map_lidar.rotation.to_rotation_matrix().matrix();
+    let mut axes = Matrix6::zeros();
+    axes.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    axes.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    let turned = axes.transpose() * found.information * axes;
+    (turned + turned.transpose()) * 0.5
+}
+
+/// Products of many rotations drift off unit length.
+fn renormalised(mut pose: Pose) -> Pose {
+    pose.rotation.renormalize();
+    pose
+}

@@ -1,0 +1,52 @@
+//! Which node belongs to which submap.
+
+use super::SubmapId;
+use crate::event::NodeId;
+use std::collections::{BTreeMap, HashMap};
+
+/// The nodes of every submap as clustering decided; queued fusions count as done.
+#[derive(Clone, Debug, Default)]
+pub struct NodeAssignments {
+    submap_of: HashMap<NodeId, SubmapId>,
+    nodes: BTreeMap<SubmapId, Vec<NodeId>>,
+}
+
+impl NodeAssignments {
+    /// The submap of `node`.
+    pub fn submap_of(&self, node: NodeId) -> Option<SubmapId> {
+        self.submap_of.get(&node).copied()
+    }
+
+    /// The node whose pose is the submap's root pose: the first one.
+    pub fn root(&self, submap: SubmapId) -> Option<NodeId> {
+        self.nodes.get(&submap).and_then(|n| n.first()).copied()
+    }
+
+    /// All nodes of a submap, its root first.
+    pub fn nodes(&self, submap: SubmapId) -> &[NodeId] {
+        self.nodes.get(&submap).map_or(&[], Vec::as_slice)
+    }
+
+    /// The submaps that have nodes, in ascending order.
+    pub fn submaps(&self) -> impl Iterator<Item = SubmapId> {
+        self.nodes.keys().copied()
+    }
+
+    /// Assigns `node` to `submap`; the first node of a submap is its root.
+    pub fn add(&mut self, node: NodeId, submap: SubmapId) {
+        if self.submap_of.insert(node, submap).is_none() {
+            self.nodes.entry(submap).or_default().push(node);
+        }
+    }
+
+    /// Moves all nodes of `source` to `target`.
+    pub fn merge(&mut self, source: SubmapId, target: SubmapId) {
+        if source == target {
+            return;
+        }
+        for node in self.nodes.remove(&source).unwrap_or_default() {
+            self.submap_of.insert(node, target);
+            self.nodes.entry(target).or_default().push(node);
+        }
+    }
+}

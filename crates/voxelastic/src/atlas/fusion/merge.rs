@@ -1,0 +1,111 @@
+//! Adds sampled parts of the source to the target.
+
+use super::sampling::{Resampled, Sampling};
+use super::settings::FusionSettings;
+use crate::atlas::{Submap, SubmapScan};
+use crate::geometry::Pose;
+
+/// Merges one [`Resampled`] part into a target, any number of blocks at a time.
+#[derive(Debug)]
+pub struct Merge {
+    resampled: Resampled,
+    settings: FusionSettings,
+    done: usize,
+}
+
+impl Merge {
+    /// A merge of which no block is done.
+    pub fn new(resampled: Resampled, settings: FusionSettings) -> Self {
+        Self { resampled, settings, done: 0 }
+    }
+
+    /// Number of blocks and octants that are not merged yet.
+    pub fn remaining(&self) -> usize {
+        self.resampled.len() - self.done
+    }
+
+    /// Merges the next `blocks` blocks and octants into `target`, which has to be the same in every call; returns whether all are merged.
+    pub fn step(&mut self, target: &mut Submap, blocks: usize) -> bool {
+        let end = self.done.saturating_add(blocks).min(self.resampled.len());
+        let tsdf_len = self.resampled.tsdf.len();
+        if self.done < tsdf_len {
+            let blocks = self.done..end.min(tsdf_len);
+            self.resampled.tsdf.merge(blocks.clone(), &mut target.tsdf, self.settings.weight_cap());
+            self.resampled.colours.merge(blocks, &mut target.tsdf);
+        }
+        if end > tsdf_len {
+            let range = self.done.max(tsdf_len) - tsdf_len..end - tsdf_len;
+            self.resampled.occupancy.merge(range, &mut target.occupancy, self.settings.log_odds_limits());
+        }
+        self.done = end;
+        target.revision += 1;
+        end == self.resampled.len()
+    }
+}
+
+/// Fuses the fields and the scans of `source`, which lies at `t_target_source`, into `target`. Both have the same voxel size.
+pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
+    fuse_from(0, target, source, t_target_source, settings);
+}
+
+/// Completes a fusion of which all parts before part `first` are merged.
+pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
+    let sampling = Sampling::new(source, t_target_source);
+    let (parts, at_once) = (sampling.parts(), 2 * rayon::current_num_threads());
+    for start in (first..parts).step_by(at_once) {
+        for part in sampling.parts_in(start..parts.min(start + at_once)) {
+            Merge::new(part, *settings).step(target, usize::MAX);
+        }
+    }
+    move_scans(target, source, t_target_source);
+}
+
+/// Adds the scans of `source` to those of `target`.
+pub(crate) fn move_scans(target: &mut Submap, source: &Submap, t_target_source: &Pose) {
+    let moved = source.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: t_target_source * s.t_submap_lidar });
+    target.scans.extend(moved);
+    target.revision += 1;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::atlas::Submap;
+    use crate::geometry::{Pose, Rigid};
+    use crate::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
+
+    /// A submap of a floor of 32 x 32 m at height `z`.
+    fn floor(id: u32, t_map_submap: Pose, z: f32) -> Submap {
+        let points: Vec<[f32; 3]> = (0..320 * 320).map(|i| [(i % 320) as f32 * 0.1 - 16.0, (i / 320) as f32 * 0.1 - 16.0, z]).collect();
+        let normals = vec![[0.0, 0.0, 1.0]; points.len()];
+        let identity = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
+        let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.003 };
+        let mut submap = Submap::new(id, 0.1, t_map_submap);
+        TsdfIntegrator::new(TsdfSettings { voxel: 0.1, ..TsdfSettings::default() }).integrate(&mut submap.tsdf, &identity, &returns);
+        submap
+    }
+
+    #[test]
+    fn a_fusion_can_be_continued_from_any_part() {
+        let t_target_source = Pose::new(nalgebra::Vector3::new(3.0, -1.0, 0.05), nalgebra::Vector3::new(0.0, 0.0, 0.4));
+        let (target, source) = (floor(0, Pose::identity(), -2.0), floor(1, t_target_source, -2.03));
+        let settings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+        let image = |submap: &Submap| -> Vec<_> {
+            let field = &submap.tsdf;
+            field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id).flatten().collect::<Vec<_>>())).collect()
+        };
+        let mut expected = target.clone();
+        fuse(&mut expected, &source, &t_target_source, &settings);
+        assert!(image(&expected) != image(&target));
+        let sampling = Sampling::new(&source, &t_target_source);
+        assert!(sampling.parts() > 2, "{} parts", sampling.parts());
+        for first in 1..=sampling.parts() {
+            let mut fused = target.clone();
+            for number in 0..first {
+                Merge::new(sampling.part(number), settings).step(&mut fused, usize::MAX);
+            }
+            fuse_from(first, &mut fused, &source, &t_target_source, &settings);
+            assert!(image(&fused) == image(&expected), "continued from part {first}");
+        }
+    }
+}

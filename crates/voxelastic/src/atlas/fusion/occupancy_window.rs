@@ -1,0 +1,154 @@
+//! A small box of an occupancy field as an array of blocks for many lookups: the octree is descended once, not once per voxel.
+
+use super::placement::{Placement, floor};
+use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN};
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, SCALES, block_coords, voxel_index};
+
+/// Margin in voxels around a box: transformed points are rounded.
+pub(super) const MARGIN: f32 = 1.0;
+
+/// Bits of the children on the low side along each axis.
+const LOW_SIDE: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
+
+/// A box of whole blocks in the frame of a field.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockBox {
+    low: [i32; 3],
+    high: [i32; 3],
+}
+
+impl BlockBox {
+    /// The source's blocks that a cube of the target can touch; `centre` and `half` of its edge in finest voxels of the target.
+    pub fn around(placement: &Placement, centre: [f32; 3], half: f32) -> Self {
+        let (middle, extent) = placement.box_in_source(centre, half);
+        let block = |sign: f32| std::array::from_fn(|k| floor(middle[k] + sign * (extent[k] + MARGIN)) >> BLOCK_SHIFT);
+        Self { low: block(-1.0), high: block(1.0) }
+    }
+
+    /// Whether any block or octant in the box has a maximum above `least`.
+    pub fn contains_above(&self, least: i8, field: &OccupancyField) -> bool {
+        self.visit_leaves(field, least, &mut |_| true)
+    }
+
+    /// Visits the leaves in the box whose maximum is above `least`, until `visit` returns true; returns whether it did.
+    fn visit_leaves<'a>(&self, field: &'a OccupancyField, least: i8, visit: &mut impl FnMut(Leaf<'a>) -> bool) -> bool {
+        let tree = field.tree();
+        let (corner, level) = (block_coords(tree.root_key()), tree.root_level());
+        let is_outside = (0..3).any(|k| self.high[k] < corner[k] || self.low[k] >= corner[k] + (1 << level));
+        !tree.is_empty() && !is_outside && self.visit_below(field, least, Leaf { octant: tree.root(), corner, level }, visit)
+    }
+
+    fn visit_below<'a>(&self, field: &'a OccupancyField, least: i8, at: Leaf<'a>, visit: &mut impl FnMut(Leaf<'a>) -> bool) -> bool {
+        if at.octant.payload.max <= least {
+            return false;
+        }
+        if at.octant.link == NONE || at.level == 0 {
+            return visit(at);
+        }
+        let half = 1 << (at.level - 1);
+        let mut reached = 0xff_u8;
+        for (k, low_side) in LOW_SIDE.into_iter().enumerate() {
+            reached &= if self.high[k] < at.corner[k] + half { low_side } else { 0xff };
+            reached &= if self.low[k] >= at.corner[k] + half { !low_side } else { 0xff };
+        }
+        let children = field.tree().siblings(at.octant.link);
+        (0..8).filter(|i| reached >> i & 1 == 1).any(|i| {
+            let corner = std::array::from_fn(|k| at.corner[k] + (i >> k & 1) * half);
+            self.visit_below(field, least, Leaf { octant: &children[i as usize], corner, level: at.level - 1 }, visit)
+        })
+    }
+}
+
+/// A leaf of the octree: a block, or a cube with one value.
+#[derive(Clone, Copy)]
+struct Leaf<'a> {
+    octant: &'a Octant<Summary>,
+    /// Coordinates of its first block.
+    corner: [i32; 3],
+    level: u32,
+}
+
+/// The voxels of a block; a single value is a block at the coarsest scale.
+#[derive(Clone, Copy)]
+struct Cell<'a> {
+    values: &'a [i8],
+    scale: u8,
+}
+
+impl Cell<'_> {
+    const EMPTY: Self = Cell { values: &[UNKNOWN], scale: SCALES as u8 - 1 };
+}
+
+/// The voxels of a box of blocks.
+pub(super) struct Window<'a> {
+    low: [i32; 3],
+    size: [usize; 3],
+    cells: Vec<Cell<'a>>,
+}
+
+impl<'a> Window<'a> {
+    /// A window on those blocks of `field` whose maximum is above `least` ([`UNKNOWN`]: all with any observation); others count as
+    /// unknown. None if there is no such block.
+    pub fn new(field: &'a OccupancyField, blocks: &BlockBox, least: i8) -> Option<Self> {
+        let BlockBox { low, high } = *blocks;
+        let size = std::array::from_fn(|k| (high[k] - low[k] + 1).max(0) as usize);
+        let mut window = Self { low, size, cells: Vec::new() };
+        blocks.visit_leaves(field, least, &mut |leaf| {
+            window.insert(field, leaf, high);
+            false
+        });
+        (!window.cells.is_empty()).then_some(window)
+    }
+
+    fn insert(&mut self, field: &'a OccupancyField, leaf: Leaf<'a>, high: [i32; 3]) {
+        if self.cells.is_empty() {
+            self.cells.resize(self.size.iter().product(), Cell::EMPTY);
+        }
+        let cell = if leaf.octant.link == NONE {
+            Cell { values: std::slice::from_ref(&leaf.octant.payload.value), ..Cell::EMPTY }
+        } else {
+            let block = field.block(leaf.octant.link);
+            Cell { values: field.values(block), scale: block.scale }
+        };
+        let range = |k: usize| leaf.corner[k].max(self.low[k]) - self.low[k]..(leaf.corner[k] + (1 << leaf.level)).min(high[k] + 1) - self.low[k];
+        let [nx, ny, _] = self.size;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    self.cells[x as usize + nx * (y as usize + ny * z as usize)] = cell;
+                }
+            }
+        }
+    }
+
+    /// The value of all voxels in the window, if all are equal.
+    pub fn uniform(&self) -> Option<i8> {
+        let value = self.cells[0].values[0];
+        self.cells.iter().all(|cell| cell.values == [value]).then_some(value)
+    }
+
+    /// Whether any block of the window touches the box around `p` with half extents `reach`, finest voxels.
+    pub fn has_blocks_around(&self, p: [f32; 3], reach: [f32; 3]) -> bool {
+        let range = |k: usize| {
+            let block = |c: f32| (floor(c) >> BLOCK_SHIFT) - self.low[k];
+            block(p[k] - reach[k]).max(0)..block(p[k] + reach[k]).saturating_add(1).min(self.size[k] as i32)
+        };
+        let [nx, ny, _] = self.size;
+        let is_known = |x: i32, y: i32, z: i32| self.cells[x as usize + nx * (y as usize + ny * z as usize)].values != [UNKNOWN];
+        range(2).any(|z| range(1).any(|y| range(0).any(|x| is_known(x, y, z))))
+    }
+
+    /// Value at `p`, finest voxels; [`UNKNOWN`] outside the window.
+    #[inline(always)]
+    pub fn value(&self, p: [f32; 3]) -> i8 {
+        let c = p.map(floor);
+        let [x, y, z] = std::array::from_fn(|k| ((c[k] >> BLOCK_SHIFT) - self.low[k]) as usize);
+        let [nx, ny, nz] = self.size;
+        if x >= nx || y >= ny || z >= nz {
+            debug_assert!(false, "lookup outside the window");
+            return UNKNOWN;
+        }
+        let cell = self.cells[x + nx * (y + ny * z)];
+        cell.values[voxel_index(c.map(|v| (v & (BLOCK_EDGE as i32 - 1)) as usize >> cell.scale), usize::from(cell.scale))]
+    }
+}

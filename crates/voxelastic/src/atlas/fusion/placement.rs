@@ -1,0 +1,43 @@
+//! Pose of one submap in the lattice of another.
+
+use crate::geometry::{Pose, Rigid};
+
+/// Pose of the source in the target and its inverse, both in finest voxels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placement {
+    pub t_target_source: Rigid,
+    pub t_source_target: Rigid,
+}
+
+impl Placement {
+    /// `t_target_source` in metres, for finest voxels of `voxel_size` metres.
+    pub fn new(t_target_source: &Pose, voxel_size: f32) -> Self {
+        let in_voxels = |pose: &Pose| {
+            let mut pose = *pose;
+            pose.translation.vector /= f64::from(voxel_size);
+            Rigid::from(&pose)
+        };
+        Self { t_target_source: in_voxels(t_target_source), t_source_target: in_voxels(&t_target_source.inverse()) }
+    }
+
+    /// The axis-aligned box around a cube of the source, in the target: centre and half extents.
+    pub fn box_in_target(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+        transformed_box(&self.t_target_source, centre, half)
+    }
+
+    /// The axis-aligned box around a cube of the target, in the source: centre and half extents.
+    pub fn box_in_source(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+        transformed_box(&self.t_source_target, centre, half)
+    }
+}
+
+fn transformed_box(t: &Rigid, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
+    (t.apply(centre), std::array::from_fn(|i| t.rotation[i].iter().map(|r| r.abs()).sum::<f32>() * half))
+}
+
+/// The largest integer not above `x`. `f32::floor` is a function call on processors without the instruction.
+#[inline(always)]
+pub(super) fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(whole as f32 > x)
+}

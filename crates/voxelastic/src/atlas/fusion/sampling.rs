@@ -1,0 +1,76 @@
+//! The source of a fusion, sampled in the target's lattice part by part.
+
+use super::colour::ColourPatch;
+use super::occupancy::{OccupancyPatch, OccupancySampling};
+use super::placement::Placement;
+use super::tsdf::{TsdfPatch, TsdfSampling};
+use crate::atlas::Submap;
+use crate::geometry::Pose;
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// TSDF blocks per part.
+const BLOCKS_PER_PART: usize = 512;
+
+/// A submap to be sampled in the lattice of another one. Parts are sampled one at a time, so that they need not all be in memory.
+pub struct Sampling<'a> {
+    source: &'a Submap,
+    placement: Placement,
+    tsdf: TsdfSampling<'a>,
+    occupancy: OccupancySampling<'a>,
+}
+
+impl<'a> Sampling<'a> {
+    /// Finds what `source` reaches in a submap of the same voxel size in which it lies at `t_target_source`. Runs in parallel; the result
+    /// does not depend on the number of threads.
+    pub fn new(source: &'a Submap, t_target_source: &Pose) -> Self {
+        let placement = Placement::new(t_target_source, source.voxel_size);
+        let (tsdf, occupancy) = (TsdfSampling::new(&source.tsdf, &placement), OccupancySampling::new(&source.occupancy, &placement));
+        Self { source, placement, tsdf, occupancy }
+    }
+
+    /// Number of parts.
+    pub fn parts(&self) -> usize {
+        self.tsdf.len().div_ceil(BLOCKS_PER_PART) + self.occupancy.len()
+    }
+
+    /// Samples part `number`.
+    ///
+    /// # Panics
+    /// If `number` is not below [`parts`](Self::parts).
+    pub fn part(&self, number: usize) -> Resampled {
+        let start = number * BLOCKS_PER_PART;
+        if start >= self.tsdf.len() {
+            let occupancy = self.occupancy.part(number - self.tsdf.len().div_ceil(BLOCKS_PER_PART));
+            return Resampled { occupancy, ..Resampled::default() };
+        }
+        let tsdf = self.tsdf.part(start..(start + BLOCKS_PER_PART).min(self.tsdf.len()));
+        let colours = ColourPatch::sample(&self.source.tsdf, &self.placement, &tsdf.keys_and_scales());
+        Resampled { tsdf, colours, ..Resampled::default() }
+    }
+
+    /// Samples several parts in parallel.
+    pub(super) fn parts_in(&self, numbers: Range<usize>) -> Vec<Resampled> {
+        numbers.into_par_iter().map(|number| self.part(number)).collect()
+    }
+}
+
+/// Fields of a submap, or a part of them, in the lattice of another one.
+#[derive(Debug, Default)]
+pub struct Resampled {
+    pub(super) tsdf: TsdfPatch,
+    pub(super) colours: ColourPatch,
+    pub(super) occupancy: OccupancyPatch,
+}
+
+impl Resampled {
+    /// Number of blocks and octants.
+    pub fn len(&self) -> usize {
+        self.tsdf.len() + self.occupancy.len()
+    }
+
+    /// Whether there are no blocks and octants.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}

@@ -1,0 +1,41 @@
+//! The input of the integrators: the returns of one scan, borrowed.
+
+use crate::sensor::Returns;
+
+/// The returns of one scan. All slices are equally long, or empty where that is allowed.
+#[derive(Clone, Copy, Debug)]
+pub struct ReturnsView<'a> {
+    /// Points in the lidar frame, metres.
+    pub points: &'a [[f32; 3]],
+    /// Unit normals of the local surface, facing the sensor, in the lidar frame; zero where no plane is known. May be empty for occupancy, which does not
+    /// use them.
+    pub normals: &'a [[f32; 3]],
+    /// Intensity of each return, 0 to 255; empty when the scan has none.
+    pub intensities: &'a [u8],
+    /// Position of the lidar when it measured each return, lidar frame, metres; empty when it stood still.
+    pub origins: &'a [[f32; 3]],
+    /// Smallest angle between adjacent beams of the sensor, radians.
+    pub smallest_angle: f32,
+}
+
+impl<'a> ReturnsView<'a> {
+    /// The returns of a prepared scan, without intensities.
+    pub fn new(returns: &'a Returns) -> Self {
+        let Returns { points, normals, origins, smallest_angle, .. } = returns;
+        Self { points, normals, intensities: &[], origins, smallest_angle: *smallest_angle }
+    }
+
+    /// The first `count` returns.
+    pub(crate) fn first(&self, count: usize) -> Self {
+        fn head<T>(all: &[T], count: usize) -> &[T] {
+            &all[..count.min(all.len())]
+        }
+        Self {
+            points: head(self.points, count),
+            normals: head(self.normals, count),
+            intensities: head(self.intensities, count),
+            origins: head(self.origins, count),
+            smallest_angle: self.smallest_angle,
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! Fusions in the background (paper Sec. IV-C): sampled by a thread of their own, merged in small steps between scans.
+//!
+//! A loop closure must not delay integration, and the map must not depend on timing. So the schedule counts scans: a fusion begins after the
+//! first scan at which it heads the queue and its source is compact; a fixed number of scans later each scan merges a fixed number of blocks.
+//! The sampling thread is at most a few parts ahead, because parts that are sampled and not merged take memory. If a part is not ready, the
+//! scan waits for it.
+
+use crate::atlas::cluster::Fusion;
+use crate::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling, fuse_from, move_scans};
+use crate::atlas::graph::PoseGraph;
+use crate::atlas::{Atlas, Submap};
+use crate::geometry::Pose;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+
+/// Scans between the beginning of a fusion and its first merge, during which the thread determines which blocks the source reaches.
+const SCANS_BEFORE_MERGE: usize = 8;
+/// Sampled parts that may wait to be merged.
+const PARTS_AHEAD: usize = 2;
+/// Blocks merged after each scan: this takes one or two milliseconds, and a thread with a quarter of a core samples as many. With eight times
+/// as many, the slowest hundredth of the scans during fusions took twice the median.
+const BLOCKS_PER_SCAN: usize = 256;
+
+/// The queued fusions and the one in progress.
+#[derive(Debug)]
+pub(super) struct BackgroundFusion {
+    settings: FusionSettings,
+    queue: VecDeque<Fusion>,
+    active: Option<ActiveFusion>,
+    worker: Option<rayon::ThreadPool>,
+    done: usize,
+}
+
+/// The fusion in progress.
+#[derive(Debug)]
+struct ActiveFusion {
+    fusion: Fusion,
+    source: Arc<Submap>,
+    t_target_source: Pose,
+    /// Scans until the first merge.
+    scans_left: usize,
+    parts: Receiver<SampledPart>,
+    /// Number of parts received, and whether the last one was the last of all.
+    received: usize,
+    is_last: bool,
+    /// Merge of the part received last.
+    merge: Merge,
+}
+
+/// A part sent by the sampling thread.
+#[derive(Debug)]
+struct SampledPart {
+    resampled: Resampled,
+    is_last: bool,
+}
+
+impl ActiveFusion {
+    /// Merges the next `blocks` blocks; returns whether all are merged.
+    fn merge(&mut self, target: &mut Submap, mut blocks: usize, settings: &FusionSettings) -> bool {
+        loop {
+            let now = blocks.min(self.merge.remaining());
+            self.merge.step(target, now);
+            blocks -= now;
+            if self.merge.remaining() == 0 && self.is_last {
+                return true;
+            }
+            if blocks == 0 {
+                return false;
+            }
+            let SampledPart { resampled, is_last } = self.receive_part();
+            (self.merge, self.is_last) = (Merge::new(resampled, *settings), is_last);
+            self.received += 1;
+        }
+    }
+
+    /// The next part.
+    fn receive_part(&self) -> SampledPart {
+        // Without a thread (the system refused one, or it has ended) parts are sampled here, each from the beginning: slow, but the same.
+        self.parts.recv().unwrap_or_else(|_| {
+            let sampling = Sampling::new(&self.source, &self.t_target_source);
+            let resampled = if self.received < sampling.parts() { sampling.part(self.received) } else { Resampled::default() };
+            SampledPart { resampled, is_last: self.received + 1 >= sampling.parts() }
+        })
+    }
+}
+
+impl BackgroundFusion {
+    pub fn new(settings: FusionSettings) -> Self {
+        Self { settings, queue: VecDeque::new(), active: None, worker: None, done: 0 }
+    }
+
+    /// Number of completed fusions.
+    pub fn done(&self) -> usize {
+        self.done
+    }
+
+    /// Number of fusions in progress or queued.
+    pub fn due(&self) -> usize {
+        self.queue.len() + usize::from(self.active.is_some())
+    }
+
+    /// Queues fusions. They are done in order: a target may be the source of a later one.
+    pub fn enqueue(&mut self, fusions: impl IntoIterator<Item = Fusion>) {
+        self.queue.extend(fusions);
+    }
+
+    /// Does the work of one scan.
+    pub fn step(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
+        let Some(mut active) = self.active.take() else {
+            self.active = self.begin(atlas, graph);
+            return;
+        };
+        if active.scans_left > 0 {
+            active.scans_left -= 1;
+            self.active = Some(active);
+            return;
+        }
+        let Some(target) = atlas.submap_mut(active.fusion.target) else {
+            atlas.end_fusion();
+            return;
+        };
+        if active.merge(target, BLOCKS_PER_SCAN, &self.settings) {
+            move_scans(target, &active.source, &active.t_target_source);
+            atlas.end_fusion();
+            self.done += 1;
+        } else {
+            self.active = Some(active);
+        }
+    }
+
+    /// Completes all fusions with all threads of the caller's pool.
+    pub fn finish(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
+        if let Some(ActiveFusion { fusion, source, t_target_source, received, mut merge, parts, .. }) = self.active.take() {
+            // The thread ends when it sends its next part.
+            drop(parts);
+            if let Some(target) = atlas.submap_mut(fusion.target) {
+                merge.step(target, usize::MAX);
+            }
+            self.complete(atlas, fusion, received, &source, &t_target_source);
+        }
+        while let Some(fusion) = self.queue.pop_front() {
+            if let Some((source, t_target_source)) = take_source(fusion, atlas, graph) {
+                self.complete(atlas, fusion, 0, &source, &t_target_source);
+            }
+        }
+    }
+
+    /// Completes a fusion of which the parts before part `first` are merged.
+    fn complete(&mut self, atlas: &mut Atlas, fusion: Fusion, first: usize, source: &Submap, t_target_source: &Pose) {
+        if let Some(target) = atlas.submap_mut(fusion.target) {
+            fuse_from(first, target, source, t_target_source, &self.settings);
+            self.done += 1;
+        }
+        atlas.end_fusion();
+    }
+
+    /// Begins the next fusion of the queue if its source is compact: bricks that are not compact then would stay so until the end.
+    fn begin(&mut self, atlas: &mut Atlas, graph: &PoseGraph) -> Option<ActiveFusion> {
+        let is_ready = |fusion: &mut Fusion| atlas.submap(fusion.source).is_none_or(|source| source.tsdf.is_compact());
+        let fusion = self.queue.pop_front_if(is_ready)?;
+        let (source, t_target_source) = take_source(fusion, atlas, graph)?;
+        let (sender, parts) = sync_channel(PARTS_AHEAD);
+        if self.worker.is_none() {
+            let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned()).start_handler(|_| lower_priority());
+            // Without a thread of its own, the fusion is sampled when it is merged.
+            self.worker = builder.build().ok();
+        }
+        if let Some(worker) = &self.worker {
+            let source = Arc::clone(&source);
+            worker.spawn(move || {
+                let sampling = Sampling::new(&source, &t_target_source);
+                let parts = sampling.parts();
+                for number in 0..parts {
+                    let part = SampledPart { resampled: sampling.part(number), is_last: number + 1 == parts };
+                    if sender.send(part).is_err() {
+                        // The fusion was completed by `finish`, or the mapper was dropped.
+                        break;
+                    }
+                }
+            });
+        }
+        let merge = Merge::new(Resampled::default(), self.settings);
+        Some(ActiveFusion { fusion, source, t_target_source, scans_left: SCANS_BEFORE_MERGE, parts, received: 0, is_last: false, merge })
+    }
+}
+
+/// Gives the calling thread the lowest priority: a scan that shares a core with it would take twice as long otherwise. If the system
+/// refuses, the priority stays as it is.
+fn lower_priority() {
+    #[cfg(target_os = "linux")]
+    let _ = rustix::process::nice(19);
+}
+
+/// Removes the source of a fusion from the atlas; none if one of the submaps does not exist.
+fn take_source(fusion: Fusion, atlas: &mut Atlas, graph: &PoseGraph) -> Option<(Arc<Submap>, Pose)> {
+    let root = |atlas: &Atlas, id| atlas.submap(id).and_then(Submap::root_node).and_then(|node| graph.pose(node)).copied();
+    let t_target_source = root(atlas, fusion.target)?.inv_mul(&root(atlas, fusion.source)?);
+    let source = atlas.begin_fusion(fusion.source, fusion.target, t_target_source)?;
+    Some((source, t_target_source))
+}

@@ -1,0 +1,73 @@
+//! The integrators of both fields and their settings.
+
+use super::frontend::FrontendScan;
+use crate::atlas::Submap;
+use crate::atlas::fusion::FusionSettings;
+use crate::geometry::{Pose, Rigid};
+use crate::integrate::{
+    FieldIntegrators, FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, ReturnsView, ScanInput, TsdfIntegrator,
+    TsdfSettings, TsdfStats,
+};
+use crate::settings::{NoReturn, Settings};
+
+impl From<&Settings> for TsdfSettings {
+    fn from(settings: &Settings) -> Self {
+        Self {
+            voxel: settings.voxel_size,
+            max_range: settings.max_range,
+            truncation_voxels: settings.truncation,
+            truncation_new: settings.truncation_front,
+            truncation_behind: settings.truncation_behind,
+            max_weight: settings.max_weight,
+            max_scale: settings.max_scale,
+            coarser_factor: settings.scale_hysteresis,
+            ..Self::default()
+        }
+    }
+}
+
+impl From<&Settings> for OccupancySettings {
+    fn from(settings: &Settings) -> Self {
+        let clear_no_return = settings.no_return == NoReturn::Free;
+        Self { voxel: settings.voxel_size, max_range: settings.max_range, clear_no_return, ..Self::default() }
+    }
+}
+
+impl From<&Settings> for FusionSettings {
+    fn from(settings: &Settings) -> Self {
+        let occupancy = OccupancySettings::from(settings);
+        Self { max_weight: settings.max_weight, min_log_odds: occupancy.min, max_log_odds: occupancy.max }
+    }
+}
+
+/// One integrator per field: they hold scratch memory, so all submaps share them.
+#[derive(Debug)]
+pub(super) struct Integrators {
+    /// That of occupancy is made for the first scan, when the sensor is known.
+    fields: FieldIntegrators,
+}
+
+impl Integrators {
+    pub fn new(settings: &Settings) -> Self {
+        let tsdf = settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into()));
+        Self { fields: FieldIntegrators { tsdf, occupancy: None } }
+    }
+
+    /// Integrates a scan whose planes are fitted, without the parts that are redundant in the TSDF.
+    pub fn integrate(
+        &mut self,
+        submap: &mut Submap,
+        t_submap_lidar: &Pose,
+        scan: &FrontendScan<'_>,
+        settings: &Settings,
+        redundancy: &Redundancy<'_>,
+    ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
+        if settings.field.has_occupancy() {
+            self.fields.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(settings.into(), scan.model()));
+        }
+        let (image, fills_gaps) = scan.scan().view_from_one_pose(scan.fills_gaps());
+        let returns = ReturnsView { intensities: scan.intensities(), ..ReturnsView::new(&scan.scan().returns) };
+        let input = ScanInput { t_submap_lidar: Rigid::from(t_submap_lidar), returns, colours: scan.colours(), image, fills_gaps };
+        self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy)
+    }
+}

@@ -1,0 +1,265 @@
+//! The mapper itself: what happens with each event, in order.
+
+use super::assign::assign;
+use super::background_fusion::BackgroundFusion;
+use super::clusters::Clusters;
+use super::correct::{Deformation, deformations, move_submaps};
+use super::error::MapError;
+use super::frontend::{Frontend, FrontendScan};
+use super::idle::{IdleTask, keep_threads_awake};
+use super::integrators::Integrators;
+use super::rebuild::{RebuildError, RebuildReport, Rebuilder, ScanSource};
+use super::report::{Assignment, ElasticCounts, ScanReport};
+use super::revisit::RevisitDetector;
+use crate::atlas::fusion::resolve_conflicts;
+use crate::atlas::graph::{GraphCounts, LinkKind, is_rigid};
+use crate::atlas::{Atlas, SubmapId};
+use crate::event::{Edge, Event, NodeId, Scan};
+use crate::geometry::{Pose, Rigid};
+use crate::integrate::{OccupancySettings, Redundancy};
+use crate::sensor::BeamModel;
+use crate::settings::{SettingError, Settings};
+use std::time::{Duration, Instant};
+
+/// Turns a stream of events into an [`Atlas`].
+#[derive(Debug)]
+pub struct Mapper {
+    settings: Settings,
+    atlas: Atlas,
+    clusters: Clusters,
+    fusion: BackgroundFusion,
+    frontend: Option<Frontend>,
+    /// The sensor's beam tables, if they are known from elsewhere.
+    sensor_model: Option<BeamModel>,
+    integrators: Integrators,
+    revisits: RevisitDetector,
+    idle_task: Option<IdleTask>,
+    /// The node of the last scan, whether the scan was usable or not.
+    last_node: Option<NodeId>,
+    counts: ElasticCounts,
+    /// Whether conflicts between submaps are resolved and no event came since.
+    conflicts_resolved: bool,
+}
+
+impl Mapper {
+    /// A mapper with an empty atlas; [`builder`](Self::builder) has more options.
+    ///
+    /// # Errors
+    /// Settings out of range, or that contradict each other.
+    pub fn new(settings: Settings) -> Result<Self, SettingError> {
+        settings.validate()?;
+        Ok(Self {
+            atlas: Atlas::new(settings.voxel_size),
+            clusters: Clusters::new(&settings),
+            fusion: BackgroundFusion::new((&settings).into()),
+            frontend: None,
+            sensor_model: None,
+            integrators: Integrators::new(&settings),
+            revisits: RevisitDetector::new(&settings),
+            idle_task: None,
+            last_node: None,
+            counts: ElasticCounts::default(),
+            conflicts_resolved: true,
+            settings,
+        })
+    }
+
+    /// Sets the sensor's beam tables before the first scan; see [`MapperBuilder::sensor_model`](super::MapperBuilder::sensor_model).
+    pub fn set_sensor_model(&mut self, model: BeamModel) {
+        self.sensor_model = Some(model);
+    }
+
+    /// Sets work for threads that are idle while a scan is integrated, such as decoding the next scan: threads of the pool in which
+    /// [`handle`](Self::handle) is called, except the calling one. So this work does not compete with integration for processors.
+    pub fn set_idle_task(&mut self, task: IdleTask) {
+        self.idle_task = Some(task);
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The current map. A fusion may be in progress: see [`Atlas::merging`] and [`finish`](Self::finish).
+    pub fn atlas(&self) -> &Atlas {
+        &self.atlas
+    }
+
+    /// The map, without the mapper; [finishes](Self::finish) it first.
+    pub fn into_atlas(mut self) -> Atlas {
+        self.finish();
+        self.atlas
+    }
+
+    /// Completes all fusions, compacts the submaps and [resolves conflicts](resolve_conflicts) between them. To be called before the map is
+    /// stored; more events may follow.
+    pub fn finish(&mut self) {
+        self.finish_fusions();
+        self.atlas.compact();
+        if !std::mem::replace(&mut self.conflicts_resolved, true) {
+            let hit = OccupancySettings::from(&self.settings).hit;
+            self.counts.voxels_freed += resolve_conflicts(&mut self.atlas, &(&self.settings).into(), hit);
+        }
+    }
+
+    /// Completes all fusions in progress or queued.
+    pub fn finish_fusions(&mut self) {
+        self.fusion.finish(&mut self.atlas, &self.clusters.graph);
+    }
+
+    /// Description of the sensor; none before the first scan.
+    pub fn sensor(&self) -> Option<&str> {
+        self.frontend.as_ref().map(Frontend::description)
+    }
+
+    /// Counts of submap assignments, fusions and corrections so far.
+    pub fn elastic_counts(&self) -> ElasticCounts {
+        ElasticCounts {
+            fusions: self.fusion.done(),
+            fusions_due: self.fusion.due(),
+            size_limited_groups: self.clusters.size_limited_groups(),
+            ..self.counts
+        }
+    }
+
+    /// Number of nodes and links of the pose graph.
+    pub fn graph_counts(&self) -> GraphCounts {
+        self.clusters.graph.counts()
+    }
+
+    /// Every submap's deformation under the current poses, by submap.
+    pub fn deformations(&self) -> Vec<Deformation> {
+        deformations(&self.atlas, &self.clusters.graph)
+    }
+
+    /// Submaps deformed by more than `deform_tolerance` or `deform_angle_tolerance`: they are rigid and cannot follow such corrections, but
+    /// can be [rebuilt](Self::rebuild).
+    pub fn deformed(&self) -> Vec<Deformation> {
+        let distance = self.settings.deform_tolerance * f64::from(self.settings.voxel_size);
+        let angle = self.settings.deform_angle_tolerance.to_radians();
+        self.deformations().into_iter().filter(|d| d.distance > distance || d.angle > angle).collect()
+    }
+
+    /// Handles the next event; a scan returns a report.
+    ///
+    /// # Errors
+    /// An event that cannot be used is refused and named; the map is unchanged, and further events can follow.
+    pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
+        self.conflicts_resolved = false;
+        match event {
+            Event::Scan(scan) => keep_threads_awake(self.idle_task.clone(), || self.integrate(&scan)).map(Some),
+            Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
+            Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
+            Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),
+        }
+    }
+
+    /// Rebuilds submap `id` from its scans at the current poses of their nodes, after completing all fusions. Its conflicts with other
+    /// submaps are resolved by the next [`finish`](Self::finish).
+    ///
+    /// # Errors
+    /// [`RebuildError`]; the submap is unchanged.
+    pub fn rebuild(&mut self, id: SubmapId, source: &mut dyn ScanSource) -> Result<RebuildReport, RebuildError> {
+        self.finish_fusions();
+        self.conflicts_resolved = false;
+        let old = self.atlas.submap_mut(id).ok_or(RebuildError::NoSuchSubmap { submap: id })?;
+        let mut rebuilder = Rebuilder {
+            settings: &self.settings,
+            graph: &self.clusters.graph,
+            sensor_model: self.sensor_model.as_ref(),
+            frontend: &mut self.frontend,
+            integrators: &mut self.integrators,
+        };
+        let (new, scans) = rebuilder.rebuild(old, source)?;
+        let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
+        *old = new;
+        self.counts.rebuilds += 1;
+        Ok(report)
+    }
+
+    fn add_edge(&mut self, kind: LinkKind, edge: &Edge) -> Result<(), MapError> {
+        self.counts.edges_replaced += usize::from(self.clusters.add_edge(kind, edge)?);
+        self.queue_fusions();
+        Ok(())
+    }
+
+    fn queue_fusions(&mut self) {
+        self.fusion.enqueue(self.clusters.fusions());
+    }
+
+    /// Applies corrected poses (Sec. IV-D). Poses of unknown nodes are counted and ignored.
+    fn update_poses(&mut self, poses: &[(NodeId, Pose)]) -> Result<(), MapError> {
+        if let Some((node, _)) = poses.iter().find(|(_, pose)| !is_rigid(pose)) {
+            return Err(MapError::BadPose { node: *node });
+        }
+        self.counts.pose_updates += 1;
+        self.counts.unknown_poses += self.clusters.graph.update_poses(poses);
+        self.clusters.graph.refresh_loops();
+        let (distance, angle) = (self.settings.update_distance, self.settings.update_angle.to_radians());
+        self.counts.submap_moves += move_submaps(&mut self.atlas, &self.clusters.graph, distance, angle);
+        self.queue_fusions();
+        Ok(())
+    }
+
+    fn integrate(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
+        if self.clusters.assignments.submap_of(scan.node).is_some() {
+            return Err(MapError::DuplicateNode { node: scan.node });
+        }
+        if !is_rigid(&scan.t_map_lidar) {
+            return Err(MapError::BadPose { node: scan.node });
+        }
+        let mut frontend = match self.frontend.take() {
+            Some(frontend) => frontend,
+            None => Frontend::open(&self.settings, self.sensor_model.as_ref(), &scan.cloud)
+                .map_err(|reason| MapError::Sensor { node: scan.node, reason })?,
+        };
+        let start = Instant::now();
+        let mut prepared = frontend.prepare(&scan.cloud);
+        let prepare = start.elapsed();
+        // The node is added to the graph even if its scan is not usable: edges may lead over it.
+        self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
+        if let Some(last) = self.last_node.replace(scan.node) {
+            self.clusters.graph.assume_odometry(last, scan.node);
+        }
+        let result = self.integrate_prepared(scan, &mut prepared, prepare);
+        self.frontend = Some(frontend);
+        let clock = Instant::now();
+        self.queue_fusions();
+        self.fusion.step(&mut self.atlas, &self.clusters.graph);
+        result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
+    }
+
+    fn integrate_prepared(&mut self, scan: &Scan, prepared: &mut FrontendScan<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
+        let (node, counts) = (scan.node, prepared.scan().counts);
+        if prepared.scan().returns.is_empty() {
+            return Err(MapError::NoReturns { node, counts });
+        }
+        let clock = Instant::now();
+        let (id, assignment) = assign(&mut self.clusters, &mut self.atlas, scan, prepared, self.settings.min_overlap);
+        let revisited = self.revisits.revisited_submaps(&self.clusters, node, &scan.t_map_lidar);
+        let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
+        let elastic = clock.elapsed();
+        // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.
+        let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
+        // Other submaps are compacted while the planes are fitted: the two are independent.
+        let (planes, ()) = rayon::join(
+            || {
+                let clock = Instant::now();
+                prepared.fit_planes_for_map();
+                clock.elapsed()
+            },
+            || self.atlas.compact_others(id),
+        );
+        let prepare = prepare + planes;
+        let Some((submap, others)) = self.atlas.with_neighbours(id, &revisited) else { return Err(MapError::LostSubmap { node, submap: id }) };
+        self.clusters.assignments.add(node, id);
+        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
+        let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
+        let redundancy = Redundancy { before, elsewhere };
+        submap.add_scan_at(node, t_submap_lidar);
+        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, prepared, &self.settings, &redundancy);
+        let is_new_submap = assignment == Assignment::NewSubmap;
+        self.counts.count(assignment);
+        Ok(ScanReport { node, submap: id, is_new_submap, assignment, counts, prepare, elastic, tsdf, occupancy })
+    }
+}

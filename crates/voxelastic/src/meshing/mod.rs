@@ -1,0 +1,6 @@
+//! Meshes of an atlas: of all submaps in the map frame, or of single submaps in their own frames, cached.
+
+mod atlas_mesh;
+mod mesh_cache;
+
+pub use mesh_cache::MeshCache;
