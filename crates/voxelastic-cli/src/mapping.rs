@@ -1,7 +1,7 @@
 //! A mapping session: a mapper with its thread pool and a log of the run.
 
 use crate::recorder::{EventSummary, Outcome, Recorder};
-use crate::usage;
+use crate::usage::{self, PoolClock};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -15,6 +15,7 @@ use voxelastic_report::RunLog;
 pub struct Session {
     mapper: Mapper,
     pool: rayon::ThreadPool,
+    clock: PoolClock,
     recorder: Recorder,
 }
 
@@ -32,7 +33,8 @@ pub struct TimeSummary {
 impl Session {
     /// A session of `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
-        Self { mapper, pool, recorder: Recorder::default() }
+        let clock = PoolClock::new(&pool);
+        Self { mapper, pool, clock, recorder: Recorder::default() }
     }
 
     /// Sets work for threads that would be idle during a scan, if the pool has more than one.
@@ -48,13 +50,13 @@ impl Session {
     /// Those of the mapper; the map is then unchanged.
     pub fn take(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         let summary = EventSummary::of(&event, &self.mapper);
-        let before = usage::pool_cpu_time(&self.pool);
+        let before = self.clock.now();
         let clock = Instant::now();
         let mapper = &mut self.mapper;
         let done = self.pool.install(|| mapper.handle(event));
         let wall = clock.elapsed();
         if let Ok(report) = &done {
-            let cpu = before.zip(usage::pool_cpu_time(&self.pool)).map(|(before, after)| after.saturating_sub(before));
+            let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
             self.recorder.record(&summary, &Outcome { report: report.as_ref(), wall, cpu }, &self.mapper);
         }
         done

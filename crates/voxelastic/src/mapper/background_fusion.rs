@@ -2,22 +2,19 @@
 //!
 //! A loop closure must not delay integration, and the map must not depend on timing. So the schedule counts scans: a fusion begins after the
 //! first scan at which it heads the queue and its source is compact; a fixed number of scans later each scan merges a fixed number of blocks.
-//! The sampling thread is at most a few parts ahead, because parts that are sampled and not merged take memory. If a part is not ready, the
-//! scan waits for it.
+//! A part that is not sampled by then is sampled by the scan (`background_sampling`).
 
+use super::background_sampling::BackgroundSampling;
 use crate::atlas::cluster::Fusion;
-use crate::atlas::fusion::{FusionSettings, Merge, Resampled, Sampling, fuse_from, move_scans};
+use crate::atlas::fusion::{FusionSettings, Merge, Resampled, fuse_from, move_scans};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Atlas, Submap};
 use crate::geometry::Pose;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, sync_channel};
 
 /// Scans between the beginning of a fusion and its first merge, during which the thread determines which blocks the source reaches.
 const SCANS_BEFORE_MERGE: usize = 8;
-/// Sampled parts that may wait to be merged.
-const PARTS_AHEAD: usize = 2;
 /// Blocks merged after each scan: this takes one or two milliseconds, and a thread with a quarter of a core samples as many. With eight times
 /// as many, the slowest hundredth of the scans during fusions took twice the median.
 const BLOCKS_PER_SCAN: usize = 256;
@@ -40,18 +37,9 @@ struct ActiveFusion {
     t_target_source: Pose,
     /// Scans until the first merge.
     scans_left: usize,
-    parts: Receiver<SampledPart>,
-    /// Number of parts received, and whether the last one was the last of all.
-    received: usize,
-    is_last: bool,
-    /// Merge of the part received last.
+    sampling: BackgroundSampling,
+    /// Merge of the part taken last, and whether that was the last of all.
     merge: Merge,
-}
-
-/// A part sent by the sampling thread.
-#[derive(Debug)]
-struct SampledPart {
-    resampled: Resampled,
     is_last: bool,
 }
 
@@ -68,20 +56,9 @@ impl ActiveFusion {
             if blocks == 0 {
                 return false;
             }
-            let SampledPart { resampled, is_last } = self.receive_part();
+            let (resampled, is_last) = self.sampling.next_part();
             (self.merge, self.is_last) = (Merge::new(resampled, *settings), is_last);
-            self.received += 1;
         }
-    }
-
-    /// The next part.
-    fn receive_part(&self) -> SampledPart {
-        // Without a thread (the system refused one, or it has ended) parts are sampled here, each from the beginning: slow, but the same.
-        self.parts.recv().unwrap_or_else(|_| {
-            let sampling = Sampling::new(&self.source, &self.t_target_source);
-            let resampled = if self.received < sampling.parts() { sampling.part(self.received) } else { Resampled::default() };
-            SampledPart { resampled, is_last: self.received + 1 >= sampling.parts() }
-        })
     }
 }
 
@@ -131,13 +108,14 @@ impl BackgroundFusion {
 
     /// Completes all fusions with all threads of the caller's pool.
     pub fn finish(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
-        if let Some(ActiveFusion { fusion, source, t_target_source, received, mut merge, parts, .. }) = self.active.take() {
-            // The thread ends when it sends its next part.
-            drop(parts);
+        if let Some(ActiveFusion { fusion, source, t_target_source, sampling, mut merge, .. }) = self.active.take() {
+            let taken = sampling.taken();
+            // Ends the thread's work.
+            drop(sampling);
             if let Some(target) = atlas.submap_mut(fusion.target) {
                 merge.step(target, usize::MAX);
             }
-            self.complete(atlas, fusion, received, &source, &t_target_source);
+            self.complete(atlas, fusion, taken, &source, &t_target_source);
         }
         while let Some(fusion) = self.queue.pop_front() {
             if let Some((source, t_target_source)) = take_source(fusion, atlas, graph) {
@@ -160,28 +138,14 @@ impl BackgroundFusion {
         let is_ready = |fusion: &mut Fusion| atlas.submap(fusion.source).is_none_or(|source| source.tsdf.is_compact());
         let fusion = self.queue.pop_front_if(is_ready)?;
         let (source, t_target_source) = take_source(fusion, atlas, graph)?;
-        let (sender, parts) = sync_channel(PARTS_AHEAD);
         if self.worker.is_none() {
             let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned()).start_handler(|_| lower_priority());
             // Without a thread of its own, the fusion is sampled when it is merged.
             self.worker = builder.build().ok();
         }
-        if let Some(worker) = &self.worker {
-            let source = Arc::clone(&source);
-            worker.spawn(move || {
-                let sampling = Sampling::new(&source, &t_target_source);
-                let parts = sampling.parts();
-                for number in 0..parts {
-                    let part = SampledPart { resampled: sampling.part(number), is_last: number + 1 == parts };
-                    if sender.send(part).is_err() {
-                        // The fusion was completed by `finish`, or the mapper was dropped.
-                        break;
-                    }
-                }
-            });
-        }
+        let sampling = BackgroundSampling::start(Arc::clone(&source), t_target_source, self.worker.as_ref());
         let merge = Merge::new(Resampled::default(), self.settings);
-        Some(ActiveFusion { fusion, source, t_target_source, scans_left: SCANS_BEFORE_MERGE, parts, received: 0, is_last: false, merge })
+        Some(ActiveFusion { fusion, source, t_target_source, scans_left: SCANS_BEFORE_MERGE, sampling, merge, is_last: false })
     }
 }
 

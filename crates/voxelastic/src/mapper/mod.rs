@@ -23,6 +23,7 @@
 
 mod assign;
 mod background_fusion;
+mod background_sampling;
 mod builder;
 mod clusters;
 mod correct;

@@ -27,5 +27,5 @@ mod tsdf;
 pub use conflict_resolution::resolve_conflicts;
 pub use merge::{Merge, fuse};
 pub(crate) use merge::{fuse_from, move_scans};
-pub use sampling::{Resampled, Sampling};
+pub use sampling::{Resampled, Sampling, SamplingPlan};
 pub use settings::FusionSettings;

@@ -8,6 +8,7 @@ use crate::geometry::morton;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Level of the subtrees (32 blocks along an edge) that are sampled as one part.
 const PART_LEVEL: u32 = 5;
@@ -81,23 +82,29 @@ pub(super) struct OccupancySampling<'a> {
     source: &'a OccupancyField,
     placement: Placement,
     /// Cubes with observations, one per part.
-    cubes: Vec<Cube>,
+    cubes: Arc<[Cube]>,
 }
 
 /// A cube of the target: key of its first block, level.
-type Cube = (u64, u32);
+pub(super) type Cube = (u64, u32);
+
+/// The target's cubes that the source has observations in.
+pub(super) fn target_cubes(source: &OccupancyField, placement: &Placement) -> Arc<[Cube]> {
+    if source.is_empty() {
+        return Arc::default();
+    }
+    let sampling = OccupancySampling::new(source, placement, Arc::default());
+    let mut cubes = sampling.top_cubes();
+    while cubes.first().is_some_and(|c| c.1 > PART_LEVEL) {
+        cubes = cubes.into_par_iter().flat_map_iter(|cube| sampling.children(cube)).collect();
+    }
+    cubes.into()
+}
 
 impl<'a> OccupancySampling<'a> {
-    pub fn new(source: &'a OccupancyField, placement: &Placement) -> Self {
-        let mut sampling = Self { source, placement: *placement, cubes: Vec::new() };
-        if !source.is_empty() {
-            let mut cubes = sampling.top_cubes();
-            while cubes.first().is_some_and(|c| c.1 > PART_LEVEL) {
-                cubes = cubes.into_par_iter().flat_map_iter(|cube| sampling.children(cube)).collect();
-            }
-            sampling.cubes = cubes;
-        }
-        sampling
+    /// A sampling of `cubes`, which [`target_cubes`] found for the same source and placement.
+    pub fn new(source: &'a OccupancyField, placement: &Placement, cubes: Arc<[Cube]>) -> Self {
+        Self { source, placement: *placement, cubes }
     }
 
     /// Number of parts.

@@ -1,16 +1,42 @@
 //! The source of a fusion, sampled in the target's lattice part by part.
 
 use super::colour::ColourPatch;
-use super::occupancy::{OccupancyPatch, OccupancySampling};
+use super::occupancy::{Cube, OccupancyPatch, OccupancySampling, target_cubes};
 use super::placement::Placement;
-use super::tsdf::{TsdfPatch, TsdfSampling};
+use super::tsdf::{TargetBlock, TsdfPatch, TsdfSampling, target_blocks};
 use crate::atlas::Submap;
 use crate::geometry::Pose;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// TSDF blocks per part.
-const BLOCKS_PER_PART: usize = 512;
+const BLOCKS_PER_PART: usize = 256;
+
+/// What of a target's lattice a source reaches. It holds no reference to the source, so that several threads can sample by one plan.
+#[derive(Clone, Debug)]
+pub struct SamplingPlan {
+    placement: Placement,
+    blocks: Arc<[TargetBlock]>,
+    cubes: Arc<[Cube]>,
+}
+
+impl SamplingPlan {
+    /// Finds what `source` reaches in a submap of the same voxel size in which it lies at `t_target_source`. Runs in parallel; the result
+    /// does not depend on the number of threads.
+    pub fn new(source: &Submap, t_target_source: &Pose) -> Self {
+        let placement = Placement::new(t_target_source, source.voxel_size);
+        let (blocks, cubes) = (target_blocks(&source.tsdf, &placement), target_cubes(&source.occupancy, &placement));
+        Self { placement, blocks, cubes }
+    }
+
+    /// The sampling of `source`, which must be the submap that the plan was made for.
+    pub fn of<'a>(&self, source: &'a Submap) -> Sampling<'a> {
+        let tsdf = TsdfSampling::new(&source.tsdf, &self.placement, Arc::clone(&self.blocks));
+        let occupancy = OccupancySampling::new(&source.occupancy, &self.placement, Arc::clone(&self.cubes));
+        Sampling { source, placement: self.placement, tsdf, occupancy }
+    }
+}
 
 /// A submap to be sampled in the lattice of another one. Parts are sampled one at a time, so that they need not all be in memory.
 pub struct Sampling<'a> {
@@ -21,12 +47,9 @@ pub struct Sampling<'a> {
 }
 
 impl<'a> Sampling<'a> {
-    /// Finds what `source` reaches in a submap of the same voxel size in which it lies at `t_target_source`. Runs in parallel; the result
-    /// does not depend on the number of threads.
+    /// A sampling of `source` by a plan of its own.
     pub fn new(source: &'a Submap, t_target_source: &Pose) -> Self {
-        let placement = Placement::new(t_target_source, source.voxel_size);
-        let (tsdf, occupancy) = (TsdfSampling::new(&source.tsdf, &placement), OccupancySampling::new(&source.occupancy, &placement));
-        Self { source, placement, tsdf, occupancy }
+        SamplingPlan::new(source, t_target_source).of(source)
     }
 
     /// Number of parts.
@@ -50,7 +73,7 @@ impl<'a> Sampling<'a> {
     }
 
     /// Samples several parts in parallel.
-    pub(super) fn parts_in(&self, numbers: Range<usize>) -> Vec<Resampled> {
+    pub(crate) fn parts_in(&self, numbers: Range<usize>) -> Vec<Resampled> {
         numbers.into_par_iter().map(|number| self.part(number)).collect()
     }
 }

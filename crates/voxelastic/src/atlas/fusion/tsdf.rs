@@ -14,6 +14,7 @@ use crate::octree::{
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A block of the target's lattice.
 #[derive(Debug)]
@@ -85,7 +86,7 @@ impl Neighbourhood {
 
 /// A block of the target that the source reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct TargetBlock {
+pub(super) struct TargetBlock {
     key: u64,
     /// The scale to sample at.
     scale: u8,
@@ -97,12 +98,13 @@ struct TargetBlock {
 pub(super) struct TsdfSampling<'a> {
     source: &'a TsdfField,
     placement: Placement,
-    blocks: Vec<TargetBlock>,
+    blocks: Arc<[TargetBlock]>,
 }
 
 impl<'a> TsdfSampling<'a> {
-    pub fn new(source: &'a TsdfField, placement: &Placement) -> Self {
-        Self { source, placement: *placement, blocks: target_blocks(source, placement) }
+    /// A sampling of `blocks`, which [`target_blocks`] found for the same source and placement.
+    pub fn new(source: &'a TsdfField, placement: &Placement, blocks: Arc<[TargetBlock]>) -> Self {
+        Self { source, placement: *placement, blocks }
     }
 
     /// Number of blocks.
@@ -243,7 +245,7 @@ impl Sampler<'_> {
 
 /// The target's blocks that the source reaches, in Morton order. Scale and observation count are those of the source's block at the
 /// target block's centre, otherwise those of the coarsest block that touches it.
-fn target_blocks(field: &TsdfField, placement: &Placement) -> Vec<TargetBlock> {
+pub(super) fn target_blocks(field: &TsdfField, placement: &Placement) -> Arc<[TargetBlock]> {
     let half = 0.5 * BLOCK_EDGE as f32;
     let touching = |&id: &u32| {
         let (scale, observation_count) = (field.block(id).finest, field.block(id).observation_count);
