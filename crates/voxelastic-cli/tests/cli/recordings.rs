@@ -89,12 +89,13 @@ fn memory_does_not_grow_with_the_bag() {
         let bag = std::fs::metadata(dir.path().join("street.bag")).unwrap().len() as f64 / 1e6;
         Some([bag, report["peak_rss_mb"].as_f64()?, report["map_mb"].as_f64()?])
     };
-    let (Some(once), Some(often)) = (figures(1), figures(4)) else { return };
+    // A few rounds, because the allocator keeps some megabytes more after the first scans, sooner or later.
+    let (Some(once), Some(often)) = (figures(4), figures(20)) else { return };
     for [bag, peak, map] in [once, often] {
         eprintln!("bag of {bag:.0} MB: peak {peak:.0} MB, of them {map:.0} MB of map");
     }
     let (longer, more) = (often[0] - once[0], (often[1] - often[2]) - (once[1] - once[2]));
-    assert!(more < 0.25 * longer, "{longer:.0} MB more of bag take {more:.0} MB more of memory");
+    assert!(more < 0.1 * longer, "{longer:.0} MB more of bag take {more:.0} MB more of memory");
 }
 
 #[test]
