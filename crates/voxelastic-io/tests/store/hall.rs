@@ -36,8 +36,8 @@ struct Scanner {
 impl Scanner {
     fn new(voxel: f32, max_range: f32, first: &Cloud) -> Self {
         let front = Frontend::open(&Settings { voxel_size: voxel, max_range, ..Settings::default() }, None, first).unwrap();
-        let occupancy = OccupancyIntegrator::new(OccupancySettings { voxel, max_range, ..OccupancySettings::default() }, front.model());
-        Self { tsdf: TsdfIntegrator::new(TsdfSettings { voxel, max_range, ..TsdfSettings::default() }), occupancy, front }
+        let occupancy = OccupancyIntegrator::new(OccupancySettings { voxel_size: voxel, max_range, ..OccupancySettings::default() }, front.model());
+        Self { tsdf: TsdfIntegrator::new(TsdfSettings { voxel_size: voxel, max_range, ..TsdfSettings::default() }), occupancy, front }
     }
 
     fn scan_into(&mut self, submap: &mut Submap, fields: Fields, (pose, cloud): &(Pose, Cloud)) {

@@ -39,7 +39,7 @@ pub struct Walk {
 
 impl Walk {
     pub fn new(has_intensity: bool) -> Self {
-        let settings = TsdfSettings { voxel: 0.1, coarser_factor: 1.0, ..TsdfSettings::default() };
+        let settings = TsdfSettings { voxel_size: 0.1, scale_hysteresis: 1.0, ..TsdfSettings::default() };
         Self { integrator: TsdfIntegrator::new(settings), step: 0, has_intensity, rays: [64, 160] }
     }
 

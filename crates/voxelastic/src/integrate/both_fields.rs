@@ -62,7 +62,7 @@ impl FieldIntegrators {
         tsdf_stats.phases.transform = transform;
         if !scan.colours.is_empty() {
             let settings = tsdf.settings();
-            integrate_colours(fields.tsdf, &t_submap_lidar, &returns, scan.colours, settings.voxel, settings.max_range);
+            integrate_colours(fields.tsdf, &t_submap_lidar, &returns, scan.colours, settings.voxel_size, settings.max_range);
         }
         let occupancy_scan = OccupancyScan { t_submap_lidar, image, fill, smallest_angle, returns: None };
         let occupancy_stats = occupancy.as_mut().map(|occupancy| occupancy.integrate_scan(fields.occupancy, &occupancy_scan));

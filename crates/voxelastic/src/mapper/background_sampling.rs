@@ -151,7 +151,7 @@ mod tests {
         let identity = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
         let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.003 };
         let mut submap = Submap::new(0, 0.1, Pose::identity());
-        TsdfIntegrator::new(TsdfSettings { voxel: 0.1, ..TsdfSettings::default() }).integrate(&mut submap.tsdf, &identity, &returns);
+        TsdfIntegrator::new(TsdfSettings { voxel_size: 0.1, ..TsdfSettings::default() }).integrate(&mut submap.tsdf, &identity, &returns);
         Arc::new(submap)
     }
 

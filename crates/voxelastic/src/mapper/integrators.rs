@@ -13,14 +13,14 @@ use crate::settings::{NoReturn, Settings};
 impl From<&Settings> for TsdfSettings {
     fn from(settings: &Settings) -> Self {
         Self {
-            voxel: settings.voxel_size,
+            voxel_size: settings.voxel_size,
             max_range: settings.max_range,
             truncation_voxels: settings.truncation,
-            truncation_new: settings.truncation_front,
+            truncation_front: settings.truncation_front,
             truncation_behind: settings.truncation_behind,
             max_weight: settings.max_weight,
             max_scale: settings.max_scale,
-            coarser_factor: settings.scale_hysteresis,
+            scale_hysteresis: settings.scale_hysteresis,
             ..Self::default()
         }
     }
@@ -29,7 +29,7 @@ impl From<&Settings> for TsdfSettings {
 impl From<&Settings> for OccupancySettings {
     fn from(settings: &Settings) -> Self {
         let clear_no_return = settings.no_return == NoReturn::Free;
-        Self { voxel: settings.voxel_size, max_range: settings.max_range, clear_no_return, ..Self::default() }
+        Self { voxel_size: settings.voxel_size, max_range: settings.max_range, clear_no_return, ..Self::default() }
     }
 }
 

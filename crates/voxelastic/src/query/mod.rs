@@ -11,6 +11,7 @@
 //! | State of the cube of 2^level finest voxels around it | `at_level` |
 //! | Is all of a shape free? | `is_free` with a [`Sphere`], [`Capsule`] or [`OrientedBox`] |
 //! | Distance to the nearest obstacle | `clearance` |
+//! | Signed distance to surfaces (TSDF) and its gradient | [`DistanceQuery::sample`] |
 //! | Where does a ray end? | `ray_cast` |
 //! | Boundary of free to unknown space | `frontier` |
 //! | Cross-section as an image | `slice` |
@@ -42,6 +43,7 @@ mod resample;
 mod shape;
 mod shape_sdf;
 mod slice;
+mod surface_distance;
 #[cfg(test)]
 mod tests;
 mod unknown;
@@ -55,4 +57,5 @@ pub use ray_cast::{Ray, RayHit};
 pub use resample::{Cube, Resampling};
 pub use shape::{Capsule, OrientedBox, Shape, Sphere};
 pub use slice::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
+pub use surface_distance::SurfaceDistance;
 pub use unknown::UnknownAs;

@@ -139,8 +139,8 @@ impl AtlasQuery<'_> {
 /// Queries on the TSDFs of an atlas in the map frame.
 #[derive(Clone, Debug)]
 pub struct DistanceQuery<'a> {
-    voxel: f64,
-    parts: Vec<(&'a TsdfField, Pose)>,
+    pub(super) voxel: f64,
+    pub(super) parts: Vec<(&'a TsdfField, Pose)>,
 }
 
 impl<'a> DistanceQuery<'a> {

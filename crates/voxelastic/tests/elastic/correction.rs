@@ -3,7 +3,6 @@
 use crate::settings;
 use crate::town::{LAP, Town};
 use std::error::Error;
-use std::time::Instant;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::geometry::PoseExt;
@@ -156,7 +155,7 @@ fn refused_fusions_are_done_when_another_loop_shortens_the_path() {
 }
 
 #[test]
-fn correcting_a_thousand_submaps_takes_no_time() {
+fn a_correction_of_a_thousand_submaps_touches_root_poses_only() {
     let point = || Cloud::from_points((0..50).map(|i| [2.0, 0.01 * i as f32, 0.0]).collect());
     let mut mapper = Mapper::new(Settings { lambda_odom: 1.0, lambda_cluster: 0.0, min_overlap: 1.0, ..settings() }).unwrap();
     for node in 0..1000 {
@@ -164,16 +163,13 @@ fn correcting_a_thousand_submaps_takes_no_time() {
         mapper.handle(Event::Scan(scan)).unwrap();
     }
     assert_eq!(mapper.atlas().submaps().len(), 1000);
-    let poses: Vec<(NodeId, Pose)> = (0..1000).map(|node| (node, Pose::translation(3.0 * node as f64, 1.0, 0.0))).collect();
-    let mut best = f64::INFINITY;
+    // A revision counts changes of a submap's content: a correction that touched voxels would raise it.
+    let revisions = |mapper: &Mapper| mapper.atlas().submaps().iter().map(|submap| submap.revision()).collect::<Vec<_>>();
+    let before = revisions(&mapper);
     for i in 0..20 {
-        let shifted = poses.iter().map(|(n, p)| (*n, p * Pose::translation(0.0, f64::from(i), 0.0))).collect();
-        let event = Event::PoseUpdate(shifted);
-        let clock = Instant::now();
-        mapper.handle(event).unwrap();
-        best = best.min(clock.elapsed().as_secs_f64() * 1e3);
+        let poses = (0..1000).map(|node| (node, Pose::translation(3.0 * node as f64, 1.0 + f64::from(i), 0.0))).collect();
+        mapper.handle(Event::PoseUpdate(poses)).unwrap();
     }
-    println!("1,000 submaps corrected in {best:.3} ms");
     assert_eq!(mapper.elastic_counts().submap_moves, 20_000);
-    assert!(best <= 1.0, "{best} ms");
+    assert_eq!(revisions(&mapper), before);
 }

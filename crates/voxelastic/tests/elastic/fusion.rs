@@ -38,8 +38,8 @@ impl Bench {
         let limits = RangeLimits { near: 0.3, max: 30.0 };
         let elevations = Room::elevations(ROWS);
         let model = BeamModel::even(ROWS, COLUMNS, elevations[0], elevations[ROWS - 1]).unwrap();
-        let occupancy = OccupancySettings { voxel: VOXEL, max_range: 30.0, ..OccupancySettings::default() };
-        let tsdf = TsdfSettings { voxel: VOXEL, max_range: 30.0, max_scale, ..TsdfSettings::default() };
+        let occupancy = OccupancySettings { voxel_size: VOXEL, max_range: 30.0, ..OccupancySettings::default() };
+        let tsdf = TsdfSettings { voxel_size: VOXEL, max_range: 30.0, max_scale, ..TsdfSettings::default() };
         Self {
             room: Room::random(seed),
             tsdf: TsdfIntegrator::new(tsdf),

@@ -7,7 +7,7 @@ use voxelastic::geometry::Rigid;
 use voxelastic::integrate::OccupancySettings;
 
 fn settings() -> OccupancySettings {
-    OccupancySettings { voxel: 0.1, max_range: 20.0, ..OccupancySettings::default() }
+    OccupancySettings { voxel_size: 0.1, max_range: 20.0, ..OccupancySettings::default() }
 }
 
 fn known(field: &OccupancyField) -> (u64, u64) {

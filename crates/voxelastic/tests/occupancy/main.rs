@@ -104,7 +104,7 @@ proptest! {
     fn agrees_with_the_dense_reference(seed in any::<u64>(), voxel in 0.13f32..0.2) {
         let room = Room::random(seed);
         let scans = scans_of(&room, 4);
-        let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
+        let settings = OccupancySettings { voxel_size: voxel, ..OccupancySettings::default() };
         // One scale for surfaces, so that both maps have the same voxels.
         let field = integrate(&scans, &settings, 1e-6);
         let (low, high) = bounds(voxel);
@@ -143,7 +143,7 @@ proptest! {
     fn nothing_behind_a_surface_is_free(seed in any::<u64>(), voxel in 0.05f32..0.2) {
         let room = Room::random(seed);
         let scans = scans_of(&room, 5);
-        let settings = OccupancySettings { voxel, ..OccupancySettings::default() };
+        let settings = OccupancySettings { voxel_size: voxel, ..OccupancySettings::default() };
         let field = integrate(&scans, &settings, SPACING);
         let mut free = 0usize;
         for c in voxels_of(voxel) {
@@ -164,7 +164,7 @@ proptest! {
 fn the_number_of_threads_does_not_change_a_voxel() {
     let room = Room::random(3);
     let scans = scans_of(&room, 5);
-    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let settings = OccupancySettings { voxel_size: 0.1, ..OccupancySettings::default() };
     let fields: Vec<OccupancyField> = [1, 2, 5]
         .map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads").install(|| integrate(&scans, &settings, 0.02)))
         .into();
@@ -176,7 +176,7 @@ fn the_number_of_threads_does_not_change_a_voxel() {
 
 #[test]
 fn ancestors_hold_the_largest_value_below_and_whether_all_is_observed() {
-    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let settings = OccupancySettings { voxel_size: 0.1, ..OccupancySettings::default() };
     let field = integrate(&scans_of(&Room::random(11), 4), &settings, 0.02);
     let tree = field.tree();
     let mut checked = 0;
@@ -201,7 +201,7 @@ fn ancestors_hold_the_largest_value_below_and_whether_all_is_observed() {
 #[test]
 fn an_object_arrives_and_leaves_within_a_few_scans() {
     let room = Room::random(21);
-    let settings = OccupancySettings { voxel: 0.1, ..OccupancySettings::default() };
+    let settings = OccupancySettings { voxel_size: 0.1, ..OccupancySettings::default() };
     let mut integration = Integration::new(&settings, 0.02);
     let (pose, empty, _) = room.scan(0, ROWS, COLUMNS, 0.0);
     // A ball of 0.4 m, 2 m in front of the sensor.

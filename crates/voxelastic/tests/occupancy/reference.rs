@@ -78,7 +78,7 @@ impl DenseOccupancy {
 
     /// Whether all rays through the voxel and around it have their returns beyond it.
     fn is_free(&self, c: [i32; 3], pose: &Rigid, image: &Image) -> bool {
-        let voxel = f64::from(self.settings.voxel);
+        let voxel = f64::from(self.settings.voxel_size);
         let in_lidar = |part: [f64; 3]| -> [f64; 3] {
             let offset: [f64; 3] = std::array::from_fn(|k| (f64::from(c[k]) + part[k]) * voxel - f64::from(pose.translation[k]));
             std::array::from_fn(|j| (0..3).map(|i| f64::from(pose.rotation[i][j]) * offset[i]).sum())
@@ -118,7 +118,7 @@ impl DenseOccupancy {
 
     /// Adds the evidence of one ray, the largest per voxel; the ray is cut at voxel faces.
     fn walk(&self, p: [f32; 3], pose: &Rigid, updates: &mut HashMap<[i32; 3], f32>) {
-        let voxel = f64::from(self.settings.voxel);
+        let voxel = f64::from(self.settings.voxel_size);
         let world = pose.apply(p).map(|c| f64::from(c) / voxel);
         let ray = pose.rotate(p).map(f64::from);
         let range = ray.iter().map(|c| c * c).sum::<f64>().sqrt();

@@ -65,7 +65,7 @@ fn scan(bars: &[Bar], origin: [f32; 3], number: usize) -> Vec<[f32; 3]> {
 fn map(bars: &[Bar], places: impl Iterator<Item = [f32; 3]>) -> (OccupancyField, Vec<[f32; 3]>) {
     let model = || BeamModel::even(ROWS, COLUMNS, TOP, -TOP).expect("a valid model");
     let mut preprocessor = ScanPreprocessor::new(model(), CloudLayout::Projected, RangeLimits { near: 0.5, max: 60.0 });
-    let mut integrator = OccupancyIntegrator::new(OccupancySettings { voxel: VOXEL, ..OccupancySettings::default() }, &model());
+    let mut integrator = OccupancyIntegrator::new(OccupancySettings { voxel_size: VOXEL, ..OccupancySettings::default() }, &model());
     let mut field = OccupancyField::default();
     let mut all = Vec::new();
     for (number, place) in places.enumerate() {

@@ -17,7 +17,7 @@ fn painted([x, y, z]: [f32; 3]) -> [u8; 3] {
 }
 
 fn settings(voxel: f32) -> TsdfSettings {
-    TsdfSettings { voxel, coarser_factor: 1.0, ..TsdfSettings::default() }
+    TsdfSettings { voxel_size: voxel, scale_hysteresis: 1.0, ..TsdfSettings::default() }
 }
 
 /// Integrates all scans with colours into a field whose frame is at `t_map_field`.
@@ -31,7 +31,7 @@ fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> T
         let pose_in_field = Rigid { rotation, translation: to_field.apply(pose.translation) };
         integrator.integrate(&mut field, &pose_in_field, &returns);
         let colours: Vec<[u8; 3]> = points.iter().map(|p| painted(pose.apply(*p))).collect();
-        integrate_colours(&mut field, &pose_in_field, &returns, &colours, settings.voxel, settings.max_range);
+        integrate_colours(&mut field, &pose_in_field, &returns, &colours, settings.voxel_size, settings.max_range);
     }
     field
 }

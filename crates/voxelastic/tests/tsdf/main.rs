@@ -64,11 +64,11 @@ proptest! {
         with_normals in any::<bool>(),
         voxel in 0.05f32..0.3,
         truncation_behind in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
-        truncation_new in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
+        truncation_front in prop_oneof![Just(1.5f32), Just(2.0), Just(3.0)],
     ) {
         let room = Room::random(seed);
         let scans = scans_of(&room, 3, 24, 180, 0.02, with_normals);
-        let settings = TsdfSettings { voxel, truncation_behind, truncation_new, max_scale: 0, bundle_width: 0.0, ..TsdfSettings::default() };
+        let settings = TsdfSettings { voxel_size: voxel, truncation_behind, truncation_front, max_scale: 0, bundle_width: 0.0, ..TsdfSettings::default() };
         let field = integrate(&scans, &settings);
         let mut dense = DenseTsdf::new(settings);
         scans.scans.iter().for_each(|(pose, points, normals)| dense.integrate(pose, points, normals));
@@ -92,7 +92,7 @@ proptest! {
     fn bundled_rays_give_the_map_of_single_rays(seed in any::<u64>()) {
         let scans = scans_of(&Room::random(seed), 3, 48, 720, 0.02, true);
         let fields = [0.0, TsdfSettings::default().bundle_width].map(|bundle_width| {
-            integrate(&scans, &TsdfSettings { voxel: 0.1, max_scale: 0, bundle_width, ..TsdfSettings::default() })
+            integrate(&scans, &TsdfSettings { voxel_size: 0.1, max_scale: 0, bundle_width, ..TsdfSettings::default() })
         });
         let [single, bundled] = fields.each_ref().map(|field| observed(field).map(|(c, distance, weight)| (c, (distance, weight))).collect::<HashMap<_, _>>());
         let sum = |voxels: &HashMap<[i32; 3], (f32, u16)>| voxels.values().map(|v| f64::from(v.1)).sum::<f64>();
@@ -108,13 +108,13 @@ proptest! {
         let room = Room::random(seed);
         // Coarse angles, so that several scales occur inside a room.
         let scans = scans_of(&room, 4, 64, 190, 0.0, true);
-        let settings = TsdfSettings { voxel: 0.04, coarser_factor: 1.0, ..TsdfSettings::default() };
-        let mesh = extract(&integrate(&scans, &settings), settings.voxel, &MeshOptions::default());
+        let settings = TsdfSettings { voxel_size: 0.04, scale_hysteresis: 1.0, ..TsdfSettings::default() };
+        let mesh = extract(&integrate(&scans, &settings), settings.voxel_size, &MeshOptions::default());
         prop_assert!(mesh.scales.contains(&0) && mesh.scales.contains(&1));
         let mut off = [0usize; 4];
         for (p, &scale) in mesh.positions.iter().zip(&mesh.scales) {
             // A vertex may be between a voxel and a coarser neighbour: the larger of the two counts.
-            let local = settings.voxel * (2 << scale) as f32;
+            let local = settings.voxel_size * (2 << scale) as f32;
             off[usize::from(room.distance(*p).abs() > 0.5 * local)] += 1;
         }
         // Only at edges of the room the local plane is not the surface.
@@ -126,7 +126,7 @@ proptest! {
 fn the_number_of_threads_does_not_change_a_bit() {
     let room = Room::random(7);
     let scans = scans_of(&room, 6, 64, 512, 0.02, true);
-    let settings = TsdfSettings { voxel: 0.05, ..TsdfSettings::default() };
+    let settings = TsdfSettings { voxel_size: 0.05, ..TsdfSettings::default() };
     let fields: Vec<TsdfField> = [1, 2, 5]
         .map(|threads| rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads").install(|| integrate(&scans, &settings)))
         .into();
@@ -137,7 +137,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
             assert!(fields[0].stored_voxels(id).eq(other.stored_voxels(id)) && fields[0].stored_intensities(id).eq(other.stored_intensities(id)));
         }
     }
-    let meshes: Vec<_> = fields.iter().map(|f| extract(f, settings.voxel, &MeshOptions::default())).collect();
+    let meshes: Vec<_> = fields.iter().map(|f| extract(f, settings.voxel_size, &MeshOptions::default())).collect();
     assert!(meshes[0] == meshes[1] && meshes[0] == meshes[2]);
 }
 
@@ -152,7 +152,7 @@ fn a_block_observed_from_far_and_then_from_near_keeps_its_detail() {
         let normals = vec![[-1.0, 0.0, 0.0]; points.len()];
         (points, normals)
     };
-    let settings = TsdfSettings { voxel: 0.05, coarser_factor: 1.0, ..TsdfSettings::default() };
+    let settings = TsdfSettings { voxel_size: 0.05, scale_hysteresis: 1.0, ..TsdfSettings::default() };
     let mut integrator = TsdfIntegrator::new(settings.clone());
     let mut field = TsdfField::default();
     let mut scales = Vec::new();
@@ -171,7 +171,7 @@ fn a_block_observed_from_far_and_then_from_near_keeps_its_detail() {
     assert_eq!(scales.first(), Some(&0));
     assert!(scales.contains(&1), "{scales:?}");
     assert_eq!(scales.last(), Some(&0), "{scales:?}");
-    let mesh = extract(&field, settings.voxel, &MeshOptions::default());
+    let mesh = extract(&field, settings.voxel_size, &MeshOptions::default());
     assert!(mesh.positions.len() > 1000);
     for p in &mesh.positions {
         assert!((p[0] - 8.0).abs() < 0.002, "{p:?}");

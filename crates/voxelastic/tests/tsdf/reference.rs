@@ -20,9 +20,9 @@ impl DenseTsdf {
     }
 
     pub fn integrate(&mut self, pose: &Rigid, points: &[[f32; 3]], normals: &[[f32; 3]]) {
-        let voxel = f64::from(self.settings.voxel);
+        let voxel = f64::from(self.settings.voxel_size);
         let [along, front, behind] =
-            [self.settings.truncation_voxels, self.settings.truncation_new + 0.5, self.settings.truncation_behind].map(f64::from);
+            [self.settings.truncation_voxels, self.settings.truncation_front + 0.5, self.settings.truncation_behind].map(f64::from);
         for (p, n) in points.iter().zip(normals) {
             let range = p.iter().map(|c| f64::from(*c).powi(2)).sum::<f64>().sqrt();
             let rotate =
@@ -51,7 +51,7 @@ impl DenseTsdf {
         if distance >= before || distance <= -behind || weight < 1.0 {
             return;
         }
-        if distance >= self.settings.truncation_new && !self.voxels.contains_key(&c) {
+        if distance >= self.settings.truncation_front && !self.voxels.contains_key(&c) {
             return;
         }
         let (mean, sum) = self.voxels.entry(c).or_default();

@@ -76,7 +76,7 @@ impl<'a> RayBatch<'a> {
     #[inline(always)]
     pub fn push(&mut self, owner: u32, frame: BlockFrame, ray: &Ray) {
         let lane = self.segments.len() % LANES;
-        let evidence = Evidence::new(self.settings, ray.range * self.settings.voxel, frame.scale);
+        let evidence = Evidence::new(self.settings, ray.range * self.settings.voxel_size, frame.scale);
         let (front, back) = evidence.reach();
         (self.owner[lane], self.sigma[lane]) = (owner, evidence.sigma());
         self.segments.push(&Segment {

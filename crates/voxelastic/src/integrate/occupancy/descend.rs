@@ -193,7 +193,7 @@ impl Descent<'_> {
     /// Centre and half the edge of a cube, metres, submap frame.
     #[inline(always)]
     fn centre_and_half(&self, cube: &Cube) -> ([f32; 3], f32) {
-        let edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        let edge = BLOCK_EDGE as f32 * self.settings.voxel_size;
         let half = 0.5 * (1u32 << cube.level) as f32;
         let middle = |k: usize| (cube.corner[k] as f32 + half) * edge;
         ([middle(0), middle(1), middle(2)], half * edge)
@@ -269,7 +269,7 @@ impl Descent<'_> {
     /// A small cube that is not refined is free if a ray with a return beyond it passed through its centre, whatever the rays without return may have hit.
     fn refine_blocks(&self, scratch: &mut DescentScratch, buffer: &mut ThreadBuffer) {
         let DescentScratch { classify, centres, smaller_centres, classes, partial, parts, smaller, .. } = scratch;
-        let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel;
+        let half = 0.5 * BLOCK_EDGE as f32 * self.settings.voxel_size;
         parts.clear();
         centres.clear();
         for (i, partial) in partial.iter().enumerate() {
@@ -311,7 +311,7 @@ impl Descent<'_> {
     /// through each.
     #[inline(always)]
     fn finest_free_scale(&self, range: f32) -> usize {
-        let voxels = range * self.classifier.spacing() / self.settings.voxel;
+        let voxels = range * self.classifier.spacing() / self.settings.voxel_size;
         usize::from(voxels > 1.0) + usize::from(voxels > 2.0) + usize::from(voxels > 4.0)
     }
 }

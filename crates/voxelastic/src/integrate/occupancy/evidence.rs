@@ -30,7 +30,7 @@ impl Evidence {
     /// The model for a return at `range` metres, in voxels of `scale`.
     #[inline(always)]
     pub fn new(settings: &OccupancySettings, range: f32, scale: usize) -> Self {
-        let local = settings.voxel * (1 << scale) as f32;
+        let local = settings.voxel_size * (1 << scale) as f32;
         let sigma = (settings.sigma + settings.sigma_per_metre * range).max(LEAST_SIGMA * local) / local;
         Self { free: settings.free, hit: settings.hit, sigma, thickness: settings.thickness_voxels }
     }
@@ -72,7 +72,7 @@ fn clamp01(x: f32) -> f32 {
 /// How far before a return a voxel must be to count as free, metres: at least the first value, and at least `second[0] + second[1] * range`. Nearer voxels are
 /// updated by the rays.
 pub(super) fn free_margin_terms(settings: &OccupancySettings) -> (f32, [f32; 2]) {
-    (3.0 * LEAST_SIGMA * settings.voxel, [3.0 * settings.sigma, 3.0 * settings.sigma_per_metre])
+    (3.0 * LEAST_SIGMA * settings.voxel_size, [3.0 * settings.sigma, 3.0 * settings.sigma_per_metre])
 }
 
 /// The evidence of free space and the limits, in log-odds steps of the field.

@@ -122,7 +122,7 @@ impl OccupancyIntegrator {
     }
 
     fn scale_rule(&self, smallest_angle: f32) -> ScaleRule {
-        ScaleRule::new(smallest_angle, self.settings.voxel, SCALES - 1, HYSTERESIS)
+        ScaleRule::new(smallest_angle, self.settings.voxel_size, SCALES - 1, HYSTERESIS)
     }
 
     /// Integrates one scan.
@@ -153,9 +153,9 @@ impl OccupancyIntegrator {
 
     /// Grows the root over everything within reach of the sensor; returns the reach in blocks.
     fn cover(&self, field: &mut OccupancyField, sensor: [f32; 3]) -> u32 {
-        let edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        let edge = BLOCK_EDGE as f32 * self.settings.voxel_size;
         // A ray at the coarsest scale is walked this far beyond its return, metres.
-        let beyond = self.settings.thickness_voxels.max(3.0) * (1 << (SCALES - 1)) as f32 * self.settings.voxel;
+        let beyond = self.settings.thickness_voxels.max(3.0) * (1 << (SCALES - 1)) as f32 * self.settings.voxel_size;
         let reach = (((self.settings.max_range + beyond) / edge).ceil() as u32 + 2).min(MAX_REACH);
         let centre = sensor.map(|c| (c / edge).floor() as i32);
         field.tree.grow_to(block_key(centre.map(|c| c - reach as i32)));
@@ -178,7 +178,7 @@ impl OccupancyIntegrator {
         let select = || {
             /// Fewer rays are processed by one thread.
             const RAYS_PER_TASK: usize = 4096;
-            let OccupancySettings { voxel, max_range, .. } = *settings;
+            let OccupancySettings { voxel_size: voxel, max_range, .. } = *settings;
             let ((), see) = timed(|| {
                 if let Some(returns) = &scan.returns {
                     let frame = RayFrame { t_submap_lidar: scan.t_submap_lidar, voxel, max_range };

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq)]
 pub struct OccupancySettings {
     /// Edge of the finest voxel, metres.
-    pub voxel: f32,
+    pub voxel_size: f32,
     /// Largest range that is integrated, metres.
     pub max_range: f32,
     /// Evidence of one scan that a voxel is free (negative).
@@ -29,7 +29,7 @@ pub struct OccupancySettings {
 impl Default for OccupancySettings {
     fn default() -> Self {
         Self {
-            voxel: 0.065,
+            voxel_size: 0.065,
             max_range: 60.0,
             free: -0.5,
             hit: 2.2,

@@ -93,7 +93,7 @@ impl TsdfIntegrator {
 
     /// The rule that chooses integration scales for beams `smallest_angle` radians apart.
     pub fn scale_rule(&self, smallest_angle: f32) -> ScaleRule {
-        ScaleRule::new(smallest_angle, self.settings.voxel, self.settings.max_scale, self.settings.coarser_factor)
+        ScaleRule::new(smallest_angle, self.settings.voxel_size, self.settings.max_scale, self.settings.scale_hysteresis)
     }
 
     /// Integrates the returns of one scan taken at `t_submap_lidar`. Returns beyond the maximum range, and those after the first 2^24, are skipped.
@@ -120,7 +120,7 @@ impl TsdfIntegrator {
 
     /// What [`integrate_rays`](Self::integrate_rays) needs besides the rays of `returns`.
     pub(crate) fn scan(&self, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>) -> TsdfRays {
-        let frame = RayFrame { t_submap_lidar: *t_submap_lidar, voxel: self.settings.voxel, max_range: self.settings.max_range };
+        let frame = RayFrame { t_submap_lidar: *t_submap_lidar, voxel: self.settings.voxel_size, max_range: self.settings.max_range };
         TsdfRays { frame, smallest_angle: returns.smallest_angle, has_intensity: !returns.intensities.is_empty() }
     }
 
@@ -129,7 +129,7 @@ impl TsdfIntegrator {
         let params = SurfaceRayParams {
             rule: self.scale_rule(smallest_angle),
             least_slope: LEAST_SLOPE,
-            band: [self.settings.truncation_new + ERODE_MARGIN, self.settings.truncation_behind],
+            band: [self.settings.truncation_front + ERODE_MARGIN, self.settings.truncation_behind],
             max_reach: self.settings.truncation_voxels,
             bundle_width: self.settings.bundle_width,
         };
@@ -142,7 +142,7 @@ impl TsdfIntegrator {
         let reach = self.reach().min(MAX_REACH);
         let clock = Instant::now();
         let position = scan.frame.t_submap_lidar.translation;
-        self.selection.select(&self.rays, position.map(|c| c / self.settings.voxel), reach);
+        self.selection.select(&self.rays, position.map(|c| c / self.settings.voxel_size), reach);
         let selected = Instant::now();
 
         let new_blocks = self.allocate(field, &rule, position, scan.has_intensity, redundancy);
@@ -167,13 +167,13 @@ impl TsdfIntegrator {
     /// Blocks from the sensor to the farthest voxel that a ray can update.
     fn reach(&self) -> u32 {
         let band = self.settings.truncation_voxels * (1 << self.settings.max_scale) as f32;
-        ((self.settings.max_range / self.settings.voxel + band) / BLOCK_EDGE as f32).ceil() as u32 + 2
+        ((self.settings.max_range / self.settings.voxel_size + band) / BLOCK_EDGE as f32).ceil() as u32 + 2
     }
 
     /// Finds or creates every selected block and moves it towards the scale that fits; returns how many are new. `sensor` is the position of the sensor,
     /// metres.
     fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], has_intensity: bool, redundancy: &Redundancy<'_>) -> usize {
-        let block_edge = BLOCK_EDGE as f32 * self.settings.voxel;
+        let block_edge = BLOCK_EDGE as f32 * self.settings.voxel_size;
         field.tree.grow_over(self.selection.blocks.iter().map(|run| run.key));
         let scales = self.find(field, rule, redundancy, |coords| distance_to_block(coords, block_edge, sensor));
         let mut cursor = Cursor::new(&field.tree);
@@ -205,7 +205,7 @@ impl TsdfIntegrator {
         runs.resize(blocks.len(), BlockRun { block: NONE, start: 0, end: 0, change: ScaleChange::None, octant_mask: ALL_OCTANTS });
         let tasks = (runs.par_chunks_mut(BLOCKS_PER_TASK), scales.par_chunks_mut(BLOCKS_PER_TASK), blocks.par_chunks(BLOCKS_PER_TASK));
         tasks.into_par_iter().for_each(|(runs, scales, blocks)| {
-            let (mut cursor, mut others) = (Cursor::new(&field.tree), redundancy.other_fields(settings.voxel));
+            let (mut cursor, mut others) = (Cursor::new(&field.tree), redundancy.other_fields(settings.voxel_size));
             // Blocks are prefetched long before they are read: few of them are in a cache.
             for (run, &BlockRays { key, start, end }) in runs.iter_mut().zip(blocks) {
                 let block = cursor.block(&field.tree, key);
@@ -235,7 +235,7 @@ impl TsdfIntegrator {
                 } else if block.is_some() {
                     continue;
                 }
-                let creates_voxels = |ray: &Ray| block.is_some() || ray.creates_voxels_in(corner, *scale, settings.truncation_new);
+                let creates_voxels = |ray: &Ray| block.is_some() || ray.creates_voxels_in(corner, *scale, settings.truncation_front);
                 let has_updates = own_rays.into_iter().any(|ray| run.takes(ray.point, corner) && creates_voxels(ray));
                 if !has_updates {
                     run.end = start;
@@ -254,7 +254,7 @@ impl TsdfIntegrator {
             records: &self.selection.records,
             band: TruncationBand {
                 front: self.settings.truncation_voxels,
-                create_front: self.settings.truncation_new,
+                create_front: self.settings.truncation_front,
                 back: self.settings.truncation_behind,
                 fade: 1.0 / (self.settings.truncation_behind - 1.0).max(0.5),
                 weight: f32::from(WEIGHT_ONE),
@@ -309,7 +309,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_field_compacted_after_every_scan_holds_the_same_bits(scans in scans(), has_intensity in any::<bool>(), hands_pages_on in any::<bool>()) {
-            let mut integrator = TsdfIntegrator::new(TsdfSettings { voxel: 0.1, ..TsdfSettings::default() });
+            let mut integrator = TsdfIntegrator::new(TsdfSettings { voxel_size: 0.1, ..TsdfSettings::default() });
             let (mut hot, mut cold) = (TsdfField::default(), TsdfField::default());
             for (i, (position, points)) in scans.iter().enumerate() {
                 let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
