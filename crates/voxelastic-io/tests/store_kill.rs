@@ -36,7 +36,7 @@ fn step_of(dir: &Path) -> Option<u64> {
     Some(step)
 }
 
-/// Helper mode: saves for ever when it is told where, and is no test otherwise.
+/// Helper mode: saves again and again when it is given a folder, and does nothing otherwise.
 #[test]
 fn saves_for_ever() {
     let Some(dir) = std::env::var_os(DIR) else { return };

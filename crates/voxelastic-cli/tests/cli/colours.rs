@@ -3,7 +3,7 @@
 use crate::{fails, json, room, works};
 use voxelastic_io::{clouds, pcd, ply};
 
-/// The integrate_colours at a place of the room.
+/// The colour at a place of the room.
 fn colour_at(p: [f64; 3]) -> [u8; 3] {
     p.map(|c| (128.0 + 110.0 * (0.4 * c).sin()) as u8)
 }

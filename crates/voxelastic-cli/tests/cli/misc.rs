@@ -155,7 +155,7 @@ fn mistakes_on_the_command_line_and_in_settings_exit_with_2() {
     fails(dir.path(), "mesh room.vox -o room.stl", 2, &[".ply or .glb"]);
     fails(dir.path(), "render room.vox -o x.png --eye 1,2", 2, &[]);
     fails(dir.path(), "render room.vox -o x.png --size 10", 2, &["1600x1200"]);
-    fails(dir.path(), "integrate_colours room", 2, &[]);
+    fails(dir.path(), "paint room", 2, &[]);
 }
 
 #[test]

@@ -27,16 +27,16 @@ pub(super) fn coloured(field: &TsdfField) -> Vec<u32> {
 
 /// Scale and colours of each of `ids`, with its key.
 fn blocks<'a>(field: &'a TsdfField, ids: &'a [u32]) -> impl Iterator<Item = (u64, usize, &'a [ColourVoxel])> {
-    ids.iter().filter_map(|&id| field.colours().block(id).map(|(scale, tints)| (field.block(id).key, scale, tints)))
+    ids.iter().filter_map(|&id| field.colours().block(id).map(|(scale, colours)| (field.block(id).key, scale, colours)))
 }
 
 /// A hash of everything that the section would hold.
 pub(super) fn digest(field: &TsdfField) -> u64 {
     let mut hash = Xxh3::new();
-    for (key, scale, tints) in blocks(field, &coloured(field)) {
+    for (key, scale, colours) in blocks(field, &coloured(field)) {
         hash.update(&key.to_le_bytes());
         hash.update(&[scale as u8]);
-        hash.update(bytemuck::cast_slice(tints));
+        hash.update(bytemuck::cast_slice(colours));
     }
     hash.digest()
 }
@@ -67,44 +67,44 @@ pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Res
 
 /// Appends the page of the blocks `ids` to `raw` and returns how many blocks it has.
 pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
-    let (mut tints, mut keys) = (Vec::new(), Vec::with_capacity(2 * ids.len()));
+    let (mut colours, mut keys) = (Vec::new(), Vec::with_capacity(2 * ids.len()));
     let mut last = 0;
     for (key, scale, array) in blocks(field, ids) {
         raw.push(scale as u8);
         push_varint(&mut keys, key - last);
         last = key;
-        tints.extend_from_slice(array);
+        colours.extend_from_slice(array);
     }
     raw.extend_from_slice(&keys);
-    push_mask(raw, &tints);
-    tints.retain(|t| *t != ColourVoxel::default());
+    push_mask(raw, &colours);
+    colours.retain(|t| *t != ColourVoxel::default());
     for k in 0..3 {
-        raw.extend(tints.iter().map(|t| t.rgb[k]));
+        raw.extend(colours.iter().map(|t| t.rgb[k]));
     }
-    raw.extend(tints.iter().map(|t| t.observations));
+    raw.extend(colours.iter().map(|t| t.observations));
     ids.len()
 }
 
 /// The blocks of a page, unpacked: keys, scales, and all arrays end to end.
 pub(super) struct Page {
     heads: Vec<(u64, u8)>,
-    tints: Vec<ColourVoxel>,
+    colours: Vec<ColourVoxel>,
 }
 
 impl Page {
-    /// Gives the blocks of `field` their colours; says how many.
-    pub fn integrate_colours(&self, field: &mut TsdfField) -> std::result::Result<usize, String> {
-        let mut tints = &self.tints[..];
+    /// Sets the colours of the blocks of `field`; returns their number.
+    pub fn add_to(&self, field: &mut TsdfField) -> std::result::Result<usize, String> {
+        let mut colours = &self.colours[..];
         for &(key, scale) in &self.heads {
-            let (array, rest) = tints.split_at(voxels_at(scale.into()));
+            let (array, rest) = colours.split_at(voxels_at(scale.into()));
             field.set_colours(key, scale, array).map_err(|e| e.to_string())?;
-            tints = rest;
+            colours = rest;
         }
         Ok(self.heads.len())
     }
 }
 
-/// Reads a page of `blocks` blocks; says in words what is wrong with it.
+/// Reads a page of `blocks` blocks; the error says what is wrong with it.
 pub(super) fn parse(mut bytes: Bytes<'_>, blocks: usize) -> std::result::Result<Page, String> {
     let scales = bytes.take(blocks)?;
     if let Some(scale) = scales.iter().find(|s| usize::from(**s) >= SCALES) {
@@ -119,17 +119,17 @@ pub(super) fn parse(mut bytes: Bytes<'_>, blocks: usize) -> std::result::Result<
         key = key.checked_add(bytes.varint()?).ok_or("a block key is longer than 64 bits")?;
         heads.push((key, scale));
     }
-    let mut tints = vec![ColourVoxel::default(); scales.iter().map(|s| voxels_at((*s).into())).sum()];
-    let (known, count) = mask(&mut bytes, tints.len())?;
+    let mut colours = vec![ColourVoxel::default(); scales.iter().map(|s| voxels_at((*s).into())).sum()];
+    let (known, count) = mask(&mut bytes, colours.len())?;
     let mut plane = || bytes.take(count);
     let (red, green, blue, seen) = (plane()?, plane()?, plane()?, plane()?);
     let mut at = 0;
     for_each_set(known, |i| {
-        tints[i] = ColourVoxel { rgb: [red[at], green[at], blue[at]], observations: seen[at] };
+        colours[i] = ColourVoxel { rgb: [red[at], green[at], blue[at]], observations: seen[at] };
         at += 1;
     });
     bytes.end()?;
-    Ok(Page { heads, tints })
+    Ok(Page { heads, colours })
 }
 
 /// Reads a section whose checksum is right into the field whose distances were read before.
@@ -137,6 +137,6 @@ pub(super) fn read(section: &Section<'_>, field: &mut TsdfField) -> Result<()> {
     let (mut head, frames) = section.split(HEAD)?;
     let claimed = head.u64().map_err(|e| section.damaged(0, e))?;
     let mut blocks = 0;
-    frames::read(section, &frames, parse, |page: Page| page.integrate_colours(field).map(|count| blocks += count))?;
+    frames::read(section, &frames, parse, |page: Page| page.add_to(field).map(|count| blocks += count))?;
     if blocks as u64 == claimed { Ok(()) } else { Err(section.damaged(0, format!("{claimed} blocks are claimed, {blocks} are there"))) }
 }

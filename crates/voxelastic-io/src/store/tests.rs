@@ -50,10 +50,10 @@ fn coloured() -> TsdfField {
     let mut field = tsdf();
     for i in (0..40u64).step_by(3) {
         let scale = (i % 4) as u8;
-        let tint = |v: usize| {
+        let colour = |v: usize| {
             if v.is_multiple_of(3) { ColourVoxel::default() } else { ColourVoxel { rgb: [v as u8, i as u8, 9], observations: 1 + v as u8 % 5 } }
         };
-        field.set_colours(3 * i, scale, &(0..voxels_at(scale.into())).map(tint).collect::<Vec<_>>()).expect("a block that is there");
+        field.set_colours(3 * i, scale, &(0..voxels_at(scale.into())).map(colour).collect::<Vec<_>>()).expect("a block that is there");
     }
     field
 }
@@ -99,7 +99,7 @@ proptest! {
         let true_items = colour_section::fill(&coloured(), &colour_section::coloured(&coloured()), &mut raw);
         let items = if items % 2 == 0 { true_items } else { items };
         if let Ok(page) = colour_section::parse(Bytes::new(&changed(raw, &changes, cut)), items) {
-            let _ = page.integrate_colours(&mut tsdf());
+            let _ = page.add_to(&mut tsdf());
         }
     }
 

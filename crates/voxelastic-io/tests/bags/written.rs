@@ -97,17 +97,17 @@ fn poses_and_a_graph_from_files_beside() {
     let options = OpenOptions { graph: Some(graph), poses: Some(trajectory), ..OpenOptions::default() };
     let recording = Recording::open(fixture("ouster_bz2.bag"), &options).unwrap();
     assert_eq!(recording.description().graph, Some([4, 1]));
-    let mut told = Vec::new();
+    let mut described = Vec::new();
     for event in recording.events() {
         match event {
-            Ok(Event::Scan(s)) => told.push(format!("scan {}", s.node)),
-            Ok(Event::OdometryEdge(e)) => told.push(format!("{} to {}, {} m", e.from, e.to, e.t_from_to.translation.x)),
-            Ok(Event::LoopEdge(e)) => told.push(format!("loop {} {}", e.from, e.to)),
+            Ok(Event::Scan(s)) => described.push(format!("scan {}", s.node)),
+            Ok(Event::OdometryEdge(e)) => described.push(format!("{} to {}, {} m", e.from, e.to, e.t_from_to.translation.x)),
+            Ok(Event::LoopEdge(e)) => described.push(format!("loop {} {}", e.from, e.to)),
             _ => {}
         }
     }
     let expected = ["scan 0", "scan 10", "0 to 10, 2 m", "scan 20", "10 to 20, 2 m", "scan 30", "20 to 30, 2 m", "loop 0 30"];
-    assert_eq!(told, expected);
+    assert_eq!(described, expected);
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn scans_after_a_correction_go_on_from_it() {
         scans.map(|scan| ((scan.t_map_lidar.translation.z - lidar) * 1000.0).round() as i64).collect()
     };
     let expected = [[0; 6].as_slice(), &[1000; 3], &[3000; 3]].concat();
-    assert_eq!(heights(every_scan(), 1.5), expected, "the odometry of the recording knows of no correction");
+    assert_eq!(heights(every_scan(), 1.5), expected, "the odometry of the recording has no corrections");
     let as_it_went = OpenOptions { poses: Some(dir.path().join("as_it_went.tum")), ..every_scan() };
     assert_eq!(heights(as_it_went, 0.0), expected, "these poses have the corrections in them");
 }

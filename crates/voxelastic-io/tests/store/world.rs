@@ -113,14 +113,14 @@ fn colour(field: &mut TsdfField, seed: u64) {
         let key = field.block(id).key;
         let scale = (numbers.next() % 5) as u8;
         if scale < 4 {
-            let mut tint = |_| match numbers.next() {
+            let mut colour = |_| match numbers.next() {
                 n if n.is_multiple_of(3) => {
                     ColourVoxel { rgb: [(n >> 16) as u8, (n >> 24) as u8, (n >> 32) as u8], observations: 1 + (n >> 40) as u8 % 16 }
                 }
                 _ => ColourVoxel::default(),
             };
-            let tints: Vec<ColourVoxel> = (0..voxels_at(scale.into())).map(&mut tint).collect();
-            field.set_colours(key, scale, &tints).expect("the block is there");
+            let colours: Vec<ColourVoxel> = (0..voxels_at(scale.into())).map(&mut colour).collect();
+            field.set_colours(key, scale, &colours).expect("the block is there");
         }
     }
 }
@@ -202,7 +202,7 @@ pub type BlockImage = (BlockHead, Vec<Voxel>, Vec<u8>, Option<(usize, Vec<Colour
 /// Everything that a field is, without ids and slots.
 pub fn image(field: &TsdfField) -> Vec<BlockImage> {
     let block = |id| {
-        let colours = field.colours().block(id).map(|(scale, tints)| (scale, tints.to_vec()));
+        let colours = field.colours().block(id).map(|(scale, colours)| (scale, colours.to_vec()));
         (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_intensities(id).collect::<Vec<_>>().concat(), colours)
     };
     field.ids_in_morton_order().into_iter().map(block).collect()

@@ -22,8 +22,8 @@ pub struct LiveOptimiser {
     options: Options,
     nodes: Vec<(NodeId, Pose)>,
     index_of: HashMap<NodeId, usize>,
-    /// Poses of the nodes as the odometry said.
-    told: Vec<Pose>,
+    /// Poses of the nodes by odometry alone.
+    odometry: Vec<Pose>,
     /// Pose of the last node in the frame in which the next scan comes: as it came, or as somebody else has corrected it.
     last_came: Option<Pose>,
     edges: Vec<Edge>,
@@ -42,7 +42,7 @@ impl LiveOptimiser {
             options,
             nodes: Vec::new(),
             index_of: HashMap::new(),
-            told: Vec::new(),
+            odometry: Vec::new(),
             last_came: None,
             edges: Vec::new(),
             measured: HashSet::new(),
@@ -69,15 +69,15 @@ impl LiveOptimiser {
                 let mut out: Vec<Event> = if self.is_due { self.solve()?.into_iter().collect() } else { Vec::new() };
                 if !self.index_of.contains_key(&scan.node) && voxelastic::atlas::graph::is_rigid(&scan.t_map_lidar) {
                     let came = scan.t_map_lidar;
-                    let mut told = came;
-                    if let (Some(last_came), Some(last_told), Some((_, last))) = (&self.last_came, self.told.last(), self.nodes.last()) {
+                    let mut odometry = came;
+                    if let (Some(last_came), Some(last_odometry), Some((_, last))) = (&self.last_came, self.odometry.last(), self.nodes.last()) {
                         let motion = last_came.inv_mul(&came);
                         scan.t_map_lidar = renormalised(last * motion);
-                        told = renormalised(last_told * motion);
+                        odometry = renormalised(last_odometry * motion);
                     }
                     self.index_of.insert(scan.node, self.nodes.len());
                     self.nodes.push((scan.node, scan.t_map_lidar));
-                    self.told.push(told);
+                    self.odometry.push(odometry);
                     self.last_came = Some(came);
                 }
                 out.push(Event::Scan(scan));
@@ -141,7 +141,7 @@ impl LiveOptimiser {
         (self.is_due, self.is_stale) = (false, false);
         let mut edges: Vec<Edge> = self.edges.iter().filter(|e| self.places(e).is_some()).cloned().collect();
         for i in (1..self.nodes.len()).filter(|i| !self.measured.contains(&(i - 1))) {
-            let t_from_to = renormalised(self.told[i - 1].inv_mul(&self.told[i]));
+            let t_from_to = renormalised(self.odometry[i - 1].inv_mul(&self.odometry[i]));
             edges.push(Edge { from: self.nodes[i - 1].0, to: self.nodes[i].0, t_from_to, information: None });
         }
         let problem = Problem { nodes: &self.nodes, edges: &edges, fixed: &[] };

@@ -188,7 +188,7 @@ mod tests {
                 let mut sampling = BackgroundSampling::start(Arc::clone(&source), pose(), threads.as_ref());
                 // A slow taker lets the thread get as far ahead as it may.
                 let pause = |number: usize| {
-                    if is_slow && number % 5 == 0 {
+                    if is_slow && number.is_multiple_of(5) {
                         std::thread::sleep(std::time::Duration::from_millis(40));
                     }
                 };

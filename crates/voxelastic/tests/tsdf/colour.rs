@@ -11,7 +11,7 @@ use voxelastic::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings, integrate
 use voxelastic::surface::{Mesh, MeshOptions, extract};
 
 /// The colour at a position: it changes by at most 44 of 255 per metre and is nowhere grey.
-fn painted([x, y, z]: [f32; 3]) -> [u8; 3] {
+fn colour_at([x, y, z]: [f32; 3]) -> [u8; 3] {
     let wave = |c: f32| (0.4 * c).sin();
     [128.0 + 110.0 * wave(x), 128.0 + 110.0 * wave(y), 60.0 + 50.0 * wave(z)].map(|v| v as u8)
 }
@@ -30,7 +30,7 @@ fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> T
         let rotation = std::array::from_fn(|i| std::array::from_fn(|k| (0..3).map(|j| to_field.rotation[i][j] * pose.rotation[j][k]).sum()));
         let pose_in_field = Rigid { rotation, translation: to_field.apply(pose.translation) };
         integrator.integrate(&mut field, &pose_in_field, &returns);
-        let colours: Vec<[u8; 3]> = points.iter().map(|p| painted(pose.apply(*p))).collect();
+        let colours: Vec<[u8; 3]> = points.iter().map(|p| colour_at(pose.apply(*p))).collect();
         integrate_colours(&mut field, &pose_in_field, &returns, &colours, settings.voxel_size, settings.max_range);
     }
     field
@@ -40,7 +40,7 @@ fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> T
 fn wrong(mesh: &Mesh, t_map_mesh: &Rigid, voxel: f32) -> (usize, usize) {
     assert_eq!(mesh.colours.len(), mesh.positions.len());
     let off = mesh.positions.iter().zip(&mesh.colours).zip(&mesh.scales).filter(|((p, colour), scale)| {
-        let expected = painted(t_map_mesh.apply(**p));
+        let expected = colour_at(t_map_mesh.apply(**p));
         let step = 44.0 * voxel * (2 << **scale) as f32;
         colour.iter().zip(expected).any(|(a, b)| f32::from(a.abs_diff(b)) > 10.0 + 1.5 * step)
     });

@@ -1,4 +1,4 @@
-//! Colours of a scan into the colour layer of a TSDF: a pass of its own_scale after the distances, only for scans that have colours.
+//! Colours of a scan into the colour layer of a TSDF: a pass of its own after that of the distances, only for scans that have colours.
 
 use crate::field::tsdf::colour::descendants;
 use crate::field::tsdf::{ColourVoxel, TsdfField};

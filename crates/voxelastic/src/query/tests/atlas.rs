@@ -110,7 +110,7 @@ proptest! {
                 State::Occupied => true,
             });
             let expected = stop.map_or(ray.length, |w| w[0]);
-            // Slivers that a ray touches for less than a hundredth of a millimetre may be told either way.
+            // Slivers that a ray touches for less than a hundredth of a millimetre may count either way.
             let sliver = at < expected && slow_state(&fields, along(at + 1e-9)) != State::Free;
             prop_assert!((at - expected).abs() < 1e-4 || sliver, "{ray:?}: {at} instead of {expected}");
         }

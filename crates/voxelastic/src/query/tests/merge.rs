@@ -34,7 +34,7 @@ proptest! {
         for p in places {
             let middle = p.map(|c| ((c / f64::from(cell)).floor() + 0.5) * f64::from(cell));
             let state = map.query().state(middle);
-            // A sliver more or less, that may be told either way.
+            // A sliver more or less, that may count either way.
             let knows = |edge: f64| -> Vec<[bool; 2]> { fields.iter().map(|(f, t)| slow_knows(f, t, middle, edge)).collect() };
             let (more, less) = (knows(1.003 * f64::from(cell)), knows(0.995 * f64::from(cell)));
             let occupied = |all: &[[bool; 2]]| all.iter().any(|k| k[0]);

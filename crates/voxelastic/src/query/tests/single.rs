@@ -103,7 +103,7 @@ proptest! {
             };
             let found = query.ray_cast(&ray, unknown);
             let at = found.map_or(f64::INFINITY, |hit| hit.distance / f64::from(VOXEL));
-            // Rays that graze an edge may be told either way.
+            // Rays that graze an edge may count either way.
             let (early, late) = (first(1e-6), first(-1e-6));
             prop_assert!(at >= early - 1e-4 && at <= late + 1e-4, "{ray:?}: {at} is not within {early} to {late}");
             if let Some(hit) = found.filter(|hit| hit.distance > 0.0) {
