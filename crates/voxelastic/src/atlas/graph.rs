@@ -16,6 +16,7 @@ use std::collections::{BinaryHeap, HashMap};
 
 /// Origin of a link.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum LinkKind {
     /// A measured odometry edge.
     Odometry,
@@ -45,6 +46,7 @@ pub struct Agreement {
 
 /// What was done with an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EdgeOutcome {
     /// Added to the graph.
     Added,

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 /// How the submap of a scan was chosen (paper Sec. IV-A).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Assignment {
     /// The submap of its odometry predecessor: its root is near enough along the graph.
     Continue,
