@@ -12,6 +12,7 @@ const LONGEST_GAP_S: f64 = 0.11;
 
 /// How poses were matched to clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum MatchedBy {
     /// As many poses as clouds: the k-th pose belongs to the k-th cloud.
     Order,

@@ -4,6 +4,7 @@ use crate::text::words;
 
 /// Formats of trajectories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PoseFormat {
     /// `time x y z qx qy qz qw`, seconds and metres; spaces or commas.
     Tum,
