@@ -6,6 +6,7 @@ use voxelastic::Pose;
 
 /// Which of a SLAM system's poses to use, where a folder has both.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PoseKind {
     /// After optimisation of the pose graph.
     #[default]

@@ -1,8 +1,9 @@
-//! Files that were damaged or made to harm: nothing panics, and memory follows the file and not its claims.
+//! Files that were damaged or made to harm: nothing panics, and memory follows the file and not its claims. A process of its own, because it measures
+//! its peak of memory.
 
 #[path = "common/damage.rs"]
 mod damage;
-#[path = "clouds/encode.rs"]
+#[path = "files/encode.rs"]
 mod encode;
 
 use damage::{Random, soak};

@@ -7,6 +7,7 @@ pub type NodeId = u64;
 
 /// What a SLAM system reports to the mapper, in the order in which it happens.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Event {
     /// A node and the scan taken there.
     Scan(Scan),

@@ -21,6 +21,7 @@ pub struct MapWriter {
 
 /// What a save did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct SaveReport {
     /// Submaps written because their content was new.
     pub written: usize,

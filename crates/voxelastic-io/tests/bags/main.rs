@@ -5,6 +5,7 @@
 mod damage;
 mod drive;
 mod harm;
+mod ouster;
 mod written;
 
 use std::path::{Path, PathBuf};

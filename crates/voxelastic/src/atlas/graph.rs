@@ -103,6 +103,7 @@ struct Node {
 
 /// Number of nodes and links by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct GraphCounts {
     /// Nodes.
     pub nodes: usize,

@@ -6,6 +6,7 @@ use crate::geometry::PoseExt;
 
 /// Largest difference between the poses at which a submap's scans were integrated and their current poses, both relative to the root.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Deformation {
     /// The submap.
     pub submap: SubmapId,

@@ -21,6 +21,7 @@ pub trait ScanSource {
 
 /// Report about a rebuilt submap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct RebuildReport {
     /// Number of scans integrated.
     pub scans: usize,

@@ -22,6 +22,7 @@ pub enum Assignment {
 
 /// Counts of submap assignments, fusions and corrections.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ElasticCounts {
     /// Submaps started.
     pub submaps_started: usize,
@@ -63,6 +64,7 @@ impl ElasticCounts {
 
 /// Report about one scan.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ScanReport {
     /// The scan's node.
     pub node: NodeId,

@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 /// The part of the frontier within a cube.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FrontierPoint {
     /// Mean position, metres.
     pub position: [f64; 3],

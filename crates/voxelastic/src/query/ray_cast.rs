@@ -22,6 +22,7 @@ pub struct Ray {
 
 /// Where and why a ray ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct RayHit {
     /// Distance from the origin to the face of the blocking voxel, metres.
     pub distance: f64,

@@ -45,6 +45,7 @@ pub struct OccupancyPhases {
 
 /// What one integration did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct OccupancyStats {
     /// Rays walked.
     pub rays: usize,

@@ -49,6 +49,7 @@ pub struct TsdfPhases {
 
 /// What one integration did.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct TsdfStats {
     /// Rays walked, after bundling.
     pub rays: usize,

@@ -1,6 +1,6 @@
 //! The registered cloud list as it comes out.
 
-use crate::*;
+use super::*;
 use std::time::Duration;
 use voxelastic_io::g2o;
 

@@ -1,9 +1,7 @@
 //! Ouster captures against `ouster-sdk`. The captures are real (`VOXELASTIC_DATA`); the oracle needs a Python with the package
 //! (`VOXELASTIC_PYTHON`, default `python3`).
 
-#[path = "common/damage.rs"]
-mod damage;
-
+use crate::damage::soak;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -268,12 +266,12 @@ fn damaged_captures_never_panic() {
         })
     };
     std::fs::write(&metadata, &json).unwrap();
-    damage::soak("packets", packets, 100, Duration::from_secs(5), |bad| {
+    soak("packets", packets, 100, Duration::from_secs(5), |bad| {
         std::fs::write(&capture, bad).unwrap();
         read()
     });
     std::fs::write(&capture, packets).unwrap();
-    damage::soak("metadata", &json, 100, Duration::from_secs(5), |bad| {
+    soak("metadata", &json, 100, Duration::from_secs(5), |bad| {
         std::fs::write(&metadata, bad).unwrap();
         read()
     });

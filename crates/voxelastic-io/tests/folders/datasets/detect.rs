@@ -1,6 +1,6 @@
 //! What is found without flags, and with them.
 
-use crate::*;
+use super::*;
 use voxelastic_io::dataset::{Keyframing, MatchedBy};
 use voxelastic_io::{Error, PoseKind, g2o};
 

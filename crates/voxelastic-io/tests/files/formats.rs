@@ -122,7 +122,7 @@ proptest! {
 }
 
 #[test]
-#[ignore = "a measurement, for a quiet machine: cargo test --release -p voxelastic-io --test clouds -- --ignored --nocapture"]
+#[ignore = "a measurement, for a quiet machine: cargo test --release -p voxelastic-io --test files -- --ignored --nocapture"]
 fn a_million_points_a_second_at_least() {
     // A sweep as drivers write it: x y z intensity time ring, 131,072 points.
     let fields = vec![

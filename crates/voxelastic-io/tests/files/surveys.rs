@@ -1,8 +1,6 @@
 //! LAS, LAZ and E57: read what laspy and pye57 write, and they read what we write (`VOXELASTIC_PYTHON`, default `python3`).
 
-#[path = "common/damage.rs"]
-mod damage;
-
+use crate::damage::soak;
 use nalgebra::{Translation3, UnitQuaternion};
 use std::path::Path;
 use std::time::Duration;
@@ -164,7 +162,7 @@ fn damaged_surveys_are_refused_calmly() {
     for name in ["a.las", "a.laz", "a.e57"] {
         let good = std::fs::read(dir.path().join(name)).unwrap();
         let (path, format) = (Path::new(name), clouds::CloudFormat::of(Path::new(name)).unwrap());
-        damage::soak(name, &good, 300, Duration::from_secs(5), |bad| clouds::parse(bad, path, format).is_ok());
+        soak(name, &good, 300, Duration::from_secs(5), |bad| clouds::parse(bad, path, format).is_ok());
     }
 }
 

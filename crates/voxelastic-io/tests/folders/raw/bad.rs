@@ -1,6 +1,6 @@
 //! Folders that cannot be read, and what the errors say.
 
-use crate::*;
+use super::*;
 use voxelastic_io::Error;
 
 #[test]

@@ -1,6 +1,6 @@
 //! Layouts that are recognised.
 
-use crate::*;
+use super::*;
 use std::fmt::Write as _;
 use voxelastic_io::bag::BagFormat;
 

@@ -1,6 +1,6 @@
 //! Bad folders and what each is answered.
 
-use crate::*;
+use super::*;
 use voxelastic_io::{Error, g2o};
 
 #[test]

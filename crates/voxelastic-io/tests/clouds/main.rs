@@ -1,6 +1,0 @@
-//! Clouds of every format, good and bad.
-
-mod bad;
-mod drivers;
-mod encode;
-mod formats;
