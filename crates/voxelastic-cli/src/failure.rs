@@ -1,5 +1,6 @@
 //! Failures of commands: messages and exit codes.
 
+use crate::output;
 use std::fmt;
 use std::process::ExitCode;
 
@@ -12,6 +13,9 @@ pub const USAGE: u8 = 2;
 /// Interrupted by Ctrl-C or a request to terminate; results up to then are kept.
 pub const INTERRUPTED: u8 = 130;
 
+/// Interrupted again, more than a second later: ended at once, without saving.
+pub const STOPPED: u8 = 131;
+
 /// Exit codes as the long help shows them.
 pub const EXIT_CODES: &str = "\
 Exit codes:
@@ -19,7 +23,8 @@ Exit codes:
   1    failed; the message names the file, the place in it and the remedy
   2    wrong command line or configuration file
   101  a bug in voxelastic
-  130  interrupted (Ctrl-C); results up to then were saved";
+  130  interrupted (Ctrl-C); results up to then were saved
+  131  interrupted again; stopped at once, without saving";
 
 /// An error with a remedy.
 #[derive(Debug)]
@@ -51,7 +56,7 @@ impl std::error::Error for Failure {}
 
 /// Prints an error with its causes and its remedy to stderr, and returns the exit code.
 pub fn report(error: &anyhow::Error) -> ExitCode {
-    eprint!("{}", describe(error));
+    output::message(&describe(error));
     let own = error.chain().find_map(|e| e.downcast_ref::<Failure>());
     ExitCode::from(own.map_or(FAILED, |f| f.code))
 }
@@ -88,11 +93,14 @@ pub fn install_panic_hook() {
         let place = info.location().map_or_else(String::new, |l| format!(" ({}:{})", l.file(), l.line()));
         let payload = info.payload();
         let what = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
-        eprintln!("error: voxelastic {} has a bug: {}{place}", env!("CARGO_PKG_VERSION"), what.unwrap_or("no details"));
-        eprintln!("  Maps saved before are not affected.");
-        eprintln!("  remedy: please report this line with the command; RUST_BACKTRACE=1 adds details.");
+        output::message(&format!(
+            "error: voxelastic {} has a bug: {}{place}\n  Maps saved before are not affected.\n  remedy: please report this line with the command; \
+             RUST_BACKTRACE=1 adds details.\n",
+            env!("CARGO_PKG_VERSION"),
+            what.unwrap_or("no details")
+        ));
         if std::env::var_os("RUST_BACKTRACE").is_some() {
-            eprintln!("{}", std::backtrace::Backtrace::force_capture());
+            output::message(&format!("{}\n", std::backtrace::Backtrace::force_capture()));
         }
     }));
 }

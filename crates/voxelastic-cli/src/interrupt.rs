@@ -1,17 +1,27 @@
-//! Ctrl-C: the first requests an orderly end, the second ends the process at once.
+//! Ctrl-C: the first requests an orderly end, another one ends the process at once.
 
-use crate::failure::INTERRUPTED;
-use std::sync::atomic::{AtomicBool, Ordering};
+use crate::failure::STOPPED;
+use crate::output;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
-static REQUESTED: AtomicBool = AtomicBool::new(false);
+/// A signal so soon after the first is the same request: `timeout` signals a process and then its group, a terminal every process of a pipe.
+const SAME_REQUEST: Duration = Duration::from_secs(1);
+
+/// When an orderly end was requested.
+static REQUESTED: OnceLock<Instant> = OnceLock::new();
 
 /// Handles Ctrl-C, termination requests and hang-ups. `promise` is printed at the first: what happens next.
 pub fn install(promise: &'static str) {
     let handler = move || {
-        if REQUESTED.swap(true, Ordering::SeqCst) {
-            std::process::exit(i32::from(INTERRUPTED));
+        let now = Instant::now();
+        let first = *REQUESTED.get_or_init(|| now);
+        if first == now {
+            tracing::warn!("interrupted: {promise} (interrupt again to stop at once, without saving)");
+        } else if now.duration_since(first) > SAME_REQUEST {
+            output::message("error: interrupted again: stopped at once; what was not saved yet is lost\n");
+            std::process::exit(i32::from(STOPPED));
         }
-        tracing::warn!("interrupted: {promise} (interrupt again to stop at once)");
     };
     // Without a handler, Ctrl-C ends the program at once.
     if let Err(error) = ctrlc::set_handler(handler) {
@@ -21,5 +31,5 @@ pub fn install(promise: &'static str) {
 
 /// Whether an interrupt was requested.
 pub fn requested() -> bool {
-    REQUESTED.load(Ordering::SeqCst)
+    REQUESTED.get().is_some()
 }

@@ -1,4 +1,4 @@
-//! Results on stdout: text, or one JSON object.
+//! Results on stdout: text, or one JSON object. Messages on stderr.
 
 use anyhow::Context;
 use serde::Serialize;
@@ -11,6 +11,11 @@ pub fn print(text: &str) -> anyhow::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         other => other.context("cannot write to stdout"),
     }
+}
+
+/// Writes `text` to stderr. A stderr that cannot be written (closed terminal, full disk) must not end a run, so errors are ignored.
+pub fn message(text: &str) {
+    let _ = io::stderr().write_all(text.as_bytes());
 }
 
 /// Writes `value` to stdout as one JSON object on one line.

@@ -1,6 +1,6 @@
 //! Progress on stderr: a bar on a terminal, else a line every few seconds.
 
-use crate::usage;
+use crate::{output, usage};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
@@ -47,9 +47,9 @@ impl Progress {
             match self.total {
                 Some(total) => {
                     let left = Duration::from_secs_f64(total.saturating_sub(done) as f64 / rate.max(1e-9));
-                    eprintln!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}", clock(left), memory(), note());
+                    output::message(&format!("{done}/{total} {what}, {rate:.1}/s, {} left, {}, {}\n", clock(left), memory(), note()));
                 }
-                None => eprintln!("{done} {what}, {rate:.1}/s, {}, {}", memory(), note()),
+                None => output::message(&format!("{done} {what}, {rate:.1}/s, {}, {}\n", memory(), note())),
             }
         }
     }
@@ -92,21 +92,21 @@ fn clock(time: Duration) -> String {
     }
 }
 
-/// Writer for log lines: stderr, with the bar suspended meanwhile.
+/// Writer for log lines: stderr, with the bar suspended meanwhile. It never fails: a log that cannot be written must not end a run.
 #[derive(Clone, Copy, Debug)]
 pub struct LogWriter;
 
 impl Write for LogWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let bar = BAR.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        match bar {
-            Some(bar) => bar.suspend(|| io::stderr().write(bytes)),
-            None => io::stderr().write(bytes),
-        }
+        let write = || io::stderr().write_all(bytes);
+        let _ = bar.map_or_else(write, |bar| bar.suspend(write));
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        io::stderr().flush()
+        let _ = io::stderr().flush();
+        Ok(())
     }
 }
 

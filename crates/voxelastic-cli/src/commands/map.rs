@@ -28,7 +28,8 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
 /// Scans (PCD, PLY, KITTI .bin) are searched in scans/, Scans/, velodyne/, clouds/ and the folder itself; pose files are found by name and
 /// content (TUM, KITTI 3x4 rows, Newer College CSV, g2o). In recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the topics of clouds and poses are
 /// found by their types. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
-/// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced.
+/// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced,
+/// but not by one of fewer scans: that is saved beside it.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic map hall                                   writes hall.vox here
@@ -50,6 +51,9 @@ pub struct MapArgs {
     /// Stop after this many scans
     #[arg(long, value_name = "N")]
     max_scans: Option<usize>,
+    /// Replace an existing map even if it has more scans than the new one
+    #[arg(long)]
+    overwrite: bool,
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
@@ -141,7 +145,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     if let Some(model) = selection.source.sensor() {
         mapper.set_sensor_model(model);
     }
-    let mut target = Target::create(&output)?;
+    let mut target = Target::create(&output, args.overwrite)?;
     interrupt::install("finishing this scan and saving the map");
 
     let mut session = Session::new(mapper, pool);
@@ -157,6 +161,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     tally.rebuilt = args.elastic.finish(&selection.source, &mut session, quiet);
     let details = map_files::details(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
+    let output = target.path().to_owned();
     let summary = summarise(&session, &tally, saved, &output, clock);
     let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
     target.log(&log);
@@ -285,22 +290,51 @@ fn log_summary(s: &Summary) {
 }
 
 /// The map directory during the run. A run that fails leaves the directory unchanged.
-struct Target(Option<MapWriter>);
+struct Target {
+    writer: Option<MapWriter>,
+    path: PathBuf,
+    overwrite: bool,
+}
 
 impl Target {
-    fn create(path: &Path) -> anyhow::Result<Self> {
-        Ok(Self(Some(MapWriter::create(path).context("cannot write the map there")?)))
+    fn create(path: &Path, overwrite: bool) -> anyhow::Result<Self> {
+        let writer = MapWriter::create(path).context("cannot write the map there")?;
+        Ok(Self { writer: Some(writer), path: path.to_owned(), overwrite })
+    }
+
+    /// Where the map is, or will be, saved.
+    fn path(&self) -> &Path {
+        &self.path
     }
 
     fn save(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
-        let writer = self.0.as_mut().context("the map was abandoned before it was saved")?;
+        self.keep_better(session.scans())?;
+        let writer = self.writer.as_mut().context("the map was abandoned before it was saved")?;
         let atlas = session.mapper().atlas();
         session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
     }
 
+    /// Moves on to a path beside it if the map that is there has more scans than the `scans` of this one.
+    fn keep_better(&mut self, scans: usize) -> anyhow::Result<()> {
+        let Some(writer) = &self.writer else { return Ok(()) };
+        let there = writer.store().manifest().submaps.iter().map(|submap| submap.scans.len()).sum::<usize>();
+        if self.overwrite || there <= scans {
+            return Ok(());
+        }
+        let path = beside(&self.path);
+        tracing::warn!(
+            "{} has {there} scans and is kept; this map, of {scans}, is saved as {} (--overwrite replaces a larger map)",
+            self.path.display(),
+            path.display()
+        );
+        self.writer = Some(MapWriter::create(&path).context("cannot write the map there")?);
+        self.path = path;
+        Ok(())
+    }
+
     /// Saves the log of the run with the map. Problems are logged only.
     fn log(&mut self, log: &RunLog) {
-        let Some(writer) = &mut self.0 else { return };
+        let Some(writer) = &mut self.writer else { return };
         let written = log.to_json().map_err(anyhow::Error::from).and_then(|text| Ok(writer.write_run_log(&text)?));
         if let Err(problem) = written {
             tracing::warn!("the log of the run is not saved, so reports will have no charts of it: {}", one_line(&problem));
@@ -310,10 +344,18 @@ impl Target {
 
 impl Drop for Target {
     fn drop(&mut self) {
-        if let Some(writer) = self.0.take() {
+        if let Some(writer) = self.writer.take() {
             writer.abandon();
         }
     }
+}
+
+/// The first path beside `path` at which there is nothing: `hall-2.vox` beside `hall.vox`.
+fn beside(path: &Path) -> PathBuf {
+    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
+    let named = |number: u32| path.with_file_name(format!("{stem}-{number}{extension}"));
+    (2..).map(named).find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
 }
 
 /// The path of the map: that of `--output`, or the name of the data with `.vox` in the current directory.

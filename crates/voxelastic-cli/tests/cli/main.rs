@@ -8,6 +8,7 @@ mod misc;
 mod occupancy;
 mod planning;
 mod recordings;
+mod reliability;
 mod report;
 mod room;
 mod simulation;
