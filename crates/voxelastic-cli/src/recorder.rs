@@ -67,7 +67,7 @@ impl EventSummary {
             Event::Scan(scan) => Self::Scan { time: scan.time, t_map_lidar: scan.t_map_lidar },
             Event::LoopEdge(edge) => Self::Loop { from: edge.from, to: edge.to, before: ElasticState::of(mapper) },
             Event::PoseUpdate(_) => Self::Correction { before: ElasticState::of(mapper) },
-            Event::OdometryEdge(_) => Self::Other,
+            _ => Self::Other,
         }
     }
 }

@@ -70,7 +70,6 @@ pub struct FirstPath {
 
 /// A path and how it was found.
 #[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
 pub struct Plan {
     /// Waypoints of the robot's centre, joined by straight motions, map frame, metres.
     pub path: Vec<Point>,

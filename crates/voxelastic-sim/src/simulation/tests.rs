@@ -29,7 +29,7 @@ fn events_are_ordered() -> Result<(), SimError> {
                 assert_eq!(update.len() as u64, scans);
                 loops += 1;
             }
-            Event::PoseUpdate(_) => {}
+            _ => {}
         }
     }
     assert_eq!((scans, edges, loops), (210, 209, simulation.loop_edges().len()));

@@ -112,6 +112,7 @@ impl LiveOptimiser {
                 }
                 Ok(vec![Event::PoseUpdate(poses)])
             }
+            other => Ok(vec![other]),
         }
     }
 

@@ -92,6 +92,7 @@ fn story(dataset: &Dataset) -> String {
         Ok(Event::OdometryEdge(edge)) => format!("O{}-{}", edge.from, edge.to),
         Ok(Event::LoopEdge(edge)) => format!("L{}-{}", edge.from, edge.to),
         Ok(Event::PoseUpdate(poses)) => format!("U{}", poses.len()),
+        Ok(other) => format!("{other:?}"),
         Err(_) => "!".into(),
     };
     dataset.events().map(word).collect::<Vec<_>>().join(" ")

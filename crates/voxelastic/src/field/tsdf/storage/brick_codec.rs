@@ -315,10 +315,13 @@ impl<'a> BrickView<'a> {
         Self { mask, header, codes: &words[HEAD..HEAD + header.length(mask.count_ones() as usize)] }
     }
 
-    /// Bit set of the nonzero voxels.
-    #[inline(always)]
-    pub fn nonzero(self) -> u64 {
-        self.mask
+    /// Bit set of the observed voxels. Unobserved ones are stored, too, if they have an intensity.
+    #[inline]
+    pub fn observed(self) -> u64 {
+        if self.header.weight > 0 {
+            return self.mask;
+        }
+        self.voxels().iter().rev().fold(0, |observed, voxel| observed << 1 | u64::from(voxel.is_observed()))
     }
 
     /// Number of the code of voxel `index`; none for a zero voxel.

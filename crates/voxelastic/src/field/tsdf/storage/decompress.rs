@@ -12,18 +12,18 @@ impl TsdfField {
     pub(crate) fn observed_octants(&self, block: &Block) -> u8 {
         let bricks = &block.bricks[block.current().bricks()];
         if block.scale == 0 {
-            // A brick is an octant, and only bricks with observed voxels are compressed.
+            // A brick is an octant.
             let is_observed = |brick: &BrickHandle| match brick.state() {
                 BrickState::Absent => false,
                 BrickState::Resident(slot) => self.bricks[slot].observed() != 0,
-                BrickState::Compressed(_) => true,
+                BrickState::Compressed(number) => self.compressed.get(number).observed() != 0,
             };
             return bricks.iter().zip(0..).fold(0, |octants, (brick, bit)| octants | u8::from(is_observed(brick)) << bit);
         }
         let observed = match bricks[0].state() {
             BrickState::Absent => 0,
             BrickState::Resident(slot) => self.bricks[slot].observed(),
-            BrickState::Compressed(number) => self.compressed.get(number).nonzero(),
+            BrickState::Compressed(number) => self.compressed.get(number).observed(),
         };
         match block.scale {
             1 => (0..8).fold(0, |octants, bit| {
