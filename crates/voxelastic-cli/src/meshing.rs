@@ -2,8 +2,11 @@
 
 use crate::failure::Failure;
 use clap::{Args, ValueEnum};
+use serde::Serialize;
+use voxelastic::atlas::fusion::Agreement;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
+use voxelastic::meshing::OneSurface;
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 
@@ -25,6 +28,14 @@ pub struct SurfaceArgs {
     /// Number of threads; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+}
+
+/// Arguments that select one surface or those of the submaps.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct LayerArgs {
+    /// Do not fuse overlapping submaps: the surfaces of all submaps on top of each other
+    #[arg(long)]
+    pub shells: bool,
 }
 
 /// Kinds of surfaces.
@@ -127,8 +138,37 @@ pub enum Colour {
 pub struct MapMesh {
     /// The surface, metres.
     pub mesh: Mesh,
-    /// Submap of each vertex.
+    /// Submap of each vertex; empty if submaps were fused.
     pub submaps: Vec<SubmapId>,
+    /// How well the submaps agree, if they were fused.
+    pub agreement: Option<Agreement>,
+}
+
+/// What fusing submaps for a surface found, as `--json` has it.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Fused {
+    /// Voxels that one submap alone observed.
+    alone: u64,
+    /// Voxels of which a mean was taken, and the mean difference between the submaps there, millimetres.
+    merged: u64,
+    merged_apart_mm: f64,
+    /// Voxels at which submaps contradict, and their mean difference there, millimetres.
+    refused: u64,
+    refused_apart_mm: f64,
+}
+
+impl Fused {
+    /// The counts of `mesh`, of a map with finest voxels of `voxel` metres; none if submaps were not fused.
+    pub fn of(mesh: &MapMesh, voxel: f32) -> Option<Self> {
+        let millimetres = |voxels: f64| (voxels * f64::from(voxel) * 1e5).round() / 100.0;
+        mesh.agreement.map(|found| Self {
+            alone: found.alone,
+            merged: found.merged,
+            merged_apart_mm: millimetres(found.merged_apart()),
+            refused: found.refused,
+            refused_apart_mm: millimetres(found.refused_apart()),
+        })
+    }
 }
 
 /// Meshes of all submaps that have a surface, in the map frame, by submap.
@@ -139,7 +179,7 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
         if !mesh.triangles.is_empty() {
             mesh.transform(&Rigid::from(&submap.t_map_submap()));
             let submaps = vec![submap.id(); mesh.positions.len()];
-            meshes.push((submap.id(), MapMesh { mesh, submaps }));
+            meshes.push((submap.id(), MapMesh { mesh, submaps, agreement: None }));
         }
     }
     if meshes.is_empty() {
@@ -148,8 +188,22 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
     Ok(meshes)
 }
 
-/// The mesh of the whole map, in the map frame.
-pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
+/// The surface of the whole map, in the map frame: overlapping submaps are fused, and a place has one surface. Surfaces of occupancy are those
+/// of the submaps.
+pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
+    let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
+    if layers.shells || atlas.tsdfs().len() < 2 || !is_measured {
+        return shells(atlas, voxel, surface);
+    }
+    let OneSurface { mesh, agreement } = atlas.one_surface(&surface.options());
+    if mesh.triangles.is_empty() {
+        return Err(surface.empty_error());
+    }
+    Ok(MapMesh { mesh, submaps: Vec::new(), agreement: Some(agreement) })
+}
+
+/// The surfaces of all submaps on top of each other, in the map frame.
+fn shells(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
     let mut all = MapMesh::default();
     for submap in atlas.submaps() {
         surface.extract_onto(&mut all.mesh, submap, voxel);
@@ -196,6 +250,10 @@ impl MapMesh {
                 return Err(Failure::new("the map has no colours: the scans have none", "choose another --colour, such as height").into());
             }
             Colour::Scans => Some(mesh.colours.clone()),
+            Colour::Submap if self.submaps.is_empty() => {
+                let remedy = "add --shells for the surfaces of the submaps, or choose another --colour";
+                return Err(Failure::usage("the surface is made of several submaps", remedy).into());
+            }
             Colour::Submap => Some(self.submaps.iter().map(|&id| palette(id as usize)).collect()),
             Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
         })

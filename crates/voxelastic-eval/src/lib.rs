@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | How far is the map from the truth, and what does it lack? (paper Sec. V-A) | [`metrics::compare`] |
 //! | How well does a mesh explain scans it was not made from? | [`held_out::HeldOut`] |
+//! | Has a place on a mesh one surface, or several on top of each other? | [`layers::layers`] |
 //! | Is occupancy correct? | [`occupancy::score`] |
 //! | How accurate are the poses? | [`trajectory::ate`], [`trajectory::rpe`] |
 //! | How far are these points from this mesh, or this cloud? | [`MeshIndex`], [`PointIndex`] |
@@ -40,6 +41,7 @@ mod error;
 mod glyphs;
 pub mod grid_view;
 pub mod held_out;
+pub mod layers;
 mod mesh;
 pub mod mesh_distance;
 pub mod metrics;

@@ -21,8 +21,10 @@ use std::time::Instant;
 use surface::Surface;
 use truth::{TrueSurface, Truth};
 use voxelastic::Pose;
+use voxelastic_eval::MeshView;
 use voxelastic_eval::align::{AlignSettings, align};
 use voxelastic_eval::colour::error_colours;
+use voxelastic_eval::layers::{LAYER_PLACES, LAYER_REACH, Layers, layers};
 use voxelastic_eval::metrics::{CompareSettings, Comparison, compare};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 
@@ -58,6 +60,7 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
         truth_kind: truth.kind,
         measured: None,
         surface: None,
+        layers: None,
         max_range_m: truth.simulation.as_ref().map(|_| args.max_range),
         occupancy: None,
         trajectory: None,
@@ -73,6 +76,7 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
         let found = compare_surfaces(&points, surface, truth.simulation.is_some(), args)?;
         summary.t_truth_map = found.t_truth_map;
         summary.measured = Some(points.what);
+        summary.layers = layers_of(&points)?;
         if let Some(path) = &args.error_ply {
             write_errors(path, &points, &found.errors, args.error_max)?;
             summary.error_ply = Some(path.clone());
@@ -89,6 +93,12 @@ fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyh
         summary.occupancy = Some(space::score(&space::Task { simulation, map, t_truth_map: summary.t_truth_map, max_range: args.max_range }));
     }
     Ok(summary)
+}
+
+/// Surfaces of a mesh on top of each other.
+fn layers_of(points: &Surface) -> anyhow::Result<Option<Layers>> {
+    let mesh = MeshView::new(&points.positions, &points.triangles)?;
+    Ok(layers(&mesh, LAYER_PLACES, LAYER_REACH))
 }
 
 /// Compares surfaces.

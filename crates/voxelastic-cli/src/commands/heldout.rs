@@ -2,7 +2,7 @@
 
 use crate::data::{DataArgs, HoldOut};
 use crate::failure::{self, Failure, one_line};
-use crate::meshing::{SurfaceArgs, map_mesh};
+use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
 use crate::progress::Progress;
 use crate::{interrupt, map_files, output};
 use clap::Args;
@@ -11,6 +11,7 @@ use std::path::PathBuf;
 use voxelastic::event::{Event, NodeId};
 use voxelastic_eval::MeshView;
 use voxelastic_eval::held_out::{HeldOut, HeldOutReport, HeldOutSettings};
+use voxelastic_eval::layers::{LAYER_PLACES, LAYER_REACH, Layers, layers};
 
 /// Measure a map with the scans that were held out of it
 ///
@@ -37,6 +38,8 @@ pub struct HeldoutArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    layers: LayerArgs,
+    #[command(flatten)]
     surface: SurfaceArgs,
 }
 
@@ -46,6 +49,8 @@ struct Summary {
     map: PathBuf,
     /// Nodes of the scans in `scans`.
     nodes: Vec<NodeId>,
+    /// Surfaces of the mesh on top of each other.
+    layers: Option<Layers>,
     #[serde(flatten)]
     report: HeldOutReport,
 }
@@ -57,7 +62,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     args.hold_out.keep_held_out(&mut held);
     let map = pool.install(|| map_files::load(&args.map))?;
     let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
-    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface))?.mesh;
+    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
     let settings = HeldOutSettings { max_range: args.max_range, min_range: map.settings.min_range, ..HeldOutSettings::default() };
     let mut measure = pool.install(|| HeldOut::new(&view, settings))?;
@@ -91,7 +96,8 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::new("no point of a held-out scan is in range", remedy).into());
     }
     if args.json {
-        output::print_json(&Summary { map: args.map.clone(), nodes, report })?;
+        let layers = pool.install(|| layers(&view, LAYER_PLACES, LAYER_REACH));
+        output::print_json(&Summary { map: args.map.clone(), nodes, layers, report })?;
     } else {
         output::print(&table(&report))?;
     }

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::map_files;
-use crate::meshing::{Colour, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
+use crate::meshing::{Colour, Fused, LayerArgs, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::{failure, output};
 use anyhow::Context;
 use clap::Args;
@@ -13,7 +13,7 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 
 /// Extract the surface of a map as a triangle mesh
 ///
-/// The mesh is in the map frame, in metres, without cracks between resolutions, with shared vertices, a normal per vertex and, if the scans
+/// Overlapping submaps are fused into one surface. The mesh is in the map frame, in metres, without cracks between resolutions, with shared vertices, a normal per vertex and, if the scans
 /// have it, intensity. Triangles face free space.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -21,7 +21,8 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
   voxelastic mesh hall.vox -o hall.glb --colour intensity     for viewers in a browser
   voxelastic mesh hall.vox -o coarse.ply --lod 2              a sixteenth of the triangles
   voxelastic mesh hall.vox -o clean.ply --min-weight 3        only surface observed three times or more
-  voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..")]
+  voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..
+  voxelastic mesh hall.vox -o shells.ply --shells --colour submap")]
 pub struct MeshArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
@@ -33,11 +34,13 @@ pub struct MeshArgs {
     #[arg(long, value_enum)]
     colour: Option<Colour>,
     /// Write one file per submap instead of one for the map
-    #[arg(long)]
+    #[arg(long, conflicts_with = "shells")]
     separate: bool,
-    /// Print one JSON object on stdout: files, vertices, triangles, seconds, ..
+    /// Print one JSON object on stdout: files, vertices, triangles, what was fused, seconds, ..
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    layers: LayerArgs,
     #[command(flatten)]
     surface: SurfaceArgs,
 }
@@ -56,6 +59,8 @@ struct Summary {
     vertices: usize,
     triangles: usize,
     submaps: usize,
+    /// Null unless submaps were fused.
+    fused: Option<Fused>,
     load_s: f64,
     extract_s: f64,
     write_s: f64,
@@ -75,9 +80,10 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
             let submaps = parts.len();
             Ok((parts.into_iter().map(|(id, mesh)| (numbered(&args.output, id), mesh)).collect(), submaps))
         } else {
-            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel_size, &args.surface)?)], map.atlas.submaps().len()))
+            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers)?)], map.atlas.submaps().len()))
         }
     })?;
+    let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
     let extract_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     for (path, mesh) in &meshes {
@@ -88,6 +94,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         triangles: meshes.iter().map(|(_, m)| m.mesh.triangles.len()).sum(),
         files: meshes.into_iter().map(|(path, _)| path).collect(),
         submaps,
+        fused,
         load_s,
         extract_s,
         write_s: clock.elapsed().as_secs_f64(),

@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::map_files;
-use crate::meshing::{Colour, MapMesh, SurfaceArgs, height_range, map_mesh};
+use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
 use clap::{Args, ValueEnum};
@@ -73,6 +73,8 @@ pub struct RenderArgs {
     /// Print one JSON object on stdout: file, width, height, triangles
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    layers: LayerArgs,
     #[command(flatten)]
     surface: SurfaceArgs,
 }
@@ -145,7 +147,9 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
         let mut path: Vec<(u64, [f64; 3])> =
             map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
         path.sort_unstable_by_key(|(node, _)| *node);
-        let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface)?;
+        // A fused surface has no submaps to be coloured by.
+        let layers = LayerArgs { shells: args.layers.shells || args.colour == Some(Colour::Submap) };
+        let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, layers)?;
         return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect() });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;
@@ -160,7 +164,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
         return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or a map").into());
     }
-    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new() }, path: Vec::new() })
+    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new(), agreement: None }, path: Vec::new() })
 }
 
 fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {

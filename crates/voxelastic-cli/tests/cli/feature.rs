@@ -45,6 +45,12 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     let coarse = json(dir.path(), "mesh room.vox -o coarse.glb --lod 1 --colour intensity --json");
     assert!(std::fs::read(dir.path().join("coarse.glb")).unwrap().starts_with(b"glTF"));
     assert!(coarse["triangles"].as_u64().unwrap() * 3 < mesh["triangles"].as_u64().unwrap(), "{coarse}");
+    let shells = json(dir.path(), "mesh room.vox -o shells.ply --shells --colour submap --json");
+    assert!(shells["fused"].is_null(), "{shells}");
+    if map["submaps"].as_u64().unwrap() > 1 {
+        assert!(mesh["fused"]["merged"].as_u64().unwrap() > 1000, "{mesh}");
+        assert!(mesh["triangles"].as_u64().unwrap() < shells["triangles"].as_u64().unwrap(), "{mesh} {shells}");
+    }
     let parts = json(dir.path(), "mesh room.vox -o parts.ply --separate --colour submap --json");
     assert_eq!(parts["files"].as_array().unwrap().len() as u64, map["submaps"].as_u64().unwrap());
 

@@ -1,7 +1,7 @@
 //! The atlas: all submaps of a map, ordered by id, and the one that is being fused into another.
 
 use super::{Submap, SubmapId};
-use crate::field::tsdf::BrickPages;
+use crate::field::tsdf::{BrickPages, TsdfField};
 use crate::geometry::Pose;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -71,6 +71,15 @@ impl Atlas {
         let source = self.fusion_source.as_ref()?;
         let target = self.submap(source.target)?;
         Some(MergingSubmap { submap: &source.submap, t_map_submap: target.t_map_submap * source.t_target_submap })
+    }
+
+    /// The TSDFs that have blocks, with their poses in the map frame: those of the submaps by id, then that of a fusion in progress. Submaps
+    /// whose poses are not finite are left out.
+    pub fn tsdfs(&self) -> Vec<(&TsdfField, Pose)> {
+        let merging = self.merging().map(|merging| (&merging.submap.tsdf, merging.t_map_submap));
+        let all = self.submaps.iter().map(|submap| (&submap.tsdf, submap.t_map_submap)).chain(merging);
+        let is_finite = |pose: &Pose| pose.to_matrix().iter().all(|v| v.is_finite());
+        all.filter(|(field, pose)| !field.is_empty() && is_finite(pose)).collect()
     }
 
     /// Removes submap `id` from the list as the source of a fusion into `target`, in which it lies at `t_target_submap`.

@@ -1,12 +1,22 @@
 //! Meshes of an atlas and of its submaps.
 
+use crate::atlas::fusion::{Agreement, OneField};
 use crate::atlas::{Atlas, Submap};
 use crate::geometry::Rigid;
 use crate::surface::{Mesh, MeshOptions, extract, extract_onto};
 
+/// The surface of an atlas, and how well its submaps agree.
+#[derive(Clone, Debug, Default)]
+pub struct OneSurface {
+    /// The surface in metres of the map frame.
+    pub mesh: Mesh,
+    /// What was merged and what contradicts; zero if a single submap has a TSDF.
+    pub agreement: Agreement,
+}
+
 impl Atlas {
-    /// The surfaces of all submaps at their current root poses as one mesh, in metres of the map frame. Where submaps overlap, each
-    /// contributes its own surface.
+    /// The surface of the map as one mesh, in metres of the map frame: overlapping submaps are fused first (paper Sec. V-A), so that a place
+    /// has one surface however many submaps saw it. The submaps stay as they are.
     ///
     /// ```
     /// use voxelastic::atlas::Atlas;
@@ -15,10 +25,30 @@ impl Atlas {
     /// assert!(mesh.triangles.is_empty());
     /// ```
     pub fn mesh(&self, options: &MeshOptions) -> Mesh {
+        self.one_surface(options).mesh
+    }
+
+    /// The same as [`mesh`](Self::mesh), with how well the submaps agree. A single submap with a TSDF is not resampled.
+    pub fn one_surface(&self, options: &MeshOptions) -> OneSurface {
+        let mut one = OneSurface::default();
+        match self.tsdfs()[..] {
+            [] => {}
+            [(field, pose)] => extract_onto(&mut one.mesh, field, self.voxel_size(), options, Some(&Rigid::from(&pose))),
+            _ => {
+                let OneField { field, agreement } = OneField::new(self);
+                extract_onto(&mut one.mesh, &field, self.voxel_size(), options, None);
+                one.agreement = agreement;
+            }
+        }
+        one
+    }
+
+    /// The surfaces of all submaps at their current root poses on top of each other, in metres of the map frame: where submaps overlap, each
+    /// contributes its own.
+    pub fn shells(&self, options: &MeshOptions) -> Mesh {
         let mut mesh = Mesh::default();
-        let merging = self.merging().map(|merging| (merging.submap, merging.t_map_submap));
-        for (submap, t_map_submap) in self.submaps().iter().map(|submap| (submap, submap.t_map_submap)).chain(merging) {
-            extract_onto(&mut mesh, &submap.tsdf, submap.voxel_size, options, Some(&Rigid::from(&t_map_submap)));
+        for (field, t_map_submap) in self.tsdfs() {
+            extract_onto(&mut mesh, field, self.voxel_size(), options, Some(&Rigid::from(&t_map_submap)));
         }
         mesh
     }

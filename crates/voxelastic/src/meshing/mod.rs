@@ -3,4 +3,5 @@
 mod atlas_mesh;
 mod mesh_cache;
 
+pub use atlas_mesh::OneSurface;
 pub use mesh_cache::MeshCache;

@@ -57,7 +57,7 @@ pub struct EvalArgs {
     /// The field to measure [default: tsdf if the map has it, else occupancy; and free and occupied space]
     #[arg(long, value_enum)]
     pub field: Option<Field>,
-    /// Measure the meshes of the submaps as `voxelastic mesh` writes them, instead of fusing the submaps first
+    /// Measure the meshes of the submaps as `voxelastic mesh --shells` writes them, instead of fusing the submaps first
     #[arg(long)]
     pub no_fuse: bool,
     /// Write the measured points coloured by their errors: from teal for none to dark red for --error-max and more

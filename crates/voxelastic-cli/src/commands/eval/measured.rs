@@ -4,11 +4,10 @@ use super::args::{EvalArgs, Field};
 use super::surface::Surface;
 use crate::failure::Failure;
 use crate::map_files::{self, LoadedMap};
-use crate::meshing::map_mesh;
+use crate::meshing::{LayerArgs, map_mesh};
 use rayon::prelude::*;
-use voxelastic::atlas::fusion::{FusionSettings, fuse};
 use voxelastic::atlas::{Atlas, Submap};
-use voxelastic::field::occupancy::{OccupancyField, State, state_of};
+use voxelastic::field::occupancy::{State, state_of};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
 
 /// A map, or a surface from a file.
@@ -44,7 +43,7 @@ impl Measured {
         }
     }
 
-    /// The surface to measure. Can be called once: fusing consumes the TSDF to save memory.
+    /// The surface to measure. Can be called once: the surface of a file is moved out.
     pub fn surface(&mut self, args: &EvalArgs) -> anyhow::Result<Surface> {
         match self {
             Self::File(surface) => Ok(std::mem::take(surface)),
@@ -73,32 +72,11 @@ fn field(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Field> {
     Err(Failure::new(what, format!("map the data with --field {missing} or --field both, or choose another --field here")).into())
 }
 
-/// Vertices of the mesh of all submaps fused into one (paper Sec. V-A), or of the meshes of the submaps.
-fn vertices(map: &mut LoadedMap, args: &EvalArgs) -> anyhow::Result<Surface> {
+/// Vertices of the mesh of the whole map, in which submaps are fused (paper Sec. V-A), or of the meshes of the submaps.
+fn vertices(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Surface> {
     let voxel = map.settings.voxel_size;
-    let mesh = if args.no_fuse || map.atlas.submaps().len() < 2 {
-        map_mesh(&map.atlas, voxel, &args.surface)?
-    } else {
-        tracing::info!("fusing {} submaps", map.atlas.submaps().len());
-        map_mesh(&Atlas::from_submaps(voxel, vec![fused(map)]), voxel, &args.surface)?
-    };
+    let mesh = map_mesh(&map.atlas, voxel, &args.surface, LayerArgs { shells: args.no_fuse })?;
     Ok(Surface { what: "vertices", positions: mesh.mesh.positions, triangles: mesh.mesh.triangles })
-}
-
-/// All TSDFs fused in the frame of the first submap; the map keeps only its occupancy.
-fn fused(map: &mut LoadedMap) -> Submap {
-    let settings = FusionSettings::from(&map.settings);
-    let voxel_size = map.atlas.voxel_size();
-    let mut parts = map.atlas.submaps_mut().iter_mut().map(|submap| {
-        let part = Submap::new(submap.id(), submap.voxel_size(), submap.t_map_submap());
-        part.with_fields(std::mem::take(submap.tsdf_mut()), OccupancyField::default())
-    });
-    let mut target = parts.next().unwrap_or_else(|| Submap::new(0, voxel_size, voxelastic::Pose::identity()));
-    for part in parts {
-        let t_target_part = target.t_map_submap().inv_mul(&part.t_map_submap());
-        fuse(&mut target, &part, &t_target_part, &settings);
-    }
-    target
 }
 
 /// Centres of the occupied voxels of the map, on one grid in the map frame: occupied in a submap and in the query over all submaps.

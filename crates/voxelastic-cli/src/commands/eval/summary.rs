@@ -4,6 +4,7 @@ use super::path::TrajectoryErrors;
 use serde::Serialize;
 use std::path::PathBuf;
 use voxelastic::Pose;
+use voxelastic_eval::layers::Layers;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_eval::occupancy::OccupancyScores;
 
@@ -20,6 +21,8 @@ pub struct Summary {
     pub measured: Option<&'static str>,
     /// Distances; `null` if the truth has no surface.
     pub surface: Option<Comparison>,
+    /// Surfaces on top of each other; `null` unless a mesh was measured.
+    pub layers: Option<Layers>,
     /// Maximum range for completeness and occupancy, metres; only for a world.
     pub max_range_m: Option<f32>,
     /// Free and occupied space; `null` without a world, or without occupancy in the map.

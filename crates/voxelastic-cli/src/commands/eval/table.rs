@@ -11,6 +11,13 @@ pub fn table(summary: &Summary) -> String {
     if let Some(surface) = &summary.surface {
         distances(&mut text, summary, surface);
     }
+    if let Some(layers) = &summary.layers {
+        let (single, reach) = (100.0 * layers.single, 100.0 * layers.reach_m);
+        text.push_str(&format!(
+            "\none layer within {reach:.0} cm at {single:.1} % of the places, {:.2} on average; {:.0} m2\n",
+            layers.mean, layers.area_m2
+        ));
+    }
     if let Some(scores) = &summary.occupancy {
         space(&mut text, scores, summary.max_range_m);
     }

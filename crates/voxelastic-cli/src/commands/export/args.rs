@@ -1,13 +1,13 @@
 //! Arguments of `voxelastic export`.
 
-use crate::meshing::SurfaceArgs;
+use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;
 
 /// Write a map as a cloud or as an OctoMap
 ///
 /// A cloud has a point for each crossing of the surface between two voxels, in the map frame, with intensity and colour if the scans have them,
-/// and normals in PLY and PCD. E57 files have one scan per submap, with the pose of the submap.
+/// and normals in PLY and PCD. Overlapping submaps are fused into one surface; E57 files have one scan per submap instead, with the pose of the submap.
 ///
 /// An OctoMap is made of the occupancy of all submaps: a voxel is occupied if it is in any submap, free if it is free in some submap and occupied
 /// in none, and absent otherwise. Resampling of rotated submaps loses no occupied voxel.
@@ -30,6 +30,8 @@ pub struct ExportArgs {
     /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of an OctoMap file, voxel_m, leaves, occupied_leaves, seconds
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub layers: LayerArgs,
     #[command(flatten)]
     pub surface: SurfaceArgs,
 }

@@ -1,7 +1,7 @@
 //! Export of the surface as a cloud.
 
 use super::args::ExportArgs;
-use crate::meshing::{MapMesh, submap_meshes};
+use crate::meshing::{MapMesh, map_mesh, submap_meshes};
 use crate::{map_files, output};
 use anyhow::Context;
 use serde::Serialize;
@@ -53,9 +53,16 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| map_files::load(&args.map))?;
-    let parts = pool.install(|| submap_meshes(&map.atlas, map.settings.voxel_size, &args.surface))?;
-    let mut all = Mesh::default();
-    parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
+    let voxel = map.settings.voxel_size;
+    let mut parts = Vec::new();
+    let all = if format == Format::E57 {
+        parts = pool.install(|| submap_meshes(&map.atlas, voxel, &args.surface))?;
+        let mut all = Mesh::default();
+        parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
+        all
+    } else {
+        pool.install(|| map_mesh(&map.atlas, voxel, &args.surface, args.layers))?.mesh
+    };
     match format {
         Format::Ply => write_cloud_ply(&args.output, &all),
         Format::Pcd => pcd::write_with_normals(&args.output, &cloud(&all, 1.0), &all.normals),

@@ -9,14 +9,17 @@
 //!   colours of the nearest voxel;
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 //!
+//! [`OneField`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
 //! [`resolve_conflicts`] does the same for single voxels: evidence of all submaps decides where one of them has an isolated hit.
 
 mod block_cache;
 mod colour;
+mod combine;
 mod conflict_resolution;
 mod merge;
 mod occupancy;
 mod occupancy_window;
+mod one_field;
 mod placement;
 mod sample_grid;
 mod sampling;
@@ -24,8 +27,10 @@ mod settings;
 mod trilinear;
 mod tsdf;
 
+pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;
 pub use merge::{Merge, fuse};
 pub(crate) use merge::{fuse_from, move_scans};
+pub use one_field::OneField;
 pub use sampling::{Resampled, Sampling, SamplingPlan};
 pub use settings::FusionSettings;

@@ -18,13 +18,13 @@ use std::sync::Arc;
 
 /// A block of the target's lattice.
 #[derive(Debug)]
-struct PatchBlock {
-    key: u64,
-    scale: u8,
+pub(super) struct PatchBlock {
+    pub key: u64,
+    pub scale: u8,
     /// Beams that observed the source there.
-    observation_count: ObservationCount,
+    pub observation_count: ObservationCount,
     /// Its voxels; empty after the merge.
-    array: EncodedArray,
+    pub array: EncodedArray,
 }
 
 /// The source in the target's lattice, blocks in Morton order.
@@ -34,6 +34,16 @@ pub(super) struct TsdfPatch {
 }
 
 impl TsdfPatch {
+    /// A patch of `blocks`, in Morton order.
+    pub fn of(blocks: Vec<PatchBlock>) -> Self {
+        Self { blocks }
+    }
+
+    /// Its blocks, in Morton order.
+    pub fn into_blocks(self) -> Vec<PatchBlock> {
+        self.blocks
+    }
+
     pub fn len(&self) -> usize {
         self.blocks.len()
     }
@@ -92,6 +102,13 @@ pub(super) struct TargetBlock {
     scale: u8,
     /// Beams that observed the source there.
     observation_count: ObservationCount,
+}
+
+impl TargetBlock {
+    /// Its Morton key in the target's lattice.
+    pub fn key(&self) -> u64 {
+        self.key
+    }
 }
 
 /// Samples a field in the lattice of another one, part by part.
@@ -344,7 +361,7 @@ fn mean(voxels: [Voxel; 2], shared_by: [u32; 2], max_weight: u16) -> Voxel {
 }
 
 /// `voxels` of scale `from` at the finer scale `to`.
-fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
+pub(super) fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
     for scale in (to..from).rev() {
         let mut fine = vec![Voxel::default(); voxels_at(scale)];
         propagate_down(&voxels, &mut fine, scale, &Interpolation::NEAR);
@@ -354,7 +371,7 @@ fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
 }
 
 /// Intensities of scale `from` at scale `to`, each from the voxel at the same position.
-fn resize_intensities(intensities: Vec<u8>, from: usize, to: usize) -> Vec<u8> {
+pub(super) fn resize_intensities(intensities: Vec<u8>, from: usize, to: usize) -> Vec<u8> {
     if from == to {
         return intensities;
     }
