@@ -1,6 +1,9 @@
 //! Maps with pose corrections, and the counts reported for them.
 
-use crate::{json, works};
+use crate::{json, room, run, works};
+use voxelastic::Pose;
+use voxelastic::event::{Edge, NodeId};
+use voxelastic_io::{PoseGraph, g2o, poses};
 
 /// The numbers at `key` of the objects of a list.
 fn numbers(list: &serde_json::Value, key: &str) -> Vec<f64> {
@@ -41,6 +44,32 @@ fn corrections_reduce_the_errors_of_poses() {
     println!("largest error of a pose: odometry {odometry:.2} m, elastic {elastic:.2} m, rebuilt {rebuilt:.2} m, optimised {optimized:.2} m");
     assert!(optimized < 0.5 * odometry, "{odometry} {optimized}");
     assert!(elastic < 0.3 * odometry && rebuilt < 0.5 * elastic && rebuilt < 0.2, "{odometry} {elastic} {rebuilt}");
+}
+
+/// The layout of SC-A-LOAM, SC-LIO-SAM and FAST-LIO-SLAM: poses before and after optimisation, side by side.
+#[test]
+fn dumps_with_poses_before_and_after_optimisation_need_no_flag() {
+    const SCANS: usize = 4;
+    let dir = tempfile::tempdir().unwrap();
+    let data = dir.path().join("dump");
+    room::write(&data, SCANS);
+    std::fs::remove_file(data.join("poses.tum")).unwrap();
+    let nodes: Vec<(NodeId, Pose)> = (0..SCANS).map(|i| (i as NodeId, room::pose(i))).collect();
+    let edge = |a: usize, b: usize| Edge { from: a as NodeId, to: b as NodeId, t_from_to: nodes[a].1.inv_mul(&nodes[b].1), information: None };
+    let edges = (1..SCANS).map(|i| edge(i - 1, i)).chain([edge(0, SCANS - 1)]).collect();
+    let true_poses: Vec<Pose> = nodes.iter().map(|(_, pose)| *pose).collect();
+    // The odometry drifts upwards.
+    let drifting: Vec<Pose> = true_poses.iter().enumerate().map(|(i, pose)| Pose::translation(0.0, 0.0, 0.05 * i as f64) * pose).collect();
+    poses::write_kitti(data.join("optimized_poses.txt"), &true_poses).unwrap();
+    poses::write_kitti(data.join("odom_poses.txt"), &drifting).unwrap();
+    g2o::write(data.join("singlesession_posegraph.g2o"), &PoseGraph { nodes, edges, fixed: vec![0] }).unwrap();
+
+    let plain = run(dir.path(), "map dump -o plain.vox");
+    assert_eq!(plain.code, Some(0), "{}", plain.err);
+    assert!(plain.err.contains("poses: optimized_poses.txt") && plain.err.contains("odom_poses.txt are not used"), "{}", plain.err);
+    let optimised = run(dir.path(), "map dump -o optimised.vox --optimize");
+    assert_eq!(optimised.code, Some(0), "{}", optimised.err);
+    assert!(optimised.err.contains("poses: odom_poses.txt") && optimised.err.contains("graph: singlesession_posegraph.g2o"), "{}", optimised.err);
 }
 
 mod optimize {
