@@ -52,7 +52,13 @@ pub(super) fn is_disposable(name: &str) -> bool {
 pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut File) -> io::Result<T>) -> Result<T> {
     let (path, temporary) = (dir.join(name), dir.join(temporary(name)));
     let write = || {
-        let mut file = File::create(&temporary)?;
+        // What a killed writer left is removed and not opened: where others may write, it could be a link to a file elsewhere.
+        if let Err(error) = fs::remove_file(&temporary)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            return Err(error);
+        }
+        let mut file = File::options().write(true).create_new(true).open(&temporary)?;
         let value = fill(&mut file)?;
         file.sync_all()?;
         drop(file);
@@ -146,6 +152,18 @@ mod tests {
             let temporary = temporary(&name.to_string());
             prop_assert!(is_disposable(&temporary) && is_disposable(&name.to_string()) && SubmapName::parse(&temporary).is_none());
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_temporary_that_is_a_link_is_replaced_and_not_followed() {
+        let dir = tempfile::tempdir().unwrap();
+        let victim = dir.path().join("victim");
+        fs::write(&victim, "precious").unwrap();
+        std::os::unix::fs::symlink(&victim, dir.path().join(temporary(MANIFEST))).unwrap();
+        write_atomically(dir.path(), MANIFEST, |file| io::Write::write_all(file, b"new")).unwrap();
+        assert_eq!(fs::read(&victim).unwrap(), b"precious");
+        assert!(fs::symlink_metadata(dir.path().join(MANIFEST)).unwrap().is_file());
     }
 
     #[test]
