@@ -1,5 +1,8 @@
 //! `voxelastic`: LiDAR scans and poses in, an elastic map and meshes out.
 
+// These macros panic where stderr cannot be written; `output::message` does not.
+#![deny(clippy::print_stderr)]
+
 mod commands;
 mod config;
 mod data;

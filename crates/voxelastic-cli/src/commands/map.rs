@@ -321,14 +321,13 @@ impl Target {
         if self.overwrite || there <= scans {
             return Ok(());
         }
-        let path = beside(&self.path);
+        let (path, beside) = beside(&self.path)?;
         tracing::warn!(
             "{} has {there} scans and is kept; this map, of {scans}, is saved as {} (--overwrite replaces a larger map)",
             self.path.display(),
             path.display()
         );
-        self.writer = Some(MapWriter::create(&path).context("cannot write the map there")?);
-        self.path = path;
+        (self.writer, self.path) = (Some(beside), path);
         Ok(())
     }
 
@@ -350,12 +349,23 @@ impl Drop for Target {
     }
 }
 
-/// The first path beside `path` at which there is nothing: `hall-2.vox` beside `hall.vox`.
-fn beside(path: &Path) -> PathBuf {
+/// A writer at the first path beside `path` that is free: `hall-2.vox` beside `hall.vox`.
+fn beside(path: &Path) -> anyhow::Result<(PathBuf, MapWriter)> {
     let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
     let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
     let named = |number: u32| path.with_file_name(format!("{stem}-{number}{extension}"));
-    (2..).map(named).find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
+    let mut number = 2;
+    loop {
+        let path = named(number);
+        if !path.exists() {
+            let writer = MapWriter::create(&path).with_context(|| format!("cannot write the map to {}", path.display()))?;
+            // Another process may have saved a map there since.
+            if writer.store().manifest().submaps.is_empty() {
+                return Ok((path, writer));
+            }
+        }
+        number += 1;
+    }
 }
 
 /// The path of the map: that of `--output`, or the name of the data with `.vox` in the current directory.
