@@ -10,10 +10,11 @@ pub type Layer = (&'static str, &'static [&'static str]);
 pub const CRATES: &[Layer] = &[
     ("voxelastic-checks", &[]),
     ("voxelastic-testing", &[]),
+    ("voxelastic-files", &[]),
     ("voxelastic", &[]),
-    ("voxelastic-io", &["voxelastic"]),
-    ("voxelastic-eval", &["voxelastic"]),
-    ("voxelastic-sim", &["voxelastic", "voxelastic-io"]),
+    ("voxelastic-io", &["voxelastic", "voxelastic-files"]),
+    ("voxelastic-eval", &["voxelastic", "voxelastic-files"]),
+    ("voxelastic-sim", &["voxelastic", "voxelastic-files", "voxelastic-io"]),
     ("voxelastic-slam", &["voxelastic"]),
     ("voxelastic-plan", &["voxelastic"]),
     ("voxelastic-report", &["voxelastic-eval"]),
@@ -22,6 +23,7 @@ pub const CRATES: &[Layer] = &[
         "voxelastic-cli",
         &[
             "voxelastic",
+            "voxelastic-files",
             "voxelastic-io",
             "voxelastic-eval",
             "voxelastic-sim",

@@ -10,6 +10,8 @@ pub const DONE: u8 = 0;
 pub const FAILED: u8 = 1;
 /// The command line or the configuration file is wrong. Argument parsing itself ends with the same code.
 pub const USAGE: u8 = 2;
+/// The map is saved, but not in the folder that was asked for, because that could not be written.
+pub const ELSEWHERE: u8 = 3;
 /// Interrupted by Ctrl-C or a request to terminate; results up to then are kept.
 pub const INTERRUPTED: u8 = 130;
 
@@ -22,6 +24,7 @@ Exit codes:
   0    done
   1    failed; the message names the file, the place in it and the remedy
   2    wrong command line or configuration file
+  3    the map is saved, but elsewhere, because its folder could not be written (full disk); a warning and --json name it
   101  a bug in voxelastic
   130  interrupted (Ctrl-C); results up to then were saved
   131  interrupted again; stopped at once, without saving";

@@ -6,7 +6,7 @@ use crate::meshing::SurfaceArgs;
 use crate::usage::megabytes;
 use anyhow::Context;
 use std::collections::BTreeMap;
-use std::fs;
+use std::io::Write;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
@@ -200,7 +200,7 @@ fn pose_of(RootPose([x, y, z, qx, qy, qz, qw]): &RootPose) -> Pose {
 /// Writes the page and returns its size, bytes.
 pub fn write(report: &Report, path: &Path) -> anyhow::Result<u64> {
     let html = report.html().with_context(|| format!("cannot make the report {}", path.display()))?;
-    fs::write(path, &html).with_context(|| format!("cannot write the report to {}", path.display()))?;
+    voxelastic_files::write(path, |out| out.write_all(html.as_bytes())).with_context(|| format!("cannot write the report to {}", path.display()))?;
     tracing::info!("report: {} ({:.1} MB); open it in a browser", path.display(), megabytes(html.len() as u64));
     Ok(html.len() as u64)
 }

@@ -2,6 +2,7 @@
 
 use crate::colour::Rgb;
 use crate::{EvalError, error::Result};
+use std::io::Write;
 use std::path::Path;
 use tiny_skia::{Pixmap, PremultipliedColorU8};
 
@@ -62,5 +63,5 @@ pub(crate) fn empty_pixmap(size: Size) -> Result<Pixmap> {
 pub(crate) fn write_png(pixmap: &Pixmap, path: &Path) -> Result<()> {
     let failed = |reason| EvalError::Picture { width: pixmap.width(), height: pixmap.height(), reason };
     let bytes = pixmap.encode_png().map_err(|e| failed(e.to_string()))?;
-    std::fs::write(path, bytes).map_err(|source| EvalError::Write { path: path.to_owned(), source })
+    voxelastic_files::write(path, |out| out.write_all(&bytes)).map_err(|source| EvalError::Write { path: path.to_owned(), source })
 }

@@ -14,6 +14,7 @@ use crate::{SimError, Simulation, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::fs;
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
@@ -96,9 +97,7 @@ impl Simulation {
         let file = WorldFile { format: FORMAT, fingerprint: hexadecimal(self.world()), simulation };
         let text = toml::to_string(&file).map_err(|e| SimError::WorldFile { path: path.clone(), message: e.to_string() })?;
         let text = format!("# A simulated world: the truth that maps of the scans beside this file are measured against.\n{text}");
-        let part = dir.join("world.toml.part");
-        fs::write(&part, text).map_err(SimError::file(&part))?;
-        fs::rename(&part, &path).map_err(SimError::file(&path))
+        voxelastic_files::write(&path, |out| out.write_all(text.as_bytes())).map_err(SimError::file(&path))
     }
 
     /// Loads the simulation of a `world.toml` or of the folder that contains it: the same scans again.

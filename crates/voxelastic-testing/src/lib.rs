@@ -14,6 +14,9 @@
 //! # }
 //! ```
 
+mod small_disk;
+
+pub use small_disk::SmallDisk;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};

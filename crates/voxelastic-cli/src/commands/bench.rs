@@ -5,7 +5,7 @@ use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
-use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic_bench::peers::{self, Peer};
@@ -106,7 +106,8 @@ fn peers(args: &BenchArgs, workspace: &Workspace) -> anyhow::Result<Vec<Peer>> {
 fn finish(args: &BenchArgs, name: &str, found: &impl Serialize, text: &str) -> anyhow::Result<u8> {
     let path: &Path = &args.output.join(name);
     let json = serde_json::to_string(found).context("cannot write the results as JSON")?;
-    fs::write(path, json + "\n").map_err(|e| Failure::new(format!("{}: {e}", path.display()), "choose another folder with -o"))?;
+    voxelastic_files::write(path, |out| writeln!(out, "{json}"))
+        .map_err(|e| Failure::new(format!("{}: {e}", path.display()), "choose another folder with -o"))?;
     tracing::info!("wrote {}", path.display());
     if args.json {
         output::print_json(found)?;

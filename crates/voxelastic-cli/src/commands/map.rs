@@ -1,5 +1,7 @@
 //! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
+mod target;
+
 use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
@@ -17,10 +19,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
+use target::{OnFullDisk, Target};
 use voxelastic::event::Event;
 use voxelastic::mapper::{IdleTask, Mapper};
 use voxelastic_io::source::Source;
-use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
+use voxelastic_io::store::SaveReport;
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 
 /// Map a folder of scans and poses, or a recording
@@ -54,6 +57,9 @@ pub struct MapArgs {
     /// Replace an existing map even if it has more scans than the new one
     #[arg(long)]
     overwrite: bool,
+    /// What to do when the finished map cannot be written, because the disk is full for one
+    #[arg(long, value_name = "WHAT", default_value = "elsewhere")]
+    on_full_disk: OnFullDisk,
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
@@ -145,7 +151,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     if let Some(model) = selection.source.sensor() {
         mapper.set_sensor_model(model);
     }
-    let mut target = Target::create(&output, args.overwrite)?;
+    let mut target = Target::create(&output, args.overwrite, args.on_full_disk)?;
     interrupt::install("finishing this scan and saving the map");
 
     let mut session = Session::new(mapper, pool);
@@ -166,16 +172,22 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
     target.log(&log);
     log_summary(&summary);
-    if let Some(page) = &args.report {
+    // A page that cannot be written is an error, but the map is there, and its summary, too.
+    let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
         let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
         let subject = Subject { atlas, settings, details: &details, run: Some(log), surface: &SurfaceArgs::default() };
-        session.pool().install(|| reporting::write(&subject.report(&report::name_of(&output)), &page))?;
-    }
+        session.pool().install(|| reporting::write(&subject.report(&report::name_of(&output)), &page))
+    });
     if args.json {
         output::print_json(&summary)?;
     }
-    Ok(if tally.interrupted { failure::INTERRUPTED } else { failure::DONE })
+    reported.with_context(|| format!("the map is saved as {}, but not its report", output.display()))?;
+    Ok(match () {
+        () if target.is_elsewhere() => failure::ELSEWHERE,
+        () if tally.interrupted => failure::INTERRUPTED,
+        () => failure::DONE,
+    })
 }
 
 /// The scans to map, and the number of those held out.
@@ -287,85 +299,6 @@ fn log_summary(s: &Summary) {
         tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
     }
     tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
-}
-
-/// The map directory during the run. A run that fails leaves the directory unchanged.
-struct Target {
-    writer: Option<MapWriter>,
-    path: PathBuf,
-    overwrite: bool,
-}
-
-impl Target {
-    fn create(path: &Path, overwrite: bool) -> anyhow::Result<Self> {
-        let writer = MapWriter::create(path).context("cannot write the map there")?;
-        Ok(Self { writer: Some(writer), path: path.to_owned(), overwrite })
-    }
-
-    /// Where the map is, or will be, saved.
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn save(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
-        self.keep_better(session.scans())?;
-        let writer = self.writer.as_mut().context("the map was abandoned before it was saved")?;
-        let atlas = session.mapper().atlas();
-        session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
-    }
-
-    /// Moves on to a path beside it if the map that is there has more scans than the `scans` of this one.
-    fn keep_better(&mut self, scans: usize) -> anyhow::Result<()> {
-        let Some(writer) = &self.writer else { return Ok(()) };
-        let there = writer.store().manifest().submaps.iter().map(|submap| submap.scans.len()).sum::<usize>();
-        if self.overwrite || there <= scans {
-            return Ok(());
-        }
-        let (path, beside) = beside(&self.path)?;
-        tracing::warn!(
-            "{} has {there} scans and is kept; this map, of {scans}, is saved as {} (--overwrite replaces a larger map)",
-            self.path.display(),
-            path.display()
-        );
-        (self.writer, self.path) = (Some(beside), path);
-        Ok(())
-    }
-
-    /// Saves the log of the run with the map. Problems are logged only.
-    fn log(&mut self, log: &RunLog) {
-        let Some(writer) = &mut self.writer else { return };
-        let written = log.to_json().map_err(anyhow::Error::from).and_then(|text| Ok(writer.write_run_log(&text)?));
-        if let Err(problem) = written {
-            tracing::warn!("the log of the run is not saved, so reports will have no charts of it: {}", one_line(&problem));
-        }
-    }
-}
-
-impl Drop for Target {
-    fn drop(&mut self) {
-        if let Some(writer) = self.writer.take() {
-            writer.abandon();
-        }
-    }
-}
-
-/// A writer at the first path beside `path` that is free: `hall-2.vox` beside `hall.vox`.
-fn beside(path: &Path) -> anyhow::Result<(PathBuf, MapWriter)> {
-    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
-    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
-    let named = |number: u32| path.with_file_name(format!("{stem}-{number}{extension}"));
-    let mut number = 2;
-    loop {
-        let path = named(number);
-        if !path.exists() {
-            let writer = MapWriter::create(&path).with_context(|| format!("cannot write the map to {}", path.display()))?;
-            // Another process may have saved a map there since.
-            if writer.store().manifest().submaps.is_empty() {
-                return Ok((path, writer));
-            }
-        }
-        number += 1;
-    }
 }
 
 /// The path of the map: that of `--output`, or the name of the data with `.vox` in the current directory.

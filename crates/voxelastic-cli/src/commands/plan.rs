@@ -11,6 +11,7 @@ use crate::{failure, map_files, meshing, output};
 use anyhow::Context;
 use args::explain;
 use serde::Serialize;
+use std::io::Write;
 use std::path::Path;
 use voxelastic_plan::{plan, sharpest_turn};
 
@@ -61,7 +62,5 @@ pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
 
 fn write(path: &Path, content: &impl Serialize) -> anyhow::Result<()> {
     let text = serde_json::to_string(content).context("cannot write the path as JSON")?;
-    let part = path.with_extension("json.part");
-    let written = std::fs::write(&part, text + "\n").and_then(|()| std::fs::rename(&part, path));
-    written.with_context(|| format!("cannot write {}", path.display()))
+    voxelastic_files::write(path, |out| writeln!(out, "{text}")).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -4,6 +4,8 @@ mod colours;
 mod corrections;
 mod evaluation;
 mod feature;
+#[cfg(target_os = "linux")]
+mod full_disk;
 mod misc;
 mod occupancy;
 mod planning;

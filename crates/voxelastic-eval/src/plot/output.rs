@@ -6,6 +6,7 @@ use super::model::Plot;
 use crate::canvas::Canvas;
 use crate::picture::Size;
 use crate::{EvalError, error::Result};
+use std::io::Write;
 use std::path::Path;
 
 impl Plot {
@@ -20,7 +21,8 @@ impl Plot {
     /// # Errors
     /// [`EvalError::Write`].
     pub fn write_svg(&self, path: &Path) -> Result<()> {
-        std::fs::write(path, self.to_svg()).map_err(|source| EvalError::Write { path: path.to_owned(), source })
+        voxelastic_files::write(path, |out| out.write_all(self.to_svg().as_bytes()))
+            .map_err(|source| EvalError::Write { path: path.to_owned(), source })
     }
 
     /// Writes a PNG file with two pixels per user unit, so that it is sharp in print.

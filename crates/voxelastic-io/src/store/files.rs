@@ -104,15 +104,6 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     if bytes.len() as u64 != expected { Err(differs(bytes.len() as u64)) } else { Ok(bytes) }
 }
 
-/// Removes the file `name` from `dir`, if it is there.
-pub(super) fn remove(dir: &Path, name: &str) -> Result<()> {
-    let path = dir.join(name);
-    match fs::remove_file(&path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::on_io("remove", &path)(error)),
-        _ => Ok(()),
-    }
-}
-
 /// Names of everything in `dir`, sorted.
 pub(super) fn names(dir: &Path) -> Result<Vec<String>> {
     let entries = fs::read_dir(dir).and_then(|entries| entries.collect::<io::Result<Vec<_>>>());

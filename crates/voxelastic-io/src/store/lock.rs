@@ -36,7 +36,8 @@ impl Lock {
             file.set_len(0)?;
             file.write_all(format!("{}\n", std::process::id()).as_bytes())
         };
-        note(&mut file).map_err(Error::on_io("lock", &path))?;
+        // A courtesy, which a full disk may refuse.
+        let _ = note(&mut file);
         Ok(Self { _file: file })
     }
 }

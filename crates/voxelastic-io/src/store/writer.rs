@@ -8,7 +8,7 @@ use super::reader::MapStore;
 use super::submap_file::{self, Written};
 use crate::{Error, Result};
 use rayon::prelude::*;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use voxelastic::atlas::Atlas;
 
@@ -47,6 +47,16 @@ impl MapWriter {
         if dir.is_file() {
             return Err(Error::NotAMap { path: dir.to_owned(), reason: "it is a file; choose a directory" });
         }
+        let was_there = dir.exists();
+        let created = Self::create_in(dir);
+        if created.is_err() && !was_there {
+            // What is left takes space, and a name.
+            let _ = std::fs::remove_file(dir.join(LOCK)).and_then(|()| std::fs::remove_dir(dir));
+        }
+        created
+    }
+
+    fn create_in(dir: &Path) -> Result<Self> {
         std::fs::create_dir_all(dir).map_err(Error::on_io("create", dir))?;
         // Looked at before the lock is made, so that nothing is left in a directory that is not ours.
         check_is_ours(dir)?;
@@ -90,14 +100,29 @@ impl MapWriter {
     /// # Errors
     /// [`Error::Unwritable`] when a pose is not finite, [`Error::Io`] when the file system refuses.
     pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
+        let saved = self.write_files(atlas).and_then(|saved| self.commit(saved, details));
+        let mut report = saved.inspect_err(|_| remove_unfinished(self.store.dir()))?;
+        // From here on the new map is the map, whatever happens.
+        files::sync_dir(self.store.dir())?;
+        report.removed = files::remove_others(self.store.dir(), |name| names(&self.store, name))?;
+        Ok(report)
+    }
+
+    /// Writes the files of submaps that are new and makes them durable; says of each whether it is.
+    fn write_files(&self, atlas: &Atlas) -> Result<Vec<(SubmapEntry, bool)>> {
         let pieces = pieces(atlas);
         pieces.iter().try_for_each(|piece| check_storable(piece, self.store.dir()))?;
         let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece)).collect();
         let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
-        let dir = self.store.dir();
         if saved.iter().any(|(_, is_new)| *is_new) {
-            files::sync_dir(dir)?;
+            files::sync_dir(self.store.dir())?;
         }
+        Ok(saved)
+    }
+
+    /// Replaces the manifest by one of these submaps, or leaves it as it is.
+    fn commit(&mut self, saved: Vec<(SubmapEntry, bool)>, details: &MapDetails) -> Result<SaveReport> {
+        let dir = self.store.dir();
         let mut report = SaveReport::default();
         for (entry, is_new) in &saved {
             report.bytes += entry.bytes;
@@ -105,16 +130,20 @@ impl MapWriter {
             *if *is_new { &mut report.written } else { &mut report.kept } += 1;
         }
         let manifest = Manifest { details: details.clone(), submaps: saved.into_iter().map(|(entry, _)| entry).collect() };
-        // The log of an earlier run is not that of this map.
-        files::remove(dir, RUN_LOG)?;
         let path = dir.join(MANIFEST);
         let text = manifest_text::write(&manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
-        files::write_atomically(dir, MANIFEST, |file| file.write_all(text.as_bytes()))?;
-        files::sync_dir(dir)?;
+        files::write_atomically(dir, MANIFEST, |file| {
+            file.write_all(text.as_bytes())?;
+            file.sync_all()?;
+            // The log of an earlier run is not that of this map. It goes when nothing but the rename is left to do.
+            match std::fs::remove_file(dir.join(RUN_LOG)) {
+                Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+                _ => Ok(()),
+            }
+        })?;
         self.store.set_manifest(manifest);
         report.bytes += text.len() as u64;
         report.bytes_written += text.len() as u64;
-        report.removed = files::remove_others(self.store.dir(), |name| self.names(name))?;
         Ok(report)
     }
 
@@ -127,11 +156,6 @@ impl MapWriter {
         let dir = self.store.dir();
         files::write_atomically(dir, RUN_LOG, |file| file.write_all(text.as_bytes()))?;
         files::sync_dir(dir)
-    }
-
-    /// Whether the manifest names the file `name`.
-    fn names(&self, name: &str) -> bool {
-        SubmapName::parse(name).and_then(|name| self.store.entry(name.id)).is_some_and(|entry| entry.file == name)
     }
 
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
@@ -149,6 +173,21 @@ impl MapWriter {
         let written = files::write_atomically(dir, &file, |file| submap_file::write(file, submap))?;
         Ok((SubmapEntry::new(piece, name, written), true))
     }
+}
+
+/// Whether the manifest names the file `name`.
+fn names(store: &MapStore, name: &str) -> bool {
+    SubmapName::parse(name).and_then(|name| store.entry(name.id)).is_some_and(|entry| entry.file == name)
+}
+
+/// Removes what a save that failed has written, because it would keep a full disk full. What the manifest that is there names stays, and with
+/// a manifest that cannot be read everything does. What cannot be removed is left for the next save.
+fn remove_unfinished(dir: &Path) {
+    let _ = match MapStore::open(dir) {
+        Ok(there) => files::remove_others(dir, |name| names(&there, name)),
+        Err(_) if !dir.join(MANIFEST).exists() => files::remove_others(dir, |_| false),
+        Err(error) => Err(error),
+    };
 }
 
 /// Everything that the map of `atlas` is made of, ordered by id. A submap that is being fused into another one is still the

@@ -1,0 +1,225 @@
+//! Where the map is saved. A finished map stays in memory until a disk takes it.
+
+use crate::failure::{Failure, one_line};
+use crate::mapping::Session;
+use crate::{interrupt, usage};
+use anyhow::Context;
+use clap::ValueEnum;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
+use voxelastic_report::RunLog;
+
+/// First and longest pause between two attempts to save.
+const PAUSES: [Duration; 2] = [Duration::from_secs(2), Duration::from_secs(60)];
+
+/// What to do when the finished map cannot be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum OnFullDisk {
+    /// Save it in the current, the home or the temporary folder, whichever has the space (exit code 3); if none has, wait
+    Elsewhere,
+    /// Keep it in memory and try again until it fits; after an interrupt try elsewhere
+    Wait,
+    /// Give it up and end with exit code 1
+    Fail,
+}
+
+/// The map directory during the run. A run that fails leaves the directory unchanged.
+pub struct Target {
+    writer: Option<MapWriter>,
+    path: PathBuf,
+    overwrite: bool,
+    on_full_disk: OnFullDisk,
+    elsewhere: bool,
+}
+
+impl Target {
+    /// Makes the directory and locks it.
+    pub fn create(path: &Path, overwrite: bool, on_full_disk: OnFullDisk) -> anyhow::Result<Self> {
+        let writer = MapWriter::create(path).context("cannot write the map there")?;
+        Ok(Self { writer: Some(writer), path: path.to_owned(), overwrite, on_full_disk, elsewhere: false })
+    }
+
+    /// Where the map is, or will be, saved.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the map is in another folder than the one that was asked for, because that could not be written.
+    pub fn is_elsewhere(&self) -> bool {
+        self.elsewhere
+    }
+
+    /// Saves the map; if the file system refuses, as [`OnFullDisk`] says.
+    pub fn save(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+        let problem = match self.save_here(session, details) {
+            Err(problem) if is_refused_by_the_system(&problem) => problem,
+            other => return other,
+        };
+        tracing::error!("{}; the map of {} scans is still in memory", one_line(&problem), session.scans());
+        match self.on_full_disk {
+            OnFullDisk::Fail => Err(self.lost(session, &[problem])),
+            OnFullDisk::Wait => self.wait(session, details),
+            OnFullDisk::Elsewhere => match self.save_elsewhere(session, details) {
+                Ok(report) => Ok(report),
+                Err(problems) => {
+                    problems.iter().for_each(|problem| tracing::error!("{}", one_line(problem)));
+                    self.wait(session, details)
+                }
+            },
+        }
+    }
+
+    /// Tries again until the map is saved. An interrupt ends the waiting: then the map is saved elsewhere or lost.
+    fn wait(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+        let [mut pause, longest] = PAUSES;
+        let (folder, mb) = (self.path.display().to_string(), usage::megabytes(session.mapper().atlas().bytes() as u64));
+        let already = interrupt::requested();
+        tracing::warn!("the map ({mb:.0} MB) stays in memory, waiting until {folder} can be written: free some space, or interrupt to stop waiting");
+        loop {
+            let until = Instant::now() + pause;
+            while Instant::now() < until {
+                if interrupt::requested() && !already {
+                    return self.save_elsewhere(session, details).map_err(|problems| self.lost(session, &problems));
+                }
+                std::thread::sleep(Duration::from_millis(50));
+            }
+            match self.save_here(session, details) {
+                Err(problem) if is_refused_by_the_system(&problem) => tracing::warn!("still waiting: {}", one_line(&problem)),
+                other => return other,
+            }
+            pause = longest.min(2 * pause);
+        }
+    }
+
+    fn save_here(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+        self.keep_better(session.scans())?;
+        let writer = self.writer.as_mut().context("the map was abandoned before it was saved")?;
+        save(writer, session, details)
+    }
+
+    /// Saves the map in the first other folder that takes it; else the problem with each.
+    fn save_elsewhere(&mut self, session: &Session, details: &MapDetails) -> Result<SaveReport, Vec<anyhow::Error>> {
+        let name = self.path.file_name().map_or_else(|| PathBuf::from("map.vox"), PathBuf::from);
+        let mut problems = Vec::new();
+        for folder in other_folders(&self.path) {
+            let saved = free_path(&folder.join(&name), 1).and_then(|(path, mut writer)| match save(&mut writer, session, details) {
+                Ok(report) => Ok((path, writer, report)),
+                Err(problem) => {
+                    writer.abandon();
+                    Err(problem)
+                }
+            });
+            match saved {
+                Ok((path, writer, report)) => {
+                    tracing::warn!("{} could not be written: the map is saved as {}", self.path.display(), path.display());
+                    self.move_to(path, writer);
+                    self.elsewhere = true;
+                    return Ok(report);
+                }
+                Err(problem) => problems.push(problem),
+            }
+        }
+        Err(problems)
+    }
+
+    /// Moves on to a path beside it if the map that is there has more scans than the `scans` of this one.
+    fn keep_better(&mut self, scans: usize) -> anyhow::Result<()> {
+        let Some(there) = self.writer.as_ref().map(scans_in).filter(|there| !self.overwrite && *there > scans) else { return Ok(()) };
+        let (path, beside) = free_path(&self.path, 2)?;
+        tracing::warn!(
+            "{} has {there} scans and is kept; this map, of {scans}, is saved as {} (--overwrite replaces a larger map)",
+            self.path.display(),
+            path.display()
+        );
+        self.move_to(path, beside);
+        Ok(())
+    }
+
+    fn move_to(&mut self, path: PathBuf, writer: MapWriter) {
+        self.path = path;
+        if let Some(before) = self.writer.replace(writer) {
+            before.abandon();
+        }
+    }
+
+    /// The error when no disk took the map.
+    fn lost(&self, session: &Session, problems: &[anyhow::Error]) -> anyhow::Error {
+        let there = self.writer.as_ref().map_or(0, scans_in);
+        let old =
+            if there > 0 { format!("{} is the map of {there} scans that was there before", self.path.display()) } else { "it is nowhere".into() };
+        let problems: Vec<String> = problems.iter().map(one_line).collect();
+        let message = format!("the map of {} scans is lost, {old}: {}", session.scans(), problems.join("; "));
+        Failure::new(message, "free some space and map again, or name another disk with -o; --on-full-disk wait keeps the map in memory").into()
+    }
+
+    /// Saves the log of the run with the map. Problems are logged only.
+    pub fn log(&mut self, log: &RunLog) {
+        let Some(writer) = &mut self.writer else { return };
+        let written = log.to_json().map_err(anyhow::Error::from).and_then(|text| Ok(writer.write_run_log(&text)?));
+        if let Err(problem) = written {
+            tracing::warn!("the log of the run is not saved, so reports will have no charts of it: {}", one_line(&problem));
+        }
+    }
+}
+
+impl Drop for Target {
+    fn drop(&mut self) {
+        if let Some(writer) = self.writer.take() {
+            writer.abandon();
+        }
+    }
+}
+
+fn save(writer: &mut MapWriter, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+    let atlas = session.mapper().atlas();
+    session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
+}
+
+/// Number of scans in the map that is there.
+fn scans_in(writer: &MapWriter) -> usize {
+    writer.store().manifest().submaps.iter().map(|submap| submap.scans.len()).sum()
+}
+
+/// Whether another disk, or more space on this one, could help.
+fn is_refused_by_the_system(problem: &anyhow::Error) -> bool {
+    problem.chain().any(|cause| cause.downcast_ref::<std::io::Error>().is_some())
+}
+
+/// The current, the home and the temporary folder, without the one that `path` is in.
+fn other_folders(path: &Path) -> Vec<PathBuf> {
+    let of = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let refused = of.canonicalize().unwrap_or_else(|_| of.to_owned());
+    let all = [Some(PathBuf::from(".")), std::env::home_dir(), Some(std::env::temp_dir())];
+    let mut seen = vec![refused];
+    let is_new = |folder: &PathBuf| {
+        folder.canonicalize().is_ok_and(|whole| {
+            !seen.contains(&whole) && {
+                seen.push(whole);
+                true
+            }
+        })
+    };
+    all.into_iter().flatten().filter(is_new).collect()
+}
+
+/// A writer at the first path like `path` that is free, from `first` on: 1 is `hall.vox`, 2 `hall-2.vox`.
+fn free_path(path: &Path, first: u32) -> anyhow::Result<(PathBuf, MapWriter)> {
+    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
+    for number in first.. {
+        let path = if number == 1 { path.to_owned() } else { path.with_file_name(format!("{stem}-{number}{extension}")) };
+        // Fails where anything is, also a map that another process has begun meanwhile.
+        match std::fs::create_dir(&path) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => continue,
+            other => other.with_context(|| format!("cannot make {}", path.display()))?,
+        }
+        let writer = MapWriter::create(&path).with_context(|| format!("cannot write the map to {}", path.display()));
+        if writer.is_err() {
+            let _ = std::fs::remove_dir(&path);
+        }
+        return writer.map(|writer| (path, writer));
+    }
+    anyhow::bail!("{}: no name is free beside it", path.display())
+}
