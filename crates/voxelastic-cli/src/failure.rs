@@ -2,7 +2,7 @@
 
 use crate::output;
 use std::fmt;
-use std::process::ExitCode;
+use std::io::{self, Write};
 
 /// Success.
 pub const DONE: u8 = 0;
@@ -58,10 +58,18 @@ impl fmt::Display for Failure {
 impl std::error::Error for Failure {}
 
 /// Prints an error with its causes and its remedy to stderr, and returns the exit code.
-pub fn report(error: &anyhow::Error) -> ExitCode {
+pub fn report(error: &anyhow::Error) -> u8 {
     output::message(&describe(error));
     let own = error.chain().find_map(|e| e.downcast_ref::<Failure>());
-    ExitCode::from(own.map_or(FAILED, |f| f.code))
+    own.map_or(FAILED, |f| f.code)
+}
+
+/// Prints what ended the parsing of the command line, a mistake or a request for help, and returns the exit code.
+pub fn report_usage(end: &clap::Error) -> u8 {
+    // As in clap's own `exit`, a stream that cannot be written is no other error.
+    let _ = end.print();
+    let _ = io::stdout().flush();
+    if end.use_stderr() { USAGE } else { DONE }
 }
 
 /// The messages of an error and of its causes. A cause whose text is part of the message before it is left out.

@@ -68,9 +68,10 @@ fn peer(text: &str) -> Result<Peer, String> {
     Peer::parse(text).ok_or_else(|| "must be a name, =, and a command".to_owned())
 }
 
-/// Runs the command.
-pub fn run(args: &BenchArgs) -> anyhow::Result<u8> {
-    let program = std::env::current_exe().context("cannot find the path of this program, which is to be measured")?;
+/// Runs the command. It starts `program`, by default the executable of this process.
+pub fn run(args: &BenchArgs, program: Option<&Path>) -> anyhow::Result<u8> {
+    let this = || std::env::current_exe().context("cannot find the path of this program, which is to be measured");
+    let program = program.map_or_else(this, |path| Ok(path.to_owned()))?;
     let data = std::env::var_os(DATA_VARIABLE).map_or_else(|| PathBuf::from(DATA_FOLDER), PathBuf::from);
     let workspace = Workspace::create(program, args.output.clone())?;
     if args.growth {

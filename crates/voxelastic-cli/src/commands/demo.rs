@@ -20,7 +20,7 @@ use voxelastic::event::{Event, Scan};
 use voxelastic::mapper::Mapper;
 use voxelastic::settings::{FieldKind, Settings};
 use voxelastic::{Cloud, Pose};
-use voxelastic_io::store::MapWriter;
+use voxelastic_io::store::{MapDetails, MapWriter};
 use voxelastic_report::RunLog;
 use voxelastic_report::content::Distances;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
@@ -156,7 +156,7 @@ impl Demo<'_> {
         }
         session.finish();
         drop(progress);
-        let details = map_files::details(&settings, session.mapper().sensor());
+        let details = MapDetails::describe(&settings, session.mapper().sensor());
         let atlas = session.mapper().atlas();
         session.pool().install(|| writer.save(atlas, &details)).context("cannot save the map")?;
         let log = RunLog { total_s: clock.elapsed().as_secs_f64(), ..session.log() };
@@ -217,7 +217,7 @@ fn largest_drift(simulation: &Simulation) -> f64 {
 /// Writes the page on the elastic map.
 fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summary; 2]) -> anyhow::Result<()> {
     let loaded = map_files::load(map)?;
-    let details = map_files::details(&loaded.settings, None);
+    let details = MapDetails::describe(&loaded.settings, None);
     let surface = SurfaceArgs::default();
     let subject = Subject { atlas: &loaded.atlas, settings: &loaded.settings, details: &details, run: Some(log.clone()), surface: &surface };
     let mut report = subject.report("A walk round a campus");

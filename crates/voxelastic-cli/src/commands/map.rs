@@ -11,7 +11,7 @@ use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
 use crate::reporting::{self, Subject};
-use crate::{interrupt, map_files, meshing, output, usage};
+use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
@@ -23,7 +23,7 @@ use target::{OnFullDisk, Target};
 use voxelastic::event::Event;
 use voxelastic::mapper::{IdleTask, Mapper};
 use voxelastic_io::source::Source;
-use voxelastic_io::store::SaveReport;
+use voxelastic_io::store::{MapDetails, SaveReport};
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 
 /// Map a folder of scans and poses, or a recording
@@ -165,7 +165,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
     tally.rebuilt = args.elastic.finish(&selection.source, &mut session, quiet);
-    let details = map_files::details(&settings, session.mapper().sensor());
+    let details = MapDetails::describe(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let output = target.path().to_owned();
     let summary = summarise(&session, &tally, saved, &output, clock);

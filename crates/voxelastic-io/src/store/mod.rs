@@ -21,6 +21,7 @@
 
 mod bytes;
 mod colour_section;
+mod details;
 mod files;
 mod frames;
 mod lock;
@@ -35,6 +36,7 @@ mod tsdf_page;
 mod tsdf_section;
 mod writer;
 
+pub use details::StoredSettings;
 pub use manifest::{Manifest, MapDetails, OccupancySummary, ScanEntry, SubmapEntry, TsdfSummary};
 pub use reader::MapStore;
 pub use writer::{MapWriter, SaveReport};

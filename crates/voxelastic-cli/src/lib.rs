@@ -1,0 +1,155 @@
+//! The command `voxelastic`: LiDAR scans and poses in, an elastic map and meshes out.
+//!
+//! [`run`] is all of it. The binary calls it, and so does the `voxelastic` of the Python package, within the interpreter's process.
+//!
+//! ```
+//! assert_eq!(voxelastic_cli::run(["voxelastic", "config", "--wrong"], None), 2);
+//! ```
+
+// These macros panic where stderr cannot be written; `output::message` does not.
+#![deny(clippy::print_stderr)]
+
+mod commands;
+mod config;
+mod data;
+mod elastic;
+mod failure;
+mod interrupt;
+mod map_files;
+mod mapping;
+mod meshing;
+mod output;
+mod progress;
+mod recorder;
+mod reporting;
+mod usage;
+
+use clap::{Args, Parser, Subcommand};
+use commands::{bench, config as config_command, demo, eval, export, heldout, info, map, mesh, optimize, plan, render, report, simulate, slice};
+use std::ffi::OsString;
+use std::path::Path;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+
+const EXAMPLES: &str = "\
+Examples:
+  voxelastic demo                          simulate a campus, map it, measure the map, make a report
+  voxelastic map hall                      map the folder hall: makes hall.vox
+  voxelastic mesh hall.vox -o hall.ply     extract a mesh
+  voxelastic render hall.vox -o hall.png   draw a picture";
+
+/// Elastic LiDAR mapping: builds a dense map from registered scans and deforms it when poses are corrected.
+///
+/// Scans and poses are read from a recording, or from a folder as SLAM systems and datasets write it; the layout is detected. The map is a
+/// directory of submaps, from which meshes, clouds and pictures are made.
+#[derive(Debug, Parser)]
+#[command(
+    name = "voxelastic",
+    version,
+    arg_required_else_help = true,
+    subcommand_required = true,
+    after_help = EXAMPLES,
+    after_long_help = format!("{EXAMPLES}\n\n{}", failure::EXIT_CODES)
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    logging: Logging,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::DemoArgs),
+    Map(map::MapArgs),
+    Mesh(mesh::MeshArgs),
+    Info(info::InfoArgs),
+    Render(render::RenderArgs),
+    Slice(slice::SliceArgs),
+    Export(export::ExportArgs),
+    Report(report::ReportArgs),
+    Plan(plan::PlanArgs),
+    Heldout(heldout::HeldoutArgs),
+    Eval(eval::EvalArgs),
+    Simulate(simulate::SimulateArgs),
+    Bench(bench::BenchArgs),
+    Optimize(optimize::OptimizeArgs),
+    Config(config_command::ConfigArgs),
+}
+
+/// Amount of output on stderr.
+#[derive(Clone, Copy, Debug, Args)]
+struct Logging {
+    /// Print warnings and errors only, no progress
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Print debug messages; twice for trace messages
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+}
+
+impl Logging {
+    /// Sends log lines to stderr. `RUST_LOG`, where set, wins over the flags.
+    fn install(self) {
+        let level = match (self.quiet, self.verbose) {
+            (true, _) => "warn",
+            (false, 0) => "info",
+            (false, 1) => "debug",
+            (false, _) => "trace",
+        };
+        let from_environment = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+        let filter = from_environment.unwrap_or_else(|| level.parse().unwrap_or_default());
+        let ansi = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
+        let lines = tracing_subscriber::fmt::layer().with_writer(|| progress::LogWriter).with_ansi(ansi).with_target(false).without_time().compact();
+        // A second call within a process keeps what the first one installed.
+        let _ = tracing_subscriber::registry().with(filter).with(lines).try_init();
+    }
+}
+
+/// Runs the command with `arguments`, of which the first is the name of the program, and returns the exit code. `program` is what starts it again:
+/// `bench` measures whole processes; by default it is the executable of this process.
+///
+/// It is made for a process of its own: it installs handlers of signals and a panic hook, and sends log lines to stderr from the first call on.
+pub fn run<A: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = A>, program: Option<&Path>) -> u8 {
+    failure::install_panic_hook();
+    let cli = match Cli::try_parse_from(arguments) {
+        Ok(cli) => cli,
+        Err(end) => return failure::report_usage(&end),
+    };
+    cli.logging.install();
+    cli.command.run(cli.logging.quiet, program).unwrap_or_else(|error| failure::report(&error))
+}
+
+impl Command {
+    fn run(&self, quiet: bool, program: Option<&Path>) -> anyhow::Result<u8> {
+        match self {
+            Self::Demo(args) => demo::run(args, quiet),
+            Self::Map(args) => map::run(args, quiet),
+            Self::Mesh(args) => mesh::run(args),
+            Self::Info(args) => info::run(args),
+            Self::Render(args) => render::run(args),
+            Self::Slice(args) => slice::run(args),
+            Self::Export(args) => export::run(args),
+            Self::Report(args) => report::run(args),
+            Self::Plan(args) => plan::run(args),
+            Self::Heldout(args) => heldout::run(args, quiet),
+            Self::Eval(args) => eval::run(args),
+            Self::Simulate(args) => simulate::run(args, quiet),
+            Self::Bench(args) => bench::run(args, program),
+            Self::Optimize(args) => optimize::run(args),
+            Self::Config(args) => config_command::run(args),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        Cli::command().debug_assert();
+    }
+}
