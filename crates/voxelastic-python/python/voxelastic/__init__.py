@@ -1,0 +1,45 @@
+"""Elastic LiDAR mapping: scans with poses in, one dense map that follows later corrections of the poses out.
+
+    import voxelastic as vx
+
+    mapper = vx.Mapper(voxel_size=0.1)
+    for points, pose in scans:              # N x 3 in the lidar frame; 4 x 4, the lidar in the map frame
+        mapper.integrate(points, pose)
+    map = mapper.finish()
+    map.save("hall.vox")
+    mesh = map.mesh()                       # mesh.vertices, mesh.triangles, mesh.normals: arrays
+    map.query([[1.0, 2.0, 0.5]]).distance   # metres to the nearest surface
+
+Lengths are metres, times seconds. Arrays go in and out as numpy arrays; poses are 4 x 4 matrices, or a translation with a quaternion (x, y, z, w), and say
+where the lidar is in the map.
+"""
+
+from importlib.metadata import version as _version
+
+from ._arrays import Pose
+from ._errors import Error, FileError, RefusedError, SettingError
+from ._map import Map, Query, State, Submap, Surface
+from ._mapper import Mapper, ScanReport
+from ._mesh import Mesh
+from ._settings import SettingArguments, Settings
+
+__version__ = _version("voxelastic")
+
+__all__ = [
+    "Error",
+    "FileError",
+    "Map",
+    "Mapper",
+    "Mesh",
+    "Pose",
+    "Query",
+    "RefusedError",
+    "ScanReport",
+    "SettingArguments",
+    "SettingError",
+    "Settings",
+    "State",
+    "Submap",
+    "Surface",
+    "__version__",
+]

@@ -1,0 +1,134 @@
+"""What users pass as arrays and poses, as the arrays that the native part takes. Copies are made only where the memory does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Pose: TypeAlias = Union[ArrayLike, tuple[ArrayLike, ArrayLike]]
+"""A rigid transform: a 4 x 4 matrix, or a translation (x, y, z) in metres with a unit quaternion (x, y, z, w)."""
+
+_IDENTITY_ERROR = 1e-3
+
+
+def _numeric(value: Any, name: str, expected: str) -> NDArray[Any]:
+    """`value` as an array of numbers."""
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name}: expected {expected}: {error}") from None
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: expected {expected}, not an array of type {array.dtype}")
+    return array
+
+
+def points(value: Any, name: str = "points") -> NDArray[Any]:
+    """N x 3 coordinates, C-contiguous, float32 or float64 as they are."""
+    expected = "an array of shape (N, 3)"
+    array = _numeric(value, name, expected)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"{name}: expected {expected}, not {array.shape}")
+    kind = np.float32 if array.dtype.kind == "f" and array.dtype.itemsize <= 4 else np.float64
+    return np.ascontiguousarray(array, dtype=kind)
+
+
+def cloud(value: Any) -> tuple[NDArray[np.float32], int]:
+    """The points of a scan as N x 3 coordinates, and the number of its rows."""
+    expected = "an array of shape (N, 3), or (rows, columns, 3) for an organised cloud"
+    array = _numeric(value, "points", expected)
+    if array.ndim not in (2, 3) or array.shape[-1] != 3:
+        raise ValueError(f"points: expected {expected}, not {array.shape}")
+    if array.size == 0:
+        raise ValueError("points: the cloud is empty; expected at least one point")
+    rows = array.shape[0] if array.ndim == 3 else 1
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array, dtype=np.float32).reshape(-1, 3), rows
+
+
+def channel(value: Any, name: str, count: int, dtype: type[np.generic]) -> NDArray[Any]:
+    """One number for each of `count` points."""
+    expected = f"an array of {count} numbers, one for each point"
+    array = _numeric(value, name, expected)
+    if array.size != count or array.ndim > 2:
+        raise ValueError(f"{name}: expected {expected}, not one of shape {array.shape}")
+    return _exact(array.reshape(-1), name, dtype)
+
+
+def colours(value: Any, count: int) -> NDArray[np.uint8]:
+    """Red, green and blue for each of `count` points."""
+    expected = f"an array of {count} x 3 whole numbers from 0 to 255"
+    array = _numeric(value, "colours", expected)
+    if array.size != 3 * count or array.shape[-1] != 3:
+        raise ValueError(f"colours: expected {expected}, not one of shape {array.shape}")
+    return _exact(array.reshape(-1, 3), "colours", np.uint8)
+
+
+def _exact(array: NDArray[Any], name: str, dtype: type[np.generic]) -> NDArray[Any]:
+    """`array` in another type; whole numbers must fit."""
+    if np.issubdtype(dtype, np.integer) and array.dtype != dtype:
+        limits = np.iinfo(dtype)  # type: ignore[type-var]
+        whole = array.dtype.kind in "iu" or bool(np.all(np.mod(array, 1) == 0))
+        if array.size and not (whole and array.min() >= limits.min and array.max() <= limits.max):
+            raise ValueError(f"{name}: expected whole numbers from {limits.min} to {limits.max}")
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def pose(value: Any, name: str = "pose") -> NDArray[np.float64]:
+    """x, y, z, qx, qy, qz, qw of a pose."""
+    expected = "a 4 x 4 matrix, or a translation (x, y, z) and a quaternion (x, y, z, w)"
+    if isinstance(value, tuple) and len(value) == 2:
+        translation, quaternion = (_numeric(part, name, expected).astype(np.float64) for part in value)
+        if translation.shape != (3,) or quaternion.shape != (4,):
+            raise ValueError(f"{name}: expected {expected}, not shapes {translation.shape} and {quaternion.shape}")
+        numbers = np.concatenate([translation, quaternion])
+        _check_finite(numbers, name)
+        norm = float(np.linalg.norm(quaternion))
+        if abs(norm - 1) > 1e-2:
+            raise ValueError(f"{name}: the norm of the quaternion is {norm:.3f}, but must be 1; the order is x, y, z, w")
+        return numbers
+    matrix = _numeric(value, name, expected).astype(np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"{name}: expected {expected}, not {matrix.shape}")
+    _check_finite(matrix, name)
+    rotation = matrix[:3, :3]
+    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _IDENTITY_ERROR and np.linalg.det(rotation) > 0
+    if not is_rotation or np.abs(matrix[3] - [0, 0, 0, 1]).max() > _IDENTITY_ERROR:
+        raise ValueError(f"{name}: the matrix is not a rigid transform: the upper left 3 x 3 must be a rotation and the last row 0, 0, 0, 1")
+    return np.concatenate([matrix[:3, 3], _quaternion(rotation)])
+
+
+def _check_finite(numbers: NDArray[np.float64], name: str) -> None:
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{name}: a number is not finite")
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x, y, z, w of the rotation nearest to a matrix: the eigenvector of a symmetric matrix (Bar-Itzhack 2000)."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    symmetric = np.array(
+        [
+            [a - e - i, d + b, g + c, h - f],
+            [d + b, e - a - i, h + f, c - g],
+            [g + c, h + f, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    quaternion: NDArray[np.float64] = np.linalg.eigh(symmetric)[1][:, -1]
+    return quaternion
+
+
+def motion(value: Any) -> tuple[list[float], list[NDArray[np.float64]]]:
+    """Times and poses of a motion."""
+    if not isinstance(value, Sequence) or any(not isinstance(sample, Sequence) or len(sample) != 2 for sample in value):
+        raise TypeError("motion: expected a list of pairs of a time in seconds and a pose")
+    return [float(time) for time, _ in value], [pose(sample, f"motion[{k}]") for k, (_, sample) in enumerate(value)]
+
+
+def node(value: Any, name: str = "node") -> int:
+    """The number of a node."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) < 2**64:
+        raise ValueError(f"{name}: expected a whole number, 0 or more, not {value!r}")
+    return int(value)

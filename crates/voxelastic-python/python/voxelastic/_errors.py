@@ -1,0 +1,19 @@
+"""Exceptions. Their messages are those of the command: they name the file, the place in it and what to do."""
+
+__all__ = ["Error", "FileError", "RefusedError", "SettingError"]
+
+
+class Error(Exception):
+    """The base of all exceptions of this package that are not mistakes in a call (those are `ValueError` and `TypeError`)."""
+
+
+class SettingError(Error, ValueError):
+    """A setting is unknown or out of range, or settings contradict each other."""
+
+
+class RefusedError(Error, ValueError):
+    """A scan, an edge or a correction cannot be used. The map is unchanged, and mapping can go on."""
+
+
+class FileError(Error, OSError):
+    """A file or a map cannot be read or written, or it is damaged."""

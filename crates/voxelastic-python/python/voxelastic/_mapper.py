@@ -1,0 +1,169 @@
+"""The mapper: scans with poses in, a map out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _native
+from ._arrays import Pose
+from ._map import Map
+from ._settings import SettingArguments, Settings
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+__all__ = ["Mapper", "ScanReport"]
+
+
+class ScanReport(NamedTuple):
+    """What became of a scan."""
+
+    node: int
+    """Its node."""
+    submap: int
+    """The submap into which it was integrated."""
+    assignment: Literal["continue", "revisit", "overlap", "new"]
+    """How that was chosen: the submap of the scan before; one that closed loops lead to; one that contains nearly all of the scan; a new one."""
+    returns: int
+    """Number of points that were used: those with a return, in range and seen by the sensor model."""
+
+
+class Mapper:
+    """Turns scans with poses into a map that follows later corrections of the poses.
+
+    Each scan belongs to a node of a pose graph. The map consists of rigid submaps; corrected poses move submaps, and loop edges join them.
+    Threads may share a mapper: they take turns, and other threads of Python run meanwhile. Processes that are forked cannot use it.
+
+    Args:
+        settings: The settings; by default those of `Settings()`.
+        changes: Settings as keyword arguments: `Mapper(voxel_size=0.1, max_range=40)`. They win over `settings`.
+
+    Raises:
+        SettingError: A setting is unknown or out of range, or settings contradict each other.
+    """
+
+    __slots__ = ("__weakref__", "_inner", "_next_node", "_settings")
+
+    def __init__(self, settings: Settings | None = None, **changes: Unpack[SettingArguments]) -> None:
+        self._settings = (settings or Settings()).replace(**changes)
+        self._inner = _native.Mapper(self._settings.as_text())
+        self._next_node = 0
+
+    @property
+    def settings(self) -> Settings:
+        """The settings."""
+        return self._settings
+
+    def integrate(
+        self,
+        points: ArrayLike,
+        pose: Pose,
+        *,
+        node: int | None = None,
+        intensity: ArrayLike | None = None,
+        colours: ArrayLike | None = None,
+        ring: ArrayLike | None = None,
+        times: ArrayLike | None = None,
+        motion: Sequence[tuple[float, Pose]] | None = None,
+    ) -> ScanReport:
+        """Integrates a scan.
+
+        All points of the sensor belong to the scan: from points that were thinned out, the beams of the sensor cannot be recognised well.
+
+        Args:
+            points: N x 3 coordinates in the lidar frame, metres; or rows x columns x 3 for an organised cloud, rows being the rings of the sensor.
+                Points that are zero or not finite are beams without return. float32 is used as it is.
+            pose: The lidar frame in the map frame: a 4 x 4 matrix, or a translation and a quaternion (x, y, z, w).
+            node: Number of the scan's node; by default one more than that of the scan before, from 0 on.
+            intensity: N strengths of the returns in the sensor's own scale.
+            colours: N x 3 colours, sRGB, 0 to 255; [0, 0, 0] where a point has none.
+            ring: N numbers of the beams' rings, from 0.
+            times: N times of the points in seconds, relative to that of the pose.
+            motion: Poses of the lidar during the sweep, in the lidar frame at the time of `pose`, each with its time in seconds relative to that. With it and
+                `times` the scan is undistorted; leave it out if that has been done.
+
+        Raises:
+            ValueError: An array has another shape, or the pose is not rigid.
+            RefusedError: The scan cannot be used: the node has a scan already, no point is in range, or the sensor cannot be recognised.
+        """
+        cloud, rows = _arrays.cloud(points)
+        count = len(cloud)
+        if motion is not None and times is None:
+            raise ValueError("motion: a scan is undistorted by the times of its points; pass them as `times`")
+        number = self._next_node if node is None else _arrays.node(node)
+        report = self._inner.integrate(
+            number,
+            _arrays.pose(pose),
+            cloud,
+            rows,
+            None if intensity is None else _arrays.channel(intensity, "intensity", count, np.float32),
+            None if colours is None else _arrays.colours(colours, count),
+            None if ring is None else _arrays.channel(ring, "ring", count, np.uint16),
+            None if times is None else _arrays.channel(times, "times", count, np.float32),
+            None if motion is None else _arrays.motion(motion),
+        )
+        self._next_node = number + 1
+        return ScanReport(*cast("tuple[Any, Any, Any, Any]", report))
+
+    def add_odometry_edge(self, first: int, second: int, pose: Pose) -> None:
+        """Adds the measured pose between two consecutive nodes. Without such edges, the poses of the scans are taken for it.
+
+        Args:
+            first: A node.
+            second: The node after it.
+            pose: The lidar frame of `second` in that of `first`.
+
+        Raises:
+            RefusedError: Both are the same node.
+        """
+        self._inner.add_edge(False, _arrays.node(first, "first"), _arrays.node(second, "second"), _arrays.pose(pose))
+
+    def add_loop_edge(self, first: int, second: int, pose: Pose) -> None:
+        """Adds a loop closure: two nodes at which the same place was observed. When poses agree with it, the submaps there are joined.
+
+        Args:
+            first: A node.
+            second: Another node.
+            pose: The lidar frame of `second` in that of `first`.
+
+        Raises:
+            RefusedError: Both are the same node.
+        """
+        self._inner.add_edge(True, _arrays.node(first, "first"), _arrays.node(second, "second"), _arrays.pose(pose))
+
+    def update_poses(self, poses: Mapping[int, Pose]) -> None:
+        """Corrects poses, for example after a loop closure. The map follows at once: submaps move, no scan is integrated again.
+
+        Args:
+            poses: The corrected pose, lidar frame in map frame, of each node. Nodes without a scan are ignored.
+
+        Raises:
+            ValueError: A pose is not rigid; the map is unchanged.
+        """
+        if not isinstance(poses, Mapping):
+            raise TypeError(f"poses: expected a dictionary of poses by node, not {type(poses).__name__}")
+        nodes = [_arrays.node(number, "a node of poses") for number in poses]
+        self._inner.update_poses(nodes, [_arrays.pose(pose, f"poses[{number}]") for number, pose in poses.items()])
+
+    def snapshot(self) -> Map:
+        """A copy of the map as it is now. Mapping can go on."""
+        return Map._of(self._inner.snapshot())
+
+    def finish(self) -> Map:
+        """Completes the map, resolves conflicts between its submaps and hands it over without a copy. The mapper takes nothing after that.
+
+        On Ctrl-C the mapper keeps the map, and `finish` can be called again.
+        """
+        return Map._of(self._inner.finish())
+
+    def __repr__(self) -> str:
+        try:
+            scans, submaps, fusions, moves, sensor = self._inner.counts()
+        except RuntimeError:
+            return "Mapper(finished)"
+        parts = [f"{scans:,} scans", f"{submaps:,} submaps", f"{fusions:,} fusions", f"{moves:,} moves of submaps", f"voxels of {self._settings.voxel_size:g} m"]
+        return f"Mapper({', '.join(parts + ([f'sensor: {sensor}'] if sensor else []))})"

@@ -1,0 +1,91 @@
+"""The native part: what the package is built on. Arrays are C-contiguous and of the types below; nothing else is accepted."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Map", "Mapper", "complete_settings", "run_command", "settings_table"]
+
+def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
+    """Runs the command and returns its exit code."""
+
+def settings_table() -> list[tuple[str, str, str, str, bool, str]]:
+    """All settings: key, kind, default, range with unit, whether it is a basic one, help. The kind is `float`, `int`, `str`, or the allowed words separated by `|`."""
+
+def complete_settings(given: Mapping[str, str]) -> list[tuple[str, str]]:
+    """All settings as text: those given, the others with their defaults."""
+
+@final
+class Mapper:
+    """Turns events into a map. Threads may share it; they take turns."""
+
+    def __new__(cls, given: Mapping[str, str]) -> Mapper: ...
+    def integrate(
+        self,
+        node: int,
+        pose: NDArray[np.float64],
+        points: NDArray[np.float32],
+        rows: int,
+        intensity: NDArray[np.float32] | None,
+        colours: NDArray[np.uint8] | None,
+        ring: NDArray[np.uint16] | None,
+        times: NDArray[np.float32] | None,
+        motion: tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
+    ) -> tuple[int, int, str, int]:
+        """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, and the number of usable returns."""
+
+    def add_edge(self, closes_loop: bool, from_node: int, to_node: int, t_from_to: NDArray[np.float64]) -> None:
+        """Adds an edge between consecutive nodes, or one that closes a loop."""
+
+    def update_poses(self, nodes: Sequence[int], poses: Sequence[NDArray[np.float64]]) -> None:
+        """Corrects the poses of nodes."""
+
+    def counts(self) -> tuple[int, int, int, int, str | None]:
+        """Number of scans, submaps, fusions and corrections of root poses, and the description of the sensor."""
+
+    def settings(self) -> list[tuple[str, str]]:
+        """The settings as text."""
+
+    def snapshot(self) -> Map:
+        """A copy of the present map."""
+
+    def finish(self) -> Map:
+        """Completes the map and hands it over."""
+
+@final
+class Map:
+    """A map. It does not change, so threads share it."""
+
+    @staticmethod
+    def open(path: str | os.PathLike[str]) -> tuple[Map, list[str]]:
+        """Opens a stored map; also returns what is wrong with its settings."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Saves the map to a directory."""
+
+    def settings(self) -> list[tuple[str, str]]:
+        """The settings that it was made with, as text."""
+
+    def sensor(self) -> str | None:
+        """Description of the sensor, if known."""
+
+    def nbytes(self) -> int:
+        """Memory of the fields, bytes."""
+
+    def fields(self) -> tuple[bool, bool]:
+        """Whether it has signed distances, and whether it has occupancy."""
+
+    def submaps(self) -> list[tuple[int, list[list[float]], list[int]]]:
+        """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes."""
+
+    def bounds(self) -> tuple[list[float], list[float]] | None:
+        """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
+
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, shells: bool) -> tuple[Any, ...]:
+        """Vertices, triangles, normals, scales, intensities and colours of a surface."""
+
+    def query(self, points: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
+        """Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64."""

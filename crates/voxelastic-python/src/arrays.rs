@@ -1,0 +1,40 @@
+//! numpy arrays from and to what the library takes and gives. Arrays from Python are C-contiguous, aligned and of the stated type: `_arrays.py` sees to it.
+
+use bytemuck::Pod;
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::{Bound, PyErr, PyResult, Python};
+use voxelastic::Pose;
+
+/// The rows of an N x 3 array.
+pub fn rows<'a, T: Element + Pod>(array: &'a PyReadonlyArray2<'_, T>) -> PyResult<&'a [[T; 3]]> {
+    bytemuck::try_cast_slice(array.as_slice()?).map_err(|_| wrong("an array of N x 3 numbers"))
+}
+
+/// The numbers of an array.
+pub fn numbers<T: Element + Copy>(array: Option<PyReadonlyArray1<'_, T>>) -> PyResult<Option<Vec<T>>> {
+    array.map(|array| Ok(array.as_slice()?.to_vec())).transpose()
+}
+
+/// An N x 3 array of the same memory.
+pub fn from_rows<T: Element + Pod>(py: Python<'_>, rows: Vec<[T; 3]>) -> PyResult<Bound<'_, PyArray2<T>>> {
+    let count = rows.len();
+    PyArray1::from_vec(py, bytemuck::allocation::cast_vec(rows)).reshape([count, 3])
+}
+
+/// A pose from an array of x, y, z, qx, qy, qz, qw; the quaternion is normalised.
+pub fn pose(numbers: &PyReadonlyArray1<'_, f64>) -> PyResult<Pose> {
+    let &[x, y, z, qx, qy, qz, qw] = numbers.as_slice()? else { return Err(wrong("a pose of seven numbers")) };
+    Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(Quaternion::new(qw, qx, qy, qz))))
+}
+
+/// The 4 x 4 matrix of a pose, row by row.
+pub fn matrix_of_pose(pose: &Pose) -> [[f64; 4]; 4] {
+    let m = pose.to_matrix();
+    std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}
+
+fn wrong(expected: &str) -> PyErr {
+    PyValueError::new_err(format!("expected {expected}"))
+}

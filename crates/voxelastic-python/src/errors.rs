@@ -1,0 +1,70 @@
+//! Errors as Python exceptions: the classes of `voxelastic._errors`.
+
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyAnyMethods, PyType};
+use pyo3::{Py, PyErr, PyResult, Python};
+use std::any::Any;
+use std::error::Error;
+use voxelastic::mapper::MapError;
+use voxelastic::settings::SettingError;
+
+/// A class of `voxelastic._errors`.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// A setting is unknown or out of range, or settings contradict each other.
+    Setting,
+    /// An event was refused; the map is unchanged.
+    Refused,
+    /// A file cannot be read or written.
+    File,
+}
+
+static CLASSES: PyOnceLock<[Py<PyType>; 3]> = PyOnceLock::new();
+
+impl Kind {
+    /// The exception with `message`.
+    pub fn exception(self, py: Python<'_>, message: String) -> PyErr {
+        match CLASSES.get_or_try_init(py, || classes(py)) {
+            Ok(classes) => PyErr::from_type(classes[self as usize].bind(py).clone(), message),
+            Err(error) => error,
+        }
+    }
+}
+
+fn classes(py: Python<'_>) -> PyResult<[Py<PyType>; 3]> {
+    let module = py.import("voxelastic._errors")?;
+    let class = |name| -> PyResult<Py<PyType>> { Ok(module.getattr(name)?.cast_into::<PyType>()?.unbind()) };
+    Ok([class("SettingError")?, class("RefusedError")?, class("FileError")?])
+}
+
+/// The exception for a refused setting.
+pub fn setting(py: Python<'_>, error: &SettingError) -> PyErr {
+    Kind::Setting.exception(py, error.to_string())
+}
+
+/// The exception for a refused event.
+pub fn refused(py: Python<'_>, error: &MapError) -> PyErr {
+    Kind::Refused.exception(py, error.to_string())
+}
+
+/// The exception for a file, with its causes: each once.
+pub fn file(py: Python<'_>, error: &voxelastic_io::Error) -> PyErr {
+    let mut message = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let text = error.to_string();
+        if !message.contains(&text) {
+            message = format!("{message}: {text}");
+        }
+        cause = error.source();
+    }
+    Kind::File.exception(py, message)
+}
+
+/// The exception for a panic: a bug.
+pub fn bug(payload: &(dyn Any + Send)) -> PyErr {
+    let what = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+    let version = env!("CARGO_PKG_VERSION");
+    PyRuntimeError::new_err(format!("voxelastic {version} has a bug: {}; please report it with what led to it", what.unwrap_or("no details")))
+}

@@ -1,0 +1,64 @@
+//! Thread pools, and long calls: without the interpreter lock, ended by Ctrl-C.
+
+use crate::errors;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::{PyResult, Python};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Time between two looks for Ctrl-C.
+const TICK: Duration = Duration::from_millis(50);
+
+/// A thread pool and the process that has its threads.
+type OwnedPool = (u32, Arc<ThreadPool>);
+
+/// The pool for maps.
+static SHARED: Mutex<Option<OwnedPool>> = Mutex::new(None);
+
+/// The pool in which maps are opened, meshed and queried, with a thread per core. A process that was forked gets one of its own: threads are not forked.
+pub fn shared_pool() -> PyResult<Arc<ThreadPool>> {
+    let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+    let process = std::process::id();
+    if let Some((_, pool)) = shared.as_ref().filter(|(owner, _)| *owner == process) {
+        return Ok(Arc::clone(pool));
+    }
+    let pool = Arc::new(new_pool(0)?);
+    // That of the parent is not dropped: it would wait for threads that are not there.
+    std::mem::forget(shared.replace((process, Arc::clone(&pool))));
+    Ok(pool)
+}
+
+/// A pool of `threads` threads, 0 for one per core.
+pub fn new_pool(threads: usize) -> PyResult<ThreadPool> {
+    let built = ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("voxelastic {i}")).build();
+    built.map_err(|error| PyRuntimeError::new_err(format!("cannot start {threads} threads: {error}; use fewer with `threads`")))
+}
+
+/// Does `work` in a thread of its own, without the interpreter lock. On Ctrl-C the call ends at once with `KeyboardInterrupt`, and the work ends in the
+/// background: it owns what it works on.
+pub fn run<R: Send + 'static>(py: Python<'_>, work: impl FnOnce() -> R + Send + 'static) -> PyResult<R> {
+    let (send, mut receive) = sync_channel(1);
+    let job = move || {
+        // After Ctrl-C nobody takes the result.
+        let _ = send.send(catch_unwind(AssertUnwindSafe(work)));
+    };
+    let started = std::thread::Builder::new().name("voxelastic job".to_owned()).spawn(job);
+    started.map_err(|error| PyRuntimeError::new_err(format!("cannot start a thread: {error}")))?;
+    loop {
+        let done;
+        (done, receive) = py.detach(move || (receive.recv_timeout(TICK), receive));
+        match done {
+            Ok(done) => return done.map_err(|payload| errors::bug(&*payload)),
+            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Disconnected) => return Err(errors::bug(&"a thread ended early")),
+        }
+    }
+}
+
+/// Does `work`, which takes some milliseconds, without the interpreter lock.
+pub fn run_short<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
+    py.detach(|| catch_unwind(AssertUnwindSafe(work))).map_err(|payload| errors::bug(&*payload))
+}

@@ -1,0 +1,27 @@
+//! The native part of the Python package `voxelastic`: the module `voxelastic._native`.
+//!
+//! It takes arrays that are checked already, runs the library without the interpreter lock and gives arrays back. What users call, with the checks, the
+//! documentation and the types, is Python: `python/voxelastic`.
+
+mod arrays;
+mod command;
+mod errors;
+mod job;
+mod map;
+mod mapper;
+mod settings;
+
+use pyo3::pymodule;
+
+/// See `python/voxelastic/_native.pyi`.
+#[pymodule]
+mod _native {
+    #[pymodule_export]
+    use crate::command::run_command;
+    #[pymodule_export]
+    use crate::map::Map;
+    #[pymodule_export]
+    use crate::mapper::Mapper;
+    #[pymodule_export]
+    use crate::settings::{complete_settings, settings_table};
+}

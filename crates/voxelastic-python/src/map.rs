@@ -1,0 +1,248 @@
+//! A map: its submaps, surface and distances.
+
+use crate::{arrays, errors, job};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::types::PyTuple;
+use pyo3::{Bound, PyAny, PyResult, Python, pyclass, pymethods};
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::sync::Arc;
+use voxelastic::Settings;
+use voxelastic::atlas::Atlas;
+use voxelastic::field::occupancy::State;
+use voxelastic::geometry::{Aabb, Rigid};
+use voxelastic::query::{AtlasQuery, DistanceQuery};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
+use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
+
+/// Points queried between two looks for Ctrl-C.
+const QUERIES_AT_ONCE: usize = 1 << 18;
+
+/// Points that a thread takes at a time.
+const QUERIES_PER_TASK: usize = 1 << 10;
+
+/// A map. It does not change, so threads share it.
+#[pyclass(frozen, module = "voxelastic._native")]
+pub struct Map {
+    content: Arc<Content>,
+}
+
+/// What a map is made of.
+pub struct Content {
+    /// The submaps.
+    pub atlas: Atlas,
+    /// The settings that it was made with.
+    pub settings: Settings,
+    /// Description of the sensor, if known.
+    pub sensor: Option<String>,
+}
+
+impl From<Content> for Map {
+    fn from(content: Content) -> Self {
+        Self { content: Arc::new(content) }
+    }
+}
+
+impl Content {
+    /// The surface of a kind, in the map frame. `surface` is `measured`, `occupied`, `free` or `frontier`.
+    fn mesh(&self, surface: &str, options: &MeshOptions, shells: bool) -> Mesh {
+        let kind = match surface {
+            "occupied" => Some(OccupancySurface::Occupied),
+            "free" => Some(OccupancySurface::FreeHull),
+            "frontier" => Some(OccupancySurface::Frontier),
+            _ => self.atlas.tsdfs().is_empty().then_some(OccupancySurface::Occupied),
+        };
+        match kind {
+            Some(kind) => {
+                let mut mesh = Mesh::default();
+                for submap in self.atlas.submaps() {
+                    let part = extract_occupancy(submap.occupancy(), self.atlas.voxel_size(), kind, options.lod);
+                    mesh.append(&part, &Rigid::from(&submap.t_map_submap()));
+                }
+                mesh
+            }
+            None if shells => self.atlas.shells(options),
+            None => self.atlas.mesh(options),
+        }
+    }
+
+    fn bounds(&self) -> Option<Aabb> {
+        let mut bounds = Aabb::default();
+        let (surfaces, space) = (DistanceQuery::new(&self.atlas), self.atlas.query());
+        let parts = [(!surfaces.is_empty()).then(|| surfaces.bounds()), (!space.is_empty()).then(|| space.bounds())];
+        for part in parts.iter().flatten() {
+            bounds.add(part.min);
+            bounds.add(part.max);
+        }
+        parts.iter().any(Option::is_some).then_some(bounds)
+    }
+}
+
+#[pymethods]
+impl Map {
+    /// Opens a stored map; also returns what is wrong with its settings.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Vec<String>)> {
+        let pool = job::shared_pool()?;
+        let load = move || -> voxelastic_io::Result<_> {
+            let store = MapStore::open(&path)?;
+            let Some(stored) = store.manifest().details.stored_settings() else { return Ok(None) };
+            Ok(Some((store.load_atlas()?, stored, store.manifest().details.sensor.get("description").cloned())))
+        };
+        let opened = job::run(py, move || pool.install(load))?;
+        let Some((atlas, stored, sensor)) = opened.map_err(|e| errors::file(py, &e))? else {
+            return Err(errors::Kind::File.exception(py, "the manifest of the map does not contain the voxel size; map the data again".to_owned()));
+        };
+        let refused = stored.refused.iter().map(ToString::to_string).collect();
+        Ok((Content { atlas, settings: stored.settings, sensor }.into(), refused))
+    }
+
+    /// Saves the map to a directory. A save that has begun is completed.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let (content, pool) = (&self.content, job::shared_pool()?);
+        let details = MapDetails::describe(&content.settings, content.sensor.as_deref());
+        let saved = job::run_short(py, || pool.install(|| MapWriter::create(&path)?.save(&content.atlas, &details)))?;
+        saved.map(|_| ()).map_err(|e| errors::file(py, &e))
+    }
+
+    /// The settings that it was made with, as text.
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        self.content.settings.pairs()
+    }
+
+    /// Description of the sensor, if known.
+    fn sensor(&self) -> Option<String> {
+        self.content.sensor.clone()
+    }
+
+    /// Memory of the fields, bytes.
+    fn nbytes(&self) -> usize {
+        self.content.atlas.bytes()
+    }
+
+    /// Whether it has signed distances, and whether it has occupancy.
+    fn fields(&self) -> (bool, bool) {
+        (!self.content.atlas.tsdfs().is_empty(), !self.content.atlas.query().is_empty())
+    }
+
+    /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes.
+    fn submaps(&self) -> Vec<(u32, [[f64; 4]; 4], Vec<u64>)> {
+        let nodes = |submap: &voxelastic::atlas::Submap| submap.scans().iter().map(|scan| scan.node).collect();
+        self.content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect()
+    }
+
+    /// Smallest and largest coordinates of what was observed, map frame; none for an empty map.
+    fn bounds(&self, py: Python<'_>) -> PyResult<Option<([f32; 3], [f32; 3])>> {
+        let content = &self.content;
+        Ok(job::run_short(py, || content.bounds())?.map(|bounds| (bounds.min, bounds.max)))
+    }
+
+    /// Vertices, triangles, normals, scales, intensities and colours of a surface.
+    fn mesh<'py>(
+        &self,
+        py: Python<'py>,
+        surface: String,
+        lod: usize,
+        min_weight: f32,
+        close_gaps: bool,
+        shells: bool,
+    ) -> PyResult<Bound<'py, PyTuple>> {
+        let content = Arc::clone(&self.content);
+        let options = MeshOptions { min_weight, lod, close_gaps };
+        let pool = job::shared_pool()?;
+        let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
+        // There are fewer than 2^31 vertices, and few programs take unsigned indices.
+        let triangles: Vec<[i32; 3]> = bytemuck::allocation::cast_vec(mesh.triangles);
+        let optional = |is_empty: bool, array: Bound<'py, PyAny>| if is_empty { py.None().into_bound(py) } else { array };
+        PyTuple::new(
+            py,
+            [
+                arrays::from_rows(py, mesh.positions)?.into_any(),
+                arrays::from_rows(py, triangles)?.into_any(),
+                arrays::from_rows(py, mesh.normals)?.into_any(),
+                PyArray1::from_vec(py, mesh.scales).into_any(),
+                optional(mesh.intensities.is_empty(), PyArray1::from_vec(py, mesh.intensities).into_any()),
+                optional(mesh.colours.is_empty(), arrays::from_rows(py, mesh.colours)?.into_any()),
+            ],
+        )
+    }
+
+    /// Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64.
+    fn query<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyTuple>> {
+        let answers = match points.cast::<PyArray2<f64>>() {
+            Ok(points) => self.answer(py, arrays::rows(&points.try_readonly()?)?),
+            Err(_) => self.answer(py, arrays::rows(&points.cast::<PyArray2<f32>>()?.try_readonly()?)?),
+        }?;
+        PyTuple::new(
+            py,
+            [
+                PyArray1::from_vec(py, answers.distances).into_any(),
+                arrays::from_rows(py, answers.gradients)?.into_any(),
+                PyArray1::from_vec(py, answers.states).into_any(),
+            ],
+        )
+    }
+}
+
+/// What is known about some points: signed distances or NaN, gradients, states.
+struct Answers {
+    distances: Vec<f32>,
+    gradients: Vec<[f32; 3]>,
+    states: Vec<u8>,
+}
+
+impl Map {
+    fn answer<T: Copy + Into<f64> + Sync>(&self, py: Python<'_>, points: &[[T; 3]]) -> PyResult<Answers> {
+        let atlas = &self.content.atlas;
+        let pool = job::shared_pool()?;
+        let (surfaces, space) = (DistanceQuery::new(atlas), atlas.query());
+        let mut all = Answers { distances: vec![f32::NAN; points.len()], gradients: vec![[0.0; 3]; points.len()], states: vec![0; points.len()] };
+        let parts =
+            all.distances.chunks_mut(QUERIES_AT_ONCE).zip(all.gradients.chunks_mut(QUERIES_AT_ONCE)).zip(all.states.chunks_mut(QUERIES_AT_ONCE));
+        for (((distances, gradients), states), points) in parts.zip(points.chunks(QUERIES_AT_ONCE)) {
+            let tasks = (
+                distances.par_chunks_mut(QUERIES_PER_TASK),
+                gradients.par_chunks_mut(QUERIES_PER_TASK),
+                states.par_chunks_mut(QUERIES_PER_TASK),
+                points.par_chunks(QUERIES_PER_TASK),
+            );
+            let answer_all = || {
+                tasks
+                    .into_par_iter()
+                    .for_each(|(distances, gradients, states, points)| answer(&surfaces, &space, points, distances, gradients, states))
+            };
+            job::run_short(py, || pool.install(answer_all))?;
+            py.check_signals()?;
+        }
+        Ok(all)
+    }
+}
+
+fn answer<T: Copy + Into<f64>>(
+    surfaces: &DistanceQuery<'_>,
+    space: &AtlasQuery<'_>,
+    points: &[[T; 3]],
+    distances: &mut [f32],
+    gradients: &mut [[f32; 3]],
+    states: &mut [u8],
+) {
+    let has_space = !space.is_empty();
+    for (k, point) in points.iter().enumerate() {
+        let point = point.map(Into::into);
+        if let Some(sample) = surfaces.sample(point) {
+            (distances[k], gradients[k]) = (sample.distance, sample.gradient);
+        }
+        if has_space {
+            states[k] = number_of(space.state(point));
+        }
+    }
+}
+
+/// The numbers of `voxelastic.State`.
+fn number_of(state: State) -> u8 {
+    match state {
+        State::Unknown => 0,
+        State::Free => 1,
+        State::Occupied => 2,
+    }
+}

@@ -1,0 +1,186 @@
+//! The mapper: scans, edges and corrections in, a map out.
+
+use crate::map::{Content, Map};
+use crate::{arrays, errors, job, settings};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
+use rayon::ThreadPool;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::mapper::{Assignment, ScanReport};
+use voxelastic::{Cloud, Motion, Settings};
+
+/// Turns events into a map. Threads may share it; they take turns.
+#[pyclass(frozen, module = "voxelastic._native")]
+pub struct Mapper {
+    settings: Settings,
+    /// None once it is finished.
+    mapper: Arc<Mutex<Option<voxelastic::Mapper>>>,
+    pool: Arc<ThreadPool>,
+    /// The process that has the threads of the pool.
+    process: u32,
+}
+
+/// Node, submap, how it was chosen, usable returns.
+type Report = (u64, u32, &'static str, usize);
+
+/// Times of a motion in seconds after the time stamp, and seven numbers for each pose.
+type MotionSamples<'py> = (Vec<f32>, Vec<PyReadonlyArray1<'py, f64>>);
+
+#[pymethods]
+impl Mapper {
+    #[new]
+    fn new(py: Python<'_>, given: BTreeMap<String, String>) -> PyResult<Self> {
+        let settings = settings::from_text(py, given)?;
+        let mapper = voxelastic::Mapper::new(settings.clone()).map_err(|e| errors::setting(py, &e))?;
+        let pool = Arc::new(job::new_pool(settings.threads)?);
+        Ok(Self { settings, mapper: Arc::new(Mutex::new(Some(mapper))), pool, process: std::process::id() })
+    }
+
+    /// Integrates a scan of points in the lidar frame.
+    #[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
+    fn integrate(
+        &self,
+        py: Python<'_>,
+        node: NodeId,
+        pose: PyReadonlyArray1<'_, f64>,
+        points: PyReadonlyArray2<'_, f32>,
+        rows: usize,
+        intensity: Option<PyReadonlyArray1<'_, f32>>,
+        colours: Option<PyReadonlyArray2<'_, u8>>,
+        ring: Option<PyReadonlyArray1<'_, u16>>,
+        times: Option<PyReadonlyArray1<'_, f32>>,
+        motion: Option<MotionSamples<'_>>,
+    ) -> PyResult<Report> {
+        let points = arrays::rows(&points)?.to_vec();
+        let cloud = Cloud {
+            width: points.len() / rows.max(1),
+            height: rows,
+            points,
+            intensity: arrays::numbers(intensity)?,
+            colours: colours.map(|colours| Ok::<_, PyErr>(arrays::rows(&colours)?.to_vec())).transpose()?,
+            ring: arrays::numbers(ring)?,
+            time: arrays::numbers(times)?,
+            motion: motion.as_ref().map(motion_through).transpose()?,
+        };
+        let scan = Scan { node, time: 0.0, t_map_lidar: arrays::pose(&pose)?, cloud };
+        let report = self.handle(py, Event::Scan(scan))?;
+        report.map(|r| summary(&r)).ok_or_else(|| errors::bug(&"a scan without a report"))
+    }
+
+    /// Adds an edge between consecutive nodes, or one that closes a loop.
+    fn add_edge(&self, py: Python<'_>, closes_loop: bool, from_node: NodeId, to_node: NodeId, t_from_to: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
+        let edge = Edge { from: from_node, to: to_node, t_from_to: arrays::pose(&t_from_to)?, information: None };
+        self.handle(py, if closes_loop { Event::LoopEdge(edge) } else { Event::OdometryEdge(edge) })?;
+        Ok(())
+    }
+
+    /// Corrects the poses of nodes: seven numbers for each.
+    fn update_poses(&self, py: Python<'_>, nodes: Vec<NodeId>, poses: Vec<PyReadonlyArray1<'_, f64>>) -> PyResult<()> {
+        let poses = poses.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
+        self.handle(py, Event::PoseUpdate(nodes.into_iter().zip(poses).collect()))?;
+        Ok(())
+    }
+
+    /// Number of scans and submaps of the present map, fusions done, corrections of root poses, and the description of the sensor.
+    fn counts(&self, py: Python<'_>) -> PyResult<(usize, usize, usize, usize, Option<String>)> {
+        self.with(py, |mapper| {
+            let counts = mapper.elastic_counts();
+            let atlas = mapper.atlas();
+            (atlas.scan_count(), atlas.submaps().len(), counts.fusions, counts.submap_moves, mapper.sensor().map(str::to_owned))
+        })
+    }
+
+    /// The settings as text.
+    fn settings(&self) -> Vec<(&'static str, String)> {
+        self.settings.pairs()
+    }
+
+    /// A copy of the present map.
+    fn snapshot(&self, py: Python<'_>) -> PyResult<Map> {
+        let (atlas, sensor) = self.with(py, |mapper| (mapper.atlas().clone(), mapper.sensor().map(str::to_owned)))?;
+        Ok(Content { atlas, settings: self.settings.clone(), sensor }.into())
+    }
+
+    /// Completes the map and hands it over.
+    fn finish(&self, py: Python<'_>) -> PyResult<Map> {
+        self.check_process()?;
+        let mapper = Arc::clone(&self.mapper);
+        let pool = Arc::clone(&self.pool);
+        // In place first: after Ctrl-C the mapper still has its map, and it is completed.
+        job::run(py, move || with(&mapper, &pool, voxelastic::Mapper::finish))??;
+        let take = || -> PyResult<_> { self.mapper.lock().map_err(|_| broken())?.take().ok_or_else(is_finished) };
+        let mapper = py.detach(take)?;
+        let sensor = mapper.sensor().map(str::to_owned);
+        let atlas = job::run_short(py, || self.pool.install(|| mapper.into_atlas()))?;
+        Ok(Content { atlas, settings: self.settings.clone(), sensor }.into())
+    }
+}
+
+impl Mapper {
+    fn handle(&self, py: Python<'_>, event: Event) -> PyResult<Option<ScanReport>> {
+        self.with(py, |mapper| mapper.handle(event))?.map_err(|e| errors::refused(py, &e))
+    }
+
+    /// Does `work` with the mapper, in its pool and without the interpreter lock.
+    fn with<R: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut voxelastic::Mapper) -> R + Send) -> PyResult<R> {
+        self.check_process()?;
+        job::run_short(py, || with(&self.mapper, &self.pool, work))?
+    }
+
+    fn check_process(&self) -> PyResult<()> {
+        if std::process::id() == self.process {
+            return Ok(());
+        }
+        Err(PyRuntimeError::new_err(
+            "the mapper belongs to the process that this one was forked from; make one here, or start processes with \"spawn\"",
+        ))
+    }
+}
+
+impl Drop for Mapper {
+    fn drop(&mut self) {
+        // In a process that was forked, dropping the pool would wait for threads that are not there.
+        if std::process::id() != self.process {
+            std::mem::forget(Arc::clone(&self.pool));
+        }
+    }
+}
+
+/// Does `work` with the mapper in `pool`. The lock is the calling thread's: a thread of the pool that waits for a part of the work might begin another
+/// call, which would wait for the same lock.
+fn with<R: Send>(
+    mapper: &Mutex<Option<voxelastic::Mapper>>,
+    pool: &ThreadPool,
+    work: impl FnOnce(&mut voxelastic::Mapper) -> R + Send,
+) -> PyResult<R> {
+    let mut mapper = mapper.lock().map_err(|_| broken())?;
+    let mapper = mapper.as_mut().ok_or_else(is_finished)?;
+    Ok(pool.install(|| work(mapper)))
+}
+
+fn summary(report: &ScanReport) -> Report {
+    let assignment = match report.assignment {
+        Assignment::Revisit => "revisit",
+        Assignment::Overlap => "overlap",
+        Assignment::NewSubmap => "new",
+        _ => "continue",
+    };
+    (report.node, report.submap, assignment, report.counts.usable)
+}
+
+fn motion_through((times, poses): &MotionSamples<'_>) -> PyResult<Motion> {
+    let poses = poses.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
+    let motion = Motion::through(times.iter().copied().zip(poses));
+    motion.ok_or_else(|| PyValueError::new_err("motion: expected two poses or more, with ascending finite times"))
+}
+
+fn is_finished() -> PyErr {
+    PyRuntimeError::new_err("the mapper is finished: its map was handed over; make a new Mapper, or take `snapshot()` while mapping goes on")
+}
+
+fn broken() -> PyErr {
+    PyRuntimeError::new_err("the mapper cannot be used after an internal error; make a new one")
+}
