@@ -104,7 +104,7 @@ pub use graph::PoseGraph;
 pub use options::{OpenOptions, PoseKind};
 pub use poses::{PoseFormat, Trajectory};
 pub use read_ahead::IdleStep;
-pub use scan_list::Keyframing;
+pub use scan_list::{KeyframeFilter, Keyframing};
 pub use stamped_cloud::StampedCloud;
 
 /// Runs the examples of the book's page on the library as tests.

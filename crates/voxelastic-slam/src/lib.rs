@@ -3,10 +3,13 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`odometry`] | poses of scans from the scans alone |
+//! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
 
 mod error;
 pub mod graph;
 pub mod odometry;
+mod registration;
+pub mod slam;
 
 pub use error::SlamError;

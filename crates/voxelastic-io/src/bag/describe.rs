@@ -61,7 +61,7 @@ pub(super) fn describe_capture(path: &Path, options: &OpenOptions) -> Result<(Pa
 
 /// The error about a capture for which no poses were given.
 pub(super) fn capture_without_poses(path: &Path) -> Error {
-    let remedy = "name a trajectory with times in the sensor's clock (TUM, Newer College) with --poses";
+    let remedy = "name a trajectory with times in the sensor's clock (TUM, Newer College) with --poses, or let `voxelastic odometry` make one";
     Error::no_poses(path, "a capture has no poses", remedy)
 }
 

@@ -76,7 +76,7 @@ fn choose_poses(summary: &RecordingSummary, path: &Path, clouds: &str, requested
         }
     }
     moving.cloned().ok_or_else(|| {
-        let remedy = "name a trajectory with times (TUM, Newer College) with --poses, such as the one that your SLAM system wrote";
+        let remedy = "name a trajectory with times (TUM, Newer College) with --poses, such as the one that your SLAM system wrote or that `voxelastic odometry` makes";
         Error::no_poses(path, "no poses in it: no odometry, path, stamped poses or moving transforms", remedy)
     })
 }

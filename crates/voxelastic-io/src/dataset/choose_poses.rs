@@ -46,7 +46,7 @@ pub(super) fn poses(folder: &Folder, requested: Option<&Path>, kind: PoseKind) -
         ([], _, 0) => Err(Error::no_poses(
             &folder.path,
             "no poses",
-            "add a trajectory (TUM, KITTI rows, registered_poses.csv) or a g2o graph, or name one elsewhere with --poses",
+            "add a trajectory (TUM, KITTI rows, registered_poses.csv) or a g2o graph, name one elsewhere with --poses, or let `voxelastic odometry` make one",
         )),
         ([], _, 1) => Ok(folder.poses[0].clone().into()),
         ([one], [_], _) | ([one], [], 0) => Ok((*one).clone().into()),

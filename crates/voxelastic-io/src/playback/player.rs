@@ -157,7 +157,7 @@ impl Player {
             return;
         };
         let Some(entry) = self.entry(index, cloud.time, t_map_lidar) else { return };
-        if !self.keyframes.takes(&entry) {
+        if !self.keyframes.takes(&entry.t_map_lidar, entry.time) {
             return;
         }
         if !self.selection.takes(&mut self.selected) {

@@ -63,6 +63,11 @@ impl RawScans {
         &self.description
     }
 
+    /// Whether the scans come from a recording, and not from a folder of clouds.
+    pub fn is_recording(&self) -> bool {
+        matches!(self.input, Input::Recording(_))
+    }
+
     /// Number of scans, if it is known before they are read.
     pub fn count(&self) -> Option<usize> {
         match &self.input {

@@ -53,12 +53,12 @@ impl fmt::Display for Keyframing {
 /// The scans that are taken.
 pub(crate) fn select(scans: Vec<ScanEntry>, keyframing: Keyframing) -> Vec<ScanEntry> {
     let mut filter = KeyframeFilter::new(keyframing);
-    scans.into_iter().filter(|scan| filter.takes(scan)).collect()
+    scans.into_iter().filter(|scan| filter.takes(&scan.t_map_lidar, scan.time)).collect()
 }
 
 /// Selects keyframes from a sequence of scans.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct KeyframeFilter {
+pub struct KeyframeFilter {
     keyframing: Keyframing,
     /// Pose and time of the previous scan.
     previous: Option<(Pose, f64)>,
@@ -69,19 +69,20 @@ pub(crate) struct KeyframeFilter {
 }
 
 impl KeyframeFilter {
-    pub(crate) fn new(keyframing: Keyframing) -> Self {
+    /// A filter that has seen no scan.
+    pub fn new(keyframing: Keyframing) -> Self {
         Self { keyframing, previous: None, count: 0, since_taken: f64::INFINITY }
     }
 
-    /// Whether the next scan is taken.
-    pub(crate) fn takes(&mut self, scan: &ScanEntry) -> bool {
-        let (index, previous) = (self.count, self.previous.replace((scan.t_map_lidar, scan.time)));
+    /// Whether the next scan is taken, by its pose in the map frame and its time in seconds.
+    pub fn takes(&mut self, t_map_lidar: &Pose, time: f64) -> bool {
+        let (index, previous) = (self.count, self.previous.replace((*t_map_lidar, time)));
         self.count += 1;
         let (limit, step) = match self.keyframing {
             Keyframing::All => return true,
             Keyframing::Nth(n) => return index % n.max(1) == 0,
-            Keyframing::Metres(limit) => (limit, previous.map_or(0.0, |(pose, _)| pose.translation_distance(&scan.t_map_lidar))),
-            Keyframing::Seconds(limit) => (limit, previous.map_or(0.0, |(_, time)| scan.time - time)),
+            Keyframing::Metres(limit) => (limit, previous.map_or(0.0, |(pose, _)| pose.translation_distance(t_map_lidar))),
+            Keyframing::Seconds(limit) => (limit, previous.map_or(0.0, |(_, before)| time - before)),
         };
         self.since_taken += step;
         // Tolerance for rounding: without it, every other scan of an evenly spaced drive could be skipped.

@@ -8,7 +8,7 @@ mod scan_entry;
 
 pub(crate) use continuation::Continuation;
 pub(crate) use edges::ScanEdges;
-pub use keyframing::Keyframing;
-pub(crate) use keyframing::{KeyframeFilter, select};
+pub(crate) use keyframing::select;
+pub use keyframing::{KeyframeFilter, Keyframing};
 pub use scan_entry::ScanEntry;
 pub(crate) use scan_entry::read_scan;

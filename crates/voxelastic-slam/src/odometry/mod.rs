@@ -26,19 +26,12 @@
 //! assert!((report.t_map_lidar.translation.x - 0.2).abs() < 0.01);
 //! ```
 
-mod degeneracy;
 mod deskew;
-mod downsample;
-mod eigen;
 mod imu;
-mod local_map;
-mod normal_equations;
 mod prediction;
-mod registration;
 mod report;
 mod settings;
 mod tracker;
-mod voxel_index;
 
 pub use imu::ImuSample;
 pub use report::{Failure, OdometryReport, PhaseTimes, Status};

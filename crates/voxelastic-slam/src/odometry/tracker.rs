@@ -1,13 +1,11 @@
 //! The odometry: scans in, poses out.
 
 use super::deskew::deskew;
-use super::downsample::Downsampler;
 use super::imu::ImuSample;
-use super::local_map::{LocalMap, Surfel};
 use super::prediction::Predictor;
-use super::registration::{Registration, RegistrationSettings, mean_radius, register, search};
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
+use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, mean_radius, register, search};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
 use std::time::Instant;
 use voxelastic::Cloud;

@@ -1,0 +1,94 @@
+//! Raw scans in, the mapper's events out.
+
+use crate::odometry::{ImuSample, Odometry, OdometryReport, OdometrySettings, Status};
+use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::{Cloud, Pose};
+
+/// A scan without a pose.
+#[derive(Clone, Debug)]
+pub struct RawScan {
+    /// The node that it becomes.
+    pub node: NodeId,
+    /// Time stamp in seconds.
+    pub time: f64,
+    /// The points, in the lidar frame.
+    pub cloud: Cloud,
+}
+
+/// What became of a scan.
+#[derive(Debug)]
+pub struct Step {
+    /// The outcome of its registration.
+    pub report: OdometryReport,
+    /// What the mapper should be told, in this order; nothing if the scan is not taken.
+    pub events: Vec<Event>,
+}
+
+/// Turns raw scans into the events of a registered cloud list (paper Sec. IV): scans with their poses by odometry, and an odometry edge from
+/// the scan before.
+///
+/// ```
+/// use voxelastic::Cloud;
+/// use voxelastic::event::Event;
+/// use voxelastic_slam::odometry::OdometrySettings;
+/// use voxelastic_slam::slam::{RawScan, Slam};
+///
+/// // A room of 8 x 6 x 3 m, seen from `x` metres along it.
+/// let room = |x: f32| {
+///     let grid = (0..6000).map(|i| ((i % 100) as f32 / 100.0, (i / 100) as f32 / 60.0));
+///     Cloud::from_points(grid.flat_map(|(u, v)| {
+///         let (a, b, c) = (8.0 * u - 4.0 - x, 6.0 * v - 3.0, 3.0 * v - 1.0);
+///         [[a, b, -1.0], [a, b, 2.0], [a, -3.0, c], [a, 3.0, c], [-4.0 - x, 6.0 * u - 3.0, c], [4.0 - x, 6.0 * u - 3.0, c]]
+///     }).collect())
+/// };
+/// let mut slam = Slam::new(OdometrySettings::default());
+/// let mut events = Vec::new();
+/// for node in 0..3 {
+///     let scan = RawScan { node, time: 0.1 * node as f64, cloud: room(0.2 * node as f32) };
+///     events.extend(slam.register(scan, |_| true).events);
+/// }
+/// assert!(matches!(events[..], [Event::Scan(_), Event::Scan(_), Event::OdometryEdge(_), Event::Scan(_), Event::OdometryEdge(_)]));
+/// ```
+#[derive(Debug)]
+pub struct Slam {
+    odometry: Odometry,
+    last: Option<Taken>,
+}
+
+/// The last scan that was taken.
+#[derive(Clone, Copy, Debug)]
+struct Taken {
+    node: NodeId,
+    piece: usize,
+    t_map_lidar: Pose,
+}
+
+impl Slam {
+    /// One that has seen no scan.
+    pub fn new(settings: OdometrySettings) -> Self {
+        Self { odometry: Odometry::new(settings), last: None }
+    }
+
+    /// Adds a sample of an inertial measurement unit, as [`Odometry::add_imu`].
+    pub fn add_imu(&mut self, sample: ImuSample) {
+        self.odometry.add_imu(sample);
+    }
+
+    /// Registers a scan. If `takes` holds for its pose and it could be registered, it becomes a node.
+    pub fn register(&mut self, scan: RawScan, takes: impl FnOnce(&Pose) -> bool) -> Step {
+        let RawScan { node, time, mut cloud } = scan;
+        let report = self.odometry.register(&cloud, Some(time));
+        if matches!(report.status, Status::Failed(_)) || !takes(&report.t_map_lidar) {
+            return Step { report, events: Vec::new() };
+        }
+        let t_map_lidar = report.t_map_lidar;
+        cloud.motion = cloud.motion.or_else(|| report.motion.clone());
+        let mut events = vec![Event::Scan(Scan { node, time, t_map_lidar, cloud })];
+        let before = self.last.replace(Taken { node, piece: report.piece, t_map_lidar });
+        if let Some(before) = before.filter(|before| before.piece == report.piece) {
+            let t_from_to = before.t_map_lidar.inv_mul(&t_map_lidar);
+            events.push(Event::OdometryEdge(Edge { from: before.node, to: node, t_from_to, information: None }));
+        }
+        Step { report, events }
+    }
+}
