@@ -52,6 +52,17 @@ impl DataArgs {
         &self.data
     }
 
+    /// The flag about poses that was given, if one was.
+    pub fn names_poses(&self) -> Option<&'static str> {
+        let given = [
+            ("--poses", self.poses.is_some()),
+            ("--graph", self.graph.is_some()),
+            ("--pose-topic", self.pose_topic.is_some()),
+            ("--t-base-lidar", self.t_base_lidar.is_some()),
+        ];
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
+    }
+
     /// Options for reading the input; `strict` makes scans without a pose an error.
     pub fn options(&self, strict: bool) -> OpenOptions {
         OpenOptions {
@@ -91,7 +102,7 @@ impl HoldOut {
     }
 
     /// Whether scan `i` of the selected scans is held out.
-    fn holds_out(self, i: usize) -> bool {
+    pub fn holds_out(self, i: usize) -> bool {
         i % self.0 == self.0 - 1
     }
 

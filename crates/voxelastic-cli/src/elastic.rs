@@ -1,6 +1,7 @@
 //! Pose corrections in `voxelastic map`: optimisation after loop edges, rebuilding of submaps at the end.
 
 use crate::failure::one_line;
+use crate::input::Input;
 use crate::interrupt;
 use crate::mapping::Session;
 use crate::progress::Progress;
@@ -8,7 +9,6 @@ use clap::Args;
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic_io::PoseKind;
-use voxelastic_io::source::Source;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
 
 /// Arguments for pose corrections.
@@ -39,7 +39,7 @@ impl ElasticArgs {
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns
     /// the number of rebuilt submaps; a submap that cannot be rebuilt is left unchanged.
-    pub fn finish(self, source: &Source, session: &mut Session, quiet: bool) -> usize {
+    pub fn finish(self, input: &Input, session: &mut Session, quiet: bool) -> usize {
         session.finish_fusions();
         log_summary(session);
         let deformed = session.mapper().deformed();
@@ -53,7 +53,7 @@ impl ElasticArgs {
             (false, true) => deformed.iter().map(|d| d.submap).collect(),
             (false, false) => Vec::new(),
         };
-        let mut clouds = source.clouds();
+        let mut clouds = input.clouds();
         let mut progress = Progress::new("submaps rebuilt", submaps.len() as u64, quiet);
         let mut rebuilt = 0;
         for id in submaps {

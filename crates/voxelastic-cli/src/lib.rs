@@ -1,4 +1,4 @@
-//! The command `voxelastic`: LiDAR scans and poses in, an elastic map and meshes out.
+//! The command `voxelastic`: LiDAR scans in, with or without poses, an elastic map and meshes out.
 //!
 //! [`run`] is all of it. The binary calls it, and so does the `voxelastic` of the Python package, within the interpreter's process.
 //!
@@ -14,18 +14,23 @@ mod config;
 mod data;
 mod elastic;
 mod failure;
+mod input;
 mod interrupt;
 mod map_files;
 mod mapping;
 mod meshing;
+mod odometry_log;
 mod output;
 mod progress;
+mod raw_data;
 mod recorder;
 mod reporting;
 mod usage;
 
 use clap::{Args, Parser, Subcommand};
-use commands::{bench, config as config_command, demo, eval, export, heldout, info, map, mesh, optimize, plan, render, report, simulate, slice};
+use commands::{
+    bench, config as config_command, demo, eval, export, heldout, info, map, mesh, odometry, optimize, plan, render, report, simulate, slice,
+};
 use std::ffi::OsString;
 use std::path::Path;
 use tracing_subscriber::filter::Targets;
@@ -74,6 +79,7 @@ enum Command {
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
     Bench(bench::BenchArgs),
+    Odometry(odometry::OdometryArgs),
     Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
 }
@@ -137,6 +143,7 @@ impl Command {
             Self::Eval(args) => eval::run(args),
             Self::Simulate(args) => simulate::run(args, quiet),
             Self::Bench(args) => bench::run(args, program),
+            Self::Odometry(args) => odometry::run(args, quiet),
             Self::Optimize(args) => optimize::run(args),
             Self::Config(args) => config_command::run(args),
         }

@@ -7,8 +7,10 @@ use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
 use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure, one_line};
+use crate::input::Input;
 use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
+use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
 use crate::reporting::{self, Subject};
 use crate::{interrupt, meshing, output, usage};
@@ -21,16 +23,15 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use target::{OnFullDisk, Target};
 use voxelastic::event::Event;
-use voxelastic::mapper::{IdleTask, Mapper};
-use voxelastic_io::source::Source;
+use voxelastic::mapper::Mapper;
 use voxelastic_io::store::{MapDetails, SaveReport};
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 
-/// Map a folder of scans and poses, or a recording
+/// Map a folder of scans, or a recording, with or without poses
 ///
 /// Scans (PCD, PLY, KITTI .bin) are searched in scans/, Scans/, velodyne/, clouds/ and the folder itself; pose files are found by name and
 /// content (TUM, KITTI 3x4 rows, Newer College CSV, g2o). In recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the topics of clouds and poses are
-/// found by their types. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
+/// found by their types. Without poses, they are estimated from the scans. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
 /// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced,
 /// but not by one of fewer scans: that is saved beside it.
 #[derive(Debug, Args)]
@@ -38,6 +39,7 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
   voxelastic map hall                                   writes hall.vox here
   voxelastic map hall -o maps/hall.vox --voxel-size 0.05
   voxelastic map kitti00 --poses groundtruth            if there are several pose files
+  voxelastic map drive.bag                              with the poses in it; without any, by odometry
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
   voxelastic map hall --report                          also writes hall.html, for a browser
@@ -48,6 +50,9 @@ pub struct MapArgs {
     /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
     #[arg(short, long, value_name = "MAP.vox")]
     output: Option<PathBuf>,
+    /// Estimate the poses from the scans, even if the data have some
+    #[arg(long)]
+    slam: bool,
     /// Leave out every Nth scan, for `voxelastic heldout`
     #[arg(long, value_name = "N", value_parser = HoldOut::parse)]
     hold_out: Option<HoldOut>,
@@ -104,6 +109,8 @@ struct Summary {
     corrections: Vec<Correction>,
     /// Submaps rebuilt from their scans at the end.
     submaps_rebuilt: usize,
+    /// Figures of the odometry; `null` where the data have poses.
+    odometry: Option<OdometrySummary>,
     /// Fields of the map: `tsdf`, `occupancy`, `both`.
     field: &'static str,
     /// Edge of the finest voxel, metres.
@@ -138,6 +145,7 @@ struct Tally {
     rebuilt: usize,
     interrupted: bool,
     mapping_s: f64,
+    odometry: Option<OdometrySummary>,
 }
 
 /// Runs the command.
@@ -148,7 +156,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let selection = Selection::open(args)?;
     let pool = meshing::pool(settings.threads)?;
     let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
-    if let Some(model) = selection.source.sensor() {
+    if let Some(model) = selection.input.sensor() {
         mapper.set_sensor_model(model);
     }
     let mut target = Target::create(&output, args.overwrite, args.on_full_disk)?;
@@ -164,13 +172,16 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
-    tally.rebuilt = args.elastic.finish(&selection.source, &mut session, quiet);
+    tally.rebuilt = args.elastic.finish(&selection.input, &mut session, quiet);
     let details = MapDetails::describe(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let output = target.path().to_owned();
     let summary = summarise(&session, &tally, saved, &output, clock);
     let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
     target.log(&log);
+    if let Some(odometry) = &summary.odometry {
+        odometry.log(summary.threads);
+    }
     log_summary(&summary);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
@@ -192,29 +203,29 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
 
 /// The scans to map, and the number of those held out.
 struct Selection {
-    source: Source,
+    input: Input,
     held_out: Arc<AtomicUsize>,
 }
 
 impl Selection {
     /// Opens the data, logs its description, and applies the limits on scans.
     fn open(args: &MapArgs) -> anyhow::Result<Self> {
-        let mut source = args.data.open_with(args.strict, args.elastic.pose_kind())?;
-        source.description().lines().for_each(|line| tracing::info!("{line}"));
+        let mut input = Input::open(&args.data, args.strict, args.slam, args.elastic.pose_kind())?;
+        input.description().lines().for_each(|line| tracing::info!("{line}"));
         if let Some(most) = args.max_scans {
-            source.limit(most);
+            input.limit(most);
         }
-        let held_out = args.hold_out.map(|hold_out| hold_out.remove_held_out(&mut source)).unwrap_or_default();
-        Ok(Self { source, held_out })
+        let held_out = args.hold_out.map(|hold_out| input.remove_held_out(hold_out)).unwrap_or_default();
+        Ok(Self { input, held_out })
     }
 }
 
 /// Passes all events to the mapper, until they end or the user interrupts.
 fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
     let clock = Instant::now();
-    let Selection { source, held_out } = selection;
+    let Selection { input, held_out } = selection;
     let mut tally = Tally::default();
-    let mut progress = Progress::new("scans", source.scans().map(|n| n as u64), quiet);
+    let mut progress = Progress::new("scans", input.scans().map(|n| n as u64), quiet);
     let mut skip = |problem: anyhow::Error| -> anyhow::Result<()> {
         if args.strict {
             return Err(problem.context("a scan cannot be used (--strict); no map was written"));
@@ -224,12 +235,12 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         Ok(())
     };
     let mut corrector = args.elastic.corrector();
-    let mut events = source.events();
-    session.set_idle_task(|| IdleTask::new(events.idle_step()));
-    for event in events {
+    let mut events = input.events(session.threads())?;
+    session.set_idle_task(|| events.idle_task());
+    for event in events.by_ref() {
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
-        match event.map_err(anyhow::Error::from).and_then(|event| corrector.take(event, session)) {
+        match event.and_then(|event| corrector.take(event, session)) {
             Ok(events) => events.into_iter().try_for_each(|event| session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())))?,
             Err(problem) => skip(problem)?,
         }
@@ -238,7 +249,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         }
         if is_scan {
             progress.step(|| {
-                let read = source.progress().map_or_else(String::new, |part| format!("{:.0} % read, ", part * 100.0));
+                let read = input.progress().map_or_else(String::new, |part| format!("{:.0} % read, ", part * 100.0));
                 format!("{read}{} submaps", session.mapper().atlas().submaps().len())
             });
         }
@@ -248,7 +259,8 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         }
     }
     tally.mapping_s = clock.elapsed().as_secs_f64();
-    tally.skipped += source.without_pose();
+    tally.skipped += input.without_pose();
+    tally.odometry = events.odometry();
     tally.held_out = held_out.load(Ordering::Relaxed);
     let last = corrector.last(session).and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
     if let Err(problem) = last {
@@ -274,6 +286,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         loops: log.loops,
         corrections: log.corrections,
         submaps_rebuilt: tally.rebuilt,
+        odometry: tally.odometry.clone(),
         field: settings.field.name(),
         voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,

@@ -9,6 +9,7 @@ pub mod heldout;
 pub mod info;
 pub mod map;
 pub mod mesh;
+pub mod odometry;
 pub mod optimize;
 pub mod plan;
 pub mod render;

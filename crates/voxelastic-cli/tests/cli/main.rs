@@ -14,6 +14,7 @@ mod reliability;
 mod report;
 mod room;
 mod simulation;
+mod slam;
 
 use std::path::Path;
 use std::process::{Command, Output};

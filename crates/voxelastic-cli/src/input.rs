@@ -1,0 +1,157 @@
+//! The input of `voxelastic map`: scans with poses, or raw scans whose poses are estimated.
+
+mod raw_input;
+
+use crate::data::{DataArgs, HoldOut};
+use crate::failure::Failure;
+use crate::odometry_log::OdometrySummary;
+use raw_input::RawEvents;
+pub use raw_input::RawInput;
+use std::sync::Arc;
+use std::sync::atomic::AtomicUsize;
+use voxelastic::event::Event;
+use voxelastic::mapper::{IdleTask, ScanSource};
+use voxelastic::sensor::BeamModel;
+use voxelastic_io::source::{Events, Source};
+use voxelastic_io::{Error, PoseKind};
+
+/// Scans with poses, or raw ones.
+pub enum Input {
+    /// With the poses of a SLAM system.
+    Registered(Box<Source>),
+    /// Without: odometry gives the poses.
+    Raw(Box<RawInput>),
+}
+
+impl Input {
+    /// Opens the data: with its poses, or raw if it has none or `slam` asks for that.
+    pub fn open(data: &DataArgs, strict: bool, slam: bool, pose_kind: PoseKind) -> anyhow::Result<Self> {
+        let named = data.names_poses();
+        if slam && let Some(flag) = named {
+            return Err(Failure::usage(format!("--slam estimates the poses, so {flag} has no meaning with it"), "do without one of the two").into());
+        }
+        if slam {
+            return Ok(Self::Raw(Box::new(RawInput::open(data)?)));
+        }
+        match data.open_with(strict, pose_kind) {
+            Ok(source) => Ok(Self::Registered(Box::new(source))),
+            Err(Error::NoPoses { .. }) if named.is_none() => {
+                tracing::info!("no poses in {}: they are estimated from the scans", data.path().display());
+                Ok(Self::Raw(Box::new(RawInput::open(data)?)))
+            }
+            Err(problem) => Err(problem.into()),
+        }
+    }
+
+    /// What was found, in a few lines.
+    pub fn description(&self) -> String {
+        match self {
+            Self::Registered(source) => source.description(),
+            Self::Raw(raw) => raw.description(),
+        }
+    }
+
+    /// Number of scans, if it is known before they are read.
+    pub fn scans(&self) -> Option<usize> {
+        match self {
+            Self::Registered(source) => source.scans(),
+            Self::Raw(raw) => raw.scans(),
+        }
+    }
+
+    /// How much of a recording has been played, 0 to 1, if known.
+    pub fn progress(&self) -> Option<f64> {
+        match self {
+            Self::Registered(source) => source.progress(),
+            Self::Raw(_) => None,
+        }
+    }
+
+    /// The sensor's own tables of beams, if the data contain them.
+    pub fn sensor(&self) -> Option<BeamModel> {
+        match self {
+            Self::Registered(source) => source.sensor(),
+            Self::Raw(raw) => raw.sensor(),
+        }
+    }
+
+    /// Clouds without a pose, as far as known.
+    pub fn without_pose(&self) -> usize {
+        match self {
+            Self::Registered(source) => source.without_pose(),
+            Self::Raw(_) => 0,
+        }
+    }
+
+    /// Takes no more than the first `most` scans.
+    pub fn limit(&mut self, most: usize) {
+        match self {
+            Self::Registered(source) => source.limit(most),
+            Self::Raw(raw) => raw.limit(most),
+        }
+    }
+
+    /// Leaves out the held-out scans; the returned counter grows with each of them.
+    pub fn remove_held_out(&mut self, hold_out: HoldOut) -> Arc<AtomicUsize> {
+        match self {
+            Self::Registered(source) => hold_out.remove_held_out(source),
+            Self::Raw(raw) => raw.remove_held_out(hold_out),
+        }
+    }
+
+    /// The registered cloud list. `threads` is the number of threads of the odometry, 0 for all cores.
+    ///
+    /// # Errors
+    /// When the threads cannot be started.
+    pub fn events(&self, threads: usize) -> anyhow::Result<InputEvents> {
+        Ok(match self {
+            Self::Registered(source) => InputEvents::Registered(Box::new(source.events())),
+            Self::Raw(raw) => InputEvents::Raw(Box::new(raw.events(threads)?)),
+        })
+    }
+
+    /// Reads clouds again that [`events`](Self::events) delivered.
+    pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
+        match self {
+            Self::Registered(source) => source.clouds(),
+            Self::Raw(raw) => raw.clouds(),
+        }
+    }
+}
+
+/// Iterator over the events of an [`Input`].
+pub enum InputEvents {
+    /// Of scans with poses.
+    Registered(Box<Events>),
+    /// Of raw scans.
+    Raw(Box<RawEvents>),
+}
+
+impl InputEvents {
+    /// Work for threads that would be idle: reading one scan ahead.
+    pub fn idle_task(&mut self) -> IdleTask {
+        match self {
+            Self::Registered(events) => IdleTask::new(events.idle_step()),
+            Self::Raw(events) => IdleTask::new(events.idle_step()),
+        }
+    }
+
+    /// Figures of the odometry so far, if there is one.
+    pub fn odometry(&self) -> Option<OdometrySummary> {
+        match self {
+            Self::Registered(_) => None,
+            Self::Raw(events) => Some(events.summary()),
+        }
+    }
+}
+
+impl Iterator for InputEvents {
+    type Item = anyhow::Result<Event>;
+
+    fn next(&mut self) -> Option<anyhow::Result<Event>> {
+        match self {
+            Self::Registered(events) => events.next().map(|event| event.map_err(anyhow::Error::from)),
+            Self::Raw(events) => events.next(),
+        }
+    }
+}

@@ -1,0 +1,133 @@
+//! What the odometry did, scan by scan, and the figures that follow.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use voxelastic::Pose;
+use voxelastic::geometry::PoseExt;
+use voxelastic_eval::SeriesStats;
+use voxelastic_slam::odometry::{Failure, OdometryReport, Status};
+
+/// Outcomes of all registrations.
+#[derive(Debug, Default)]
+pub struct OdometryLog {
+    scans: usize,
+    failed: BTreeMap<&'static str, usize>,
+    degenerate: usize,
+    pieces: usize,
+    path_m: f64,
+    /// Pose and piece of the last scan that was registered.
+    last: Option<(Pose, usize)>,
+    cpu_ms: Vec<f64>,
+    prepare_ms: Vec<f64>,
+    register_ms: Vec<f64>,
+    update_ms: Vec<f64>,
+    overlap: Vec<f64>,
+    spread_m: Vec<f64>,
+    iterations: Vec<f64>,
+}
+
+/// Figures of the odometry, as JSON has them.
+#[derive(Clone, Debug, Serialize)]
+pub struct OdometrySummary {
+    /// Scans that were to be registered.
+    pub registered_of: usize,
+    /// Scans whose pose is a prediction only, by reason.
+    pub failed: BTreeMap<&'static str, usize>,
+    /// Scans whose surfaces did not hold the pose along some directions.
+    pub degenerate: usize,
+    /// Pieces of the trajectory; no odometry leads from one to the next.
+    pub pieces: usize,
+    /// Length of the trajectory, metres.
+    pub path_m: f64,
+    /// Processor time of a scan, without reading and decoding, milliseconds; `null` where the system does not report it.
+    pub cpu_ms: SeriesStats,
+    /// Wall time of a scan by phase (`prepare`, `register`, `update`), milliseconds.
+    pub phases_ms: BTreeMap<&'static str, SeriesStats>,
+    /// Share of a scan's surfaces that have a counterpart in the local map.
+    pub overlap: SeriesStats,
+    /// Robust mean distance to the surfaces of the local map, metres.
+    pub spread_m: SeriesStats,
+    /// Iterations of a registration.
+    pub iterations: SeriesStats,
+}
+
+impl OdometryLog {
+    /// Adds the outcome for a scan; `cpu` is its processor time, where it is known. Returns what is to be said about it, if it was not
+    /// registered as usual.
+    pub fn add(&mut self, report: &OdometryReport, cpu: Option<Duration>) -> Option<String> {
+        self.scans += 1;
+        self.pieces = report.piece + 1;
+        self.cpu_ms.extend(cpu.map(milliseconds));
+        let pose = report.t_map_lidar;
+        match report.status {
+            Status::Failed(failure) => {
+                *self.failed.entry(words(failure)).or_default() += 1;
+                return Some(format!("not registered: {}", words(failure)));
+            }
+            Status::First => self.last = Some((pose, report.piece)),
+            _ => {
+                if let Some((last, _)) = self.last.replace((pose, report.piece)).filter(|(_, piece)| *piece == report.piece) {
+                    self.path_m += last.translation_distance(&pose);
+                }
+                self.degenerate += usize::from(matches!(report.status, Status::Degenerate { .. }));
+                self.prepare_ms.push(milliseconds(report.times.prepare));
+                self.register_ms.push(milliseconds(report.times.register));
+                self.update_ms.push(milliseconds(report.times.update));
+                self.overlap.push(report.overlap);
+                self.spread_m.push(report.spread);
+                self.iterations.push(report.iterations as f64);
+            }
+        }
+        let begins = report.status == Status::First && report.piece > 0;
+        begins.then(|| format!("no scan fitted for a while: piece {} of the trajectory begins", self.pieces))
+    }
+
+    /// Scans that were registered.
+    pub fn registered(&self) -> usize {
+        self.scans - self.failed.values().sum::<usize>()
+    }
+
+    /// The figures so far.
+    pub fn summary(&self) -> OdometrySummary {
+        let phases = [("prepare", &self.prepare_ms), ("register", &self.register_ms), ("update", &self.update_ms)];
+        OdometrySummary {
+            registered_of: self.scans,
+            failed: self.failed.clone(),
+            degenerate: self.degenerate,
+            pieces: self.pieces,
+            path_m: self.path_m,
+            cpu_ms: SeriesStats::new(&self.cpu_ms),
+            phases_ms: phases.into_iter().map(|(name, times)| (name, SeriesStats::new(times))).collect(),
+            overlap: SeriesStats::new(&self.overlap),
+            spread_m: SeriesStats::new(&self.spread_m),
+            iterations: SeriesStats::new(&self.iterations),
+        }
+    }
+}
+
+impl OdometrySummary {
+    /// Logs the figures in two lines; `threads` is the size of the pool.
+    pub fn log(&self, threads: usize) {
+        let failed: usize = self.failed.values().sum();
+        let failures = if failed > 0 { format!(", {failed} scans not registered") } else { String::new() };
+        let pieces = if self.pieces > 1 { format!(", in {} pieces", self.pieces) } else { String::new() };
+        tracing::info!("odometry: {} scans, {:.1} m{pieces}{failures}", self.registered_of, self.path_m);
+        if let (Some(median), Some(p95)) = (self.cpu_ms.median, self.cpu_ms.p95) {
+            tracing::info!("odometry: median {median:.1} ms, 95 % within {p95:.1} ms of processor time a scan, {threads} threads");
+        }
+    }
+}
+
+fn words(failure: Failure) -> &'static str {
+    match failure {
+        Failure::TooFewReturns => "too few returns",
+        Failure::TooLittleOverlap => "it fits nowhere near the last pose",
+        Failure::TimeNotAscending => "its time is not after that of the scan before",
+        _ => "unknown",
+    }
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}

@@ -1,0 +1,37 @@
+//! The input of odometry: scans without poses, from a folder or a recording.
+
+use clap::Args;
+use std::path::{Path, PathBuf};
+use voxelastic_io::OpenOptions;
+use voxelastic_io::raw::{self, RawScans};
+
+/// Arguments that select and describe scans without poses.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Input")]
+pub struct RawDataArgs {
+    /// Folder with scans, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, an Ouster .pcap. Poses in it are not used
+    #[arg(value_name = "DATA", help_heading = None)]
+    data: PathBuf,
+    /// The topic of the clouds in a recording, if there are several
+    #[arg(long, value_name = "TOPIC")]
+    cloud_topic: Option<String>,
+    /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
+    #[arg(long, value_name = "FILE.json", hide_short_help = true)]
+    metadata: Option<PathBuf>,
+    /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
+    #[arg(long)]
+    pub no_deskew: bool,
+}
+
+impl RawDataArgs {
+    /// The folder or file.
+    pub fn path(&self) -> &Path {
+        &self.data
+    }
+
+    /// Opens the folder or recording.
+    pub fn open(&self) -> voxelastic_io::Result<RawScans> {
+        let options = OpenOptions { cloud_topic: self.cloud_topic.clone(), metadata: self.metadata.clone(), ..OpenOptions::default() };
+        raw::open(&self.data, &options)
+    }
+}

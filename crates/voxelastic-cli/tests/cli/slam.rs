@@ -1,0 +1,99 @@
+//! Scans without poses: `odometry`, and `map` on such data.
+
+use crate::{fails, json, room, run, works};
+use std::fs;
+use std::path::Path;
+use voxelastic::Cloud;
+use voxelastic_io::{g2o, pcd, poses};
+
+/// A room without poses; the true ones are beside it.
+fn write(dir: &Path, count: usize) {
+    room::write(&dir.join("room"), count);
+    fs::rename(dir.join("room/poses.tum"), dir.join("true.tum")).unwrap();
+}
+
+#[test]
+fn odometry_finds_the_poses_and_writes_them_in_three_formats() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), 20);
+    let done = json(dir.path(), "odometry room -o p.tum --truth true.tum --json -q");
+    assert_eq!((done["registered_of"].as_u64(), done["pieces"].as_u64(), &done["failed"]), (Some(20), Some(1), &serde_json::json!({})), "{done}");
+    let (error, path) = (done["errors"]["ate"]["translation_m"]["max"].as_f64().unwrap(), done["path_m"].as_f64().unwrap());
+    assert!(path > 5.0 && error < 0.01 * path, "{error} m after {path} m");
+    works(dir.path(), "odometry room -o p.txt --threads 1");
+    works(dir.path(), "odometry room -o p.g2o --threads 2");
+    let tum = poses::read(dir.path().join("p.tum")).unwrap();
+    assert!(tum.times.unwrap().iter().zip(0..).all(|(time, k)| (time - 0.1 * f64::from(k)).abs() < 1e-9), "0.1 s is assumed");
+    assert_eq!(poses::read(dir.path().join("p.txt")).unwrap().len(), 20);
+    let graph = g2o::read(dir.path().join("p.g2o")).unwrap();
+    assert_eq!((graph.nodes.len(), graph.edges.len()), (20, 19));
+    assert!(graph.nodes.iter().map(|n| n.1).eq(tum.poses), "the same bits with any number of threads");
+    assert!(graph.edges.iter().all(|e| e.information.is_some_and(|i| i[0] > 1e3)), "edges have the information of their registration");
+}
+
+#[test]
+fn data_without_poses_are_mapped_by_odometry() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), 20);
+    let finished = run(dir.path(), "map room --voxel-size 0.05 --hold-out 10 --json");
+    assert_eq!(finished.code, Some(0), "{}", finished.err);
+    assert!(finished.err.contains("no poses in room: they are estimated"), "{}", finished.err);
+    let done: serde_json::Value = serde_json::from_str(&finished.out).unwrap();
+    assert_eq!((done["scans"].as_u64(), done["scans_held_out"].as_u64(), done["odometry"]["pieces"].as_u64()), (Some(18), Some(2), Some(1)));
+    // The scans that were held out lie on the map, at the poses of the same odometry.
+    works(dir.path(), "odometry room -o p.tum -q");
+    let held_out = json(dir.path(), "heldout room.vox room --poses ../p.tum --hold-out 10 --json");
+    assert_eq!(held_out["nodes"], serde_json::json!([9, 19]));
+    let median = held_out["distances"]["median"].as_f64().unwrap();
+    assert!(median < 0.01, "{median} m, a fifth of a voxel");
+    // With poses in the data they are used, unless --slam asks for odometry.
+    fs::copy(dir.path().join("true.tum"), dir.path().join("room/poses.tum")).unwrap();
+    assert!(json(dir.path(), "map room -o given.vox --max-scans 3 --json")["odometry"].is_null());
+    assert_eq!(json(dir.path(), "map room -o own.vox --max-scans 3 --slam --json")["odometry"]["registered_of"], 3);
+    fails(dir.path(), "map room --slam --poses true.tum", 2, &["--slam", "--poses"]);
+}
+
+#[test]
+fn scans_that_fit_nowhere_are_said_and_begin_a_new_piece() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), 12);
+    let file = |k: usize| dir.path().join(format!("room/scans/{k:06}.pcd"));
+    // A covered sensor, a damaged file, and a sensor that is somewhere else from then on.
+    let covered = room::scan(&room::pose(4)).points.into_iter().step_by(97).collect();
+    pcd::write(file(4), &Cloud::from_points(covered)).unwrap();
+    fs::write(file(6), "VERSION 0.7").unwrap();
+    for k in 9..15 {
+        pcd::write(file(k), &elsewhere(k as f32)).unwrap();
+    }
+    let finished = run(dir.path(), "odometry room --json");
+    assert_eq!(finished.code, Some(0), "{}", finished.err);
+    for words in ["scan 000004: not registered: too few returns", "000006.pcd", "piece 2 of the trajectory begins"] {
+        assert!(finished.err.contains(words), "no `{words}` in\n{}", finished.err);
+    }
+    let done: serde_json::Value = serde_json::from_str(&finished.out).unwrap();
+    assert_eq!(
+        (done["pieces"].as_u64(), done["unreadable"].as_u64(), done["failed"]["too few returns"].as_u64()),
+        (Some(2), Some(1), Some(1)),
+        "{done}"
+    );
+    let mapped = json(dir.path(), "map room --voxel-size 0.1 --json -q");
+    let failed: u64 = done["failed"].as_object().unwrap().values().map(|n| n.as_u64().unwrap()).sum();
+    assert_eq!(mapped["scans_skipped"].as_u64(), Some(failed + 1), "{mapped}");
+    assert_eq!(mapped["scans"].as_u64(), Some(15 - failed - 1));
+    fails(dir.path(), "odometry room -o p.csv", 2, &[".tum", ".g2o"]);
+    fails(dir.path(), "odometry nowhere", 1, &["nowhere"]);
+}
+
+/// A scan of a long low hall full of pillars, seen from `step` along it.
+fn elsewhere(step: f32) -> Cloud {
+    let mut points = Vec::new();
+    for i in 0..3000 {
+        let (u, v) = ((i % 100) as f32 / 100.0, (i / 100) as f32 / 30.0);
+        points.push([40.0 * u - 20.0 - 0.2 * step, 16.0 * v - 8.0, -0.6]);
+        points.push([40.0 * u - 20.0 - 0.2 * step, 8.0, 5.0 * v - 0.6]);
+        points.push([20.0 - 0.2 * step, 16.0 * u - 8.0, 5.0 * v - 0.6]);
+        let (pillar, turn) = ((i % 10) as f32, std::f32::consts::TAU * u);
+        points.push([3.3 * pillar - 15.0 - 0.2 * step + 0.4 * turn.cos(), 4.0 * (pillar * 1.7).sin() + 0.4 * turn.sin(), 5.0 * v - 0.6]);
+    }
+    Cloud::from_points(points)
+}
