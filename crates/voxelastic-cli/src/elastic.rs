@@ -1,5 +1,6 @@
 //! Pose corrections in `voxelastic map`: optimisation after loop edges, rebuilding of submaps at the end.
 
+use crate::closure_summary::ClosureSummary;
 use crate::failure::one_line;
 use crate::input::Input;
 use crate::interrupt;
@@ -10,6 +11,7 @@ use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic_io::PoseKind;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
+use voxelastic_slam::loops::{LoopFinder, LoopSettings};
 
 /// Arguments for pose corrections.
 #[derive(Clone, Copy, Debug, Args)]
@@ -18,6 +20,12 @@ pub struct ElasticArgs {
     /// Optimise the pose graph after loop edges and correct the map: for data whose poses are odometry
     #[arg(long)]
     optimize: bool,
+    /// Find loop closures from the scans, and optimise after them; scans without poses have that by themselves
+    #[arg(long, overrides_with = "no_loops")]
+    loops: bool,
+    /// Do not look for loop closures in scans without poses
+    #[arg(long)]
+    no_loops: bool,
     /// At the end, rebuild all submaps from their scans with the final poses
     #[arg(long, conflicts_with = "rebuild_deformed")]
     rebuild: bool,
@@ -29,12 +37,17 @@ pub struct ElasticArgs {
 impl ElasticArgs {
     /// The poses to start from where the data have both: the optimiser needs odometry.
     pub fn pose_kind(self) -> PoseKind {
-        if self.optimize { PoseKind::Odometry } else { PoseKind::Optimised }
+        if self.optimize || self.loops { PoseKind::Odometry } else { PoseKind::Optimised }
     }
 
-    /// The stage between the source and the mapper.
-    pub fn corrector(self) -> Corrector {
-        Corrector { optimiser: self.optimize.then(|| LiveOptimiser::new(Options::default())) }
+    /// The stage between the source and the mapper; `is_raw` if the poses are estimated.
+    pub fn corrector(self, is_raw: bool) -> Corrector {
+        let finds_loops = self.loops || is_raw && !self.no_loops;
+        let optimiser = (self.optimize || finds_loops).then(|| LiveOptimiser::new(Options::default()));
+        Corrector {
+            finder: finds_loops.then(|| LoopFinder::new(LoopSettings::default())),
+            optimiser: if is_raw { optimiser.map(LiveOptimiser::with_pieces) } else { optimiser },
+        }
     }
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns
@@ -71,8 +84,9 @@ impl ElasticArgs {
     }
 }
 
-/// Inserts pose updates into the events of the source, by the pose-graph optimiser if it is enabled.
+/// Inserts loop edges and pose updates into the events of the source, if these are enabled.
 pub struct Corrector {
+    finder: Option<LoopFinder>,
     optimiser: Option<LiveOptimiser>,
 }
 
@@ -82,21 +96,37 @@ impl Corrector {
     /// # Errors
     /// When the pose graph cannot be optimised.
     pub fn take(&mut self, event: Event, session: &mut Session) -> anyhow::Result<Vec<Event>> {
-        if let Some(optimiser) = &mut self.optimiser {
-            return Ok(timed(optimiser, session, |o| o.handle(event))?);
-        }
-        Ok(vec![event])
+        let found = self.finder.as_mut().map_or_else(Vec::new, |finder| session.pool().install(|| finder.take(&event)));
+        let mut out = self.optimised(found.into_iter().map(Event::LoopEdge), session)?;
+        out.extend(self.optimised([event], session)?);
+        Ok(out)
     }
 
-    /// The last correction, after the last event.
+    /// The last loop edges and the last correction, after the last event.
     ///
     /// # Errors
     /// When the pose graph cannot be optimised.
-    pub fn last(&mut self, session: &mut Session) -> anyhow::Result<Option<Event>> {
+    pub fn last(&mut self, session: &mut Session) -> anyhow::Result<Vec<Event>> {
+        let found = self.finder.as_mut().map_or_else(Vec::new, |finder| session.pool().install(|| finder.finish()));
+        let mut out = self.optimised(found.into_iter().map(Event::LoopEdge), session)?;
         if let Some(optimiser) = &mut self.optimiser {
-            return Ok(timed(optimiser, session, LiveOptimiser::finish)?);
+            out.extend(timed(optimiser, session, LiveOptimiser::finish)?);
         }
-        Ok(None)
+        Ok(out)
+    }
+
+    /// Closures that were tried, if they were looked for.
+    pub fn closures(&self) -> Option<ClosureSummary> {
+        self.finder.as_ref().map(|finder| ClosureSummary::of(finder.closures()))
+    }
+
+    fn optimised(&mut self, events: impl IntoIterator<Item = Event>, session: &mut Session) -> anyhow::Result<Vec<Event>> {
+        let Some(optimiser) = &mut self.optimiser else { return Ok(events.into_iter().collect()) };
+        let mut out = Vec::new();
+        for event in events {
+            out.extend(timed(optimiser, session, |o| o.handle(event))?);
+        }
+        Ok(out)
     }
 }
 

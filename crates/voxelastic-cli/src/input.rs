@@ -43,6 +43,11 @@ impl Input {
         }
     }
 
+    /// Whether the poses are estimated.
+    pub fn is_raw(&self) -> bool {
+        matches!(self, Self::Raw(_))
+    }
+
     /// What was found, in a few lines.
     pub fn description(&self) -> String {
         match self {

@@ -3,11 +3,14 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`odometry`] | poses of scans from the scans alone |
+//! | [`loops`] | places that were seen before, found again from the scans alone |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
 
+mod deskew;
 mod error;
 pub mod graph;
+pub mod loops;
 pub mod odometry;
 mod registration;
 pub mod slam;

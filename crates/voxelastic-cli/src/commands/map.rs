@@ -2,6 +2,7 @@
 
 mod target;
 
+use crate::closure_summary::ClosureSummary;
 use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
@@ -111,6 +112,8 @@ struct Summary {
     submaps_rebuilt: usize,
     /// Figures of the odometry; `null` where the data have poses.
     odometry: Option<OdometrySummary>,
+    /// Loop closures that were tried; `null` where none were looked for.
+    closures: Option<ClosureSummary>,
     /// Fields of the map: `tsdf`, `occupancy`, `both`.
     field: &'static str,
     /// Edge of the finest voxel, metres.
@@ -146,6 +149,7 @@ struct Tally {
     interrupted: bool,
     mapping_s: f64,
     odometry: Option<OdometrySummary>,
+    closures: Option<ClosureSummary>,
 }
 
 /// Runs the command.
@@ -181,6 +185,9 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     target.log(&log);
     if let Some(odometry) = &summary.odometry {
         odometry.log(summary.threads);
+    }
+    if let Some(closures) = &summary.closures {
+        closures.log();
     }
     log_summary(&summary);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
@@ -234,7 +241,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         tally.skipped += 1;
         Ok(())
     };
-    let mut corrector = args.elastic.corrector();
+    let mut corrector = args.elastic.corrector(input.is_raw());
     let mut events = input.events(session.threads())?;
     session.set_idle_task(|| events.idle_task());
     for event in events.by_ref() {
@@ -262,7 +269,8 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     tally.skipped += input.without_pose();
     tally.odometry = events.odometry();
     tally.held_out = held_out.load(Ordering::Relaxed);
-    let last = corrector.last(session).and_then(|event| event.map_or(Ok(()), |event| Ok(session.take(event).map(|_| ())?)));
+    let last = corrector.last(session).and_then(|events| Ok(events.into_iter().try_for_each(|event| session.take(event).map(|_| ()))?));
+    tally.closures = corrector.closures();
     if let Err(problem) = last {
         tracing::warn!("the last correction is missing: {}", one_line(&problem));
     }
@@ -287,6 +295,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         corrections: log.corrections,
         submaps_rebuilt: tally.rebuilt,
         odometry: tally.odometry.clone(),
+        closures: tally.closures.clone(),
         field: settings.field.name(),
         voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,

@@ -97,3 +97,30 @@ fn elsewhere(step: f32) -> Cloud {
     }
     Cloud::from_points(points)
 }
+
+#[test]
+fn loops_are_closed_from_the_scans_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), "simulate street -o street --laps 1.3 --spacing 5 --columns 128");
+    for entry in fs::read_dir(dir.path().join("street")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if name.contains("poses@") || name.ends_with(".g2o") {
+            fs::remove_file(path).unwrap();
+        }
+    }
+    let error = |map: &str| {
+        let found = json(dir.path(), &format!("eval {map} --truth street --field tsdf --max-points 2000 --json"));
+        found["trajectory"]["ate_in_place"]["translation_m"]["max"].as_f64().unwrap()
+    };
+    let plain = json(dir.path(), "map street -o plain.vox --voxel-size 0.4 --max-range 20 --json");
+    assert!(plain["closures"].is_null() && plain["loops"].as_array().unwrap().is_empty(), "{plain}");
+    let closed = json(dir.path(), "map street -o closed.vox --voxel-size 0.4 --max-range 20 --loops --json");
+    let closures = &closed["closures"];
+    let count = |verdict: &str| closures["tried"].as_array().unwrap().iter().filter(|c| c["verdict"] == verdict).count() as u64;
+    assert!(closures["accepted"].as_u64() >= Some(3) && closures["accepted"].as_u64() == Some(count("accepted")), "{closures}");
+    assert!(closures["free_space"].as_u64() >= Some(1) && closures["free_space"].as_u64() == Some(count("free_space")), "{closures}");
+    assert!(!closed["corrections"].as_array().unwrap().is_empty(), "{closed}");
+    let (plain, closed) = (error("plain.vox"), error("closed.vox"));
+    assert!(closed < 0.5 * plain, "{plain} m, {closed} m");
+}

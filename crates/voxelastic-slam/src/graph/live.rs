@@ -29,6 +29,8 @@ pub struct LiveOptimiser {
     edges: Vec<Edge>,
     /// Pairs of neighbours in `nodes` that have a measured odometry edge.
     measured: HashSet<usize>,
+    /// Whether neighbours without a measured edge are held together by their relative pose.
+    bridges_gaps: bool,
     is_due: bool,
     is_stale: bool,
     runs: usize,
@@ -46,11 +48,19 @@ impl LiveOptimiser {
             last_came: None,
             edges: Vec::new(),
             measured: HashSet::new(),
+            bridges_gaps: true,
             is_due: false,
             is_stale: false,
             runs: 0,
             last: None,
         }
+    }
+
+    /// Without an odometry edge, a scan begins a new piece that only loops join to the others: for odometry that says when it is lost. Otherwise
+    /// the relative pose of the two scans takes the place of the edge.
+    #[must_use]
+    pub fn with_pieces(self) -> Self {
+        Self { bridges_gaps: false, ..self }
     }
 
     /// Optimisations run so far.
@@ -141,7 +151,7 @@ impl LiveOptimiser {
     fn solve(&mut self) -> Result<Option<Event>, SlamError> {
         (self.is_due, self.is_stale) = (false, false);
         let mut edges: Vec<Edge> = self.edges.iter().filter(|e| self.places(e).is_some()).cloned().collect();
-        for i in (1..self.nodes.len()).filter(|i| !self.measured.contains(&(i - 1))) {
+        for i in (1..self.nodes.len()).filter(|i| self.bridges_gaps && !self.measured.contains(&(i - 1))) {
             let t_from_to = renormalised(self.odometry[i - 1].inv_mul(&self.odometry[i]));
             edges.push(Edge { from: self.nodes[i - 1].0, to: self.nodes[i].0, t_from_to, information: None });
         }

@@ -26,7 +26,6 @@
 //! assert!((report.t_map_lidar.translation.x - 0.2).abs() < 0.01);
 //! ```
 
-mod deskew;
 mod imu;
 mod prediction;
 mod report;

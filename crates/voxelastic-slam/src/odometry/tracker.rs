@@ -1,11 +1,11 @@
 //! The odometry: scans in, poses out.
 
-use super::deskew::deskew;
 use super::imu::ImuSample;
 use super::prediction::Predictor;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
-use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, mean_radius, register, search};
+use crate::deskew::deskew;
+use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius, register, search};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
 use std::time::Instant;
 use voxelastic::Cloud;
@@ -22,8 +22,6 @@ const USUAL_SCORE: f64 = 0.8;
 const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
 /// Scans between two removals of far voxels.
 const PRUNE_EVERY: usize = 10;
-/// Edges of the finest voxels that are chosen automatically, metres, and their share of the root mean square range.
-const VOXEL_SIZES: (f64, f64, f64) = (0.2, 0.7, 0.08);
 /// Change of the motion during a sweep, for a point at the scan's radius, that is worth a second deskew, metres.
 const DESKEW_AGAIN: f64 = 0.02;
 
@@ -169,10 +167,7 @@ impl Odometry {
             points.extend(cloud.points.iter().filter(|p| is_used(p)));
         }
         if self.levels.is_empty() {
-            let (least, most, share) = VOXEL_SIZES;
-            let square =
-                points.iter().map(|p| p.iter().map(|v| f64::from(*v) * f64::from(*v)).sum::<f64>()).sum::<f64>() / points.len().max(1) as f64;
-            let size = self.settings.voxel_size.unwrap_or_else(|| (share * square.sqrt()).clamp(least, most));
+            let size = self.settings.voxel_size.unwrap_or_else(|| automatic_voxel_size(points));
             self.levels = (0..self.settings.levels.clamp(1, 8)).map(|k| LocalMap::new(size * f64::from(1u32 << k))).collect();
             *scan_map = LocalMap::new(size * self.settings.source_spacing);
         }

@@ -11,7 +11,10 @@ mod local_map;
 mod normal_equations;
 mod register;
 mod voxel_index;
+mod voxel_size;
 
 pub(crate) use downsample::Downsampler;
 pub(crate) use local_map::{LocalMap, Surfel};
 pub(crate) use register::{Registration, RegistrationSettings, mean_radius, register, search};
+pub(crate) use voxel_index::{VoxelIndex, key};
+pub(crate) use voxel_size::automatic_voxel_size;

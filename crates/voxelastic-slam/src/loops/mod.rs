@@ -1,0 +1,21 @@
+//! Loop closures: places that were seen before, found again from the scans alone.
+//!
+//! The scans along some metres of path make a place. Seen from above it is an image of what stands where; the magnitude of its Fourier
+//! transform does not depend on where in it the sensor was and turns with the heading, so that one correlation compares two places for all
+//! headings. The best candidates are aligned by correlating the images themselves, and the best of these are registered in three
+//! dimensions. A closure is believed if the surfaces lie on each other, hold the pose in all directions, and do not lie in space that the
+//! other place saw to be free.
+
+mod density_image;
+mod finder;
+mod free_space;
+mod overlap;
+mod place;
+mod plane_fft;
+mod settings;
+mod signature;
+mod verify;
+
+pub use finder::{Closure, LoopFinder, Verdict};
+pub use settings::LoopSettings;
+pub use verify::Fit;

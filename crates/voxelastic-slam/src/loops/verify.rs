@@ -1,0 +1,88 @@
+//! Registration of one place to another, and what it must look like to be believed.
+
+use super::free_space::FreeSpace;
+use super::overlap::Guess;
+use super::place::{Place, levels, surfels};
+use crate::registration::{Registration, RegistrationSettings, register, search};
+use nalgebra::{Translation3, Vector3};
+use voxelastic::event::NodeId;
+use voxelastic::geometry::{Pose, PoseExt};
+
+/// Heights around the guess from which the registration starts, in voxels.
+const HEIGHTS: [f64; 3] = [0.0, -3.0, 3.0];
+/// Scans on either side of the nearest pair that are registered once more: so few that the odometry within them hardly counts.
+const AROUND: usize = 2;
+/// The second registration may move the first one by so many voxels.
+const MOST_REFINEMENT: f64 = 3.0;
+
+/// How well a place fits on another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// Node of the first place that is nearest to a node of the second, and that node.
+    pub nodes: (NodeId, NodeId),
+    /// Pose of the second of these nodes in the frame of the first.
+    pub t_first_second: Pose,
+    /// Share of the second place's surfaces that have one of the first within reach.
+    pub overlap: f64,
+    /// Mean weight of the surfaces, 1 where all lie on each other.
+    pub score: f64,
+    /// Robust mean distance of the surfaces, metres.
+    pub spread: f64,
+    /// Directions along which the surfaces hold nothing.
+    pub degenerate: usize,
+    /// Share of the surfaces of one place that lie in space that the other saw to be free: the larger of the two ways. `None` if that was not
+    /// looked at, or if too little of the one is where the other saw anything.
+    pub contradiction: Option<f64>,
+}
+
+/// Registers `second` to `first` from a guess: as wholes, then the scans around the two nodes that are nearest to each other.
+///
+/// The free space is compared only if the surfaces fit as `least` says: overlap and score.
+pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, least: (f64, f64)) -> Option<Fit> {
+    let settings = RegistrationSettings { max_iterations: 50, convergence: 1e-3, least_scale: 0.3 * voxel, point_weight: 1.0 };
+    let start = |height: &f64| {
+        let up = first.level.inverse() * Vector3::new(0.0, 0.0, height * voxel);
+        let guess = &guess.t_first_second;
+        Pose::from_parts(Translation3::from(guess.translation.vector + up), guess.rotation)
+    };
+    let starts: Vec<Pose> = HEIGHTS.iter().map(start).collect();
+    let whole = search(&surfels(&second.scans, voxel), &starts, &levels(&first.scans, voxel), &settings)?;
+    let Registration { t_map_lidar: t, overlap, score, spread, .. } = whole;
+    let (i, j) = nearest_scans(first, second, &t)?;
+    let unrefined = Fit {
+        nodes: (first.scans[i].node, second.scans[j].node),
+        t_first_second: t,
+        overlap,
+        score,
+        spread,
+        degenerate: whole.degenerate.len(),
+        contradiction: None,
+    };
+    if overlap < least.0 || score < least.1 {
+        return Some(unrefined);
+    }
+    let near = register(&surfels(second.scans_around(j, AROUND), voxel), &t, &levels(first.scans_around(i, AROUND), voxel), 0.5 * voxel, &settings)?;
+    if near.t_map_lidar.translation_distance(&t) > MOST_REFINEMENT * voxel {
+        return None;
+    }
+    let (a, b) = (&first.scans[i], &second.scans[j]);
+    let there = FreeSpace::new(first, voxel as f32).contradiction(second, &t);
+    let back = FreeSpace::new(second, voxel as f32).contradiction(first, &t.inverse());
+    Some(Fit {
+        t_first_second: a.t_anchor_lidar.inv_mul(&(near.t_map_lidar * b.t_anchor_lidar)),
+        degenerate: near.degenerate.len(),
+        contradiction: there.zip(back).map(|(there, back)| there.max(back)),
+        ..unrefined
+    })
+}
+
+/// The scan of each place that is nearest to one of the other.
+fn nearest_scans(first: &Place, second: &Place, t_first_second: &Pose) -> Option<(usize, usize)> {
+    let there: Vec<Pose> = second.scans.iter().map(|scan| t_first_second * scan.t_anchor_lidar).collect();
+    let pairs = first
+        .scans
+        .iter()
+        .enumerate()
+        .flat_map(|(i, a)| there.iter().enumerate().map(move |(j, b)| (a.t_anchor_lidar.translation_distance(b), i, j)));
+    pairs.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, i, j)| (i, j))
+}

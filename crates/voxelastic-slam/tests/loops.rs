@@ -1,0 +1,109 @@
+//! Loop closures in simulated drives with drift: found, right, and none where places only look alike.
+#![allow(clippy::print_stdout)]
+
+use std::collections::HashMap;
+use voxelastic::event::{Event, NodeId, Scan};
+use voxelastic::geometry::PoseExt;
+use voxelastic::{Cloud, Pose};
+use voxelastic_sim::{SimOptions, Simulation};
+use voxelastic_slam::graph::{LiveOptimiser, Options};
+use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, Verdict};
+
+/// Scans of one lap of the street, 5 m apart.
+const LAP: usize = 71;
+
+fn street(seed: u64) -> Simulation {
+    Simulation::new(SimOptions { scans: Some(LAP * 13 / 10), spacing: 5.0, columns: Some(128), seed, ..SimOptions::of("street") }).unwrap()
+}
+
+/// Scans at the poses of the odometry, and odometry edges.
+fn events(simulation: &Simulation) -> Vec<Event> {
+    simulation.events().filter(|event| matches!(event, Event::Scan(_) | Event::OdometryEdge(_))).collect()
+}
+
+/// Closures of events, and the poses after optimisation.
+fn closed(events: Vec<Event>) -> (Vec<Closure>, Vec<(NodeId, Pose)>) {
+    let mut finder = LoopFinder::new(LoopSettings::default());
+    let mut optimiser = LiveOptimiser::new(Options::default());
+    for event in events {
+        for edge in finder.take(&event) {
+            optimiser.handle(Event::LoopEdge(edge)).unwrap();
+        }
+        optimiser.handle(event).unwrap();
+    }
+    for edge in finder.finish() {
+        optimiser.handle(Event::LoopEdge(edge)).unwrap();
+    }
+    optimiser.finish().unwrap();
+    (finder.closures().to_vec(), optimiser.poses().to_vec())
+}
+
+fn largest_error(poses: impl Iterator<Item = (NodeId, Pose)>, truth: &HashMap<NodeId, Pose>) -> f64 {
+    poses.map(|(node, pose)| pose.translation_distance(&truth[&node])).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_drive_with_drift_is_closed_and_every_closure_is_right() {
+    for seed in [1, 2] {
+        let simulation = street(seed);
+        let truth: HashMap<NodeId, Pose> = (0..).zip(simulation.ground_truth().iter().copied()).collect();
+        let (closures, poses) = closed(events(&simulation));
+        let accepted: Vec<&Closure> = closures.iter().filter(|c| c.verdict == Verdict::Accepted).collect();
+        for closure in &accepted {
+            let right = truth[&closure.from].inv_mul(&truth[&closure.to]);
+            let found = closure.fit.unwrap().t_first_second;
+            let (metres, radians) = (found.translation_distance(&right), found.rotation_distance(&right));
+            assert!(metres < 0.5 && radians < 0.03, "{metres} m, {radians} rad: {closure:?}");
+        }
+        let before = largest_error((0..).zip(simulation.odometry().iter().copied()), &truth);
+        let after = largest_error(poses.into_iter(), &truth);
+        println!("seed {seed}: {} of {} closures accepted, largest error {before:.2} to {after:.2} m", accepted.len(), closures.len());
+        assert!(accepted.len() >= 3 && closures.iter().any(|c| c.verdict == Verdict::FreeSpace), "{closures:?}");
+        assert!(after < 0.4 * before, "{before} m, {after} m");
+    }
+}
+
+#[test]
+fn places_that_only_look_alike_are_refused() {
+    let simulation = street(3);
+    // After one lap the street comes again, mirrored left to right: the same lengths, heights and distances everywhere.
+    let scans: Vec<Scan> = simulation.events().filter_map(|event| if let Event::Scan(scan) = event { Some(scan) } else { None }).collect();
+    let mirror = |pose: &Pose| {
+        let mut mirrored = *pose;
+        mirrored.translation.vector.y *= -1.0;
+        let q = pose.rotation.quaternion();
+        mirrored.rotation = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, -q.i, q.j, -q.k));
+        mirrored
+    };
+    let mirrored = scans[..LAP].iter().map(|scan| Scan {
+        node: scan.node + 10_000,
+        time: scan.time + 1e4,
+        t_map_lidar: mirror(&scan.t_map_lidar),
+        cloud: Cloud::from_points(scan.cloud.points.iter().map(|[x, y, z]| [*x, -y, *z]).collect()),
+    });
+    let mut all = Vec::new();
+    for scan in scans[..LAP].iter().cloned().chain(mirrored) {
+        let before = all.iter().rev().find_map(|event| if let Event::Scan(s) = event { Some((s.node, s.t_map_lidar)) } else { None });
+        let (node, t_map_lidar) = (scan.node, scan.t_map_lidar);
+        all.push(Event::Scan(scan));
+        if let Some((from, t_map_from)) = before {
+            let t_from_to = t_map_from.inv_mul(&t_map_lidar);
+            all.push(Event::OdometryEdge(voxelastic::event::Edge { from, to: node, t_from_to, information: None }));
+        }
+    }
+    let (closures, _) = closed(all);
+    let across: Vec<&Closure> = closures.iter().filter(|c| c.from < 10_000 && c.to >= 10_000).collect();
+    let vetoed = across.iter().filter(|c| c.verdict == Verdict::FreeSpace).count();
+    println!("{} candidates across the mirror, {vetoed} of them refused by free space", across.len());
+    assert!(vetoed > 0 && across.iter().all(|c| c.verdict != Verdict::Accepted), "{across:?}");
+}
+
+#[test]
+fn closures_do_not_depend_on_the_number_of_threads() {
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let all = events(&street(1));
+        pool.install(|| closed(all).0)
+    };
+    assert_eq!(with(1), with(3));
+}
