@@ -15,6 +15,7 @@ mod disjoint_mut;
 mod layout;
 mod pool;
 mod prefetch;
+mod radix_sort;
 mod slab;
 mod tree;
 
@@ -23,5 +24,6 @@ pub(crate) use disjoint_mut::{DisjointMut, SlotPtr};
 pub use layout::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at};
 pub(crate) use pool::Pool;
 pub(crate) use prefetch::{prefetch, prefetch_item};
+pub(crate) use radix_sort::sort_by_bits;
 pub(crate) use slab::{Slab, SlabAllocator, SlotBatch};
 pub use tree::{Octant, Octree};

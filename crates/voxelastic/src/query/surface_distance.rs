@@ -1,10 +1,9 @@
 //! Signed distance to surfaces between voxels, and its gradient.
 
 use super::DistanceQuery;
-use super::shape::moved;
 use crate::field::tsdf::TsdfField;
+use crate::geometry::Pose;
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, block_key, voxel_index};
-use nalgebra::Vector3;
 
 /// The distance field at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,64 +16,119 @@ pub struct SurfaceDistance {
     pub gradient: [f32; 3],
 }
 
+/// Where a field lies in the map.
+pub(super) struct Placement {
+    /// Rows of the rotation from the map frame to the submap frame.
+    rotation: [[f64; 3]; 3],
+    translation: [f64; 3],
+}
+
+impl Placement {
+    pub fn new(t_submap_map: &Pose) -> Self {
+        let rotation = t_submap_map.rotation.to_rotation_matrix();
+        let rows = std::array::from_fn(|i| std::array::from_fn(|j| rotation[(i, j)]));
+        Self { rotation: rows, translation: t_submap_map.translation.vector.into() }
+    }
+
+    /// A point of the map frame in the submap frame.
+    #[inline(always)]
+    pub fn to_submap(&self, p: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|i| self.rotation[i][0] * p[0] + self.rotation[i][1] * p[1] + self.rotation[i][2] * p[2] + self.translation[i])
+    }
+
+    /// A sample of the submap frame in the map frame.
+    #[inline(always)]
+    pub fn to_map(&self, sample: SurfaceDistance) -> SurfaceDistance {
+        let [x, y, z] = sample.gradient.map(f64::from);
+        let gradient = std::array::from_fn(|j| (self.rotation[0][j] * x + self.rotation[1][j] * y + self.rotation[2][j] * z) as f32);
+        SurfaceDistance { gradient, ..sample }
+    }
+}
+
 impl DistanceQuery<'_> {
     /// The field at `p` (metres, map frame), interpolated between the eight voxels around it; of all submaps the value nearest to zero. Where
     /// some of the eight are not observed, it is the distance stored in the voxel at `p`, without a gradient. None if no submap has an
-    /// observed voxel there.
+    /// observed voxel there. [`sample_many`](Self::sample_many) is faster for many points.
     pub fn sample(&self, p: [f64; 3]) -> Option<SurfaceDistance> {
         let samples = self.parts.iter().filter_map(|(field, t_submap_map)| {
-            let sample = Interpolation::new(field, self.voxel).sample(moved(t_submap_map, p))?;
-            let gradient = t_submap_map.rotation.inverse_transform_vector(&Vector3::from(sample.gradient.map(f64::from)));
-            Some(SurfaceDistance { gradient: [gradient.x as f32, gradient.y as f32, gradient.z as f32], ..sample })
+            let placement = Placement::new(t_submap_map);
+            let sample = interpolate(&mut StoredVoxels::new(field, self.voxel), self.voxel, placement.to_submap(p))?;
+            Some(placement.to_map(sample))
         });
         samples.min_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()))
     }
 }
 
-/// Interpolates in one field, submap frame.
-struct Interpolation<'a> {
+/// The voxels of a field.
+pub(super) trait VoxelSource {
+    /// Distance in the voxel that holds finest voxel `c`, metres, and the scale of its block; none where it is not observed.
+    fn stored(&mut self, c: [i32; 3]) -> Option<(f32, usize)>;
+
+    /// Distances, metres, in the voxels with edges of 2^scale finest voxels at `base` and next above it along each axis, x fastest; none unless all are
+    /// observed. Where another scale is stored, it is the distance in the voxel around the centre.
+    #[inline(always)]
+    fn corners(&mut self, base: [i32; 3], scale: usize) -> Option<[f32; 8]> {
+        let mut corners = [0.0; 8];
+        for (i, corner) in corners.iter_mut().enumerate() {
+            *corner = self.stored(corner_centre(base, scale, i))?.0;
+        }
+        Some(corners)
+    }
+}
+
+/// The finest voxel at, or next above, the centre of corner `i` of the eight voxels of `scale` at `base` and next above it.
+#[inline(always)]
+pub(super) fn corner_centre(base: [i32; 3], scale: usize, i: usize) -> [i32; 3] {
+    std::array::from_fn(|k| ((base[k] + (i >> k & 1) as i32) << scale) + (1 << scale >> 1))
+}
+
+/// Whether a point, in finest voxels of the submap frame, and its neighbours have coordinates that keys can hold.
+#[inline(always)]
+pub(super) fn is_addressable(p: [f64; 3]) -> bool {
+    p.iter().all(|c| c.abs() < f64::from(MAX_BLOCK_COORD - 1) * BLOCK_EDGE as f64)
+}
+
+/// The field at `p`, metres in the submap frame, with finest voxels of `voxel` metres.
+#[inline(always)]
+pub(super) fn interpolate(source: &mut impl VoxelSource, voxel: f64, p: [f64; 3]) -> Option<SurfaceDistance> {
+    let p = p.map(|c| c / voxel);
+    if !is_addressable(p) {
+        return None;
+    }
+    let (stored, scale) = source.stored(p.map(|c| c.floor() as i32))?;
+    let edge = f64::from(1 << scale);
+    // Between the centres of voxels of the block's scale.
+    let q = p.map(|c| c / edge - 0.5);
+    let base = q.map(f64::floor);
+    let [fx, fy, fz] = std::array::from_fn(|k| (q[k] - base[k]) as f32);
+    let Some(corners) = source.corners(base.map(|c| c as i32), scale) else {
+        return Some(SurfaceDistance { distance: stored, gradient: [0.0; 3] });
+    };
+    // First along x, then y, then z.
+    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+    let steps: [f32; 4] = std::array::from_fn(|i| corners[2 * i + 1] - corners[2 * i]);
+    let rows: [f32; 4] = std::array::from_fn(|i| corners[2 * i] + steps[i] * fx);
+    let [low, high] = [mix(rows[0], rows[1], fy), mix(rows[2], rows[3], fy)];
+    let metres = (edge * voxel) as f32;
+    let differences = [mix(mix(steps[0], steps[1], fy), mix(steps[2], steps[3], fy), fz), mix(rows[1] - rows[0], rows[3] - rows[2], fz), high - low];
+    Some(SurfaceDistance { distance: mix(low, high, fz), gradient: differences.map(|difference| difference / metres) })
+}
+
+/// Voxels as they are stored.
+struct StoredVoxels<'a> {
     field: &'a TsdfField,
     voxel: f64,
     /// The block that was looked up last: key and id.
     last: Option<(u64, u32)>,
 }
 
-impl<'a> Interpolation<'a> {
+impl<'a> StoredVoxels<'a> {
     fn new(field: &'a TsdfField, voxel: f64) -> Self {
         Self { field, voxel, last: None }
     }
+}
 
-    fn sample(mut self, p: [f64; 3]) -> Option<SurfaceDistance> {
-        let p = p.map(|c| c / self.voxel);
-        if !p.iter().all(|c| c.abs() < f64::from(MAX_BLOCK_COORD - 1) * BLOCK_EDGE as f64) {
-            return None;
-        }
-        let (stored, scale) = self.stored(p.map(|c| c.floor() as i32))?;
-        let edge = f64::from(1 << scale);
-        // Between the centres of voxels of the block's scale.
-        let q = p.map(|c| c / edge - 0.5);
-        let base = q.map(f64::floor);
-        let f: [f32; 3] = std::array::from_fn(|k| (q[k] - base[k]) as f32);
-        let mut corners = [0.0; 8];
-        for (i, corner) in corners.iter_mut().enumerate() {
-            let centre = std::array::from_fn(|k| ((base[k] + (i >> k & 1) as f64 + 0.5) * edge).floor() as i32);
-            let Some((distance, _)) = self.stored(centre) else {
-                return Some(SurfaceDistance { distance: stored, gradient: [0.0; 3] });
-            };
-            *corner = distance;
-        }
-        let along = |k: usize, at: usize| {
-            // The weight of corner `at` in the other two axes.
-            (0..3).filter(|&j| j != k).map(|j| if at >> j & 1 == 1 { f[j] } else { 1.0 - f[j] }).product::<f32>()
-        };
-        let difference = |k: usize| (0..8).map(|i| if i >> k & 1 == 1 { corners[i] } else { -corners[i] } * along(k, i)).sum::<f32>();
-        let weight = |i: usize| (0..3).map(|k| if i >> k & 1 == 1 { f[k] } else { 1.0 - f[k] }).product::<f32>();
-        let metres = (edge * self.voxel) as f32;
-        let distance = (0..8).map(|i| corners[i] * weight(i)).sum();
-        Some(SurfaceDistance { distance, gradient: std::array::from_fn(|k| difference(k) / metres) })
-    }
-
-    /// Distance in the voxel that holds finest voxel `c`, metres, and the scale of its block.
+impl VoxelSource for StoredVoxels<'_> {
     fn stored(&mut self, c: [i32; 3]) -> Option<(f32, usize)> {
         let key = block_key(c.map(|v| v >> BLOCK_SHIFT));
         let id = match self.last {

@@ -4,7 +4,6 @@
 //! bundle of neighbouring ones, with the interval around its point that is of interest.
 
 pub(crate) mod dda;
-mod radix_sort;
 pub(crate) mod ray;
 mod ray_bundling;
 pub(crate) mod returns;

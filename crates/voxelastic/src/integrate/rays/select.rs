@@ -1,10 +1,9 @@
 //! Selection: the blocks that each ray passes within its reach, grouped by block in Morton order.
 
 use super::dda::LANES;
-use super::radix_sort::sort_by_bits;
 use super::ray::Ray;
 use crate::geometry::morton;
-use crate::octree::{BLOCK_EDGE, block_key};
+use crate::octree::{BLOCK_EDGE, block_key, sort_by_bits};
 use crate::simd::floor_positive;
 use crate::simd::larger;
 use crate::simd::{Kernel, dispatch};
