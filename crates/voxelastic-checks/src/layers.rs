@@ -33,7 +33,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-bench",
         ],
     ),
-    ("voxelastic-python", &["voxelastic", "voxelastic-io", "voxelastic-cli"]),
+    ("voxelastic-python", &["voxelastic", "voxelastic-io", "voxelastic-plan", "voxelastic-cli"]),
 ];
 
 /// Development dependencies on later lines: the numbered examples of the core read files and plan paths.

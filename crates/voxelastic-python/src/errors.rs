@@ -18,9 +18,11 @@ pub enum Kind {
     Refused,
     /// A file cannot be read or written.
     File,
+    /// No path was found.
+    Plan,
 }
 
-static CLASSES: PyOnceLock<[Py<PyType>; 3]> = PyOnceLock::new();
+static CLASSES: PyOnceLock<[Py<PyType>; 4]> = PyOnceLock::new();
 
 impl Kind {
     /// The exception with `message`.
@@ -32,10 +34,10 @@ impl Kind {
     }
 }
 
-fn classes(py: Python<'_>) -> PyResult<[Py<PyType>; 3]> {
+fn classes(py: Python<'_>) -> PyResult<[Py<PyType>; 4]> {
     let module = py.import("voxelastic._errors")?;
     let class = |name| -> PyResult<Py<PyType>> { Ok(module.getattr(name)?.cast_into::<PyType>()?.unbind()) };
-    Ok([class("SettingError")?, class("RefusedError")?, class("FileError")?])
+    Ok([class("SettingError")?, class("RefusedError")?, class("FileError")?, class("PlanError")?])
 }
 
 /// The exception for a refused setting.

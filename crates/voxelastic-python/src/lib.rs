@@ -5,11 +5,13 @@
 
 mod arrays;
 mod command;
+mod dataset;
 mod errors;
 mod job;
 mod map;
 mod mapper;
 mod settings;
+mod space;
 
 use pyo3::pymodule;
 
@@ -19,9 +21,13 @@ mod _native {
     #[pymodule_export]
     use crate::command::run_command;
     #[pymodule_export]
+    use crate::dataset::{Dataset, Events, Scan};
+    #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]
     use crate::mapper::Mapper;
     #[pymodule_export]
     use crate::settings::{complete_settings, settings_table};
+    #[pymodule_export]
+    use crate::space::{beam_directions, clearance, plan, ray_cast, slice};
 }

@@ -11,12 +11,12 @@ use voxelastic::Settings;
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::geometry::{Aabb, Rigid};
-use voxelastic::query::{AtlasQuery, DistanceQuery};
+use voxelastic::query::DistanceQuery;
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
 
 /// Points queried between two looks for Ctrl-C.
-const QUERIES_AT_ONCE: usize = 1 << 18;
+const QUERIES_AT_ONCE: usize = 1 << 20;
 
 /// Points that a thread takes at a time.
 const QUERIES_PER_TASK: usize = 1 << 10;
@@ -192,54 +192,49 @@ struct Answers {
 }
 
 impl Map {
+    /// Its submaps.
+    pub fn atlas(&self) -> &Atlas {
+        &self.content.atlas
+    }
+
+    /// Its content, for work that may outlive a call.
+    pub fn share(&self) -> Arc<Content> {
+        Arc::clone(&self.content)
+    }
+
     fn answer<T: Copy + Into<f64> + Sync>(&self, py: Python<'_>, points: &[[T; 3]]) -> PyResult<Answers> {
         let atlas = &self.content.atlas;
         let pool = job::shared_pool()?;
         let (surfaces, space) = (DistanceQuery::new(atlas), atlas.query());
         let mut all = Answers { distances: vec![f32::NAN; points.len()], gradients: vec![[0.0; 3]; points.len()], states: vec![0; points.len()] };
-        let parts =
-            all.distances.chunks_mut(QUERIES_AT_ONCE).zip(all.gradients.chunks_mut(QUERIES_AT_ONCE)).zip(all.states.chunks_mut(QUERIES_AT_ONCE));
-        for (((distances, gradients), states), points) in parts.zip(points.chunks(QUERIES_AT_ONCE)) {
-            let tasks = (
-                distances.par_chunks_mut(QUERIES_PER_TASK),
-                gradients.par_chunks_mut(QUERIES_PER_TASK),
-                states.par_chunks_mut(QUERIES_PER_TASK),
-                points.par_chunks(QUERIES_PER_TASK),
-            );
-            let answer_all = || {
-                tasks
-                    .into_par_iter()
-                    .for_each(|(distances, gradients, states, points)| answer(&surfaces, &space, points, distances, gradients, states))
+        let parts = all
+            .distances
+            .chunks_mut(QUERIES_AT_ONCE)
+            .zip(all.gradients.chunks_mut(QUERIES_AT_ONCE))
+            .zip(all.states.chunks_mut(QUERIES_AT_ONCE))
+            .zip(points.chunks(QUERIES_AT_ONCE));
+        for (((distances, gradients), states), points) in parts {
+            let answer = || {
+                let places = distances.par_iter_mut().zip(gradients).with_min_len(QUERIES_PER_TASK);
+                places.zip(surfaces.sample_many(points)).for_each(|((distance, gradient), sample)| {
+                    if let Some(sample) = sample {
+                        (*distance, *gradient) = (sample.distance, sample.gradient);
+                    }
+                });
+                if !space.is_empty() {
+                    let states = states.par_iter_mut().zip(points).with_min_len(QUERIES_PER_TASK);
+                    states.for_each(|(state, point)| *state = number_of(space.state(point.map(Into::into))));
+                }
             };
-            job::run_short(py, || pool.install(answer_all))?;
+            job::run_short(py, || pool.install(answer))?;
             py.check_signals()?;
         }
         Ok(all)
     }
 }
 
-fn answer<T: Copy + Into<f64>>(
-    surfaces: &DistanceQuery<'_>,
-    space: &AtlasQuery<'_>,
-    points: &[[T; 3]],
-    distances: &mut [f32],
-    gradients: &mut [[f32; 3]],
-    states: &mut [u8],
-) {
-    let has_space = !space.is_empty();
-    for (k, point) in points.iter().enumerate() {
-        let point = point.map(Into::into);
-        if let Some(sample) = surfaces.sample(point) {
-            (distances[k], gradients[k]) = (sample.distance, sample.gradient);
-        }
-        if has_space {
-            states[k] = number_of(space.state(point));
-        }
-    }
-}
-
 /// The numbers of `voxelastic.State`.
-fn number_of(state: State) -> u8 {
+pub fn number_of(state: State) -> u8 {
     match state {
         State::Unknown => 0,
         State::Free => 1,

@@ -1,5 +1,6 @@
 //! The mapper: scans, edges and corrections in, a map out.
 
+use crate::dataset::{Dataset, Events, Scan as DatasetScan};
 use crate::map::{Content, Map};
 use crate::{arrays, errors, job, settings};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
@@ -7,9 +8,9 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
 use rayon::ThreadPool;
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::event::{Edge, Event, NodeId, Scan};
-use voxelastic::mapper::{Assignment, ScanReport};
+use voxelastic::mapper::{Assignment, IdleTask, ScanReport};
 use voxelastic::{Cloud, Motion, Settings};
 
 /// Turns events into a map. Threads may share it; they take turns.
@@ -68,6 +69,38 @@ impl Mapper {
         let scan = Scan { node, time: 0.0, t_map_lidar: arrays::pose(&pose)?, cloud };
         let report = self.handle(py, Event::Scan(scan))?;
         report.map(|r| summary(&r)).ok_or_else(|| errors::bug(&"a scan without a report"))
+    }
+
+    /// Integrates a scan of a data set.
+    fn integrate_scan(&self, py: Python<'_>, scan: &DatasetScan) -> PyResult<Report> {
+        let report = self.handle(py, scan.event())?;
+        report.map(|r| summary(&r)).ok_or_else(|| errors::bug(&"a scan without a report"))
+    }
+
+    /// Handles up to `most` events of a data set. Returns the number of scans integrated, what is wrong with others, and whether that was all.
+    fn replay(&self, py: Python<'_>, dataset: &Dataset, events: &Events, most: usize) -> PyResult<(usize, Vec<String>, bool)> {
+        let (events, model) = (events.shared(), dataset.with(py, |source| source.sensor()));
+        self.with(py, |mapper| {
+            let mut events = events.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(model) = model.filter(|_| mapper.sensor().is_none()) {
+                mapper.set_sensor_model(model);
+            }
+            // The next scans are decoded by threads that would be idle.
+            mapper.set_idle_task(IdleTask::new(events.idle_step()));
+            let (mut scans, mut problems, mut is_over) = (0, Vec::new(), false);
+            for _ in 0..most {
+                let Some(event) = events.next() else {
+                    is_over = true;
+                    break;
+                };
+                match event.map_err(|e| e.to_string()).and_then(|event| mapper.handle(event).map_err(|e| e.to_string())) {
+                    Ok(report) => scans += usize::from(report.is_some()),
+                    Err(problem) => problems.push(problem),
+                }
+            }
+            mapper.set_idle_task(IdleTask::new(|| false));
+            (scans, problems, is_over)
+        })
     }
 
     /// Adds an edge between consecutive nodes, or one that closes a loop.

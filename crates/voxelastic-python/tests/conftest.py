@@ -70,6 +70,12 @@ def room(make_map: Callable[..., vx.Map]) -> vx.Map:
     return make_map(field="both")
 
 
+@pytest.fixture(scope="session")
+def solid(make_map: Callable[..., vx.Map]) -> vx.Map:
+    """A map with both fields, of voxels so large that the walls have no holes between the beams."""
+    return make_map(field="both", voxel_size=0.1)
+
+
 @pytest.fixture
 def saved(room: vx.Map, tmp_path: Path) -> Path:
     room.save(tmp_path / "room.vox")

@@ -17,8 +17,9 @@ where the lidar is in the map.
 from importlib.metadata import version as _version
 
 from ._arrays import Pose
-from ._errors import Error, FileError, RefusedError, SettingError
-from ._map import Map, Query, State, Submap, Surface
+from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
+from ._errors import Error, FileError, PlanError, RefusedError, SettingError
+from ._map import Map, Path, Query, RayHits, Slice, State, Submap, Surface
 from ._mapper import Mapper, ScanReport
 from ._mesh import Mesh
 from ._settings import SettingArguments, Settings
@@ -26,18 +27,27 @@ from ._settings import SettingArguments, Settings
 __version__ = _version("voxelastic")
 
 __all__ = [
+    "Dataset",
+    "Edge",
     "Error",
+    "Event",
     "FileError",
     "Map",
     "Mapper",
     "Mesh",
+    "Path",
+    "PlanError",
     "Pose",
+    "PoseUpdate",
     "Query",
+    "RayHits",
     "RefusedError",
+    "Scan",
     "ScanReport",
     "SettingArguments",
     "SettingError",
     "Settings",
+    "Slice",
     "State",
     "Submap",
     "Surface",

@@ -35,6 +35,25 @@ def points(value: Any, name: str = "points") -> NDArray[Any]:
     return np.ascontiguousarray(array, dtype=kind)
 
 
+def doubles(value: Any, name: str) -> NDArray[np.float64]:
+    """N x 3 coordinates, C-contiguous, float64."""
+    return np.ascontiguousarray(points(value, name), dtype=np.float64)
+
+
+def matrix(value: Any, name: str = "pose") -> NDArray[np.float64]:
+    """The 4 x 4 matrix of a pose."""
+    x, y, z, qx, qy, qz, qw = pose(value, name)
+    n = 2 / (qx * qx + qy * qy + qz * qz + qw * qw)
+    return np.array(
+        [
+            [1 - n * (qy * qy + qz * qz), n * (qx * qy - qz * qw), n * (qx * qz + qy * qw), x],
+            [n * (qx * qy + qz * qw), 1 - n * (qx * qx + qz * qz), n * (qy * qz - qx * qw), y],
+            [n * (qx * qz - qy * qw), n * (qy * qz + qx * qw), 1 - n * (qx * qx + qy * qy), z],
+            [0, 0, 0, 1],
+        ]
+    )
+
+
 def cloud(value: Any) -> tuple[NDArray[np.float32], int]:
     """The points of a scan as N x 3 coordinates, and the number of its rows."""
     expected = "an array of shape (N, 3), or (rows, columns, 3) for an organised cloud"

@@ -1,6 +1,6 @@
 """Exceptions. Their messages are those of the command: they name the file, the place in it and what to do."""
 
-__all__ = ["Error", "FileError", "RefusedError", "SettingError"]
+__all__ = ["Error", "FileError", "PlanError", "RefusedError", "SettingError"]
 
 
 class Error(Exception):
@@ -17,3 +17,7 @@ class RefusedError(Error, ValueError):
 
 class FileError(Error, OSError):
     """A file or a map cannot be read or written, or it is damaged."""
+
+
+class PlanError(Error):
+    """No path was found: the robot does not fit at an end, or within the limits there is no way. The message says which, and what would do."""

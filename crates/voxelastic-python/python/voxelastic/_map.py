@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 import os
+import pathlib
 import warnings
 from enum import IntEnum
-from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _arrays, _native
+from . import _arrays, _native, _picture
+from ._arrays import Pose
 from ._mesh import Mesh
 from ._settings import Settings
 
-__all__ = ["Map", "Query", "State", "Submap", "Surface"]
+__all__ = ["Map", "Path", "Query", "RayHits", "Slice", "State", "Submap", "Surface"]
 
 Surface: TypeAlias = Literal["measured", "occupied", "free", "frontier"]
 """Kinds of surfaces: `measured` is that of the signed distances (of occupied space in maps without them); `occupied` bounds occupied space, `free`
 bounds free space, and `frontier` is the part of that which adjoins unknown space."""
+
+
+_PICTURE_BYTES = 200_000_000
+
+
+def _positive(value: float, name: str) -> float:
+    if not (value > 0 and np.isfinite(value)):
+        raise ValueError(f"{name}: expected metres, more than 0, not {value!r}")
+    return float(value)
 
 
 class State(IntEnum):
@@ -47,6 +57,39 @@ class Query(NamedTuple):
     def observed(self) -> NDArray[np.bool_]:
         """N truth values: whether the map knows anything about the point, a distance or whether it is free."""
         return np.asarray(~np.isnan(self.distance) | (self.state != State.UNKNOWN), dtype=np.bool_)
+
+
+class RayHits(NamedTuple):
+    """Where N rays end."""
+
+    distance: NDArray[np.float64]
+    """N distances from the origin, metres; NaN where a ray meets nothing."""
+    normal: NDArray[np.float64]
+    """N x 3 normals of the voxel faces that the rays enter by, map frame; zero where a ray starts in what blocks it, or meets nothing."""
+    state: NDArray[np.uint8]
+    """N values of `State`: `State.OCCUPIED`, or `State.UNKNOWN` where unknown space blocks, or where a ray meets nothing."""
+
+
+class Slice(NamedTuple):
+    """A cross-section of a map: `plt.imshow(slice.values, origin="lower", extent=slice.extent)`."""
+
+    values: NDArray[Any]
+    """Rows x columns, the row with the smallest coordinate first: values of `State`, or distances in metres with NaN where none is known."""
+    extent: tuple[float, float, float, float]
+    """Left, right, bottom and top edge of the picture, metres."""
+
+
+class Path(NamedTuple):
+    """A path for a robot."""
+
+    points: NDArray[np.float64]
+    """N x 3 waypoints of the robot's centre, map frame, joined by straight lines that are free."""
+    length: float
+    """Its length, metres."""
+    clearance: NDArray[np.float64]
+    """N distances of the waypoints to the nearest obstacle, metres; at most 2 m beyond the radius."""
+    least_clearance: float
+    """The least such distance anywhere along the path, metres."""
 
 
 class Submap(NamedTuple):
@@ -89,7 +132,7 @@ class Map:
             FileNotFoundError: There is nothing of this name.
             FileError: It is no map, or it is damaged, or it was written by a newer version.
         """
-        path = Path(path)
+        path = pathlib.Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is nothing of this name; expected the directory of a map")
         native, refused = _native.Map.open(path)
@@ -106,7 +149,7 @@ class Map:
         Raises:
             FileError: Something else is there, or another process writes to it, or the disk is full.
         """
-        self._inner.save(Path(path))
+        self._inner.save(pathlib.Path(path))
 
     @property
     def settings(self) -> Settings:
@@ -182,6 +225,173 @@ class Map:
             ValueError: The array has another shape.
         """
         return Query(*self._inner.query(_arrays.points(points)))
+
+    def ray_cast(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = 1000.0, unknown_blocks: bool = False
+    ) -> RayHits:
+        """Where rays end: at the first voxel that is occupied. In maps with signed distances, too, at the surface in it.
+
+        Args:
+            origins: N x 3 points in the map frame, or one for all rays.
+            directions: N x 3 directions in the map frame, of any length but zero.
+            max_range: Length of the rays, metres.
+            unknown_blocks: Whether rays end in unknown space, too.
+
+        Raises:
+            ValueError: The map has no occupancy, or an array has another shape.
+        """
+        self._needs_occupancy("ray_cast")
+        starts = _arrays.doubles(np.atleast_2d(np.asarray(origins)), "origins")
+        rays = _arrays.doubles(directions, "directions")
+        if len(starts) not in (1, len(rays)):
+            raise ValueError(f"origins: expected one, or as many as directions, which are {len(rays)}, not {len(starts)}")
+        return RayHits(*_native.ray_cast(self._inner, starts, rays, _positive(max_range, "max_range"), bool(unknown_blocks)))
+
+    def render_scan(self, pose: Pose, sensor: str = "os1-64", *, columns: int | None = None, max_range: float = 100.0) -> NDArray[np.float32]:
+        """What a sensor would measure in the map, from one point, without noise.
+
+        Args:
+            pose: The lidar frame in the map frame.
+            sensor: Name of a preset, as for the setting `sensor`.
+            columns: Columns of a revolution; by default those of the preset.
+            max_range: Largest range, metres.
+
+        Returns:
+            Rows x columns x 3 points in the lidar frame, metres; NaN: no return. `Mapper.integrate` takes it.
+
+        Raises:
+            ValueError: The map has no occupancy, or there is no such sensor.
+        """
+        beams, rows = _native.beam_directions(sensor, columns)
+        matrix = _arrays.matrix(pose)
+        hits = self.ray_cast(matrix[:3, 3], beams @ matrix[:3, :3].T, max_range=max_range)
+        points: NDArray[np.float32] = (beams * hits.distance[:, None]).astype(np.float32)
+        return points.reshape(rows, -1, 3)
+
+    def render_depth(self, pose: Pose, intrinsics: ArrayLike, size: tuple[int, int], *, max_range: float = 100.0) -> NDArray[np.float32]:
+        """The depth image of a pinhole camera in the map.
+
+        Args:
+            pose: The camera frame (x to the right, y down, z forward) in the map frame.
+            intrinsics: The 3 x 3 camera matrix, pixels; the centre of the first pixel is (0, 0).
+            size: Rows and columns of the image.
+            max_range: Largest distance from the camera, metres.
+
+        Returns:
+            Rows x columns depths along z, metres; NaN: nothing there.
+
+        Raises:
+            ValueError: The map has no occupancy, or the matrix is not that of a camera.
+        """
+        camera = np.asarray(intrinsics, dtype=np.float64)
+        if camera.shape != (3, 3) or not np.isfinite(camera).all() or np.linalg.det(camera) == 0:
+            raise ValueError("intrinsics: expected a 3 x 3 camera matrix")
+        rows, columns = (int(n) for n in size)
+        if rows < 1 or columns < 1:
+            raise ValueError(f"size: expected rows and columns, not {size!r}")
+        v, u = np.mgrid[:rows, :columns].reshape(2, -1)
+        rays = np.stack([u, v, np.ones_like(u)], axis=1) @ np.linalg.inv(camera).T
+        matrix = _arrays.matrix(pose)
+        hits = self.ray_cast(matrix[:3, 3], rays @ matrix[:3, :3].T, max_range=max_range)
+        depth: NDArray[np.float32] = (hits.distance * rays[:, 2] / np.linalg.norm(rays, axis=1)).astype(np.float32)
+        return depth.reshape(rows, columns)
+
+    def clearance(self, points: ArrayLike, *, up_to: float = 2.0, unknown_blocks: bool = True) -> NDArray[np.float64]:
+        """Distances to the nearest obstacles: how large a ball fits.
+
+        Args:
+            points: N x 3 coordinates in the map frame, metres.
+            up_to: The largest distance of interest, metres: less is faster.
+            unknown_blocks: Whether unknown space is an obstacle.
+
+        Returns:
+            N distances, metres: 0 in obstacles, `up_to` where none is nearer.
+
+        Raises:
+            ValueError: The map has no occupancy, or the array has another shape.
+        """
+        self._needs_occupancy("clearance")
+        return _native.clearance(self._inner, _arrays.doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
+
+    def slice(
+        self, axis: Literal["x", "y", "z"] = "z", at: float = 1.0, *, thickness: float = 0.0, pixel: float | None = None, of: Literal["state", "distance"] | None = None
+    ) -> Slice:
+        """A cross-section of the whole map.
+
+        Args:
+            axis: The axis of the map frame that it is perpendicular to.
+            at: Where on that axis, metres.
+            thickness: Of the slice from `at` on, metres: pixels are occupied if anything in it is, else free if anything is; distances are those nearest to zero.
+            pixel: Edge of a pixel, metres; by default that of the finest voxel.
+            of: States or distances; by default states, if the map has occupancy.
+
+        Raises:
+            ValueError: The map does not have what is asked for, or it would be larger than 16,384 pixels.
+        """
+        names = ("x", "y", "z")
+        if axis not in names:
+            raise ValueError(f'axis: expected "x", "y" or "z", not {axis!r}')
+        kind = of or ("state" if self.has_occupancy else "distance")
+        if kind not in ("state", "distance"):
+            raise ValueError(f'of: expected "state" or "distance", not {of!r}')
+        if kind == "state":
+            self._needs_occupancy("a slice of states")
+        bounds = self.bounds
+        if bounds is None or (kind == "distance" and not self.has_distances):
+            raise ValueError('the map has no signed distances; make it with field="tsdf" or field="both"')
+        if not (np.isfinite(at) and np.isfinite(thickness) and thickness >= 0):
+            raise ValueError("at, thickness: expected metres, the thickness 0 or more")
+        edge = _positive(self.voxel_size if pixel is None else pixel, "pixel")
+        across, up = (k for k in range(3) if k != names.index(axis))
+        if max(bounds[1][across] - bounds[0][across], bounds[1][up] - bounds[0][up]) > 16_384 * edge:
+            raise ValueError(f"pixel: {edge:g} m would make more than 16,384 pixels along an edge; use larger ones")
+        values = _native.slice(self._inner, names.index(axis), float(at), float(thickness), edge, bounds.tolist(), kind == "distance")
+        left, bottom = float(bounds[0][across]), float(bounds[0][up])
+        return Slice(values, (left, left + values.shape[1] * edge, bottom, bottom + values.shape[0] * edge))
+
+    def plan(
+        self,
+        start: ArrayLike,
+        goal: ArrayLike,
+        *,
+        radius: float,
+        wheels: bool = False,
+        step: float | None = None,
+        unknown_blocks: bool = True,
+        time: float = 1.0,
+        samples: int | None = None,
+        seed: int = 1,
+    ) -> Path:
+        """Plans a short path that is free.
+
+        Args:
+            start: Where the robot's centre is, map frame, metres. For a wheeled robot at any height above the floor.
+            goal: Where it should go.
+            radius: Radius of the ball around the centre that must stay free, metres.
+            wheels: The robot follows the floor; otherwise it flies.
+            step: Largest step of the floor, metres; by default 0.2 m.
+            unknown_blocks: Whether unknown space is an obstacle.
+            time: Seconds to search for shorter paths.
+            samples: Limit of samples. If it is reached before the time, the result is the same on every machine.
+            seed: Of the random numbers.
+
+        Raises:
+            PlanError: The robot does not fit at an end, or no path was found.
+            ValueError: The map has no occupancy.
+        """
+        self._needs_occupancy("plan")
+        begin, end = (_arrays.doubles([point], name)[0].tolist() for point, name in ((start, "start"), (goal, "goal")))
+        found = _native.plan(self._inner, begin, end, float(radius), bool(wheels), step, bool(unknown_blocks), float(time), samples, int(seed))
+        return Path(**found)
+
+    def _needs_occupancy(self, what: str) -> None:
+        if not self.has_occupancy:
+            raise ValueError(f'{what} needs free and occupied space, which the map does not have; make it with field="occupancy" or field="both"')
+
+    def _repr_html_(self) -> str:
+        """For notebooks: a line of text, and a picture from above unless the map is large."""
+        mesh = self.mesh(lod=1, shells=True) if self.nbytes < _PICTURE_BYTES else None
+        return _picture.html(repr(self), mesh, 2 * self.voxel_size)
 
     def __repr__(self) -> str:
         fields = [name for name, has in (("distances", self.has_distances), ("occupancy", self.has_occupancy)) if has]

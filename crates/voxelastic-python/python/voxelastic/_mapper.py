@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _native
 from ._arrays import Pose
+from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
+from ._errors import RefusedError
 from ._map import Map
 from ._settings import SettingArguments, Settings
 
@@ -148,6 +151,48 @@ class Mapper:
             raise TypeError(f"poses: expected a dictionary of poses by node, not {type(poses).__name__}")
         nodes = [_arrays.node(number, "a node of poses") for number in poses]
         self._inner.update_poses(nodes, [_arrays.pose(pose, f"poses[{number}]") for number, pose in poses.items()])
+
+    def handle(self, event: Event) -> ScanReport | None:
+        """Takes an event of a data set as it is: a scan, an edge or corrected poses. A scan gives a report.
+
+        Raises:
+            RefusedError: The event cannot be used; the map is unchanged.
+        """
+        match event:
+            case Scan():
+                report = ScanReport(*cast("tuple[Any, Any, Any, Any]", self._inner.integrate_scan(event._inner)))
+                self._next_node = report.node + 1
+                return report
+            case Edge():
+                self._inner.add_edge(event.closes_loop, event.first, event.second, _arrays.pose(event.pose))
+            case PoseUpdate():
+                self.update_poses(event.poses)
+            case _:
+                raise TypeError(f"event: expected a Scan, an Edge or a PoseUpdate of a data set, not {type(event).__name__}")
+        return None
+
+    def replay(self, dataset: Dataset, *, strict: bool = False, progress: Callable[[int], object] | None = None) -> int:
+        """Handles all events of a data set in their order, as the command does: the next scans are decoded meanwhile. Returns the number of scans integrated.
+
+        Args:
+            dataset: The data.
+            strict: A scan that cannot be used is an error; otherwise it is skipped with a warning.
+            progress: Called now and then with the number of scans since the last call, such as `tqdm(..).update`.
+
+        Raises:
+            RefusedError: With `strict`, a scan cannot be used. What came before it is in the map.
+        """
+        events, total, is_over = dataset._inner.events(), 0, False
+        while not is_over:
+            scans, problems, is_over = self._inner.replay(dataset._inner, events, 1 if strict else 4)
+            total += scans
+            for problem in problems:
+                if strict:
+                    raise RefusedError(problem)
+                warnings.warn(f"scan skipped: {problem}", stacklevel=2)
+            if progress is not None and scans:
+                progress(scans)
+        return total
 
     def snapshot(self) -> Map:
         """A copy of the map as it is now. Mapping can go on."""

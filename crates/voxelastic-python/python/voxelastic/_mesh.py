@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,3 +36,43 @@ class Mesh:
     def __repr__(self) -> str:
         extras = [name for name in ("intensity", "colours") if getattr(self, name) is not None]
         return f"Mesh({len(self.vertices):,} vertices, {len(self):,} triangles{''.join(f', {name}' for name in extras)})"
+
+    def vertex_colours(self) -> NDArray[np.uint8]:
+        """V x 3 colours to draw the mesh with: those of the scans, or grey by intensity, or by height."""
+        if self.colours is not None:
+            return self.colours
+        if self.intensity is not None:
+            return np.repeat(self.intensity[:, None], 3, axis=1)
+        heights = self.vertices[:, 2]
+        low, high = np.quantile(heights, [0.01, 0.99]) if len(heights) else (0.0, 1.0)
+        share = np.clip((heights - low) / max(float(high - low), 0.01), 0, 1)[:, None]
+        ramp = np.array([[0.15, 0.25, 0.45], [0.3, 0.6, 0.45], [0.85, 0.8, 0.5], [0.95, 0.95, 0.95]])
+        place = share * (len(ramp) - 1)
+        below = np.minimum(place.astype(np.int64), len(ramp) - 2)[:, 0]
+        mixed = ramp[below] + (ramp[below + 1] - ramp[below]) * (place - below[:, None])
+        return np.asarray(np.round(255 * mixed), dtype=np.uint8)
+
+    def to_open3d(self) -> Any:
+        """The mesh as `open3d.geometry.TriangleMesh`, with normals and colours. Needs the package open3d.
+
+        Raises:
+            ImportError: open3d is not installed.
+        """
+        open3d: Any = importlib.import_module("open3d")
+
+        mesh = open3d.geometry.TriangleMesh(
+            open3d.utility.Vector3dVector(self.vertices.astype(np.float64)), open3d.utility.Vector3iVector(self.triangles)
+        )
+        mesh.vertex_normals = open3d.utility.Vector3dVector(self.normals.astype(np.float64))
+        mesh.vertex_colors = open3d.utility.Vector3dVector(self.vertex_colours() / 255.0)
+        return mesh
+
+    def to_trimesh(self) -> Any:
+        """The mesh as `trimesh.Trimesh`, with normals and colours; vertices and triangles keep their order. Needs the package trimesh.
+
+        Raises:
+            ImportError: trimesh is not installed.
+        """
+        trimesh: Any = importlib.import_module("trimesh")
+
+        return trimesh.Trimesh(self.vertices, self.triangles, vertex_normals=self.normals, vertex_colors=self.vertex_colours(), process=False)

@@ -7,7 +7,21 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Map", "Mapper", "complete_settings", "run_command", "settings_table"]
+__all__ = [
+    "Dataset",
+    "Events",
+    "Map",
+    "Mapper",
+    "Scan",
+    "beam_directions",
+    "clearance",
+    "complete_settings",
+    "plan",
+    "ray_cast",
+    "run_command",
+    "settings_table",
+    "slice",
+]
 
 def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
     """Runs the command and returns its exit code."""
@@ -17,6 +31,90 @@ def settings_table() -> list[tuple[str, str, str, str, bool, str]]:
 
 def complete_settings(given: Mapping[str, str]) -> list[tuple[str, str]]:
     """All settings as text: those given, the others with their defaults."""
+
+def ray_cast(
+    map: Map, origins: NDArray[np.float64], directions: NDArray[np.float64], length: float, unknown_blocks: bool
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
+    """Distances to where rays end, NaN where they do not; the normals there; the states of what they end in."""
+
+def beam_directions(sensor: str, columns: int | None) -> tuple[NDArray[np.float64], int]:
+    """Directions of a sensor's beams, in the lidar frame, row by row, and the number of rows."""
+
+def clearance(map: Map, points: NDArray[np.float64], up_to: float, unknown_blocks: bool) -> NDArray[np.float64]:
+    """Distances to the nearest obstacles, metres, `up_to` where there are none nearer."""
+
+def slice(map: Map, axis: int, at: float, thickness: float, pixel: float, bounds: Sequence[Sequence[float]], of_distances: bool) -> NDArray[Any]:
+    """States, or distances, of a cross-section, rows from the smallest coordinate on."""
+
+def plan(
+    map: Map,
+    start: Sequence[float],
+    goal: Sequence[float],
+    radius: float,
+    wheels: bool,
+    step: float | None,
+    unknown_blocks: bool,
+    time: float,
+    samples: int | None,
+    seed: int,
+) -> dict[str, Any]:
+    """A path: its waypoints and what is known about it, by the names of `voxelastic.Path`."""
+
+@final
+class Dataset:
+    """A folder or a recording."""
+
+    @staticmethod
+    def open(
+        path: str | os.PathLike[str],
+        poses: str | os.PathLike[str] | None,
+        odometry: bool,
+        graph: str | os.PathLike[str] | None,
+        t_base_lidar: NDArray[np.float64] | None,
+        every: str | None,
+        cloud_topic: str | None,
+        pose_topic: str | None,
+        metadata: str | os.PathLike[str] | None,
+        deskew: bool,
+        time_tolerance: float,
+        strict: bool,
+    ) -> Dataset:
+        """Opens a folder or a recording. Clouds are read when their turn comes."""
+
+    def description(self) -> str:
+        """What was found, in a few lines."""
+
+    def scans(self) -> int | None:
+        """Number of scans, if it is known before they are read."""
+
+    def events(self) -> Events:
+        """The events from the beginning."""
+
+@final
+class Events:
+    """An iterator over the events of a data set."""
+
+    def next(self) -> tuple[str, Any] | None:
+        """The next event; none at the end."""
+
+@final
+class Scan:
+    """A scan of a data set."""
+
+    def stamp(self) -> tuple[int, float, list[list[float]]]:
+        """Its node, time stamp in seconds, and pose as a 4 x 4 matrix."""
+
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns of the cloud; one row if it is not organised."""
+
+    def points(self) -> NDArray[np.float32]:
+        """The points, N x 3, in the lidar frame."""
+
+    def channels(self) -> tuple[NDArray[np.float32] | None, NDArray[np.uint8] | None, NDArray[np.uint16] | None, NDArray[np.float32] | None]:
+        """Intensities, colours, rings and times of the points, where there are any."""
+
+    def undistorted(self) -> Scan | None:
+        """The same scan, corrected for the motion during the sweep; none if the motion or the times of the points are unknown."""
 
 @final
 class Mapper:
@@ -36,6 +134,12 @@ class Mapper:
         motion: tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
     ) -> tuple[int, int, str, int]:
         """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, and the number of usable returns."""
+
+    def integrate_scan(self, scan: Scan) -> tuple[int, int, str, int]:
+        """Integrates a scan of a data set."""
+
+    def replay(self, dataset: Dataset, events: Events, most: int) -> tuple[int, list[str], bool]:
+        """Handles up to `most` events. Returns the number of scans integrated, what is wrong with others, and whether that was all."""
 
     def add_edge(self, closes_loop: bool, from_node: int, to_node: int, t_from_to: NDArray[np.float64]) -> None:
         """Adds an edge between consecutive nodes, or one that closes a loop."""

@@ -189,7 +189,7 @@ impl VoxelSource for DecodedBlocks<'_> {
         let shift = BLOCK_SHIFT as usize - scale;
         let last = (1 << shift) - 1;
         let local = base.map(|c| c & last);
-        if base.map(|c| c >> shift) != self.at || local.iter().any(|c| *c == last) {
+        if base.map(|c| c >> shift) != self.at || local.contains(&last) {
             return self.corners_of_several(base, scale);
         }
         // All eight are in the current block.

@@ -1,0 +1,227 @@
+"""Folders and recordings of scans with poses."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _arrays, _native
+from ._arrays import Pose
+
+__all__ = ["Dataset", "Edge", "Event", "PoseUpdate", "Scan"]
+
+
+class Scan:
+    """A scan of a data set. Its arrays are made when they are asked for, and are yours to change."""
+
+    __slots__ = ("__weakref__", "_inner", "node", "pose", "time")
+    _inner: _native.Scan
+    node: int
+    """Its node in the pose graph."""
+    time: float
+    """Time stamp, seconds."""
+    pose: NDArray[np.float64]
+    """The lidar frame in the map frame when the scan was taken, 4 x 4, as the data have it."""
+
+    def __init__(self) -> None:
+        raise TypeError("a Scan comes from a Dataset")
+
+    @classmethod
+    def _of(cls, native: _native.Scan) -> Scan:
+        this = object.__new__(cls)
+        this._inner = native
+        this.node, this.time, pose = native.stamp()
+        this.pose = np.array(pose)
+        return this
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows (rings) and columns of the cloud; (1, N) if it is not organised."""
+        return self._inner.shape()
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """Coordinates in the lidar frame, metres: rows x columns x 3 of an organised cloud, else N x 3. NaN or zero: a beam without return."""
+        points, (rows, columns) = self._inner.points(), self.shape
+        return points.reshape(rows, columns, 3) if rows > 1 else points
+
+    @property
+    def intensity(self) -> NDArray[np.float32] | None:
+        """N strengths of the returns in the sensor's own scale; none if the data have none. N counts row by row."""
+        return self._inner.channels()[0]
+
+    @property
+    def colours(self) -> NDArray[np.uint8] | None:
+        """N x 3 colours, sRGB; none if the data have none."""
+        return self._inner.channels()[1]
+
+    @property
+    def ring(self) -> NDArray[np.uint16] | None:
+        """N numbers of the beams' rings; none if the data have none."""
+        return self._inner.channels()[2]
+
+    @property
+    def times(self) -> NDArray[np.float32] | None:
+        """N times of the points in seconds after `time`; none if the data have none."""
+        return self._inner.channels()[3]
+
+    def undistorted(self) -> Scan | None:
+        """The same scan, corrected for the motion of the lidar during the sweep; none if that or the times of the points are unknown.
+
+        A mapper does this itself.
+        """
+        native = self._inner.undistorted()
+        return None if native is None else Scan._of(native)
+
+    def __len__(self) -> int:
+        """Number of points, with or without return."""
+        rows, columns = self.shape
+        return rows * columns
+
+    def __repr__(self) -> str:
+        rows, columns = self.shape
+        x, y, z = self.pose[:3, 3]
+        return f"Scan(node {self.node}, {f'{rows} x {columns}' if rows > 1 else f'{columns:,}'} points, at {x:.2f}, {y:.2f}, {z:.2f} m)"
+
+
+class Edge(NamedTuple):
+    """A measured pose between two nodes."""
+
+    first: int
+    """A node."""
+    second: int
+    """Another node."""
+    pose: NDArray[np.float64]
+    """The lidar frame of `second` in that of `first`, 4 x 4."""
+    closes_loop: bool
+    """Whether the same place was observed at both; otherwise they are consecutive."""
+
+
+class PoseUpdate(NamedTuple):
+    """Corrected poses."""
+
+    poses: dict[int, NDArray[np.float64]]
+    """The lidar frame in the map frame, 4 x 4, of each node."""
+
+
+Event: TypeAlias = Union[Scan, Edge, PoseUpdate]
+"""What a SLAM system reports, in the order in which it happens."""
+
+
+class Dataset:
+    """Scans and poses of a folder or a recording, in any layout that the command reads. Clouds are read one by one, a little ahead.
+
+    `for scan in dataset` gives the scans, as often as you like; `events()` gives the edges of the pose graph and the corrections of poses, too.
+    """
+
+    __slots__ = ("__weakref__", "_inner", "_path", "_strict")
+    _inner: _native.Dataset
+    _path: Path
+    _strict: bool
+
+    def __init__(self) -> None:
+        raise TypeError("a Dataset is opened with Dataset.open(path)")
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        poses: str | os.PathLike[str] | None = None,
+        odometry: bool = False,
+        graph: str | os.PathLike[str] | None = None,
+        t_base_lidar: Pose | None = None,
+        every: str | int | None = None,
+        cloud_topic: str | None = None,
+        pose_topic: str | None = None,
+        metadata: str | os.PathLike[str] | None = None,
+        deskew: bool = True,
+        time_tolerance: float = 0.01,
+        strict: bool = False,
+    ) -> Dataset:
+        """Opens a folder of scans and poses, or a recording (.bag, .mcap, .db3, .pcap); the layout is recognised.
+
+        Args:
+            path: The folder or file.
+            poses: The pose file, if there are several: a path, or a part of a file name in the folder.
+            odometry: Take poses from before the optimisation, where a folder has both.
+            graph: The g2o file with the edges, or a folder of corrected trajectories.
+            t_base_lidar: The lidar frame in the vehicle frame, where the poses in the files are those of the vehicle.
+            every: Interval of the scans: a number (every Nth), "2m" or "0.5s"; by default all, and of recordings one every 2 m.
+            cloud_topic: The topic of the clouds in a recording, if there are several.
+            pose_topic: The topic of the poses in a recording, if there are several.
+            metadata: The sensor metadata of an Ouster capture, if it is not found by name.
+            deskew: Compensate the motion of the sensor during a sweep, where points have times.
+            time_tolerance: Largest time between a scan and its pose, seconds.
+            strict: A scan that cannot be read is an error; otherwise it is skipped with a warning.
+
+        Raises:
+            FileNotFoundError: There is nothing of this name.
+            FileError: The data cannot be recognised or read; the message lists what was found.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: there is nothing of this name; expected a folder of scans or a recording")
+        if not (time_tolerance >= 0 and np.isfinite(time_tolerance)):
+            raise ValueError(f"time_tolerance: expected seconds, 0 or more, not {time_tolerance!r}")
+        optional = (None if name is None else Path(name) for name in (poses, graph, metadata))
+        pose_file, graph_file, metadata_file = optional
+        lidar = None if t_base_lidar is None else _arrays.pose(t_base_lidar, "t_base_lidar")
+        interval = None if every is None else str(every)
+        this = object.__new__(cls)
+        this._path, this._strict = path, strict
+        this._inner = _native.Dataset.open(
+            path, pose_file, odometry, graph_file, lidar, interval, cloud_topic, pose_topic, metadata_file, deskew, float(time_tolerance), strict
+        )
+        return this
+
+    @property
+    def path(self) -> Path:
+        """The folder or file."""
+        return self._path
+
+    @property
+    def scan_count(self) -> int | None:
+        """Number of scans; none where that is not known before they are read, as in recordings."""
+        return self._inner.scans()
+
+    def events(self) -> Iterator[Event]:
+        """Scans, edges and corrections in the order in which they happened; see `Mapper.handle`."""
+        events = self._inner.events()
+        while (item := events.next()) is not None:
+            if (event := self._event(*item)) is not None:
+                yield event
+
+    def _event(self, kind: str, value: Any) -> Event | None:
+        match kind:
+            case "scan":
+                return Scan._of(value)
+            case "poses":
+                return PoseUpdate({node: np.array(pose) for node, pose in value})
+            case "odometry" | "loop":
+                first, second, pose = value
+                return Edge(first, second, np.array(pose), kind == "loop")
+        if self._strict:
+            raise value
+        self._warn(str(value))
+        return None
+
+    def _warn(self, problem: str) -> None:
+        warnings.warn(f"scan skipped: {problem}", stacklevel=3)
+
+    def __iter__(self) -> Iterator[Scan]:
+        return (event for event in self.events() if isinstance(event, Scan))
+
+    def __str__(self) -> str:
+        """What was found, in a few lines."""
+        return self._inner.description()
+
+    def __repr__(self) -> str:
+        count = self.scan_count
+        return f"Dataset({str(self._path)!r}{'' if count is None else f', {count:,} scans'})"

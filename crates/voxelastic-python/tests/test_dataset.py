@@ -1,0 +1,101 @@
+"""Folders and recordings, as the command reads them."""
+
+from __future__ import annotations
+
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import voxelastic as vx
+
+COMMAND = Path(sysconfig.get_path("scripts")) / "voxelastic"
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated walk through a room, with odometry, a pose graph and corrections."""
+    folder = tmp_path_factory.mktemp("data") / "drive"
+    subprocess.run([COMMAND, "simulate", "room", "-o", folder, "--scans", "12", "--sensor", "vlp-16", "-q"], check=True, timeout=120)
+    return folder
+
+
+def test_a_folder_gives_its_scans(drive: Path) -> None:
+    dataset = vx.Dataset.open(drive)
+    assert dataset.scan_count == 12 and dataset.path == drive and repr(dataset) == f"Dataset({str(drive)!r}, 12 scans)"
+    assert "poses.tum" in str(dataset)
+    scans = list(dataset)
+    assert [scan.node for scan in scans] == list(range(12)) == [scan.node for scan in dataset], "as often as one likes"
+    assert (np.diff([scan.time for scan in scans]) > 0).all()
+    scan = scans[3]
+    rows, columns = scan.shape
+    assert rows == 16 and scan.points.shape == (16, columns, 3) and len(scan) == 16 * columns and scan.points.dtype == np.float32
+    for values, dtype in ((scan.intensity, np.float32), (scan.ring, np.uint16), (scan.times, np.float32)):
+        assert values is not None and values.shape == (16 * columns,) and values.dtype == dtype
+    assert scan.colours is None
+    np.testing.assert_allclose(scan.pose[:3, 3], np.loadtxt(drive / "poses.tum")[3, 1:4], atol=1e-9)
+    assert repr(scan).startswith(f"Scan(node 3, 16 x {columns} points, at ")
+    points = scan.points
+    points[:] = 0
+    assert np.isfinite(scan.points).any() and scan.points.any(), "arrays are the caller's own"
+
+
+def test_events_make_the_map_that_the_command_makes(drive: Path, tmp_path: Path) -> None:
+    """With loop closures and corrections, by events and by replay, bit for bit."""
+    subprocess.run([COMMAND, "map", drive, "-o", tmp_path / "command.vox", "--voxel-size", "0.1", "--lambda-odom", "3", "-q"], check=True, timeout=300)
+    by_event, by_replay = (vx.Mapper(voxel_size=0.1, lambda_odom=3) for _ in range(2))
+    dataset = vx.Dataset.open(drive)
+    kinds = set()
+    for event in dataset.events():
+        kinds.add(type(event).__name__ if not isinstance(event, vx.Edge) else f"closes_loop={event.closes_loop}")
+        by_event.handle(event)
+    assert kinds >= {"Scan", "closes_loop=False"}
+    steps: list[int] = []
+    assert by_replay.replay(dataset, progress=steps.append) == 12 == sum(steps)
+    by_event.finish().save(tmp_path / "event.vox")
+    by_replay.finish().save(tmp_path / "replay.vox")
+    files = [sorted(file.name for file in (tmp_path / f"{name}.vox").glob("submap-*")) for name in ("command", "event", "replay")]
+    assert files[0] == files[1] == files[2] != []
+
+
+def test_intervals_are_those_of_the_command(drive: Path) -> None:
+    assert [scan.node for scan in vx.Dataset.open(drive, every=5)] == [0, 5, 10]
+    assert len(list(vx.Dataset.open(drive, every="1000m"))) == 1
+    with pytest.raises(ValueError, match="every: .*none of: scan"):
+        vx.Dataset.open(drive, every="often")
+
+
+def test_scans_that_cannot_be_read_are_skipped_with_a_warning(drive: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged"
+    damaged.mkdir()
+    for file in ("poses.tum", "graph.g2o"):
+        (damaged / file).write_bytes((drive / file).read_bytes())
+    (damaged / "scans").mkdir()
+    for scan in sorted((drive / "scans").iterdir()):
+        (damaged / "scans" / scan.name).write_bytes(scan.read_bytes()[:-100] if scan.name == "000004.pcd" else scan.read_bytes())
+    with pytest.warns(UserWarning, match=r"scan skipped: .*000004\.pcd"):
+        assert [scan.node for scan in vx.Dataset.open(damaged)] == [node for node in range(12) if node != 4]
+    with pytest.warns(UserWarning, match=r"000004\.pcd"):
+        assert vx.Mapper(voxel_size=0.1).replay(vx.Dataset.open(damaged)) == 11
+    with pytest.raises(vx.FileError, match=r"000004\.pcd"):
+        list(vx.Dataset.open(damaged, strict=True))
+    with pytest.raises(vx.RefusedError, match=r"000004\.pcd"):
+        vx.Mapper(voxel_size=0.1).replay(vx.Dataset.open(damaged), strict=True)
+
+
+def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="nothing: there is nothing of this name"):
+        vx.Dataset.open(tmp_path / "nothing")
+    with pytest.raises(vx.FileError, match=tmp_path.name):
+        vx.Dataset.open(tmp_path)
+    with pytest.raises(ValueError, match="time_tolerance"):
+        vx.Dataset.open(tmp_path, time_tolerance=-1)
+    with pytest.raises(ValueError, match="t_base_lidar"):
+        vx.Dataset.open(tmp_path, t_base_lidar=np.eye(3))
+    for made_by_hand in (vx.Dataset, vx.Scan):
+        with pytest.raises(TypeError, match="Dataset"):
+            made_by_hand()
+    with pytest.raises(TypeError, match="event: expected a Scan"):
+        vx.Mapper().handle("scan")  # type: ignore[arg-type]
