@@ -30,7 +30,8 @@ mod usage;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, eval, export, heldout, info, map, mesh, odometry, optimize, plan, render, report, simulate, slice,
+    bench, config as config_command, demo, eval, export, heldout, info, localize, map, mesh, odometry, optimize, plan, render, report, simulate,
+    slice,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -81,6 +82,7 @@ enum Command {
     Simulate(simulate::SimulateArgs),
     Bench(bench::BenchArgs),
     Odometry(odometry::OdometryArgs),
+    Localize(localize::LocalizeArgs),
     Optimize(optimize::OptimizeArgs),
     Config(config_command::ConfigArgs),
 }
@@ -144,6 +146,7 @@ impl Command {
             Self::Eval(args) => eval::run(args),
             Self::Simulate(args) => simulate::run(args, quiet),
             Self::Bench(args) => bench::run(args, program),
+            Self::Localize(args) => localize::run(args, quiet),
             Self::Odometry(args) => odometry::run(args, quiet),
             Self::Optimize(args) => optimize::run(args),
             Self::Config(args) => config_command::run(args),

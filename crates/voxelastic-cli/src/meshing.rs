@@ -202,6 +202,11 @@ pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerA
     Ok(MapMesh { mesh, submaps: Vec::new(), agreement: Some(agreement) })
 }
 
+/// Points on the surfaces of all submaps, in the map frame.
+pub fn surface_points(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<[f32; 3]>> {
+    Ok(shells(atlas, voxel, surface)?.mesh.positions)
+}
+
 /// The surfaces of all submaps on top of each other, in the map frame.
 fn shells(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
     let mut all = MapMesh::default();

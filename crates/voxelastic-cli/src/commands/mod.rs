@@ -7,6 +7,7 @@ pub mod eval;
 pub mod export;
 pub mod heldout;
 pub mod info;
+pub mod localize;
 pub mod map;
 pub mod mesh;
 pub mod odometry;

@@ -89,7 +89,8 @@ fn elsewhere(step: f32) -> Cloud {
     let mut points = Vec::new();
     for i in 0..3000 {
         let (u, v) = ((i % 100) as f32 / 100.0, (i / 100) as f32 / 30.0);
-        points.push([40.0 * u - 20.0 - 0.2 * step, 16.0 * v - 8.0, -0.6]);
+        let [near, far] = [40.0 * u - 20.0 - 0.2 * step, 16.0 * v - 8.0];
+        points.extend([[near, far, -0.6], [near, far, 2.4], [near, -8.0, 3.0 * u - 0.6]]);
         points.push([40.0 * u - 20.0 - 0.2 * step, 8.0, 5.0 * v - 0.6]);
         points.push([20.0 - 0.2 * step, 16.0 * u - 8.0, 5.0 * v - 0.6]);
         let (pillar, turn) = ((i % 10) as f32, std::f32::consts::TAU * u);
@@ -123,4 +124,25 @@ fn loops_are_closed_from_the_scans_alone() {
     assert!(!closed["corrections"].as_array().unwrap().is_empty(), "{closed}");
     let (plain, closed) = (error("plain.vox"), error("closed.vox"));
     assert!(closed < 0.5 * plain, "{plain} m, {closed} m");
+}
+
+#[test]
+fn scans_are_localised_in_a_map_that_does_not_have_them() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), "simulate street -o street --laps 0.7 --spacing 4 --columns 512");
+    works(dir.path(), "map street -o half.vox --poses groundtruth.tum --hold-out 2 --voxel-size 0.2 --max-range 30");
+    let done = json(dir.path(), "localize half.vox street --truth groundtruth.tum -o visit.tum --every 3 --json");
+    let located: Vec<&serde_json::Value> = done["located"].as_array().unwrap().iter().filter(|row| row["node"].as_u64().unwrap() % 2 == 1).collect();
+    let good =
+        |row: &&&serde_json::Value| row["certain"] == true && row["error_m"].as_f64().unwrap() < 0.2 && row["error_deg"].as_f64().unwrap() < 0.5;
+    let share = located.iter().filter(good).count() as f64 / located.len() as f64;
+    assert!(located.len() >= 5 && share >= 0.9 && done["errors"]["wrong"] == 0, "{share}: {done}");
+    assert_eq!(poses::read(dir.path().join("visit.tum")).unwrap().len() as u64, done["certain"].as_u64().unwrap());
+    // Somewhere else, no place is certain; far from the guess, none is even tried.
+    fs::create_dir(dir.path().join("away")).unwrap();
+    (0..3).for_each(|k| pcd::write(dir.path().join(format!("away/{k}.pcd")), &elsewhere(k as f32)).unwrap());
+    assert_eq!(json(dir.path(), "localize half.vox away --json")["certain"], 0);
+    let far = json(dir.path(), "localize half.vox street --every 20 --guess 900,0,0 --json");
+    assert!(far["located"].as_array().unwrap().iter().all(|row| row["t_map_lidar"].is_null()), "{far}");
+    fails(dir.path(), "localize half.vox street --guess 1,2", 2, &["X,Y,Z"]);
 }

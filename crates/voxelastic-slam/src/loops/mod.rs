@@ -9,6 +9,7 @@
 mod density_image;
 mod finder;
 mod free_space;
+mod localiser;
 mod overlap;
 mod place;
 mod plane_fft;
@@ -17,5 +18,6 @@ mod signature;
 mod verify;
 
 pub use finder::{Closure, LoopFinder, Verdict};
+pub use localiser::{Localiser, LocaliserSettings, Located};
 pub use settings::LoopSettings;
 pub use verify::Fit;
