@@ -44,8 +44,11 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     assert!(std::fs::read(dir.path().join("room.ply")).unwrap().starts_with(b"ply"));
     let coarse = json(dir.path(), "mesh room.vox -o coarse.glb --lod 1 --colour intensity --json");
     assert!(std::fs::read(dir.path().join("coarse.glb")).unwrap().starts_with(b"glTF"));
+    // The walls of this room lie on faces of the coarse cells, so that their vertices fall into cells on either side.
     assert!(coarse["triangles"].as_u64().unwrap() * 5 < 2 * mesh["triangles"].as_u64().unwrap(), "{coarse}");
     let shells = json(dir.path(), "mesh room.vox -o shells.ply --shells --colour submap --json");
+    let coarse_shells = json(dir.path(), "mesh room.vox -o coarse.ply --shells --lod 1 --json");
+    assert!(coarse_shells["triangles"].as_u64().unwrap() * 3 < shells["triangles"].as_u64().unwrap(), "{coarse_shells} {shells}");
     assert!(shells["fused"].is_null(), "{shells}");
     if map["submaps"].as_u64().unwrap() > 1 {
         assert!(mesh["fused"]["merged"].as_u64().unwrap() > 1000, "{mesh}");
