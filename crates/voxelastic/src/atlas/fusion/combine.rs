@@ -1,8 +1,8 @@
 //! Several submaps' samples of one block become one: means by observations and nearness, and a decision where they contradict.
 
-use super::tsdf::{PatchBlock, refine, resize_intensities};
-use crate::field::tsdf::storage::brick_codec::EncodedArray;
+use super::sampled_block::{SampledBlock, WORDS, for_each_bit};
 use crate::field::tsdf::{ObservationCount, Voxel};
+use crate::octree::voxels_at;
 
 /// Samples on both sides of a surface that are farther apart than this, voxels, are of different surfaces: twice the usual reach of the band in front
 /// of a surface or behind it is 3, and a mean of values at its ends would be a third surface between the two.
@@ -59,45 +59,44 @@ struct Vote {
 }
 
 /// Combines the samples of one block by several submaps, in a fixed order; adds to `agreement`. None if nothing is left.
-pub(super) fn combine(mut blocks: Vec<PatchBlock>, agreement: &mut Agreement) -> Option<PatchBlock> {
+pub(super) fn combine(mut blocks: Vec<SampledBlock>, agreement: &mut Agreement) -> Option<SampledBlock> {
     let scale = usize::from(blocks.iter().map(|block| block.scale).min()?);
     if blocks.len() == 1 {
-        agreement.alone += blocks[0].array.decode(scale).0.iter().filter(|voxel| voxel.is_observed()).count() as u64;
+        agreement.alone += u64::from(blocks[0].observed.iter().map(|word| word.count_ones()).sum::<u32>());
         return blocks.pop();
     }
-    let key = blocks[0].key;
-    let (mut shared, mut all, mut intensities) = (Vec::new(), Vec::new(), Vec::new());
-    let mut observation_count = ObservationCount::default();
+    let observation_count = blocks.iter().fold(ObservationCount::default(), |count, block| count.plus(block.observation_count.get()));
+    // An observation of a coarser voxel is divided among the finer voxels in it.
+    let shared: Vec<f32> = blocks.iter().map(|block| 1.0 / (1u32 << (3 * (usize::from(block.scale) - scale))) as f32).collect();
+    blocks.iter_mut().for_each(|block| block.refine(scale));
+    let (mut any, mut several) = ([0; WORDS], [0; WORDS]);
     for block in &blocks {
-        let from = usize::from(block.scale);
-        let (voxels, intensity) = block.array.decode(from);
-        shared.push(1.0 / (1u32 << (3 * (from - scale))) as f32);
-        all.push(refine(voxels, from, scale));
-        intensities.push(intensity.map(|values| resize_intensities(values, from, scale)));
-        observation_count = observation_count.plus(block.observation_count.get());
+        for i in 0..WORDS {
+            several[i] |= any[i] & block.observed[i];
+            any[i] |= block.observed[i];
+        }
     }
-    let (mut votes, mut is_observed) = (Vec::with_capacity(all.len()), false);
-    let edge = (1u32 << scale) as f32;
-    let voxels: Vec<Voxel> = (0..all[0].len())
-        .map(|i| {
-            votes.clear();
-            let observed = all.iter().zip(&shared).filter(|(voxels, _)| voxels[i].is_observed());
-            votes.extend(observed.map(|(voxels, shared)| Vote { voxel: voxels[i], weight: f32::from(voxels[i].weight) * shared }));
-            let voxel = combine_voxel(&votes, edge, agreement);
-            is_observed |= voxel.is_observed();
-            voxel
-        })
-        .collect();
-    let intensities = mean_intensities(&intensities, &all, &voxels);
-    is_observed.then(|| PatchBlock { key, scale: scale as u8, observation_count, array: EncodedArray::new(scale, &voxels, intensities.as_deref()) })
+    let mut voxels = vec![Voxel::default(); voxels_at(scale)].into_boxed_slice();
+    let mut observed: [u64; WORDS] = std::array::from_fn(|i| any[i] & !several[i]);
+    agreement.alone += u64::from(observed.iter().map(|word| word.count_ones()).sum::<u32>());
+    for block in &blocks {
+        for_each_bit(&std::array::from_fn(|i| observed[i] & block.observed[i]), |i| voxels[i] = block.voxels[i]);
+    }
+    let (mut votes, edge) = (Vec::with_capacity(blocks.len()), (1u32 << scale) as f32);
+    for_each_bit(&several, |i| {
+        votes.clear();
+        let known = blocks.iter().zip(&shared).filter(|(block, _)| block.voxels[i].is_observed());
+        votes.extend(known.map(|(block, shared)| Vote { voxel: block.voxels[i], weight: f32::from(block.voxels[i].weight) * shared }));
+        voxels[i] = combine_voxel(&votes, edge, agreement);
+        observed[i / 64] |= u64::from(voxels[i].is_observed()) << (i % 64);
+    });
+    let intensities = mean_intensities(&blocks, observed);
+    (observed != [0; WORDS]).then(|| SampledBlock { key: blocks[0].key, scale: scale as u8, observation_count, voxels, intensities, observed })
 }
 
-/// The voxel that several votes make; unobserved if there are none, or if they contradict and none is clearly better.
+/// The voxel that votes, at least two, make; unobserved if they contradict and none is clearly better.
 fn combine_voxel(votes: &[Vote], edge: f32, agreement: &mut Agreement) -> Voxel {
-    let [first, _, ..] = votes else {
-        agreement.alone += votes.len() as u64;
-        return votes.first().map_or_else(Voxel::default, |vote| vote.voxel);
-    };
+    let Some(first) = votes.first() else { return Voxel::default() };
     let distance = |vote: &Vote| vote.voxel.distance_in_voxels();
     let (low, high) = votes.iter().fold((distance(first), distance(first)), |(low, high), vote| (low.min(distance(vote)), high.max(distance(vote))));
     let apart = (1e3 * (high - low) * edge).round() as u64;
@@ -134,16 +133,19 @@ fn nearness(distance: f32) -> f32 {
     ((distance + BEHIND_END) / (BEHIND_END - BEHIND_FULL)).clamp(LEAST_SHARE, 1.0)
 }
 
-/// Means of the known intensities by the weights of their voxels; none if no block has any.
-fn mean_intensities(intensities: &[Option<Vec<u8>>], all: &[Vec<Voxel>], voxels: &[Voxel]) -> Option<Vec<u8>> {
-    intensities.iter().any(Option::is_some).then(|| {
-        let mean = |(i, voxel): (usize, &Voxel)| {
-            let known = intensities.iter().zip(all).filter_map(|(values, voxels)| Some((values.as_ref()?[i], u32::from(voxels[i].weight))));
-            let (sum, weight) = known.filter(|(value, _)| *value > 0).fold((0, 0), |(sum, all), (value, w)| (sum + u32::from(value) * w, all + w));
-            if voxel.is_observed() { (sum / weight.max(1)) as u8 } else { 0 }
-        };
-        voxels.iter().enumerate().map(mean).collect()
-    })
+/// Means of the known intensities of the `observed` voxels by their weights; none if no block has any.
+fn mean_intensities(blocks: &[SampledBlock], observed: [u64; WORDS]) -> Option<Box<[u8]>> {
+    let known: Vec<(&[u8], &[Voxel])> = blocks.iter().filter_map(|block| Some((block.intensities.as_deref()?, &block.voxels[..]))).collect();
+    let mut means = vec![0; known.first()?.0.len()].into_boxed_slice();
+    for_each_bit(&observed, |i| {
+        let (mut sum, mut all) = (0, 0);
+        for (intensities, voxels) in known.iter().filter(|(intensities, _)| intensities[i] > 0) {
+            let weight = u32::from(voxels[i].weight);
+            (sum, all) = (sum + u32::from(intensities[i]) * weight, all + weight);
+        }
+        means[i] = (sum / all.max(1)) as u8;
+    });
+    Some(means)
 }
 
 #[cfg(test)]
@@ -192,10 +194,10 @@ mod tests {
         ) {
             let blocks = samples.iter().map(|voxels| {
                 let voxels: Vec<Voxel> = voxels.iter().map(|(d, w)| Voxel { distance: if *w > 0 { steps(*d) } else { 0 }, weight: w * WEIGHT_ONE }).collect();
-                PatchBlock { key: 7, scale: 1, observation_count: ObservationCount::default(), array: EncodedArray::new(1, &voxels, None) }
+                SampledBlock::new(7, 1, ObservationCount::default(), voxels.into(), None)
             });
             let mut agreement = Agreement::default();
-            let combined = combine(blocks.collect(), &mut agreement).map(|block| block.array.decode(1).0);
+            let combined = combine(blocks.collect(), &mut agreement).map(|block| block.voxels.into_vec());
             let combined = combined.unwrap_or_else(|| vec![Voxel::default(); voxels_at(1)]);
             for i in 0..voxels_at(1) {
                 let known: Vec<(f64, f64)> = samples.iter().filter(|s| s[i].1 > 0).map(|s| (f64::from(s[i].0), f64::from(s[i].1))).collect();

@@ -12,20 +12,27 @@
 //! [`OneField`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
 //! [`resolve_conflicts`] does the same for single voxels: evidence of all submaps decides where one of them has an isolated hit.
 
-mod block_cache;
 mod colour;
 mod combine;
 mod conflict_resolution;
+mod decoded_blocks;
 mod merge;
 mod occupancy;
 mod occupancy_window;
 mod one_field;
 mod placement;
+mod points;
+#[cfg(test)]
+mod reference;
 mod sample_grid;
+mod sampled_block;
 mod sampling;
+mod select;
 mod settings;
 mod trilinear;
 mod tsdf;
+mod tsdf_sampling;
+mod window;
 
 pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;

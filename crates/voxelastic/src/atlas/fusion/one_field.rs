@@ -6,17 +6,19 @@
 use super::colour::ColourPatch;
 use super::combine::{Agreement, combine};
 use super::placement::Placement;
-use super::tsdf::{PatchBlock, TargetBlock, TsdfPatch, TsdfSampling, target_blocks};
+use super::sampled_block::SampledBlock;
+use super::tsdf::{PatchBlock, TsdfPatch};
+use super::tsdf_sampling::{TargetBlock, TsdfSampling, target_blocks};
 use crate::atlas::Atlas;
 use crate::field::tsdf::TsdfField;
 use crate::geometry::Pose;
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Blocks per part: few enough for little memory and an even load of threads, many enough that neighbours are decompressed once.
-const BLOCKS_PER_PART: usize = 256;
-/// Parts in memory at a time. Not the number of threads: that would change nothing but the memory.
-const PARTS_AT_ONCE: usize = 16;
+/// Blocks per part: few enough for little memory and an even load of threads, many enough that most neighbours are decompressed once.
+const BLOCKS_PER_PART: usize = 1024;
+/// Parts that are made at a time, while those before are put into the field.
+const PARTS_AT_ONCE: usize = 8;
 
 /// One TSDF of the whole map.
 #[derive(Debug, Default)]
@@ -47,10 +49,13 @@ impl OneField {
         keys.dedup();
         let mut one = Self::default();
         let parts: Vec<&[u64]> = keys.chunks(BLOCKS_PER_PART).collect();
+        let mut made: Vec<Part> = Vec::new();
         for parts in parts.chunks(PARTS_AT_ONCE) {
-            let done: Vec<Part> = parts.par_iter().map(|keys| Part::new(&sources, keys)).collect();
-            done.into_iter().for_each(|part| one.add(part));
+            let before = std::mem::take(&mut made);
+            let make = || parts.par_iter().map(|keys| Part::new(&sources, keys)).collect();
+            made = rayon::join(make, || before.into_iter().for_each(|part| one.add(part))).0;
         }
+        made.into_iter().for_each(|part| one.add(part));
         one
     }
 
@@ -84,20 +89,21 @@ impl Part {
         for source in sources {
             let start = source.blocks.partition_point(|block| block.key() < keys[0]);
             let end = source.blocks.partition_point(|block| block.key() <= keys[keys.len() - 1]);
-            let patch = source.sampling.part(start..end);
-            colours.push(ColourPatch::sample(source.field, &source.placement, &patch.keys_and_scales()));
-            samples.extend(patch.into_blocks());
+            let blocks = source.sampling.sample(start..end);
+            let keys_and_scales: Vec<(u64, u8)> = blocks.iter().map(|block| (block.key, block.scale)).collect();
+            colours.push(ColourPatch::sample(source.field, &source.placement, &keys_and_scales));
+            samples.extend(blocks);
         }
         // Stable: samples of one block stay in the order of the submaps.
-        samples.sort_by_key(|block: &PatchBlock| block.key);
-        let (mut blocks, mut agreement, mut same) = (Vec::new(), Agreement::default(), Vec::new());
+        samples.sort_by_key(|block: &SampledBlock| block.key);
+        let (mut blocks, mut agreement, mut same): (Vec<PatchBlock>, _, _) = (Vec::new(), Agreement::default(), Vec::new());
         for block in samples {
-            if same.last().is_some_and(|last: &PatchBlock| last.key != block.key) {
-                blocks.extend(combine(std::mem::take(&mut same), &mut agreement));
+            if same.last().is_some_and(|last: &SampledBlock| last.key != block.key) {
+                blocks.extend(combine(std::mem::take(&mut same), &mut agreement).map(|block| block.encode()));
             }
             same.push(block);
         }
-        blocks.extend(combine(same, &mut agreement));
+        blocks.extend(combine(same, &mut agreement).map(|block| block.encode()));
         Self { blocks: TsdfPatch::of(blocks), colours, agreement }
     }
 }

@@ -29,6 +29,12 @@ impl Placement {
     pub fn box_in_source(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
         transformed_box(&self.t_source_target, centre, half)
     }
+
+    /// The axis-aligned box around a cuboid of the target, in the source: centre and half extents.
+    pub fn cuboid_in_source(&self, centre: [f32; 3], half: [f32; 3]) -> ([f32; 3], [f32; 3]) {
+        let t = &self.t_source_target;
+        (t.apply(centre), std::array::from_fn(|i| (0..3).map(|k| t.rotation[i][k].abs() * half[k]).sum()))
+    }
 }
 
 fn transformed_box(t: &Rigid, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {

@@ -4,7 +4,7 @@
 use super::placement::floor;
 use crate::geometry::Rigid;
 use crate::octree::{BLOCK_EDGE, block_coords, edge_at, voxels_at};
-use crate::simd::{Kernel, dispatch};
+use crate::simd::{Kernel, dispatch, floor_positive};
 
 /// Voxels of a block at the finest scale.
 const CAPACITY: usize = voxels_at(0);
@@ -12,7 +12,7 @@ const CAPACITY: usize = voxels_at(0);
 /// Centres of a block's voxels as coordinates in another lattice, both at one scale; by axis, then by voxel.
 pub(super) struct SampleGrid {
     /// The last voxel along the axis whose centre is not beyond the point.
-    base: [[i32; CAPACITY]; 3],
+    pub base: [[i32; CAPACITY]; 3],
     /// Distance of the point beyond that centre, 0 to 1 voxels.
     fraction: [[f32; CAPACITY]; 3],
 }
@@ -56,6 +56,9 @@ impl Kernel for Fill<'_> {
         let Self { t, corner, scale, grid } = self;
         let n = edge_at(scale);
         let edge = (1 << scale) as f32;
+        // Below all coordinates of the block: from there on they are small and positive, which makes rounding cheap.
+        let middle = t.apply(corner.map(|c| c + 0.5 * BLOCK_EDGE as f32));
+        let low: [i32; 3] = std::array::from_fn(|k| floor((middle[k] - BLOCK_EDGE as f32) / edge) - 2);
         for z in 0..n {
             for y in 0..n {
                 let row = n * (y + n * z);
@@ -65,7 +68,8 @@ impl Kernel for Fill<'_> {
                     let (base, fraction) = (&mut grid.base[k][row..row + n], &mut grid.fraction[k][row..row + n]);
                     for x in 0..n {
                         let at = first[k] + x as f32 * t.rotation[k][0];
-                        base[x] = floor(at);
+                        let whole = floor_positive(at - low[k] as f32);
+                        base[x] = whole + low[k];
                         fraction[x] = at - base[x] as f32;
                     }
                 }

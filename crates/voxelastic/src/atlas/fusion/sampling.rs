@@ -3,7 +3,8 @@
 use super::colour::ColourPatch;
 use super::occupancy::{Cube, OccupancyPatch, OccupancySampling, target_cubes};
 use super::placement::Placement;
-use super::tsdf::{TargetBlock, TsdfPatch, TsdfSampling, target_blocks};
+use super::tsdf::TsdfPatch;
+use super::tsdf_sampling::{TargetBlock, TsdfSampling, target_blocks};
 use crate::atlas::Submap;
 use crate::geometry::Pose;
 use rayon::prelude::*;

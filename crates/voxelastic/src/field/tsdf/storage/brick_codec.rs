@@ -254,7 +254,7 @@ pub(crate) struct EncodedArray {
 impl EncodedArray {
     /// Encodes an array at `scale`, with its intensities if it has any.
     pub fn new(scale: usize, voxels: &[Voxel], intensities: Option<&[u8]>) -> Self {
-        let (mut words, mut encoded) = (Vec::new(), EncodedBrick::EMPTY);
+        let (mut words, mut encoded) = (Vec::with_capacity(voxels.len() / 2), EncodedBrick::EMPTY);
         for brick in 0..voxels.len().div_ceil(BRICK) {
             let values = Brick {
                 voxels: gather(voxels, scale, brick),
