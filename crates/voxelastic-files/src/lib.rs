@@ -1,6 +1,6 @@
 //! Files that are there whole or not at all.
 //!
-//! [`write`] fills a temporary file beside its name and renames it when it is complete. A full disk, an error or a killed program leaves the file that
+//! [`write()`] fills a temporary file beside its name and renames it when it is complete. A full disk, an error or a killed program leaves the file that
 //! was there before. An error removes the temporary at once; what a killed program left is removed when the next file is written in that folder.
 //!
 //! ```
