@@ -30,8 +30,8 @@ mod usage;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, eval, export, heldout, info, localize, map, mesh, odometry, optimize, plan, render, report, simulate,
-    slice,
+    bench, config as config_command, demo, eval, export, heldout, info, localize, map, mesh, odometry, optimize, plan, render, repair, report,
+    simulate, slice,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -77,6 +77,7 @@ enum Command {
     Export(export::ExportArgs),
     Report(report::ReportArgs),
     Plan(plan::PlanArgs),
+    Repair(repair::RepairArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
@@ -142,6 +143,7 @@ impl Command {
             Self::Export(args) => export::run(args),
             Self::Report(args) => report::run(args),
             Self::Plan(args) => plan::run(args),
+            Self::Repair(args) => repair::run(args),
             Self::Heldout(args) => heldout::run(args, quiet),
             Self::Eval(args) => eval::run(args),
             Self::Simulate(args) => simulate::run(args, quiet),

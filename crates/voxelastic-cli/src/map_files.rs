@@ -1,9 +1,11 @@
 //! Maps on disk: loading.
 
 use crate::failure::Failure;
+use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
 use voxelastic::settings::Settings;
+use voxelastic_io::Error;
 use voxelastic_io::store::MapStore;
 
 /// A map in memory.
@@ -12,13 +14,69 @@ pub struct LoadedMap {
     pub atlas: Atlas,
     /// Its settings.
     pub settings: Settings,
+    /// Submaps that were left out because they are damaged.
+    pub damaged: usize,
+}
+
+/// What to do about damage, of commands that read a map.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct DamageArgs {
+    /// Leave out submaps whose files are damaged or missing, and count them, instead of failing
+    #[arg(long)]
+    pub skip_damaged: bool,
 }
 
 /// Loads a map.
-pub fn load(path: &Path) -> anyhow::Result<LoadedMap> {
-    let store = MapStore::open(path)?;
+pub fn load(path: &Path, damage: DamageArgs) -> anyhow::Result<LoadedMap> {
+    let store = open(path)?;
     let settings = settings_of(&store)?;
-    Ok(LoadedMap { atlas: store.load_atlas()?, settings })
+    let (atlas, damaged) = if damage.skip_damaged {
+        let (atlas, found) = store.load_undamaged().map_err(damaged_whole)?;
+        found.iter().for_each(|error| tracing::warn!("left out: {error}"));
+        warn_of(&store, found.len());
+        (atlas, found.len())
+    } else {
+        (store.load_atlas().map_err(|error| damaged_part(path, error))?, 0)
+    };
+    Ok(LoadedMap { atlas, settings, damaged })
+}
+
+/// Opens a map. An error says how a damaged one is repaired.
+pub fn open(path: &Path) -> anyhow::Result<MapStore> {
+    MapStore::open(path).map_err(|error| match error {
+        Error::Damaged { .. } => damaged_whole(error),
+        Error::NotAMap { .. } if has_submap_files(path) => damaged_whole(error),
+        error => error.into(),
+    })
+}
+
+/// Says how many submaps of a map are left out.
+pub fn warn_of(store: &MapStore, damaged: usize) {
+    if damaged > 0 {
+        let (all, path) = (store.manifest().submaps.len(), store.dir().display());
+        tracing::warn!("{path}: {damaged} of {all} submaps are damaged and left out; `voxelastic repair {path}` takes them out of the map");
+    }
+}
+
+/// An error that says what can be done about damage of one submap.
+pub fn damaged_part(map: &Path, error: Error) -> anyhow::Error {
+    match error {
+        Error::Damaged { .. } | Error::Missing { .. } => {
+            let remedy = format!("--skip-damaged leaves it out; `voxelastic repair {}` takes it out of the map", map.display());
+            Failure::new(error.to_string(), remedy).into()
+        }
+        error => error.into(),
+    }
+}
+
+fn damaged_whole(error: Error) -> anyhow::Error {
+    Failure::new(error.to_string(), "`voxelastic repair MAP` makes the map again from the submap files that are whole").into()
+}
+
+/// Whether a folder has files that are named like those of submaps.
+pub fn has_submap_files(dir: &Path) -> bool {
+    let named = |name: &str| name.starts_with("submap-") && name.ends_with(".vxs");
+    std::fs::read_dir(dir).is_ok_and(|entries| entries.flatten().any(|entry| named(&entry.file_name().to_string_lossy())))
 }
 
 /// The settings of a map. Settings that an older version did not store have their defaults.
@@ -27,6 +85,12 @@ pub fn settings_of(store: &MapStore) -> anyhow::Result<Settings> {
         let remedy = "map the data again, or write the map's settings into its manifest as `voxelastic map` does";
         return Err(Failure::new(format!("{}: the manifest does not contain the voxel size", store.dir().display()), remedy).into());
     };
+    let sizes = ["voxel", "voxel_size"].into_iter().filter_map(|key| Some((key, store.manifest().details.settings.get(key)?)));
+    if let Some(error) = sizes.into_iter().find_map(|(key, value)| Settings::default().set(key, value).err()) {
+        // With another size, every coordinate of the map would be wrong.
+        let remedy = "restore the manifest from a backup, or move it away and let `voxelastic repair` make it again";
+        return Err(Failure::new(format!("{}: damaged settings in manifest.json: {error}", store.dir().display()), remedy).into());
+    }
     for error in &stored.refused {
         tracing::warn!("{}: the map has a setting that this version of voxelastic does not know: {error}", store.dir().display());
     }

@@ -5,6 +5,7 @@ mod figures;
 use super::eval::truth::{Limits, Truth};
 use super::eval::{EvalArgs, Field, Summary, measure_against};
 use crate::failure::{self, Failure};
+use crate::map_files::DamageArgs;
 use crate::mapping::Session;
 use crate::meshing::{SurfaceArgs, pool};
 use crate::progress::Progress;
@@ -216,7 +217,7 @@ fn largest_drift(simulation: &Simulation) -> f64 {
 
 /// Writes the page on the elastic map.
 fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summary; 2]) -> anyhow::Result<()> {
-    let loaded = map_files::load(map)?;
+    let loaded = map_files::load(map, DamageArgs::default())?;
     let details = MapDetails::describe(&loaded.settings, None);
     let surface = SurfaceArgs::default();
     let subject = Subject { atlas: &loaded.atlas, settings: &loaded.settings, details: &details, run: Some(log.clone()), surface: &surface };

@@ -56,6 +56,7 @@ pub fn measure_against(args: &EvalArgs, truth: &Truth) -> anyhow::Result<Summary
 fn against_truth(args: &EvalArgs, mut measured: Measured, truth: &Truth) -> anyhow::Result<Summary> {
     let mut summary = Summary {
         map: args.map.clone(),
+        submaps_damaged: measured.map().map_or(0, |map| map.damaged),
         truth: args.truth.clone(),
         truth_kind: truth.kind,
         measured: None,

@@ -2,6 +2,7 @@
 
 use crate::data::{DataArgs, HoldOut};
 use crate::failure::{self, Failure, one_line};
+use crate::map_files::DamageArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
 use crate::progress::Progress;
 use crate::{interrupt, map_files, output};
@@ -27,6 +28,8 @@ pub struct HeldoutArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
+    damage: DamageArgs,
+    #[command(flatten)]
     data: DataArgs,
     /// The N that the map was built with: every Nth scan is measured
     #[arg(long, value_name = "N", default_value = "10", value_parser = HoldOut::parse)]
@@ -47,6 +50,8 @@ pub struct HeldoutArgs {
 #[derive(Debug, Serialize)]
 struct Summary {
     map: PathBuf,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     /// Nodes of the scans in `scans`.
     nodes: Vec<NodeId>,
     /// Surfaces of the mesh on top of each other.
@@ -60,7 +65,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
     args.hold_out.keep_held_out(&mut held);
-    let map = pool.install(|| map_files::load(&args.map))?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
     let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
@@ -97,7 +102,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     if args.json {
         let layers = pool.install(|| layers(&view, LAYER_PLACES, LAYER_REACH));
-        output::print_json(&Summary { map: args.map.clone(), nodes, layers, report })?;
+        output::print_json(&Summary { map: args.map.clone(), submaps_damaged: map.damaged, nodes, layers, report })?;
     } else {
         output::print(&table(&report))?;
     }

@@ -8,6 +8,7 @@ mod rows;
 
 use crate::data::DataArgs;
 use crate::failure::{self, Failure};
+use crate::map_files::DamageArgs;
 use crate::{map_files, output};
 use clap::Args;
 
@@ -25,6 +26,8 @@ pub struct InfoArgs {
     /// For maps: read every submap, verify its checksums, and compute the extent of the map
     #[arg(long)]
     check: bool,
+    #[command(flatten)]
+    damage: DamageArgs,
     /// Print one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -42,8 +45,8 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<u8> {
     } else if path.is_file() {
         let info = cloud::describe(path)?;
         print(args, &info, cloud::table)?;
-    } else if map_files::is_map(path) {
-        let info = map::describe(path, args.check)?;
+    } else if map_files::is_map(path) || map_files::has_submap_files(path) {
+        let info = map::describe(path, args.check, args.damage)?;
         print(args, &info, map::table)?;
     } else {
         let info = dataset::describe(&args.data)?;

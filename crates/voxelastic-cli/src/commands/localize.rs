@@ -1,6 +1,7 @@
 //! `voxelastic localize`: where in a map scans were taken.
 
 use crate::failure::{self, Failure, one_line};
+use crate::map_files::DamageArgs;
 use crate::meshing::{SurfaceArgs, surface_points};
 use crate::progress::Progress;
 use crate::raw_data::RawDataArgs;
@@ -32,6 +33,8 @@ pub struct LocalizeArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
+    damage: DamageArgs,
+    #[command(flatten)]
     data: RawDataArgs,
     /// The poses to write, in the map frame (TUM), of the scans whose place is certain [default: none, only figures]
     #[arg(short, long, value_name = "FILE.tum")]
@@ -59,6 +62,8 @@ pub struct LocalizeArgs {
 #[derive(Debug, Serialize)]
 struct Summary {
     map: PathBuf,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     output: Option<PathBuf>,
     /// Scans that were tried.
     scans: usize,
@@ -111,9 +116,10 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let scans = args.data.open()?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
-    let map = pool.install(|| map_files::load(&args.map))?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let points = pool.install(|| surface_points(&map.atlas, map.settings.voxel_size, &args.surface))?;
     let viewpoints = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar)).collect();
+    let submaps_damaged = map.damaged;
     drop(map);
     let mut localiser = Localiser::new(points, viewpoints, LocaliserSettings::default());
     interrupt::install("reporting the scans localised so far");
@@ -165,6 +171,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     let summary = Summary {
         map: args.map.clone(),
+        submaps_damaged,
         output: args.output.clone(),
         scans: rows.len(),
         certain: trajectory.len(),

@@ -1,7 +1,7 @@
 //! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
 use crate::failure::Failure;
-use crate::map_files;
+use crate::map_files::{self, DamageArgs};
 use crate::meshing::{Colour, Fused, LayerArgs, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::{failure, output};
 use anyhow::Context;
@@ -27,6 +27,8 @@ pub struct MeshArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
+    #[command(flatten)]
+    damage: DamageArgs,
     /// The mesh to write; the extension selects the format: .ply (binary) or .glb
     #[arg(short, long, value_name = "FILE.ply|.glb")]
     output: PathBuf,
@@ -59,6 +61,8 @@ struct Summary {
     vertices: usize,
     triangles: usize,
     submaps: usize,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     /// Null unless submaps were fused.
     fused: Option<Fused>,
     load_s: f64,
@@ -71,7 +75,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let format = format_of(&args.output)?;
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map))?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let load_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     let (meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
@@ -94,6 +98,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         triangles: meshes.iter().map(|(_, m)| m.mesh.triangles.len()).sum(),
         files: meshes.into_iter().map(|(path, _)| path).collect(),
         submaps,
+        submaps_damaged: map.damaged,
         fused,
         load_s,
         extract_s,

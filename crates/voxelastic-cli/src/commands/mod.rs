@@ -14,6 +14,7 @@ pub mod odometry;
 pub mod optimize;
 pub mod plan;
 pub mod render;
+pub mod repair;
 pub mod report;
 pub mod simulate;
 pub mod slice;

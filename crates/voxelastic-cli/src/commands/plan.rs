@@ -19,6 +19,8 @@ use voxelastic_plan::{plan, sharpest_turn};
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     output: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     picture: Option<&'a Path>,
     #[serde(flatten)]
@@ -29,10 +31,10 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map)?;
+    let map = map_files::load(&args.map, args.damage)?;
     let query = map.atlas.query();
     if let Some(file) = &args.recheck {
-        return recheck::run(args, file, &map.atlas, &query);
+        return recheck::run(args, file, &map, &query);
     }
     let (Some(start), Some(goal), Some(output)) = (args.start, args.goal, &args.output) else { anyhow::bail!("start, goal and output are missing") };
     let request = args.request(start, goal);
@@ -55,7 +57,7 @@ pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
     );
     tracing::info!("wrote {}", output.display());
     if args.json {
-        output::print_json(&Summary { output, picture: args.picture.as_deref(), figures, waypoints, tree_nodes })?;
+        output::print_json(&Summary { output, submaps_damaged: map.damaged, picture: args.picture.as_deref(), figures, waypoints, tree_nodes })?;
     }
     Ok(failure::DONE)
 }

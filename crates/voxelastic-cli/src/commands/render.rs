@@ -1,7 +1,7 @@
 //! `voxelastic render`: draws a picture of a map or a mesh.
 
 use crate::failure::Failure;
-use crate::map_files;
+use crate::map_files::{self, DamageArgs};
 use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
@@ -28,6 +28,8 @@ pub struct RenderArgs {
     /// A map, or a mesh in a PLY file
     #[arg(value_name = "MAP.vox|MESH.ply")]
     input: PathBuf,
+    #[command(flatten)]
+    damage: DamageArgs,
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
@@ -94,6 +96,8 @@ enum View {
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     width: u32,
     height: u32,
     triangles: usize,
@@ -103,6 +107,8 @@ struct Summary<'a> {
 struct Subject {
     mesh: MapMesh,
     path: Vec<[f64; 3]>,
+    /// Submaps that were left out because they are damaged.
+    damaged: usize,
 }
 
 /// Runs the command.
@@ -135,14 +141,14 @@ fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
     tracing::info!("{} triangles drawn in {}", mesh.triangles.len(), args.output.display());
     if args.json {
         let Size { width, height } = args.size;
-        output::print_json(&Summary { file: &args.output, width, height, triangles: mesh.triangles.len() })?;
+        output::print_json(&Summary { file: &args.output, submaps_damaged: subject.damaged, width, height, triangles: mesh.triangles.len() })?;
     }
     Ok(failure::DONE)
 }
 
 fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if args.input.is_dir() || map_files::is_map(&args.input) {
-        let map = map_files::load(&args.input)?;
+        let map = map_files::load(&args.input, args.damage)?;
         let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap() * t).translation.vector.into();
         let mut path: Vec<(u64, [f64; 3])> =
             map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
@@ -150,7 +156,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
         // A fused surface has no submaps to be coloured by.
         let layers = LayerArgs { shells: args.layers.shells || args.colour == Some(Colour::Submap) };
         let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, layers)?;
-        return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect() });
+        return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect(), damaged: map.damaged });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;
     if read.triangles.is_empty() {
@@ -164,7 +170,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
         return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or a map").into());
     }
-    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new(), agreement: None }, path: Vec::new() })
+    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new(), agreement: None }, path: Vec::new(), damaged: 0 })
 }
 
 fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {

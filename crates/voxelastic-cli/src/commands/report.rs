@@ -3,14 +3,13 @@
 use super::eval::truth::{Limits, Truth};
 use super::plan::file::StoredPath;
 use crate::failure;
-use crate::map_files;
+use crate::map_files::{self, DamageArgs};
 use crate::meshing::SurfaceArgs;
 use crate::output;
 use crate::reporting::{self, Subject};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use voxelastic_io::store::MapStore;
 use voxelastic_report::Report;
 
 /// Write a report on a map and its run, one HTML page
@@ -27,6 +26,8 @@ pub struct ReportArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
+    #[command(flatten)]
+    damage: DamageArgs,
     /// The page to write [default: the name of the map with .html, in the current directory]
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
@@ -65,6 +66,8 @@ struct Summary<'a> {
     file: &'a Path,
     bytes: u64,
     submaps: usize,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     vertices: usize,
     has_run: bool,
     has_truth: bool,
@@ -77,8 +80,8 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
 }
 
 fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map)?;
-    let store = MapStore::open(&args.map)?;
+    let map = map_files::load(&args.map, args.damage)?;
+    let store = map_files::open(&args.map)?;
     let run = reporting::run_log(&store);
     if run.is_none() {
         tracing::info!("{}: the map has no log of its run, so the page has no charts of it", args.map.display());
@@ -96,16 +99,17 @@ fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     let file = args.output.clone().unwrap_or_else(|| page_of(&args.map));
     let bytes = reporting::write(&report, &file)?;
     if args.json {
-        output::print_json(&summary(&report, &file, bytes))?;
+        output::print_json(&summary(&report, &file, (bytes, map.damaged)))?;
     }
     Ok(failure::DONE)
 }
 
-fn summary<'a>(report: &Report, file: &'a Path, bytes: u64) -> Summary<'a> {
+fn summary<'a>(report: &Report, file: &'a Path, (bytes, submaps_damaged): (u64, usize)) -> Summary<'a> {
     Summary {
         file,
         bytes,
         submaps: report.surface.len(),
+        submaps_damaged,
         vertices: report.surface.iter().map(|s| s.positions.len()).sum(),
         has_run: report.run.is_some(),
         has_truth: !report.distances.is_empty(),

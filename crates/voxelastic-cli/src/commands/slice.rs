@@ -1,7 +1,7 @@
 //! `voxelastic slice`: draws a slice of a map.
 
 use crate::failure::{self, Failure};
-use crate::map_files::{self, LoadedMap};
+use crate::map_files::{self, DamageArgs, LoadedMap};
 use crate::{meshing, output};
 use anyhow::Context;
 use clap::Args;
@@ -31,6 +31,8 @@ pub struct SliceArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
+    #[command(flatten)]
+    damage: DamageArgs,
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
@@ -82,6 +84,8 @@ pub fn corners(text: &str) -> Result<Aabb, String> {
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     width: usize,
     height: usize,
     pixel_m: f64,
@@ -98,18 +102,18 @@ struct Summary<'a> {
 pub fn run(args: &SliceArgs) -> anyhow::Result<u8> {
     let pool = meshing::pool(args.threads)?;
     pool.install(|| {
-        let map = map_files::load(&args.map)?;
+        let map = map_files::load(&args.map, args.damage)?;
         let occupancy = map.atlas.query();
         if !occupancy.is_empty() {
             let request = args.request(occupancy.bounds(), &map);
-            return args.draw_states(&request, &occupancy.slice(&request));
+            return args.draw_states(&map, &request, &occupancy.slice(&request));
         }
         let tsdf = DistanceQuery::new(&map.atlas);
         if tsdf.is_empty() {
             return Err(Failure::new(format!("{}: the map is empty", args.map.display()), "map some scans").into());
         }
         let request = args.request(tsdf.bounds(), &map);
-        args.draw_distances(&request, &tsdf.slice(&request), map.settings.truncation * map.settings.voxel_size)
+        args.draw_distances(&map, &request, &tsdf.slice(&request))
     })
 }
 
@@ -127,7 +131,7 @@ impl SliceArgs {
         SliceRequest { axis, at, thickness: self.thickness.unwrap_or_default(), pixel, bounds }
     }
 
-    fn draw_states(&self, request: &SliceRequest, slice: &Slice) -> anyhow::Result<u8> {
+    fn draw_states(&self, map: &LoadedMap, request: &SliceRequest, slice: &Slice) -> anyhow::Result<u8> {
         let colour = |state: &State| match state {
             State::Occupied => OCCUPIED,
             State::Free => FREE,
@@ -138,17 +142,36 @@ impl SliceArgs {
         self.draw(request, [slice.width, slice.height], &cells, legend.into())?;
         let share = |state: State| Some(slice.states.iter().filter(|s| **s == state).count() as f64 / slice.states.len() as f64);
         let (free, occupied, unknown) = (share(State::Free), share(State::Occupied), share(State::Unknown));
-        self.report(&Summary { file: &self.output, width: slice.width, height: slice.height, pixel_m: request.pixel, free, occupied, unknown })
+        self.report(&Summary {
+            file: &self.output,
+            submaps_damaged: map.damaged,
+            width: slice.width,
+            height: slice.height,
+            pixel_m: request.pixel,
+            free,
+            occupied,
+            unknown,
+        })
     }
 
-    fn draw_distances(&self, request: &SliceRequest, slice: &DistanceSlice, band: f32) -> anyhow::Result<u8> {
+    fn draw_distances(&self, map: &LoadedMap, request: &SliceRequest, slice: &DistanceSlice) -> anyhow::Result<u8> {
+        let band = map.settings.truncation * map.settings.voxel_size;
         let colour = |d: f32| Ramp::Violet.at(0.5 + 0.5 * d / band);
         let cells: Vec<Rgb> = slice.distances.iter().map(|&d| if d.is_nan() { UNKNOWN } else { colour(d) }).collect();
         let marks = [-band, 0.0, band].map(|d| (colour(d), format!("{d:.2} m")));
         let key = marks.into_iter().chain([(UNKNOWN, "not stored".to_owned())]).collect();
         self.draw(request, [slice.width, slice.height], &cells, key)?;
         let (width, height) = (slice.width, slice.height);
-        self.report(&Summary { file: &self.output, width, height, pixel_m: request.pixel, free: None, occupied: None, unknown: None })
+        self.report(&Summary {
+            file: &self.output,
+            submaps_damaged: map.damaged,
+            width,
+            height,
+            pixel_m: request.pixel,
+            free: None,
+            occupied: None,
+            unknown: None,
+        })
     }
 
     fn draw(&self, request: &SliceRequest, size: [usize; 2], cells: &[Rgb], legend: Vec<(Rgb, String)>) -> anyhow::Result<()> {

@@ -2,6 +2,7 @@
 
 mod colours;
 mod corrections;
+mod damage;
 mod evaluation;
 mod feature;
 #[cfg(target_os = "linux")]

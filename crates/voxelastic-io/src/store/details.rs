@@ -1,6 +1,6 @@
 //! Settings of the mapper in the details of a stored map.
 
-use super::manifest::MapDetails;
+use super::piece::MapDetails;
 use std::collections::BTreeMap;
 use voxelastic::settings::{SettingError, Settings};
 

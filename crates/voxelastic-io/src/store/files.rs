@@ -81,8 +81,13 @@ pub(super) fn sync_dir(dir: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Reads the file at `path`, which has `expected` bytes if that is known.
-pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
+/// Checks that a regular file of `expected` bytes is at `path`.
+pub(super) fn check_size(path: &Path, expected: u64) -> Result<()> {
+    size(path, Some(expected)).map(drop)
+}
+
+/// Size of the regular file at `path`, which is `expected` if that is known.
+fn size(path: &Path, expected: Option<u64>) -> Result<u64> {
     let metadata = match fs::metadata(path) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(Error::Missing { path: path.to_owned() }),
         other => other.map_err(Error::on_io("read", path))?,
@@ -91,17 +96,24 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     if !metadata.is_file() {
         return Err(Error::damaged(path, "length", 0, "it is not a regular file"));
     }
-    let length = metadata.len();
-    let expected = expected.unwrap_or(length);
-    let differs = |length: u64| Error::damaged(path, "length", length.min(expected), format!("it has {length} bytes instead of {expected}"));
-    if length != expected {
-        return Err(differs(length));
+    match expected {
+        Some(expected) if metadata.len() != expected => Err(wrong_size(path, metadata.len(), expected)),
+        _ => Ok(metadata.len()),
     }
+}
+
+fn wrong_size(path: &Path, length: u64, expected: u64) -> Error {
+    Error::damaged(path, "length", length.min(expected), format!("it has {length} bytes instead of {expected}"))
+}
+
+/// Reads the file at `path`, which has `expected` bytes if that is known.
+pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
+    let length = size(path, expected)?;
     let too_large = || Error::OutOfMemory { path: path.to_owned(), bytes: length };
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
     File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(Error::on_io("read", path))?;
-    if bytes.len() as u64 != expected { Err(differs(bytes.len() as u64)) } else { Ok(bytes) }
+    if bytes.len() as u64 != length { Err(wrong_size(path, bytes.len() as u64, length)) } else { Ok(bytes) }
 }
 
 /// Names of everything in `dir`, sorted.

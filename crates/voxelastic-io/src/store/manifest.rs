@@ -1,13 +1,10 @@
 //! What a map is made of: settings, sensor, and the table of submaps with where they lie.
 
 use super::files::SubmapName;
+use super::piece::{MapDetails, Piece, ScanEntry, pose_as_numbers, scan_entries};
 use super::submap_file::{Expected, Fields, Written};
-use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
-use std::path::Path;
 use voxelastic::atlas::{Submap, SubmapId, SubmapScan};
-use voxelastic::event::NodeId;
 use voxelastic::octree::SCALES;
 use voxelastic::{Pose, Settings};
 
@@ -22,27 +19,23 @@ pub struct Manifest {
 
 impl Manifest {
     /// Edge of the finest voxel as the settings in the manifest have it, metres; the default if they do not.
-    pub(super) fn voxel_size(&self) -> f32 {
+    ///
+    /// # Errors
+    /// In words, when they have a number that is no voxel size: with another, every coordinate of the map would be wrong. Other words belong to whoever
+    /// stored them.
+    pub(super) fn voxel_size(&self) -> Result<f32, String> {
         let mut settings = Settings::default();
         for key in ["voxel", "voxel_size"] {
-            if let Some(value) = self.details.settings.get(key) {
-                // A value that is no voxel size is refused where the settings are read.
-                let _ = settings.set(key, value);
+            if let Some(value) = self.details.settings.get(key)
+                && let Err(problem) = settings.set(key, value)
+                && key == "voxel_size"
+                && value.trim().parse::<f64>().is_ok()
+            {
+                return Err(problem.to_string());
             }
         }
-        settings.voxel_size
+        Ok(settings.voxel_size)
     }
-}
-
-/// How a map was made, in words: stored and given back as it is.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct MapDetails {
-    /// Program and version that wrote the map.
-    pub generator: String,
-    /// Settings by key.
-    pub settings: BTreeMap<String, String>,
-    /// Description of the sensor, by key.
-    pub sensor: BTreeMap<String, String>,
 }
 
 /// One submap in the manifest.
@@ -91,23 +84,6 @@ pub struct OccupancySummary {
     pub memory_bytes: u64,
 }
 
-/// A scan that a submap was made from.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ScanEntry {
-    /// The pose-graph node where it was taken.
-    pub node: NodeId,
-    /// Pose of the lidar in the submap's frame.
-    #[serde(with = "pose_as_numbers")]
-    pub t_submap_lidar: Pose,
-}
-
-/// A submap, and where it lies.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Piece<'a> {
-    pub submap: &'a Submap,
-    pub t_map_submap: Pose,
-}
-
 impl SubmapEntry {
     /// The entry of a submap whose file is `name`.
     pub(super) fn new(piece: &Piece<'_>, name: SubmapName, written: Written) -> Self {
@@ -128,7 +104,7 @@ impl SubmapEntry {
             travelled: submap.travelled(),
             tsdf: (!tsdf.is_empty()).then(of_tsdf),
             occupancy: (!occupancy.is_empty()).then(of_occupancy),
-            scans: submap.scans().iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect(),
+            scans: scan_entries(submap),
         }
     }
 
@@ -142,54 +118,5 @@ impl SubmapEntry {
         let scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
         let submap = Submap::new(self.id, voxel_size, self.t_map_submap).with_scans(scans, self.travelled);
         submap.with_fields(fields.tsdf, fields.occupancy)
-    }
-}
-
-/// Refuses a submap whose numbers the manifest of the map in `dir` cannot hold.
-pub(super) fn check_storable(piece: &Piece<'_>, dir: &Path) -> Result<()> {
-    let submap = piece.submap;
-    let unstorable = |what: String| Error::unwritable(dir, format!("submap {}: {what}", submap.id()));
-    pose_as_numbers::check(&piece.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
-    for scan in submap.scans() {
-        pose_as_numbers::check(&scan.t_submap_lidar).map_err(|e| unstorable(format!("the pose of node {} {e}", scan.node)))?;
-    }
-    if submap.travelled().is_finite() { Ok(()) } else { Err(unstorable(format!("its travelled distance is {}", submap.travelled()))) }
-}
-
-/// Poses as `[x, y, z, qx, qy, qz, qw]`, the order of TUM trajectories, every bit kept.
-mod pose_as_numbers {
-    use nalgebra::{Quaternion, Translation3, UnitQuaternion};
-    use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-    use voxelastic::Pose;
-
-    /// How far a quaternion's norm may be from 1.
-    const TOLERANCE: f64 = 1e-3;
-
-    pub fn check(pose: &Pose) -> Result<(), String> {
-        let norm = pose.rotation.norm();
-        if !numbers(pose).iter().all(|n| n.is_finite()) {
-            Err("is not finite".to_owned())
-        } else if (norm - 1.0).abs() > TOLERANCE {
-            Err(format!("has a quaternion of norm {norm} instead of 1"))
-        } else {
-            Ok(())
-        }
-    }
-
-    fn numbers(pose: &Pose) -> [f64; 7] {
-        let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
-        [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
-    }
-
-    pub fn serialize<S: Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
-        numbers(pose).serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Pose, D::Error> {
-        let [x, y, z, qx, qy, qz, qw] = <[f64; 7]>::deserialize(deserializer)?;
-        // Normalising again would change bits.
-        let pose = Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz)));
-        check(&pose).map_err(|e| de::Error::custom(format!("a pose {e}")))?;
-        Ok(pose)
     }
 }

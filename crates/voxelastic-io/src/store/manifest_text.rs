@@ -5,7 +5,8 @@
 
 use super::FORMAT_VERSION;
 use super::files::SubmapName;
-use super::manifest::{Manifest, MapDetails, SubmapEntry};
+use super::manifest::{Manifest, SubmapEntry};
+use super::piece::MapDetails;
 use crate::{Error, Result};
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
@@ -72,7 +73,9 @@ pub(super) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
         serde_json::from_slice(text).map_err(|e| Error::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;
     check(path, text, &document.submaps)?;
     let Document { generator, settings, sensor, submaps } = document;
-    Ok(Manifest { details: MapDetails { generator, settings, sensor }, submaps })
+    let manifest = Manifest { details: MapDetails { generator, settings, sensor }, submaps };
+    manifest.voxel_size().map_err(|what| Error::damaged(path, "settings", 0, what))?;
+    Ok(manifest)
 }
 
 /// Byte offset of a 1-based line and column.

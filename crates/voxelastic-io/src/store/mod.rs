@@ -16,8 +16,10 @@
 //! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
 //! [`Error`](crate::Error) that names the file, the place in it and the remedy.
 //!
+//! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
+//!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
-//! `occupancy_section`, and `colour_section` for colours of the TSDF), each a sequence of compressed pages of blocks in Morton order (module `frames`).
+//! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
 mod colour_section;
@@ -28,7 +30,10 @@ mod lock;
 mod manifest;
 mod manifest_text;
 mod occupancy_section;
+mod origin_section;
+mod piece;
 mod reader;
+mod repair;
 mod submap_file;
 #[cfg(test)]
 mod tests;
@@ -37,9 +42,11 @@ mod tsdf_section;
 mod writer;
 
 pub use details::StoredSettings;
-pub use manifest::{Manifest, MapDetails, OccupancySummary, ScanEntry, SubmapEntry, TsdfSummary};
+pub use manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
+pub use piece::{MapDetails, ScanEntry};
 pub use reader::MapStore;
+pub use repair::{ManifestState, RepairReport, move_map, repair};
 pub use writer::{MapWriter, SaveReport};
 
 /// Version of the map directory's format that this program writes, and the newest that it reads.
-pub const FORMAT_VERSION: u32 = 2;
+pub const FORMAT_VERSION: u32 = 3;

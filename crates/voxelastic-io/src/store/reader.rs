@@ -96,7 +96,7 @@ impl MapStore {
 
     fn load(&self, entry: &SubmapEntry) -> Result<Submap> {
         let fields = submap_file::read(&self.dir.join(&entry.file), &entry.expected())?;
-        Ok(entry.submap(fields, self.manifest.voxel_size()))
+        Ok(entry.submap(fields, self.voxel_size()?))
     }
 
     /// Loads all submaps.
@@ -105,7 +105,35 @@ impl MapStore {
     /// As for [`load_submap`](Self::load_submap), for the first submap that cannot be loaded.
     pub fn load_atlas(&self) -> Result<Atlas> {
         let submaps: Vec<Result<Submap>> = self.manifest.submaps.par_iter().map(|entry| self.load(entry)).collect();
-        Ok(Atlas::from_submaps(self.manifest.voxel_size(), submaps.into_iter().collect::<Result<_>>()?))
+        Ok(Atlas::from_submaps(self.voxel_size()?, submaps.into_iter().collect::<Result<_>>()?))
+    }
+
+    /// Loads the submaps that can be loaded, and says what is wrong with the others, ordered by submap.
+    ///
+    /// # Errors
+    /// That of the first submap, when none can be loaded.
+    pub fn load_undamaged(&self) -> Result<(Atlas, Vec<Error>)> {
+        let submaps: Vec<Result<Submap>> = self.manifest.submaps.par_iter().map(|entry| self.load(entry)).collect();
+        let (mut whole, mut damage) = (Vec::new(), Vec::new());
+        for submap in submaps {
+            match submap {
+                Ok(submap) => whole.push(submap),
+                Err(error) => damage.push(error),
+            }
+        }
+        match damage.is_empty() || !whole.is_empty() {
+            true => Ok((Atlas::from_submaps(self.voxel_size()?, whole), damage)),
+            false => Err(damage.swap_remove(0)),
+        }
+    }
+
+    fn voxel_size(&self) -> Result<f32> {
+        self.manifest.voxel_size().map_err(|what| Error::damaged(&self.dir.join(MANIFEST), "settings", 0, what))
+    }
+
+    /// What is wrong with the submap files by their sizes alone, ordered by submap: missing ones, and others than were written.
+    pub fn check_sizes(&self) -> Vec<Error> {
+        self.manifest.submaps.iter().filter_map(|entry| files::check_size(&self.dir.join(&entry.file), entry.bytes).err()).collect()
     }
 
     /// Checks every submap file against its checksums and returns what is wrong, ordered by submap.

@@ -4,11 +4,13 @@
 //! (4 bytes), CRC-32 (u32), offset in the file (u64) and length (u64); CRC-32 of all this (u32). Sections follow each
 //! other without gaps up to the file's end. All numbers little endian. The head keeps this form in all versions.
 //!
-//! Where the submap lies and which scans it was made from is the manifest's knowledge: a pose correction rewrites no
-//! submap file.
+//! Where the submap lies is the manifest's knowledge: a pose correction rewrites no submap file. From version 3 on the file has a copy of that
+//! knowledge, as it was when the file was written, to rebuild a manifest from.
 
 use super::bytes::Bytes;
 use super::frames::Section;
+use super::origin_section::{self, Origin};
+use super::piece::{MapDetails, Piece};
 use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
 use crate::{Error, Result};
 use crc32fast::Hasher;
@@ -40,23 +42,26 @@ pub(super) struct Fields {
     pub occupancy: OccupancyField,
 }
 
-/// The fields that this program can store.
+/// The sections that this program can store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Tsdf,
     /// Of the TSDF before it.
     Colour,
     Occupancy,
+    /// Not a field: where the submap lies and what it was made from.
+    Origin,
 }
 
 impl Kind {
-    const ALL: [Self; 3] = [Self::Tsdf, Self::Colour, Self::Occupancy];
+    const ALL: [Self; 4] = [Self::Tsdf, Self::Colour, Self::Occupancy, Self::Origin];
 
     fn tag(self) -> [u8; 4] {
         match self {
             Self::Tsdf => *b"tsdf",
             Self::Colour => *b"colr",
             Self::Occupancy => *b"occu",
+            Self::Origin => *b"orig",
         }
     }
 
@@ -66,15 +71,17 @@ impl Kind {
             Self::Tsdf => "tsdf section",
             Self::Colour => "colour section",
             Self::Occupancy => "occupancy section",
+            Self::Origin => "origin section",
         }
     }
 
-    /// Bytes before the section's frames.
-    fn head(self) -> usize {
+    /// The damage in a section of this kind whose checksum is wrong.
+    fn find_damage(self, section: &Section<'_>) -> Error {
         match self {
-            Self::Tsdf => tsdf_section::HEAD,
-            Self::Colour => colour_section::HEAD,
-            Self::Occupancy => occupancy_section::HEAD,
+            Self::Tsdf => section.find_damage(tsdf_section::HEAD),
+            Self::Colour => section.find_damage(colour_section::HEAD),
+            Self::Occupancy => section.find_damage(occupancy_section::HEAD),
+            Self::Origin => section.damaged(0, "the section does not match its checksum"),
         }
     }
 
@@ -83,6 +90,7 @@ impl Kind {
             Self::Tsdf => !submap.tsdf().is_empty(),
             Self::Colour => !submap.tsdf().colours().is_empty(),
             Self::Occupancy => !submap.occupancy().is_empty(),
+            Self::Origin => true,
         }
     }
 
@@ -91,14 +99,17 @@ impl Kind {
             Self::Tsdf => tsdf_section::digest(submap.tsdf()),
             Self::Colour => colour_section::digest(submap.tsdf()),
             Self::Occupancy => occupancy_section::digest(submap.occupancy()),
+            Self::Origin => origin_section::digest(submap),
         }
     }
 
-    fn write(self, submap: &Submap, out: &mut (impl Write + Send)) -> io::Result<()> {
+    fn write(self, piece: &Piece<'_>, details: &MapDetails, out: &mut (impl Write + Send)) -> io::Result<()> {
+        let submap = piece.submap;
         match self {
             Self::Tsdf => tsdf_section::write(submap.tsdf(), out),
             Self::Colour => colour_section::write(submap.tsdf(), out),
             Self::Occupancy => occupancy_section::write(submap.occupancy(), out),
+            Self::Origin => origin_section::write(piece, details, out),
         }
     }
 
@@ -107,17 +118,19 @@ impl Kind {
             Self::Tsdf => fields.tsdf = tsdf_section::read(section)?,
             Self::Colour => colour_section::read(section, &mut fields.tsdf)?,
             Self::Occupancy => fields.occupancy = occupancy_section::read(section)?,
+            // The manifest knows better.
+            Self::Origin => {}
         }
         Ok(())
     }
 }
 
-/// The fields that `submap` has anything in.
+/// The sections that `submap` has anything in.
 fn kinds(submap: &Submap) -> impl Iterator<Item = Kind> {
     Kind::ALL.into_iter().filter(|kind| kind.is_in(submap))
 }
 
-/// A hash of everything that the file of `submap` would hold.
+/// A hash of everything that the file of `submap` would hold, but for its root pose and the details of the map.
 pub(super) fn digest(submap: &Submap) -> u64 {
     let mut all = Vec::new();
     for kind in kinds(submap) {
@@ -161,15 +174,16 @@ impl<W: Write> Write for Tally<W> {
     }
 }
 
-/// Writes the fields of `submap` to a new file. Sections stream; the head is put before them at the end.
-pub(super) fn write(file: &mut File, submap: &Submap) -> io::Result<Written> {
+/// Writes a submap of a map with `details` to a new file. Sections stream; the head is put before them at the end.
+pub(super) fn write(file: &mut File, piece: &Piece<'_>, details: &MapDetails) -> io::Result<Written> {
+    let submap = piece.submap;
     let mut offset = head_length(kinds(submap).count()) as u64;
     file.write_all(&vec![0; offset as usize])?;
     let mut body = BufWriter::with_capacity(1 << 18, &mut *file);
     let mut rows = Vec::new();
     for kind in kinds(submap) {
         let mut tally = Tally { inner: &mut body, row: Row { kind, offset, length: 0, crc: Hasher::new() } };
-        kind.write(submap, &mut tally)?;
+        kind.write(piece, details, &mut tally)?;
         offset += tally.row.length;
         rows.push(tally.row);
     }
@@ -216,6 +230,31 @@ pub(super) fn read(path: &Path, expected: &Expected) -> Result<Fields> {
         kind.read(&section, &mut fields)?;
     }
     Ok(fields)
+}
+
+/// What a whole file holds, whatever a manifest says.
+#[derive(Debug)]
+pub(super) struct Found {
+    pub id: SubmapId,
+    pub written: Written,
+    pub fields: Fields,
+    /// Absent in files of version 2 and before.
+    pub origin: Option<Origin>,
+}
+
+/// Reads the submap file at `path` without a manifest.
+pub(super) fn read_alone(path: &Path) -> Result<Found> {
+    let bytes = files::read(path, None)?;
+    let (id, sections) = parse(path, &bytes)?;
+    let (mut fields, mut origin) = (Fields::default(), None);
+    for (kind, section) in sections {
+        kind.read(&section, &mut fields)?;
+        if kind == Kind::Origin {
+            origin = Some(origin_section::read(&section)?);
+        }
+    }
+    let written = Written { bytes: bytes.len() as u64, crc32: crc32fast::hash(&bytes) };
+    Ok(Found { id, written, fields, origin })
 }
 
 /// Checks the file at `path` against all of its checksums, without unpacking it.
@@ -286,5 +325,5 @@ fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'
         return Err(Error::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
     };
     let section = Section { path, version, name: kind.name(), offset, bytes: content };
-    if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(section.find_damage(kind.head())) }
+    if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(kind.find_damage(&section)) }
 }

@@ -3,7 +3,8 @@
 use super::FORMAT_VERSION;
 use super::bytes::Bytes;
 use super::frames::Section;
-use super::manifest::{Manifest, MapDetails};
+use super::manifest::Manifest;
+use super::piece::MapDetails;
 use super::{colour_section, manifest_text, occupancy_section, tsdf_page, tsdf_section};
 use proptest::prelude::*;
 use std::path::Path;

@@ -2,20 +2,25 @@
 
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName};
 use super::lock::Lock;
-use super::manifest::{Manifest, MapDetails, Piece, SubmapEntry, check_storable};
+use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
+use super::piece::{MapDetails, Piece, check_storable};
 use super::reader::MapStore;
 use super::submap_file::{self, Written};
 use crate::{Error, Result};
 use rayon::prelude::*;
+use std::collections::HashSet;
 use std::io::{ErrorKind, Write};
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use voxelastic::atlas::Atlas;
 
 /// The one writer of a map directory, from when it is made until it is dropped.
 #[derive(Debug)]
 pub struct MapWriter {
     store: MapStore,
+    /// Names of submap files that this writer wrote or found whole.
+    whole: Mutex<HashSet<String>>,
     _lock: Lock,
 }
 
@@ -63,7 +68,7 @@ impl MapWriter {
         let lock = Lock::take(dir)?;
         let is_map = check_is_ours(dir)?;
         let store = if is_map { MapStore::open(dir)? } else { MapStore::empty(dir) };
-        Ok(Self { store, _lock: lock })
+        Ok(Self::new(store, lock))
     }
 
     /// Opens the map at `path` to save to it again.
@@ -75,7 +80,11 @@ impl MapWriter {
         MapStore::open(dir)?;
         let lock = Lock::take(dir)?;
         // Once more: another writer may have saved before the lock was ours.
-        Ok(Self { store: MapStore::open(dir)?, _lock: lock })
+        Ok(Self::new(MapStore::open(dir)?, lock))
+    }
+
+    fn new(store: MapStore, lock: Lock) -> Self {
+        Self { store, whole: Mutex::default(), _lock: lock }
     }
 
     /// Gives up. A directory that holds nothing but the lock, because nothing was ever saved to it, goes again.
@@ -100,7 +109,7 @@ impl MapWriter {
     /// # Errors
     /// [`Error::Unwritable`] when a pose is not finite, [`Error::Io`] when the file system refuses.
     pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
-        let saved = self.write_files(atlas).and_then(|saved| self.commit(saved, details));
+        let saved = self.write_files(atlas, details).and_then(|saved| self.commit(saved, details));
         let mut report = saved.inspect_err(|_| remove_unfinished(self.store.dir()))?;
         // From here on the new map is the map, whatever happens.
         files::sync_dir(self.store.dir())?;
@@ -109,10 +118,10 @@ impl MapWriter {
     }
 
     /// Writes the files of submaps that are new and makes them durable; says of each whether it is.
-    fn write_files(&self, atlas: &Atlas) -> Result<Vec<(SubmapEntry, bool)>> {
+    fn write_files(&self, atlas: &Atlas, details: &MapDetails) -> Result<Vec<(SubmapEntry, bool)>> {
         let pieces = pieces(atlas);
         pieces.iter().try_for_each(|piece| check_storable(piece, self.store.dir()))?;
-        let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece)).collect();
+        let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece, details)).collect();
         let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
         if saved.iter().any(|(_, is_new)| *is_new) {
             files::sync_dir(self.store.dir())?;
@@ -159,19 +168,37 @@ impl MapWriter {
     }
 
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
-    fn save_piece(&self, piece: &Piece<'_>) -> Result<(SubmapEntry, bool)> {
+    fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails) -> Result<(SubmapEntry, bool)> {
         let submap = piece.submap;
         let name = SubmapName { id: submap.id(), digest: submap_file::digest(submap) };
         let file = name.to_string();
         let dir = self.store.dir();
         if let Some(entry) = self.store.entry(submap.id()).filter(|entry| entry.file == file)
-            && dir.join(&file).metadata().is_ok_and(|m| m.is_file() && m.len() == entry.bytes)
+            && self.is_whole(entry)
         {
             let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
             return Ok((SubmapEntry::new(piece, name, written), false));
         }
-        let written = files::write_atomically(dir, &file, |file| submap_file::write(file, submap))?;
+        let written = files::write_atomically(dir, &file, |file| submap_file::write(file, piece, details))?;
+        self.whole.lock().unwrap_or_else(PoisonError::into_inner).insert(file);
         Ok((SubmapEntry::new(piece, name, written), true))
+    }
+
+    /// Whether the file of `entry` is there and undamaged: one that is not is written again. It is read once.
+    fn is_whole(&self, entry: &SubmapEntry) -> bool {
+        let path = self.store.dir().join(&entry.file);
+        if !path.metadata().is_ok_and(|m| m.is_file() && m.len() == entry.bytes) {
+            return false;
+        }
+        let whole = || self.whole.lock().unwrap_or_else(PoisonError::into_inner);
+        if whole().contains(&entry.file) {
+            return true;
+        }
+        let is_whole = submap_file::check(&path, &entry.expected()).is_ok();
+        if is_whole {
+            whole().insert(entry.file.clone());
+        }
+        is_whole
     }
 }
 

@@ -110,7 +110,9 @@ fn the_damaged_page_is_named() {
     for (id, field) in [(1, "tsdf section"), (2, "occupancy section")] {
         let path = dir.path().join(&writer.store().manifest().submaps[id as usize].file);
         let mut bytes = fs::read(&path).unwrap();
-        let at = bytes.len() - 10;
+        // Ten bytes before the end of the first section: its length is in the first row of the table, at byte 36.
+        let [start, length] = [28, 36].map(|at| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize);
+        let at = start + length - 10;
         bytes[at] ^= 4;
         fs::write(&path, &bytes).unwrap();
         for error in [writer.store().load_submap(id).unwrap_err(), writer.store().check().pop().unwrap()] {
@@ -147,6 +149,8 @@ fn a_submap_in_the_place_of_another_is_noticed() {
     let first = atlas.submaps()[0].clone();
     let second = atlas.submap_mut(1).unwrap();
     (*second.tsdf_mut(), *second.occupancy_mut()) = (first.tsdf().clone(), first.occupancy().clone());
+    *second = second.clone().with_scans(first.scans().to_vec(), first.travelled());
+    second.set_pose(first.t_map_submap());
     writer.save(&atlas, &details("swap")).unwrap();
     let files: Vec<PathBuf> = writer.store().manifest().submaps.iter().map(|e| dir.path().join(&e.file)).collect();
     fs::copy(&files[0], &files[1]).unwrap();
@@ -207,13 +211,13 @@ fn manifests_with_impossible_content_are_refused() {
 #[test]
 fn newer_submap_files_and_unknown_sections_are_refused() {
     let map = map();
-    // Mends all checksums: of the submap file's head, and those that the manifest holds.
+    // Mends all checksums: of the submap file's head, which has two rows, and those that the manifest holds.
     let load_changed = |change: &dyn Fn(&mut Vec<u8>)| {
         let (manifest, submap) = (fs::read_to_string(&map.manifest).unwrap(), fs::read(&map.submap).unwrap());
         let mut bytes = submap.clone();
         change(&mut bytes);
-        let crc32 = crc32fast::hash(&bytes[..44]);
-        bytes[44..48].copy_from_slice(&crc32.to_le_bytes());
+        let crc32 = crc32fast::hash(&bytes[..68]);
+        bytes[68..72].copy_from_slice(&crc32.to_le_bytes());
         fs::write(&map.submap, &bytes).unwrap();
         rewrite_manifest(&map, &crc32fast::hash(&submap).to_string(), &crc32fast::hash(&bytes).to_string());
         let error = load(map.dir.path()).unwrap_err();
@@ -224,7 +228,7 @@ fn newer_submap_files_and_unknown_sections_are_refused() {
     let error = load_changed(&|bytes| bytes[8] = FORMAT_VERSION as u8 + 1);
     assert!(matches!(error, Error::Newer { found, supported: FORMAT_VERSION, .. } if found == FORMAT_VERSION + 1), "{error}");
     let error = load_changed(&|bytes| bytes[20..24].copy_from_slice(b"heat"));
-    assert!(matches!(&error, Error::UnknownSection { tag, offset: 48, .. } if tag == "heat"), "{error}");
+    assert!(matches!(&error, Error::UnknownSection { tag, offset: 72, .. } if tag == "heat"), "{error}");
     let error = load_changed(&|bytes| bytes[16] = 65);
     assert!(error.to_string().contains("claims 65 sections"), "{error}");
     for (what, at) in [("offset", 28), ("length", 36)] {

@@ -7,5 +7,6 @@ mod compat;
 mod damage;
 mod directory;
 mod hall;
+mod repair;
 mod roundtrip;
 mod world;

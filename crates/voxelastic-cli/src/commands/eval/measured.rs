@@ -13,7 +13,7 @@ use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
 /// A map, or a surface from a file.
 pub enum Measured {
     /// A map.
-    Map(LoadedMap),
+    Map(Box<LoadedMap>),
     /// A mesh or cloud.
     File(Surface),
 }
@@ -26,7 +26,7 @@ impl Measured {
             return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path").into());
         }
         if path.is_dir() {
-            return Ok(Self::Map(map_files::load(path)?));
+            return Ok(Self::Map(Box::new(map_files::load(path, args.damage)?)));
         }
         if args.field.is_some() || args.no_fuse {
             let what = format!("{}: this is this is not a map, so it has no fields and no submaps", path.display());

@@ -13,6 +13,8 @@ use voxelastic_eval::occupancy::OccupancyScores;
 pub struct Summary {
     /// The measured map, mesh or cloud.
     pub map: PathBuf,
+    /// Submaps that were left out because they are damaged.
+    pub submaps_damaged: usize,
     /// The truth.
     pub truth: PathBuf,
     /// `cloud`, `mesh`, `world` or `poses`.

@@ -1,5 +1,6 @@
 //! Arguments of `voxelastic export`.
 
+use crate::map_files::DamageArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;
@@ -21,6 +22,8 @@ pub struct ExportArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     pub map: PathBuf,
+    #[command(flatten)]
+    pub damage: DamageArgs,
     /// The file to write; the extension selects the format: a cloud as .ply, .pcd, .las, .laz or .e57, an OctoMap as .bt (states) or .ot (log-odds)
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -42,6 +42,8 @@ impl Format {
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     points: usize,
     intensity: bool,
     colours: bool,
@@ -52,7 +54,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map))?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let voxel = map.settings.voxel_size;
     let mut parts = Vec::new();
     let all = if format == Format::E57 {
@@ -73,7 +75,14 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let (points, intensity, colours) = (all.positions.len(), !all.intensities.is_empty(), !all.colours.is_empty());
     tracing::info!("{points} points in {}", args.output.display());
     if args.json {
-        output::print_json(&Summary { file: &args.output, points, intensity, colours, seconds: clock.elapsed().as_secs_f64() })?;
+        output::print_json(&Summary {
+            file: &args.output,
+            submaps_damaged: map.damaged,
+            points,
+            intensity,
+            colours,
+            seconds: clock.elapsed().as_secs_f64(),
+        })?;
     }
     Ok(())
 }

@@ -14,6 +14,8 @@ use voxelastic_io::octomap;
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     file: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     voxel_m: f64,
     leaves: usize,
     occupied_leaves: usize,
@@ -24,7 +26,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map))?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let query = map.atlas.query();
     if query.is_empty() {
         let remedy = "map the data again with --field occupancy or --field both";
@@ -44,7 +46,14 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     tracing::info!("{} leaves of {voxel} m and larger, {occupied} occupied, in {}", cubes.len(), args.output.display());
     if args.json {
         let seconds = clock.elapsed().as_secs_f64();
-        output::print_json(&Summary { file: &args.output, voxel_m: voxel, leaves: cubes.len(), occupied_leaves: occupied, seconds })?;
+        output::print_json(&Summary {
+            file: &args.output,
+            submaps_damaged: map.damaged,
+            voxel_m: voxel,
+            leaves: cubes.len(),
+            occupied_leaves: occupied,
+            seconds,
+        })?;
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Description of a map.
 
 use super::rows::{Bounds, row};
-use crate::map_files::settings_of;
+use crate::map_files::{self, DamageArgs, damaged_part, settings_of};
 use crate::usage::megabytes;
 use nalgebra::Point3;
 use serde::Serialize;
@@ -12,6 +12,7 @@ use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
+use voxelastic_io::Error;
 use voxelastic_io::store::{MapStore, SubmapEntry};
 
 /// The keys of `--json`.
@@ -22,6 +23,8 @@ pub struct MapInfo {
     settings: BTreeMap<String, String>,
     sensor: BTreeMap<String, String>,
     scans: usize,
+    /// Submaps whose files are missing or damaged; without `--check` by their sizes only.
+    submaps_damaged: usize,
     blocks: u64,
     /// Blocks integrated at scales 0 to 3.
     blocks_by_scale: [u64; SCALES],
@@ -69,8 +72,24 @@ impl fmt::Display for KnownSpace {
 }
 
 /// Describes a map; `check` reads and verifies all of it.
-pub fn describe(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
-    let store = MapStore::open(path)?;
+pub fn describe(path: &Path, check: bool, damage: DamageArgs) -> anyhow::Result<MapInfo> {
+    let store = map_files::open(path)?;
+    let mut damaged = 0;
+    let mut count = |error| {
+        if !damage.skip_damaged {
+            return Err(damaged_part(path, error));
+        }
+        tracing::warn!("damaged: {error}");
+        damaged += 1;
+        Ok(())
+    };
+    let (bounds, known_m3) = if check {
+        verify(&store, &mut count)?
+    } else {
+        store.check_sizes().into_iter().try_for_each(&mut count)?;
+        Default::default()
+    };
+    map_files::warn_of(&store, damaged);
     let manifest = store.manifest();
     let mut blocks_by_scale = [0; SCALES];
     let mut path_bounds = Aabb::default();
@@ -82,13 +101,13 @@ pub fn describe(path: &Path, check: bool) -> anyhow::Result<MapInfo> {
             path_bounds.add((entry.t_map_submap * scan.t_submap_lidar).translation.vector.map(|c| c as f32).into());
         }
     }
-    let (bounds, known_m3) = if check { verify(&store)? } else { Default::default() };
     Ok(MapInfo {
         kind: "map",
         generator: manifest.details.generator.clone(),
         settings: manifest.details.settings.clone(),
         sensor: manifest.details.sensor.clone(),
         scans: manifest.submaps.iter().map(|s| s.scans.len()).sum(),
+        submaps_damaged: damaged,
         blocks: blocks_by_scale.iter().sum(),
         blocks_by_scale,
         map_mb: megabytes(memory),
@@ -114,13 +133,19 @@ fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
     }
 }
 
-/// Box around everything, map frame, and the known space. Reads and verifies one submap after the other.
-fn verify(store: &MapStore) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
+/// Box around everything, map frame, and the known space. Reads and verifies one submap after the other; those that are damaged go to `count`.
+fn verify(store: &MapStore, mut count: impl FnMut(Error) -> anyhow::Result<()>) -> anyhow::Result<(Aabb, Option<KnownSpace>)> {
     let voxel = settings_of(store)?.voxel_size;
     let mut all = Aabb::default();
     let mut volumes: Option<Volumes> = None;
     for entry in &store.manifest().submaps {
-        let submap = store.load_submap(entry.id)?;
+        let submap = match store.load_submap(entry.id) {
+            Ok(submap) => submap,
+            Err(error) => {
+                count(error)?;
+                continue;
+            }
+        };
         add_blocks(&mut all, &submap, voxel);
         if !submap.occupancy().is_empty() {
             let known = submap.query().bounds_in(&submap.t_map_submap());

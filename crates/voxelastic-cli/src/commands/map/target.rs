@@ -2,13 +2,14 @@
 
 use crate::failure::{Failure, one_line};
 use crate::mapping::Session;
-use crate::{interrupt, usage};
+use crate::{interrupt, map_files, usage};
 use anyhow::Context;
 use clap::ValueEnum;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use voxelastic_io::store::{MapDetails, MapWriter, SaveReport};
+use voxelastic_io::Error;
+use voxelastic_io::store::{MapDetails, MapStore, MapWriter, SaveReport};
 use voxelastic_report::RunLog;
 
 /// First and longest pause between two attempts to save.
@@ -37,6 +38,7 @@ pub struct Target {
 impl Target {
     /// Makes the directory and locks it.
     pub fn create(path: &Path, overwrite: bool, on_full_disk: OnFullDisk) -> anyhow::Result<Self> {
+        set_damaged_aside(path)?;
         let writer = MapWriter::create(path).context("cannot write the map there")?;
         Ok(Self { writer: Some(writer), path: path.to_owned(), overwrite, on_full_disk, elsewhere: false })
     }
@@ -170,6 +172,23 @@ impl Drop for Target {
             writer.abandon();
         }
     }
+}
+
+/// Renames a map at `path` that does not open, so that its name is free and what is whole in it can still be repaired.
+fn set_damaged_aside(path: &Path) -> anyhow::Result<()> {
+    let error = match MapStore::open(path) {
+        Err(error @ (Error::Damaged { .. } | Error::NotAMap { .. })) if map_files::has_submap_files(path) => error,
+        _ => return Ok(()),
+    };
+    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
+    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
+    let named =
+        |number: u32| path.with_file_name(format!("{stem}-damaged{}{extension}", if number > 1 { format!("-{number}") } else { String::new() }));
+    let Some(aside) = (1..).map(named).find(|aside| std::fs::symlink_metadata(aside).is_err()) else { return Ok(()) };
+    voxelastic_io::store::move_map(path, &aside).context("cannot set the damaged map aside")?;
+    tracing::warn!("{error}");
+    tracing::warn!("the damaged map is set aside as {}; `voxelastic repair {}` makes the best of it", aside.display(), aside.display());
+    Ok(())
 }
 
 fn save(writer: &mut MapWriter, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {

@@ -2,6 +2,7 @@
 
 use crate::commands;
 use crate::failure::Failure;
+use crate::map_files::DamageArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -23,6 +24,8 @@ pub struct PlanArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
     pub map: PathBuf,
+    #[command(flatten)]
+    pub damage: DamageArgs,
     /// Start of the robot centre, map frame, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true, required_unless_present = "recheck")]
     pub start: Option<[f64; 3]>,

@@ -2,10 +2,10 @@
 
 use super::args::{PlanArgs, explain};
 use super::file::StoredPath;
+use crate::map_files::LoadedMap;
 use crate::{failure, output};
 use serde::Serialize;
 use std::path::Path;
-use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, UnknownAs};
 use voxelastic_plan::{BlockedSegment, FlyingSpace, GroundSpace, PlanError, Point, Robot, distance, length, recheck, resolve_anchors};
@@ -14,6 +14,8 @@ use voxelastic_plan::{BlockedSegment, FlyingSpace, GroundSpace, PlanError, Point
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
     recheck: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
     holds: bool,
     broken: Vec<BrokenRecord>,
     /// Largest distance between a waypoint now and when it was planned.
@@ -49,11 +51,11 @@ impl From<&BlockedSegment> for BrokenRecord {
 }
 
 /// Checks the path in `file`; the exit code is 0 if it is free.
-pub fn run(args: &PlanArgs, file: &Path, atlas: &Atlas, map: &AtlasQuery<'_>) -> anyhow::Result<u8> {
+pub fn run(args: &PlanArgs, file: &Path, loaded: &LoadedMap, map: &AtlasQuery<'_>) -> anyhow::Result<u8> {
     let stored = StoredPath::read(file)?;
     let robot = stored.robot(args.robot());
     let now = match stored.anchors() {
-        Some(anchors) => resolve_anchors(atlas, &anchors),
+        Some(anchors) => resolve_anchors(&loaded.atlas, &anchors),
         None => vec![None; stored.path.len()],
     };
     let waypoints_lost = now.iter().filter(|p| p.is_none()).count();
@@ -63,6 +65,7 @@ pub fn run(args: &PlanArgs, file: &Path, atlas: &Atlas, map: &AtlasQuery<'_>) ->
     log_result(&broken, &path);
     let summary = Summary {
         recheck: file,
+        submaps_damaged: loaded.damaged,
         holds: broken.is_empty(),
         broken: broken.iter().map(BrokenRecord::from).collect(),
         moved_m,

@@ -1,0 +1,91 @@
+//! What is stored of a submap beside its fields: how the map was made, poses and scans.
+
+use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use voxelastic::Pose;
+use voxelastic::atlas::Submap;
+use voxelastic::event::NodeId;
+
+/// How a map was made, in words: stored and given back as it is.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct MapDetails {
+    /// Program and version that wrote the map.
+    pub generator: String,
+    /// Settings by key.
+    pub settings: BTreeMap<String, String>,
+    /// Description of the sensor, by key.
+    pub sensor: BTreeMap<String, String>,
+}
+
+/// A scan that a submap was made from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScanEntry {
+    /// The pose-graph node where it was taken.
+    pub node: NodeId,
+    /// Pose of the lidar in the submap's frame.
+    #[serde(with = "pose_as_numbers")]
+    pub t_submap_lidar: Pose,
+}
+
+/// A submap, and where it lies.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Piece<'a> {
+    pub submap: &'a Submap,
+    pub t_map_submap: Pose,
+}
+
+/// The scans that `submap` was made from.
+pub(super) fn scan_entries(submap: &Submap) -> Vec<ScanEntry> {
+    submap.scans().iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect()
+}
+
+/// Refuses a submap whose numbers the manifest of the map in `dir` cannot hold.
+pub(super) fn check_storable(piece: &Piece<'_>, dir: &Path) -> Result<()> {
+    let submap = piece.submap;
+    let unstorable = |what: String| Error::unwritable(dir, format!("submap {}: {what}", submap.id()));
+    pose_as_numbers::check(&piece.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
+    for scan in submap.scans() {
+        pose_as_numbers::check(&scan.t_submap_lidar).map_err(|e| unstorable(format!("the pose of node {} {e}", scan.node)))?;
+    }
+    if submap.travelled().is_finite() { Ok(()) } else { Err(unstorable(format!("its travelled distance is {}", submap.travelled()))) }
+}
+
+/// Poses as `[x, y, z, qx, qy, qz, qw]`, the order of TUM trajectories, every bit kept.
+pub(super) mod pose_as_numbers {
+    use nalgebra::{Quaternion, Translation3, UnitQuaternion};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+    use voxelastic::Pose;
+
+    /// How far a quaternion's norm may be from 1.
+    const TOLERANCE: f64 = 1e-3;
+
+    pub fn check(pose: &Pose) -> Result<(), String> {
+        let norm = pose.rotation.norm();
+        if !numbers(pose).iter().all(|n| n.is_finite()) {
+            Err("is not finite".to_owned())
+        } else if (norm - 1.0).abs() > TOLERANCE {
+            Err(format!("has a quaternion of norm {norm} instead of 1"))
+        } else {
+            Ok(())
+        }
+    }
+
+    fn numbers(pose: &Pose) -> [f64; 7] {
+        let (t, q) = (&pose.translation.vector, &pose.rotation.coords);
+        [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+    }
+
+    pub fn serialize<S: Serializer>(pose: &Pose, serializer: S) -> Result<S::Ok, S::Error> {
+        numbers(pose).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Pose, D::Error> {
+        let [x, y, z, qx, qy, qz, qw] = <[f64; 7]>::deserialize(deserializer)?;
+        // Normalising again would change bits.
+        let pose = Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::new_unchecked(Quaternion::new(qw, qx, qy, qz)));
+        check(&pose).map_err(|e| de::Error::custom(format!("a pose {e}")))?;
+        Ok(pose)
+    }
+}
