@@ -3,9 +3,14 @@
 use crate::failure::Failure;
 use anyhow::Context;
 use clap::{Arg, ArgMatches, Command};
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 use voxelastic::settings::{Group, Setting, Settings, former_name, table};
+
+/// A larger configuration file is a mistake, or a device without end.
+const LARGEST_FILE: u64 = 1 << 20;
 
 /// Settings from the command line, and the configuration file for the others.
 #[derive(Clone, Debug, Default)]
@@ -77,7 +82,13 @@ impl clap::FromArgMatches for SettingFlags {
 
 /// Applies a TOML file to the settings.
 fn apply_file(settings: &mut Settings, path: &Path) -> anyhow::Result<()> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the configuration file {}", path.display()))?;
+    let mut text = String::new();
+    let read = File::open(path).and_then(|file| file.take(LARGEST_FILE + 1).read_to_string(&mut text));
+    read.with_context(|| format!("cannot read the configuration file {}", path.display()))?;
+    if text.len() as u64 > LARGEST_FILE {
+        let what = format!("{}: more than {LARGEST_FILE} bytes are no configuration", path.display());
+        return Err(Failure::usage(what, "`voxelastic config` prints a file with all settings, their units and ranges").into());
+    }
     apply_text(settings, &text).map_err(|(line, what)| {
         let remedy = "`voxelastic config` prints a file with all settings, their units and ranges";
         Failure::usage(format!("{}, line {line}: {what}", path.display()), remedy).into()

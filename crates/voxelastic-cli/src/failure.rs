@@ -12,6 +12,8 @@ pub const FAILED: u8 = 1;
 pub const USAGE: u8 = 2;
 /// The map is saved, but not in the folder that was asked for, because that could not be written.
 pub const ELSEWHERE: u8 = 3;
+/// A bug: a panic, here or in a decoder.
+pub const BUG: u8 = 101;
 /// Interrupted by Ctrl-C or a request to terminate; results up to then are kept.
 pub const INTERRUPTED: u8 = 130;
 
@@ -25,7 +27,7 @@ Exit codes:
   1    failed; the message names the file, the place in it and the remedy
   2    wrong command line or configuration file
   3    the map is saved, but elsewhere, because its folder could not be written (full disk); a warning and --json name it
-  101  a bug in voxelastic
+  101  a bug in voxelastic; `map` saves what it has
   130  interrupted (Ctrl-C); results up to then were saved
   131  interrupted again; stopped at once, without saving";
 

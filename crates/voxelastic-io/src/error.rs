@@ -189,6 +189,12 @@ pub enum Error {
         /// The identifier that was asked for.
         id: u32,
     },
+    /// A decoder has a bug. It is the last item of the data: what comes after cannot be read.
+    #[error("a decoder has a bug: {what}; what comes after cannot be read: please report it with the file")]
+    Panicked {
+        /// The message of the panic.
+        what: String,
+    },
     /// A file is larger than the memory that is left.
     #[error("{}: {bytes} bytes do not fit into memory; close other programs or use a larger machine", path.display())]
     OutOfMemory {
@@ -200,7 +206,7 @@ pub enum Error {
 }
 
 impl Error {
-    /// The file or folder that the error is about.
+    /// The file or folder that the error is about; empty where that is not known.
     pub fn path(&self) -> &Path {
         match self {
             Self::Io { path, .. }
@@ -219,6 +225,7 @@ impl Error {
             | Self::UnknownSection { path, .. }
             | Self::NoSuchSubmap { path, .. }
             | Self::OutOfMemory { path, .. } => path,
+            Self::Panicked { .. } => Path::new(""),
         }
     }
 
@@ -245,6 +252,7 @@ impl Error {
             Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
             Self::Newer { .. } | Self::UnknownSection { .. } => Cow::Borrowed("update voxelastic"),
             Self::NoSuchSubmap { .. } => Cow::Borrowed("choose one of the manifest's submaps"),
+            Self::Panicked { .. } => Cow::Borrowed("please report it with the file"),
             Self::OutOfMemory { .. } => Cow::Borrowed("close other programs or use a larger machine"),
             Self::Unwritable { .. } => Cow::Borrowed("this is an error of the program that made the data"),
         }

@@ -23,6 +23,7 @@ pub(crate) struct ReadAhead<T> {
 struct Shared<T> {
     name: &'static str,
     most: usize,
+    panicked: fn(String) -> T,
     state: Mutex<State<T>>,
     changed: Condvar,
     /// Whether an item should be produced; may be read without taking the lock.
@@ -40,9 +41,11 @@ struct State<T> {
 impl<T: Send + 'static> ReadAhead<T> {
     /// Reads `items` at most `most` ahead. A thread called `name` does so from the first call of `next` on, unless an
     /// [idle step](Self::idle_step) was taken before.
-    pub fn new(name: &'static str, most: usize, items: impl Iterator<Item = T> + Send + 'static) -> Self {
+    ///
+    /// A panic of `items` is the bug of a decoder. It becomes a last item that `panicked` makes of its message.
+    pub fn new(name: &'static str, most: usize, items: impl Iterator<Item = T> + Send + 'static, panicked: fn(String) -> T) -> Self {
         let state = State { items: Some(Box::new(items)), ready: VecDeque::new(), is_over: false };
-        let shared = Shared { name, most, state: Mutex::new(state), changed: Condvar::new(), is_due: AtomicBool::new(true) };
+        let shared = Shared { name, most, panicked, state: Mutex::new(state), changed: Condvar::new(), is_due: AtomicBool::new(true) };
         Self { shared: Arc::new(shared), has_producer: false }
     }
 
@@ -147,11 +150,21 @@ impl<T> Shared<T> {
         true
     }
 
-    /// Produces the next item and puts `items` back. A panic ends the sequence: it must neither block the consumer nor unwind into an idle
-    /// thread.
+    /// Produces the next item and puts `items` back. A panic ends the sequence after an item that says so: it must neither block the consumer nor
+    /// unwind into an idle thread, nor look like the end of the data.
     fn produce(&self, mut items: Box<dyn Iterator<Item = T> + Send>) {
-        let item = catch_unwind(AssertUnwindSafe(|| items.next())).unwrap_or(None);
+        let item = catch_unwind(AssertUnwindSafe(|| items.next()));
         let mut state = self.lock();
+        let item = match item {
+            Ok(item) => item,
+            Err(payload) => {
+                let words = payload.downcast_ref::<&str>().copied().or_else(|| payload.downcast_ref::<String>().map(String::as_str));
+                if !state.is_over {
+                    state.ready.push_back((self.panicked)(words.unwrap_or("no details").to_owned()));
+                }
+                None
+            }
+        };
         state.is_over |= item.is_none();
         if !state.is_over {
             state.ready.extend(item);
@@ -177,6 +190,10 @@ mod tests {
         (made, (0..end).inspect(tally))
     }
 
+    fn no_panic(words: String) -> usize {
+        panic!("{words}")
+    }
+
     /// Waits until `made` is `expected`, for at most ten seconds.
     fn soon(made: &AtomicUsize, expected: usize) -> bool {
         (0..1000).any(|_| {
@@ -188,7 +205,7 @@ mod tests {
     #[test]
     fn a_thread_reads_a_limited_number_ahead() {
         let (made, items) = numbers(100);
-        let mut ahead = ReadAhead::new("test", 3, items);
+        let mut ahead = ReadAhead::new("test", 3, items, no_panic);
         assert_eq!(ahead.next(), Some(0));
         assert!(soon(&made, 4), "{made:?}");
         thread::sleep(Duration::from_millis(30));
@@ -200,7 +217,7 @@ mod tests {
     #[test]
     fn an_idle_step_produces_one_item_and_no_thread_is_started() {
         let (made, items) = numbers(4);
-        let mut ahead = ReadAhead::new("test", 2, items);
+        let mut ahead = ReadAhead::new("test", 2, items, no_panic);
         let step = ahead.idle_step();
         assert!(step() && step() && !step());
         assert_eq!((ahead.next(), ahead.next(), made.load(Ordering::Relaxed)), (Some(0), Some(1), 2));
@@ -213,7 +230,7 @@ mod tests {
     #[test]
     fn idle_steps_of_many_threads_keep_the_order() {
         let (_, items) = numbers(2000);
-        let mut ahead = ReadAhead::new("test", 2, items);
+        let mut ahead = ReadAhead::new("test", 2, items, no_panic);
         let steps: Vec<IdleStep> = (0..3).map(|_| ahead.idle_step()).collect();
         let is_done = AtomicBool::new(false);
         let taken = thread::scope(|scope| {
@@ -234,7 +251,7 @@ mod tests {
     #[test]
     fn nothing_is_produced_after_the_consumer_is_gone() {
         let (made, items) = numbers(100);
-        let mut ahead = ReadAhead::new("test", 2, items);
+        let mut ahead = ReadAhead::new("test", 2, items, no_panic);
         let step = ahead.idle_step();
         assert!(step());
         drop(ahead);
@@ -242,7 +259,7 @@ mod tests {
         assert_eq!(made.load(Ordering::Relaxed), 1);
         assert_eq!(Arc::strong_count(&made), 1, "an idle step that outlives the iterator does not hold what it read");
         let (_, items) = numbers(100);
-        let mut ahead = ReadAhead::new("test", 2, items);
+        let mut ahead = ReadAhead::new("test", 2, items, no_panic);
         let shared = Arc::clone(&ahead.shared);
         ahead.next();
         drop(ahead);
@@ -257,8 +274,9 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_ends_the_sequence_and_keeps_finished_items() {
-        let items = (0..5).inspect(|i| assert!(*i < 2, "on purpose"));
-        assert_eq!(ReadAhead::new("test", 2, items).collect::<Vec<_>>(), [0, 1]);
+    fn a_panic_ends_the_sequence_with_an_error_and_keeps_finished_items() {
+        let items = (0..5).inspect(|i| assert!(*i < 2, "on purpose")).map(Ok);
+        let all = ReadAhead::new("test", 2, items, Err).collect::<Vec<_>>();
+        assert_eq!(all, [Ok(0), Ok(1), Err("on purpose".to_owned())]);
     }
 }

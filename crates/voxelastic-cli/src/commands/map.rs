@@ -147,6 +147,8 @@ struct Tally {
     held_out: usize,
     rebuilt: usize,
     interrupted: bool,
+    /// The input ended early because of a bug of a decoder.
+    broken: bool,
     mapping_s: f64,
     odometry: Option<OdometrySummary>,
     closures: Option<ClosureSummary>,
@@ -202,6 +204,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     reported.with_context(|| format!("the map is saved as {}, but not its report", output.display()))?;
     Ok(match () {
+        () if tally.broken => failure::BUG,
         () if target.is_elsewhere() => failure::ELSEWHERE,
         () if tally.interrupted => failure::INTERRUPTED,
         () => failure::DONE,
@@ -245,6 +248,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     let mut events = input.events(session.threads())?;
     session.set_idle_task(|| events.idle_task());
     for event in events.by_ref() {
+        tally.broken |= event.as_ref().is_err_and(is_bug_of_decoder);
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
         match event.and_then(|event| corrector.take(event, session)) {
@@ -275,6 +279,11 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         tracing::warn!("the last correction is missing: {}", one_line(&problem));
     }
     Ok(tally)
+}
+
+/// Whether a decoder panicked, so that the rest of the data cannot be read.
+fn is_bug_of_decoder(problem: &anyhow::Error) -> bool {
+    problem.chain().any(|cause| matches!(cause.downcast_ref(), Some(voxelastic_io::Error::Panicked { .. })))
 }
 
 fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {

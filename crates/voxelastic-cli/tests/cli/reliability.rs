@@ -1,7 +1,7 @@
 //! Nothing that was mapped is lost: messages that cannot be written, repeated signals, shorter runs.
 #![cfg(unix)]
 
-use crate::{json, room, run, voxelastic};
+use crate::{fails, json, room, run, voxelastic};
 use rustix::process::{Pid, Signal, kill_process};
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -65,6 +65,48 @@ fn a_signal_delivered_twice_is_one_request() {
         assert_eq!(child.wait().unwrap().code(), Some(130), "{log}");
         assert!(scans(dir.path(), "room.vox") >= 1, "{log}");
     }
+}
+
+#[test]
+fn input_without_end_or_beginning_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 1);
+    let pipe = dir.path().join("pipe.bag");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for command in ["map pipe.bag", "info pipe.bag"] {
+        fails(dir.path(), command, 1, &["pipe.bag", "a pipe or a device"]);
+    }
+    fails(dir.path(), "map room --config /dev/zero", 2, &["/dev/zero", "are no configuration"]);
+    let done = run(dir.path(), "map room --threads 1024 --json");
+    assert!(done.code == Some(0) && done.err.contains("more than four for each core"), "{}", done.err);
+    let summary: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+    assert!(summary["threads"].as_u64().unwrap() < 1024, "{summary}");
+}
+
+#[test]
+fn a_scan_of_points_at_the_sensor_is_skipped() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 3);
+    let points = (0..600).map(|i| [(1 + i % 7) as f32 * 1e-40, 1e-40, 1e-40]).collect::<Vec<_>>();
+    let cloud = voxelastic::Cloud::from_points(points);
+    voxelastic_io::pcd::write(dir.path().join("room/scans/000000.pcd"), &cloud).unwrap();
+    let done = run(dir.path(), "map room --json");
+    assert!(done.code == Some(0) && !done.err.contains("has a bug"), "{}", done.err);
+    // Alone it is an error, and no map.
+    room::write_poses(&dir.path().join("room"), 1);
+    (1..3).for_each(|i| std::fs::remove_file(dir.path().join(format!("room/scans/{i:06}.pcd"))).unwrap());
+    fails(dir.path(), "map room -o alone.vox", 1, &["no scan could be integrated"]);
+}
+
+#[test]
+fn a_lock_that_is_a_link_is_not_followed() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 1);
+    std::fs::write(dir.path().join("precious"), "years of work").unwrap();
+    std::fs::create_dir(dir.path().join("room.vox")).unwrap();
+    std::os::unix::fs::symlink("../precious", dir.path().join("room.vox/.lock")).unwrap();
+    fails(dir.path(), "map room", 1, &[".lock", "a link"]);
+    assert_eq!(std::fs::read(dir.path().join("precious")).unwrap(), b"years of work");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Formats of recordings.
 
-use crate::{Error, Result, ouster};
+use crate::{Error, Position, Result, ouster};
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -33,6 +33,12 @@ impl BagFormat {
     /// # Errors
     /// [`Error::Io`].
     pub fn of(path: &Path) -> Result<Option<Self>> {
+        // Opening anything else, a pipe for one, could wait forever.
+        let metadata = path.metadata().map_err(|e| Error::io(path, "read", e))?;
+        if !metadata.is_file() && !metadata.is_dir() {
+            let problem = "a pipe or a device, and recordings are read more than once";
+            return Err(Error::content(path, Position::File, problem, "write it to a file first"));
+        }
         let mut first = Vec::new();
         File::open(path).and_then(|f| f.take(16).read_to_end(&mut first)).map_err(|e| Error::io(path, "read", e))?;
         let known = [(ROS1_MAGIC, Self::Ros1), (MCAP_MAGIC, Self::Mcap), (SQLITE_MAGIC, Self::Sqlite)];

@@ -154,7 +154,7 @@ impl Recording {
                 Err(error) => Box::new(iter::once(Err(error))),
             }
         };
-        RecordingEvents(ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten()))
+        RecordingEvents(ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten(), |what| Err(Error::Panicked { what })))
     }
 
     /// Reads clouds again that [`events`](Self::events) delivered.

@@ -3,7 +3,7 @@
 use super::chunk::{Compression, decompress};
 use super::container::{Container, Encoding, Index, Message, Topic};
 use crate::{Error, Position, Result};
-use rusqlite::{Connection, OpenFlags, params};
+use rusqlite::{Connection, ErrorCode, OpenFlags, params};
 use std::collections::{HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,16 @@ impl Sqlite {
             ready: VecDeque::new(),
             finished: false,
         };
-        bag.read_topics().map_err(fail)?;
+        if let Err(error) = bag.read_topics() {
+            // SQLite opens no file that is shorter than its head says, unless it may be asked for a damaged schema.
+            let is_cut = error.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt);
+            if !is_cut || bag.database.pragma_update(None, "writable_schema", true).is_err() {
+                return Err(fail(error));
+            }
+            (bag.topics, bag.topic_of) = Default::default();
+            bag.read_topics().map_err(fail)?;
+            tracing::warn!("{}: the bag was cut or is damaged; it is read as far as it goes", path.display());
+        }
         Ok(bag)
     }
 

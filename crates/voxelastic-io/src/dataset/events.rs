@@ -38,7 +38,8 @@ pub struct Events {
 impl Events {
     pub(super) fn new(scans: Arc<[ScanEntry]>, edges: Arc<ScanEdges>, context: Arc<SnapshotContext>, snapshots: VecDeque<Snapshot>) -> Self {
         let entries = Arc::clone(&scans);
-        let decoded = ReadAhead::new("voxelastic-decode", AHEAD, (0..scans.len()).map(move |k| entries[k].read()));
+        let decoded =
+            ReadAhead::new("voxelastic-decode", AHEAD, (0..scans.len()).map(move |k| entries[k].read()), |what| Err(Error::Panicked { what }));
         let mut loops_at: HashMap<NodeId, Vec<usize>> = HashMap::new();
         for (k, edge) in edges.loops.iter().enumerate() {
             loops_at.entry(edge.from).or_default().push(k);

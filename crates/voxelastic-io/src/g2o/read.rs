@@ -6,6 +6,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use voxelastic::event::Edge;
 
+/// Places of the diagonal in the upper triangle of a matrix of 6 x 6, row by row.
+const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
 const POSE: [&str; 7] = ["x", "y", "z", "qx", "qy", "qz", "qw"];
 
 /// Reads a pose graph. Comments are skipped; so, with a warning, is what is neither a pose nor a constraint between two
@@ -13,7 +15,7 @@ const POSE: [&str; 7] = ["x", "y", "z", "qx", "qy", "qz", "qw"];
 ///
 /// # Errors
 /// [`Error::Content`], naming line and field, for a number that is none, a quaternion that is none, a node given twice, an
-/// edge to a node that is not there or to itself, a planar graph (`SE2`), or a file without nodes; [`Error::Io`].
+/// edge to a node that is not there, to itself, or without positive information, a planar graph (`SE2`), or a file without nodes; [`Error::Io`].
 pub fn read(path: impl AsRef<Path>) -> Result<PoseGraph> {
     parse(&text::read(path.as_ref())?, path.as_ref())
 }
@@ -88,6 +90,11 @@ fn edge<'a>(line: &Line<'a>, mut words: impl Iterator<Item = &'a str>) -> Result
     if words.next().is_some() {
         return Err(line.field_error("information", "more than 21 numbers", "the file is damaged: write it again"));
     }
+    if let Some(value) = DIAGONAL.into_iter().map(|i| information[i]).find(|value| *value <= 0.0) {
+        let problem =
+            format!("the edge from node {from} to node {to} has {value} on the diagonal of its information, which is not positive definite");
+        return Err(line.field_error("information", problem, "remove the line, or write the graph again"));
+    }
     Ok(Edge { from, to, t_from_to: line.pose(pose)?, information: Some(information) })
 }
 
@@ -126,6 +133,14 @@ mod tests {
             (&format!("EDGE_SE3:QUAT 0 99 1 0 0 0 0 0 1 {UNIT}"), "line 8: it names node 99"),
             (&format!("EDGE_SE3:QUAT 0 0 1 0 0 0 0 0 1 {UNIT}"), "with itself"),
             ("EDGE_SE3:QUAT 0 4 1 0 0 0 0 0 1 1 0", "field information: fewer than 21"),
+            (
+                &format!("EDGE_SE3:QUAT 0 4 1 0 0 0 0 0 1 {}", "0 ".repeat(21)),
+                "line 8, field information: the edge from node 0 to node 4 has 0 on the diagonal",
+            ),
+            (
+                &format!("EDGE_SE3:QUAT 0 4 1 0 0 0 0 0 1 {}", UNIT.replacen('1', "-1e30", 1)),
+                "line 8, field information: the edge from node 0 to node 4 has -1",
+            ),
             ("FIX 77", "line 8: it names node 77"),
         ] {
             let error = graph(extra).unwrap_err().to_string();

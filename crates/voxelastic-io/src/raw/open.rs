@@ -5,7 +5,7 @@ use super::timed_scan::TimedScan;
 use crate::bag::{self, RawRecording};
 use crate::folders::holds_clouds;
 use crate::read_ahead::{IdleStep, ReadAhead};
-use crate::{OpenOptions, Result};
+use crate::{Error, OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -103,7 +103,7 @@ impl RawScans {
                 })
             })),
         };
-        TimedScans(ReadAhead::new("voxelastic-decode", AHEAD, scans))
+        TimedScans(ReadAhead::new("voxelastic-decode", AHEAD, scans, |what| Err(Error::Panicked { what })))
     }
 
     /// Reads clouds again by their nodes. Those of a recording must have been delivered by [`iter`](Self::iter).

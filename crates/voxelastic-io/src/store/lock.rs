@@ -17,6 +17,10 @@ impl Lock {
     /// Locks the map directory `dir`; the file names this process for whoever finds it locked.
     pub fn take(dir: &Path) -> Result<Self> {
         let path = dir.join(LOCK);
+        // Where others may write, it could be a link to a file elsewhere, which the note would overwrite.
+        if path.symlink_metadata().is_ok_and(|found| !found.is_file()) {
+            return Err(Error::damaged(&path, "kind", 0, "it is a link or no regular file, and no map writer made it"));
+        }
         let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(Error::on_io("lock", &path))?;
         match file.try_lock() {
             Ok(()) => {}

@@ -38,6 +38,22 @@ fn cut_recordings_are_read_as_far_as_they_go() {
 }
 
 #[test]
+fn a_cut_database_is_read_as_far_as_it_goes() {
+    let dir = tempfile::tempdir().unwrap();
+    let whole = std::fs::read(fixture("ouster_packed.db3")).unwrap();
+    let mut last = 0;
+    for tenths in [5, 7, 9] {
+        let path = put(dir.path(), "cut.db3", &whole[..whole.len() * tenths / 10]);
+        assert!(bag::describe(&path, &OpenOptions::default()).unwrap().topics.iter().any(|t| t.name == "/points"), "{tenths} tenths");
+        let (scans, errors) = play(&path, &every_scan());
+        assert!(scans.len() >= last && scans.len() < 12, "{} scans of {tenths} tenths", scans.len());
+        assert!(errors.iter().any(|e| e.to_string().contains("cut or damaged")), "{errors:?}");
+        last = scans.len();
+    }
+    assert!(last >= 6, "{last} scans of nine tenths");
+}
+
+#[test]
 fn recordings_that_were_never_closed_hold_all_their_scans() {
     let dir = tempfile::tempdir().unwrap();
     // A bag whose recorder was killed: no place of the index in its head, and no index.

@@ -20,6 +20,10 @@ const WELL_FILLED: f32 = 0.5;
 pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
     let scans: Vec<Vec<Direction>> = clouds.iter().map(|c| c.points.iter().filter_map(Direction::of).collect()).collect();
     let mut elevations: Vec<f32> = scans.iter().flatten().map(|r| r.elevation).collect();
+    // Squares of coordinates below 1e-23 m vanish, so there may be returns and no directions.
+    if elevations.is_empty() {
+        return Err(SensorError::NoSpread);
+    }
     elevations.sort_by(f32::total_cmp);
     // A few strays must not widen the field of view.
     let strays = elevations.len() / 1000;
