@@ -22,6 +22,7 @@ mod mapping;
 mod meshing;
 mod odometry_log;
 mod output;
+mod precision;
 mod progress;
 mod raw_data;
 mod recorder;

@@ -1,6 +1,7 @@
 //! Meshes of maps and colours of their vertices.
 
 use crate::failure::Failure;
+use crate::precision;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use voxelastic::atlas::fusion::Agreement;
@@ -181,6 +182,7 @@ impl Fused {
 
 /// Meshes of all submaps that have a surface, in the map frame, by submap.
 pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
+    precision::check(atlas, voxel)?;
     let mut meshes = Vec::new();
     for submap in atlas.submaps() {
         let mut mesh = surface.extract(submap, voxel);
@@ -199,6 +201,7 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
 /// The surface of the whole map, in the map frame: overlapping submaps are fused, and a place has one surface. Surfaces of occupancy are those
 /// of the submaps.
 pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
+    precision::check(atlas, voxel)?;
     let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
     if layers.shells || atlas.tsdfs().len() < 2 || !is_measured {
         return shells(atlas, voxel, surface);

@@ -1,5 +1,6 @@
 //! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
+mod jumps;
 mod target;
 
 use crate::closure_summary::ClosureSummary;
@@ -17,6 +18,7 @@ use crate::reporting::{self, Subject};
 use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
+use jumps::Jumps;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -245,6 +247,7 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         Ok(())
     };
     let mut corrector = args.elastic.corrector(input.is_raw());
+    let mut jumps = Jumps::default();
     let mut events = input.events(session.threads())?;
     session.set_idle_task(|| events.idle_task());
     for event in events.by_ref() {
@@ -252,7 +255,10 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
         match event.and_then(|event| corrector.take(event, session)) {
-            Ok(events) => events.into_iter().try_for_each(|event| session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())))?,
+            Ok(events) => events.into_iter().try_for_each(|event| match jumps.check(&event) {
+                Ok(()) => session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())),
+                Err(jump) => skip(jump.into()),
+            })?,
             Err(problem) => skip(problem)?,
         }
         if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {

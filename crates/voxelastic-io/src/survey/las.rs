@@ -76,6 +76,26 @@ fn decode(bytes: Vec<u8>, path: &Path) -> Result<SurveyCloud> {
     gather.finish(path)
 }
 
+/// The offset of the coordinates in the file, metres: that of the survey, and if 32 bits do not reach from it to the points, their centre.
+fn offset(path: &Path, survey: &SurveyCloud) -> Result<[f64; 3]> {
+    const REACH: f64 = i32::MAX as f64 * STEP;
+    let mut offset = survey.offset;
+    for (k, offset) in offset.iter_mut().enumerate() {
+        let mut returns = survey.cloud.points.iter().filter(|p| Cloud::is_return(p)).map(|p| f64::from(p[k]));
+        let Some(first) = returns.next() else { continue };
+        let (low, high) = returns.fold((first, first), |(low, high), c| (low.min(c), high.max(c)));
+        if low > -REACH && high < REACH {
+            continue;
+        }
+        let centre = (0.5 * (low + high)).round();
+        if high - centre >= REACH || !(*offset + centre).is_finite() {
+            return Err(Error::unwritable(path, format!("its points are {:.0} m apart, and LAS reaches {:.0} m", high - low, 2.0 * REACH)));
+        }
+        *offset += centre;
+    }
+    Ok(offset)
+}
+
 /// Writes a cloud as LAS 1.4, packed as LAZ if the name says so, atomically. Points without a return are left out; intensities are rounded
 /// to whole numbers from 0 to 65535; coordinates to a tenth of a millimetre.
 ///
@@ -88,7 +108,8 @@ pub fn write(path: impl AsRef<Path>, survey: &SurveyCloud) -> Result<()> {
     let mut builder = Builder::from((1, 4));
     builder.point_format = Format::new(if survey.cloud.colours.is_some() { 7 } else { 6 }).map_err(fail)?;
     builder.point_format.is_compressed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("laz"));
-    let transform = |k: usize| Transform { scale: STEP, offset: survey.offset[k] };
+    let offset = offset(path, survey)?;
+    let transform = |k: usize| Transform { scale: STEP, offset: offset[k] };
     builder.transforms = Vector { x: transform(0), y: transform(1), z: transform(2) };
     builder.generating_software = "voxelastic".into();
     let mut writer = Writer::new(Cursor::new(Vec::new()), builder.into_header().map_err(fail)?).map_err(fail)?;

@@ -89,6 +89,25 @@ e57.close()
 "#;
 
 #[test]
+fn las_gets_an_offset_where_32_bits_do_not_reach() {
+    let dir = tempfile::tempdir().unwrap();
+    let points: Vec<[f32; 3]> = (0..50).map(|i| [448_000.0 + i as f32, 5_411_000.0 + 2.0 * i as f32, 3.0]).collect();
+    for name in ["utm.las", "utm.laz"] {
+        let path = dir.path().join(name);
+        las::write(&path, &SurveyCloud { cloud: Cloud::from_points(points.clone()), ..SurveyCloud::default() }).unwrap();
+        let read = las::read(&path).unwrap();
+        for (there, here) in read.cloud.points.iter().zip(&points) {
+            let off = (0..3).map(|k| (f64::from(there[k]) + read.offset[k] - f64::from(here[k])).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-3, "{there:?} and {:?} instead of {here:?}", read.offset);
+        }
+        // Farther apart than 32 bits reach.
+        let apart = vec![[0.0; 3], [1.0, 1.0, 1.0], [-4e5, 0.0, 1.0], [4e5, 0.0, 1.0]];
+        let error = las::write(&path, &SurveyCloud { cloud: Cloud::from_points(apart), ..SurveyCloud::default() }).unwrap_err();
+        assert!(error.to_string().contains("800000 m apart"), "{error}");
+    }
+}
+
+#[test]
 fn files_of_laspy_and_pye57() {
     let dir = tempfile::tempdir().unwrap();
     if run_python("laspy, pye57, numpy", WRITE, &[dir.path()]).is_none() {

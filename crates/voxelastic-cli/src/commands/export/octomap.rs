@@ -10,6 +10,9 @@ use std::time::Instant;
 use voxelastic::query::Resampling;
 use voxelastic_io::octomap;
 
+/// How far an OctoMap reaches from its centre, voxels.
+const REACH: u32 = 1 << 15;
+
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary<'a> {
@@ -40,6 +43,11 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
         return Err(Failure::usage(message, "choose a larger --voxel-size, or map the data again with a smaller one").into());
     }
     let cubes = pool.install(|| query.resample(&Resampling { voxel, states_only }));
+    if cubes.is_empty() {
+        let what =
+            format!("{}: nothing of the map is near enough to its origin for an OctoMap, which reaches {REACH} voxels from it", args.map.display());
+        return Err(Failure::new(what, "subtract the same offset from all poses and map again, or use a larger --voxel-size").into());
+    }
     let written = if states_only { octomap::write_bt(&args.output, voxel, &cubes) } else { octomap::write_ot(&args.output, voxel, &cubes) };
     written.context("cannot export the map")?;
     let occupied = cubes.iter().filter(|c| c.value > 0).count();

@@ -1,0 +1,29 @@
+//! Scans whose poses jump farther than anything moves on Earth.
+
+use crate::failure::Failure;
+use nalgebra::Vector3;
+use voxelastic::event::Event;
+
+/// A jump of this length, metres, is a mistake in the poses: one of units, or a number that is garbage. Longer maps than the Earth is wide do not exist.
+const LARGEST: f64 = 1e8;
+
+/// Compares positions of scans with those of the scans before.
+#[derive(Debug, Default)]
+pub struct Jumps {
+    last: Option<Vector3<f64>>,
+}
+
+impl Jumps {
+    /// Refuses a scan that is too far from the last one that was not refused.
+    pub fn check(&mut self, event: &Event) -> Result<(), Failure> {
+        let Event::Scan(scan) = event else { return Ok(()) };
+        let position = scan.t_map_lidar.translation.vector;
+        let jump = self.last.map_or(0.0, |last| (position - last).norm());
+        if jump > LARGEST {
+            let remedy = "correct the pose; the unit is metres";
+            return Err(Failure::new(format!("the pose of node {} is {jump:.0} m from the one before", scan.node), remedy));
+        }
+        self.last = Some(position);
+        Ok(())
+    }
+}
