@@ -1,4 +1,4 @@
-//! The input of odometry: scans without poses, from a folder or a recording.
+//! The input of odometry and localisation: scans without poses, from a folder or a recording.
 
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -18,9 +18,6 @@ pub struct RawDataArgs {
     /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
     #[arg(long, value_name = "FILE.json", hide_short_help = true)]
     metadata: Option<PathBuf>,
-    /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
-    #[arg(long)]
-    pub no_deskew: bool,
 }
 
 impl RawDataArgs {

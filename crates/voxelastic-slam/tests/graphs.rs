@@ -136,3 +136,30 @@ fn a_stream_is_corrected_after_its_loops() {
     assert_eq!(live.handle(scan(43, 3.0, 0.0)).unwrap().len(), 1);
     assert!(matches!(live.finish().unwrap(), Some(Event::PoseUpdate(poses)) if poses.len() == 44));
 }
+
+#[test]
+fn pieces_are_joined_by_loops_and_not_by_where_they_began() {
+    let scan =
+        |node: NodeId, x: f64| Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::translation(x, 0.0, 0.0), cloud: Default::default() });
+    // Odometry was lost after node 1 and went on 98 m away; the loop says that it was 1 m.
+    let events = || {
+        vec![
+            scan(0, 0.0),
+            scan(1, 1.0),
+            Event::OdometryEdge(edge(0, 1, 1.0)),
+            scan(2, 99.0),
+            scan(3, 100.0),
+            Event::OdometryEdge(edge(2, 3, 1.0)),
+            Event::LoopEdge(edge(1, 2, 1.0)),
+        ]
+    };
+    let last = |mut optimiser: LiveOptimiser| {
+        events().into_iter().for_each(|event| drop(optimiser.handle(event).unwrap()));
+        optimiser.finish().unwrap();
+        optimiser.poses()[3].1.translation.x
+    };
+    let joined = last(LiveOptimiser::new(Options::default()).with_pieces());
+    assert!((joined - 3.0).abs() < 1e-3, "{joined} m");
+    let bridged = last(LiveOptimiser::new(Options::default()));
+    assert!(bridged - 3.0 > 0.05, "with an edge over the gap, that pulls at the loop: {bridged} m");
+}

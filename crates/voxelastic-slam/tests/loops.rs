@@ -99,6 +99,21 @@ fn places_that_only_look_alike_are_refused() {
 }
 
 #[test]
+fn a_closure_that_the_odometry_cannot_be_wrong_by_is_refused() {
+    // The second lap comes 80 m higher, after less than 500 m of path.
+    let lifted = events(&street(1)).into_iter().map(|event| match event {
+        Event::Scan(scan) if scan.node >= LAP as NodeId => {
+            Event::Scan(Scan { t_map_lidar: Pose::translation(0.0, 0.0, 80.0) * scan.t_map_lidar, ..scan })
+        }
+        other => other,
+    });
+    let (closures, _) = closed(lifted.collect());
+    let across: Vec<&Closure> = closures.iter().filter(|c| c.from < LAP as NodeId - 10 && c.to > LAP as NodeId + 10).collect();
+    assert!(across.iter().any(|c| c.verdict == Verdict::BeyondDrift), "{across:?}");
+    assert!(across.iter().all(|c| c.verdict != Verdict::Accepted), "{across:?}");
+}
+
+#[test]
 fn closures_do_not_depend_on_the_number_of_threads() {
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -13,13 +13,11 @@ use voxelastic::event::{Event, NodeId};
 use voxelastic::mapper::ScanSource;
 use voxelastic::motion::Motion;
 use voxelastic::sensor::BeamModel;
-use voxelastic_io::raw::{RawScans, TimedScans};
+use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
+use voxelastic_io::raw::{RawScans, TimedScan, TimedScans};
 use voxelastic_io::{KeyframeFilter, Keyframing};
 use voxelastic_slam::odometry::OdometrySettings;
 use voxelastic_slam::slam::{RawScan, Slam};
-
-/// Distance between the scans of a recording that are mapped, metres.
-const KEYFRAME_DISTANCE_M: f64 = 2.0;
 
 /// How the lidar moved during each sweep that was mapped.
 type Motions = Arc<Mutex<HashMap<NodeId, Motion>>>;
@@ -118,7 +116,7 @@ impl RawEvents {
     }
 
     /// Registers a scan, and makes its events ready.
-    fn take(&mut self, scan: voxelastic_io::raw::TimedScan) -> Option<anyhow::Error> {
+    fn take(&mut self, scan: TimedScan) -> Option<anyhow::Error> {
         let Self { slam, keyframes, hold_out, selected, .. } = self;
         let time = scan.time;
         let takes = |pose: &voxelastic::Pose| {

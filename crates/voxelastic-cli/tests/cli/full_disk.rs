@@ -70,8 +70,8 @@ fn waiting_ends_when_there_is_space() {
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     assert!(lines.by_ref().any(|line| line.contains("in memory") && line.contains("waiting")));
     fs::remove_file(ballast).unwrap();
-    let rest = lines.collect::<Vec<_>>().join("\n");
-    assert_eq!(child.wait().unwrap().code(), Some(0), "{rest}");
+    let log = lines.collect::<Vec<_>>().join("\n");
+    assert_eq!(child.wait().unwrap().code(), Some(0), "{log}");
     assert_eq!(scans(dir.path(), "disk/room.vox"), 3);
 }
 
@@ -85,8 +85,8 @@ fn waiting_ends_with_an_interrupt_and_the_map_is_saved_elsewhere() {
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
     assert!(lines.by_ref().any(|line| line.contains("waiting")));
     kill_process(Pid::from_child(&child), Signal::INT).unwrap();
-    let rest = lines.collect::<Vec<_>>().join("\n");
-    assert_eq!(child.wait().unwrap().code(), Some(3), "{rest}");
+    let log = lines.collect::<Vec<_>>().join("\n");
+    assert_eq!(child.wait().unwrap().code(), Some(3), "{log}");
     assert_eq!(scans(dir.path(), "room.vox"), 3);
 }
 

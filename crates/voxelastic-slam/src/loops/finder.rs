@@ -1,11 +1,11 @@
 //! The search for loop closures in a stream of events.
 
 use super::overlap::{Guess, best_guess};
-use super::place::{Keyframe, Place, thinning};
+use super::place::{Keyframe, Place, thinned};
 use super::settings::LoopSettings;
 use super::signature::SignatureMaker;
 use super::verify::{Fit, fit};
-use crate::deskew::deskew;
+use crate::deskew::returns;
 use crate::registration::{Downsampler, automatic_voxel_size};
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -128,24 +128,13 @@ impl LoopFinder {
 
     /// The scan, thinned; its piece is a new one until its odometry edge comes. None if it has no returns.
     fn keyframe(&mut self, scan: &Scan) -> Option<Keyframe> {
-        let (low, high) = ((self.settings.min_range as f32).powi(2), (self.settings.max_range as f32).powi(2));
-        let is_used = |p: &[f32; 3]| {
-            let square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
-            square > low && square < high
-        };
         let mut points = Vec::new();
-        if !scan.cloud.motion.as_ref().is_some_and(|motion| deskew(&scan.cloud, motion, &mut points)) {
-            points.extend_from_slice(&scan.cloud.points);
-        }
-        points.retain(is_used);
+        returns(&scan.cloud, scan.cloud.motion.as_ref(), [self.settings.min_range, self.settings.max_range], &mut points);
         if points.is_empty() {
             return None;
         }
         let voxel = *self.voxel.get_or_insert_with(|| automatic_voxel_size(&points));
-        let mut thinned = Vec::new();
-        self.downsampler.means(&points, thinning(voxel) as f32, &mut thinned);
-        let step = thinned.len().div_ceil(MOST_POINTS).max(1);
-        let points = thinned.into_iter().step_by(step).collect();
+        let points = thinned(&mut self.downsampler, &points, voxel, MOST_POINTS);
         Some(Keyframe { node: scan.node, t_map_lidar: scan.t_map_lidar, piece: self.piece + 1, path: 0.0, points })
     }
 

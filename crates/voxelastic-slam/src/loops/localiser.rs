@@ -1,11 +1,13 @@
 //! Where in a map a scan was taken, from an unknown start.
 
+use super::align::align;
 use super::free_space::FreeSpace;
 use super::overlap::{Guess, best_guess};
-use super::place::{Keyframe, Place, levels, surfels, thinning};
+use super::place::{Keyframe, Place, surfels, thinned};
 use super::signature::SignatureMaker;
-use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, automatic_voxel_size, register, search};
-use nalgebra::{Translation3, Vector3};
+use crate::deskew::returns;
+use crate::registration::{Downsampler, LocalMap, RegistrationSettings, automatic_voxel_size, register};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
@@ -18,8 +20,6 @@ const SPACING: f64 = 8.0;
 const MOST_POINTS: usize = 30_000;
 /// Error to expect of a pose before it is refined, in voxels.
 const REFINED_BY: f64 = 0.2;
-/// Heights around the guess from which the registration starts, in voxels.
-const HEIGHTS: [f64; 3] = [0.0, -3.0, 3.0];
 
 /// How a scan is localised.
 #[derive(Clone, Debug, PartialEq)]
@@ -92,25 +92,24 @@ impl Localiser {
     /// Finds the pose of a scan. With a `guess` (in the map frame) and a distance in metres, only places that near to it count. `None` if the scan
     /// has no returns, there is no such place, or it cannot be registered to any.
     pub fn locate(&mut self, cloud: &Cloud, guess: Option<(Vector3<f64>, f64)>) -> Option<Located> {
-        let (low, high) = ((self.settings.min_range as f32).powi(2), (self.settings.max_range as f32).powi(2));
-        let is_used = |p: &&[f32; 3]| (low..high).contains(&(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]));
-        let returns: Vec<[f32; 3]> = cloud.points.iter().filter(is_used).copied().collect();
-        if returns.is_empty() {
+        let mut used = Vec::new();
+        returns(cloud, cloud.motion.as_ref(), [self.settings.min_range, self.settings.max_range], &mut used);
+        if used.is_empty() {
             return None;
         }
-        let voxel = self.prepare(&returns);
-        let points = self.thinned(&returns, voxel);
+        let voxel = self.prepare(&used);
+        let points = thinned(&mut self.downsampler, &used, voxel, MOST_POINTS);
         let scan = Keyframe { node: 0, t_map_lidar: Pose::identity(), piece: 0, path: 0.0, points };
-        let seen = Place::new(&[&scan], voxel, &self.maker)?;
-        let points = surfels(&seen.scans, voxel);
-        let free = FreeSpace::new(&seen, voxel as f32);
-        let candidates = self.candidates(&seen, voxel, guess);
+        let view = Place::new(&[&scan], voxel, &self.maker)?;
+        let points = surfels(&view.scans, voxel);
+        let free = FreeSpace::new(&view, voxel as f32);
+        let candidates = self.candidates(&view, voxel, guess);
         let found = candidates.par_iter().filter_map(|(k, guess)| {
             let place = &self.places[*k];
-            let found = registered(place, &points, guess, voxel)?;
+            let found = align(place, &points, guess, voxel)?;
             let t = &found.t_map_lidar;
             // Rays to what the map has behind a wall mark the wall's inside as free, where no scan has surfaces.
-            let back = FreeSpace::new(place, voxel as f32).contradiction(&seen, t)?;
+            let back = FreeSpace::new(place, voxel as f32).contradiction(&view, t)?;
             let contradiction = free.contradiction(place, &t.inverse())?.max(back);
             Some(Located {
                 t_map_lidar: place.t_map_anchor * found.t_map_lidar,
@@ -123,7 +122,7 @@ impl Localiser {
         let found: Vec<Located> = found.collect();
         let quality = |l: &Located| l.score * (1.0 - 4.0 * l.contradiction);
         let best = found.into_iter().max_by(|a, b| quality(a).total_cmp(&quality(b)))?;
-        Some(Located { t_map_lidar: self.refined(&best.t_map_lidar, &returns, voxel).unwrap_or(best.t_map_lidar), ..best })
+        Some(Located { t_map_lidar: self.refined(&best.t_map_lidar, &used, voxel).unwrap_or(best.t_map_lidar), ..best })
     }
 
     /// The pose once more, with voxels of half the size and all points of the map.
@@ -148,8 +147,7 @@ impl Localiser {
     fn prepare(&mut self, returns: &[[f32; 3]]) -> f64 {
         let voxel = *self.voxel.get_or_insert_with(|| automatic_voxel_size(returns));
         if self.places.is_empty() {
-            let mut thinned = Vec::new();
-            self.downsampler.means(&self.points, thinning(voxel) as f32, &mut thinned);
+            let surface = thinned(&mut self.downsampler, &self.points, voxel, usize::MAX);
             let mut centres: Vec<Pose> = Vec::new();
             for pose in &self.viewpoints {
                 if centres.iter().all(|c| c.translation_distance(pose) >= SPACING * voxel) {
@@ -160,7 +158,7 @@ impl Localiser {
                 let t_lidar_map = Rigid::from(&pose.inverse());
                 let radius = (RADIUS * voxel) as f32;
                 let is_near = |p: &[f32; 3]| p[0] * p[0] + p[1] * p[1] + p[2] * p[2] < radius * radius;
-                let points = thinned.iter().map(|p| t_lidar_map.apply(*p)).filter(is_near).collect();
+                let points = surface.iter().map(|p| t_lidar_map.apply(*p)).filter(is_near).collect();
                 let view = Keyframe { node: k as u64, t_map_lidar: *pose, piece: 0, path: 0.0, points };
                 Place::new(&[&view], voxel, &self.maker)
             };
@@ -169,37 +167,18 @@ impl Localiser {
         voxel
     }
 
-    fn thinned(&mut self, returns: &[[f32; 3]], voxel: f64) -> Vec<[f32; 3]> {
-        let mut thinned = Vec::new();
-        self.downsampler.means(returns, thinning(voxel) as f32, &mut thinned);
-        let step = thinned.len().div_ceil(MOST_POINTS).max(1);
-        thinned.into_iter().step_by(step).collect()
-    }
-
     /// Places that look like the scan, best first.
-    fn candidates(&self, seen: &Place, voxel: f64, guess: Option<(Vector3<f64>, f64)>) -> Vec<(usize, Guess)> {
+    fn candidates(&self, view: &Place, voxel: f64, guess: Option<(Vector3<f64>, f64)>) -> Vec<(usize, Guess)> {
         let is_near = |place: &Place| guess.is_none_or(|(at, within)| (place.t_map_anchor.translation.vector - at).norm() <= within);
-        let likeness = |place: &Place| self.maker.compare(&place.signature, &seen.signature, 1).first().map_or(-1.0, |l| l.score);
+        let likeness = |place: &Place| self.maker.compare(&place.signature, &view.signature, 1).first().map_or(-1.0, |l| l.score);
         let mut alike: Vec<(usize, f32)> =
             self.places.par_iter().enumerate().filter(|(_, place)| is_near(place)).map(|(k, place)| (k, likeness(place))).collect();
         alike.sort_by(|a, b| b.1.total_cmp(&a.1));
         alike.truncate(self.settings.most_compared);
-        let guess_at = |(k, _): &(usize, f32)| best_guess(&self.places[*k], seen, voxel as f32, &self.maker).map(|guess| (*k, guess));
+        let guess_at = |(k, _): &(usize, f32)| best_guess(&self.places[*k], view, voxel as f32, &self.maker).map(|guess| (*k, guess));
         let mut guesses: Vec<(usize, Guess)> = alike.par_iter().filter_map(guess_at).collect();
         guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
         guesses.truncate(self.settings.most_registered);
         guesses
     }
-}
-
-/// Registers a scan to the map around a place.
-fn registered(place: &Place, points: &[crate::registration::Surfel], guess: &Guess, voxel: f64) -> Option<Registration> {
-    let settings = RegistrationSettings { max_iterations: 50, convergence: 1e-3, least_scale: 0.3 * voxel, point_weight: 1.0 };
-    let start = |height: &f64| {
-        let up = place.level.inverse() * Vector3::new(0.0, 0.0, height * voxel);
-        let guess = &guess.t_first_second;
-        Pose::from_parts(Translation3::from(guess.translation.vector + up), guess.rotation)
-    };
-    let starts: Vec<Pose> = HEIGHTS.iter().map(start).collect();
-    search(points, &starts, &levels(&place.scans, voxel), &settings)
 }

@@ -6,6 +6,7 @@
 //! dimensions. A closure is believed if the surfaces lie on each other, hold the pose in all directions, and do not lie in space that the
 //! other place saw to be free.
 
+mod align;
 mod density_image;
 mod finder;
 mod free_space;

@@ -2,7 +2,7 @@
 
 use super::density_image::{Column, columns};
 use super::signature::{Signature, SignatureMaker};
-use crate::registration::{LocalMap, Surfel};
+use crate::registration::{Downsampler, LocalMap, Surfel};
 use nalgebra::{UnitQuaternion, Vector3};
 use voxelastic::event::NodeId;
 use voxelastic::geometry::{Pose, Rigid};
@@ -98,9 +98,12 @@ pub(crate) fn levels(scans: &[PlaceScan], voxel: f64) -> Vec<LocalMap> {
     levels
 }
 
-/// Edge of the cells to which scans are thinned, metres.
-pub(crate) fn thinning(voxel: f64) -> f64 {
-    voxel / DENSITY
+/// A cloud with one point for each third of a voxel, and not more than `most`.
+pub(crate) fn thinned(downsampler: &mut Downsampler, points: &[[f32; 3]], voxel: f64, most: usize) -> Vec<[f32; 3]> {
+    let mut means = Vec::new();
+    downsampler.means(points, (voxel / DENSITY) as f32, &mut means);
+    let step = means.len().div_ceil(most).max(1);
+    means.into_iter().step_by(step).collect()
 }
 
 /// Points and normals, one for each voxel, for registration to other scans.

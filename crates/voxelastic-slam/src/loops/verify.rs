@@ -1,15 +1,13 @@
 //! Registration of one place to another, and what it must look like to be believed.
 
+use super::align::{align, settings};
 use super::free_space::FreeSpace;
 use super::overlap::Guess;
 use super::place::{Place, levels, surfels};
-use crate::registration::{Registration, RegistrationSettings, register, search};
-use nalgebra::{Translation3, Vector3};
+use crate::registration::{Registration, register};
 use voxelastic::event::NodeId;
 use voxelastic::geometry::{Pose, PoseExt};
 
-/// Heights around the guess from which the registration starts, in voxels.
-const HEIGHTS: [f64; 3] = [0.0, -3.0, 3.0];
 /// Scans on either side of the nearest pair that are registered once more: so few that the odometry within them hardly counts.
 const AROUND: usize = 2;
 /// The second registration may move the first one by so many voxels.
@@ -39,14 +37,7 @@ pub struct Fit {
 ///
 /// The free space is compared only if the surfaces fit as `least` says: overlap and score.
 pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, least: (f64, f64)) -> Option<Fit> {
-    let settings = RegistrationSettings { max_iterations: 50, convergence: 1e-3, least_scale: 0.3 * voxel, point_weight: 1.0 };
-    let start = |height: &f64| {
-        let up = first.level.inverse() * Vector3::new(0.0, 0.0, height * voxel);
-        let guess = &guess.t_first_second;
-        Pose::from_parts(Translation3::from(guess.translation.vector + up), guess.rotation)
-    };
-    let starts: Vec<Pose> = HEIGHTS.iter().map(start).collect();
-    let whole = search(&surfels(&second.scans, voxel), &starts, &levels(&first.scans, voxel), &settings)?;
+    let whole = align(first, &surfels(&second.scans, voxel), guess, voxel)?;
     let Registration { t_map_lidar: t, overlap, score, spread, .. } = whole;
     let (i, j) = nearest_scans(first, second, &t)?;
     let unrefined = Fit {
@@ -61,7 +52,8 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
     if overlap < least.0 || score < least.1 {
         return Some(unrefined);
     }
-    let near = register(&surfels(second.scans_around(j, AROUND), voxel), &t, &levels(first.scans_around(i, AROUND), voxel), 0.5 * voxel, &settings)?;
+    let near =
+        register(&surfels(second.scans_around(j, AROUND), voxel), &t, &levels(first.scans_around(i, AROUND), voxel), 0.5 * voxel, &settings(voxel))?;
     if near.t_map_lidar.translation_distance(&t) > MOST_REFINEMENT * voxel {
         return None;
     }

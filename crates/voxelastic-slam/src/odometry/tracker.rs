@@ -4,7 +4,7 @@ use super::imu::ImuSample;
 use super::prediction::Predictor;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
-use crate::deskew::deskew;
+use crate::deskew::returns;
 use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius, register, search};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
 use std::time::Instant;
@@ -155,17 +155,7 @@ impl Odometry {
     /// Gate, deskew, downsampling and surfaces of a scan, into the scratch memory.
     fn prepare(&mut self, cloud: &Cloud, motion: Option<&Motion>) {
         let Scratch { downsampler, points, dense, scan_map, surfels } = &mut self.scratch;
-        let (low, high) = ((self.settings.min_range as f32).powi(2), (self.settings.max_range as f32).powi(2));
-        let is_used = |p: &[f32; 3]| {
-            let square = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
-            square > low && square < high
-        };
-        if motion.is_some_and(|motion| deskew(cloud, motion, points)) {
-            points.retain(is_used);
-        } else {
-            points.clear();
-            points.extend(cloud.points.iter().filter(|p| is_used(p)));
-        }
+        returns(cloud, motion, [self.settings.min_range, self.settings.max_range], points);
         if self.levels.is_empty() {
             let size = self.settings.voxel_size.unwrap_or_else(|| automatic_voxel_size(points));
             self.levels = (0..self.settings.levels.clamp(1, 8)).map(|k| LocalMap::new(size * f64::from(1u32 << k))).collect();

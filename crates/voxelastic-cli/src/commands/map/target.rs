@@ -180,11 +180,8 @@ fn set_damaged_aside(path: &Path) -> anyhow::Result<()> {
         Err(error @ (Error::Damaged { .. } | Error::NotAMap { .. })) if map_files::has_submap_files(path) => error,
         _ => return Ok(()),
     };
-    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
-    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
-    let named =
-        |number: u32| path.with_file_name(format!("{stem}-damaged{}{extension}", if number > 1 { format!("-{number}") } else { String::new() }));
-    let Some(aside) = (1..).map(named).find(|aside| std::fs::symlink_metadata(aside).is_err()) else { return Ok(()) };
+    let damaged = |number: u32| with_suffix(path, &if number > 1 { format!("-damaged-{number}") } else { "-damaged".to_owned() });
+    let Some(aside) = (1..).map(damaged).find(|aside| std::fs::symlink_metadata(aside).is_err()) else { return Ok(()) };
     voxelastic_io::store::move_map(path, &aside).context("cannot set the damaged map aside")?;
     tracing::warn!("{error}");
     tracing::warn!("the damaged map is set aside as {}; `voxelastic repair {}` makes the best of it", aside.display(), aside.display());
@@ -211,11 +208,11 @@ fn other_folders(path: &Path) -> Vec<PathBuf> {
     let of = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let refused = of.canonicalize().unwrap_or_else(|_| of.to_owned());
     let all = [Some(PathBuf::from(".")), std::env::home_dir(), Some(std::env::temp_dir())];
-    let mut seen = vec![refused];
+    let mut known = vec![refused];
     let is_new = |folder: &PathBuf| {
         folder.canonicalize().is_ok_and(|whole| {
-            !seen.contains(&whole) && {
-                seen.push(whole);
+            !known.contains(&whole) && {
+                known.push(whole);
                 true
             }
         })
@@ -223,12 +220,21 @@ fn other_folders(path: &Path) -> Vec<PathBuf> {
     all.into_iter().flatten().filter(is_new).collect()
 }
 
+/// The path with `suffix` after its stem: `hall-2.vox`.
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(suffix);
+    if let Some(extension) = path.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    path.with_file_name(name)
+}
+
 /// A writer at the first path like `path` that is free, from `first` on: 1 is `hall.vox`, 2 `hall-2.vox`.
 fn free_path(path: &Path, first: u32) -> anyhow::Result<(PathBuf, MapWriter)> {
-    let part = |part: Option<&std::ffi::OsStr>| part.map(|part| part.to_string_lossy().into_owned());
-    let (stem, extension) = (part(path.file_stem()).unwrap_or_default(), part(path.extension()).map_or_else(String::new, |e| format!(".{e}")));
     for number in first.. {
-        let path = if number == 1 { path.to_owned() } else { path.with_file_name(format!("{stem}-{number}{extension}")) };
+        let path = if number == 1 { path.to_owned() } else { with_suffix(path, &format!("-{number}")) };
         // Fails where anything is, also a map that another process has begun meanwhile.
         match std::fs::create_dir(&path) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => continue,
