@@ -1,6 +1,7 @@
 //! The registered cloud list (paper Sec. IV) as a stream of events: one path for live and replayed input.
 
 use crate::{Cloud, Pose};
+use serde::{Deserialize, Serialize};
 
 /// Identifier of a pose-graph node, as the SLAM system numbers it.
 pub type NodeId = u64;
@@ -33,13 +34,14 @@ pub struct Scan {
 }
 
 /// A constraint of the pose graph between two nodes.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Edge {
     /// Node the constraint is expressed in.
     pub from: NodeId,
     /// Node whose pose is measured.
     pub to: NodeId,
     /// Pose of `to` in the frame of `from`.
+    #[serde(with = "crate::geometry::stored")]
     pub t_from_to: Pose,
     /// Information matrix, upper triangle row by row, order x y z roll pitch yaw (as in g2o); absent when unknown.
     pub information: Option<[f64; 21]>,

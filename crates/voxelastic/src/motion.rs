@@ -1,10 +1,21 @@
-//! How the sensor moved during a sweep (the paper's future work, Sec. VI).
+//! How the sensor moved during a sweep (the paper's future work, Sec. VI), and samples of inertial measurement units.
 
 use crate::geometry::{Pose, Rigid};
 
 /// Number of steps into which a sweep is divided; the pose is constant within a step. A sweep of 0.1 s at 10 m/s moves by half a millimetre
 /// per step, and no sensor fires more columns.
 const STEPS: usize = 2048;
+
+/// One sample of an inertial measurement unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ImuSample {
+    /// Seconds, on the clock of the scans.
+    pub time: f64,
+    /// Angular velocity about the axes of the frame it is given in, radians per second.
+    pub angular_velocity: [f64; 3],
+    /// Specific force along the axes of that frame, metres per square second: at rest it is 9.8 upwards.
+    pub acceleration: [f64; 3],
+}
 
 /// The motion of the lidar during a sweep.
 #[derive(Clone, Debug, PartialEq)]

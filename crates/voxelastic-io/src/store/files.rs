@@ -15,6 +15,20 @@ pub(super) const LOCK: &str = ".lock";
 /// Name of the file that tells how the map came to be; for people and reports, no part of the map.
 pub(super) const RUN_LOG: &str = "run.json";
 
+/// Name of the folder in a map directory that has the map of an unfinished run.
+pub(super) const UNFINISHED: &str = "unfinished";
+
+/// Name of the file with the state of an unfinished run whose manifest has this checksum.
+pub(super) fn state_name(manifest_crc32: u32) -> String {
+    format!("state-{manifest_crc32:08x}.vxr")
+}
+
+/// Whether [`state_name`] makes such names.
+fn is_state_name(name: &str) -> bool {
+    let digits = name.strip_prefix("state-").and_then(|rest| rest.strip_suffix(".vxr"));
+    digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).is_some_and(|crc32| state_name(crc32) == name)
+}
+
 /// Name of a submap file: the same name is always the same content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct SubmapName {
@@ -45,7 +59,8 @@ fn temporary(name: &str) -> String {
 /// Whether a map writer makes files of this name that may be removed when no manifest names them.
 pub(super) fn is_disposable(name: &str) -> bool {
     let whole = name.strip_prefix('.').and_then(|n| n.strip_suffix(".tmp"));
-    SubmapName::parse(whole.unwrap_or(name)).is_some() || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
+    let bare = whole.unwrap_or(name);
+    SubmapName::parse(bare).is_some() || is_state_name(bare) || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
 }
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.
@@ -70,6 +85,13 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
         let _ = fs::remove_file(&temporary);
         Error::on_io("write", &path)(source)
     })
+}
+
+/// Gives the durable file `from` the second name `to`. `false` if the file system cannot; nothing is at `to` then.
+pub(super) fn link(from: &Path, to: &Path) -> bool {
+    // What is there is of no manifest, or damaged.
+    let _ = fs::remove_file(to);
+    fs::hard_link(from, to).is_ok()
 }
 
 /// Makes renames in `dir` durable.

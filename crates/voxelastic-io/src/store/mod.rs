@@ -7,6 +7,7 @@
 //!   submap-000001-0a1b2c3d4e5f6071.vxs
 //!   run.json                                how the run went that made the map; may be absent, and is no part of the map
 //!   .lock                                   held by the one process that writes
+//!   unfinished/                             a map of what a run has mapped that is under way or was killed, and where it is
 //! ```
 //!
 //! [`MapStore`] reads: opening costs the manifest only, submaps are loaded when asked for. [`MapWriter`] saves: it writes
@@ -16,16 +17,20 @@
 //! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
 //! [`Error`](crate::Error) that names the file, the place in it and the remedy.
 //!
+//! [`Checkpoints`] write the map of a run that is under way, and the run's state, so that another process can go on with it.
+//!
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
 //! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
+mod checkpoint;
 mod colour_section;
 mod details;
 mod files;
 mod frames;
+mod known_file;
 mod lock;
 mod manifest;
 mod manifest_text;
@@ -41,6 +46,7 @@ mod tsdf_page;
 mod tsdf_section;
 mod writer;
 
+pub use checkpoint::{Checkpoint, Checkpoints};
 pub use details::StoredSettings;
 pub use manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
 pub use piece::{MapDetails, ScanEntry};

@@ -1,6 +1,6 @@
 //! Reading a map directory.
 
-use super::files::{self, MANIFEST, RUN_LOG};
+use super::files::{self, MANIFEST, RUN_LOG, UNFINISHED};
 use super::manifest::{Manifest, SubmapEntry};
 use super::{manifest_text, submap_file};
 use crate::{Error, Result};
@@ -36,6 +36,10 @@ impl MapStore {
         }
         let path = dir.join(MANIFEST);
         let text = match files::read(&path, None) {
+            Err(Error::Missing { .. }) if dir.join(UNFINISHED).join(MANIFEST).exists() => {
+                let reason = "its run has not ended; the folder `unfinished` in it is a map of what was stored last";
+                return Err(not_a_map(reason));
+            }
             Err(Error::Missing { .. }) => return Err(not_a_map("it has no manifest.json; if it was being mapped, nothing was saved yet")),
             other => other?,
         };

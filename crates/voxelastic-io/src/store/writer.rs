@@ -1,6 +1,7 @@
 //! Saving an atlas to a map directory.
 
-use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName};
+use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED};
+use super::known_file::KnownFile;
 use super::lock::Lock;
 use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
@@ -90,6 +91,8 @@ impl MapWriter {
     /// Gives up. A directory that holds nothing but the lock, because nothing was ever saved to it, goes again.
     pub fn abandon(self) {
         let dir = self.store.dir().to_owned();
+        // Fails where an unfinished run is.
+        let _ = std::fs::remove_dir(dir.join(UNFINISHED));
         let is_bare = files::names(&dir).is_ok_and(|names| names.iter().all(|name| name == LOCK));
         if is_bare && std::fs::remove_file(dir.join(LOCK)).is_ok() {
             drop(self);
@@ -109,7 +112,17 @@ impl MapWriter {
     /// # Errors
     /// [`Error::Unwritable`] when a pose is not finite, [`Error::Io`] when the file system refuses.
     pub fn save(&mut self, atlas: &Atlas, details: &MapDetails) -> Result<SaveReport> {
-        let saved = self.write_files(atlas, details).and_then(|saved| self.commit(saved, details));
+        self.save_with(atlas, details, |_| None)
+    }
+
+    /// As [`save`](Self::save), with files for submaps that are `known`.
+    pub(super) fn save_with(
+        &mut self,
+        atlas: &Atlas,
+        details: &MapDetails,
+        known: impl Fn(&Piece<'_>) -> Option<KnownFile> + Sync,
+    ) -> Result<SaveReport> {
+        let saved = self.write_files(atlas, details, known).and_then(|saved| self.commit(saved, details, |_| Ok(())));
         let mut report = saved.inspect_err(|_| remove_unfinished(self.store.dir()))?;
         // From here on the new map is the map, whatever happens.
         files::sync_dir(self.store.dir())?;
@@ -118,10 +131,15 @@ impl MapWriter {
     }
 
     /// Writes the files of submaps that are new and makes them durable; says of each whether it is.
-    fn write_files(&self, atlas: &Atlas, details: &MapDetails) -> Result<Vec<(SubmapEntry, bool)>> {
+    pub(super) fn write_files(
+        &self,
+        atlas: &Atlas,
+        details: &MapDetails,
+        known: impl Fn(&Piece<'_>) -> Option<KnownFile> + Sync,
+    ) -> Result<Vec<(SubmapEntry, bool)>> {
         let pieces = pieces(atlas);
         pieces.iter().try_for_each(|piece| check_storable(piece, self.store.dir()))?;
-        let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece, details)).collect();
+        let saved: Vec<Result<(SubmapEntry, bool)>> = pieces.par_iter().map(|piece| self.save_piece(piece, details, known(piece))).collect();
         let saved: Vec<(SubmapEntry, bool)> = saved.into_iter().collect::<Result<_>>()?;
         if saved.iter().any(|(_, is_new)| *is_new) {
             files::sync_dir(self.store.dir())?;
@@ -129,8 +147,13 @@ impl MapWriter {
         Ok(saved)
     }
 
-    /// Replaces the manifest by one of these submaps, or leaves it as it is.
-    fn commit(&mut self, saved: Vec<(SubmapEntry, bool)>, details: &MapDetails) -> Result<SaveReport> {
+    /// Replaces the manifest by one of these submaps, or leaves it as it is. What belongs to it is written by `before`, which gets its text.
+    pub(super) fn commit(
+        &mut self,
+        saved: Vec<(SubmapEntry, bool)>,
+        details: &MapDetails,
+        before: impl FnOnce(&str) -> Result<()>,
+    ) -> Result<SaveReport> {
         let dir = self.store.dir();
         let mut report = SaveReport::default();
         for (entry, is_new) in &saved {
@@ -141,6 +164,7 @@ impl MapWriter {
         let manifest = Manifest { details: details.clone(), submaps: saved.into_iter().map(|(entry, _)| entry).collect() };
         let path = dir.join(MANIFEST);
         let text = manifest_text::write(&manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
+        before(&text)?;
         files::write_atomically(dir, MANIFEST, |file| {
             file.write_all(text.as_bytes())?;
             file.sync_all()?;
@@ -168,9 +192,9 @@ impl MapWriter {
     }
 
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
-    fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails) -> Result<(SubmapEntry, bool)> {
+    fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails, known: Option<KnownFile>) -> Result<(SubmapEntry, bool)> {
         let submap = piece.submap;
-        let name = SubmapName { id: submap.id(), digest: submap_file::digest(submap) };
+        let name = known.as_ref().map_or_else(|| SubmapName { id: submap.id(), digest: submap_file::digest(submap) }, |known| known.name);
         let file = name.to_string();
         let dir = self.store.dir();
         if let Some(entry) = self.store.entry(submap.id()).filter(|entry| entry.file == file)
@@ -179,7 +203,11 @@ impl MapWriter {
             let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
             return Ok((SubmapEntry::new(piece, name, written), false));
         }
-        let written = files::write_atomically(dir, &file, |file| submap_file::write(file, piece, details))?;
+        let written = match known {
+            Some(known) if known.is_in(dir) => known.written,
+            Some(known) if files::link(&known.path, &dir.join(&file)) => known.written,
+            _ => files::write_atomically(dir, &file, |file| submap_file::write(file, piece, details))?,
+        };
         self.whole.lock().unwrap_or_else(PoisonError::into_inner).insert(file);
         Ok((SubmapEntry::new(piece, name, written), true))
     }
@@ -203,13 +231,13 @@ impl MapWriter {
 }
 
 /// Whether the manifest names the file `name`.
-fn names(store: &MapStore, name: &str) -> bool {
+pub(super) fn names(store: &MapStore, name: &str) -> bool {
     SubmapName::parse(name).and_then(|name| store.entry(name.id)).is_some_and(|entry| entry.file == name)
 }
 
 /// Removes what a save that failed has written, because it would keep a full disk full. What the manifest that is there names stays, and with
 /// a manifest that cannot be read everything does. What cannot be removed is left for the next save.
-fn remove_unfinished(dir: &Path) {
+pub(super) fn remove_unfinished(dir: &Path) {
     let _ = match MapStore::open(dir) {
         Ok(there) => files::remove_others(dir, |name| names(&there, name)),
         Err(_) if !dir.join(MANIFEST).exists() => files::remove_others(dir, |_| false),
@@ -233,7 +261,7 @@ fn check_is_ours(dir: &Path) -> Result<bool> {
     if names.iter().any(|name| name == MANIFEST) {
         return MapStore::open(dir).map(|_| true);
     }
-    match names.into_iter().find(|name| name != LOCK && !files::is_disposable(name)) {
+    match names.into_iter().find(|name| name != LOCK && name != UNFINISHED && !files::is_disposable(name)) {
         Some(found) => Err(Error::WouldOverwrite { path: dir.to_owned(), found }),
         None => Ok(false),
     }

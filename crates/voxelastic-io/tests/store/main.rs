@@ -3,10 +3,13 @@
 // Tests say what they skipped, measurements what they measured.
 #![allow(clippy::print_stdout)]
 
+mod checkpoint;
 mod compat;
 mod damage;
 mod directory;
 mod hall;
+mod python_reader;
 mod repair;
+mod resume;
 mod roundtrip;
 mod world;

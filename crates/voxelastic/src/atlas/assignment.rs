@@ -2,10 +2,11 @@
 
 use super::SubmapId;
 use crate::event::NodeId;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 
 /// The nodes of every submap as clustering decided; queued fusions count as done.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct NodeAssignments {
     submap_of: HashMap<NodeId, SubmapId>,
     nodes: BTreeMap<SubmapId, Vec<NodeId>>,

@@ -15,6 +15,7 @@
 use super::graph::PoseGraph;
 use super::{NodeAssignments, SubmapId};
 use crate::event::NodeId;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashMap};
 
 /// The thresholds of clustering, metres along the graph.
@@ -37,7 +38,7 @@ pub struct Clustered {
 }
 
 /// Two submaps to be fused, the newer one into the older one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fusion {
     /// The submap that is removed.
     pub source: SubmapId,

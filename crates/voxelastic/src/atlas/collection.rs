@@ -55,6 +55,16 @@ impl Atlas {
         Self { voxel_size, submaps, next_id, fusion_source: None }
     }
 
+    /// The id of the next submap.
+    pub(crate) fn next_id(&self) -> SubmapId {
+        self.next_id
+    }
+
+    /// Makes sure that no id below `next` is given to a submap: ids of submaps that were fused into others are not used again.
+    pub(crate) fn skip_ids(&mut self, next: SubmapId) {
+        self.next_id = self.next_id.max(next);
+    }
+
     /// Edge of the finest voxel of every submap, metres.
     pub fn voxel_size(&self) -> f32 {
         self.voxel_size

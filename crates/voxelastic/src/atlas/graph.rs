@@ -11,11 +11,12 @@
 
 use crate::event::{Edge, NodeId};
 use crate::geometry::{Pose, PoseExt};
+use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
 
 /// Origin of a link.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum LinkKind {
     /// A measured odometry edge.
@@ -36,7 +37,7 @@ impl LinkKind {
 }
 
 /// Largest difference between the poses and a loop's measurement at which the loop counts as closed.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Agreement {
     /// Metres.
     pub distance: f64,
@@ -77,11 +78,12 @@ pub enum EdgeError {
 }
 
 /// A link between two known nodes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Link {
     from: NodeId,
     to: NodeId,
     kind: LinkKind,
+    #[serde(with = "crate::geometry::stored")]
     t_from_to: Pose,
     /// Metres.
     length: f64,
@@ -95,8 +97,9 @@ impl Link {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Node {
+    #[serde(with = "crate::geometry::stored")]
     t_map_lidar: Pose,
     links: Vec<u32>,
 }
@@ -122,7 +125,7 @@ pub struct GraphCounts {
 }
 
 /// The pose graph. The order of everything it returns depends on the events alone.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PoseGraph {
     agreement: Agreement,
     nodes: HashMap<NodeId, Node>,

@@ -1,18 +1,22 @@
 //! Fusions in the background (paper Sec. IV-C): sampled by a thread of their own, merged in small steps between scans.
 //!
 //! A loop closure must not delay integration, and the map must not depend on timing. So the schedule counts scans: a fusion begins after the
-//! first scan at which it heads the queue and its source is compact; a fixed number of scans later each scan merges a fixed number of blocks.
+//! first scan at which it heads the queue and no scan has entered its source for a while; a fixed number of scans later each scan merges a fixed number of blocks.
 //! A part that is not sampled by then is sampled by the scan (`background_sampling`).
 
 use super::background_sampling::BackgroundSampling;
 use crate::atlas::cluster::Fusion;
 use crate::atlas::fusion::{FusionSettings, Merge, Resampled, fuse_from, move_scans};
 use crate::atlas::graph::PoseGraph;
-use crate::atlas::{Atlas, Submap};
+use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::geometry::Pose;
-use std::collections::VecDeque;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+/// Scans since the last one that entered the source of a fusion: it is compact by then, as a rule. What is not stays so until the fusion is done, which
+/// takes memory only.
+const SETTLED: u64 = 20;
 /// Scans between the beginning of a fusion and its first merge, during which the thread determines which blocks the source reaches.
 const SCANS_BEFORE_MERGE: usize = 8;
 /// Blocks merged after each scan: this takes one or two milliseconds, and a thread with a quarter of a core samples as many. With eight times
@@ -23,10 +27,21 @@ const BLOCKS_PER_SCAN: usize = 256;
 #[derive(Debug)]
 pub(super) struct BackgroundFusion {
     settings: FusionSettings,
-    queue: VecDeque<Fusion>,
     active: Option<ActiveFusion>,
     worker: Option<rayon::ThreadPool>,
+    schedule: FusionSchedule,
+}
+
+/// What the schedule of fusions depends on, while none is in progress.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct FusionSchedule {
+    queue: VecDeque<Fusion>,
+    /// Number of completed fusions.
     done: usize,
+    /// Scans so far.
+    scans: u64,
+    /// The scan that entered each submap last.
+    entered: BTreeMap<SubmapId, u64>,
 }
 
 /// The fusion in progress.
@@ -64,26 +79,38 @@ impl ActiveFusion {
 
 impl BackgroundFusion {
     pub fn new(settings: FusionSettings) -> Self {
-        Self { settings, queue: VecDeque::new(), active: None, worker: None, done: 0 }
+        Self { settings, active: None, worker: None, schedule: FusionSchedule::default() }
+    }
+
+    /// The schedule; none while a fusion is in progress.
+    pub fn schedule(&self) -> Option<&FusionSchedule> {
+        self.active.is_none().then_some(&self.schedule)
+    }
+
+    /// Goes on with a schedule of an earlier process.
+    pub fn set_schedule(&mut self, schedule: FusionSchedule) {
+        self.schedule = schedule;
     }
 
     /// Number of completed fusions.
     pub fn done(&self) -> usize {
-        self.done
+        self.schedule.done
     }
 
     /// Number of fusions in progress or queued.
     pub fn due(&self) -> usize {
-        self.queue.len() + usize::from(self.active.is_some())
+        self.schedule.queue.len() + usize::from(self.active.is_some())
     }
 
     /// Queues fusions. They are done in order: a target may be the source of a later one.
     pub fn enqueue(&mut self, fusions: impl IntoIterator<Item = Fusion>) {
-        self.queue.extend(fusions);
+        self.schedule.queue.extend(fusions);
     }
 
-    /// Does the work of one scan.
-    pub fn step(&mut self, atlas: &mut Atlas, graph: &PoseGraph) {
+    /// Does the work of one scan, which entered the submap `entered` if it was usable.
+    pub fn step(&mut self, atlas: &mut Atlas, graph: &PoseGraph, entered: Option<SubmapId>) {
+        self.schedule.scans += 1;
+        self.schedule.entered.extend(entered.map(|id| (id, self.schedule.scans)));
         let Some(mut active) = self.active.take() else {
             self.active = self.begin(atlas, graph);
             return;
@@ -100,7 +127,7 @@ impl BackgroundFusion {
         if active.merge(target, BLOCKS_PER_SCAN, &self.settings) {
             move_scans(target, &active.source, &active.t_target_source);
             atlas.end_fusion();
-            self.done += 1;
+            self.schedule.done += 1;
         } else {
             self.active = Some(active);
         }
@@ -117,7 +144,7 @@ impl BackgroundFusion {
             }
             self.complete(atlas, fusion, taken, &source, &t_target_source);
         }
-        while let Some(fusion) = self.queue.pop_front() {
+        while let Some(fusion) = self.schedule.queue.pop_front() {
             if let Some((source, t_target_source)) = take_source(fusion, atlas, graph) {
                 self.complete(atlas, fusion, 0, &source, &t_target_source);
             }
@@ -128,15 +155,17 @@ impl BackgroundFusion {
     fn complete(&mut self, atlas: &mut Atlas, fusion: Fusion, first: usize, source: &Submap, t_target_source: &Pose) {
         if let Some(target) = atlas.submap_mut(fusion.target) {
             fuse_from(first, target, source, t_target_source, &self.settings);
-            self.done += 1;
+            self.schedule.done += 1;
         }
         atlas.end_fusion();
     }
 
-    /// Begins the next fusion of the queue if its source is compact: bricks that are not compact then would stay so until the end.
+    /// Begins the next fusion of the queue if its source has settled.
     fn begin(&mut self, atlas: &mut Atlas, graph: &PoseGraph) -> Option<ActiveFusion> {
-        let is_ready = |fusion: &mut Fusion| atlas.submap(fusion.source).is_none_or(|source| source.tsdf.is_compact());
-        let fusion = self.queue.pop_front_if(is_ready)?;
+        let FusionSchedule { queue, scans, entered, .. } = &mut self.schedule;
+        let is_ready = |fusion: &mut Fusion| entered.get(&fusion.source).is_none_or(|last| *scans - last >= SETTLED);
+        let fusion = queue.pop_front_if(is_ready)?;
+        entered.remove(&fusion.source);
         let (source, t_target_source) = take_source(fusion, atlas, graph)?;
         if self.worker.is_none() {
             let builder = rayon::ThreadPoolBuilder::new().num_threads(1).thread_name(|_| "fusion".to_owned()).start_handler(|_| lower_priority());

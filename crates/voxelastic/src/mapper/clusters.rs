@@ -15,7 +15,7 @@ pub(super) struct Clusters {
     pub graph: PoseGraph,
     pub assignments: NodeAssignments,
     /// Groups of submaps whose fusion the size bound refused, each with the ends of a closed loop that connects them.
-    size_limited: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
+    pub size_limited: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
 }
 
 impl Clusters {

@@ -4,7 +4,8 @@
 //! a submap (`assign`, Sec. IV-A) and integrated into the submap's fields in the submap frame (`integrators`, Sec. IV-B). Closed loops start
 //! fusions, which run in the background (`background_fusion`, Sec. IV-C). Corrected poses move root poses and nothing else (`correct`,
 //! Sec. IV-D); submaps whose scans moved against each other are reported and can be rebuilt from their scans (`rebuild`). On a revisit,
-//! surfaces that are well observed are not updated again (`revisit`).
+//! surfaces that are well observed are not updated again (`revisit`). What a mapper knows beside its atlas can be stored, so that another process goes
+//! on with it (`state`).
 //!
 //! ```
 //! use voxelastic::event::{Event, Scan};
@@ -35,6 +36,7 @@ mod pipeline;
 mod rebuild;
 mod report;
 mod revisit;
+mod state;
 
 pub use builder::MapperBuilder;
 pub use correct::Deformation;
@@ -44,3 +46,4 @@ pub use idle::IdleTask;
 pub use pipeline::Mapper;
 pub use rebuild::{RebuildError, RebuildReport, ScanSource};
 pub use report::{Assignment, ElasticCounts, ScanReport};
+pub use state::{MapperState, ResumeError};

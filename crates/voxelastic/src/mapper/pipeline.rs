@@ -24,21 +24,23 @@ use std::time::{Duration, Instant};
 /// Turns a stream of events into an [`Atlas`].
 #[derive(Debug)]
 pub struct Mapper {
-    settings: Settings,
-    atlas: Atlas,
-    clusters: Clusters,
-    fusion: BackgroundFusion,
-    frontend: Option<Frontend>,
+    pub(super) settings: Settings,
+    pub(super) atlas: Atlas,
+    pub(super) clusters: Clusters,
+    pub(super) fusion: BackgroundFusion,
+    pub(super) frontend: Option<Frontend>,
     /// The sensor's beam tables, if they are known from elsewhere.
-    sensor_model: Option<BeamModel>,
-    integrators: Integrators,
-    revisits: RevisitDetector,
+    pub(super) sensor_model: Option<BeamModel>,
+    pub(super) integrators: Integrators,
+    pub(super) revisits: RevisitDetector,
     idle_task: Option<IdleTask>,
+    /// The node whose cloud showed which sensor it is.
+    pub(super) first_node: Option<NodeId>,
     /// The node of the last scan, whether the scan was usable or not.
-    last_node: Option<NodeId>,
-    counts: ElasticCounts,
+    pub(super) last_node: Option<NodeId>,
+    pub(super) counts: ElasticCounts,
     /// Whether conflicts between submaps are resolved and no event came since.
-    conflicts_resolved: bool,
+    pub(super) conflicts_resolved: bool,
 }
 
 impl Mapper {
@@ -57,6 +59,7 @@ impl Mapper {
             integrators: Integrators::new(&settings),
             revisits: RevisitDetector::new(&settings),
             idle_task: None,
+            first_node: None,
             last_node: None,
             counts: ElasticCounts::default(),
             conflicts_resolved: true,
@@ -210,8 +213,11 @@ impl Mapper {
         }
         let mut frontend = match self.frontend.take() {
             Some(frontend) => frontend,
-            None => Frontend::open(&self.settings, self.sensor_model.as_ref(), &scan.cloud)
-                .map_err(|reason| MapError::Sensor { node: scan.node, reason })?,
+            None => {
+                let opened = Frontend::open(&self.settings, self.sensor_model.as_ref(), &scan.cloud);
+                self.first_node = Some(scan.node);
+                opened.map_err(|reason| MapError::Sensor { node: scan.node, reason })?
+            }
         };
         let start = Instant::now();
         let mut prepared = frontend.prepare(&scan.cloud);
@@ -225,7 +231,8 @@ impl Mapper {
         self.frontend = Some(frontend);
         let clock = Instant::now();
         self.queue_fusions();
-        self.fusion.step(&mut self.atlas, &self.clusters.graph);
+        let entered = result.as_ref().ok().map(|report| report.submap);
+        self.fusion.step(&mut self.atlas, &self.clusters.graph, entered);
         result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
     }
 

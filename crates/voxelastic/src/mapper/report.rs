@@ -4,6 +4,7 @@ use crate::atlas::SubmapId;
 use crate::event::NodeId;
 use crate::integrate::{OccupancyStats, TsdfStats};
 use crate::sensor::Counts;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// How the submap of a scan was chosen (paper Sec. IV-A).
@@ -21,7 +22,7 @@ pub enum Assignment {
 }
 
 /// Counts of submap assignments, fusions and corrections.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct ElasticCounts {
     /// Submaps started.

@@ -7,15 +7,40 @@ use super::clusters::Clusters;
 use crate::atlas::{Atlas, SubmapId};
 use crate::event::NodeId;
 use crate::geometry::{Pose, PoseExt};
+use crate::integrate::EarlierBlocks;
 use crate::settings::Settings;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashSet};
 
 /// A revisit in progress.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Revisit {
     submap: SubmapId,
-    /// Number of blocks of its TSDF when the revisit began.
+    /// Number of blocks of its TSDF when the revisit began, or when it was loaded after that.
     blocks: u32,
+    /// By id, blocks that it had when it was loaded, but not when the revisit began.
+    later: Vec<bool>,
+}
+
+impl Revisit {
+    fn earlier(&self) -> EarlierBlocks<'_> {
+        EarlierBlocks { end: self.blocks, later: &self.later }
+    }
+}
+
+/// A revisit in progress, in a form that does not depend on the ids of blocks.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct RevisitState {
+    submap: SubmapId,
+    /// In Morton order, whether each block of the submap's TSDF came after the revisit began.
+    later: Vec<bool>,
+}
+
+impl RevisitState {
+    /// The submap that is revisited.
+    pub fn submap(&self) -> SubmapId {
+        self.submap
+    }
 }
 
 /// Detects revisits.
@@ -50,16 +75,38 @@ impl RevisitDetector {
         earlier.into_iter().filter_map(|(other, _)| assignments.submap_of(other)).collect()
     }
 
-    /// Records that a scan that revisits `submaps` is integrated into submap `id`. Returns the number of TSDF blocks that the submap had
-    /// when the revisit began: blocks with smaller ids are from earlier passes.
-    pub fn blocks_before(&mut self, atlas: &Atlas, id: SubmapId, submaps: &BTreeSet<SubmapId>) -> u32 {
+    /// Records that a scan that revisits `submaps` is integrated into submap `id`. Returns the TSDF blocks that the submap had
+    /// when the revisit began: those of earlier passes.
+    pub fn blocks_before(&mut self, atlas: &Atlas, id: SubmapId, submaps: &BTreeSet<SubmapId>) -> EarlierBlocks<'_> {
         if submaps.is_empty() {
             self.current = None;
-            return 0;
+            return EarlierBlocks::default();
         }
         let blocks = atlas.submap(id).map_or(0, |submap| submap.tsdf.ids().end);
-        let revisit = self.current.filter(|revisit| revisit.submap == id).unwrap_or(Revisit { submap: id, blocks });
-        self.current = Some(revisit);
-        revisit.blocks
+        let current = self.current.take().filter(|revisit| revisit.submap == id);
+        self.current.insert(current.unwrap_or(Revisit { submap: id, blocks, later: Vec::new() })).earlier()
+    }
+
+    /// The revisit in progress, to go on with it later.
+    pub fn state(&self, atlas: &Atlas) -> Option<RevisitState> {
+        let revisit = self.current.as_ref()?;
+        let field = &atlas.submap(revisit.submap)?.tsdf;
+        let later = field.ids_in_morton_order().into_iter().map(|id| !revisit.earlier().contains(id)).collect();
+        Some(RevisitState { submap: revisit.submap, later })
+    }
+
+    /// Goes on with a revisit, in submaps that were loaded; `None` if they are not those of the state.
+    pub fn resume(&mut self, state: Option<RevisitState>, atlas: &Atlas) -> Option<()> {
+        self.current = match state {
+            None => None,
+            Some(RevisitState { submap, later: in_order }) => {
+                let ids = atlas.submap(submap)?.tsdf.ids_in_morton_order();
+                let mut later = vec![false; ids.len()];
+                let is_whole = ids.len() == in_order.len();
+                ids.into_iter().zip(in_order).for_each(|(id, is_later)| later[id as usize] = is_later);
+                is_whole.then_some(Some(Revisit { submap, blocks: later.len() as u32, later }))?
+            }
+        };
+        Some(())
     }
 }

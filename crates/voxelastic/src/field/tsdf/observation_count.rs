@@ -9,6 +9,16 @@ impl ObservationCount {
     #[cfg(test)]
     const MAX: u32 = 31 << 14;
 
+    /// As [`bits`](Self::bits) gave it.
+    pub fn from_bits(bits: u8) -> Self {
+        Self(bits)
+    }
+
+    /// The count as it is stored.
+    pub fn bits(self) -> u8 {
+        self.0
+    }
+
     /// The count.
     #[inline(always)]
     pub fn get(self) -> u32 {

@@ -11,5 +11,5 @@ mod update;
 
 pub use colours::integrate_colours;
 pub use integrator::{TsdfIntegrator, TsdfPhases, TsdfStats};
-pub(crate) use redundancy::Redundancy;
+pub(crate) use redundancy::{EarlierBlocks, Redundancy};
 pub use settings::TsdfSettings;

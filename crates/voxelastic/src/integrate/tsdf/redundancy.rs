@@ -13,10 +13,27 @@ use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, block_key, voxel_index}
 /// What earlier passes observed of the place where a scan is taken. By default nothing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Redundancy<'a> {
-    /// Blocks of the scan's own field with ids below this existed before the sensor came back.
-    pub before: u32,
+    /// Blocks of the scan's own field that existed before the sensor came back.
+    pub before: EarlierBlocks<'a>,
     /// Fields of other submaps that cover the place, each with the pose of the scan's submap in it.
     pub elsewhere: Vec<(&'a TsdfField, Rigid)>,
+}
+
+/// The blocks of a field that existed at some time.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct EarlierBlocks<'a> {
+    /// Those with ids below this did,
+    pub end: u32,
+    /// except those for which this is set, by id. In a field that was loaded since, ids do not tell.
+    pub later: &'a [bool],
+}
+
+impl EarlierBlocks<'_> {
+    /// Whether block `id` did.
+    #[inline(always)]
+    pub fn contains(&self, id: u32) -> bool {
+        id < self.end && !self.later.get(id as usize).is_some_and(|later| *later)
+    }
 }
 
 impl Redundancy<'_> {
@@ -25,7 +42,7 @@ impl Redundancy<'_> {
     #[inline(always)]
     pub fn new_octants<'b>(&self, field: &TsdfField, id: u32, corner: [f32; 3], rays: impl ExactSizeIterator<Item = &'b Ray>) -> u8 {
         let block = field.block(id);
-        if id >= self.before || block.observation_count.get() < rays.len() as u32 {
+        if !self.before.contains(id) || block.observation_count.get() < rays.len() as u32 {
             return ALL_OCTANTS;
         }
         octants_without_surface(corner, rays, |octant, point| has_surface(field, block, octant, std::array::from_fn(|k| point[k] - corner[k])))

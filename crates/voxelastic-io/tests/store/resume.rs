@@ -1,0 +1,129 @@
+//! A mapper that another process goes on with makes the same map, bit for bit, wherever it was stored.
+
+use crate::world::{details, same_atlas};
+use nalgebra::{Translation3, UnitQuaternion};
+use std::error::Error;
+use voxelastic::atlas::Atlas;
+use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::mapper::{Mapper, ScanSource};
+use voxelastic::settings::Settings;
+use voxelastic::{Cloud, Pose};
+use voxelastic_io::store::{Checkpoints, MapDetails, MapWriter};
+
+const ROWS: usize = 16;
+const COLUMNS: usize = 180;
+/// Half of the street's length, width and height, metres.
+const HALF: [f64; 3] = [40.0, 6.0, 4.0];
+
+/// A scan in a street closed on all sides.
+fn scan(t_map_lidar: &Pose) -> Cloud {
+    let ray = |k: usize| {
+        let (row, column) = (k / COLUMNS, k % COLUMNS);
+        let elevation = (20.0 - 40.0 * row as f64 / (ROWS - 1) as f64).to_radians();
+        let azimuth = std::f64::consts::TAU * column as f64 / COLUMNS as f64;
+        let local = nalgebra::Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
+        let (from, direction) = (t_map_lidar.translation.vector, t_map_lidar.rotation * local);
+        let wall = |k: usize| (HALF[k].copysign(direction[k]) - from[k]) / direction[k];
+        let range = (0..3).map(wall).fold(f64::INFINITY, f64::min);
+        (local * range).map(|c| c as f32).into()
+    };
+    let points: Vec<[f32; 3]> = (0..ROWS * COLUMNS).map(ray).collect();
+    let intensity = Some((0..points.len()).map(|i| (i % 200) as f32).collect());
+    Cloud { points, width: COLUMNS, height: ROWS, intensity, ..Cloud::default() }
+}
+
+/// Where a scan is taken: there and back again, twice.
+fn pose(node: NodeId) -> Pose {
+    let x = (node as f64 * 2.0 + 30.0).rem_euclid(120.0);
+    let x = if x < 60.0 { x - 30.0 } else { 90.0 - x };
+    Pose::from_parts(Translation3::new(x, 0.3 * (node as f64).sin(), 0.0), UnitQuaternion::from_euler_angles(0.01, 0.0, 0.1 * node as f64))
+}
+
+/// The same with the drift of an odometry.
+fn drifted(node: NodeId) -> Pose {
+    Pose::translation(0.0, 0.01 * node as f64, 0.0) * pose(node)
+}
+
+/// Scans by odometry, loops to those of the same place, and after each a correction of all that came.
+fn events() -> Vec<Event> {
+    let mut events = Vec::new();
+    for node in 0..130 {
+        events.push(Event::Scan(Scan { node, time: node as f64, t_map_lidar: drifted(node), cloud: scan(&pose(node)) }));
+        if node > 0 {
+            let t_from_to = drifted(node - 1).inv_mul(&drifted(node));
+            events.push(Event::OdometryEdge(Edge { from: node - 1, to: node, t_from_to, information: None }));
+        }
+        if node >= 60 && node % 9 == 0 {
+            let from = node - 60;
+            events.push(Event::LoopEdge(Edge { from, to: node, t_from_to: pose(from).inv_mul(&pose(node)), information: None }));
+            events.push(Event::PoseUpdate((0..=node).map(|n| (n, pose(n))).collect()));
+        }
+    }
+    events
+}
+
+struct Scans;
+
+impl ScanSource for Scans {
+    fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
+        Ok(scan(&pose(node)))
+    }
+}
+
+fn settings() -> Settings {
+    let mut settings = Settings { voxel_size: 0.25, max_range: 20.0, lambda_odom: 12.0, lambda_cluster: 8.0, ..Settings::default() };
+    settings.set("field", "both").unwrap();
+    settings
+}
+
+fn described() -> MapDetails {
+    MapDetails { settings: MapDetails::describe(&settings(), None).settings, ..details("resume") }
+}
+
+/// The map, with the mapper stored and taken up again after every so many events. `forget` may change what is stored.
+fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value)) -> (Atlas, [usize; 3]) {
+    let dir = tempfile::tempdir().unwrap();
+    let mut mapper = Mapper::new(settings()).unwrap();
+    let (mut stored, mut with_fusions_due) = (0, 0);
+    for (k, event) in events.iter().enumerate() {
+        mapper.handle(event.clone()).unwrap();
+        if (k + 1) % every != 0 {
+            continue;
+        }
+        let Some(state) = mapper.state() else { continue };
+        with_fusions_due += usize::from(mapper.elastic_counts().fusions_due > 0);
+        let mut state = serde_json::to_value(&state).unwrap();
+        forget(&mut state);
+        let state = serde_json::to_vec(&state).unwrap();
+        let writer = MapWriter::create(dir.path().join("run.vox")).unwrap();
+        Checkpoints::begin(&writer).unwrap().write(mapper.atlas(), &described(), &state).unwrap();
+        drop(mapper);
+        let (found, _) = Checkpoints::resume(&writer).unwrap().unwrap();
+        let state = serde_json::from_slice(&found.state).unwrap();
+        mapper = Mapper::resume(settings(), None, state, found.atlas, &mut Scans).unwrap();
+        stored += 1;
+    }
+    mapper.finish();
+    let fusions = mapper.elastic_counts().fusions;
+    (mapper.into_atlas(), [stored, with_fusions_due, fusions])
+}
+
+#[test]
+fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
+    let events = events();
+    let (whole, [_, _, fusions]) = mapped(&events, usize::MAX, |_| ());
+    assert!(fusions > 1 && whole.submaps().len() > 2, "{fusions} fusions, {} submaps", whole.submaps().len());
+    for every in [3, 40, 101] {
+        let (resumed, [stored, due, _]) = mapped(&events, every, |_| ());
+        println!("every {every} events: stored {stored} times, {due} times with fusions due, {fusions} fusions");
+        assert!(stored > 1 && due > 0);
+        assert!(same_atlas(&whole, &resumed), "every {every} events");
+    } // What is stored beside the fields makes a difference.
+    let no_observations = |state: &mut serde_json::Value| {
+        let counts = state["observed"].as_array_mut().unwrap().iter_mut().flat_map(|submap| submap[1].as_array_mut().unwrap());
+        counts.for_each(|count| *count = 0.into());
+    };
+    let no_fusions = |state: &mut serde_json::Value| state["fusions"]["queue"] = serde_json::json!([]);
+    assert!(!same_atlas(&whole, &mapped(&events, 40, no_observations).0), "observation counts");
+    assert!(!same_atlas(&whole, &mapped(&events, 40, no_fusions).0), "fusions that are due");
+}

@@ -1,0 +1,127 @@
+//! What a mapper knows beside its atlas, so that another process can go on where this one is.
+//!
+//! The fields of submaps are stored as those of a map are. The state is the rest: the pose graph, the assignments, the fusions that are due, the
+//! revisit in progress, and what a stored submap does not have. A mapper that was resumed makes the same map, bit for bit, as one that never
+//! stopped.
+
+use super::background_fusion::FusionSchedule;
+use super::frontend::Frontend;
+use super::pipeline::Mapper;
+use super::rebuild::ScanSource;
+use super::report::ElasticCounts;
+use super::revisit::RevisitState;
+use crate::atlas::graph::PoseGraph;
+use crate::atlas::{Atlas, NodeAssignments, SubmapId};
+use crate::event::NodeId;
+use crate::field::tsdf::ObservationCount;
+use crate::sensor::BeamModel;
+use crate::settings::{SettingError, Settings};
+use serde::{Deserialize, Serialize};
+
+/// What a [`Mapper`] knows beside its atlas, between two events; see [`Mapper::state`].
+///
+/// Its serialised form belongs to the version of the program that wrote it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct MapperState {
+    graph: PoseGraph,
+    assignments: NodeAssignments,
+    size_limited: Vec<(Vec<SubmapId>, [NodeId; 2])>,
+    fusions: FusionSchedule,
+    revisit: Option<RevisitState>,
+    first_node: Option<NodeId>,
+    last_node: Option<NodeId>,
+    counts: ElasticCounts,
+    next_submap: SubmapId,
+    /// By submap, the observation counts of the blocks of its TSDF in Morton order.
+    observed: Vec<(SubmapId, Vec<u8>)>,
+}
+
+/// Why a mapper cannot go on from a state.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ResumeError {
+    /// The settings are out of range.
+    #[error(transparent)]
+    Settings(#[from] SettingError),
+    /// The submaps are not those that the mapper had.
+    #[error("submap {submap} is not what it was when the state was stored")]
+    OtherSubmap {
+        /// The submap.
+        submap: SubmapId,
+    },
+    /// The scan that showed which sensor it is could not be read again.
+    #[error("the scan of node {node}, which shows what sensor it is, cannot be read again")]
+    Sensor {
+        /// Its node.
+        node: NodeId,
+        /// The cause.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+}
+
+impl Mapper {
+    /// What the mapper knows beside its [atlas](Self::atlas). None while a fusion is in progress: it ends some scans later. Fusions that are
+    /// due do not hinder.
+    pub fn state(&self) -> Option<MapperState> {
+        let fusions = self.fusion.schedule()?.clone();
+        let observed = |field: &crate::field::tsdf::TsdfField| {
+            field.ids_in_morton_order().into_iter().map(|id| field.block(id).observation_count.bits()).collect()
+        };
+        Some(MapperState {
+            graph: self.clusters.graph.clone(),
+            assignments: self.clusters.assignments.clone(),
+            size_limited: self.clusters.size_limited.iter().map(|(submaps, ends)| (submaps.clone(), *ends)).collect(),
+            fusions,
+            revisit: self.revisits.state(&self.atlas),
+            first_node: self.frontend.as_ref().and(self.first_node),
+            last_node: self.last_node,
+            counts: self.counts,
+            next_submap: self.atlas.next_id(),
+            observed: self.atlas.submaps().iter().map(|submap| (submap.id, observed(&submap.tsdf))).collect(),
+        })
+    }
+
+    /// A mapper that goes on from `state`, with the settings and the sensor model of the one that the state was taken of. `atlas` has the
+    /// submaps that this one had then, as a map stores them; `scans` reads the first scan again, to recognise the sensor.
+    ///
+    /// # Errors
+    /// [`ResumeError`].
+    pub fn resume(
+        settings: Settings,
+        sensor_model: Option<BeamModel>,
+        state: MapperState,
+        mut atlas: Atlas,
+        scans: &mut dyn ScanSource,
+    ) -> Result<Self, ResumeError> {
+        let mut mapper = Self::new(settings)?;
+        mapper.sensor_model = sensor_model;
+        if let Some(node) = state.first_node {
+            let cannot_read = |source| ResumeError::Sensor { node, source };
+            let cloud = scans.cloud(node).map_err(cannot_read)?;
+            let frontend = Frontend::open(&mapper.settings, mapper.sensor_model.as_ref(), &cloud);
+            mapper.frontend = Some(frontend.map_err(|error| cannot_read(Box::new(error)))?);
+        }
+        for (submap, counts) in state.observed {
+            let other = ResumeError::OtherSubmap { submap };
+            let Some(found) = atlas.submap_mut(submap) else { return Err(other) };
+            let ids = found.tsdf.ids_in_morton_order();
+            if ids.len() != counts.len() {
+                return Err(other);
+            }
+            for (id, bits) in ids.into_iter().zip(counts) {
+                found.tsdf.blocks[id].observation_count = ObservationCount::from_bits(bits);
+            }
+        }
+        atlas.skip_ids(state.next_submap);
+        let submap = state.revisit.as_ref().map_or(0, RevisitState::submap);
+        mapper.revisits.resume(state.revisit, &atlas).ok_or(ResumeError::OtherSubmap { submap })?;
+        mapper.clusters.graph = state.graph;
+        mapper.clusters.assignments = state.assignments;
+        mapper.clusters.size_limited = state.size_limited.into_iter().collect();
+        mapper.fusion.set_schedule(state.fusions);
+        (mapper.first_node, mapper.last_node, mapper.counts) = (state.first_node, state.last_node, state.counts);
+        mapper.conflicts_resolved = false;
+        mapper.atlas = atlas;
+        Ok(mapper)
+    }
+}
