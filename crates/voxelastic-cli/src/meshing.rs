@@ -8,7 +8,7 @@ use voxelastic::atlas::fusion::Agreement;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
 use voxelastic::meshing::OneSurface;
-use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
+use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 
 /// Arguments that select the surface.
@@ -26,6 +26,9 @@ pub struct SurfaceArgs {
     /// Do not close gaps of one voxel
     #[arg(long)]
     keep_gaps: bool,
+    /// Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of single submaps always have them
+    #[arg(long)]
+    keep_all: bool,
     /// Number of threads; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -58,7 +61,7 @@ fn observations(text: &str) -> Result<f32, String> {
 
 impl Default for SurfaceArgs {
     fn default() -> Self {
-        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, keep_gaps: false, threads: 0 }
+        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, keep_gaps: false, keep_all: false, threads: 0 }
     }
 }
 
@@ -69,7 +72,7 @@ impl SurfaceArgs {
     }
 
     fn options(&self) -> MeshOptions {
-        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod), close_gaps: !self.keep_gaps }
+        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod), close_gaps: !self.keep_gaps, keep_all: self.keep_all }
     }
 
     /// Extracts the surface of a submap in the submap frame.
@@ -101,7 +104,7 @@ impl SurfaceArgs {
 
     /// The error for an empty surface.
     fn empty_error(&self) -> anyhow::Error {
-        let remedy = "lower --min-weight, or map more scans: `voxelastic info` shows what is in a map";
+        let remedy = "lower --min-weight, add --keep-all, or map more scans: `voxelastic info` shows what is in a map";
         Failure::new(format!("the map has no surface with {} observations or more", self.min_weight), remedy).into()
     }
 
@@ -151,6 +154,23 @@ pub struct MapMesh {
     pub submaps: Vec<SubmapId>,
     /// How well the submaps agree, if they were fused.
     pub agreement: Option<Agreement>,
+    /// What was left out for lack of evidence, if anything could be.
+    pub crumbs: Option<Crumbs>,
+}
+
+/// What was left out of a surface for lack of evidence, as `--json` has it.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LeftOut {
+    pieces: u64,
+    triangles: u64,
+    area_m2: f64,
+}
+
+impl LeftOut {
+    /// What was left out of `mesh`; none if all of the surface was to be kept.
+    pub fn of(mesh: &MapMesh) -> Option<Self> {
+        mesh.crumbs.map(|Crumbs { pieces, triangles, area }| Self { pieces, triangles, area_m2: (area * 1e3).round() / 1e3 })
+    }
 }
 
 /// What fusing submaps for a surface found, as `--json` has it.
@@ -189,7 +209,7 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
         if !mesh.triangles.is_empty() {
             mesh.transform(&Rigid::from(&submap.t_map_submap()));
             let submaps = vec![submap.id(); mesh.positions.len()];
-            meshes.push((submap.id(), MapMesh { mesh, submaps, agreement: None }));
+            meshes.push((submap.id(), MapMesh { mesh, submaps, ..MapMesh::default() }));
         }
     }
     if meshes.is_empty() {
@@ -203,14 +223,17 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
 pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
     precision::check(atlas, voxel)?;
     let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
-    if layers.shells || atlas.tsdfs().len() < 2 || !is_measured {
+    let fields = atlas.tsdfs().len();
+    if layers.shells || fields == 0 || !is_measured {
         return shells(atlas, voxel, surface);
     }
-    let OneSurface { mesh, agreement } = atlas.one_surface(&surface.options());
+    let OneSurface { mesh, agreement, crumbs, .. } = atlas.one_surface(&surface.options());
     if mesh.triangles.is_empty() {
         return Err(surface.empty_error());
     }
-    Ok(MapMesh { mesh, submaps: Vec::new(), agreement: Some(agreement) })
+    let only = atlas.submaps().iter().find(|submap| fields == 1 && !submap.tsdf().is_empty());
+    let submaps = only.map_or_else(Vec::new, |submap| vec![submap.id(); mesh.positions.len()]);
+    Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), crumbs: (!surface.keep_all).then_some(crumbs) })
 }
 
 /// Points on the surfaces of all submaps, in the map frame.

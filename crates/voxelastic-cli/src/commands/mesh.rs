@@ -2,7 +2,7 @@
 
 use crate::failure::Failure;
 use crate::map_files::{self, DamageArgs};
-use crate::meshing::{Colour, Fused, LayerArgs, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
+use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::{failure, output};
 use anyhow::Context;
 use clap::Args;
@@ -21,6 +21,7 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
   voxelastic mesh hall.vox -o hall.glb --colour intensity     for viewers in a browser
   voxelastic mesh hall.vox -o coarse.ply --lod 2              a sixteenth of the triangles
   voxelastic mesh hall.vox -o clean.ply --min-weight 3        only surface observed three times or more
+  voxelastic mesh hall.vox -o all.ply --keep-all              with the crumbs that few rays saw
   voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..
   voxelastic mesh hall.vox -o shells.ply --shells --colour submap")]
 pub struct MeshArgs {
@@ -65,6 +66,8 @@ struct Summary {
     submaps_damaged: usize,
     /// Null unless submaps were fused.
     fused: Option<Fused>,
+    /// Null with `--keep-all`, and for shells, single submaps and surfaces of occupancy.
+    left_out: Option<LeftOut>,
     load_s: f64,
     extract_s: f64,
     write_s: f64,
@@ -88,6 +91,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         }
     })?;
     let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
+    let left_out = meshes.first().and_then(|(_, mesh)| LeftOut::of(mesh));
     let extract_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     for (path, mesh) in &meshes {
@@ -100,6 +104,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         submaps,
         submaps_damaged: map.damaged,
         fused,
+        left_out,
         load_s,
         extract_s,
         write_s: clock.elapsed().as_secs_f64(),

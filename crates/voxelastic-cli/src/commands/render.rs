@@ -170,7 +170,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
         return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or a map").into());
     }
-    Ok(Subject { mesh: MapMesh { mesh, submaps: Vec::new(), agreement: None }, path: Vec::new(), damaged: 0 })
+    Ok(Subject { mesh: MapMesh { mesh, ..MapMesh::default() }, path: Vec::new(), damaged: 0 })
 }
 
 fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {

@@ -3,20 +3,26 @@
 use crate::atlas::fusion::{Agreement, OneField};
 use crate::atlas::{Atlas, Submap};
 use crate::geometry::Rigid;
-use crate::surface::{Mesh, MeshOptions, extract, extract_onto};
+use crate::surface::{Crumbs, Mesh, MeshOptions, extract, extract_evident, extract_onto};
 
-/// The surface of an atlas, and how well its submaps agree.
+/// The surface of an atlas, how well its submaps agree, and what was left out.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct OneSurface {
     /// The surface in metres of the map frame.
     pub mesh: Mesh,
     /// What was merged and what contradicts; zero if a single submap has a TSDF.
     pub agreement: Agreement,
+    /// Pieces that were left out because they have too little evidence.
+    pub crumbs: Crumbs,
 }
 
 impl Atlas {
     /// The surface of the map as one mesh, in metres of the map frame: overlapping submaps are fused first (paper Sec. V-A), so that a place
     /// has one surface however many submaps saw it. The submaps stay as they are.
+    ///
+    /// Crumbs are left out unless [`keep_all`](MeshOptions::keep_all) is set: connected pieces with too little evidence, which is the sum of the
+    /// observations at their vertices. So a piece stays that is large, or small and was seen often.
     ///
     /// ```
     /// use voxelastic::atlas::Atlas;
@@ -33,10 +39,10 @@ impl Atlas {
         let mut one = OneSurface::default();
         match self.tsdfs()[..] {
             [] => {}
-            [(field, pose)] => extract_onto(&mut one.mesh, field, self.voxel_size(), options, Some(&Rigid::from(&pose))),
+            [(field, pose)] => one.crumbs = extract_evident(&mut one.mesh, field, self.voxel_size(), options, Some(&Rigid::from(&pose))),
             _ => {
                 let OneField { field, agreement } = OneField::new(self);
-                extract_onto(&mut one.mesh, &field, self.voxel_size(), options, None);
+                one.crumbs = extract_evident(&mut one.mesh, &field, self.voxel_size(), options, None);
                 one.agreement = agreement;
             }
         }

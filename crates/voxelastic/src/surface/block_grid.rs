@@ -60,7 +60,7 @@ impl Neighbours {
     const EMPTY: Self = Self { ranks: [NONE; 27], native: 0, coarser: 0, finer: 0 };
 }
 
-/// All blocks of a field, by rank.
+/// Blocks of a field, by rank.
 pub(super) struct BlockGrid {
     pub heads: Vec<BlockHead>,
     pub neighbours: Vec<Neighbours>,
@@ -69,7 +69,7 @@ pub(super) struct BlockGrid {
 impl BlockGrid {
     pub fn new(resolved: &ResolvedBlocks<'_>) -> Self {
         let head = |id: u32| BlockHead { id, scale: resolved.scale(id) as u8, key: resolved.field.block(id).key };
-        let heads: Vec<BlockHead> = resolved.field.ids_in_morton_order().into_par_iter().with_min_len(PART).map(head).collect();
+        let heads: Vec<BlockHead> = resolved.ids.par_iter().copied().with_min_len(PART).map(head).collect();
         let mut ranks = vec![NONE; resolved.field.ids().len()];
         heads.iter().zip(0..).for_each(|(head, rank)| ranks[head.id as usize] = rank);
         let mut neighbours = vec![Neighbours::EMPTY; heads.len()];
@@ -128,9 +128,10 @@ impl BlockCube<'_> {
                 }
                 let (i, id) = (x + PADDED * (y + PADDED * z), cursor.block(resolved.field.tree(), key | sibling as u64));
                 self.ranks[i] = NONE;
-                if let Some(id) = id {
-                    self.ranks[i] = self.of_id[id as usize];
-                    self.scales[i] = self.heads[self.ranks[i] as usize].scale;
+                // A block of the field that is not one of these has no rank.
+                if let Some(rank) = id.map(|id| self.of_id[id as usize]).filter(|rank| *rank != NONE) {
+                    self.ranks[i] = rank;
+                    self.scales[i] = self.heads[rank as usize].scale;
                 }
             }
         }

@@ -8,6 +8,7 @@ use super::block_grid::{BlockGrid, PART};
 use super::block_masks::MaskedField;
 use super::colour;
 use super::crossings;
+use super::evidence::{Crumbs, remove_crumbs};
 use super::fill_holes::FilledField;
 use super::mesh::Mesh;
 use super::mesh_part::{BlockVertices, MeshPart};
@@ -29,15 +30,18 @@ pub struct MeshOptions {
     pub lod: usize,
     /// Whether an unobserved voxel between two observed ones on opposite sides is interpolated.
     pub close_gaps: bool,
+    /// Whether pieces with little evidence stay in the surface of an atlas: see [`Atlas::mesh`](crate::atlas::Atlas::mesh).
+    pub keep_all: bool,
 }
 
 impl Default for MeshOptions {
     fn default() -> Self {
-        Self { min_weight: 1.0, lod: 0, close_gaps: true }
+        Self { min_weight: 1.0, lod: 0, close_gaps: true, keep_all: false }
     }
 }
 
-/// Extracts the zero crossings of `field` in metres of the submap frame, with finest voxels of `voxel` metres.
+/// Extracts the zero crossings of `field` in metres of the submap frame, with finest voxels of `voxel` metres: all of them, because what has little
+/// evidence in one submap may have more in others.
 pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
     let mut mesh = Mesh::default();
     extract_onto(&mut mesh, field, voxel, options, None);
@@ -46,24 +50,35 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
 
 /// Appends the result of [`extract`], transformed by `t`, to `mesh`. For many fields this is faster than appending meshes.
 pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) {
+    extract_evident(mesh, field, voxel, &MeshOptions { keep_all: true, ..options.clone() }, t);
+}
+
+/// As [`extract_onto`], but leaves out pieces with little evidence unless `options` keep them. Returns what was left out.
+pub(crate) fn extract_evident(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) -> Crumbs {
     if field.is_empty() {
-        return;
+        return Crumbs::default();
     }
-    let resolved = ResolvedBlocks::new(field);
-    let grid = BlockGrid::new(&resolved);
+    extract_resolved(mesh, &ResolvedBlocks::new(field), voxel, options, t)
+}
+
+/// As [`extract_evident`], of blocks that are resolved, which may be some of a field's.
+pub(super) fn extract_resolved(mesh: &mut Mesh, resolved: &ResolvedBlocks<'_>, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) -> Crumbs {
+    let grid = BlockGrid::new(resolved);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
-    let masked = MaskedField::new(&resolved, &grid, min_weight);
+    let masked = MaskedField::new(resolved, &grid, min_weight);
     let filled = FilledField::new(&masked, &grid, options.close_gaps);
     let (vertices, parts) = crossings::find(&filled);
     let first = [mesh.positions.len(), mesh.triangles.len()];
-    let (counts, intensities) = place_vertices(mesh, &filled, &resolved, &vertices, voxel);
+    let (counts, intensities) = place_vertices(mesh, &filled, resolved, &vertices, voxel);
     connect(mesh, first[0], &grid, &vertices, &parts, &counts);
-    let colours = colour::of_vertices(field, voxel, mesh, first);
+    let colours = colour::of_vertices(resolved.field, voxel, mesh, first);
     mesh.append_attributes(first[0], &intensities, &colours);
+    let crumbs = if options.keep_all { Crumbs::default() } else { remove_crumbs(mesh, first, resolved, &grid, &vertices) };
     coarsen(mesh, first, voxel, options.lod);
     if let Some(t) = t {
         mesh.transform_from(first[0], t);
     }
+    crumbs
 }
 
 /// Computes the positions of all vertices; returns the number of vertices of each part, and their intensities if there are any.

@@ -10,6 +10,7 @@ mod cells;
 mod colour;
 mod crossings;
 mod edge_table;
+mod evidence;
 mod extract;
 mod fill_holes;
 mod mc_table;
@@ -17,13 +18,18 @@ mod mesh;
 mod mesh_part;
 mod occupancy_faces;
 mod padding;
+mod pieces;
 mod resolved_blocks;
 mod simplify;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod triangles;
 mod vertices;
 
+pub use evidence::Crumbs;
+pub(crate) use extract::extract_evident;
 pub use extract::{MeshOptions, extract, extract_onto};
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};
+pub use tiles::{TILE_EDGE, Tile, changed_tiles, extract_tiles};

@@ -5,19 +5,34 @@ use crate::field::tsdf::{TsdfField, Voxel, VoxelBuffer};
 use crate::octree::{voxel_coords, voxels_at};
 use rayon::prelude::*;
 
-/// The blocks of a field, each resolved to the finest scale that it holds.
+/// Blocks of a field, each resolved to the finest scale that it holds.
 pub(crate) struct ResolvedBlocks<'a> {
     pub field: &'a TsdfField,
-    /// Scale of each block.
+    /// Their ids, in Morton order.
+    pub ids: Vec<u32>,
+    /// Scale of each block of the field; undefined for others than these.
     scales: Vec<u8>,
     /// Resolved arrays of the blocks whose current array has another scale.
     arrays: Vec<Option<Box<[Voxel]>>>,
 }
 
 impl<'a> ResolvedBlocks<'a> {
+    /// All blocks of a field.
     pub fn new(field: &'a TsdfField) -> Self {
         let (scales, arrays) = field.ids().into_par_iter().map(|id| resolve_block(field, id, 0)).unzip();
-        Self { field, scales, arrays }
+        Self { field, ids: field.ids_in_morton_order(), scales, arrays }
+    }
+
+    /// Some blocks of a field, in Morton order.
+    pub fn of(field: &'a TsdfField, ids: Vec<u32>) -> Self {
+        let count = field.ids().len();
+        let (mut scales, mut arrays) = (vec![0; count], Vec::new());
+        arrays.resize_with(count, || None);
+        let resolved: Vec<_> = ids.par_iter().map(|id| resolve_block(field, *id, 0)).collect();
+        for (&id, (scale, array)) in ids.iter().zip(resolved) {
+            (scales[id as usize], arrays[id as usize]) = (scale, array);
+        }
+        Self { field, ids, scales, arrays }
     }
 
     #[inline(always)]

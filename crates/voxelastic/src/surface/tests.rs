@@ -9,6 +9,16 @@ use std::collections::HashMap;
 
 /// A field whose blocks within `reach` of the origin hold `distance` (finest voxels), each block at its own scale.
 fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i32; 3]) -> usize) -> TsdfField {
+    observed_field(reach, distance, |_| 10, scale_of)
+}
+
+/// As [`field_of`], with the number of observations at each voxel.
+fn observed_field(
+    reach: i32,
+    distance: impl Fn([f32; 3]) -> f32,
+    observations: impl Fn([f32; 3]) -> u16,
+    scale_of: impl Fn([i32; 3]) -> usize,
+) -> TsdfField {
     let mut field = TsdfField::default();
     field.tree.grow_to(block_key([-reach; 3]));
     field.tree.grow_to(block_key([reach - 1; 3]));
@@ -25,7 +35,7 @@ fn field_of(reach: i32, distance: impl Fn([f32; 3]) -> f32, scale_of: impl Fn([i
                     let block = [x, y, z];
                     let centre = std::array::from_fn(|k| (block[k] * BLOCK_EDGE as i32) as f32 + (c[k] as f32 + 0.5) * size);
                     let steps = (distance(centre) / size).clamp(-15.0, 15.0) * DISTANCE_STEPS;
-                    let weight = if steps.is_nan() { 0 } else { 10 * WEIGHT_ONE };
+                    let weight = if steps.is_nan() { 0 } else { observations(centre) * WEIGHT_ONE };
                     *voxel = Voxel { distance: steps as i16, weight };
                 }
                 field.store(id, Array::Data(scale), &EncodedArray::new(scale, &voxels, None));
@@ -73,6 +83,62 @@ fn unobserved_voxels_leave_a_hole_and_no_panic() {
     assert!(mesh.positions.iter().all(|p| p[0] <= 5.0));
     let few = extract(&field, 1.0, &MeshOptions { min_weight: 11.0, ..MeshOptions::default() });
     assert!(few.triangles.is_empty(), "no voxel has 11 observations");
+}
+
+/// Balls around centres with radii, finest voxels, and the number of observations of each.
+type Ball = ([f32; 3], f32, u16);
+
+/// A field of balls, each in the voxels that are nearer to it than to the others.
+fn balls(all: &[Ball]) -> TsdfField {
+    let nearest = |p: [f32; 3]| {
+        let distance = |ball: &Ball| (0..3).map(|k| (p[k] - ball.0[k]).powi(2)).sum::<f32>().sqrt() - ball.1;
+        all.iter().map(|ball| (distance(ball), ball.2)).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f32::NAN, 0))
+    };
+    observed_field(5, |p| if nearest(p).0.abs() > 2.5 { f32::NAN } else { nearest(p).0 }, |p| nearest(p).1, |_| 0)
+}
+
+#[test]
+fn pieces_of_little_evidence_are_left_out() {
+    // At the corner of eight blocks, and all of them far enough from each other.
+    let (large, often) = (([-15.0, -14.0, -13.0], 12.0, 1), ([16.2, 16.1, 15.8], 2.0, 40));
+    assert!(extract(&balls(&[often]), 1.0, &MeshOptions::default()).positions.len() < 110);
+    let crumbs = [([16.0, -16.0, 0.3], 2.0, 1), ([-20.0, 20.0, 20.0], 1.2, 3)];
+    let field = balls(&[large, crumbs[0], often, crumbs[1]]);
+    let mesh = |keep_all| {
+        let mut mesh = Mesh::default();
+        let crumbs = extract_evident(&mut mesh, &field, 0.1, &MeshOptions { keep_all, ..MeshOptions::default() }, None);
+        (mesh, crumbs)
+    };
+    let (all, nothing) = mesh(true);
+    assert_eq!(nothing, Crumbs::default());
+    assert!(all == extract(&field, 0.1, &MeshOptions::default()));
+    let (evident, left_out) = mesh(false);
+    assert!(evident == extract(&balls(&[large, often]), 0.1, &MeshOptions::default()), "what stays is as it was");
+    let alone = extract(&balls(&crumbs), 0.1, &MeshOptions::default());
+    assert_eq!((left_out.pieces, left_out.triangles), (2, alone.triangles.len() as u64));
+    let expected = 4.0 * std::f64::consts::PI * (0.2f64.powi(2) + 0.12f64.powi(2));
+    assert!((left_out.area / expected - 1.0).abs() < 0.15, "{} of {expected} m2", left_out.area);
+    // What was in the mesh before stays, too.
+    let mut both = alone.clone();
+    extract_evident(&mut both, &field, 0.1, &MeshOptions::default(), None);
+    let first = alone.positions.len();
+    assert!(both.positions[..first] == alone.positions && both.positions[first..] == evident.positions);
+    assert!(both.triangles[alone.triangles.len()..].iter().zip(&evident.triangles).all(|(a, b)| *a == b.map(|v| v + first as u32)));
+}
+
+#[test]
+fn small_flat_pieces_stay_if_they_were_seen() {
+    // Two patches of a plane: one of 36 voxels, of which a vertex lies above each, and one of four.
+    let plane = |p: [f32; 3]| {
+        let within = |low: f32, edge: f32| (0..2).all(|k| (low..low + edge).contains(&p[k]));
+        if within(5.0, 6.0) || within(-12.0, 2.0) { p[2] - 0.3 } else { f32::NAN }
+    };
+    let field = observed_field(2, |p| if p[2].abs() > 2.5 { f32::NAN } else { plane(p) }, |_| 2, |_| 0);
+    let mut mesh = Mesh::default();
+    let crumbs = extract_evident(&mut mesh, &field, 1.0, &MeshOptions::default(), None);
+    assert_eq!((mesh.positions.len(), mesh.triangles.len()), (36, 50));
+    assert_eq!((crumbs.pieces, crumbs.triangles), (1, 2));
+    assert!((crumbs.area - 1.0).abs() < 1e-6);
 }
 
 #[test]

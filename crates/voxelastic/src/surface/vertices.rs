@@ -61,7 +61,7 @@ impl Kernel for PlaceVertices<'_> {
 
 /// Mask index of the voxel that owns a vertex.
 #[inline(always)]
-fn mask_index(word: usize, bit: usize) -> usize {
+pub(super) fn mask_index(word: usize, bit: usize) -> usize {
     match word {
         24 => (bit & 7) << 3 | (bit >> 3) << 6,
         25 => bit & 7 | (bit >> 3) << 6,
