@@ -5,7 +5,9 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 use std::hint::black_box;
 use voxelastic::Settings;
 use voxelastic::field::occupancy::State;
-use voxelastic::query::{Capsule, FieldQuery, OrientedBox, Ray, Shape, Sphere, UnknownAs};
+use voxelastic::query::{Capsule, DistanceQuery, FieldQuery, OrientedBox, Ray, Shape, Sphere, UnknownAs};
+use voxelastic::settings::FieldKind;
+use voxelastic::surface::MeshOptions;
 
 #[path = "../tests/common/cpu_time.rs"]
 mod cpu_time;
@@ -90,9 +92,35 @@ fn queries(c: &mut Criterion<CpuTime>) {
     eprintln!("frontier: {} points of 0.52 m, bounds {:?}", map.frontier(3).len(), map.bounds());
 }
 
+/// Many points at once: within some centimetres of the surfaces, and anywhere.
+fn many_points(c: &mut Criterion<CpuTime>) {
+    const MANY: usize = 1_000_000;
+    // Work in this thread, whose time is measured.
+    let _pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global();
+    let settings = Settings { sensor: "os0-64".to_owned(), field: FieldKind::Both, ..Settings::default() };
+    let Some(atlas) = hall::map_with(settings, 1) else { return };
+    let (distances, space) = (DistanceQuery::new(&atlas), atlas.query());
+    let mut rng = StdRng::seed_from_u64(9);
+    let vertices = atlas.mesh(&MeshOptions::default()).positions;
+    let mut near = |_| {
+        let v = vertices[rng.random_range(0..vertices.len())];
+        v.map(|c| f64::from(c) + rng.random_range(-0.05..0.05))
+    };
+    let near: Vec<[f64; 3]> = (0..MANY).map(&mut near).collect();
+    let anywhere = |_| [rng.random_range(-18.0..18.0), rng.random_range(-18.0..18.0), rng.random_range(-1.5..3.5)];
+    let anywhere: Vec<[f64; 3]> = (0..MANY).map(anywhere).collect();
+    let mut group = c.benchmark_group("1 M points");
+    group.throughput(Throughput::Elements(MANY as u64)).sample_size(10);
+    for (name, points) in [("near surfaces", &near), ("anywhere", &anywhere)] {
+        group.bench_function(BenchmarkId::new("distance", name), |b| b.iter(|| distances.sample_many(black_box(points))));
+        group.bench_function(BenchmarkId::new("state", name), |b| b.iter(|| space.states(black_box(points))));
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
     config = Criterion::default().with_measurement(CpuTime).sample_size(20).measurement_time(std::time::Duration::from_secs(1)).warm_up_time(std::time::Duration::from_millis(300));
-    targets = queries
+    targets = queries, many_points
 }
 criterion_main!(benches);

@@ -1,12 +1,14 @@
 //! Queries on the whole atlas in the map frame.
 
 use super::frontier::{FrontierFace, gather};
+use super::point_order::{Cells, FEW};
 use super::ray_cast::{Ray, RayHit};
 use super::shape::{Shape, moved};
 use super::{CellSummary, FieldQuery, FrontierPoint, UnknownAs};
 use crate::atlas::{Atlas, Submap};
 use crate::field::occupancy::{State, UNKNOWN, log_odds, state_of};
 use crate::geometry::{Aabb, Pose};
+use crate::octree::BLOCK_EDGE;
 use rayon::prelude::*;
 
 /// Queries all submaps of an atlas at their current root poses, including one that is [being fused](Atlas::merging). Coordinates are
@@ -144,6 +146,22 @@ impl<'a> AtlasQuery<'a> {
     /// State at `p`: occupied if it is occupied in any submap, free if it is free in some submap and occupied in none.
     pub fn state(&self, p: [f64; 3]) -> State {
         state_of(self.value(p))
+    }
+
+    /// The state at each of `points` (metres, map frame), as [`state`](Self::state) gives it.
+    pub fn states<T: Copy + Into<f64> + Sync>(&self, points: &[[T; 3]]) -> Vec<State> {
+        if points.len() < FEW {
+            return points.par_iter().with_min_len(64).map(|p| self.state(p.map(Into::into))).collect();
+        }
+        let mut cells = Cells::new(BLOCK_EDGE as f64 * self.voxel_size);
+        for part in &self.parts {
+            cells.cover(part.low, part.high, &part.t_map_submap);
+        }
+        cells.answer(points, State::Unknown, |points, states| {
+            for (state, p) in states.iter_mut().zip(points) {
+                *state = self.state(*p);
+            }
+        })
     }
 
     /// Log-odds of occupancy at `p`: the largest of all submaps in which `p` is free or occupied.

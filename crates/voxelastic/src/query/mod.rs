@@ -7,7 +7,7 @@
 //!
 //! | question | method |
 //! | --- | --- |
-//! | State of a point | `state`, `log_odds` |
+//! | State of a point | `state`, `log_odds`; of many points, fast: [`AtlasQuery::states`] |
 //! | State of the cube of 2^level finest voxels around it | `at_level` |
 //! | Is all of a shape free? | `is_free` with a [`Sphere`], [`Capsule`] or [`OrientedBox`] |
 //! | Distance to the nearest obstacle | `clearance` |
@@ -38,6 +38,7 @@ mod coverage;
 mod field;
 mod frontier;
 mod merge;
+mod point_order;
 mod ray_cast;
 mod resample;
 mod sample_many;

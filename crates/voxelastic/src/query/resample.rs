@@ -3,9 +3,9 @@
 use super::AtlasQuery;
 use super::atlas::{PlacedField, union};
 use super::shape::moved;
-use crate::field::occupancy::{State, UNKNOWN, state_of};
+use crate::field::occupancy::{OccupancyField, State, Summary, UNKNOWN, state_of};
 use crate::geometry::morton;
-use crate::octree::{BLOCK_SHIFT, NONE, block_coords, voxel_coords};
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, block_coords, block_key, voxel_coords, voxel_index};
 use rayon::prelude::*;
 
 /// The grid, and the precision of the values.
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 pub struct Resampling {
     /// Edge of the smallest cube, metres: the map's finest voxel or larger. The grid contains the origin.
     pub voxel: f64,
-    /// Whether only states are needed: cubes are larger then, and have the value of one of their voxels.
+    /// Whether only states are needed: free cubes are larger then, and all have the value -1.
     pub states_only: bool,
 }
 
@@ -83,7 +83,7 @@ impl AtlasQuery<'_> {
             .par_iter()
             .map(|job| {
                 let mut cubes = Vec::new();
-                resampler.run(job, &mut cubes);
+                resampler.run(job.clone(), &mut cubes);
                 cubes
             })
             .collect();
@@ -138,8 +138,9 @@ impl PlacedField<'_> {
         points
     }
 
-    /// Values of the submap within a ball around a cube of the map frame.
-    fn around(&self, middle: [f64; 3], radius: f64) -> ValueRange {
+    /// Values of the submap within a ball around a cube of the map frame; incomplete once one is occupied and, if only states matter, once some
+    /// are known and some are not.
+    fn around(&self, middle: [f64; 3], radius: f64, states_only: bool) -> ValueRange {
         let mut known = ValueRange::EMPTY;
         let local = moved(&self.t_submap_map, middle);
         let (low, high) = (local.map(|c| c - radius), local.map(|c| c + radius));
@@ -152,34 +153,113 @@ impl PlacedField<'_> {
         let root = block_coords(tree.root_key()).map(|c| c << BLOCK_SHIFT);
         let edge = f64::from(8u32 << tree.root_level());
         known.unknown = (0..3).any(|k| low[k] < f64::from(root[k]) || high[k] > f64::from(root[k]) + edge);
-        self.collect(&mut known, (tree.root().link, tree.root().payload), root, tree.root_level(), [low, high]);
-        known
+        let mut collect = Collect { field: self.query.field, bounds: [low, high], states_only, known };
+        collect.octant(*tree.root(), root, tree.root_level());
+        collect.known
     }
+}
 
-    fn collect(&self, known: &mut ValueRange, octant: (u32, crate::field::occupancy::Summary), corner: [i32; 3], level: u32, bounds: [[f64; 3]; 2]) {
+/// Collects the values of a field within a box, finest voxels.
+struct Collect<'a> {
+    field: &'a OccupancyField,
+    bounds: [[f64; 3]; 2],
+    states_only: bool,
+    known: ValueRange,
+}
+
+impl Collect<'_> {
+    fn octant(&mut self, octant: Octant<Summary>, corner: [i32; 3], level: u32) {
         let edge = 8 << level;
-        let [low, high] = bounds;
-        if (0..3).any(|k| f64::from(corner[k]) > high[k] || f64::from(corner[k] + edge) < low[k]) {
+        let [low, high] = self.bounds;
+        let summary = octant.payload;
+        let is_mixed = self.states_only && self.known.unknown && !self.known.is_empty();
+        let adds_nothing = self.known.most > 0 || (is_mixed && summary.max <= 0);
+        if adds_nothing || (0..3).any(|k| f64::from(corner[k]) > high[k] || f64::from(corner[k] + edge) < low[k]) {
             return;
         }
-        let (link, summary) = octant;
-        if link == NONE {
-            known.add(summary.value);
+        if octant.link == NONE {
+            self.known.add(summary.value);
+        } else if summary.max == UNKNOWN || (self.states_only && summary.observed && summary.max < 0) {
+            self.known.add(summary.max);
         } else if level == 0 {
-            let block = self.query.field.block(link);
-            let scale = usize::from(block.scale);
-            for (i, &value) in self.query.field.values(block).iter().enumerate() {
-                let c = voxel_coords(i, scale);
-                let first: [f64; 3] = std::array::from_fn(|k| f64::from(corner[k] + (c[k] << scale) as i32));
-                if (0..3).all(|k| first[k] <= high[k] && first[k] + f64::from(1 << scale) >= low[k]) {
-                    known.add(value);
+            self.block(octant.link, corner);
+        } else {
+            for (i, &child) in self.field.tree().siblings(octant.link).iter().enumerate() {
+                let at = std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { edge / 2 } else { 0 });
+                self.octant(child, at, level - 1);
+            }
+        }
+    }
+
+    fn block(&mut self, id: u32, corner: [i32; 3]) {
+        let [low, high] = self.bounds;
+        let block = self.field.block(id);
+        let (values, scale) = (self.field.values(block), usize::from(block.scale));
+        // Along each axis the voxels that touch the box.
+        let within: [[bool; BLOCK_EDGE]; 3] = std::array::from_fn(|k| {
+            std::array::from_fn(|c| {
+                let first = f64::from(corner[k] + (c << scale) as i32);
+                first <= high[k] && first + f64::from(1 << scale) >= low[k]
+            })
+        });
+        let n = BLOCK_EDGE >> scale;
+        for z in (0..n).filter(|&z| within[2][z]) {
+            for y in (0..n).filter(|&y| within[1][y]) {
+                for x in (0..n).filter(|&x| within[0][x]) {
+                    self.known.add(values[voxel_index([x, y, z], scale)]);
                 }
             }
-        } else {
-            for (i, child) in self.query.field.tree().siblings(link).iter().enumerate() {
-                let at = std::array::from_fn(|k| corner[k] + if i >> k & 1 == 1 { edge / 2 } else { 0 });
-                self.collect(known, (child.link, child.payload), at, level - 1, bounds);
+        }
+    }
+}
+
+/// Looks up the values of a submap point by point: fast for points near each other.
+struct Lookup<'a, 'b> {
+    part: &'a PlacedField<'b>,
+    /// Key of the block of the last point, and what is there.
+    key: u64,
+    found: Found<'a>,
+}
+
+/// What is at a block's place.
+#[derive(Clone, Copy)]
+enum Found<'a> {
+    One(i8),
+    Block { values: &'a [i8], scale: usize },
+}
+
+impl<'a, 'b> Lookup<'a, 'b> {
+    fn new(part: &'a PlacedField<'b>) -> Self {
+        Self { part, key: u64::MAX, found: Found::One(UNKNOWN) }
+    }
+
+    /// The same as [`PlacedField::value`].
+    #[inline(always)]
+    fn value(&mut self, p: [f64; 3]) -> i8 {
+        let local = moved(&self.part.t_submap_map, p);
+        if !self.part.reaches(local, local) {
+            return UNKNOWN;
+        }
+        let Some(c) = self.part.query.voxel_of(local) else { return UNKNOWN };
+        let key = block_key(c.map(|v| v >> BLOCK_SHIFT));
+        if key != self.key {
+            (self.key, self.found) = (key, self.find(key));
+        }
+        match self.found {
+            Found::One(value) => value,
+            Found::Block { values, scale } => values[voxel_index(c.map(|v| (v as usize & (BLOCK_EDGE - 1)) >> scale), scale)],
+        }
+    }
+
+    fn find(&self, key: u64) -> Found<'a> {
+        let field = self.part.query.field;
+        match field.tree().find(key) {
+            None => Found::One(UNKNOWN),
+            Some((0, octant)) if octant.link != NONE => {
+                let block = field.block(octant.link);
+                Found::Block { values: field.values(block), scale: block.scale.into() }
             }
+            Some((_, octant)) => Found::One(octant.payload.value),
         }
     }
 }
@@ -202,6 +282,8 @@ struct Resampler<'a, 'b> {
 impl<'a, 'b> Resampler<'a, 'b> {
     /// Largest edge in finest voxels of cubes that are tested as a whole: for larger ones this would visit half the map.
     const MAX_EDGE: f64 = 64.0;
+    /// Level of the cubes that are sampled cube by cube if they are not uniform.
+    const SAMPLED_LEVEL: u32 = 3;
 
     fn edge(&self, level: u32) -> f64 {
         self.to.voxel * f64::from(1u32 << level)
@@ -241,59 +323,72 @@ impl<'a, 'b> Resampler<'a, 'b> {
         jobs
     }
 
-    fn run(&self, job: &CubeTask<'a, 'b>, cubes: &mut Vec<Cube>) {
-        if job.level == 0 {
-            cubes.extend(self.smallest(job));
-            return;
-        }
+    fn run(&self, mut job: CubeTask<'a, 'b>, cubes: &mut Vec<Cube>) {
         let edge = self.edge(job.level);
-        if job.occupied.is_empty() && edge <= Self::MAX_EDGE * self.query.voxel_size().max(self.to.voxel) {
-            match self.uniform(job, 0.5 * edge * 3f64.sqrt()) {
+        if edge <= Self::MAX_EDGE * self.query.voxel_size().max(self.to.voxel) {
+            match self.uniform(&mut job, 0.5 * edge * 3f64.sqrt()) {
                 Some(UNKNOWN) => return,
-                Some(value) => return cubes.push(Cube { corner: job.corner, level: job.level, value }),
+                Some(value) => return cubes.push(Cube { corner: job.corner, level: job.level, value: self.stored(value) }),
                 None => {}
             }
         }
-        for child in self.split(job) {
-            self.run(&child, cubes);
+        if job.level <= Self::SAMPLED_LEVEL {
+            self.sample(&job, cubes);
+        } else {
+            self.split(&job).into_iter().for_each(|child| self.run(child, cubes));
         }
     }
 
-    /// The value of all smallest cubes of a cube without occupied space, if the values around the cube determine it.
-    fn uniform(&self, job: &CubeTask<'_, '_>, radius: f64) -> Option<i8> {
+    /// The value of all smallest cubes of a cube without occupied space, if the values around the cube determine it. Takes submaps that know nothing
+    /// there off the list.
+    fn uniform(&self, job: &mut CubeTask<'_, '_>, radius: f64) -> Option<i8> {
         let middle = self.middle(job);
-        let (mut all_unknown, mut free) = (true, None::<i8>);
-        let mut others_free = false;
-        for part in &job.parts {
-            let known = part.around(middle, radius);
-            if known.most > 0 {
-                return None;
-            }
-            all_unknown &= known.is_empty();
-            if !known.is_empty() && !known.unknown && (known.least == known.most || self.to.states_only) {
+        let (mut free, mut others_known) = (None::<i8>, !job.occupied.is_empty());
+        job.parts.retain(|part| {
+            let known = part.around(middle, radius, self.to.states_only);
+            others_known |= known.most > 0;
+            if !known.unknown && !known.is_empty() && known.most <= 0 && (known.least == known.most || self.to.states_only) {
                 free = Some(free.map_or(known.most, |f| f.max(known.most)));
             } else {
-                others_free |= !known.is_empty();
+                others_known |= !known.is_empty() && !self.to.states_only;
             }
+            !known.is_empty()
+        });
+        if others_known {
+            return None;
         }
-        if all_unknown {
-            return Some(UNKNOWN);
-        }
-        free.filter(|_| self.to.states_only || !others_free)
+        if job.parts.is_empty() { Some(UNKNOWN) } else { free }
     }
 
-    fn smallest(&self, job: &CubeTask<'_, '_>) -> Option<Cube> {
+    /// Samples the smallest cubes of a cube, in Morton order.
+    fn sample(&self, job: &CubeTask<'_, '_>, cubes: &mut Vec<Cube>) {
+        let mut lookups: Vec<Lookup<'_, '_>> = job.parts.iter().map(|part| Lookup::new(part)).collect();
+        let (first, mut occupied) = (morton::encode(job.corner), job.occupied);
+        for key in first..first + (1 << (3 * job.level)) {
+            let here = occupied.split_off(..occupied.partition_point(|(k, _)| *k == key)).unwrap_or_default();
+            let corner = morton::decode(key);
+            let value = self.smallest(corner, here, &mut lookups);
+            cubes.extend(value.map(|value| Cube { corner, level: 0, value: self.stored(value) }));
+        }
+    }
+
+    /// The value of the smallest cube at `corner`, in which the centres of the finest voxels `occupied` lie.
+    fn smallest(&self, corner: [u32; 3], occupied: &[(u64, i8)], lookups: &mut [Lookup<'_, '_>]) -> Option<i8> {
         let n = self.samples;
-        let low: [f64; 3] = job.corner.map(|c| (f64::from(c) - f64::from(ORIGIN)) * self.to.voxel);
+        let low: [f64; 3] = corner.map(|c| (f64::from(c) - f64::from(ORIGIN)) * self.to.voxel);
         let step = self.to.voxel / n as f64;
         let mut known = ValueRange::EMPTY;
         for i in 0..n * n * n {
             let c = [i % n, i / n % n, i / (n * n)];
             let p: [f64; 3] = std::array::from_fn(|k| low[k] + (c[k] as f64 + 0.5) * step);
-            known.add(job.parts.iter().fold(UNKNOWN, |best, part| union(best, part.value(p))));
+            known.add(lookups.iter_mut().fold(UNKNOWN, |best, lookup| union(best, lookup.value(p))));
         }
-        let value = job.occupied.iter().map(|(_, v)| *v).chain((!known.is_empty()).then_some(known.most)).max()?;
-        (value > 0 || !known.unknown).then_some(Cube { corner: job.corner, level: 0, value })
+        let value = occupied.iter().map(|(_, v)| *v).chain((!known.is_empty()).then_some(known.most)).max()?;
+        (value > 0 || !known.unknown).then_some(value)
+    }
+
+    fn stored(&self, value: i8) -> i8 {
+        if self.to.states_only { value.max(-1) } else { value }
     }
 }
 

@@ -1,20 +1,12 @@
-//! Distances and gradients at many points: sorted by the blocks that they lie in, so that each block is looked up and decoded once.
+//! Distances and gradients at many points: sorted by where they are, so that a block is looked up and decoded once for all points near it.
 
 use super::DistanceQuery;
-use super::surface_distance::{Placement, SurfaceDistance, VoxelSource, corner_centre, interpolate, is_addressable};
+use super::point_order::{Cells, FEW};
+use super::surface_distance::{Placement, SurfaceDistance, VoxelSource, corner_centre, interpolate};
 use crate::field::tsdf::{TsdfField, VoxelBuffer};
-use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, block_key, sort_by_bits, voxel_index, voxels_at};
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, block_coords, block_key, voxel_index, voxels_at};
 use crate::simd::{Kernel, dispatch};
 use rayon::prelude::*;
-
-/// Fewer points than this are looked up one by one: few of them share a block.
-const FEW: usize = 4096;
-
-/// Bits of a point's index in a batch; the bits above it hold the key of the point's block.
-const INDEX_BITS: u32 = 20;
-
-/// Points that a thread takes at a time.
-const PER_TASK: usize = 4096;
 
 /// Decoded blocks that a thread keeps: a cube of four along each axis.
 const CACHED: usize = 64;
@@ -32,91 +24,38 @@ impl DistanceQuery<'_> {
         if points.len() < FEW {
             return points.par_iter().with_min_len(64).map(|p| self.sample(p.map(Into::into))).collect();
         }
-        let mut nearest = vec![None; points.len()];
-        for (points, nearest) in points.chunks(1 << INDEX_BITS).zip(nearest.chunks_mut(1 << INDEX_BITS)) {
-            for (field, t_submap_map) in &self.parts {
-                Batch { field, placement: Placement::new(t_submap_map), voxel: self.voxel, points }.sample(nearest);
-            }
+        let block = BLOCK_EDGE as f64 * self.voxel;
+        let mut cells = Cells::new(block);
+        for (field, t_submap_map) in &self.parts {
+            let (corner, edge) = (block_coords(field.tree().root_key()), 1 << field.tree().root_level());
+            let [low, high] = [corner, corner.map(|c| c + edge)].map(|corner| corner.map(|c| f64::from(c) * block));
+            cells.cover(low, high, &t_submap_map.inverse());
         }
-        nearest
+        let fields: Vec<_> = self.parts.iter().map(|(field, t_submap_map)| (*field, Placement::new(t_submap_map))).collect();
+        cells.answer(points, None, |points, nearest| dispatch(SampleTask { fields: &fields, voxel: self.voxel, points, nearest }))
     }
 }
 
-/// Points to look up in one field.
-struct Batch<'a, T> {
-    field: &'a TsdfField,
-    placement: Placement,
+/// Points near each other, to look up in all fields.
+struct SampleTask<'a> {
+    fields: &'a [(&'a TsdfField, Placement)],
     voxel: f64,
-    points: &'a [[T; 3]],
+    points: &'a [[f64; 3]],
+    nearest: &'a mut [Option<SurfaceDistance>],
 }
 
-/// Index of the point of a record.
-#[inline(always)]
-fn index_of(record: u64) -> usize {
-    (record & ((1 << INDEX_BITS) - 1)) as usize
-}
-
-impl<T: Copy + Into<f64> + Sync> Batch<'_, T> {
-    /// Keeps the values that are nearer to zero than those in `nearest`.
-    fn sample(&self, nearest: &mut [Option<SurfaceDistance>]) {
-        let tree = self.field.tree();
-        let key_bits = 3 * tree.root_level();
-        if key_bits + INDEX_BITS > u64::BITS {
-            // A field of many kilometres: the keys do not fit, and points in the order in which they come are slower.
-            let mut samples = vec![None; self.points.len()];
-            self.sample_in_order(&(0..self.points.len() as u64).collect::<Vec<_>>(), &mut samples);
-            nearest.par_iter_mut().zip(samples).for_each(|(nearest, sample)| self.keep_nearer(nearest, sample));
-            return;
-        }
-        let root = tree.root_key();
-        let record = |(index, p): (usize, &[T; 3])| {
-            let c = self.placement.to_submap(p.map(Into::into)).map(|c| c / self.voxel);
-            let key = is_addressable(c).then(|| block_key(c.map(|c| c.floor() as i32 >> BLOCK_SHIFT)))?;
-            tree.covers(key).then(|| (key - root) << INDEX_BITS | index as u64)
-        };
-        let mut records: Vec<u64> = self.points.par_iter().enumerate().with_min_len(PER_TASK).filter_map(record).collect();
-        sort_by_bits(&mut records, &mut Vec::new(), INDEX_BITS, INDEX_BITS + key_bits);
-        let mut samples = vec![None; records.len()];
-        self.sample_in_order(&records, &mut samples);
-        const NONE: u32 = u32::MAX;
-        let mut places = vec![NONE; self.points.len()];
-        for (place, record) in (0..).zip(&records) {
-            places[index_of(*record)] = place;
-        }
-        let pairs = nearest.par_iter_mut().zip(places).with_min_len(PER_TASK).filter(|(_, place)| *place != NONE);
-        pairs.for_each(|(nearest, place)| self.keep_nearer(nearest, samples[place as usize]));
-    }
-
-    /// Samples in the submap frame, in the order of the records.
-    fn sample_in_order(&self, records: &[u64], samples: &mut [Option<SurfaceDistance>]) {
-        let tasks = samples.par_chunks_mut(PER_TASK).zip(records.par_chunks(PER_TASK));
-        tasks.for_each(|(samples, records)| dispatch(SampleTask { batch: self, records, samples }));
-    }
-
-    #[inline(always)]
-    fn keep_nearer(&self, nearest: &mut Option<SurfaceDistance>, sample: Option<SurfaceDistance>) {
-        let Some(sample) = sample else { return };
-        // The first of equals stays.
-        if nearest.is_none_or(|old| sample.distance.abs() < old.distance.abs()) {
-            *nearest = Some(self.placement.to_map(sample));
-        }
-    }
-}
-
-/// Points of neighbouring blocks.
-struct SampleTask<'a, T> {
-    batch: &'a Batch<'a, T>,
-    records: &'a [u64],
-    samples: &'a mut [Option<SurfaceDistance>],
-}
-
-impl<T: Copy + Into<f64>> Kernel for SampleTask<'_, T> {
+impl Kernel for SampleTask<'_> {
     #[inline(always)]
     fn run(self) {
-        let Batch { field, placement, voxel, points } = self.batch;
-        let mut blocks = DecodedBlocks::new(field, *voxel);
-        for (sample, record) in self.samples.iter_mut().zip(self.records) {
-            *sample = interpolate(&mut blocks, *voxel, placement.to_submap(points[index_of(*record)].map(Into::into)));
+        for (field, placement) in self.fields {
+            let mut blocks = DecodedBlocks::new(field, self.voxel);
+            for (nearest, p) in self.nearest.iter_mut().zip(self.points) {
+                let Some(sample) = interpolate(&mut blocks, self.voxel, placement.to_submap(*p)) else { continue };
+                // The first of equals stays.
+                if nearest.is_none_or(|old| sample.distance.abs() < old.distance.abs()) {
+                    *nearest = Some(placement.to_map(sample));
+                }
+            }
         }
     }
 }
@@ -272,7 +211,7 @@ mod tests {
         let expected: Vec<_> = single.iter().map(|p| query.sample(p.map(f64::from))).collect();
         assert!(query.sample_many(&single) == expected);
         // More than one batch.
-        let often: Vec<[f64; 3]> = points.iter().cycle().take((1 << INDEX_BITS) + points.len()).copied().collect();
+        let often: Vec<[f64; 3]> = points.iter().cycle().take((1 << 20) + points.len()).copied().collect();
         let found = query.sample_many(&often);
         assert!(found.chunks(points.len()).all(|part| part == &one_by_one[..part.len()]));
     }

@@ -36,7 +36,12 @@ pub fn scans(step: usize) -> Option<Vec<Scan>> {
 
 /// The occupancy of the hall, from every `step`-th scan.
 pub fn map(settings: Settings, step: usize) -> Option<Atlas> {
-    let mut mapper = Mapper::new(Settings { field: FieldKind::Occupancy, ..settings }).ok()?;
+    map_with(Settings { field: FieldKind::Occupancy, ..settings }, step)
+}
+
+/// The hall mapped with `settings`, from every `step`-th scan.
+pub fn map_with(settings: Settings, step: usize) -> Option<Atlas> {
+    let mut mapper = Mapper::new(settings).ok()?;
     for scan in scans(step)? {
         mapper.handle(Event::Scan(scan)).ok()?;
     }

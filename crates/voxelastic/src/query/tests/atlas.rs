@@ -90,6 +90,24 @@ proptest! {
     }
 
     #[test]
+    fn many_points_at_once_are_as_one_by_one(fields in fields(3), seed in any::<u64>(), apart in prop::sample::select(vec![0.0, 40_000.0])) {
+        // Also in a map of kilometres, in which the cells that points are sorted by are larger than blocks.
+        let fields: Vec<_> = fields.into_iter().enumerate().map(|(i, (field, pose))| (field, Pose::translation(i as f64 * apart, 0.0, 0.0) * pose)).collect();
+        let atlas = atlas(fields.clone());
+        let query = AtlasQuery::new(&atlas);
+        let mut numbers = Numbers(seed);
+        let mut within = |limit: f64| limit * (numbers.below(1 << 20) as f64 / f64::from(1 << 19) - 1.0);
+        let mut points: Vec<[f64; 3]> = (0..5000).map(|i| [within(4.0) + (i % 3) as f64 * apart, within(4.0), within(4.0)]).collect();
+        points[5] = [f64::NAN, 0.0, 0.0];
+        points[6] = [1e300, 0.0, f64::NEG_INFINITY];
+        let expected: Vec<State> = points.iter().map(|p| query.state(*p)).collect();
+        prop_assert!(expected.contains(&State::Free) || expected.contains(&State::Occupied));
+        prop_assert_eq!(&query.states(&points), &expected);
+        prop_assert_eq!(&query.states(&points[..100]), &expected[..100]);
+        prop_assert_eq!(AtlasQuery::new(&Atlas::new(VOXEL)).states(&points), vec![State::Unknown; points.len()]);
+    }
+
+    #[test]
     fn rays_end_where_no_submap_says_free(fields in fields(3), rays in prop::collection::vec(ray(), 20), unknown in policy()) {
         let atlas = atlas(fields.clone());
         let query = AtlasQuery::new(&atlas);
@@ -162,6 +180,7 @@ proptest! {
         for cube in &cubes {
             let edge = 1 << cube.level;
             prop_assert!(cube.corner.iter().all(|c| c & (edge as u32 - 1) == 0));
+            prop_assert!(!states_only || cube.value >= -1);
             for i in 0..edge * edge * edge {
                 let c: [i32; 3] = std::array::from_fn(|k| cube.corner[k] as i32 - (1 << 20) + [i % edge, i / edge % edge, i / edge / edge][k]);
                 prop_assert!(known.insert(c, cube.value).is_none(), "cubes overlap");
