@@ -8,6 +8,9 @@
 //! | `groundtruth.tum` | the true poses |
 //! | `graph.g2o` | nodes with odometry poses, odometry edges, loop edges |
 //! | `world.toml` | the options of the simulation |
+//! | `imu/samples.csv` | samples of the inertial measurement unit, if there is one, in its frame; the first line has its pose in the lidar frame |
+//! | `imu/truth.tum` | true poses of the lidar at the times of the samples |
+//! | `recording.mcap` | as a recording instead: scans and samples as messages, without `scans/` and `imu/samples.csv` |
 
 use crate::options::SimOptions;
 use crate::{SimError, Simulation, World};
@@ -19,10 +22,13 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
-use voxelastic_io::{PoseGraph, g2o, pcd, poses};
+use voxelastic_io::{PoseGraph, g2o, imu_csv, pcd, poses};
 
 /// Name of the file with the options of the simulation.
 pub const WORLD_FILE: &str = "world.toml";
+
+/// Name of the recording in a folder with one.
+pub const RECORDING_FILE: &str = "recording.mcap";
 
 /// Version of the world file.
 const FORMAT: u32 = 1;
@@ -48,10 +54,7 @@ impl Simulation {
     pub fn write(&self, dir: impl AsRef<Path>, progress: &mut Progress<'_>) -> Result<usize, SimError> {
         let dir = dir.as_ref();
         let scans = dir.join("scans");
-        let occupied = dir.is_dir() && fs::read_dir(dir).map_err(SimError::file(dir))?.next().is_some();
-        if occupied {
-            return Err(SimError::NotEmpty { path: dir.into() });
-        }
+        refuse_occupied(dir)?;
         fs::create_dir_all(&scans).map_err(SimError::file(&scans))?;
         let mut written = 0;
         // A batch for all threads: some encode and write while others cast.
@@ -68,8 +71,39 @@ impl Simulation {
             }
         }
         self.write_poses(dir, written)?;
+        self.write_imu(dir, written, true)?;
         self.write_world(dir, written)?;
         Ok(written)
+    }
+
+    /// Writes the folder with a recording in it instead of clouds; as [`write`](Self::write) otherwise.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn write_as_recording(&self, dir: impl AsRef<Path>, progress: &mut Progress<'_>) -> Result<usize, SimError> {
+        let dir = dir.as_ref();
+        refuse_occupied(dir)?;
+        fs::create_dir_all(dir).map_err(SimError::file(dir))?;
+        let written = self.write_recording(&dir.join(RECORDING_FILE), progress)?;
+        self.write_poses(dir, written)?;
+        self.write_imu(dir, written, false)?;
+        self.write_world(dir, written)?;
+        Ok(written)
+    }
+
+    /// Writes what belongs to the inertial measurement unit, up to the end of the last of `count` scans.
+    fn write_imu(&self, dir: &Path, count: usize, with_samples: bool) -> Result<(), SimError> {
+        let (Some(unit), Some(last)) = (self.imu_unit(), self.times().get(count.saturating_sub(1))) else { return Ok(()) };
+        let end = last + self.lidar().settings().period;
+        let samples: Vec<_> = self.imu().into_iter().take_while(|s| s.time <= end).collect();
+        let folder = dir.join(imu_csv::FOLDER);
+        fs::create_dir_all(&folder).map_err(SimError::file(&folder))?;
+        let truth: Vec<(f64, Pose)> = samples.iter().map(|s| (s.time, self.scene().trajectory.pose(s.time))).collect();
+        poses::write_tum(folder.join("truth.tum"), &truth)?;
+        if with_samples {
+            imu_csv::write(folder.join(imu_csv::FILE), unit.t_lidar_imu(), &samples)?;
+        }
+        Ok(())
     }
 
     fn write_poses(&self, dir: &Path, count: usize) -> Result<(), SimError> {
@@ -123,6 +157,11 @@ impl World {
         check(&path, &file.fingerprint, &world)?;
         Ok(world)
     }
+}
+
+fn refuse_occupied(dir: &Path) -> Result<(), SimError> {
+    let occupied = dir.is_dir() && fs::read_dir(dir).map_err(SimError::file(dir))?.next().is_some();
+    if occupied { Err(SimError::NotEmpty { path: dir.into() }) } else { Ok(()) }
 }
 
 fn hexadecimal(world: &World) -> String {

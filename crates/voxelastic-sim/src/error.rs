@@ -14,6 +14,14 @@ pub enum SimError {
         /// Names that exist.
         known: String,
     },
+    /// No carrier has this name.
+    #[error("unknown carrier `{name}`: choose one of {known}")]
+    UnknownCarrier {
+        /// The unknown name.
+        name: String,
+        /// Names that exist.
+        known: String,
+    },
     /// A setting that is NaN or out of range.
     #[error("{setting} is {value}: it must be {allowed}")]
     Setting {

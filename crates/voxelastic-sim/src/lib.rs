@@ -1,12 +1,13 @@
 //! Simulated worlds with exact distances, and a simulated LiDAR and SLAM system, to test LiDAR mapping.
 //!
 //! A [`World`] is a union of convex [`solid::Solid`]s. Its signed distance is exact and rays are intersected in closed form, so maps can be evaluated
-//! without errors of the reference. [`scenes`] contains the worlds `campus`, `mine` and `street`, and small ones for tests, each with a
+//! without errors of the reference. [`scenes`] contains the worlds `campus`, `mine`, `street` and `tunnel`, and small ones for tests, each with a
 //! trajectory through it; [`WorldBuilder`] makes others.
 //!
 //! A [`Simulation`] moves a [`sensor::Lidar`] (any beam model, with noise, lost returns, mixed pixels and motion during the sweep) along the trajectory
 //! and adds the output of a SLAM system ([`drift`]): drifting odometry, loop edges, and corrected poses at loop closures. It yields
-//! [`voxelastic::event::Event`]s in memory, or writes a folder that `voxelastic map` reads ([`dataset`]).
+//! [`voxelastic::event::Event`]s in memory, or writes a folder that `voxelastic map` reads ([`dataset`]), or a ROS 2 recording in such a folder.
+//! Cars and walkers may move through the world meanwhile ([`traffic`]), and an inertial measurement unit ([`imu`]) beside the sensor.
 //!
 //! Everything is determined by [`SimOptions`] and its seed, for any number of threads.
 //!
@@ -26,15 +27,18 @@
 pub mod dataset;
 pub mod drift;
 mod error;
+pub mod imu;
 mod options;
 pub mod picture;
 pub mod random;
+mod recording;
 pub mod route;
 pub mod scenes;
 pub mod sensor;
 mod simulation;
 pub mod solid;
 mod solid_bvh;
+pub mod traffic;
 pub mod world;
 
 pub use error::SimError;

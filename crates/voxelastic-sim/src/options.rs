@@ -1,8 +1,10 @@
 //! Options of a simulation.
 
-use crate::SimError;
 use crate::drift::LoopSettings;
+use crate::imu::ImuSettings;
+use crate::route::Carrier;
 use crate::sensor::LidarSettings;
+use crate::{Scene, SimError};
 use serde::{Deserialize, Serialize};
 
 /// Options of a simulation: the same options give the same scans, bit for bit on one machine.
@@ -28,12 +30,24 @@ pub struct SimOptions {
     /// Scans per second, instead of `spacing`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate: Option<f64>,
+    /// Name of the sensor's carrier, see [`Carrier::names`]; that of the world if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub carrier: Option<String>,
+    /// Seconds for which the carrier stands still at first.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rest: f64,
+    /// Number of cars and walkers that move through the world, see [`Traffic::along`](crate::traffic::Traffic::along).
+    #[serde(skip_serializing_if = "is_none")]
+    pub traffic: usize,
     /// Drift of the odometry, metres in 100 m of path, on average over the trajectory (paper Sec. IV: about 1); 0 for none.
     pub drift: f64,
     /// Settings and noise of the sensor.
     pub lidar: LidarSettings,
     /// Loop closures.
     pub loops: LoopSettings,
+    /// The inertial measurement unit, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub imu: Option<ImuSettings>,
 }
 
 impl Default for SimOptions {
@@ -46,20 +60,51 @@ impl Default for SimOptions {
             scans: None,
             spacing: 2.0,
             rate: None,
+            carrier: None,
+            rest: 0.0,
+            traffic: 0,
             drift: 1.0,
             lidar: LidarSettings::default(),
             loops: LoopSettings::default(),
+            imu: None,
         }
     }
 }
 
+fn unknown_carrier(name: &str) -> SimError {
+    SimError::UnknownCarrier { name: name.into(), known: Carrier::names().collect::<Vec<_>>().join(", ") }
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_none(count: &usize) -> bool {
+    *count == 0
+}
+
 /// Most scans of a simulation.
 const MAX_SCANS: usize = 10_000_000;
+/// Most bodies that move.
+const MAX_TRAFFIC: usize = 1_000;
 
 impl SimOptions {
     /// The default simulation of a world.
     pub fn of(world: impl Into<String>) -> Self {
         Self { world: world.into(), ..Self::default() }
+    }
+
+    /// The world, and the trajectory of the carrier through it.
+    ///
+    /// # Errors
+    /// [`SimError::UnknownWorld`] and [`SimError::UnknownCarrier`].
+    pub fn scene(&self) -> Result<Scene, SimError> {
+        let mut scene = Scene::named(&self.world, self.seed)?;
+        if let Some(name) = &self.carrier {
+            scene.trajectory.carrier = Carrier::named(name).ok_or_else(|| unknown_carrier(name))?;
+        }
+        scene.trajectory.rest = self.rest;
+        Ok(scene)
     }
 
     pub(crate) fn check(&self) -> Result<(), SimError> {
@@ -75,6 +120,18 @@ impl SimOptions {
         }
         if !(0.0..=50.0).contains(&self.drift) {
             return bad("drift", self.drift, "from 0 to 50 metres in 100 m");
+        }
+        if let Some(name) = self.carrier.as_ref().filter(|name| Carrier::named(name).is_none()) {
+            return Err(unknown_carrier(name));
+        }
+        if !(0.0..=1e4).contains(&self.rest) {
+            return bad("rest", self.rest, "from 0 to 10000 seconds");
+        }
+        if self.traffic > MAX_TRAFFIC {
+            return bad("traffic", self.traffic as f64, "from 0 to 1000");
+        }
+        if let Some(imu) = &self.imu {
+            imu.check()?;
         }
         // TOML holds integers of 63 bits.
         if self.seed > i64::MAX as u64 {

@@ -1,13 +1,16 @@
 //! A simulation: scans along a trajectory, true and drifting poses, loop edges, corrections.
 
 use crate::drift::{self, Correction};
+use crate::imu::Imu;
 use crate::options::SimOptions;
 use crate::random::Stream;
 use crate::sensor::Lidar;
+use crate::traffic::Traffic;
 use crate::{Scene, SimError, SurfacePoint, World};
 use hashbrown::HashSet;
 use rayon::prelude::*;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::motion::ImuSample;
 use voxelastic::sensor::{preset, preset_with_columns};
 use voxelastic::{Cloud, Pose};
 
@@ -38,6 +41,8 @@ pub struct Simulation {
     loop_edges: Vec<Edge>,
     corrections: Vec<Correction>,
     noise: Stream,
+    traffic: Traffic,
+    imu: Option<(Imu, Stream)>,
 }
 
 impl Simulation {
@@ -47,7 +52,7 @@ impl Simulation {
     /// Unknown worlds or sensors, settings out of range.
     pub fn new(options: SimOptions) -> Result<Self, SimError> {
         options.check()?;
-        let scene = Scene::named(&options.world, options.seed)?;
+        let scene = options.scene()?;
         let model = match options.columns {
             Some(columns) => preset_with_columns(&options.sensor, columns),
             None => preset(&options.sensor),
@@ -63,7 +68,9 @@ impl Simulation {
         let online = online(&odometry, &corrections);
         let odometry_edges = drift::odometry_edges(&odometry, options.drift);
         let noise = random(3);
-        Ok(Self { options, scene, lidar, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise })
+        let imu = options.imu.map(|settings| (Imu::new(settings), random(4)));
+        let traffic = Traffic::along(&scene, options.traffic, options.seed)?;
+        Ok(Self { options, scene, lidar, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise, traffic, imu })
     }
 
     /// The options it was made from.
@@ -139,7 +146,19 @@ impl Simulation {
     pub fn cloud(&self, k: usize) -> Option<Cloud> {
         let time = *self.times.get(k)?;
         let trajectory = &self.scene.trajectory;
-        Some(self.lidar.scan(&self.scene.world, |offset| trajectory.pose(time + offset), &self.noise.fork(k as u64)))
+        let world = self.traffic.within(&self.scene.world, time);
+        Some(self.lidar.scan(world, |offset| trajectory.pose(time + offset), &self.noise.fork(k as u64)))
+    }
+
+    /// The inertial measurement unit, if there is one.
+    pub fn imu_unit(&self) -> Option<&Imu> {
+        self.imu.as_ref().map(|(imu, _)| imu)
+    }
+
+    /// Its samples from the beginning to the end of the last sweep, in the frame of the unit; none without a unit.
+    pub fn imu(&self) -> Vec<ImuSample> {
+        let (Some((imu, random)), Some(last)) = (&self.imu, self.times.last()) else { return Vec::new() };
+        imu.samples(last + self.lidar.settings().period, |t| self.scene.trajectory.pose(t), random)
     }
 
     /// The scan of node `k` with its pose from `source`; `None` beyond the last.

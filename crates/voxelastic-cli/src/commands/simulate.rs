@@ -14,13 +14,19 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic_sim::drift::LoopSettings;
+use voxelastic_sim::imu::ImuSettings;
+use voxelastic_sim::route::Carrier;
 use voxelastic_sim::sensor::{LidarSettings, Noise};
-use voxelastic_sim::{Scene, SimError, SimOptions, Simulation};
+use voxelastic_sim::{SimError, SimOptions, Simulation};
 
 /// Simulate a LiDAR in an exactly known world and write a folder to map and to evaluate against
 ///
 /// Worlds: campus (a college quad, a narrow tunnel, a 1 m doorway, a park; 135 x 225 m), mine (rooms and corridors hewn from rock), street (a
-/// drive around a block of houses), and for tests room, plane and sphere. The sensor follows a closed route, lap after lap.
+/// drive around a block of houses), tunnel (300 m without features), and for tests room, plane and sphere. The sensor follows a closed route,
+/// lap after lap.
+///
+/// --moving --rate 10 makes sweeps as a turning sensor records them: each column has its own time and pose. With --imu there are samples of an
+/// inertial measurement unit, too, and with --bag all of it is one recording instead of a folder of scans.
 ///
 /// The folder contains organised scans (PCD), drifting poses of odometry (poses.tum), poses corrected after loop closures (poses@NNNNNN.txt),
 /// the true poses (groundtruth.tum), the pose graph (graph.g2o), and world.toml, from which `voxelastic eval` rebuilds the world. The same
@@ -33,6 +39,7 @@ use voxelastic_sim::{Scene, SimError, SimOptions, Simulation};
   voxelastic map campus -o true.vox --poses groundtruth
   voxelastic simulate street -o street --laps 3 --spacing 1 --moving
   voxelastic simulate mine -o mine --sensor os0-128 --columns 512 --drift 2 --seed 7
+  voxelastic simulate campus -o walk --carrier handheld --rest 3 --moving --rate 10 --scans 600 --imu 100 --bag
   voxelastic simulate room -o room --scans 10 --columns 256 --noise 0")]
 pub struct SimulateArgs {
     /// The world
@@ -68,6 +75,21 @@ pub struct SimulateArgs {
     /// Move the sensor during a sweep: each column has its own time and pose
     #[arg(long)]
     moving: bool,
+    /// Who carries the sensor: pedestrian, handheld (shaken, and swung by up to 90 degrees/s), robot or car [default: that of the world]
+    #[arg(long, value_name = "NAME", value_parser = clap::builder::PossibleValuesParser::new(Carrier::names().collect::<Vec<_>>()))]
+    carrier: Option<String>,
+    /// Seconds for which the sensor stands still at first
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    rest: f64,
+    /// Cars and walkers that move through the world
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    traffic: usize,
+    /// Samples per second of an inertial measurement unit with noise and biases, which is beside the sensor and turned by half a turn
+    #[arg(long, value_name = "HZ")]
+    imu: Option<f64>,
+    /// Write a ROS 2 recording (recording.mcap: /points, /imu, /tf_static) instead of a folder of scans
+    #[arg(long)]
+    bag: bool,
     /// Drift of the odometry, metres per 100 m of path; 0 for none
     #[arg(long, value_name = "M", default_value_t = 1.0)]
     drift: f64,
@@ -122,7 +144,9 @@ pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
         reported = written;
         if interrupt::requested() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let scans = pool.install(|| simulation.write(folder.target(), &mut report)).context("cannot write the simulation")?;
+    let write =
+        || if args.bag { simulation.write_as_recording(folder.target(), &mut report) } else { simulation.write(folder.target(), &mut report) };
+    let scans = pool.install(write).context("cannot write the simulation")?;
     drop(progress);
     let interrupted = scans < simulation.len();
     let folder_kept = folder.finish(interrupted)? == Outcome::Kept;
@@ -168,12 +192,21 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         spacing: args.spacing,
         rate: args.rate,
         drift: args.drift,
-        lidar: LidarSettings { max_range: args.max_range, moving: args.moving, noise: noise(args.noise), ..LidarSettings::default() },
+        lidar: LidarSettings {
+            max_range: args.max_range,
+            moving: args.moving,
+            noise: Noise::default().times(args.noise),
+            ..LidarSettings::default()
+        },
         loops: LoopSettings { radius: args.loop_radius, ..LoopSettings::default() },
+        carrier: args.carrier.clone(),
+        rest: args.rest,
+        traffic: args.traffic,
+        imu: args.imu.map(|rate| ImuSettings { rate, ..ImuSettings::default() }),
         ..SimOptions::of(&args.world)
     };
     if let Some(laps) = args.laps {
-        let trajectory = Scene::named(&args.world, args.seed)?.trajectory;
+        let trajectory = options.scene()?.trajectory;
         let spacing = args.rate.map_or(args.spacing, |rate| trajectory.carrier.speed / rate);
         // An invalid spacing gives an invalid number of scans, and is rejected later.
         options.scans = Some(((laps * trajectory.route.length() / spacing).ceil() as usize).saturating_add(1));
@@ -181,28 +214,10 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
     Ok(options)
 }
 
-/// The default noise times `factor`. Probabilities stay at most 1.
-fn noise(factor: f64) -> Noise {
-    if factor == 0.0 {
-        return Noise::none();
-    }
-    let usual = Noise::default();
-    // Not `min`, which would turn NaN into 1.
-    let share = |s: f64| if s * factor > 1.0 { 1.0 } else { s * factor };
-    Noise {
-        range_sigma: usual.range_sigma * factor,
-        range_sigma_per_metre: usual.range_sigma_per_metre * factor,
-        dropout: share(usual.dropout),
-        mixed: share(usual.mixed),
-        intensity_sigma: usual.intensity_sigma * factor,
-        ..usual
-    }
-}
-
 /// Turns errors of options into usage errors.
 fn explain(error: SimError) -> anyhow::Error {
     match error {
-        SimError::Setting { .. } | SimError::UnknownWorld { .. } | SimError::Sensor(_) => {
+        SimError::Setting { .. } | SimError::UnknownWorld { .. } | SimError::UnknownCarrier { .. } | SimError::Sensor(_) => {
             Failure::usage(error.to_string(), "see `voxelastic simulate --help`").into()
         }
         other => other.into(),

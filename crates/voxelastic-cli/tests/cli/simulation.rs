@@ -1,6 +1,6 @@
 //! `simulate`: what is written, and what is never overwritten.
 
-use crate::{fails, json, works};
+use crate::{fails, json, run, works};
 use std::fs;
 use std::path::Path;
 
@@ -73,4 +73,31 @@ fn impossible_simulations_are_refused() {
     fails(dir.path(), "simulate room -o room --noise nan", 2, &["noise"]);
     fails(dir.path(), "simulate room -o room --scans 3 --laps 1", 2, &["--laps"]);
     assert_eq!(files(dir.path()).len(), 0, "nothing is left behind");
+}
+
+#[test]
+fn sweeps_with_an_inertial_unit_are_written_as_a_folder_and_as_a_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    let walk = "simulate room --scans 8 --columns 128 --moving --rate 10 --carrier handheld --rest 0.3 --traffic 2 --imu 200";
+    works(dir.path(), &format!("{walk} -o folder"));
+    let done = json(dir.path(), &format!("{walk} -o bag --bag --json"));
+    assert_eq!(done["scans"].as_u64(), Some(8));
+    assert_eq!(files(&dir.path().join("folder/imu")), ["samples.csv", "truth.tum"]);
+    assert_eq!(files(&dir.path().join("bag")), ["graph.g2o", "groundtruth.tum", "imu", "poses.tum", "recording.mcap", "world.toml"]);
+    assert_eq!(voxelastic_io::poses::read(dir.path().join("bag/imu/truth.tum")).unwrap().len(), 161, "0.8 s at 200 Hz");
+    // The same scans and samples either way: the same trajectory.
+    let folder = run(dir.path(), "odometry folder -o folder.tum");
+    let bag = run(dir.path(), "odometry bag -o bag.tum");
+    assert!(folder.err.contains("imu: 161 samples in imu/samples.csv") && bag.err.contains("imu: /imu"), "{}{}", folder.err, bag.err);
+    let positions = |file: &str| voxelastic_io::poses::read(dir.path().join(file)).unwrap().poses;
+    let apart = positions("folder.tum")
+        .iter()
+        .zip(positions("bag.tum"))
+        .map(|(a, b)| (a.translation.vector - b.translation.vector).norm())
+        .fold(0.0, f64::max);
+    assert!(apart < 1e-6, "times are nanoseconds in the recording: {apart} m");
+    works(dir.path(), &format!("{walk} -o bag --bag"));
+    fails(dir.path(), "simulate room -o r --carrier horse", 2, &["horse", "handheld"]);
+    fails(dir.path(), "simulate room -o r --imu 0", 2, &["imu.rate"]);
+    fails(dir.path(), "odometry bag --imu-topic /nothing", 1, &["/nothing", "/imu", "--imu-topic"]);
 }

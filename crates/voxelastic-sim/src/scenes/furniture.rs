@@ -69,8 +69,8 @@ impl WorldBuilder {
         }
     }
 
-    /// A parked car of about 4.2 x 1.75 m with heading `yaw`.
-    pub(super) fn car(&mut self, at: [f64; 2], yaw: f64) {
+    /// A car of about 4.2 x 1.75 m with heading `yaw`.
+    pub(crate) fn car(&mut self, at: [f64; 2], yaw: f64) {
         let [x, y] = at;
         let (sin, cos) = yaw.sin_cos();
         let local = |u: f64, v: f64, z: f64| [x + cos * u - sin * v, y + sin * u + cos * v, z];

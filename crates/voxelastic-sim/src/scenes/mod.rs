@@ -8,6 +8,7 @@ mod furniture;
 mod mine;
 mod simple;
 mod street;
+mod tunnel;
 
 use crate::route::{Carrier, Route, Trajectory};
 use crate::{SimError, World, WorldBuilder};
@@ -27,17 +28,19 @@ pub struct Scene {
 type Build = fn(&mut WorldBuilder) -> (Route, Carrier);
 
 /// Name, default number of scans and construction of each world.
-const SCENES: [(&str, usize, Build); 6] = [
+const SCENES: [(&str, usize, Build); 7] = [
     ("campus", 210, campus::build),
     ("mine", 210, mine::build),
     ("street", 400, street::build),
+    ("tunnel", 400, tunnel::build),
     ("room", 20, simple::room),
     ("plane", 20, simple::plane),
     ("sphere", 20, simple::sphere),
 ];
 
 /// Names of the worlds: `campus` (a college quad, a tunnel, a park and a 1 m doorway), `mine` (rooms and corridors hewn from
-/// rock), `street` (a block of houses), and the small `room`, `plane` and `sphere` for tests.
+/// rock), `street` (a block of houses), `tunnel` (300 m without
+/// features), and the small `room`, `plane` and `sphere` for tests.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SCENES.iter().map(|s| s.0)
 }
@@ -53,7 +56,7 @@ impl Scene {
             found.ok_or_else(|| SimError::UnknownWorld { name: name.into(), known: names().collect::<Vec<_>>().join(", ") })?;
         let mut builder = WorldBuilder::new(name, seed);
         let (route, carrier) = build(&mut builder);
-        Ok(Self { world: builder.build()?, trajectory: Trajectory { route, carrier }, default_scans })
+        Ok(Self { world: builder.build()?, trajectory: Trajectory { route, carrier, rest: 0.0 }, default_scans })
     }
 }
 

@@ -4,6 +4,7 @@ use super::noise::{Neighbours, Noise};
 use super::sample::{NO_RETURN, Sample};
 use crate::random::Stream;
 use crate::solid::Vec3;
+use crate::traffic::{BodyPose, Surroundings};
 use crate::{Hit, Ray, SimError, SurfacePoint, World};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -43,6 +44,16 @@ impl LidarSettings {
         }
         self.noise.check()
     }
+}
+
+/// Where a beam met a surface, world frame.
+struct Met {
+    range: f64,
+    point: Vec3,
+    normal: Vec3,
+    albedo: f32,
+    /// The solid of the world; of a body that moves, that of the body.
+    solid: u32,
 }
 
 /// A simulated sensor.
@@ -89,48 +100,61 @@ impl Lidar {
 
     /// True measurements of all beams, column by column (`column * rows + row`). `pose_at` returns the pose of the lidar frame at a time in seconds since
     /// the start of the sweep.
-    pub fn sample(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<Sample> {
-        self.cast(world, pose_at, self.settings.max_range, NO_RETURN, |(_, direction), hit, _, normal| {
+    pub fn sample<'a>(&self, world: impl Into<Surroundings<'a>>, pose_at: impl Fn(f64) -> Pose + Sync) -> Vec<Sample> {
+        self.cast(&world.into(), pose_at, self.settings.max_range, NO_RETURN, |(_, direction), met| {
             // At silhouettes rounding may give a slightly negative cosine.
-            let cosine = (-normal.dot(direction)).clamp(0.0, 1.0) as f32;
-            Sample { range: hit.range, cosine, albedo: world.albedo(hit.solid) }
+            let cosine = (-met.normal.dot(direction)).clamp(0.0, 1.0) as f32;
+            Sample { range: met.range, cosine, albedo: met.albedo }
         })
     }
 
     /// True surface points of all beams within `max_range` metres, map frame, column by column.
     pub(crate) fn true_points(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, max_range: f64) -> Vec<Option<SurfacePoint>> {
         let max_range = max_range.min(self.settings.max_range);
-        self.cast(world, pose_at, max_range, None, |_, hit, point, normal| {
-            Some(SurfacePoint { point: point.into(), normal: normal.into(), solid: hit.solid })
+        self.cast(&world.into(), pose_at, max_range, None, |_, met| {
+            Some(SurfacePoint { point: met.point.into(), normal: met.normal.into(), solid: met.solid })
         })
     }
 
-    /// Casts all beams and maps each hit (ray, hit, point, normal) to a `T`; beams without hit get `nothing`.
+    /// Casts all beams and maps each meeting with a surface to a `T`; beams without one get `nothing`.
     fn cast<T: Clone + Send + Sync>(
         &self,
-        world: &World,
+        around: &Surroundings<'_>,
         pose_at: impl Fn(f64) -> Pose + Sync,
         max_range: f64,
         nothing: T,
-        map: impl Fn(&Ray, &Hit, Vec3, Vec3) -> T + Sync,
+        map: impl Fn(&Ray, &Met) -> T + Sync,
     ) -> Vec<T> {
         let (rows, columns) = (self.model.rows(), self.model.columns());
+        let world = around.world;
         let mut results = vec![nothing; rows * columns];
         let poses = self.poses(pose_at);
+        let bodies: Vec<Vec<BodyPose<'_>>> = (0..poses.len()).map(|firing| around.bodies_at(self.offset(firing))).collect();
         results.par_chunks_mut(rows).enumerate().with_min_len(8).for_each_init(
             || (Vec::with_capacity(rows), vec![None; rows]),
             |(rays, hits): &mut (Vec<Ray>, Vec<Option<Hit>>), (column, results)| {
+                let firing = |row: usize| if poses.len() > 1 { self.model.firing_column(row, column) } else { 0 };
                 rays.clear();
                 rays.extend((0..rows).map(|row| {
                     let (origin, direction) = &self.beams[column * rows + row];
-                    let pose = &poses[if poses.len() > 1 { self.model.firing_column(row, column) } else { 0 }];
+                    let pose = &poses[firing(row)];
                     (pose.1 * origin + pose.0, pose.1 * direction)
                 }));
                 world.cast_all(rays, max_range, hits);
-                for ((result, ray), hit) in results.iter_mut().zip(rays.iter()).zip(hits.iter()) {
-                    if let Some(hit) = hit.filter(|h| h.range >= self.settings.min_range) {
+                for (row, ((result, ray), hit)) in results.iter_mut().zip(rays.iter()).zip(hits.iter()).enumerate() {
+                    let met = hit.map(|hit| {
                         let point = ray.0 + ray.1 * hit.range;
-                        *result = map(ray, &hit, point, world.normal(hit.solid, point.into()).into());
+                        let normal = world.normal(hit.solid, point.into()).into();
+                        Met { range: hit.range, point, normal, albedo: world.albedo(hit.solid), solid: hit.solid }
+                    });
+                    let met = bodies[firing(row)].iter().fold(met, |nearest, body| {
+                        let limit = nearest.as_ref().map_or(max_range, |met| met.range);
+                        body.cast(ray, limit)
+                            .map(|(range, normal, albedo, solid)| Met { range, point: ray.0 + ray.1 * range, normal, albedo, solid })
+                            .or(nearest)
+                    });
+                    if let Some(met) = met.filter(|met| met.range >= self.settings.min_range) {
+                        *result = map(ray, &met);
                     }
                 }
             },
@@ -152,8 +176,8 @@ impl Lidar {
 
     /// Simulates a scan: an organised cloud of rows x columns in the pixels of the beam model, with intensity, ring and time. Each point is in the lidar
     /// frame at the time of its firing, as sensors report it; beams without return are NaN. The noise depends on `random` only, not on the
-    /// number of threads.
-    pub fn scan(&self, world: &World, pose_at: impl Fn(f64) -> Pose + Sync, random: &Stream) -> Cloud {
+    /// number of threads. `world` is a [`World`], or one with [`Traffic`](crate::traffic::Traffic) in it.
+    pub fn scan<'a>(&self, world: impl Into<Surroundings<'a>>, pose_at: impl Fn(f64) -> Pose + Sync, random: &Stream) -> Cloud {
         let (rows, columns) = (self.model.rows(), self.model.columns());
         let samples = self.sample(world, pose_at);
         let mut points = vec![[f32::NAN; 3]; rows * columns];

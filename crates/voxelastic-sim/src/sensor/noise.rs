@@ -64,6 +64,23 @@ impl Noise {
         }
     }
 
+    /// The same noise times `factor`; none for 0. Probabilities stay at most 1.
+    pub fn times(&self, factor: f64) -> Self {
+        if factor == 0.0 {
+            return Self::none();
+        }
+        // Not `min`, which would turn NaN into 1.
+        let share = |s: f64| if s * factor > 1.0 { 1.0 } else { s * factor };
+        Self {
+            range_sigma: self.range_sigma * factor,
+            range_sigma_per_metre: self.range_sigma_per_metre * factor,
+            dropout: share(self.dropout),
+            mixed: share(self.mixed),
+            intensity_sigma: self.intensity_sigma * factor,
+            ..*self
+        }
+    }
+
     /// Checks all settings.
     ///
     /// # Errors

@@ -4,7 +4,8 @@ use crate::failure::Failure;
 use anyhow::Context;
 use std::fs;
 use std::path::{Path, PathBuf};
-use voxelastic_sim::dataset::WORLD_FILE;
+use voxelastic_io::imu_csv;
+use voxelastic_sim::dataset::{RECORDING_FILE, WORLD_FILE};
 
 /// Subfolder for the new simulation, in the folder that it will replace.
 const NEW: &str = ".new";
@@ -96,6 +97,8 @@ fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
         };
         let inner = match name.as_str() {
             NEW if path.is_dir() => foreign(&path)?,
+            imu_csv::FOLDER if path.is_dir() => entries(&path)?.into_iter().find(|file| !is_imu(file)),
+            RECORDING_FILE if path.is_file() => None,
             "scans" if path.is_dir() => entries(&path)?.into_iter().find(|scan| !is_scan(scan)),
             "poses.tum" | "groundtruth.tum" | "graph.g2o" | WORLD_FILE if path.is_file() => None,
             _ if numbered("poses@", ".txt") && path.is_file() => None,
@@ -106,6 +109,10 @@ fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
         }
     }
     Ok(None)
+}
+
+fn is_imu(path: &Path) -> bool {
+    path.is_file() && (path.ends_with(imu_csv::FILE) || path.ends_with("truth.tum"))
 }
 
 fn is_scan(path: &Path) -> bool {

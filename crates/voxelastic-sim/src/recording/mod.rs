@@ -1,0 +1,69 @@
+//! Writes a simulation as a ROS 2 recording (MCAP), as a robot would have recorded it.
+//!
+//! | topic | what |
+//! | --- | --- |
+//! | `/points` | `sensor_msgs/PointCloud2`, organised, with `t` (nanoseconds after the stamp, which is the beginning of the sweep) and `ring`; recorded at the end of its sweep |
+//! | `/imu` | `sensor_msgs/Imu` in the frame of the unit, if the simulation has one |
+//! | `/tf_static` | `tf2_msgs/TFMessage`: where in the lidar frame the unit is |
+
+mod cdr;
+mod mcap;
+mod messages;
+
+use crate::{SimError, Simulation};
+use mcap::McapWriter;
+use messages::{CLOUD, IMU, MessageKind, TRANSFORMS};
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::Path;
+
+/// Frames of the lidar and of the inertial measurement unit.
+const LIDAR_FRAME: &str = "lidar";
+const IMU_FRAME: &str = "imu";
+
+impl Simulation {
+    /// Writes scans and samples of the inertial measurement unit to an MCAP file, in the order of the times at which they are complete; returns the
+    /// number of scans written. `progress` as in [`write`](Self::write).
+    ///
+    /// # Errors
+    /// [`SimError::File`].
+    pub fn write_recording(&self, path: &Path, progress: &mut crate::dataset::Progress<'_>) -> Result<usize, SimError> {
+        voxelastic_files::write(path, |out| self.record(out, progress)).map_err(SimError::file(path))
+    }
+
+    fn record(&self, out: &mut BufWriter<File>, progress: &mut crate::dataset::Progress<'_>) -> io::Result<usize> {
+        let mut file = McapWriter::new(out, TOPICS.to_vec())?;
+        let samples = self.imu();
+        let mut next = 0;
+        if let Some(imu) = self.imu_unit() {
+            file.message(FIXED_TRANSFORMS, 0, messages::transform(0.0, LIDAR_FRAME, IMU_FRAME, imu.t_lidar_imu()).bytes())?;
+        }
+        let mut written = 0;
+        for (k, &time) in self.times().iter().enumerate() {
+            let end = time + self.lidar().settings().period;
+            while let Some(sample) = samples.get(next).filter(|s| s.time <= end) {
+                file.message(IMU_SAMPLES, nanoseconds(sample.time), messages::imu(IMU_FRAME, sample).bytes())?;
+                next += 1;
+            }
+            let cloud = self.cloud(k).unwrap_or_default();
+            file.message(POINTS, nanoseconds(end), messages::cloud(time, LIDAR_FRAME, &cloud).bytes())?;
+            written = k + 1;
+            if progress(written, self.len()).is_break() {
+                break;
+            }
+        }
+        file.finish()?;
+        Ok(written)
+    }
+}
+
+/// Topics of the recording, by their indices.
+const POINTS: usize = 0;
+const IMU_SAMPLES: usize = 1;
+const FIXED_TRANSFORMS: usize = 2;
+const TOPICS: [(&str, MessageKind); 3] = [("/points", CLOUD), ("/imu", IMU), ("/tf_static", TRANSFORMS)];
+
+/// Nanoseconds, as recordings count.
+fn nanoseconds(time: f64) -> u64 {
+    (time.max(0.0) * 1e9).round() as u64
+}
