@@ -77,6 +77,7 @@ mod file_names;
 mod folders;
 pub mod g2o;
 mod graph;
+pub mod imu_csv;
 pub mod mesh_io;
 mod motion;
 pub mod octomap;

@@ -37,6 +37,10 @@ pub struct OpenOptions {
     pub cloud_topic: Option<String>,
     /// The topic of a recording that holds the poses.
     pub pose_topic: Option<String>,
+    /// The topic of a recording that holds the samples of the inertial measurement unit, where no poses are used.
+    pub imu_topic: Option<String>,
+    /// Whether samples of an inertial measurement unit are read, where no poses are used.
+    pub use_imu: bool,
     /// The sensor's metadata of a capture, where it is not found by its name.
     pub metadata: Option<PathBuf>,
     /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
@@ -56,6 +60,8 @@ impl Default for OpenOptions {
             keyframing: None,
             cloud_topic: None,
             pose_topic: None,
+            imu_topic: None,
+            use_imu: true,
             metadata: None,
             deskew: true,
             time_tolerance_s: 0.01,

@@ -10,6 +10,7 @@ use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::borrow::Cow;
 use std::path::Path;
 use voxelastic::Pose;
+use voxelastic::motion::ImuSample;
 
 /// When and in which frame a message was made.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,9 +66,15 @@ impl<'a> MessageDecoder<'a> {
             TopicRole::Path => list(&mut cursor, self.topic.encoding, true, pose_stamped),
             // A transform is laid out like the first fields of an odometry message.
             TopicRole::Transforms => list(&mut cursor, self.topic.encoding, false, odometry),
-            TopicRole::PointCloud2 | TopicRole::Livox => Some(Vec::new()),
+            TopicRole::PointCloud2 | TopicRole::Livox | TopicRole::Imu => Some(Vec::new()),
         };
         poses.ok_or_else(|| self.error("it ends early, or holds an invalid pose"))
+    }
+
+    /// The sample in a message of an inertial measurement unit.
+    pub(super) fn imu(&self) -> Result<ImuSample> {
+        let mut cursor = self.cursor()?;
+        imu(&mut cursor, self.topic.encoding).ok_or_else(|| self.error("it ends early, or holds a number that is not finite"))
     }
 
     /// Names of the fields of a cloud.
@@ -126,6 +133,19 @@ fn list(cursor: &mut MessageCursor<'_>, encoding: Encoding, has_header: bool, re
     }
     let count = cursor.count(68)?;
     (0..count).map(|_| read(cursor, encoding)).collect()
+}
+
+/// Stamp and measurements; the orientation between them, which few units have, is left out.
+fn imu(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<ImuSample> {
+    let Header { time, .. } = header(cursor, encoding)?;
+    let mut numbers = |skipped: usize| {
+        (0..skipped).try_for_each(|_| cursor.f64().map(|_| ()))?;
+        Some([cursor.f64()?, cursor.f64()?, cursor.f64()?])
+    };
+    // A quaternion and nine covariances, then nine more between the two vectors.
+    let (angular_velocity, acceleration) = (numbers(4 + 9)?, numbers(9)?);
+    let is_finite = angular_velocity.iter().chain(&acceleration).all(|v| v.is_finite());
+    is_finite.then_some(ImuSample { time, angular_velocity, acceleration })
 }
 
 /// Position and quaternion; `None` if a number is not finite or the quaternion is not close to a unit quaternion.

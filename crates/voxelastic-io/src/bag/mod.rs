@@ -34,6 +34,7 @@ mod mcap;
 mod open;
 mod point_clouds;
 mod prefetch;
+mod raw_player;
 mod raw_recording;
 mod recording;
 mod records;

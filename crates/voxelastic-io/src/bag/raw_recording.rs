@@ -1,27 +1,19 @@
 //! The clouds of a recording without poses.
 
 use super::describe::{describe_bag, describe_capture, is_capture, summarise};
+use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
-use super::topics::choose_clouds;
+use super::topics::{choose_clouds, choose_imu};
+use crate::motion::ImuMount;
 use crate::ouster::{self, CaptureStream};
-use crate::playback::{CloudRereader, DeliveredScan, MessageStream, OpenStream, PlaybackLog, SensorMessage};
+use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
 use crate::{OpenOptions, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use voxelastic::Cloud;
-use voxelastic::event::NodeId;
+use voxelastic::Pose;
 use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
-
-/// A cloud of a recording with its time.
-pub(crate) struct RecordedScan {
-    /// Index among all clouds of the recording.
-    pub(crate) index: usize,
-    /// Seconds.
-    pub(crate) time: f64,
-    pub(crate) cloud: Cloud,
-}
 
 /// A recording whose cloud topic has been chosen. Only its beginning has been read.
 #[derive(Clone)]
@@ -33,6 +25,8 @@ pub(crate) struct RawRecording {
     /// Number of clouds, if known.
     count: Option<usize>,
     description: String,
+    /// Where the inertial measurement unit is in the lidar frame, if one is used.
+    t_lidar_imu: Option<Pose>,
     log: Arc<PlaybackLog>,
 }
 
@@ -55,16 +49,20 @@ impl RawRecording {
             let (capture, sensor) = (path.to_owned(), metadata.clone());
             let open: OpenStream = Arc::new(move || Ok(Box::new(CaptureStream::open(&capture, &sensor)?) as Box<dyn MessageStream>));
             let description = format!("recording: {}\nnote: {}", description.format, description.notes.join("\nnote: "));
-            return Ok(Self { path: path.into(), metadata: Some(metadata), open, count: None, description, log });
+            let t_lidar_imu = if options.use_imu { Some(ouster::Capture::open(path, &metadata)?.t_sensor_imu()) } else { None };
+            return Ok(Self { path: path.into(), metadata: Some(metadata), open, count: None, description, t_lidar_imu, log });
         }
         let (files, summary) = summarise(path)?;
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
         let count = summary.count(&clouds).and_then(|n| usize::try_from(n).ok());
         let described = describe_bag(files.clone(), &summary, options)?;
         let description = format!("recording: {}\nclouds: {clouds}", described.format) + &count.map_or(String::new(), |n| format!(", {n}"));
-        let topics = StreamTopics { clouds, poses: None };
+        let imu = choose_imu(&summary, path, &clouds, options)?;
+        let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
+        let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
+        let topics = StreamTopics { clouds, poses: None, imu };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), metadata: None, open, count, description, log })
+        Ok(Self { path: path.into(), metadata: None, open, count, description, t_lidar_imu, log })
     }
 
     /// What is in it, in a few lines.
@@ -85,40 +83,19 @@ impl RawRecording {
     /// The clouds from the beginning. A part that cannot be read is an `Err` item.
     pub(crate) fn scans(&self) -> impl Iterator<Item = Result<RecordedScan>> + Send + use<> {
         let (open, log) = (Arc::clone(&self.open), Arc::clone(&self.log));
-        let mut stream = None;
-        let (mut index, mut ended) = (0, false);
+        let mut player = None;
+        let mut mount = self.t_lidar_imu.map(ImuMount::new);
         std::iter::from_fn(move || {
-            if ended {
-                return None;
-            }
-            if stream.is_none() {
+            if player.is_none() {
                 match open() {
-                    Ok(opened) => stream = Some(opened),
+                    Ok(stream) => player = Some(RawPlayer::new(stream, mount.take(), Arc::clone(&log))),
                     Err(error) => {
-                        ended = true;
+                        player = Some(RawPlayer::ended(Arc::clone(&log)));
                         return Some(Err(error));
                     }
                 }
             }
-            let stream = stream.as_mut()?;
-            loop {
-                match stream.next() {
-                    Some(Ok(SensorMessage::Cloud(message))) => {
-                        let (k, time) = (index, message.time);
-                        index += 1;
-                        return Some((message.decode)().map(|decoded| {
-                            log.add(k as NodeId, DeliveredScan { index: k as u64, motion: None });
-                            RecordedScan { index: k, time, cloud: decoded.relative_to(time) }
-                        }));
-                    }
-                    Some(Ok(_)) => {}
-                    Some(Err(error)) => return Some(Err(error)),
-                    None => {
-                        ended = true;
-                        return None;
-                    }
-                }
-            }
+            player.as_mut()?.next()
         })
     }
 

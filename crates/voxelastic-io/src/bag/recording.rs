@@ -167,7 +167,7 @@ impl Recording {
         match &self.input {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
-                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses };
+                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses, imu: None };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(metadata) => {

@@ -70,6 +70,7 @@ impl MessageReader {
 pub(super) struct StreamTopics {
     pub(super) clouds: String,
     pub(super) poses: Option<String>,
+    pub(super) imu: Option<String>,
 }
 
 /// The message stream of a bag.
@@ -94,6 +95,9 @@ impl BagStream {
             let decode = Box::new(move || message.cloud());
             return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, bytes, decode }));
         }
+        if message.role == TopicRole::Imu {
+            return message.decoder().imu().map(SensorMessage::Imu);
+        }
         let is_fixed = is_static(&message.topic.name);
         for p in message.decoder().poses(message.role)? {
             self.pending.push_back(match message.role {
@@ -117,9 +121,12 @@ impl MessageStream for BagStream {
         if let Some(message) = self.pending.pop_front() {
             return Some(Ok(message));
         }
-        let StreamTopics { clouds, poses } = self.topics.clone();
-        let wanted = move |t: &Topic, role: TopicRole| {
-            role == TopicRole::Transforms || (role.is_cloud() && t.name == clouds) || (role.is_poses() && Some(&t.name) == poses.as_ref())
+        let StreamTopics { clouds, poses, imu } = self.topics.clone();
+        let wanted = move |t: &Topic, role: TopicRole| match role {
+            TopicRole::Transforms => true,
+            TopicRole::Imu => Some(&t.name) == imu.as_ref(),
+            role if role.is_cloud() => t.name == clouds,
+            _ => Some(&t.name) == poses.as_ref(),
         };
         match self.messages.next(&wanted)? {
             Ok(message) => Some(self.decode(message)),

@@ -45,6 +45,8 @@ pub(super) struct RecordingSummary {
     /// Times of the first and the last message, seconds, under the same condition.
     pub(super) times: Option<[f64; 2]>,
     pub(super) cloud_topics: HashMap<String, CloudTopic>,
+    /// Frames of the topics of inertial measurement units.
+    pub(super) imu_frames: HashMap<String, String>,
     /// The transforms at the beginning.
     pub(super) tree: TransformTree,
     /// Remarks about the files.
@@ -62,6 +64,7 @@ impl RecordingSummary {
             counts: Some(Vec::new()),
             times: None,
             cloud_topics: HashMap::new(),
+            imu_frames: HashMap::new(),
             tree: TransformTree::default(),
             notes: Vec::new(),
         };
@@ -141,6 +144,12 @@ impl RecordingSummary {
                 role if role.is_cloud() => {
                     decoder.header().ok().map(|h| CloudTopic { frame: h.frame, fields: decoder.cloud_fields(role).unwrap_or_default() })
                 }
+                TopicRole::Imu => {
+                    if let Ok(header) = decoder.header() {
+                        self.imu_frames.entry(message.topic.name.clone()).or_insert(header.frame);
+                    }
+                    None
+                }
                 _ => None,
             };
             if let Some(cloud_topic) = cloud_topic {
@@ -154,7 +163,9 @@ impl RecordingSummary {
     fn is_complete_after(&self, elapsed: f64) -> bool {
         let clouds = self.of_role(TopicRole::is_cloud);
         let transforms = self.of_role(|role| role == TopicRole::Transforms);
+        let units = self.of_role(|role| role == TopicRole::Imu);
         self.counts.is_some()
+            && units.iter().all(|(name, _)| self.imu_frames.contains_key(name))
             && clouds.iter().all(|(name, _)| self.cloud_topics.contains_key(name))
             && (transforms.is_empty() || elapsed > TRANSFORMS_S)
     }

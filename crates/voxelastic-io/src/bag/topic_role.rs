@@ -17,6 +17,8 @@ pub(super) enum TopicRole {
     Path,
     /// `tf2_msgs/TFMessage`, `tf/tfMessage`.
     Transforms,
+    /// `sensor_msgs/Imu`.
+    Imu,
 }
 
 impl TopicRole {
@@ -31,6 +33,7 @@ impl TopicRole {
             "geometry_msgs/PoseStamped" | "geometry_msgs/PoseWithCovarianceStamped" => Some(Self::PoseStamped),
             "nav_msgs/Path" => Some(Self::Path),
             "tf2_msgs/TFMessage" | "tf/tfMessage" => Some(Self::Transforms),
+            "sensor_msgs/Imu" => Some(Self::Imu),
             _ => None,
         }
     }

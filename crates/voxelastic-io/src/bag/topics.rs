@@ -6,6 +6,7 @@ use super::topic_role::TopicRole;
 use crate::points::is_time;
 use crate::{Error, OpenOptions, Result};
 use std::path::Path;
+use voxelastic::Pose;
 
 /// Frames of clouds that have been transformed into the map frame.
 const MAP_FRAMES: [&str; 5] = ["map", "odom", "world", "camera_init", "global"];
@@ -54,6 +55,46 @@ pub(super) fn choose_clouds(summary: &RecordingSummary, path: &Path, requested: 
         (_, [one], _) | (_, _, [one]) => Ok((*one).clone()),
         _ => Err(Error::Ambiguous { path: path.into(), what: "topics of clouds", flag: "--cloud-topic", choices: names() }),
     }
+}
+
+/// The topic of an inertial measurement unit, the pose of the unit in the frame of the clouds, and a remark.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ChosenImu {
+    /// `None` if there is none that can be used.
+    pub(super) topic: Option<(String, Pose)>,
+    /// What is used and why; empty if there is no unit.
+    pub(super) remark: String,
+}
+
+/// Chooses the unit whose samples to use: the requested one, else the first whose place beside the lidar is known.
+///
+/// # Errors
+/// [`Error::Dataset`] if the requested topic does not exist, or where its unit is is not known.
+pub(super) fn choose_imu(summary: &RecordingSummary, path: &Path, clouds: &str, options: &OpenOptions) -> Result<ChosenImu> {
+    let mut all = summary.of_role(|role| role == TopicRole::Imu);
+    all.sort_by(|a, b| a.0.cmp(&b.0));
+    let names = || all.iter().map(|(name, _)| name.clone()).collect::<Vec<String>>();
+    let frame = summary.cloud_topics.get(clouds).map(|g| g.frame.clone()).unwrap_or_default();
+    let mounted = |name: &str| {
+        let unit = summary.imu_frames.get(name)?;
+        if *unit == frame { Some(Pose::identity()) } else { summary.tree.fixed(&frame, unit) }
+    };
+    let unknown_place = |name: &str| {
+        let unit = summary.imu_frames.get(name).map_or("?", String::as_str);
+        format!("no fixed transform says where {unit}, the frame of {name}, is in {frame}, the frame of the clouds")
+    };
+    if let Some(requested) = &options.imu_topic {
+        let Some((name, _)) = find(&all, requested) else { return Err(unknown(path, requested, &names(), "--imu-topic")) };
+        let pose = mounted(&name).ok_or_else(|| Error::dataset(path, unknown_place(&name), "record /tf_static, too, or do without --imu-topic"))?;
+        return Ok(ChosenImu { remark: format!("imu: {name}"), topic: Some((name, pose)) });
+    }
+    let chosen = all.iter().find_map(|(name, _)| mounted(name).map(|pose| (name.clone(), pose))).filter(|_| options.use_imu);
+    let remark = match (&chosen, all.first()) {
+        (Some((name, _)), _) => format!("imu: {name}"),
+        (None, Some((name, _))) if options.use_imu => format!("imu: not used: {}", unknown_place(name)),
+        _ => String::new(),
+    };
+    Ok(ChosenImu { topic: chosen, remark })
 }
 
 fn choose_poses(summary: &RecordingSummary, path: &Path, clouds: &str, requested: Option<&str>) -> Result<(String, TopicRole)> {

@@ -6,8 +6,9 @@ use super::sensor_metadata::SensorMetadata;
 use crate::Result;
 use crate::stamped_cloud::StampedCloud;
 use std::path::Path;
-use voxelastic::Cloud;
+use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
+use voxelastic::{Cloud, Pose};
 
 /// Time of a column that was not received.
 const NO_COLUMN: u64 = u64::MAX;
@@ -22,6 +23,8 @@ pub struct Capture {
     /// A complete revolution: a column of the next one has arrived.
     complete: Option<Revolution>,
     skipped: usize,
+    /// Samples of the inertial measurement unit since they were last taken.
+    samples: Vec<ImuSample>,
 }
 
 /// The returns of one revolution, staggered as they were fired.
@@ -49,7 +52,7 @@ impl Capture {
     /// [`Error::Content`](crate::Error::Content) if either file is damaged or of an unknown kind; [`Error::Io`](crate::Error::Io).
     pub fn open(capture: impl AsRef<Path>, metadata: impl AsRef<Path>) -> Result<Self> {
         let metadata = SensorMetadata::read(metadata.as_ref())?;
-        Ok(Self { metadata, pcap: Pcap::open(capture.as_ref())?, current: None, complete: None, skipped: 0 })
+        Ok(Self { metadata, pcap: Pcap::open(capture.as_ref())?, current: None, complete: None, skipped: 0, samples: Vec::new() })
     }
 
     /// The sensor's beams, exactly as it was calibrated.
@@ -60,7 +63,17 @@ impl Capture {
         self.metadata.model()
     }
 
-    /// Datagrams so far that were no lidar packets of this sensor.
+    /// Pose of the inertial measurement unit in the sensor's frame, in which the clouds are.
+    pub fn t_sensor_imu(&self) -> Pose {
+        self.metadata.t_sensor_imu
+    }
+
+    /// The samples of the inertial measurement unit that came since the last call, in its frame and the sensor's clock.
+    pub fn take_imu(&mut self) -> Vec<ImuSample> {
+        std::mem::take(&mut self.samples)
+    }
+
+    /// Datagrams so far that were no lidar packets of this sensor, nor those of an inertial unit.
     pub fn skipped(&self) -> usize {
         self.skipped
     }
@@ -81,6 +94,10 @@ impl Capture {
     }
 
     fn add(&mut self, payload: &[u8]) {
+        if let Some(sample) = packet::imu(payload) {
+            self.samples.push(sample);
+            return;
+        }
         let columns = packet::columns(&self.metadata, payload);
         self.skipped += usize::from(columns.is_empty());
         for column in columns {

@@ -1,6 +1,10 @@
 //! Lidar packets: columns of returns. Layouts as in Ouster's firmware user manual, sections on the lidar data packet formats.
 
 use super::sensor_metadata::{Profile, SensorMetadata};
+use std::f64::consts::PI;
+use voxelastic::motion::ImuSample;
+
+const STANDARD_GRAVITY: f64 = 9.806_65;
 
 /// Where things are in a packet, bytes.
 #[derive(Clone, Copy, Debug)]
@@ -80,6 +84,23 @@ pub(crate) fn columns<'a>(metadata: &SensorMetadata, packet: &'a [u8]) -> Vec<Co
     packet[layout.packet_head..].chunks_exact(size).take(metadata.columns_per_packet).filter_map(read).collect()
 }
 
+/// Bytes of a packet of the inertial measurement unit.
+const IMU_PACKET: usize = 48;
+
+/// The sample in a packet of the inertial measurement unit, in its frame; `None` if it is none by its size, or holds what no unit measures.
+/// Times are those of the accelerometer's reading, in the clock of the columns.
+pub(crate) fn imu(packet: &[u8]) -> Option<ImuSample> {
+    if packet.len() != IMU_PACKET {
+        return None;
+    }
+    let time_ns = u64::from_le_bytes(*packet.get(8..)?.first_chunk()?);
+    let number = |at: usize| Some(f64::from(f32::from_le_bytes(*packet.get(at..)?.first_chunk()?)));
+    let vector = |at: usize, scale: f64| Some([number(at)? * scale, number(at + 4)? * scale, number(at + 8)? * scale]);
+    let (acceleration, angular_velocity) = (vector(24, STANDARD_GRAVITY)?, vector(36, PI / 180.0)?);
+    let is_plausible = acceleration.iter().chain(&angular_velocity).all(|v| v.abs() < 1e3);
+    is_plausible.then_some(ImuSample { time: time_ns as f64 * 1e-9, angular_velocity, acceleration })
+}
+
 impl Column<'_> {
     /// What a row measured.
     pub(crate) fn at(&self, row: usize) -> Return {
@@ -93,5 +114,24 @@ impl Column<'_> {
             Profile::Dual => Return { range: metres(word(0) & 0x0007_ffff), reflectivity: u16::from(p[3]) },
             Profile::LowRate => Return { range: metres((word(0) & 0x7fff) << 3), reflectivity: u16::from(p[2]) },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_packet_of_the_inertial_unit_is_read_in_our_units() {
+        let mut packet = vec![0u8; 48];
+        packet[8..16].copy_from_slice(&1_500_000_000u64.to_le_bytes());
+        for (at, value) in [(24, 0.5f32), (28, 0.0), (32, 1.0), (36, 180.0), (40, -90.0), (44, 0.0)] {
+            packet[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        }
+        let sample = imu(&packet).unwrap();
+        assert_eq!((sample.time, sample.acceleration), (1.5, [0.5 * STANDARD_GRAVITY, 0.0, STANDARD_GRAVITY]));
+        assert_eq!(sample.angular_velocity, [PI, -PI / 2.0, 0.0]);
+        packet[24..28].copy_from_slice(&f32::NAN.to_le_bytes());
+        assert!(imu(&packet).is_none() && imu(&packet[..47]).is_none());
     }
 }

@@ -3,9 +3,11 @@
 //! Keys as in the metadata files of Ouster's firmware 1 to 3, flat or in sections.
 
 use crate::{Error, Position, Result, file};
+use nalgebra::{Matrix3, UnitQuaternion};
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::path::Path;
+use voxelastic::Pose;
 use voxelastic::sensor::{BeamModel, BeamTables};
 
 /// How returns are packed.
@@ -37,10 +39,14 @@ pub(crate) struct SensorMetadata {
     pub(crate) height: f64,
     /// The lidar's port.
     pub(crate) port: Option<u16>,
+    /// Pose of the inertial measurement unit in the sensor's frame.
+    pub(crate) t_sensor_imu: Pose,
 }
 
 /// Beam origin of the first sensors, which do not tell theirs, metres.
 const OLD_ORIGIN_RADIUS: f64 = 0.012163;
+/// Position of the inertial measurement unit in the sensors' frame, metres, where the file does not tell it.
+const IMU_POSITION: [f64; 3] = [0.006253, -0.011775, 0.007645];
 /// Height of the lidar above the base of all sensors so far, metres.
 const HEIGHT: f64 = 0.03618;
 
@@ -54,7 +60,8 @@ impl SensorMetadata {
         let json: Value = serde_json::from_slice(&file::read(path)?).map_err(|e| bad(Position::line(e.line()), format!("not JSON: {e}")))?;
         // Newer files have sections.
         let find = |key: &str| {
-            let sections = ["beam_intrinsics", "lidar_data_format", "lidar_intrinsics", "data_format", "sensor_info", "config_params"];
+            let sections =
+                ["beam_intrinsics", "lidar_data_format", "lidar_intrinsics", "data_format", "sensor_info", "config_params", "imu_intrinsics"];
             json.get(key).or_else(|| sections.iter().find_map(|s| json.get(s)?.get(key)))
         };
         let angles = |key: &str| -> Result<Vec<f64>> {
@@ -86,6 +93,9 @@ impl SensorMetadata {
             azimuths,
             origin_radius: length("lidar_origin_to_beam_origin_mm").unwrap_or(OLD_ORIGIN_RADIUS),
             height: lifted.filter(|m: &f64| m.abs() < 1.0).unwrap_or(HEIGHT),
+            t_sensor_imu: find("imu_to_sensor_transform")
+                .and_then(transform)
+                .unwrap_or_else(|| Pose::from_parts(IMU_POSITION.into(), UnitQuaternion::identity())),
             port: whole("udp_port_lidar").and_then(|p| u16::try_from(p).ok()).filter(|p| *p > 0),
         })
     }
@@ -125,4 +135,13 @@ impl SensorMetadata {
         let origin = [self.origin_radius * head.cos(), self.origin_radius * head.sin(), self.height];
         ([azimuth.cos() * cos, azimuth.sin() * cos, sin], origin)
     }
+}
+
+/// A pose from a 4 x 4 matrix, row by row, with millimetres.
+fn transform(matrix: &Value) -> Option<Pose> {
+    let m: Vec<f64> = matrix.as_array()?.iter().map(Value::as_f64).collect::<Option<_>>()?;
+    let [a, b, c, x, d, e, f, y, g, h, i, z, ..] = m[..] else { return None };
+    let rotation = Matrix3::new(a, b, c, d, e, f, g, h, i);
+    let is_rotation = (rotation.transpose() * rotation - Matrix3::identity()).amax() < 1e-2 && rotation.determinant() > 0.0;
+    is_rotation.then(|| Pose::from_parts([x * 1e-3, y * 1e-3, z * 1e-3].into(), UnitQuaternion::from_matrix(&rotation)))
 }

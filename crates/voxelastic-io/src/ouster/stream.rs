@@ -3,6 +3,7 @@
 use super::capture::Capture;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
 use crate::{Error, Result};
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use voxelastic::Cloud;
 
@@ -14,19 +15,27 @@ pub(crate) struct CaptureStream {
     capture: Capture,
     path: PathBuf,
     now: f64,
+    /// Samples that came before `scan`, and the scan.
+    pending: VecDeque<SensorMessage>,
 }
 
 impl CaptureStream {
     pub(crate) fn open(capture: &Path, metadata: &Path) -> Result<Self> {
-        Ok(Self { capture: Capture::open(capture, metadata)?, path: capture.into(), now: 0.0 })
+        Ok(Self { capture: Capture::open(capture, metadata)?, path: capture.into(), now: 0.0, pending: VecDeque::new() })
     }
 }
 
 impl MessageStream for CaptureStream {
     fn next(&mut self) -> Option<Result<SensorMessage>> {
-        let scan = match self.capture.next_scan()? {
-            Ok(scan) => scan,
-            Err(error) => return Some(Err(error)),
+        if let Some(message) = self.pending.pop_front() {
+            return Some(Ok(message));
+        }
+        let scan = self.capture.next_scan();
+        self.pending.extend(self.capture.take_imu().into_iter().map(SensorMessage::Imu));
+        let scan = match scan {
+            Some(Ok(scan)) => scan,
+            Some(Err(error)) => return Some(Err(error)),
+            None => return self.pending.pop_front().map(Ok),
         };
         self.now = scan.stamp.unwrap_or(self.now);
         let path = self.path.clone();
@@ -36,7 +45,8 @@ impl MessageStream for CaptureStream {
             let points = scan.cloud.len();
             if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
         });
-        Some(Ok(SensorMessage::Cloud(CloudMessage { time: self.now, frame: "os_sensor".into(), bytes, decode })))
+        self.pending.push_back(SensorMessage::Cloud(CloudMessage { time: self.now, frame: "os_sensor".into(), bytes, decode }));
+        self.pending.pop_front().map(Ok)
     }
 
     fn now(&self) -> f64 {

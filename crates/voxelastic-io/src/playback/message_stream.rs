@@ -4,6 +4,7 @@ use crate::Result;
 use crate::stamped_cloud::StampedCloud;
 use std::sync::Arc;
 use voxelastic::Pose;
+use voxelastic::motion::ImuSample;
 
 /// A message of a recording.
 pub(crate) enum SensorMessage {
@@ -28,6 +29,8 @@ pub(crate) enum SensorMessage {
         /// Whether it holds at all times.
         is_fixed: bool,
     },
+    /// A sample of an inertial measurement unit, with the axes of its own frame.
+    Imu(ImuSample),
     /// A message that is not used; only its time counts.
     Other,
 }

@@ -41,7 +41,7 @@ impl PoseLookup {
                     *child = frame;
                 }
             }
-            SensorMessage::Cloud(_) | SensorMessage::Other => {}
+            SensorMessage::Cloud(_) | SensorMessage::Imu(_) | SensorMessage::Other => {}
         }
     }
 

@@ -34,7 +34,15 @@ impl RawScan {
         let decoded = read_scan(&self.path, self.index)?;
         // A cloud may have a time of its own.
         let time = self.time.or(decoded.stamp).unwrap_or(ASSUMED_PERIOD_S * self.index as f64);
-        Ok(TimedScan { name: self.name.clone(), index: self.index, node: self.node, time, sweep: self.sweep, cloud: decoded.relative_to(time) })
+        Ok(TimedScan {
+            name: self.name.clone(),
+            index: self.index,
+            node: self.node,
+            time,
+            sweep: self.sweep,
+            cloud: decoded.relative_to(time),
+            imu: Vec::new(),
+        })
     }
 }
 

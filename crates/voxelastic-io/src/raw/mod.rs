@@ -9,6 +9,8 @@
 //! - the folders of SLAM systems that [`crate::dataset`] knows; their poses are not used
 //! - bags and captures
 //!
+//! A unit's samples come from the recording, or from [`imu_csv`](crate::imu_csv) in the folder, and are given with the scans.
+//!
 //! Times come from files, from the names of the clouds, or from the clouds themselves.
 //!
 //! ```
@@ -30,6 +32,7 @@
 //! ```
 
 mod folder;
+mod imu_feed;
 mod open;
 mod timed_scan;
 

@@ -1,11 +1,12 @@
 //! Opening scans without poses.
 
 use super::folder::{RawScan, read_folder};
+use super::imu_feed::FolderImu;
 use super::timed_scan::TimedScan;
 use crate::bag::{self, RawRecording};
 use crate::folders::holds_clouds;
 use crate::read_ahead::{IdleStep, ReadAhead};
-use crate::{Error, OpenOptions, Result};
+use crate::{Error, OpenOptions, Result, imu_csv};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,8 +18,8 @@ use voxelastic::sensor::BeamModel;
 /// Number of clouds that are decoded ahead.
 const AHEAD: usize = 2;
 
-/// Opens the scans of a folder, a recording or a capture without poses. Of the options, [`OpenOptions::cloud_topic`] and
-/// [`OpenOptions::metadata`] apply to recordings; the others are not used.
+/// Opens the scans of a folder, a recording or a capture without poses. Of the options, [`OpenOptions::use_imu`] applies, and to
+/// recordings [`OpenOptions::cloud_topic`], [`OpenOptions::imu_topic`] and [`OpenOptions::metadata`]; the others are not used.
 ///
 /// # Errors
 /// [`Error::Dataset`](crate::Error::Dataset) if there are no clouds, if several folders or formats could be meant, or if a file of times does
@@ -32,8 +33,12 @@ pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RawScans> {
         let description = recording.description();
         (Input::Recording(recording), description)
     } else {
-        let (scans, description) = read_folder(path)?;
-        (Input::Folder(scans.into()), description)
+        let (scans, mut description) = read_folder(path)?;
+        let imu = if options.use_imu { FolderImu::find(path)? } else { None };
+        if let Some(imu) = &imu {
+            description.push_str(&format!("\nimu: {} samples in {}/{}", imu.len(), imu_csv::FOLDER, imu_csv::FILE));
+        }
+        (Input::Folder(scans.into(), imu), description)
     };
     Ok(RawScans { path: path.into(), description, input })
 }
@@ -48,7 +53,7 @@ pub struct RawScans {
 
 #[derive(Clone, Debug)]
 enum Input {
-    Folder(Arc<[RawScan]>),
+    Folder(Arc<[RawScan]>, Option<FolderImu>),
     Recording(RawRecording),
 }
 
@@ -71,7 +76,7 @@ impl RawScans {
     /// Number of scans, if it is known before they are read.
     pub fn count(&self) -> Option<usize> {
         match &self.input {
-            Input::Folder(scans) => Some(scans.len()),
+            Input::Folder(scans, _) => Some(scans.len()),
             Input::Recording(recording) => recording.count(),
         }
     }
@@ -79,7 +84,7 @@ impl RawScans {
     /// The sensor's own tables of beams, if the data contain them: those of an Ouster capture.
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {
-            Input::Folder(_) => None,
+            Input::Folder(..) => None,
             Input::Recording(recording) => recording.sensor(),
         }
     }
@@ -88,9 +93,17 @@ impl RawScans {
     /// next.
     pub fn iter(&self) -> TimedScans {
         let scans: Box<dyn Iterator<Item = Result<TimedScan>> + Send> = match &self.input {
-            Input::Folder(scans) => {
-                let scans = Arc::clone(scans);
-                Box::new((0..scans.len()).map(move |k| scans[k].read()))
+            Input::Folder(scans, imu) => {
+                let (scans, imu) = (Arc::clone(scans), imu.clone());
+                let mut given = 0;
+                Box::new((0..scans.len()).map(move |k| {
+                    let mut scan = scans[k].read()?;
+                    if let Some(imu) = &imu {
+                        scan.imu = imu.until(given, &scan.cloud, scan.time).to_vec();
+                        given += scan.imu.len();
+                    }
+                    Ok(scan)
+                }))
             }
             Input::Recording(recording) => Box::new(recording.scans().map(|scan| {
                 scan.map(|scan| TimedScan {
@@ -100,6 +113,7 @@ impl RawScans {
                     time: scan.time,
                     sweep: None,
                     cloud: scan.cloud,
+                    imu: scan.imu,
                 })
             })),
         };
@@ -109,7 +123,7 @@ impl RawScans {
     /// Reads clouds again by their nodes. Those of a recording must have been delivered by [`iter`](Self::iter).
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
         match &self.input {
-            Input::Folder(scans) => {
+            Input::Folder(scans, _) => {
                 let indices = scans.iter().enumerate().map(|(k, scan)| (scan.node, k)).collect();
                 Box::new(FolderClouds { scans: Arc::clone(scans), indices })
             }

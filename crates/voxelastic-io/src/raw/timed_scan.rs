@@ -2,6 +2,7 @@
 
 use voxelastic::Cloud;
 use voxelastic::event::NodeId;
+use voxelastic::motion::ImuSample;
 
 /// A scan with its time and without a pose.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,4 +20,7 @@ pub struct TimedScan {
     pub sweep: Option<[f64; 2]>,
     /// The points, in the lidar frame.
     pub cloud: Cloud,
+    /// What an inertial measurement unit at the lidar's origin with the lidar's axes would have measured since the scan before, up to the end of
+    /// this one; empty if the data have no such unit.
+    pub imu: Vec<ImuSample>,
 }

@@ -1,0 +1,108 @@
+//! Plays a recording without poses: clouds, each with the samples of the inertial measurement unit up to its end.
+
+use crate::Result;
+use crate::motion::{ImuMount, time_span};
+use crate::playback::{DeliveredScan, MessageStream, PlaybackLog, SensorMessage};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use voxelastic::Cloud;
+use voxelastic::event::NodeId;
+use voxelastic::motion::ImuSample;
+
+/// A cloud waits this long for the samples of its sweep, in seconds of recording: some drivers publish them late.
+const LONGEST_WAIT_S: f64 = 0.5;
+
+/// A cloud of a recording with its time.
+pub(crate) struct RecordedScan {
+    /// Index among all clouds of the recording.
+    pub(crate) index: usize,
+    /// Seconds.
+    pub(crate) time: f64,
+    pub(crate) cloud: Cloud,
+    /// Samples at the lidar since the cloud before, up to the end of this one.
+    pub(crate) imu: Vec<ImuSample>,
+}
+
+/// Plays a stream.
+pub(super) struct RawPlayer {
+    /// `None` once it has ended.
+    stream: Option<Box<dyn MessageStream>>,
+    mount: Option<ImuMount>,
+    log: Arc<PlaybackLog>,
+    /// Clouds so far.
+    clouds: usize,
+    /// Samples that belong to no cloud yet.
+    samples: Vec<ImuSample>,
+    /// Clouds that wait for the samples of their sweeps, with the time at which each came.
+    waiting: VecDeque<(f64, RecordedScan)>,
+}
+
+impl RawPlayer {
+    pub(super) fn new(stream: Box<dyn MessageStream>, mount: Option<ImuMount>, log: Arc<PlaybackLog>) -> Self {
+        Self { stream: Some(stream), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new() }
+    }
+
+    /// One that has nothing to play.
+    pub(super) fn ended(log: Arc<PlaybackLog>) -> Self {
+        Self { stream: None, mount: None, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new() }
+    }
+
+    /// The next cloud, or a part that cannot be read.
+    pub(super) fn next(&mut self) -> Option<Result<RecordedScan>> {
+        loop {
+            if self.is_ready() {
+                return self.release().map(Ok);
+            }
+            let Some(message) = self.stream.as_mut().and_then(|stream| stream.next()) else {
+                self.stream = None;
+                return self.release().map(Ok);
+            };
+            match message {
+                Ok(SensorMessage::Cloud(message)) => {
+                    let (index, time) = (self.clouds, message.time);
+                    self.clouds += 1;
+                    match (message.decode)() {
+                        Ok(decoded) => {
+                            self.log.add(index as NodeId, DeliveredScan { index: index as u64, motion: None });
+                            let scan = RecordedScan { index, time, cloud: decoded.relative_to(time), imu: Vec::new() };
+                            self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
+                        }
+                        Err(error) => return Some(Err(error)),
+                    }
+                }
+                Ok(SensorMessage::Imu(sample)) => {
+                    if let Some(mount) = &mut self.mount {
+                        self.samples.push(mount.at_lidar(sample));
+                    }
+                }
+                Ok(_) => {}
+                Err(error) => return Some(Err(error)),
+            }
+        }
+    }
+
+    /// Whether the first cloud that waits need not wait any longer.
+    fn is_ready(&self) -> bool {
+        let Some((came, scan)) = self.waiting.front() else { return false };
+        let is_covered = || self.samples.last().is_some_and(|sample| sample.time >= end(scan));
+        self.mount.is_none() || is_covered() || self.stream.as_ref().is_none_or(|stream| stream.now() > came + LONGEST_WAIT_S)
+    }
+
+    /// Takes the first cloud that waits, with its samples.
+    fn release(&mut self) -> Option<RecordedScan> {
+        let (_, mut scan) = self.waiting.pop_front()?;
+        let end = end(&scan);
+        let count = if self.stream.is_none() && self.waiting.is_empty() {
+            self.samples.len()
+        } else {
+            (self.samples.partition_point(|sample| sample.time < end) + 1).min(self.samples.len())
+        };
+        scan.imu = self.samples.drain(..count).collect();
+        Some(scan)
+    }
+}
+
+/// Time of the last point.
+fn end(scan: &RecordedScan) -> f64 {
+    scan.time + time_span(&scan.cloud).map_or(0.0, |(_, last)| f64::from(last)).max(0.0)
+}
