@@ -5,8 +5,10 @@
 //! | [`odometry`] | poses of scans from the scans alone |
 //! | [`loops`] | places that were seen before, found again from the scans alone |
 //! | [`slam`] | raw scans in, the mapper's events out |
+//! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
 
+mod corrector;
 mod deskew;
 mod error;
 pub mod graph;
@@ -15,4 +17,5 @@ pub mod odometry;
 mod registration;
 pub mod slam;
 
+pub use corrector::Corrector;
 pub use error::SlamError;

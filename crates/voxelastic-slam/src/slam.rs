@@ -13,6 +13,8 @@ pub struct RawScan {
     pub time: f64,
     /// The points, in the lidar frame.
     pub cloud: Cloud,
+    /// Samples of an inertial measurement unit at the lidar since the scan before, up to the end of this one; empty without one.
+    pub imu: Vec<ImuSample>,
 }
 
 /// What became of a scan.
@@ -44,7 +46,7 @@ pub struct Step {
 /// let mut slam = Slam::new(OdometrySettings::default());
 /// let mut events = Vec::new();
 /// for node in 0..3 {
-///     let scan = RawScan { node, time: 0.1 * node as f64, cloud: room(0.2 * node as f32) };
+///     let scan = RawScan { node, time: 0.1 * node as f64, cloud: room(0.2 * node as f32), imu: Vec::new() };
 ///     events.extend(slam.register(scan, |_| true).events);
 /// }
 /// assert!(matches!(events[..], [Event::Scan(_), Event::Scan(_), Event::OdometryEdge(_), Event::Scan(_), Event::OdometryEdge(_)]));
@@ -76,7 +78,8 @@ impl Slam {
 
     /// Registers a scan. If `takes` holds for its pose and it could be registered, it becomes a node.
     pub fn register(&mut self, scan: RawScan, takes: impl FnOnce(&Pose) -> bool) -> Step {
-        let RawScan { node, time, mut cloud } = scan;
+        let RawScan { node, time, mut cloud, imu } = scan;
+        imu.into_iter().for_each(|sample| self.odometry.add_imu(sample));
         let report = self.odometry.register(&cloud, Some(time));
         if matches!(report.status, Status::Failed(_)) || !takes(&report.t_map_lidar) {
             return Step { report, events: Vec::new() };

@@ -1,8 +1,16 @@
 //! Whole graphs against GTSAM, and what is no graph.
 #![allow(clippy::print_stdout)]
 
+#[path = "support/drive.rs"]
+mod drive;
+#[path = "support/numbers.rs"]
+mod numbers;
+
+use drive::{drive, information};
+use numbers::Numbers;
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::geometry::PoseExt;
 use voxelastic_io::{PoseGraph, g2o};
 use voxelastic_slam::SlamError;
 use voxelastic_slam::graph::{LiveOptimiser, Options, Problem, optimise};
@@ -162,4 +170,91 @@ fn pieces_are_joined_by_loops_and_not_by_where_they_began() {
     assert!((joined - 3.0).abs() < 1e-3, "{joined} m");
     let bridged = last(LiveOptimiser::new(Options::default()));
     assert!(bridged - 3.0 > 0.05, "with an edge over the gap, that pulls at the loop: {bridged} m");
+}
+
+/// Closures come one by one, and some are wrong. The poses are those of a solution of the whole graph by the library, without what is outvoted.
+#[test]
+fn a_growing_graph_is_where_the_whole_graph_would_be() {
+    for seed in 0..6 {
+        let mut drive = drive(500 + 50 * seed as usize, 7, seed);
+        let mut numbers = Numbers(seed + 100);
+        if seed % 2 == 1 {
+            let wrong = drive.closures.len() / 2;
+            drive.closures[wrong].t_from_to *= numbers.motion(3.0, 0.2);
+        }
+        assert!(drive.closures.len() > 5, "{} closures", drive.closures.len());
+        let mut live = LiveOptimiser::new(Options::default());
+        let (mut edges, mut runs) = (Vec::new(), 0);
+        let compare = |live: &LiveOptimiser, edges: &[Edge], start: Vec<(NodeId, Pose)>| {
+            let outvoted = live.outvoted();
+            let edges: Vec<Edge> = edges.iter().filter(|e| !outvoted.contains(&(e.from, e.to))).cloned().collect();
+            let solve = |nodes: &[(NodeId, Pose)]| optimise(&Problem { nodes, edges: &edges, fixed: &[] }, &Options::default()).unwrap();
+            // The library ends when the cost falls by less than a millionth: until it has nothing to gain, it begins again.
+            let mut solved = solve(&start);
+            for _ in 0..20 {
+                let next = solve(&solved.poses);
+                let is_settled = solved.cost - next.cost <= 1e-10 * solved.cost;
+                solved = next;
+                if is_settled {
+                    break;
+                }
+            }
+            let off = |(a, b): (&(NodeId, Pose), &(NodeId, Pose))| (a.1.translation_distance(&b.1), a.1.rotation_distance(&b.1));
+            let off = solved.poses.iter().zip(live.poses()).map(off).fold((0.0, 0.0), |a: (f64, f64), b| (a.0.max(b.0), a.1.max(b.1)));
+            let done = live.last().unwrap();
+            assert!(off.0 < 1e-3 && off.1 < 1e-4, "seed {seed}, {} nodes: {off:?}, {done:?} against {}", live.poses().len(), solved.cost);
+            assert!(done.cost <= solved.cost * (1.0 + 1e-7) && done.is_converged, "seed {seed}: {done:?} against {}", solved.cost);
+        };
+        for node in 0..drive.truth.len() {
+            for event in drive.events(node) {
+                if let Event::OdometryEdge(edge) | Event::LoopEdge(edge) = &event {
+                    edges.push(edge.clone());
+                }
+                let start = live.poses().to_vec();
+                live.handle(event).unwrap();
+                if live.runs() > runs && live.runs().is_multiple_of(9) {
+                    let known: Vec<Edge> = edges.iter().filter(|e| (e.from.max(e.to) as usize) < start.len()).cloned().collect();
+                    compare(&live, &known, start);
+                }
+                runs = live.runs();
+            }
+        }
+        let start = live.poses().to_vec();
+        live.finish().unwrap();
+        compare(&live, &edges, start);
+    }
+}
+
+#[test]
+fn what_has_not_moved_is_not_linearised_again() {
+    let drive = drive(800, 5, 4);
+    let mut live = LiveOptimiser::new(Options::default());
+    let mut linearised = Vec::new();
+    for event in (0..800).flat_map(|node| drive.events(node)) {
+        let runs = live.runs();
+        live.handle(event).unwrap();
+        if live.runs() > runs {
+            linearised.push(live.last().unwrap().linearised);
+        }
+    }
+    linearised.sort_unstable();
+    assert!(linearised.len() > 10 && linearised[linearised.len() / 2] < 60, "{linearised:?} of 800 edges");
+}
+
+#[test]
+fn edges_that_are_no_measurements_are_refused_and_the_stream_goes_on() {
+    let mut live = LiveOptimiser::new(Options::default());
+    let drive = drive(60, 5, 1);
+    (0..50).flat_map(|node| drive.events(node)).for_each(|event| drop(live.handle(event).unwrap()));
+    let negative = Edge { information: Some([-1.0; 21]), ..edge(3, 40, 1.0) };
+    assert!(matches!(live.handle(Event::LoopEdge(negative)), Err(SlamError::BadEdge { from: 3, to: 40, .. })));
+    assert!(matches!(live.handle(Event::LoopEdge(edge(3, 3, 1.0))), Err(SlamError::SelfEdge { node: 3 })));
+    // This one waits for its node; its correction comes with it.
+    let t_from_to = drive.odometry[0].inv_mul(&drive.odometry[55]) * Pose::translation(0.3, 0.0, 0.0);
+    let early = Edge { t_from_to, information: Some(information(0.001, 0.0001)), ..edge(0, 55, 0.0) };
+    live.handle(Event::LoopEdge(early)).unwrap();
+    (50..60).flat_map(|node| drive.events(node)).for_each(|event| drop(live.handle(event).unwrap()));
+    live.finish().unwrap();
+    let found = live.poses()[0].1.inv_mul(&live.poses()[55].1);
+    assert!(found.translation_distance(&t_from_to) < 0.05, "{found}");
 }

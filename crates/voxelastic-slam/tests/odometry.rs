@@ -1,10 +1,12 @@
 //! Odometry against the truth of simulated rooms and streets.
 #![allow(clippy::print_stdout)]
 
-use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
+use voxelastic::{Cloud, Pose};
+use voxelastic_sim::imu::ImuSettings;
+use voxelastic_sim::sensor::LidarSettings;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
-use voxelastic_slam::odometry::{Odometry, OdometryReport, OdometrySettings, Status};
+use voxelastic_slam::odometry::{ImuSample, Level, Odometry, OdometryReport, OdometrySettings, Status};
 
 fn simulation(options: SimOptions) -> Simulation {
     Simulation::new(options).unwrap()
@@ -15,7 +17,9 @@ fn track(simulation: &Simulation) -> (Vec<OdometryReport>, f64) {
     let mut odometry = Odometry::new(OdometrySettings::default());
     let reports: Vec<OdometryReport> = simulation.scans(PoseSource::Truth).map(|scan| odometry.register(&scan.cloud, Some(scan.time))).collect();
     let truth = simulation.ground_truth();
-    let error = |(report, pose): (&OdometryReport, &Pose)| report.t_map_lidar.translation_distance(&truth[0].inv_mul(pose));
+    // The map frame is levelled: poses are compared in the frame of the first.
+    let first = reports[0].t_map_lidar;
+    let error = |(report, pose): (&OdometryReport, &Pose)| first.inv_mul(&report.t_map_lidar).translation_distance(&truth[0].inv_mul(pose));
     let largest = reports.iter().zip(truth).map(error).fold(0.0, f64::max);
     (reports, largest)
 }
@@ -48,4 +52,95 @@ fn poses_do_not_depend_on_the_number_of_threads() {
         pool.install(|| track(&simulation).0.iter().map(|r| (r.t_map_lidar, r.information)).collect::<Vec<_>>())
     };
     assert_eq!(with(1), with(3));
+}
+
+/// A walk with the sensor in the hand: 10 sweeps a second with a pose for each column, shaken and swung.
+fn handheld(world: &str, seed: u64, scans: usize, rest: f64) -> Simulation {
+    simulation(SimOptions {
+        scans: Some(scans),
+        rate: Some(10.0),
+        columns: Some(256),
+        seed,
+        carrier: Some("handheld".into()),
+        rest,
+        lidar: LidarSettings { moving: true, ..LidarSettings::default() },
+        imu: Some(ImuSettings::default()),
+        ..SimOptions::of(world)
+    })
+}
+
+/// Reports, and the root mean square error of the positions as a share of the path.
+fn walk(simulation: &Simulation, with_imu: bool) -> (Vec<OdometryReport>, f64) {
+    let unit = simulation.imu_unit().unwrap();
+    let samples = simulation.imu();
+    let mut samples = samples.iter().peekable();
+    let mut odometry = Odometry::new(OdometrySettings::default());
+    let mut reports = Vec::new();
+    for scan in simulation.scans(PoseSource::Truth) {
+        while let Some(sample) = samples.next_if(|s| with_imu && s.time <= scan.time + 0.11) {
+            let turn = |v: [f64; 3]| (unit.t_lidar_imu().rotation * nalgebra::Vector3::from(v)).into();
+            odometry.add_imu(ImuSample {
+                time: sample.time,
+                angular_velocity: turn(sample.angular_velocity),
+                acceleration: turn(sample.acceleration),
+            });
+        }
+        reports.push(odometry.register(&scan.cloud, Some(scan.time)));
+    }
+    let truth = simulation.ground_truth();
+    let first = reports[0].t_map_lidar;
+    let square = |(r, t): (&OdometryReport, &Pose)| first.inv_mul(&r.t_map_lidar).translation_distance(&truth[0].inv_mul(t)).powi(2);
+    let rms = (reports.iter().zip(truth).map(square).sum::<f64>() / reports.len() as f64).sqrt();
+    let path: f64 = truth.windows(2).map(|p| p[0].translation_distance(&p[1])).sum();
+    (reports, rms / path)
+}
+
+#[test]
+fn a_shaken_sensor_is_tracked_with_its_inertial_unit() {
+    let simulation = handheld("campus", 1, 60, 0.5);
+    let (reports, with) = walk(&simulation, true);
+    let (_, without) = walk(&simulation, false);
+    println!("{:.3} % of the path with the unit, {:.3} % without", 100.0 * with, 100.0 * without);
+    assert!(reports.iter().skip(1).all(|r| r.status == Status::Tracked));
+    assert!(with < 0.004, "{} %", 100.0 * with);
+    assert!(with < 0.7 * without, "{with} {without}");
+}
+
+/// A scan seen by a sensor that is tilted by roll and pitch (degrees) more than it was; also the direction up in its frame.
+fn tilted(simulation: &Simulation, roll: f64, pitch: f64) -> (Cloud, nalgebra::Vector3<f64>) {
+    let tilt = nalgebra::UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), 0.0);
+    let mut cloud = simulation.cloud(0).unwrap();
+    cloud.points.iter_mut().filter(|p| p[0].is_finite()).for_each(|p| {
+        *p = (tilt * nalgebra::Vector3::from(p.map(f64::from))).map(|v| v as f32).into();
+    });
+    (cloud, tilt * (simulation.ground_truth()[0].rotation.inverse() * nalgebra::Vector3::z()))
+}
+
+#[test]
+fn the_map_is_levelled_by_gravity_or_by_ground_and_walls_or_not_at_all() {
+    let still = |world: &str| simulation(SimOptions { scans: Some(1), columns: Some(512), ..SimOptions::of(world) });
+    for (world, level, roll, pitch) in [
+        ("room", Level::Surfaces, 12.0, -7.0),
+        ("street", Level::Surfaces, -4.0, 3.0),
+        ("campus", Level::Surfaces, 3.0, 6.0),
+        ("plane", Level::Unknown, 5.0, 0.0),
+        ("sphere", Level::Unknown, 5.0, 0.0),
+    ] {
+        let (cloud, up) = tilted(&still(world), roll, pitch);
+        let mut odometry = Odometry::new(OdometrySettings::default());
+        let pose = odometry.register(&cloud, Some(0.0)).t_map_lidar;
+        let off = (pose.rotation * up).angle(&nalgebra::Vector3::z()).to_degrees();
+        println!("{world}: {:?}, off by {off:.2} degrees", odometry.level());
+        assert_eq!(odometry.level(), level, "{world}");
+        assert!(if level == Level::Unknown { pose == Pose::identity() } else { off < 0.5 }, "{world}: {off} degrees");
+    }
+    // Gravity tells it on a plain, too, where the surfaces do not.
+    let (cloud, up) = tilted(&still("plane"), 9.0, -14.0);
+    let mut odometry = Odometry::new(OdometrySettings::default());
+    let gravity: [f64; 3] = (up * 9.81).into();
+    (0..20)
+        .for_each(|k| odometry.add_imu(ImuSample { time: 0.01 * f64::from(k) - 0.19, angular_velocity: [0.01, 0.0, -0.02], acceleration: gravity }));
+    let pose = odometry.register(&cloud, Some(0.0)).t_map_lidar;
+    assert_eq!(odometry.level(), Level::Gravity);
+    assert!((pose.rotation * up).angle(&nalgebra::Vector3::z()) < 1e-6);
 }

@@ -1,9 +1,13 @@
 //! Optimisation in a stream of events: odometry and loops in, corrected poses out.
 
-use super::{Options, Problem, Solved, optimise};
+use super::incremental::{Correction, IncrementalGraph};
+use super::information::usable_information;
+use super::lie::renormalised;
+use super::solve::Options;
 use crate::SlamError;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use voxelastic::Pose;
+use voxelastic::atlas::graph::is_rigid;
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::geometry::PoseExt;
 
@@ -14,6 +18,8 @@ const WORTH_ANGLE: f64 = 0.01;
 
 /// Corrects a stream of events: scans come out at the pose that is known best so far, and after loops a
 /// [`PoseUpdate`](Event::PoseUpdate) moves all nodes.
+///
+/// A loop that contradicts all others, or the odometry, by tens of standard deviations is outvoted: it does not count as long as that is so.
 ///
 /// A loop is optimised together with those of the same scan, when the next scan comes. One that agrees with the poses already waits for
 /// the next that does not, or for the end: it would change next to nothing.
@@ -26,15 +32,24 @@ pub struct LiveOptimiser {
     odometry: Vec<Pose>,
     /// Pose of the last node in the frame in which the next scan comes: as it came, or as somebody else has corrected it.
     last_came: Option<Pose>,
-    edges: Vec<Edge>,
-    /// Pairs of neighbours in `nodes` that have a measured odometry edge.
-    measured: HashSet<usize>,
+    graph: IncrementalGraph,
+    /// Edges to nodes that have not come yet.
+    waiting: Vec<(Kind, Edge)>,
+    /// What holds a node to the one before: its number in the graph, and whether it was measured.
+    odometry_edges: HashMap<usize, (usize, bool)>,
     /// Whether neighbours without a measured edge are held together by their relative pose.
     bridges_gaps: bool,
     is_due: bool,
     is_stale: bool,
     runs: usize,
-    last: Option<Solved>,
+    last: Option<Correction>,
+}
+
+/// How an edge was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Odometry,
+    Loop,
 }
 
 impl LiveOptimiser {
@@ -46,8 +61,9 @@ impl LiveOptimiser {
             index_of: HashMap::new(),
             odometry: Vec::new(),
             last_came: None,
-            edges: Vec::new(),
-            measured: HashSet::new(),
+            graph: IncrementalGraph::default(),
+            waiting: Vec::new(),
+            odometry_edges: HashMap::new(),
             bridges_gaps: true,
             is_due: false,
             is_stale: false,
@@ -71,13 +87,13 @@ impl LiveOptimiser {
     /// What becomes of an event: itself, corrected, after what it sets off. Edges to nodes that never came are passed on and not used.
     ///
     /// # Errors
-    /// When the graph cannot be optimised. The loops that came since the last time are then given up; the event is lost, the stream can
-    /// go on.
+    /// When the event is an edge that is no measurement, or the graph cannot be optimised. The event is then lost; the stream can go on, and
+    /// the next loop is a reason to try again.
     pub fn handle(&mut self, event: Event) -> Result<Vec<Event>, SlamError> {
         match event {
             Event::Scan(mut scan) => {
                 let mut out: Vec<Event> = if self.is_due { self.solve()?.into_iter().collect() } else { Vec::new() };
-                if !self.index_of.contains_key(&scan.node) && voxelastic::atlas::graph::is_rigid(&scan.t_map_lidar) {
+                if !self.index_of.contains_key(&scan.node) && is_rigid(&scan.t_map_lidar) {
                     let came = scan.t_map_lidar;
                     let mut odometry = came;
                     if let (Some(last_came), Some(last_odometry), Some((_, last))) = (&self.last_came, self.odometry.last(), self.nodes.last()) {
@@ -89,31 +105,27 @@ impl LiveOptimiser {
                     self.nodes.push((scan.node, scan.t_map_lidar));
                     self.odometry.push(odometry);
                     self.last_came = Some(came);
+                    self.graph.add_node(scan.t_map_lidar);
+                    for (kind, edge) in std::mem::take(&mut self.waiting) {
+                        self.add(kind, edge)?;
+                    }
                 }
                 out.push(Event::Scan(scan));
                 Ok(out)
             }
             Event::OdometryEdge(edge) => {
-                if let Some((from, to)) = self.places(&edge).filter(|(from, to)| from.abs_diff(*to) == 1) {
-                    self.measured.insert(from.min(to));
-                }
-                self.edges.push(edge.clone());
+                self.add(Kind::Odometry, edge.clone())?;
                 Ok(vec![Event::OdometryEdge(edge)])
             }
             Event::LoopEdge(edge) => {
-                self.is_stale = true;
-                if let Some((from, to)) = self.places(&edge) {
-                    let now = self.nodes[from].1.inv_mul(&self.nodes[to].1);
-                    let is_off = now.translation_distance(&edge.t_from_to) > WORTH_DISTANCE || now.rotation_distance(&edge.t_from_to) > WORTH_ANGLE;
-                    self.is_due |= is_off;
-                }
-                self.edges.push(edge.clone());
+                self.add(Kind::Loop, edge.clone())?;
                 Ok(vec![Event::LoopEdge(edge)])
             }
             Event::PoseUpdate(poses) => {
                 for (node, pose) in &poses {
                     if let Some(&i) = self.index_of.get(node) {
                         self.nodes[i].1 = *pose;
+                        self.graph.set_pose(i, *pose);
                         if i + 1 == self.nodes.len() {
                             // The scans that follow come on top of this correction.
                             self.last_came = Some(*pose);
@@ -139,8 +151,13 @@ impl LiveOptimiser {
         &self.nodes
     }
 
-    /// The outcome of the last optimisation.
-    pub fn last(&self) -> Option<&Solved> {
+    /// Loop edges, by their nodes, that did not count in the last optimisation, as all others contradict them by tens of standard deviations.
+    pub fn outvoted(&self) -> Vec<(NodeId, NodeId)> {
+        self.graph.outvoted().map(|number| self.graph.nodes_of(number)).map(|(from, to)| (self.nodes[from].0, self.nodes[to].0)).collect()
+    }
+
+    /// What the last optimisation did.
+    pub fn last(&self) -> Option<&Correction> {
         self.last.as_ref()
     }
 
@@ -148,25 +165,62 @@ impl LiveOptimiser {
         Some((*self.index_of.get(&edge.from)?, *self.index_of.get(&edge.to)?))
     }
 
+    /// Adds an edge to the graph, or lets it wait for its nodes.
+    fn add(&mut self, kind: Kind, edge: Edge) -> Result<(), SlamError> {
+        if edge.from == edge.to {
+            return Err(SlamError::SelfEdge { node: edge.from });
+        }
+        if !is_rigid(&edge.t_from_to) {
+            return Err(SlamError::BadEdge { from: edge.from, to: edge.to, reason: "its transform is not rigid" });
+        }
+        usable_information(&edge)?;
+        let Some((from, to)) = self.places(&edge) else {
+            self.waiting.push((kind, edge));
+            return Ok(());
+        };
+        if kind == Kind::Loop {
+            let now = self.nodes[from].1.inv_mul(&self.nodes[to].1);
+            self.is_stale = true;
+            self.is_due |= now.translation_distance(&edge.t_from_to) > WORTH_DISTANCE || now.rotation_distance(&edge.t_from_to) > WORTH_ANGLE;
+        }
+        let later = from.max(to);
+        let holds_neighbours = kind == Kind::Odometry && from.abs_diff(to) == 1;
+        match self.odometry_edges.get(&later).copied().filter(|_| holds_neighbours) {
+            Some((number, false)) => {
+                self.graph.replace_edge(number, (from, to), &edge, &self.options)?;
+                self.odometry_edges.insert(later, (number, true));
+            }
+            _ => {
+                let number = self.graph.add_edge((from, to), &edge, &self.options)?;
+                if holds_neighbours {
+                    self.odometry_edges.insert(later, (number, true));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Holds neighbours without a measured edge together by their relative pose.
+    fn bridge_gaps(&mut self) -> Result<(), SlamError> {
+        for i in 1..self.nodes.len() {
+            if !self.odometry_edges.contains_key(&i) {
+                let t_from_to = renormalised(self.odometry[i - 1].inv_mul(&self.odometry[i]));
+                let edge = Edge { from: self.nodes[i - 1].0, to: self.nodes[i].0, t_from_to, information: None };
+                let number = self.graph.add_edge((i - 1, i), &edge, &self.options)?;
+                self.odometry_edges.insert(i, (number, false));
+            }
+        }
+        Ok(())
+    }
+
     fn solve(&mut self) -> Result<Option<Event>, SlamError> {
         (self.is_due, self.is_stale) = (false, false);
-        let mut edges: Vec<Edge> = self.edges.iter().filter(|e| self.places(e).is_some()).cloned().collect();
-        for i in (1..self.nodes.len()).filter(|i| self.bridges_gaps && !self.measured.contains(&(i - 1))) {
-            let t_from_to = renormalised(self.odometry[i - 1].inv_mul(&self.odometry[i]));
-            edges.push(Edge { from: self.nodes[i - 1].0, to: self.nodes[i].0, t_from_to, information: None });
+        if self.bridges_gaps {
+            self.bridge_gaps()?;
         }
-        let problem = Problem { nodes: &self.nodes, edges: &edges, fixed: &[] };
-        let solved = optimise(&problem, &self.options)?;
+        self.last = Some(self.graph.solve(&self.options)?);
         self.runs += 1;
-        self.nodes.clone_from(&solved.poses);
-        let update = Event::PoseUpdate(solved.poses.clone());
-        self.last = Some(solved);
-        Ok(Some(update))
+        self.nodes.iter_mut().zip(self.graph.poses()).for_each(|(node, pose)| node.1 = *pose);
+        Ok(Some(Event::PoseUpdate(self.nodes.clone())))
     }
-}
-
-/// Products of many rotations drift off unit length.
-fn renormalised(mut pose: Pose) -> Pose {
-    pose.rotation.renormalize();
-    pose
 }

@@ -16,8 +16,15 @@
 //! # Ok::<(), voxelastic_slam::SlamError>(())
 //! ```
 
+mod between;
+mod block_cholesky;
+mod incremental;
+mod information;
+mod lie;
 mod live;
 mod solve;
 
+pub use incremental::Correction;
+pub use information::default_information;
 pub use live::LiveOptimiser;
-pub use solve::{Options, Problem, Solved, default_information, optimise};
+pub use solve::{Options, Problem, Solved, optimise};

@@ -1,5 +1,6 @@
 //! A whole graph at once: Levenberg-Marquardt by factrs, with a Huber kernel on loop edges.
 
+use super::information::usable_information;
 use crate::SlamError;
 use factrs::containers::{DefaultSymbolHandler, Factor, FactorBuilder, Graph, Key, Values};
 use factrs::linalg::{Matrix6 as SolverMatrix6, Vector3 as SolverVector3};
@@ -59,13 +60,7 @@ pub struct Solved {
 }
 
 /// Sigmas of a node that keeps its pose: far below any edge's.
-const FIXED_SIGMA: f64 = 1e-4;
-
-/// Information (x y z roll pitch yaw, diagonal) of an edge `length` metres long that comes without: 2 cm and 1 % of the length, 0.2 degrees.
-pub fn default_information(length: f64) -> [f64; 6] {
-    let (distance, angle) = (0.02 + 0.01 * length, 0.2f64.to_radians());
-    [distance, distance, distance, angle, angle, angle].map(|sigma| 1.0 / (sigma * sigma))
-}
+pub(super) const FIXED_SIGMA: f64 = 1e-4;
 
 /// Finds the poses that agree best with all edges.
 ///
@@ -189,37 +184,12 @@ fn factor(edge: &Edge, noise: GaussianNoise<6>, from: usize, to: usize, options:
     }
 }
 
-/// The noise of an edge, and whether its information was used whole. Public graphs (`cubicle`) have edges whose information is not positive
-/// definite only for what couples translation and rotation; without it, it is.
+/// The noise of an edge, and whether its information was used whole.
 fn noise(edge: &Edge) -> Result<(GaussianNoise<6>, bool), SlamError> {
-    let whole = solver_information(edge);
-    if let Some(noise) = GaussianNoise::from_matrix_inf(whole.as_view()) {
-        return Ok((noise, true));
-    }
-    let blocks = SolverMatrix6::from_fn(|i, j| if (i < 3) == (j < 3) { whole[(i, j)] } else { 0.0 });
-    match GaussianNoise::from_matrix_inf(blocks.as_view()) {
-        Some(noise) => Ok((noise, false)),
-        None => Err(SlamError::BadEdge { from: edge.from, to: edge.to, reason: "its information matrix is not positive definite" }),
-    }
-}
-
-/// The information as the solver orders it: rotation first.
-fn solver_information(edge: &Edge) -> SolverMatrix6 {
-    let upper = edge.information.unwrap_or_else(|| {
-        let diagonal = default_information(edge.t_from_to.translation.vector.norm());
-        let mut upper = [0.0; 21];
-        (0..6).for_each(|i| upper[place(i, i)] = diagonal[i]);
-        upper
-    });
-    SolverMatrix6::from_fn(|i, j| {
-        let (i, j) = ((i + 3) % 6, (j + 3) % 6);
-        upper[place(i.min(j), i.max(j))]
-    })
-}
-
-/// Place of an entry in the upper triangle, row by row.
-fn place(row: usize, column: usize) -> usize {
-    row * 6 - row * (row + 1) / 2 + column
+    let (information, is_whole) = usable_information(edge)?;
+    let information = SolverMatrix6::from_fn(|i, j| information[(i, j)]);
+    let refused = SlamError::BadEdge { from: edge.from, to: edge.to, reason: "its information matrix is not positive definite" };
+    GaussianNoise::from_matrix_inf(information.as_view()).map(|noise| (noise, is_whole)).ok_or(refused)
 }
 
 /// The nodes that are held: the fixed ones, and the first of every piece of the graph that has none. Without them, a piece could float.

@@ -7,6 +7,9 @@
 //! worse than usual, registrations from other headings are tried. Directions along which the surfaces do not hold the pose keep the
 //! prediction and are reported. A scan that fits nowhere does not enter the map; after several of these a new piece of the trajectory begins.
 //!
+//! With an inertial measurement unit ([`Odometry::add_imu`]), motion during a sweep and prediction follow from its samples, whose biases are
+//! estimated at rest and from the registrations. The map frame is level if gravity or the surfaces of the first scan tell how ([`Level`]).
+//!
 //! ```
 //! use voxelastic::Cloud;
 //! use voxelastic_slam::odometry::{Odometry, OdometrySettings, Status};
@@ -26,13 +29,16 @@
 //! assert!((report.t_map_lidar.translation.x - 0.2).abs() < 0.01);
 //! ```
 
-mod imu;
+mod alternation;
+mod inertial;
+mod level;
 mod prediction;
 mod report;
 mod settings;
 mod tracker;
 
-pub use imu::ImuSample;
+pub use level::Level;
 pub use report::{Failure, OdometryReport, PhaseTimes, Status};
 pub use settings::OdometrySettings;
 pub use tracker::Odometry;
+pub use voxelastic::motion::ImuSample;

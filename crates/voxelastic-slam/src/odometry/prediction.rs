@@ -1,8 +1,9 @@
 //! Prediction of the next pose, and how wrong predictions are.
 
-use super::imu::{Gyro, ImuSample};
+use super::inertial::Inertial;
 use nalgebra::{Translation3, UnitQuaternion};
 use voxelastic::geometry::Pose;
+use voxelastic::motion::ImuSample;
 
 /// Predictions this near to the outcome say nothing about the motion, metres.
 const LEAST_MOTION: f64 = 0.1;
@@ -12,6 +13,11 @@ const KEEP: f64 = 0.9;
 const FIRST_ERROR: f64 = 2.0;
 /// A gap between scans longer than so many times the gap before predicts no motion.
 const LONGEST_GAP: f64 = 4.0;
+
+/// Shorter times between scans are no gap, seconds.
+const LEAST_GAP: f64 = 1.0;
+/// Dead reckoning over longer gaps is worse than none: its error grows with the square of the time, seconds.
+const LONGEST_RECKONING: f64 = 2.0;
 
 /// Constant velocity, with the rotation of a gyro where there is one. The error to expect is the adaptive threshold of KISS-ICP (Vizzo et
 /// al. 2023), but with forgetting.
@@ -23,21 +29,27 @@ pub(crate) struct Predictor {
     duration: Option<f64>,
     squares: f64,
     weight: f64,
-    pub(crate) gyro: Gyro,
+    pub(crate) inertial: Inertial,
 }
 
 impl Predictor {
     pub(crate) fn new() -> Self {
-        Self { motion: Pose::identity(), duration: None, squares: FIRST_ERROR * FIRST_ERROR, weight: 1.0, gyro: Gyro::default() }
+        Self { motion: Pose::identity(), duration: None, squares: FIRST_ERROR * FIRST_ERROR, weight: 1.0, inertial: Inertial::default() }
     }
 
     /// Forgets the velocity and how well it predicted.
     pub(crate) fn restart(&mut self) {
-        *self = Self { gyro: std::mem::take(&mut self.gyro), ..Self::new() };
+        *self = Self { inertial: std::mem::take(&mut self.inertial), ..Self::new() };
     }
 
     pub(crate) fn add_imu(&mut self, sample: ImuSample) {
-        self.gyro.add(sample);
+        self.inertial.add(sample);
+    }
+
+    /// The pose of the lidar, from that of the last scan: by dead reckoning where there is an inertial unit whose velocity is known.
+    pub(crate) fn pose(&self, last: &Pose, from: Option<f64>, seconds: Option<f64>) -> Pose {
+        let reckoned = from.zip(seconds).filter(|(_, s)| *s <= LONGEST_RECKONING).and_then(|(from, s)| self.inertial.predict(last, from, from + s));
+        reckoned.unwrap_or_else(|| last * self.motion(from, seconds))
     }
 
     /// Motion of the lidar over an interval, in its frame at the beginning; `seconds` is `None` where scans have no times.
@@ -47,10 +59,15 @@ impl Predictor {
             _ => 1.0,
         };
         let mut motion = if share.abs() <= LONGEST_GAP { scaled(&self.motion, share) } else { Pose::identity() };
-        if let Some(rotation) = from.zip(seconds).and_then(|(from, seconds)| self.gyro.rotation(from, from + seconds)) {
+        if let Some(rotation) = from.zip(seconds).and_then(|(from, seconds)| self.inertial.rotation(from, from + seconds)) {
             motion.rotation = rotation;
         }
         motion
+    }
+
+    /// Whether so many seconds since the last scan are a gap.
+    pub(crate) fn is_gap(&self, seconds: f64) -> bool {
+        seconds > LEAST_GAP && self.duration.is_some_and(|duration| duration > 0.0 && seconds > LONGEST_GAP * duration)
     }
 
     /// Whether a velocity in metres and radians per second is known.

@@ -1,5 +1,6 @@
 //! What the odometry says about a scan.
 
+use super::level::Level;
 use nalgebra::Matrix6;
 use std::time::Duration;
 use voxelastic::geometry::Pose;
@@ -9,7 +10,8 @@ use voxelastic::motion::Motion;
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct OdometryReport {
-    /// Pose of the lidar in the map frame at the scan's time stamp. The map frame is the lidar frame of the first scan.
+    /// Pose of the lidar in the map frame at the scan's time stamp. The map frame is the lidar frame of the first scan, levelled
+    /// as `level` says.
     pub t_map_lidar: Pose,
     /// How the lidar moved during the sweep, if the points have times and a velocity is known: for [`Cloud::motion`](voxelastic::Cloud::motion).
     pub motion: Option<Motion>,
@@ -24,6 +26,16 @@ pub struct OdometryReport {
     pub is_keyframe: bool,
     /// Share of the scan's surfaces that have a counterpart in the map.
     pub overlap: f64,
+    /// How well the scan fits: the mean weight of its surfaces, 1 where all lie on the map's.
+    pub score: f64,
+    /// The same of the best pose that was found elsewhere, if others had to be tried; 0 if there was none.
+    pub score_elsewhere: f64,
+    /// Seconds since the last registered scan, if that is a gap in the data: more than a second, and several times what it was before.
+    pub gap: Option<f64>,
+    /// How the map frame was levelled.
+    pub level: Level,
+    /// Whether every second scan comes from another place, for several scans in turn: those of two sensors in one stream.
+    pub alternates: bool,
     /// Robust mean distance to the map's surfaces, metres.
     pub spread: f64,
     /// Iterations on all levels.
@@ -63,11 +75,11 @@ pub enum Status {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Failure {
-    /// The scan has too few returns, as with a covered sensor.
+    /// The scan has too few returns, as with a covered sensor: hardly any, or far fewer than the scans before.
     TooFewReturns,
     /// Too few of its surfaces have a counterpart in the map, as after a jump of the sensor.
     TooLittleOverlap,
-    /// The time stamp is before that of the scan before, or not finite.
+    /// The time stamp is before that of the scan before, or not finite. If several in turn are, the clock was set back and a new piece begins.
     TimeNotAscending,
 }
 

@@ -1,16 +1,19 @@
 //! The odometry: scans in, poses out.
 
-use super::imu::ImuSample;
+use super::alternation::Alternation;
+use super::level::{self, Level};
 use super::prediction::Predictor;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
 use crate::deskew::returns;
-use crate::registration::{Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius, register, search};
+use crate::registration::{
+    Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, best_of, mean_radius, register, search,
+};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
 use std::time::Instant;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt};
-use voxelastic::motion::Motion;
+use voxelastic::motion::{ImuSample, Motion};
 
 /// Surfaces that a scan must have to be registered.
 const LEAST_SURFACES: usize = 100;
@@ -20,6 +23,8 @@ const LEAST_OVERLAP: f64 = 0.3;
 const USUAL_SCORE: f64 = 0.8;
 /// Yaw angles of these starts, degrees, to either side.
 const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
+/// A scan with fewer returns than this share of the usual number is one of a covered sensor.
+const COVERED: f64 = 0.1;
 /// Scans between two removals of far voxels.
 const PRUNE_EVERY: usize = 10;
 /// Change of the motion during a sweep, for a point at the scan's radius, that is worth a second deskew, metres.
@@ -40,6 +45,10 @@ pub struct Odometry {
     failures: usize,
     /// Running mean of the registrations' scores.
     score: f64,
+    level: Level,
+    /// Running mean of the scans' returns.
+    usual_returns: f64,
+    alternation: Alternation,
     scratch: Scratch,
 }
 
@@ -66,13 +75,30 @@ impl Odometry {
     pub fn new(settings: OdometrySettings) -> Self {
         let scratch =
             Scratch { downsampler: Downsampler::default(), points: Vec::new(), dense: Vec::new(), scan_map: LocalMap::new(1.0), surfels: Vec::new() };
-        Self { settings, levels: Vec::new(), predictor: Predictor::new(), last: None, piece: 0, scans: 0, failures: 0, score: 0.0, scratch }
+        Self {
+            settings,
+            levels: Vec::new(),
+            predictor: Predictor::new(),
+            last: None,
+            piece: 0,
+            scans: 0,
+            failures: 0,
+            score: 0.0,
+            level: Level::default(),
+            usual_returns: 0.0,
+            alternation: Alternation::default(),
+            scratch,
+        }
     }
 
-    /// Adds a sample of an inertial measurement unit. Samples must come before the scan whose motion they cover; only the angular
-    /// velocity is used.
+    /// Adds a sample of an inertial measurement unit at the lidar, with the lidar's axes. Samples must come before the scan whose sweep they cover.
     pub fn add_imu(&mut self, sample: ImuSample) {
         self.predictor.add_imu(sample);
+    }
+
+    /// How the map frame was levelled.
+    pub fn level(&self) -> Level {
+        self.level
     }
 
     /// Finds the pose of a scan and adds the scan to the local map. `time` is the cloud's time stamp in seconds, where it is known.
@@ -82,14 +108,15 @@ impl Odometry {
         let Some(last) = self.last else { return self.first(cloud, time, Pose::identity(), clock) };
         let seconds = time.zip(last.time).map(|(now, before)| now - before);
         if time.is_some_and(|t| !t.is_finite()) || seconds.is_some_and(|s| s <= 0.0) {
-            return self.failed(Failure::TimeNotAscending, last.t_map_lidar, times);
+            return self.out_of_time(cloud, time, &last);
         }
-        let predicted = self.predictor.motion(last.time, seconds);
-        let prediction = renormalised(last.t_map_lidar * predicted);
-        let mut motion = self.sweep(cloud, seconds, &predicted);
+        let gap = seconds.filter(|s| self.predictor.is_gap(*s));
+        let prediction = renormalised(self.predictor.pose(&last.t_map_lidar, last.time, seconds));
+        let predicted = last.t_map_lidar.inv_mul(&prediction);
+        let mut motion = self.sweep(cloud, &last, &prediction, seconds);
         self.prepare(cloud, motion.as_ref());
         times.prepare = clock.elapsed();
-        if self.scratch.surfels.len() < LEAST_SURFACES {
+        if self.scratch.surfels.len() < LEAST_SURFACES || self.is_covered() {
             return self.failed_or_restarted(Failure::TooFewReturns, cloud, time, prediction, times);
         }
         let clock = Instant::now();
@@ -101,7 +128,7 @@ impl Odometry {
             if moved.translation_distance(&predicted) + radius * moved.rotation_distance(&predicted) > DESKEW_AGAIN {
                 let start = registration.t_map_lidar;
                 self.predictor.set_motion(moved, seconds);
-                motion = self.sweep(cloud, seconds, &moved);
+                motion = self.sweep(cloud, &last, &start, seconds);
                 self.prepare(cloud, motion.as_ref());
                 found = register(&self.scratch.surfels, &start, &self.levels, DESKEW_AGAIN, &self.registration_settings());
             }
@@ -123,6 +150,11 @@ impl Odometry {
             piece: self.piece,
             is_keyframe,
             overlap: found.overlap,
+            score: found.score,
+            score_elsewhere: found.score_elsewhere,
+            level: self.level,
+            alternates: self.alternation.is_sure(),
+            gap,
             spread: found.spread,
             iterations: found.iterations,
             times,
@@ -134,15 +166,23 @@ impl Odometry {
         RegistrationSettings { max_iterations: s.max_iterations, convergence: 1e-3, least_scale: s.kernel_scale, point_weight: s.point_weight }
     }
 
-    /// How the lidar moved during the sweep, from its motion since the last scan: at constant velocity.
-    fn sweep(&self, cloud: &Cloud, seconds: Option<f64>, since_last: &Pose) -> Option<Motion> {
+    /// How the lidar moved during the sweep of a scan with this pose: by the inertial unit, else at the constant velocity since the last scan.
+    fn sweep(&self, cloud: &Cloud, last: &Last, pose: &Pose, seconds: Option<f64>) -> Option<Motion> {
         if cloud.motion.is_some() {
             return cloud.motion.clone();
         }
-        let times = cloud.time.as_ref().filter(|_| self.settings.deskew && self.predictor.has_velocity())?;
-        let seconds = seconds.filter(|s| *s > 0.0)?;
-        let finite = times.iter().copied().filter(|t| t.is_finite());
-        let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+        let since_last = last.t_map_lidar.inv_mul(pose);
+        let inertial = &self.predictor.inertial;
+        if let Some((from, seconds)) = last.time.zip(seconds).filter(|_| self.settings.deskew) {
+            let mean = || (pose.translation.vector - last.t_map_lidar.translation.vector) / seconds;
+            let velocity = inertial.corrected_velocity(&last.t_map_lidar, pose, from, from + seconds).unwrap_or_else(mean);
+            let motion = sweep_span(cloud).and_then(|span| inertial.sweep(pose, velocity, from + seconds, span));
+            if motion.is_some() {
+                return motion;
+            }
+        }
+        let seconds = seconds.filter(|s| *s > 0.0 && self.settings.deskew && self.predictor.has_velocity())?;
+        let [begin, end] = sweep_span(cloud)?.map(|t| t as f32);
         let at = |t: f32| {
             let share = f64::from(t) / seconds;
             let rotation = UnitQuaternion::from_scaled_axis(since_last.rotation.scaled_axis() * share);
@@ -187,10 +227,7 @@ impl Odometry {
             }
         }
         let other = search(surfels, &starts, &self.levels, &settings);
-        match (found, other) {
-            (Some(found), Some(other)) => Some(if other.score > found.score { other } else { found }),
-            (found, other) => found.or(other),
-        }
+        best_of(found.into_iter().chain(other).collect())
     }
 
     /// Takes over the outcome of a registration.
@@ -198,7 +235,12 @@ impl Odometry {
         self.failures = 0;
         self.score = if self.score == 0.0 { found.score } else { 0.8 * self.score + 0.2 * found.score };
         self.predictor.add_error(&prediction.inv_mul(&found.t_map_lidar), mean_radius(&self.scratch.surfels));
-        self.predictor.set_motion(renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar)), seconds);
+        let moved = renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar));
+        self.alternation.add(&moved);
+        self.predictor.set_motion(moved, seconds);
+        if let Some((from, to)) = last.time.zip(time) {
+            self.predictor.inertial.correct(&last.t_map_lidar, &found.t_map_lidar, from, to);
+        }
         self.last = Some(Last { t_map_lidar: found.t_map_lidar, time, keyframe: last.keyframe });
     }
 
@@ -230,19 +272,59 @@ impl Odometry {
     /// The first scan of a piece.
     fn first(&mut self, cloud: &Cloud, time: Option<f64>, t_map_lidar: Pose, clock: Instant) -> OdometryReport {
         self.levels.clear();
-        self.prepare(cloud, cloud.motion.as_ref());
+        let span = sweep_span(cloud).filter(|_| self.settings.deskew);
+        // Nothing is known of the velocity yet; the rotation matters more.
+        let turned = |(time, span): (f64, [f64; 2])| self.predictor.inertial.sweep(&t_map_lidar, Vector3::zeros(), time, span);
+        let motion = cloud.motion.clone().or_else(|| time.zip(span).and_then(turned));
+        self.prepare(cloud, motion.as_ref());
         let mut times = PhaseTimes { prepare: clock.elapsed(), ..PhaseTimes::default() };
         if self.scratch.surfels.len() < LEAST_SURFACES {
             self.levels.clear();
             return self.failed(Failure::TooFewReturns, t_map_lidar, times);
         }
         let clock = Instant::now();
+        self.predictor.restart();
+        let t_map_lidar = self.levelled(t_map_lidar, time, span);
         self.insert(&t_map_lidar);
         self.last = Some(Last { t_map_lidar, time: time.filter(|t| t.is_finite()), keyframe: t_map_lidar });
-        self.predictor.restart();
         (self.failures, self.score) = (0, 0.0);
+        (self.usual_returns, self.alternation) = (self.scratch.points.len() as f64, Alternation::default());
         times.update = clock.elapsed();
-        OdometryReport { status: Status::First, is_keyframe: true, overlap: 1.0, ..self.failed(Failure::TooFewReturns, t_map_lidar, times) }
+        OdometryReport { status: Status::First, motion, is_keyframe: true, overlap: 1.0, ..self.failed(Failure::TooFewReturns, t_map_lidar, times) }
+    }
+
+    /// The pose of the first scan of a piece; that of the first piece levels the map.
+    fn levelled(&mut self, mut t_map_lidar: Pose, time: Option<f64>, span: Option<[f64; 2]>) -> Pose {
+        let end = time.map(|time| time + span.map_or(0.0, |span| span[1].max(0.0)));
+        if self.piece == 0 {
+            let by_gravity = end.and_then(|end| self.predictor.inertial.up(end)).map(|up| (Level::Gravity, up));
+            if let Some((level, up)) = by_gravity.or_else(|| level::up(&self.scratch.surfels).map(|up| (Level::Surfaces, up))) {
+                (self.level, t_map_lidar) = (level, level::levelled(&up));
+            }
+        }
+        if let Some(end) = end {
+            self.predictor.inertial.begin(&t_map_lidar, end);
+        }
+        t_map_lidar
+    }
+
+    /// Whether the prepared scan has far fewer returns than those before; if that stays so, it becomes usual.
+    fn is_covered(&mut self) -> bool {
+        let now = self.scratch.points.len() as f64;
+        let is_covered = now < COVERED * self.usual_returns;
+        let share = if is_covered { 0.05 } else { 0.2 };
+        self.usual_returns += share * (now - self.usual_returns);
+        is_covered
+    }
+
+    /// A scan whose time is not after that of the last: after several of these in turn, the clock was set back and a new piece begins.
+    fn out_of_time(&mut self, cloud: &Cloud, time: Option<f64>, last: &Last) -> OdometryReport {
+        self.failures += 1;
+        if self.failures < self.settings.max_failures || time.is_some_and(|t| !t.is_finite()) {
+            return self.failed(Failure::TimeNotAscending, last.t_map_lidar, PhaseTimes::default());
+        }
+        self.piece += 1;
+        self.first(cloud, time, last.t_map_lidar, Instant::now())
     }
 
     /// A scan that cannot be registered: after several of these in turn, it is the first of a new piece.
@@ -264,6 +346,11 @@ impl Odometry {
             piece: self.piece,
             is_keyframe: false,
             overlap: 0.0,
+            score: 0.0,
+            score_elsewhere: 0.0,
+            level: self.level,
+            alternates: false,
+            gap: None,
             spread: 0.0,
             iterations: 0,
             times,
@@ -279,6 +366,14 @@ fn in_lidar_frame(found: &Registration) -> Matrix6<f64> {
     axes.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
     let turned = axes.transpose() * found.information * axes;
     (turned + turned.transpose()) * 0.5
+}
+
+/// First and last time of a cloud's points, seconds after its stamp; `None` if they have none or are simultaneous.
+fn sweep_span(cloud: &Cloud) -> Option<[f64; 2]> {
+    let times = cloud.time.as_ref().filter(|times| times.len() == cloud.len())?;
+    let finite = times.iter().copied().filter(|t| t.is_finite());
+    let (begin, end) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), t| (low.min(t), high.max(t)));
+    (begin < end).then(|| [begin, end].map(f64::from))
 }
 
 /// Products of many rotations drift off unit length.

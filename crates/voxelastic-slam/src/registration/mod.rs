@@ -15,6 +15,6 @@ mod voxel_size;
 
 pub(crate) use downsample::Downsampler;
 pub(crate) use local_map::{LocalMap, Surfel};
-pub(crate) use register::{Registration, RegistrationSettings, mean_radius, register, search};
+pub(crate) use register::{Registration, RegistrationSettings, best_of, mean_radius, register, search};
 pub(crate) use voxel_index::{VoxelIndex, key};
 pub(crate) use voxel_size::automatic_voxel_size;

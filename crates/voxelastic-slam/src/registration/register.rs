@@ -4,10 +4,13 @@ use super::degeneracy::Solution;
 use super::local_map::{LocalMap, RANGE_NOISE, Surfel};
 use super::normal_equations::{Kernel, NormalEquations};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
-use voxelastic::geometry::Pose;
+use voxelastic::geometry::{Pose, PoseExt};
 
 /// Fewer matches than this hold no pose.
 const LEAST_MATCHES: usize = 30;
+
+/// Poses farther apart than this are different places: metres, radians.
+const ELSEWHERE: (f64, f64) = (1.0, 0.2);
 
 /// Starts of a search that are refined.
 const REFINED: usize = 4;
@@ -37,6 +40,8 @@ pub(crate) struct Registration {
     pub(crate) overlap: f64,
     /// Mean weight of the points: 1 where all lie on perfect planes.
     pub(crate) score: f64,
+    /// Score of the best pose elsewhere, if several starts were tried; 0 without one.
+    pub(crate) score_elsewhere: f64,
     /// Robust mean distance to the surfaces, metres.
     pub(crate) spread: f64,
     pub(crate) iterations: usize,
@@ -77,16 +82,22 @@ pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], se
     let mut scored: Vec<(f64, Pose)> = aligned.map(|a| (a.equations.fit, a.pose)).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(REFINED);
-    let mut best: Option<Registration> = None;
-    for (_, pose) in scored {
-        let found = descend(points, &pose, &levels[..levels.len() - 1], 0.25 * size, settings);
-        best = match (best, found) {
-            (Some(best), Some(found)) if found.score > best.score => Some(found),
-            (None, found) => found,
-            (best, _) => best,
-        };
+    let found: Vec<Registration> =
+        scored.iter().filter_map(|(_, pose)| descend(points, pose, &levels[..levels.len() - 1], 0.25 * size, settings)).collect();
+    best_of(found)
+}
+
+/// The outcome with the best score, and the score of the best one elsewhere; the first of equals.
+pub(crate) fn best_of(mut all: Vec<Registration>) -> Option<Registration> {
+    all.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let is_elsewhere = |other: &Pose, pose: &Pose| other.translation_distance(pose) > ELSEWHERE.0 || other.rotation_distance(pose) > ELSEWHERE.1;
+    let mut all = all.into_iter();
+    let mut best = all.next()?;
+    for other in all {
+        let score = if is_elsewhere(&other.t_map_lidar, &best.t_map_lidar) { other.score } else { other.score_elsewhere };
+        best.score_elsewhere = best.score_elsewhere.max(score);
     }
-    best
+    Some(best)
 }
 
 /// Aligns to each level, from the coarsest of these to the finest.
@@ -157,6 +168,7 @@ fn summary(points: usize, aligned: Aligned, coarse_iterations: usize) -> Registr
         degenerate: solution.degenerate,
         overlap: equations.matched as f64 / points.max(1) as f64,
         score: equations.fit / points.max(1) as f64,
+        score_elsewhere: 0.0,
         spread: variance.sqrt(),
         iterations: iterations + coarse_iterations,
         is_converged,

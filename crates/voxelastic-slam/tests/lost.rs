@@ -1,0 +1,144 @@
+//! What goes wrong on the way: it is noticed, said, and survived, and no pose is wrong without a word.
+#![allow(clippy::print_stdout)]
+
+use nalgebra::{Translation3, UnitQuaternion};
+use voxelastic::geometry::PoseExt;
+use voxelastic::{Cloud, Pose};
+use voxelastic_sim::random::Stream;
+use voxelastic_sim::{SimOptions, Simulation};
+use voxelastic_slam::odometry::{Failure, Odometry, OdometryReport, OdometrySettings, Status};
+
+/// A scan with its time and the true pose of the sensor.
+struct Taken {
+    time: f64,
+    truth: Pose,
+    cloud: Cloud,
+}
+
+fn simulation(world: &str, options: SimOptions) -> Simulation {
+    Simulation::new(SimOptions { world: world.into(), ..options }).unwrap()
+}
+
+/// Ten scans a second, standing still for each.
+fn walk(world: &str, scans: usize) -> Simulation {
+    simulation(
+        world,
+        SimOptions { scans: Some(scans), rate: Some(10.0), columns: Some(512), carrier: Some("pedestrian".into()), ..SimOptions::default() },
+    )
+}
+
+fn taken(simulation: &Simulation, which: impl Iterator<Item = usize>) -> Vec<Taken> {
+    which.map(|k| Taken { time: simulation.times()[k], truth: simulation.ground_truth()[k], cloud: simulation.cloud(k).unwrap() }).collect()
+}
+
+fn track(scans: &[Taken]) -> Vec<OdometryReport> {
+    let mut odometry = Odometry::new(OdometrySettings::default());
+    scans.iter().map(|scan| odometry.register(&scan.cloud, Some(scan.time))).collect()
+}
+
+fn is_measured(report: &OdometryReport) -> bool {
+    !matches!(report.status, Status::Failed(_))
+}
+
+/// Errors of the motions between neighbouring scans that were registered in the same piece, metres; rotations count 2 m a radian.
+fn step_errors(scans: &[Taken], reports: &[OdometryReport]) -> Vec<(usize, f64)> {
+    let measured: Vec<usize> = (0..reports.len()).filter(|k| is_measured(&reports[*k])).collect();
+    let same_piece = |pair: &&[usize]| reports[pair[0]].piece == reports[pair[1]].piece;
+    let error = |pair: &[usize]| {
+        let [a, b] = [pair[0], pair[1]];
+        let off = reports[a].t_map_lidar.inv_mul(&reports[b].t_map_lidar).inv_mul(&scans[a].truth.inv_mul(&scans[b].truth));
+        (b, off.translation.vector.norm() + 2.0 * off.rotation.angle())
+    };
+    measured.windows(2).filter(same_piece).map(error).collect()
+}
+
+fn worst(scans: &[Taken], reports: &[OdometryReport]) -> f64 {
+    step_errors(scans, reports).into_iter().map(|(_, error)| error).fold(0.0, f64::max)
+}
+
+fn pieces(reports: &[OdometryReport]) -> usize {
+    reports.last().unwrap().piece + 1
+}
+
+#[test]
+fn a_sensor_that_does_not_move_stays_where_it_is() {
+    let still = simulation("room", SimOptions { scans: Some(30), rate: Some(10.0), rest: 100.0, columns: Some(512), ..SimOptions::default() });
+    let scans = taken(&still, 0..30);
+    let reports = track(&scans);
+    assert!(reports[1..].iter().all(|r| r.status == Status::Tracked));
+    let moved = reports[0].t_map_lidar.translation_distance(&reports[29].t_map_lidar);
+    assert!(moved < 0.01, "{moved} m: the noise of a range");
+}
+
+#[test]
+fn scans_of_a_covered_sensor_are_left_out() {
+    let walk = walk("campus", 30);
+    let mut scans = taken(&walk, 0..30);
+    for scan in &mut scans[12..16] {
+        let kept = scan.cloud.points.iter().enumerate().filter(|(k, p)| k % 33 == 0 && p[0].is_finite());
+        scan.cloud = Cloud::from_points(kept.map(|(_, p)| *p).collect());
+    }
+    let reports = track(&scans);
+    println!("covered: {:?}", reports[11..17].iter().map(|r| (r.status.clone(), r.overlap)).collect::<Vec<_>>());
+    assert!(reports[12..16].iter().all(|r| r.status == Status::Failed(Failure::TooFewReturns)));
+    assert!(pieces(&reports) == 1 && reports[16..].iter().all(|r| r.status == Status::Tracked));
+    assert!(worst(&scans, &reports) < 0.1);
+}
+
+#[test]
+fn a_gap_is_said_and_bridged_or_begins_a_new_piece() {
+    for world in ["campus", "room"] {
+        let walk = walk(world, 90);
+        let scans = taken(&walk, (0..20).chain(70..90));
+        let reports = track(&scans);
+        println!("{world}: pieces {}, worst step {:.3} m", pieces(&reports), worst(&scans, &reports));
+        assert_eq!(reports.iter().filter(|r| r.gap.is_some_and(|s| (s - 5.1).abs() < 1e-6)).count(), 1, "{world}");
+        assert!(worst(&scans, &reports) < 0.2, "{world}: {} m", worst(&scans, &reports));
+        assert!(reports[30..].iter().all(is_measured), "{world}");
+    }
+}
+
+#[test]
+fn a_clock_that_is_set_back_begins_a_new_piece_and_one_set_forward_is_a_gap() {
+    let walk = walk("room", 24);
+    let jump = |seconds: f64| {
+        let mut scans = taken(&walk, 0..24);
+        scans[12..].iter_mut().for_each(|scan| scan.time += seconds);
+        let reports = track(&scans);
+        assert!(worst(&scans, &reports) < 0.1, "{seconds} s");
+        reports
+    };
+    let back = jump(-1000.0);
+    let late = || back.iter().filter(|r| r.status == Status::Failed(Failure::TimeNotAscending)).count();
+    assert_eq!((pieces(&back), late()), (2, 2), "two are left out, with the third it is sure");
+    assert!(back[15..].iter().all(is_measured));
+    let forward = jump(1e6);
+    assert!(pieces(&forward) == 1 && forward.iter().all(is_measured) && forward[12].gap.is_some());
+    // A single scan out of order is left out.
+    let mut scans = taken(&walk, 0..24);
+    scans.swap(9, 10);
+    let reports = track(&scans);
+    assert_eq!((pieces(&reports), reports.iter().filter(|r| !is_measured(r)).count()), (1, 1));
+}
+
+#[test]
+fn scans_of_two_sensors_in_one_stream_are_noticed() {
+    let walk = walk("campus", 40);
+    let mut scans = taken(&walk, 0..40);
+    let other = Pose::from_parts(Translation3::new(0.0, -1.2, 0.0), UnitQuaternion::from_euler_angles(0.0, 0.0, 0.6));
+    let trajectory = &walk.scene().trajectory;
+    for (k, scan) in scans.iter_mut().enumerate().filter(|(k, _)| k % 2 == 1) {
+        scan.truth = trajectory.pose(scan.time) * other;
+        scan.cloud = walk.lidar().scan(walk.world(), |_| scan.truth, &Stream::new(9, &[k as u64]));
+    }
+    let reports = track(&scans);
+    println!("two sensors: noticed with scan {:?}, worst step {:.3} m", reports.iter().position(|r| r.alternates), worst(&scans, &reports));
+    assert!(reports.iter().position(|r| r.alternates).is_some_and(|k| k <= 20));
+    assert!(worst(&scans, &reports) < 0.3, "{}", worst(&scans, &reports));
+    // A shaken sensor is none.
+    let shaken = simulation(
+        "campus",
+        SimOptions { scans: Some(30), rate: Some(10.0), columns: Some(512), carrier: Some("handheld".into()), ..SimOptions::default() },
+    );
+    assert!(track(&taken(&shaken, 0..30)).iter().all(|r| !r.alternates));
+}
