@@ -98,8 +98,12 @@ pub(crate) fn real(data: &Path) -> (Vec<Dataset>, Vec<String>) {
     let street =
         Dataset { name: "street".to_owned(), folder: data.join("kitti00-street"), poses: Some("groundtruth"), truth: Truth::None, max_scans: None };
     let (found, missing): (Vec<_>, Vec<_>) = [hall, street].into_iter().partition(|d| d.folder.is_dir());
-    let skipped = missing.iter().map(|d| format!("skipped: {}: no folder {} (VOXELASTIC_DATA names the one above it)", d.name, d.folder.display()));
-    (found, skipped.collect())
+    (found, missing.iter().map(|d| missing_folder(&d.name, &d.folder)).collect())
+}
+
+/// What is said of a dataset that is not there.
+pub(crate) fn missing_folder(name: &str, folder: &Path) -> String {
+    format!("skipped: {name}: no folder {} (VOXELASTIC_DATA names the one above it)", folder.display())
 }
 
 #[cfg(test)]

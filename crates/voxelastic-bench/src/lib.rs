@@ -12,6 +12,7 @@
 //! | Are the goals of the project reached? | [`goal`] |
 //! | How is another mapping system measured? | [`peers`] |
 //! | What do pose updates, second laps and mesh extraction cost? | [`special`] |
+//! | How good are odometry and loop closures from the scans alone? | [`slam`] |
 //! | How do costs grow with the sensor, the range, the voxels, the map? | [`growth`] |
 //!
 //! ```
@@ -38,6 +39,7 @@ mod quality;
 mod results;
 pub mod run;
 mod setting;
+pub mod slam;
 pub mod special;
 pub mod suite;
 pub mod table;

@@ -6,7 +6,7 @@ use crate::run::Run;
 use crate::setting::centimetres;
 
 /// Rows under a heading in aligned columns, numbers to the right.
-fn aligned(heading: &[&str], rows: &[Vec<String>]) -> String {
+pub(crate) fn aligned(heading: &[&str], rows: &[Vec<String>]) -> String {
     let all = || std::iter::once(heading.iter().map(|h| (*h).to_owned()).collect::<Vec<_>>()).chain(rows.iter().cloned());
     let width = |column: usize| all().filter_map(|row| row.get(column).map(|cell| cell.chars().count())).max().unwrap_or(0);
     let widths: Vec<usize> = (0..heading.len()).map(width).collect();
@@ -22,7 +22,7 @@ fn aligned(heading: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 /// A number, or a dash.
-fn number(value: Option<f64>, decimals: usize) -> String {
+pub(crate) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
@@ -30,7 +30,7 @@ fn pair(a: Option<f64>, b: Option<f64>, decimals: usize) -> String {
     if a.is_none() && b.is_none() { "-".to_owned() } else { format!("{} / {}", number(a, decimals), number(b, decimals)) }
 }
 
-fn machine(machine: &Machine, total_s: f64) -> String {
+pub(crate) fn machine(machine: &Machine, total_s: f64) -> String {
     let load = pair(machine.load_before, machine.load_after, 1);
     format!("{}, {} cores; load before / after: {load}; {total_s:.0} s\n", machine.cpu, machine.cores)
 }

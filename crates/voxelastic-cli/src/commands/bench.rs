@@ -10,12 +10,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic_bench::peers::{self, Peer};
 use voxelastic_bench::suite::{self, Options};
-use voxelastic_bench::{Workspace, growth, plots, table};
+use voxelastic_bench::{Workspace, growth, plots, slam, table};
 
 /// Variable with the folder of recorded scans, as for the tests.
 const DATA_VARIABLE: &str = "VOXELASTIC_DATA";
 /// Its default.
 const DATA_FOLDER: &str = "../shared/data";
+/// Factor on the time limit of peers for whole recordings.
+const SLAM_LIMIT_FACTOR: u32 = 30;
 /// Variable with the Python interpreter for peers.
 const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 
@@ -30,10 +32,11 @@ const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
   voxelastic bench --quick                                the hardest setting on 60 scans, to check a change
   voxelastic bench --peers -o bench                       everything, with OctoMap and VDBFusion on the same scans
   voxelastic bench --growth                               how cost grows with rings, range, voxels and submaps
+  voxelastic bench --slam --peers                         odometry and loop closures, beside other systems
   voxelastic bench --peer \"Bonxai=python3 bonxai.py\"      another system, by an adapter
 
 OctoMap and VDBFusion run in Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10). VOXELASTIC_PYTHON is the
-interpreter that has them [default: python3]. The protocol of adapters is documented in crates/voxelastic-bench/src/peers/mod.rs.")]
+interpreter that has them [default: python3]. Those of --slam: `pip install kiss-icp genz-icp kiss-slam map-closures rko-lio`. The protocol of adapters is documented in crates/voxelastic-bench/src/peers/mod.rs.")]
 pub struct BenchArgs {
     /// The folder for results and simulated scans; existing scans are reused
     #[arg(short, long, value_name = "DIR", default_value = "voxelastic-bench")]
@@ -44,13 +47,16 @@ pub struct BenchArgs {
     /// Measure the growth of cost instead: tables with fitted exponents, and the cost of new road
     #[arg(long, conflicts_with_all = ["peers", "peer", "repeat"])]
     growth: bool,
-    /// Run OctoMap and VDBFusion on the same scans, in turn
+    /// Measure odometry and loop closures from the scans alone instead, on the recordings in $VOXELASTIC_DATA that have true poses
+    #[arg(long, conflicts_with_all = ["growth", "quick", "peer", "repeat", "campus"])]
+    slam: bool,
+    /// Run OctoMap and VDBFusion on the same scans, in turn; with --slam, KISS-ICP, GenZ-ICP, KISS-SLAM, MapClosures and RKO-LIO
     #[arg(long)]
     peers: bool,
     /// Run another system in turn, by an adapter
     #[arg(long, value_name = "NAME=COMMAND", value_parser = peer)]
     peer: Vec<Peer>,
-    /// Time limit of a peer for one configuration, seconds; the number of its scans is reported
+    /// Time limit of a peer for one configuration, seconds (30 times that for a recording of --slam); the number of its scans is reported
     #[arg(long, value_name = "S", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=86_400))]
     peer_limit: u64,
     /// Number of runs of each configuration; the median counts
@@ -78,6 +84,12 @@ pub fn run(args: &BenchArgs, program: Option<&Path>) -> anyhow::Result<u8> {
         let found = growth::run(&workspace, &data, args.campus.as_deref())?;
         return finish(args, "growth.json", &found, &table::growth(&found));
     }
+    if args.slam {
+        let python = args.peers.then(python);
+        let limit = SLAM_LIMIT_FACTOR * Duration::from_secs(args.peer_limit);
+        let found = slam::run(&workspace, &data, python.as_deref(), limit)?;
+        return finish(args, "slam.json", &found, &slam::table(&found));
+    }
     let options = Options {
         quick: args.quick,
         peers: peers(args, &workspace)?,
@@ -96,11 +108,15 @@ pub fn run(args: &BenchArgs, program: Option<&Path>) -> anyhow::Result<u8> {
 fn peers(args: &BenchArgs, workspace: &Workspace) -> anyhow::Result<Vec<Peer>> {
     let mut all = Vec::new();
     if args.peers {
-        let python = std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned());
-        all.extend(peers::python_peers(workspace, &python)?);
+        all.extend(peers::python_peers(workspace, &python())?);
     }
     all.extend(args.peer.iter().cloned());
     Ok(all)
+}
+
+/// The interpreter for peers.
+fn python() -> String {
+    std::env::var(PYTHON_VARIABLE).unwrap_or_else(|_| "python3".to_owned())
 }
 
 /// Saves and prints the results.

@@ -1,0 +1,136 @@
+//! Odometry and loop closures from the scans alone, beside other systems on the same scans in one run.
+//!
+//! Every system gets the returns of all scans of a recording, in order, without times; errors of all are computed here, by the same code. Odometry is
+//! compared on every recording that has true poses. On `kitti00-loops` there are closures, too: once from the scans alone, and once with the drifting
+//! odometry of the data given.
+
+mod peer;
+mod results;
+mod score;
+mod table;
+
+use crate::data::missing_folder;
+use crate::error::Result;
+use crate::results::{generator, machine};
+use crate::workspace::{Workspace, load, words};
+use peer::Exported;
+use results::Recording;
+use score::{Claimed, Truth};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+pub use results::{SlamBench, SlamRun};
+pub use score::{ClosureScore, PathScore};
+pub use table::table;
+
+const RECORDINGS: [Recording; 4] = [
+    Recording { name: "kitti00-seq", truth: "groundtruth", odometry: None },
+    Recording { name: "kitti00-street", truth: "groundtruth", odometry: None },
+    Recording { name: "hall", truth: "poses.tum", odometry: None },
+    Recording { name: "kitti00-loops", truth: "groundtruth", odometry: Some("odom_poses.txt") },
+];
+
+/// Voxels of the maps that are made for their closures, metres: as BENCHMARK.md has maps of `kitti00-loops`.
+const MAP_VOXEL: &str = "0.4";
+/// Scratch name of such a map.
+const MAP: &str = "slam.vox";
+
+/// Runs it all. `python` is the interpreter for peers, if these are wanted; a peer gets `limit` for each recording.
+///
+/// # Errors
+/// When a program of ours fails or data cannot be read. A peer that fails is skipped and listed in the results.
+pub fn run(workspace: &Workspace, data: &Path, python: Option<&str>, limit: Duration) -> Result<SlamBench> {
+    let clock = Instant::now();
+    let mut bench = SlamBench { format: 1, generator: generator(), machine: machine(), ..SlamBench::default() };
+    let peers = python.map_or_else(|| Ok(Vec::new()), |python| peer::all(workspace, python))?;
+    for recording in &RECORDINGS {
+        let folder = data.join(recording.name);
+        if !folder.is_dir() {
+            bench.skipped.push(missing_folder(recording.name, &folder));
+            continue;
+        }
+        let truth = Truth::open(&folder, recording.truth)?;
+        bench.runs.push(odometry(workspace, recording, &folder, &truth)?);
+        if let Some(given) = recording.odometry {
+            bench.runs.push(closures(workspace, recording, &folder, &truth, None)?);
+            bench.runs.push(closures(workspace, recording, &folder, &truth, Some(given))?);
+        }
+        if !peers.is_empty() {
+            let exported = Exported::write(&folder, recording, &workspace.scratch("scans"))?;
+            for peer in &peers {
+                tracing::info!("{}, {}", recording.name, peer.name());
+                match peer.run(workspace, &exported, &truth, limit)? {
+                    Ok(run) => bench.runs.push(SlamRun { data: recording.name.to_owned(), ..run }),
+                    Err(why) => bench.skipped.push(format!("{}: {}: {why}", recording.name, peer.name())),
+                }
+            }
+            workspace.remove_scratch("scans");
+        }
+    }
+    bench.machine.load_after = load();
+    bench.total_s = clock.elapsed().as_secs_f64();
+    Ok(bench)
+}
+
+/// Our odometry, on one thread.
+fn odometry(workspace: &Workspace, recording: &Recording, folder: &Path, truth: &Truth) -> Result<SlamRun> {
+    tracing::info!("{}, odometry", recording.name);
+    let poses: PathBuf = workspace.scratch("odometry.txt");
+    let arguments =
+        [words(&["odometry"]), vec![folder.display().to_string()], words(&["--threads", "1", "--json", "-o"]), vec![poses.display().to_string()]];
+    let arguments = arguments.concat();
+    let answer = workspace.run_json(&arguments)?;
+    let found = score::rows(&poses)?;
+    Ok(SlamRun {
+        system: ours(),
+        data: recording.name.to_owned(),
+        task: "odometry",
+        scans: found.len(),
+        scans_offered: truth.scans(),
+        cpu_ms: answer.pointer("/cpu_ms/mean").and_then(Value::as_f64),
+        path: truth.path(&found),
+        command: Workspace::command_line(&arguments),
+        ..SlamRun::default()
+    })
+}
+
+/// A map with closures, from the scans alone or from odometry that is given.
+fn closures(workspace: &Workspace, recording: &Recording, folder: &Path, truth: &Truth, given: Option<&str>) -> Result<SlamRun> {
+    tracing::info!("{}, closures{}", recording.name, if given.is_some() { " with the odometry given" } else { "" });
+    let map = workspace.scratch(MAP);
+    workspace.remove_scratch(MAP);
+    let way = given.map_or_else(|| words(&["--slam"]), |poses| words(&["--poses", poses, "--loops"]));
+    let common = words(&["--voxel-size", MAP_VOXEL, "--threads", "1", "--json", "-o"]);
+    let arguments = [words(&["map"]), vec![folder.display().to_string()], way, common, vec![map.display().to_string()]].concat();
+    let answer = workspace.run_json(&arguments)?;
+    let evaluated = workspace.run_json(&[
+        "eval".to_owned(),
+        map.display().to_string(),
+        "--truth".to_owned(),
+        folder.display().to_string(),
+        "--poses".to_owned(),
+        recording.truth.to_owned(),
+        "--json".to_owned(),
+    ])?;
+    workspace.remove_scratch(MAP);
+    let tried = answer.pointer("/closures/tried").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let claimed: Vec<Claimed> = tried.iter().filter(|c| c["verdict"] == "accepted").filter_map(Claimed::of_ours).collect();
+    let ate = |what: &str| evaluated.pointer(&format!("/trajectory/ate/translation_m/{what}")).and_then(Value::as_f64);
+    Ok(SlamRun {
+        system: ours(),
+        data: recording.name.to_owned(),
+        task: if given.is_some() { "closures, odometry given" } else { "odometry and closures" },
+        scans: answer.get("scans").and_then(Value::as_u64).map_or(0, |n| n as usize),
+        scans_offered: truth.scans(),
+        path: ate("rmse").zip(ate("mean")).map(|(rmse_m, mean_m)| PathScore { rmse_m, mean_m, ..PathScore::default() }),
+        closures: Some(truth.closures(&claimed)),
+        command: Workspace::command_line(&arguments),
+        note: "the time is that of mapping, too, and not given".to_owned(),
+        ..SlamRun::default()
+    })
+}
+
+fn ours() -> String {
+    format!("Voxelastic {}", env!("CARGO_PKG_VERSION"))
+}

@@ -1,0 +1,208 @@
+//! Peers of odometry and loop closure, by adapters.
+//!
+//! An adapter is called with the path of a request, a JSON object: `format` (1), `threads`, `min_range_m`, `max_range_m`, `time_limit_s` (no scan should
+//! be started later), `imu` (false: these recordings have none) and `scans`, each with `points`, the path of a file of little-endian `f32`
+//! quadruples x, y, z, 0 in the lidar's frame, returns only; and, where odometry is given, `t_map_lidar`, three rows of four numbers in a list.
+//!
+//! It prints JSON objects, one a line: `{"system": "KISS-ICP 1.3.0"}`; for each scan `{"scan": 0, "cpu_ms": 1.5, "pose": rows}` (or null); at the end,
+//! if they have changed, `{"poses": [rows, ..]}`; and for each closure `{"closure": [from, to], "t_from_to": rows}`, scans by number. Exit code 77: not
+//! installed; 78: it cannot do this with these scans.
+
+use super::results::{Recording, SlamRun};
+use super::score::{self, Claimed, Truth};
+use crate::error::{BenchError, Result};
+use crate::process::{Outcome, command_line, run_lines};
+use crate::workspace::Workspace;
+use serde::Serialize;
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use voxelastic::event::Event;
+use voxelastic::{Cloud, Pose};
+use voxelastic_io::dataset::{self, OpenOptions};
+
+/// Name, file and text of the adapters, and what they do.
+const ADAPTERS: [(&str, &str, &str, &str); 5] = [
+    ("KISS-ICP", "kiss_icp_adapter.py", include_str!("../../peers/kiss_icp_adapter.py"), "odometry"),
+    ("GenZ-ICP", "genz_icp_adapter.py", include_str!("../../peers/genz_icp_adapter.py"), "odometry"),
+    ("KISS-SLAM", "kiss_slam_adapter.py", include_str!("../../peers/kiss_slam_adapter.py"), "odometry and closures"),
+    ("MapClosures", "map_closures_adapter.py", include_str!("../../peers/map_closures_adapter.py"), "closures, odometry given"),
+    ("RKO-LIO", "rko_lio_adapter.py", include_str!("../../peers/rko_lio_adapter.py"), "odometry"),
+];
+/// The module that they share.
+const SHARED: (&str, &str) = ("slam.py", include_str!("../../peers/slam.py"));
+/// Ranges of returns that count, metres.
+const RANGES: (f64, f64) = (0.5, 100.0);
+/// Time beyond the limit for an adapter to start and to finish a scan.
+const GRACE: Duration = Duration::from_secs(60);
+
+/// A system with its adapter.
+#[derive(Debug)]
+pub(crate) struct SlamPeer {
+    name: &'static str,
+    task: &'static str,
+    python: String,
+    script: PathBuf,
+}
+
+#[derive(Debug, Serialize)]
+struct Scan {
+    points: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    t_map_lidar: Option<Vec<f64>>,
+}
+
+#[derive(Debug, Serialize)]
+struct Request<'a> {
+    format: u32,
+    threads: usize,
+    min_range_m: f64,
+    max_range_m: f64,
+    time_limit_s: f64,
+    imu: bool,
+    scans: &'a [Scan],
+}
+
+/// The scans of a recording as plain files.
+#[derive(Debug)]
+pub(crate) struct Exported {
+    folder: PathBuf,
+    scans: Vec<Scan>,
+}
+
+impl Exported {
+    pub fn write(data: &Path, recording: &Recording, folder: &Path) -> Result<Self> {
+        fs::create_dir_all(folder).map_err(BenchError::file(folder))?;
+        let poses = recording.odometry.unwrap_or(recording.truth);
+        let source = dataset::open(data, &OpenOptions { poses: Some(poses.into()), ..OpenOptions::default() })?;
+        let mut scans = Vec::new();
+        for event in source.events() {
+            if let Event::Scan(scan) = event? {
+                let points = folder.join(format!("{:06}.bin", scans.len()));
+                let returns = scan.cloud.points.iter().copied().filter(Cloud::is_return);
+                let bytes: Vec<u8> = returns.flat_map(|[x, y, z]| [x, y, z, 0.0].map(f32::to_le_bytes)).flatten().collect();
+                fs::write(&points, bytes).map_err(BenchError::file(&points))?;
+                scans.push(Scan { points, t_map_lidar: recording.odometry.map(|_| score::row_of(&scan.t_map_lidar).to_vec()) });
+            }
+        }
+        Ok(Self { folder: folder.to_path_buf(), scans })
+    }
+
+    fn request(&self, limit: Duration) -> Result<PathBuf> {
+        let (min_range_m, max_range_m) = RANGES;
+        let request = Request { format: 1, threads: 1, min_range_m, max_range_m, time_limit_s: limit.as_secs_f64(), imu: false, scans: &self.scans };
+        let path = self.folder.join("request.json");
+        let text = serde_json::to_string(&request).map_err(|e| BenchError::Answer { command: "request".to_owned(), problem: e.to_string() })?;
+        fs::write(&path, text).map_err(BenchError::file(&path))?;
+        Ok(path)
+    }
+}
+
+/// All peers, run with `python`.
+pub(crate) fn all(workspace: &Workspace, python: &str) -> Result<Vec<SlamPeer>> {
+    let write = |(file, text): (&str, &str)| {
+        let script = workspace.folder().join(file);
+        fs::write(&script, text).map_err(BenchError::file(&script)).map(|()| script)
+    };
+    write(SHARED)?;
+    let peer = |(name, file, text, task)| Ok(SlamPeer { name, task, python: python.to_owned(), script: write((file, text))? });
+    ADAPTERS.into_iter().map(peer).collect()
+}
+
+impl SlamPeer {
+    pub fn name(&self) -> &str {
+        self.name
+    }
+
+    /// Runs it on the scans. The inner error says why there is no run.
+    pub fn run(&self, workspace: &Workspace, exported: &Exported, truth: &Truth, limit: Duration) -> Result<std::result::Result<SlamRun, String>> {
+        let arguments = vec![self.script.display().to_string(), exported.request(limit)?.display().to_string()];
+        let mut answer = Answer::default();
+        let outcome = run_lines(&self.python, &arguments, limit + GRACE, |line| answer.read_line(line))?;
+        workspace.remove_scratch("request.json");
+        let note = match outcome {
+            Outcome::Failed(status) if status.ends_with("77") => return Ok(Err("not installed".to_owned())),
+            Outcome::Failed(status) if status.ends_with("78") => return Ok(Err("not for these scans: its adapter says above why".to_owned())),
+            Outcome::Failed(status) => format!("failed: {status}"),
+            Outcome::TimedOut => "stopped at the time limit".to_owned(),
+            Outcome::Success => String::new(),
+        };
+        if answer.cpu_ms.is_empty() {
+            return Ok(Err(if note.is_empty() { "no answer".to_owned() } else { note }));
+        }
+        let has_closures = self.task != "odometry";
+        Ok(Ok(SlamRun {
+            system: if answer.system.is_empty() { self.name.to_owned() } else { answer.system },
+            task: self.task,
+            scans: answer.cpu_ms.len(),
+            scans_offered: exported.scans.len(),
+            cpu_ms: Some(answer.cpu_ms.iter().sum::<f64>() / answer.cpu_ms.len() as f64),
+            path: truth.path(&answer.poses),
+            closures: has_closures.then(|| truth.closures(&answer.closures)),
+            command: command_line(&self.python, &arguments),
+            note,
+            ..SlamRun::default()
+        }))
+    }
+}
+
+/// The output of an adapter so far.
+#[derive(Debug, Default)]
+struct Answer {
+    system: String,
+    cpu_ms: Vec<f64>,
+    poses: Vec<Pose>,
+    closures: Vec<Claimed>,
+}
+
+impl Answer {
+    fn read_line(&mut self, line: &str) {
+        let Ok(answer) = serde_json::from_str::<Value>(line) else { return };
+        if let Some(system) = answer.get("system").and_then(Value::as_str) {
+            self.system = system.to_owned();
+        }
+        if let (true, Some(cpu)) = (answer.get("scan").is_some(), answer.get("cpu_ms").and_then(Value::as_f64)) {
+            self.cpu_ms.push(cpu);
+            self.poses.extend(answer.get("pose").and_then(score::pose));
+        }
+        if let Some(poses) = answer.get("poses").and_then(Value::as_array) {
+            self.poses = poses.iter().filter_map(score::pose).collect();
+        }
+        self.closures.extend(Claimed::of_peer(&answer));
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn answers_of_an_adapter_become_a_run() {
+        let row = score::row_of(&Pose::translation(1.0, 2.0, 3.0));
+        let mut answer = Answer::default();
+        answer.read_line("KISS says something");
+        answer.read_line(&json!({"system": "X 1.0"}).to_string());
+        answer.read_line(&json!({"scan": 0, "cpu_ms": 2.0, "pose": row}).to_string());
+        answer.read_line(&json!({"scan": 1, "cpu_ms": 4.0, "pose": null}).to_string());
+        answer.read_line(&json!({"closure": [0, 1], "t_from_to": row}).to_string());
+        assert_eq!((answer.system.as_str(), answer.cpu_ms.len(), answer.poses.len(), answer.closures.len()), ("X 1.0", 2, 1, 1));
+        answer.read_line(&json!({"poses": [row, row]}).to_string());
+        assert_eq!(answer.poses.len(), 2);
+    }
+
+    #[test]
+    fn peers_that_are_not_there_are_said() {
+        let folder = tempfile::tempdir().unwrap();
+        let workspace = Workspace::create("none".into(), folder.path().to_owned()).unwrap();
+        let script = folder.path().join("absent.sh");
+        let exported = Exported { folder: folder.path().to_owned(), scans: Vec::new() };
+        for (code, said) in [(77, "not installed"), (78, "not for these scans"), (0, "no answer"), (5, "failed")] {
+            fs::write(&script, format!("exit {code}")).unwrap();
+            let peer = SlamPeer { name: "X", task: "odometry", python: "/bin/sh".into(), script: script.clone() };
+            let why = peer.run(&workspace, &exported, &Truth::none(), Duration::from_secs(5)).unwrap().unwrap_err();
+            assert!(why.contains(said), "{why}");
+        }
+    }
+}
