@@ -18,6 +18,7 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-slam", &["voxelastic"]),
     ("voxelastic-plan", &["voxelastic"]),
     ("voxelastic-report", &["voxelastic-eval"]),
+    ("voxelastic-live", &["voxelastic", "voxelastic-slam", "voxelastic-report"]),
     ("voxelastic-bench", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
     (
         "voxelastic-cli",
@@ -30,10 +31,14 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-slam",
             "voxelastic-plan",
             "voxelastic-report",
+            "voxelastic-live",
             "voxelastic-bench",
         ],
     ),
-    ("voxelastic-python", &["voxelastic", "voxelastic-io", "voxelastic-plan", "voxelastic-cli"]),
+    (
+        "voxelastic-python",
+        &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-slam", "voxelastic-plan", "voxelastic-cli"],
+    ),
 ];
 
 /// Development dependencies on later lines: the numbered examples of the core read files and plan paths.

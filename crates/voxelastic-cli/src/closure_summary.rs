@@ -1,6 +1,7 @@
 //! The closures that were tried, as JSON has them.
 
 use serde::Serialize;
+use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic_slam::loops::{Closure, Verdict};
 
@@ -28,6 +29,8 @@ pub struct TriedClosure {
     pub from: NodeId,
     /// Node of the later place.
     pub to: NodeId,
+    /// Pose of the later node in the frame of the earlier one, `[x, y, z, qx, qy, qz, qw]`; `null` if the places could not be registered.
+    pub t_from_to: Option<[f64; 7]>,
     /// `accepted`, or one of the reasons.
     pub verdict: &'static str,
     /// Correlation of the places seen from above, 0 to 1.
@@ -78,6 +81,7 @@ impl TriedClosure {
         Self {
             from,
             to,
+            t_from_to: fit.map(|f| numbers(&f.t_first_second)),
             verdict: match closure.verdict {
                 Verdict::Accepted => "accepted",
                 Verdict::NotRegistered => "not_registered",
@@ -93,4 +97,9 @@ impl TriedClosure {
             correction_m,
         }
     }
+}
+
+fn numbers(pose: &Pose) -> [f64; 7] {
+    let (t, q) = (pose.translation.vector, pose.rotation.coords);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }

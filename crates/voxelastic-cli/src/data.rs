@@ -16,6 +16,14 @@ pub struct DataArgs {
     /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, an Ouster .pcap
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
+    #[command(flatten)]
+    reading: ReadingArgs,
+}
+
+/// Arguments that say how the input is read.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Input")]
+pub struct ReadingArgs {
     /// The pose file, if there are several: a path, or a part of a file name in DATA that is unique
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
@@ -35,6 +43,12 @@ pub struct DataArgs {
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
+    /// Without poses: the topic of the inertial measurement unit in a recording, if it is to be another than the first whose place beside the lidar is known
+    #[arg(long, value_name = "TOPIC", conflicts_with = "no_imu", hide_short_help = true)]
+    imu_topic: Option<String>,
+    /// Without poses: do not use the inertial measurement unit of the data
+    #[arg(long, hide_short_help = true)]
+    no_imu: bool,
     /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
     #[arg(long, value_name = "FILE.json", hide_short_help = true)]
     metadata: Option<PathBuf>,
@@ -47,6 +61,11 @@ pub struct DataArgs {
 }
 
 impl DataArgs {
+    /// Data at `data`, read as `reading` says.
+    pub fn at(data: &Path, reading: &ReadingArgs) -> Self {
+        Self { data: data.to_owned(), reading: reading.clone() }
+    }
+
     /// The folder or file.
     pub fn path(&self) -> &Path {
         &self.data
@@ -55,10 +74,10 @@ impl DataArgs {
     /// The flag about poses that was given, if one was.
     pub fn names_poses(&self) -> Option<&'static str> {
         let given = [
-            ("--poses", self.poses.is_some()),
-            ("--graph", self.graph.is_some()),
-            ("--pose-topic", self.pose_topic.is_some()),
-            ("--t-base-lidar", self.t_base_lidar.is_some()),
+            ("--poses", self.reading.poses.is_some()),
+            ("--graph", self.reading.graph.is_some()),
+            ("--pose-topic", self.reading.pose_topic.is_some()),
+            ("--t-base-lidar", self.reading.t_base_lidar.is_some()),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
     }
@@ -66,17 +85,19 @@ impl DataArgs {
     /// Options for reading the input; `strict` makes scans without a pose an error.
     pub fn options(&self, strict: bool) -> OpenOptions {
         OpenOptions {
-            poses: self.poses.clone(),
+            poses: self.reading.poses.clone(),
             pose_kind: PoseKind::default(),
-            graph: self.graph.clone(),
-            t_base_lidar: self.t_base_lidar,
+            graph: self.reading.graph.clone(),
+            t_base_lidar: self.reading.t_base_lidar,
             strict,
-            keyframing: self.every,
-            cloud_topic: self.cloud_topic.clone(),
-            pose_topic: self.pose_topic.clone(),
-            metadata: self.metadata.clone(),
-            deskew: !self.no_deskew,
-            time_tolerance_s: self.time_tolerance,
+            keyframing: self.reading.every,
+            cloud_topic: self.reading.cloud_topic.clone(),
+            pose_topic: self.reading.pose_topic.clone(),
+            imu_topic: self.reading.imu_topic.clone(),
+            use_imu: !self.reading.no_imu,
+            metadata: self.reading.metadata.clone(),
+            deskew: !self.reading.no_deskew,
+            time_tolerance_s: self.reading.time_tolerance,
         }
     }
 

@@ -1,6 +1,5 @@
 //! Pose corrections in `voxelastic map`: optimisation after loop edges, rebuilding of submaps at the end.
 
-use crate::closure_summary::ClosureSummary;
 use crate::failure::one_line;
 use crate::input::Input;
 use crate::interrupt;
@@ -8,8 +7,8 @@ use crate::mapping::Session;
 use crate::progress::Progress;
 use clap::Args;
 use voxelastic::atlas::SubmapId;
-use voxelastic::event::Event;
 use voxelastic_io::PoseKind;
+use voxelastic_slam::Corrector;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
 use voxelastic_slam::loops::{LoopFinder, LoopSettings};
 
@@ -44,10 +43,11 @@ impl ElasticArgs {
     pub fn corrector(self, is_raw: bool) -> Corrector {
         let finds_loops = self.loops || is_raw && !self.no_loops;
         let optimiser = (self.optimize || finds_loops).then(|| LiveOptimiser::new(Options::default()));
-        Corrector {
-            finder: finds_loops.then(|| LoopFinder::new(LoopSettings::default())),
-            optimiser: if is_raw { optimiser.map(LiveOptimiser::with_pieces) } else { optimiser },
+        let mut corrector = Corrector::default();
+        if let Some(optimiser) = optimiser {
+            corrector = corrector.with_optimiser(if is_raw { optimiser.with_pieces() } else { optimiser });
         }
+        if finds_loops { corrector.with_finder(LoopFinder::new(LoopSettings::default())) } else { corrector }
     }
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns
@@ -84,58 +84,11 @@ impl ElasticArgs {
     }
 }
 
-/// Inserts loop edges and pose updates into the events of the source, if these are enabled.
-pub struct Corrector {
-    finder: Option<LoopFinder>,
-    optimiser: Option<LiveOptimiser>,
-}
-
-impl Corrector {
-    /// Returns the events for the mapper, in order. The time of an optimisation goes into the log of the session.
-    ///
-    /// # Errors
-    /// When the pose graph cannot be optimised.
-    pub fn take(&mut self, event: Event, session: &mut Session) -> anyhow::Result<Vec<Event>> {
-        let found = self.finder.as_mut().map_or_else(Vec::new, |finder| session.pool().install(|| finder.take(&event)));
-        let mut out = self.optimised(found.into_iter().map(Event::LoopEdge), session)?;
-        out.extend(self.optimised([event], session)?);
-        Ok(out)
-    }
-
-    /// The last loop edges and the last correction, after the last event.
-    ///
-    /// # Errors
-    /// When the pose graph cannot be optimised.
-    pub fn last(&mut self, session: &mut Session) -> anyhow::Result<Vec<Event>> {
-        let found = self.finder.as_mut().map_or_else(Vec::new, |finder| session.pool().install(|| finder.finish()));
-        let mut out = self.optimised(found.into_iter().map(Event::LoopEdge), session)?;
-        if let Some(optimiser) = &mut self.optimiser {
-            out.extend(timed(optimiser, session, LiveOptimiser::finish)?);
-        }
-        Ok(out)
-    }
-
-    /// Closures that were tried, if they were looked for.
-    pub fn closures(&self) -> Option<ClosureSummary> {
-        self.finder.as_ref().map(|finder| ClosureSummary::of(finder.closures()))
-    }
-
-    fn optimised(&mut self, events: impl IntoIterator<Item = Event>, session: &mut Session) -> anyhow::Result<Vec<Event>> {
-        let Some(optimiser) = &mut self.optimiser else { return Ok(events.into_iter().collect()) };
-        let mut out = Vec::new();
-        for event in events {
-            out.extend(timed(optimiser, session, |o| o.handle(event))?);
-        }
-        Ok(out)
-    }
-}
-
-/// Runs a step of the optimiser, and logs its time if the graph was optimised in it.
-fn timed<T>(optimiser: &mut LiveOptimiser, session: &mut Session, step: impl FnOnce(&mut LiveOptimiser) -> T) -> T {
-    let (runs, clock) = (optimiser.runs(), std::time::Instant::now());
-    let result = step(optimiser);
-    if optimiser.runs() > runs {
-        session.optimised(clock.elapsed());
+/// Does a step of the corrector in the session's threads. The time of an optimisation goes into the log of the session.
+pub fn corrected<T: Send>(corrector: &mut Corrector, session: &mut Session, step: impl FnOnce(&mut Corrector) -> T + Send) -> T {
+    let result = session.pool().install(|| step(corrector));
+    if let Some(took) = corrector.take_optimisation_time() {
+        session.optimised(took);
     }
     result
 }

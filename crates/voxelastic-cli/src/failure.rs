@@ -39,6 +39,11 @@ pub struct Failure {
     code: u8,
 }
 
+/// Whether a decoder panicked, so that the rest of the data cannot be read.
+pub fn is_bug_of_decoder(problem: &anyhow::Error) -> bool {
+    problem.chain().any(|cause| matches!(cause.downcast_ref(), Some(voxelastic_io::Error::Panicked { .. })))
+}
+
 impl Failure {
     /// A failure while the command ran.
     pub fn new(message: impl Into<String>, remedy: impl Into<String>) -> Self {

@@ -3,17 +3,18 @@
 mod raw_input;
 
 use crate::data::{DataArgs, HoldOut};
-use crate::failure::Failure;
+use crate::failure::{self, Failure};
 use crate::odometry_log::OdometrySummary;
 use raw_input::RawEvents;
-pub use raw_input::RawInput;
+pub use raw_input::{OdometryStage, RawInput};
 use std::sync::Arc;
-use std::sync::atomic::AtomicUsize;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use voxelastic::event::Event;
 use voxelastic::mapper::{IdleTask, ScanSource};
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::source::{Events, Source};
 use voxelastic_io::{Error, PoseKind};
+use voxelastic_live::transport::Incoming;
 
 /// Scans with poses, or raw ones.
 pub enum Input {
@@ -113,6 +114,34 @@ impl Input {
             Self::Registered(source) => InputEvents::Registered(Box::new(source.events())),
             Self::Raw(raw) => InputEvents::Raw(Box::new(raw.events(threads)?)),
         })
+    }
+
+    /// What came to the robot that recorded the data, in order: scans with poses and edges, or raw scans. Sets `broken` if a decoder panics.
+    pub fn incoming(&self, broken: Arc<AtomicBool>) -> Box<dyn Iterator<Item = Incoming> + Send> {
+        let unusable = move |problem: anyhow::Error| {
+            broken.fetch_or(failure::is_bug_of_decoder(&problem), Ordering::Relaxed);
+            Incoming::Unusable(failure::one_line(&problem))
+        };
+        match self {
+            Self::Registered(source) => {
+                Box::new(source.events().map(move |event| event.map_or_else(|problem| unusable(problem.into()), Incoming::Event)))
+            }
+            Self::Raw(raw) => Box::new(raw.raw_scans().map(move |scan| match scan.map(raw_input::raw_scan) {
+                Ok((scan, name)) => Incoming::RawScan(scan, name),
+                Err(problem) => unusable(problem.into()),
+            })),
+        }
+    }
+
+    /// The stage that registers raw scans; none for scans with poses.
+    ///
+    /// # Errors
+    /// When its threads cannot be started.
+    pub fn odometry(&self, threads: usize) -> anyhow::Result<Option<OdometryStage>> {
+        match self {
+            Self::Registered(_) => Ok(None),
+            Self::Raw(raw) => raw.stage(threads).map(Some),
+        }
     }
 
     /// Reads clouds again that [`events`](Self::events) delivered.

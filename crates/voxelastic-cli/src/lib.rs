@@ -17,6 +17,7 @@ mod elastic;
 mod failure;
 mod input;
 mod interrupt;
+mod jumps;
 mod map_files;
 mod mapping;
 mod meshing;
@@ -27,12 +28,14 @@ mod progress;
 mod raw_data;
 mod recorder;
 mod reporting;
+mod target;
 mod usage;
+mod watching;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, eval, export, heldout, info, localize, map, mesh, odometry, optimize, plan, render, repair, report,
-    simulate, slice,
+    bench, config as config_command, demo, eval, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render, repair, report,
+    simulate, slice, view,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -71,6 +74,8 @@ struct Cli {
 enum Command {
     Demo(demo::DemoArgs),
     Map(map::MapArgs),
+    Live(live::LiveArgs),
+    View(view::ViewArgs),
     Mesh(mesh::MeshArgs),
     Info(info::InfoArgs),
     Render(render::RenderArgs),
@@ -137,6 +142,8 @@ impl Command {
         match self {
             Self::Demo(args) => demo::run(args, quiet),
             Self::Map(args) => map::run(args, quiet),
+            Self::Live(args) => live::run(args, quiet),
+            Self::View(args) => view::run(args, quiet),
             Self::Mesh(args) => mesh::run(args),
             Self::Info(args) => info::run(args),
             Self::Render(args) => render::run(args),

@@ -6,7 +6,7 @@ use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
-use voxelastic_slam::odometry::{Failure, OdometryReport, Status};
+use voxelastic_slam::odometry::{Failure, Level, OdometryReport, Status};
 
 /// Outcomes of all registrations.
 #[derive(Debug, Default)]
@@ -15,6 +15,11 @@ pub struct OdometryLog {
     failed: BTreeMap<&'static str, usize>,
     degenerate: usize,
     pieces: usize,
+    gaps: usize,
+    alternates: bool,
+    level: Level,
+    /// Scans until a degenerate one is a new stretch.
+    degenerate_before: usize,
     path_m: f64,
     /// Pose and piece of the last scan that was registered.
     last: Option<(Pose, usize)>,
@@ -38,6 +43,12 @@ pub struct OdometrySummary {
     pub degenerate: usize,
     /// Pieces of the trajectory; no odometry leads from one to the next.
     pub pieces: usize,
+    /// Gaps in the times of the scans: more than a second, and several times as long as usual.
+    pub gaps: usize,
+    /// Whether the scans are those of two sensors by turns.
+    pub alternates: bool,
+    /// How the map frame is levelled: `gravity`, `surfaces` or `unknown`.
+    pub level: &'static str,
     /// Length of the trajectory, metres.
     pub path_m: f64,
     /// Processor time of a scan, without reading and decoding, milliseconds; `null` where the system does not report it.
@@ -58,6 +69,23 @@ impl OdometryLog {
     pub fn add(&mut self, report: &OdometryReport, cpu: Option<Duration>) -> Option<String> {
         self.scans += 1;
         self.pieces = report.piece + 1;
+        self.level = report.level;
+        if let Some(gap) = report.gap {
+            self.gaps += 1;
+            tracing::warn!("{gap:.1} s without scans: the sensor may have moved meanwhile");
+        }
+        if report.alternates && !self.alternates {
+            self.alternates = true;
+            tracing::warn!(
+                "every second scan comes from another place: are the scans of two sensors in one stream? Name one of them (--cloud-topic)"
+            );
+        }
+        let degenerate = matches!(report.status, Status::Degenerate { .. });
+        if degenerate && self.degenerate_before == 0 {
+            tracing::warn!("the surfaces around the sensor do not hold its pose in all directions, as in a tunnel: in those, it is a prediction");
+        }
+        // Said once for each stretch of such scans.
+        self.degenerate_before = if degenerate { 20 } else { self.degenerate_before.saturating_sub(1) };
         self.cpu_ms.extend(cpu.map(milliseconds));
         let pose = report.t_map_lidar;
         match report.status {
@@ -96,6 +124,9 @@ impl OdometryLog {
             failed: self.failed.clone(),
             degenerate: self.degenerate,
             pieces: self.pieces,
+            gaps: self.gaps,
+            alternates: self.alternates,
+            level: level_key(self.level),
             path_m: self.path_m,
             cpu_ms: SeriesStats::new(&self.cpu_ms),
             phases_ms: phases.into_iter().map(|(name, times)| (name, SeriesStats::new(times))).collect(),
@@ -113,6 +144,14 @@ impl OdometrySummary {
         let failures = if failed > 0 { format!(", {failed} scans not registered") } else { String::new() };
         let pieces = if self.pieces > 1 { format!(", in {} pieces", self.pieces) } else { String::new() };
         tracing::info!("odometry: {} scans, {:.1} m{pieces}{failures}", self.registered_of, self.path_m);
+        tracing::info!(
+            "map frame: {}",
+            match self.level {
+                "gravity" => "level, by the inertial unit",
+                "surfaces" => "level, by the ground and walls of the first scan",
+                _ => "tilted as the first scan was: neither an inertial unit at rest nor ground and walls told which way is up",
+            }
+        );
         if let (Some(median), Some(p95)) = (self.cpu_ms.median, self.cpu_ms.p95) {
             tracing::info!("odometry: median {median:.1} ms, 95 % within {p95:.1} ms of processor time a scan, {threads} threads");
         }
@@ -124,6 +163,14 @@ fn words(failure: Failure) -> &'static str {
         Failure::TooFewReturns => "too few returns",
         Failure::TooLittleOverlap => "it fits nowhere near the last pose",
         Failure::TimeNotAscending => "its time is not after that of the scan before",
+        _ => "unknown",
+    }
+}
+
+fn level_key(level: Level) -> &'static str {
+    match level {
+        Level::Gravity => "gravity",
+        Level::Surfaces => "surfaces",
         _ => "unknown",
     }
 }

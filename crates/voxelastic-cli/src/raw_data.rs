@@ -15,6 +15,12 @@ pub struct RawDataArgs {
     /// The topic of the clouds in a recording, if there are several
     #[arg(long, value_name = "TOPIC")]
     cloud_topic: Option<String>,
+    /// The topic of the inertial measurement unit in a recording, if it is to be another than the first whose place beside the lidar is known
+    #[arg(long, value_name = "TOPIC", conflicts_with = "no_imu")]
+    imu_topic: Option<String>,
+    /// Do not use the inertial measurement unit of the data
+    #[arg(long)]
+    no_imu: bool,
     /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
     #[arg(long, value_name = "FILE.json", hide_short_help = true)]
     metadata: Option<PathBuf>,
@@ -28,7 +34,13 @@ impl RawDataArgs {
 
     /// Opens the folder or recording.
     pub fn open(&self) -> voxelastic_io::Result<RawScans> {
-        let options = OpenOptions { cloud_topic: self.cloud_topic.clone(), metadata: self.metadata.clone(), ..OpenOptions::default() };
+        let options = OpenOptions {
+            cloud_topic: self.cloud_topic.clone(),
+            imu_topic: self.imu_topic.clone(),
+            use_imu: !self.no_imu,
+            metadata: self.metadata.clone(),
+            ..OpenOptions::default()
+        };
         raw::open(&self.data, &options)
     }
 }

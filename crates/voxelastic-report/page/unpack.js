@@ -13,9 +13,19 @@ async function blobBytes() {
 
 /** Every surface's chunks as {vertices: Uint8Array, colours: Uint8Array or null, indices: Uint16Array}. */
 function unpacked(bytes) {
+  const take = reader(bytes);
+  return DATA.surfaces.map((surface) => unpackedChunks(take, surface.chunks, surface.has_colours));
+}
+
+/** A function that gives the next `n` bytes. */
+function reader(bytes) {
   let at = 0;
-  const take = (n) => bytes.subarray(at, (at += n));
-  return DATA.surfaces.map((surface) => surface.chunks.map(({ v, t }) => {
+  return (n) => bytes.subarray(at, (at += n));
+}
+
+/** The chunks of one surface, of `v` vertices and `t` triangles each. */
+function unpackedChunks(take, chunks, hasColours) {
+  return chunks.map(({ v, t }) => {
     const vertices = new Uint8Array(v * STRIDE);
     const words = new Uint16Array(vertices.buffer);
     for (let k = 0; k < 3; k++) {
@@ -30,7 +40,7 @@ function unpacked(bytes) {
       const column = take(v);
       for (let i = 0; i < v; i++) vertices[i * STRIDE + k] = column[i];
     }
-    const colours = surface.has_colours ? new Uint8Array(4 * v) : null;
+    const colours = hasColours ? new Uint8Array(4 * v) : null;
     for (let k = 0; colours && k < 3; k++) {
       const column = take(v);
       for (let i = 0; i < v; i++) colours[4 * i + k] = column[i];
@@ -43,7 +53,7 @@ function unpacked(bytes) {
       indices[i] = corner;
     }
     return { vertices, colours, indices };
-  }));
+  });
 }
 
 /** Unit normal of two bytes. */

@@ -28,8 +28,10 @@ mod pack;
 mod packed_surface;
 mod page;
 mod run_log;
+pub mod scripts;
 pub mod surface;
 
 pub use content::Report;
 pub use error::{ReportError, Result};
+pub use packed_surface::{PackedBytes, pack_surface};
 pub use run_log::{Correction, FORMAT, LoopEdge, RunLog, ScanLog};

@@ -22,11 +22,11 @@ const MAX_VERTICES: usize = 65_535;
 
 /// Sizes of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub(crate) struct Chunk {
+pub struct Chunk {
     /// Vertices.
-    v: usize,
+    pub v: usize,
     /// Triangles.
-    t: usize,
+    pub t: usize,
 }
 
 /// A chunk under construction.

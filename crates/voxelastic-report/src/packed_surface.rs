@@ -40,16 +40,42 @@ pub(crate) fn packed(surfaces: &[Surface], error_max: f32) -> Result<(Vec<Packed
     Ok((descriptions.collect(), blob))
 }
 
-/// Packs one surface, reduced to about the share `keep` of its vertices.
-fn pack_one(surface: &Surface, keep: f64, error_max: f32) -> (PackedSurface, Vec<u8>) {
-    let surface = decimate(surface, keep);
+/// A surface as bytes; the layout is that of the private module `pack`, which [`scripts::UNPACK`](crate::scripts::UNPACK) reads.
+#[derive(Clone, Debug)]
+pub struct PackedBytes {
+    /// Coordinates are `origin + step * u16`, metres of the surface's frame.
+    pub origin: [f32; 3],
+    /// Edge of the grid of coordinates, metres.
+    pub step: f32,
+    /// Sizes of the chunks.
+    pub chunks: Vec<Chunk>,
+    /// The chunks.
+    pub bytes: Vec<u8>,
+}
+
+/// Packs a surface whose vertices and arrays are as they are: nothing is checked or reduced. Its coordinates are on a grid that reaches from the lowest
+/// to the highest, in steps of at least a tenth of a millimetre.
+pub fn pack_surface(surface: &Surface) -> PackedBytes {
+    let (origin, step) = grid_of(surface);
+    let mut bytes = Vec::new();
+    let chunks = pack::chunks(surface, origin, step, 1.0, &mut bytes);
+    PackedBytes { origin, step, chunks, bytes }
+}
+
+/// Origin and step of the grid of a surface's coordinates.
+fn grid_of(surface: &Surface) -> ([f32; 3], f32) {
     let (low, high) = surface.positions.iter().fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), |(low, high), p| {
         (std::array::from_fn(|k| low[k].min(p[k])), std::array::from_fn(|k| high[k].max(p[k])))
     });
     let extent = (0..3).map(|k| high[k] - low[k]).fold(0.0, f32::max);
     // At least a tenth of a millimetre: a finer step would store noise.
-    let step = (extent / 65535.0).max(1e-4);
-    let origin = if surface.positions.is_empty() { [0.0; 3] } else { low };
+    (if surface.positions.is_empty() { [0.0; 3] } else { low }, (extent / 65535.0).max(1e-4))
+}
+
+/// Packs one surface, reduced to about the share `keep` of its vertices.
+fn pack_one(surface: &Surface, keep: f64, error_max: f32) -> (PackedSurface, Vec<u8>) {
+    let surface = decimate(surface, keep);
+    let (origin, step) = grid_of(&surface);
     let mut bytes = Vec::new();
     let chunks = pack::chunks(&surface, origin, step, error_max, &mut bytes);
     let described = PackedSurface {

@@ -3,21 +3,23 @@
 use crate::content::Report;
 use crate::error::Result;
 use crate::packed_surface::{PackedSurface, packed};
+use crate::scripts::{self, escaped, filled, script_safe};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 use std::collections::BTreeMap;
-use voxelastic_eval::colour::{Ramp, Rgb};
+use voxelastic_eval::colour::Rgb;
 
 const PAGE: &str = include_str!("../page/page.html");
-const STYLE: &str = include_str!("../page/style.css");
 /// In the order of their dependencies.
-const SCRIPTS: [&str; 9] = [
-    include_str!("../page/base.js"),
-    include_str!("../page/maths.js"),
-    include_str!("../page/unpack.js"),
-    include_str!("../page/shaders.js"),
+const SCRIPTS: [&str; 11] = [
+    scripts::BASE,
+    scripts::MATHS,
+    scripts::UNPACK,
+    scripts::SHADERS,
+    scripts::STAGE,
     include_str!("../page/view.js"),
+    scripts::STEER,
     include_str!("../page/controls.js"),
     include_str!("../page/charts.js"),
     include_str!("../page/top_view.js"),
@@ -25,8 +27,6 @@ const SCRIPTS: [&str; 9] = [
 ];
 /// Compression level: 6 is within a few percent of the best size in a third of the time.
 const COMPRESSION_LEVEL: u8 = 6;
-/// Colours per ramp in the page.
-const RAMP_COLOURS: usize = 64;
 
 /// The data of the script, as JSON in the page.
 #[derive(Serialize)]
@@ -65,7 +65,7 @@ impl Report {
         let data = script_safe(&serde_json::to_string(&self.data(surfaces))?);
         let script = SCRIPTS.join("\n");
         let (title, subtitle) = (escaped(&self.title), escaped(&self.subtitle));
-        let values = [("title", &*title), ("subtitle", &subtitle), ("style", STYLE), ("data", &data), ("blob", &blob), ("script", &script)];
+        let values = [("title", &*title), ("subtitle", &subtitle), ("style", scripts::STYLE), ("data", &data), ("blob", &blob), ("script", &script)];
         Ok(filled(PAGE, &values))
     }
 
@@ -88,46 +88,13 @@ impl Report {
             error_max: self.error_max,
             planned_path: self.planned_path.as_ref(),
             details: &self.details,
-            ramps: [("height", Ramp::Land), ("intensity", Ramp::Grey), ("scale", Ramp::Violet), ("error", Ramp::Error)]
-                .map(|(name, ramp)| (name, (0..RAMP_COLOURS).map(|i| ramp.at(i as f32 / (RAMP_COLOURS - 1) as f32)).collect()))
-                .into(),
+            ramps: scripts::ramps(),
         }
     }
 }
 
 fn millimetres(metres: f64) -> f64 {
     (metres * 1e3).round() / 1e3
-}
-
-/// Replaces every `{{name}}` of `template` in one pass, so that names in values are not replaced.
-fn filled(template: &str, values: &[(&str, &str)]) -> String {
-    let mut page = String::with_capacity(template.len() + values.iter().map(|(_, v)| v.len()).sum::<usize>());
-    let mut rest = template;
-    while let Some((before, after)) = rest.split_once("{{") {
-        page.push_str(before);
-        match after.split_once("}}").and_then(|(name, behind)| Some((values.iter().find(|(n, _)| *n == name)?.1, behind))) {
-            Some((value, behind)) => {
-                page.push_str(value);
-                rest = behind;
-            }
-            None => {
-                page.push_str("{{");
-                rest = after;
-            }
-        }
-    }
-    page.push_str(rest);
-    page
-}
-
-/// Text escaped for HTML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-/// JSON escaped so that it contains no `</script>` or `<!--`.
-fn script_safe(json: &str) -> String {
-    json.replace('<', "\\u003c")
 }
 
 #[cfg(test)]

@@ -1,34 +1,32 @@
 //! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
-mod jumps;
-mod target;
-
 use crate::closure_summary::ClosureSummary;
 use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
-use crate::elastic::ElasticArgs;
+use crate::elastic::{ElasticArgs, corrected};
 use crate::failure::{self, Failure, one_line};
 use crate::input::Input;
+use crate::jumps::Jumps;
 use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
 use crate::reporting::{self, Subject};
+use crate::target::{self, OnFullDisk, Target};
 use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
-use jumps::Jumps;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
-use target::{OnFullDisk, Target};
 use voxelastic::event::Event;
 use voxelastic::mapper::Mapper;
 use voxelastic_io::store::{MapDetails, SaveReport};
 use voxelastic_report::{Correction, LoopEdge, RunLog};
+use voxelastic_slam::Corrector;
 
 /// Map a folder of scans, or a recording, with or without poses
 ///
@@ -160,7 +158,7 @@ struct Tally {
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let settings = args.settings.resolve()?;
-    let output = output_path(args)?;
+    let output = target::path(args.output.as_deref(), args.data.path())?;
     let selection = Selection::open(args)?;
     let pool = meshing::pool(settings.threads)?;
     let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
@@ -251,10 +249,10 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     let mut events = input.events(session.threads())?;
     session.set_idle_task(|| events.idle_task());
     for event in events.by_ref() {
-        tally.broken |= event.as_ref().is_err_and(is_bug_of_decoder);
+        tally.broken |= event.as_ref().is_err_and(failure::is_bug_of_decoder);
         let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
         let first = session.scans() == 0;
-        match event.and_then(|event| corrector.take(event, session)) {
+        match event.and_then(|event| Ok(corrected(&mut corrector, session, |c| c.take(event))?)) {
             Ok(events) => events.into_iter().try_for_each(|event| match jumps.check(&event) {
                 Ok(()) => session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())),
                 Err(jump) => skip(jump.into()),
@@ -279,17 +277,13 @@ fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet
     tally.skipped += input.without_pose();
     tally.odometry = events.odometry();
     tally.held_out = held_out.load(Ordering::Relaxed);
-    let last = corrector.last(session).and_then(|events| Ok(events.into_iter().try_for_each(|event| session.take(event).map(|_| ()))?));
-    tally.closures = corrector.closures();
+    let last = corrected(&mut corrector, session, Corrector::finish).map_err(anyhow::Error::from);
+    let last = last.and_then(|events| Ok(events.into_iter().try_for_each(|event| session.take(event).map(|_| ()))?));
+    tally.closures = corrector.closures().map(ClosureSummary::of);
     if let Err(problem) = last {
         tracing::warn!("the last correction is missing: {}", one_line(&problem));
     }
     Ok(tally)
-}
-
-/// Whether a decoder panicked, so that the rest of the data cannot be read.
-fn is_bug_of_decoder(problem: &anyhow::Error) -> bool {
-    problem.chain().any(|cause| matches!(cause.downcast_ref(), Some(voxelastic_io::Error::Panicked { .. })))
 }
 
 fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
@@ -336,17 +330,4 @@ fn log_summary(s: &Summary) {
         tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
     }
     tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
-}
-
-/// The path of the map: that of `--output`, or the name of the data with `.vox` in the current directory.
-fn output_path(args: &MapArgs) -> anyhow::Result<PathBuf> {
-    if let Some(path) = &args.output {
-        return Ok(path.clone());
-    }
-    let data = args.data.path();
-    let named = data.file_name().map(|_| data.to_owned()).or_else(|| data.canonicalize().ok());
-    match named.as_deref().and_then(Path::file_name) {
-        Some(name) => Ok(PathBuf::from(format!("{}.vox", name.to_string_lossy()))),
-        None => Err(Failure::usage(format!("{}: the map cannot be named after this path", data.display()), "name the map with -o MAP.vox").into()),
-    }
 }

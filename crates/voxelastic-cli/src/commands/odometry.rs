@@ -86,7 +86,7 @@ struct Summary {
 pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
     let scans = args.data.open()?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
-    let truth = TruePoses::find(args.data.path(), args.truth.as_deref())?;
+    let truth = TruePoses::find(args.data.path(), scans.is_recording(), args.truth.as_deref())?;
     let mut settings = OdometrySettings::default();
     settings.voxel_size = args.voxel_size;
     (settings.min_range, settings.max_range) = (args.min_range, args.max_range);
@@ -108,6 +108,7 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
                 continue;
             }
         };
+        scan.imu.iter().for_each(|sample| odometry.add_imu(*sample));
         let before = clock.now();
         let report = pool.install(|| odometry.register(&scan.cloud, Some(scan.time)));
         let cpu = before.zip(clock.now()).map(|(before, after)| after.saturating_sub(before));

@@ -67,10 +67,19 @@ impl RawInput {
     }
 
     pub(super) fn events(&self, threads: usize) -> anyhow::Result<RawEvents> {
+        Ok(RawEvents { scans: self.scans.iter(), stage: self.stage(threads)?, ready: VecDeque::new() })
+    }
+
+    /// The raw scans.
+    pub(super) fn raw_scans(&self) -> TimedScans {
+        self.scans.iter()
+    }
+
+    /// The stage that registers raw scans in order.
+    pub(super) fn stage(&self, threads: usize) -> anyhow::Result<OdometryStage> {
         let pool = meshing::pool(threads)?;
         let clock = PoolClock::new(&pool);
-        Ok(RawEvents {
-            scans: self.scans.iter(),
+        Ok(OdometryStage {
             slam: Slam::new(self.settings.clone()),
             pool,
             clock,
@@ -80,7 +89,6 @@ impl RawInput {
             left: self.most,
             motions: Arc::clone(&self.motions),
             log: OdometryLog::default(),
-            ready: VecDeque::new(),
         })
     }
 
@@ -89,9 +97,8 @@ impl RawInput {
     }
 }
 
-/// Iterator over the events of raw scans. Scans are registered when they are asked for, in a thread pool of their own.
-pub struct RawEvents {
-    scans: TimedScans,
+/// Registers raw scans, in a thread pool of its own.
+pub struct OdometryStage {
     slam: Slam,
     pool: rayon::ThreadPool,
     clock: PoolClock,
@@ -103,22 +110,26 @@ pub struct RawEvents {
     left: usize,
     motions: Motions,
     log: OdometryLog,
-    ready: VecDeque<Event>,
 }
 
-impl RawEvents {
-    pub(super) fn idle_step(&mut self) -> impl Fn() -> bool + Send + Sync + use<> {
-        self.scans.idle_step()
-    }
-
-    pub(super) fn summary(&self) -> OdometrySummary {
+impl OdometryStage {
+    /// The figures so far.
+    pub fn summary(&self) -> OdometrySummary {
         self.log.summary()
     }
 
-    /// Registers a scan, and makes its events ready.
-    fn take(&mut self, scan: TimedScan) -> Option<anyhow::Error> {
+    /// Whether as many scans were taken as may be.
+    pub fn is_full(&self) -> bool {
+        self.left == 0
+    }
+
+    /// Registers a scan, which messages call `name`. Returns its events.
+    ///
+    /// # Errors
+    /// A scan that could not be registered.
+    pub fn take(&mut self, raw: RawScan, name: &str) -> Result<Vec<Event>, String> {
         let Self { slam, keyframes, hold_out, selected, .. } = self;
-        let time = scan.time;
+        let time = raw.time;
         let takes = |pose: &voxelastic::Pose| {
             if !keyframes.takes(pose, time) {
                 return false;
@@ -133,7 +144,6 @@ impl RawEvents {
                 _ => true,
             }
         };
-        let raw = RawScan { node: scan.node, time, cloud: scan.cloud };
         let before = self.clock.now();
         let step = self.pool.install(|| slam.register(raw, takes));
         let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
@@ -145,14 +155,36 @@ impl RawEvents {
                 }
             }
         }
-        self.ready.extend(step.events);
-        let problem = self.log.add(&step.report, cpu)?;
-        let problem = format!("scan {}: {problem}", scan.name);
-        if self.ready.is_empty() {
-            return Some(anyhow::Error::msg(problem));
+        match self.log.add(&step.report, cpu).map(|problem| format!("scan {name}: {problem}")) {
+            Some(problem) if step.events.is_empty() => Err(problem),
+            Some(problem) => {
+                tracing::warn!("{problem}");
+                Ok(step.events)
+            }
+            None => Ok(step.events),
         }
-        tracing::warn!("{problem}");
-        None
+    }
+}
+
+/// A raw scan of the data, for the odometry.
+pub(super) fn raw_scan(scan: TimedScan) -> (RawScan, String) {
+    (RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name)
+}
+
+/// Iterator over the events of raw scans. Scans are registered when they are asked for.
+pub struct RawEvents {
+    scans: TimedScans,
+    stage: OdometryStage,
+    ready: VecDeque<Event>,
+}
+
+impl RawEvents {
+    pub(super) fn idle_step(&mut self) -> impl Fn() -> bool + Send + Sync + use<> {
+        self.scans.idle_step()
+    }
+
+    pub(super) fn summary(&self) -> OdometrySummary {
+        self.stage.summary()
     }
 }
 
@@ -164,16 +196,16 @@ impl Iterator for RawEvents {
             if let Some(event) = self.ready.pop_front() {
                 return Some(Ok(event));
             }
-            if self.left == 0 {
+            if self.stage.is_full() {
                 return None;
             }
-            match self.scans.next()? {
-                Ok(scan) => {
-                    if let Some(problem) = self.take(scan) {
-                        return Some(Err(problem));
-                    }
-                }
+            let scan = match self.scans.next()? {
+                Ok(scan) => raw_scan(scan),
                 Err(problem) => return Some(Err(problem.into())),
+            };
+            match self.stage.take(scan.0, &scan.1) {
+                Ok(events) => self.ready.extend(events),
+                Err(problem) => return Some(Err(anyhow::Error::msg(problem))),
             }
         }
     }

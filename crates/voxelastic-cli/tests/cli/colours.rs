@@ -28,7 +28,7 @@ fn mapped() -> tempfile::TempDir {
 fn meshes_and_clouds_have_the_colours_of_the_scans() {
     let dir = mapped();
     let path = |name: &str| dir.path().join(name);
-    works(dir.path(), "mesh room.vox -o room.ply");
+    works(dir.path(), "mesh room.vox -o room.ply --keep-all");
     let mesh = ply::read_mesh(path("room.ply")).unwrap();
     let colours = mesh.colours.unwrap();
     let right = |(p, colour): &(&[f32; 3], &[u8; 3])| colour_at(p.map(f64::from)).iter().zip(*colour).all(|(a, b)| a.abs_diff(*b) < 20);
@@ -39,7 +39,7 @@ fn meshes_and_clouds_have_the_colours_of_the_scans() {
     assert_ne!(ply::read_mesh(path("height.ply")).unwrap().colours.unwrap(), colours, "coloured by height");
     works(dir.path(), "render room.vox -o room.png --size 320x240");
     for name in ["cloud.ply", "cloud.pcd", "cloud.las", "cloud.laz", "cloud.e57"] {
-        let summary = json(dir.path(), &format!("export room.vox -o {name} --json"));
+        let summary = json(dir.path(), &format!("export room.vox -o {name} --keep-all --json"));
         assert_eq!(
             (summary["points"].as_u64(), &summary["colours"], &summary["intensity"]),
             (Some(colours.len() as u64), &true.into(), &true.into()),

@@ -45,7 +45,7 @@ fn a_map_with_true_poses_has_small_errors() {
     assert_eq!((errors.positions.len() as f64, errors.colours.is_some()), (number(&found, "/surface/map_points"), true));
 
     // The mesh as a file, and the world by its file, give the same distances; the world's file names the same world.
-    works(dir.path(), "mesh room.vox -o room.ply");
+    works(dir.path(), "mesh room.vox -o room.ply --keep-all");
     let of_file = json(dir.path(), "eval room.ply --truth room/world.toml --json");
     let unfused = json(dir.path(), "eval room.vox --truth room --no-fuse --json");
     assert_eq!(of_file["surface"]["accuracy_exact"], unfused["surface"]["accuracy_exact"]);

@@ -13,7 +13,7 @@ fn keys(value: &Value) -> BTreeSet<&str> {
 }
 
 /// All files of a map, by name, with their content; not the lock, which names the process that wrote last, and not the log of the run.
-fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
+pub fn content(map: &Path) -> Vec<(String, Vec<u8>)> {
     let files = std::fs::read_dir(map).unwrap().map(Result::unwrap);
     let named = files.map(|e| (e.file_name().into_string().unwrap(), e.path())).filter(|(name, _)| ![".lock", "run.json"].contains(&&**name));
     let mut files: Vec<_> = named.map(|(name, path)| (name, std::fs::read(path).unwrap())).collect();
@@ -49,7 +49,11 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     let shells = json(dir.path(), "mesh room.vox -o shells.ply --shells --colour submap --json");
     let coarse_shells = json(dir.path(), "mesh room.vox -o coarse.ply --shells --lod 1 --json");
     assert!(coarse_shells["triangles"].as_u64().unwrap() * 3 < shells["triangles"].as_u64().unwrap(), "{coarse_shells} {shells}");
-    assert!(shells["fused"].is_null(), "{shells}");
+    assert!(shells["fused"].is_null() && shells["left_out"].is_null(), "{shells}");
+    let all = json(dir.path(), "mesh room.vox -o all.ply --keep-all --json");
+    let left_out = mesh["left_out"]["triangles"].as_u64().unwrap();
+    assert_eq!(mesh["triangles"].as_u64().unwrap() + left_out, all["triangles"].as_u64().unwrap(), "{mesh} {all}");
+    assert_eq!((keys(&mesh["left_out"]), all["left_out"].is_null()), (BTreeSet::from(["area_m2", "pieces", "triangles"]), true));
     if map["submaps"].as_u64().unwrap() > 1 {
         assert!(mesh["fused"]["merged"].as_u64().unwrap() > 1000, "{mesh}");
         assert!(mesh["triangles"].as_u64().unwrap() < shells["triangles"].as_u64().unwrap(), "{mesh} {shells}");
@@ -116,7 +120,7 @@ fn settings_from_a_file_equal_those_from_flags() {
 #[test]
 fn help_has_examples_and_all_settings() {
     let dir = tempfile::tempdir().unwrap();
-    for command in ["map", "mesh", "info", "render", "heldout", "eval", "simulate", "config"] {
+    for command in ["map", "live", "view", "mesh", "info", "render", "heldout", "eval", "simulate", "config"] {
         for flag in ["-h", "--help"] {
             let help = works(dir.path(), &format!("{command} {flag}"));
             assert!(help.contains(&format!("voxelastic {command}")) && help.contains("Examples:"), "{help}");

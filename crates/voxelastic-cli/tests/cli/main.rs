@@ -7,6 +7,7 @@ mod evaluation;
 mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
+mod live;
 mod misc;
 mod occupancy;
 mod planning;

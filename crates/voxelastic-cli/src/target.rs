@@ -203,6 +203,18 @@ fn is_refused_by_the_system(problem: &anyhow::Error) -> bool {
     problem.chain().any(|cause| cause.downcast_ref::<std::io::Error>().is_some())
 }
 
+/// The path of the map: `output`, or the name of `data` with `.vox` in the current directory.
+pub fn path(output: Option<&Path>, data: &Path) -> anyhow::Result<PathBuf> {
+    if let Some(path) = output {
+        return Ok(path.to_owned());
+    }
+    let named = data.file_name().map(|_| data.to_owned()).or_else(|| data.canonicalize().ok());
+    match named.as_deref().and_then(Path::file_name) {
+        Some(name) => Ok(PathBuf::from(format!("{}.vox", name.to_string_lossy()))),
+        None => Err(Failure::usage(format!("{}: the map cannot be named after this path", data.display()), "name the map with -o MAP.vox").into()),
+    }
+}
+
 /// The current, the home and the temporary folder, without the one that `path` is in.
 fn other_folders(path: &Path) -> Vec<PathBuf> {
     let of = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));

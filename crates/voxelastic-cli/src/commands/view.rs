@@ -1,0 +1,64 @@
+//! `voxelastic view`: a map, or a recording while it is mapped, in the browser.
+
+use crate::commands::live;
+use crate::failure::Failure;
+use crate::map_files::{self, DamageArgs, is_map};
+use crate::watching::{ADDRESS, DetailArgs, Figures, Watch};
+use crate::{interrupt, meshing, usage};
+use clap::Args;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// Show a map in the browser, or a recording while it is mapped
+///
+/// Serves a page on this machine, for any number of browsers: the surface in 3D, submaps, trajectory; of a recording, also the robot, its last scan and how the map bends when loops
+/// close. The page needs no network. A recording is mapped with the usual settings, and the map is not saved: `voxelastic live --view` has all settings and
+/// saves it. Ctrl-C ends.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  voxelastic view hall.vox                        then open http://127.0.0.1:7717
+  voxelastic view drive.mcap --rate 4             maps it, four times as fast as it was recorded
+  voxelastic view hall.vox --address 0.0.0.0:80   for everyone who reaches this machine")]
+pub struct ViewArgs {
+    /// A map, a folder of scans, or a recording
+    #[arg(value_name = "MAP|DATA")]
+    thing: PathBuf,
+    /// Where to serve: an address of this machine and a port; port 0 is one that is free
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = ADDRESS)]
+    address: SocketAddr,
+    /// Speed at which a recording is played: 1 is its own, `max` as fast as it can be mapped [default: 1]
+    #[arg(long, value_name = "RATE", value_parser = live::rate::Rate::parse)]
+    rate: Option<live::rate::Rate>,
+    #[command(flatten)]
+    detail: DetailArgs,
+    #[command(flatten)]
+    damage: DamageArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
+    if !is_map(&args.thing) {
+        if args.damage.skip_damaged {
+            return Err(Failure::usage(format!("{} is not a map, and --skip-damaged is for maps", args.thing.display()), "leave it out").into());
+        }
+        return live::watch(&args.thing, args.rate, args.address, args.detail, quiet);
+    }
+    if args.rate.is_some() {
+        return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
+    }
+    let pool = meshing::pool(0)?;
+    let mut watch = Watch::start(&args.thing, args.address, args.detail)?;
+    let map = pool.install(|| map_files::load(&args.thing, args.damage))?;
+    interrupt::install("closing the viewer");
+    watch.publisher.note_atlas(&map.atlas, false, None);
+    let figures = Figures {
+        state: "a saved map",
+        scans: map.atlas.scan_count(),
+        submaps: map.atlas.submaps().len(),
+        map_mb: usage::megabytes(map.atlas.bytes() as u64),
+        rss_mb: usage::resident_bytes().map(usage::megabytes),
+        ..Figures::default()
+    };
+    watch.stay(&map.atlas, &pool, figures);
+    Ok(crate::failure::DONE)
+}

@@ -1,0 +1,130 @@
+//! The viewer of `live` and `view`: what it is told, and where it is.
+
+use crate::failure::Failure;
+use crate::interrupt;
+use clap::Args;
+use serde_json::json;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use voxelastic::atlas::Atlas;
+use voxelastic_live::publisher::Publisher;
+use voxelastic_live::scene::Scene;
+use voxelastic_live::viewer::Viewer;
+
+/// Where the viewer is if nothing else is said: this machine only.
+pub const ADDRESS: &str = "127.0.0.1:7717";
+/// Figures are sent at most this often.
+const FIGURES: Duration = Duration::from_millis(250);
+/// Tiles of the surface are made at least this often, whether scans wait or not.
+const LONGEST: Duration = Duration::from_millis(500);
+/// A pause when nothing is to do.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// How much the viewer shows.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct DetailArgs {
+    /// Level of detail of the surface in the viewer: 0 is full resolution, 3 has vertices eight voxels apart
+    #[arg(long, value_name = "0..3", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub view_detail: u8,
+}
+
+/// Figures of a node.
+#[derive(Clone, Debug, Default)]
+pub struct Figures {
+    /// What it does: `mapping`, `finished`, `a saved map`.
+    pub state: &'static str,
+    /// Scans in the map, and those that were left out.
+    pub scans: usize,
+    pub left_out: usize,
+    pub submaps: usize,
+    /// Memory of the map and of the process, megabytes.
+    pub map_mb: f64,
+    pub rss_mb: Option<f64>,
+    /// From the coming of the last scan to its being in the map.
+    pub delay_ms: Option<f64>,
+}
+
+impl Figures {
+    fn json(&self) -> String {
+        let mut rows = vec![["State".to_owned(), self.state.to_owned()], ["Scans".to_owned(), self.scans.to_string()]];
+        if self.left_out > 0 {
+            rows.push(["Left out".to_owned(), self.left_out.to_string()]);
+        }
+        rows.push(["Submaps".to_owned(), self.submaps.to_string()]);
+        rows.push(["Map".to_owned(), format!("{:.1} MB", self.map_mb)]);
+        rows.extend(self.rss_mb.map(|mb| ["Memory".to_owned(), format!("{mb:.0} MB")]));
+        rows.extend(self.delay_ms.map(|ms| ["Scan to map".to_owned(), format!("{ms:.0} ms")]));
+        json!({
+            "state": self.state, "scans": self.scans, "scans_left_out": self.left_out, "submaps": self.submaps,
+            "map_mb": self.map_mb, "rss_mb": self.rss_mb, "delay_ms": self.delay_ms, "rows": rows,
+        })
+        .to_string()
+    }
+}
+
+/// A viewer's server, and what tells it about the map.
+pub struct Watch {
+    /// Poses, trajectory, loops, scans and surfaces.
+    pub publisher: Publisher,
+    viewer: Viewer,
+    last_step: Instant,
+    last_figures: Option<Instant>,
+}
+
+impl Watch {
+    /// Starts the server, and says where it is and what it shows. `name` is what is mapped.
+    pub fn start(name: &Path, address: SocketAddr, detail: DetailArgs) -> anyhow::Result<Self> {
+        let scene = Arc::new(Scene::default());
+        let title = name.file_name().unwrap_or(name.as_os_str()).to_string_lossy();
+        let viewer = Viewer::start(Arc::clone(&scene), &title, address).map_err(|error| {
+            let remedy = "another program may use that port: name another address, or port 0 for one that is free";
+            Failure::new(format!("cannot serve the viewer at {address}: {error}"), remedy)
+        })?;
+        tracing::info!("viewer: http://{}", viewer.address());
+        if !viewer.address().ip().is_loopback() {
+            tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; nobody can change anything", viewer.address());
+        }
+        let publisher = Publisher::new(scene, detail.view_detail.into());
+        Ok(Self { publisher, viewer, last_step: Instant::now(), last_figures: None })
+    }
+
+    /// Makes some tiles of the surface, in the threads of `pool`; false if none is due. While scans wait it does so now and then only.
+    pub fn step(&mut self, atlas: &Atlas, pool: &rayon::ThreadPool, scans_wait: bool) -> bool {
+        if scans_wait && self.last_step.elapsed() < LONGEST {
+            return false;
+        }
+        let publisher = &mut self.publisher;
+        let some = pool.install(|| publisher.step(atlas));
+        self.last_step = Instant::now();
+        some
+    }
+
+    /// Sends figures, if the last ones are old enough.
+    pub fn figures(&mut self, figures: impl FnOnce() -> Figures) {
+        if self.last_figures.is_none_or(|last| last.elapsed() >= FIGURES) {
+            self.last_figures = Some(Instant::now());
+            self.publisher.statistics(&figures().json());
+        }
+    }
+
+    /// Shows a map that does not change any more, until an interrupt.
+    pub fn stay(mut self, atlas: &Atlas, pool: &rayon::ThreadPool, figures: Figures) {
+        self.publisher.statistics(&figures.json());
+        let mut said = false;
+        while !interrupt::requested() {
+            if !self.step(atlas, pool, false) {
+                if !self.publisher.is_behind() && !std::mem::replace(&mut said, true) {
+                    let (messages, bytes) = self.publisher.scene().size();
+                    tracing::info!(
+                        "the viewer at http://{} has all of it ({messages} parts, {:.1} MB); Ctrl-C ends",
+                        self.viewer.address(),
+                        bytes as f64 / 1e6
+                    );
+                }
+                std::thread::sleep(PAUSE);
+            }
+        }
+    }
+}

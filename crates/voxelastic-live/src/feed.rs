@@ -1,0 +1,269 @@
+//! The thread that a transport runs on, and the bounded queue between it and the mapper.
+
+use crate::transport::{Incoming, Transport};
+use std::collections::VecDeque;
+use std::io;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Scans that may wait. At 10 Hz a pause of 0.4 s, as a correction of a large pose graph may take, leaves none out.
+pub const WAITING_SCANS: usize = 4;
+/// Other inputs that may wait; the transport waits when there are more.
+const WAITING_OTHERS: usize = 1 << 16;
+/// How often a thread that waits looks whether to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What happens when scans come faster than they are taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overload {
+    /// The newest [`WAITING_SCANS`] wait; the oldest one that waits is left out for each that comes. For sensors: they cannot wait. Edges and
+    /// corrected poses are never left out.
+    NewestWin,
+    /// The transport waits, and no scan is left out. For recordings that are to be mapped whole.
+    Wait,
+}
+
+/// Counts of a feed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FeedCounts {
+    /// Scans that came.
+    pub scans: usize,
+    /// Scans that were left out, because newer ones came before they could be mapped.
+    pub left_out: usize,
+    /// Scans that wait.
+    pub waiting: usize,
+}
+
+/// What [`Feed::next`] returns.
+#[derive(Debug)]
+pub enum Next {
+    /// An input, and when it came.
+    Incoming(Box<Incoming>, Instant),
+    /// Nothing came in the time given.
+    Nothing,
+    /// The transport has ended, and nothing waits.
+    End,
+}
+
+/// A transport on a thread of its own, and what came from it and was not taken yet.
+#[derive(Debug)]
+pub struct Feed {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    came: Condvar,
+    taken: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    waiting: VecDeque<(Box<Incoming>, Instant)>,
+    counts: FeedCounts,
+    stopped: bool,
+    ended: bool,
+}
+
+impl Feed {
+    /// Starts the transport.
+    ///
+    /// # Errors
+    /// When the system has no thread for it.
+    pub fn start(transport: Box<dyn Transport>, overload: Overload) -> io::Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let end = End(Arc::clone(&shared));
+        let thread = std::thread::Builder::new().name("transport".to_owned()).spawn(move || end.0.run(transport, overload))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// The next input in the order in which they came; waits for one for at most `patience`.
+    pub fn next(&self, patience: Duration) -> Next {
+        let until = Instant::now() + patience;
+        let mut queue = self.shared.lock();
+        loop {
+            if let Some((input, at)) = queue.waiting.pop_front() {
+                queue.counts.waiting -= usize::from(input.time().is_some());
+                self.shared.taken.notify_all();
+                return Next::Incoming(input, at);
+            }
+            if queue.ended {
+                return Next::End;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Next::Nothing;
+            }
+            queue = self.shared.came.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+
+    /// Asks the transport to end. What waits can still be taken.
+    pub fn stop(&self) {
+        self.shared.lock().stopped = true;
+        self.shared.taken.notify_all();
+    }
+
+    /// The counts so far.
+    pub fn counts(&self) -> FeedCounts {
+        self.shared.lock().counts
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        self.stop();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Marks the feed as ended when the thread ends, however it ends.
+struct End(Arc<Shared>);
+
+impl Drop for End {
+    fn drop(&mut self) {
+        self.0.lock().ended = true;
+        self.0.came.notify_all();
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn run(&self, mut transport: Box<dyn Transport>, overload: Overload) {
+        let is_stopped = || self.lock().stopped;
+        while let Some(input) = transport.next(&is_stopped) {
+            if !self.put(input, overload) {
+                return;
+            }
+        }
+    }
+
+    /// Adds an input to the queue; false if the feed was stopped meanwhile.
+    fn put(&self, input: Incoming, overload: Overload) -> bool {
+        let (at, is_scan) = (Instant::now(), input.time().is_some());
+        let mut queue = self.lock();
+        let waits = |queue: &Queue| {
+            let others = queue.waiting.len() - queue.counts.waiting;
+            others >= WAITING_OTHERS || is_scan && overload == Overload::Wait && queue.counts.waiting >= WAITING_SCANS
+        };
+        while waits(&queue) && !queue.stopped {
+            queue = self.taken.wait_timeout(queue, LOOK).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        if queue.stopped {
+            return false;
+        }
+        if is_scan {
+            queue.counts.scans += 1;
+            if queue.counts.waiting >= WAITING_SCANS {
+                // There are few scans, but edges may be between them.
+                let oldest = queue.waiting.iter().position(|(input, _)| input.time().is_some());
+                oldest.and_then(|oldest| queue.waiting.remove(oldest));
+                queue.counts.left_out += 1;
+            } else {
+                queue.counts.waiting += 1;
+            }
+        }
+        queue.waiting.push_back((Box::new(input), at));
+        self.came.notify_one();
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::event::{Edge, Event, Scan};
+    use voxelastic::{Cloud, Pose};
+
+    /// Gives out nodes as scans, each followed by an edge, without waiting.
+    struct Burst(u64, bool);
+
+    impl Transport for Burst {
+        fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+            let node = self.0;
+            self.1 = !self.1;
+            let scan = Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::identity(), cloud: Cloud::default() });
+            let edge = Event::OdometryEdge(Edge { from: node, to: node + 1, t_from_to: Pose::identity(), information: None });
+            self.0 += u64::from(!self.1);
+            (node < 100).then_some(Incoming::Event(if self.1 { scan } else { edge }))
+        }
+    }
+
+    fn take_all(feed: &Feed) -> (Vec<u64>, Vec<u64>) {
+        let (mut scans, mut edges) = (Vec::new(), Vec::new());
+        loop {
+            match feed.next(Duration::from_secs(10)) {
+                Next::Incoming(incoming, _) => match *incoming {
+                    Incoming::Event(Event::Scan(scan)) => scans.push(scan.node),
+                    Incoming::Event(Event::OdometryEdge(edge)) => edges.push(edge.from),
+                    other => panic!("{other:?}"),
+                },
+                Next::End => return (scans, edges),
+                Next::Nothing => panic!("ten seconds without an input"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_newest_scans_win_and_edges_stay() {
+        let feed = Feed::start(Box::new(Burst(0, false)), Overload::NewestWin).unwrap();
+        while !feed.shared.lock().ended {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!(feed.counts(), FeedCounts { scans: 100, left_out: 96, waiting: WAITING_SCANS });
+        let (scans, edges) = take_all(&feed);
+        assert_eq!(scans, [96, 97, 98, 99]);
+        assert_eq!(edges, (0..100).collect::<Vec<_>>());
+        assert_eq!(feed.counts().waiting, 0);
+    }
+
+    #[test]
+    fn a_recording_can_be_taken_whole() {
+        let feed = Feed::start(Box::new(Burst(0, false)), Overload::Wait).unwrap();
+        std::thread::sleep(Duration::from_millis(20));
+        assert!(feed.counts().scans <= WAITING_SCANS);
+        let (scans, edges) = take_all(&feed);
+        assert_eq!((scans.clone(), edges), ((0..100).collect(), (0..100).collect()));
+        assert_eq!(feed.counts(), FeedCounts { scans: 100, left_out: 0, waiting: 0 });
+    }
+
+    #[test]
+    fn nothing_is_not_the_end_and_a_feed_that_waits_can_be_stopped() {
+        /// Never has anything.
+        struct Silence;
+        impl Transport for Silence {
+            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+                while !is_stopped() {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                None
+            }
+        }
+        let feed = Feed::start(Box::new(Silence), Overload::NewestWin).unwrap();
+        assert!(matches!(feed.next(Duration::from_millis(5)), Next::Nothing));
+        feed.stop();
+        assert!(matches!(feed.next(Duration::from_secs(10)), Next::End));
+        // One that waits for room, too.
+        drop(Feed::start(Box::new(Burst(0, false)), Overload::Wait).unwrap());
+    }
+
+    #[test]
+    fn a_transport_that_panics_ends_the_feed() {
+        struct Broken;
+        impl Transport for Broken {
+            fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+                panic!("on purpose")
+            }
+        }
+        let feed = Feed::start(Box::new(Broken), Overload::NewestWin).unwrap();
+        assert!(matches!(feed.next(Duration::from_secs(10)), Next::End));
+    }
+}

@@ -1,0 +1,24 @@
+//! Live mapping: inputs as they come, and the mapper that nothing else may keep waiting.
+//!
+//! | module | contents |
+//! | --- | --- |
+//! | [`transport`] | where inputs come from: the trait that a robot's middleware or a recording implements |
+//! | [`replay`] | a recording as a transport, at its own or another rate |
+//! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
+//! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |
+//! | [`scene`] | what viewers show, as messages ([`wire`]): the latest of each thing |
+//! | [`viewer`] | the server of the page that shows it |
+//!
+//! A [`Transport`](transport::Transport) runs on a thread of its own and fills a queue. The mapper's thread takes from it. When scans come faster than
+//! they can be mapped, the newest win, by the rule of [`feed::Overload`], and those left out are counted. After each event a [`Publisher`](publisher::Publisher)
+//! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
+
+pub mod feed;
+mod page;
+pub mod publisher;
+pub mod replay;
+pub mod scene;
+mod tiles;
+pub mod transport;
+pub mod viewer;
+pub mod wire;

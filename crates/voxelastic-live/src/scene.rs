@@ -1,0 +1,182 @@
+//! What viewers show, as messages: the latest of each thing, and never more than that.
+//!
+//! The mapper's thread puts messages in and waits for nobody. Each viewer takes those that are newer than what it has, at its own pace. A slow viewer misses
+//! intermediate states of a thing, but not the last one; one that attaches late gets everything that is there.
+
+use crate::wire;
+use axum::body::Bytes;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+use voxelastic::atlas::SubmapId;
+use voxelastic::surface::Tile;
+
+/// A thing that viewers show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Thing {
+    /// The poses of all submaps.
+    Submaps,
+    /// Some positions of the trajectory.
+    Path(u32),
+    /// Closed loops.
+    Loops,
+    /// The last scan.
+    Scan,
+    /// Figures.
+    Statistics,
+    /// The surface of a submap in a tile.
+    Tile(SubmapId, Tile),
+}
+
+/// Messages that a viewer does not have yet.
+#[derive(Clone, Debug, Default)]
+pub struct News {
+    /// The messages, each with its number.
+    pub messages: Vec<(u64, Bytes)>,
+    /// What the viewer has afterwards.
+    pub have: Have,
+}
+
+/// What a viewer has: the numbers of the last messages that it got.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Have {
+    /// Of tiles, which take turns ...
+    pub tiles: u64,
+    /// ... and of everything else, which goes first.
+    pub others: u64,
+}
+
+/// The latest message of each thing.
+#[derive(Debug)]
+pub struct Scene {
+    things: Mutex<Things>,
+    last: watch::Sender<u64>,
+}
+
+#[derive(Debug, Default)]
+struct Things {
+    last: u64,
+    latest: HashMap<Thing, (u64, Bytes)>,
+    tiles: BTreeMap<u64, Thing>,
+    others: BTreeMap<u64, Thing>,
+    bytes: usize,
+}
+
+impl Default for Scene {
+    fn default() -> Self {
+        Self { things: Mutex::default(), last: watch::Sender::new(0) }
+    }
+}
+
+impl Scene {
+    fn lock(&self) -> MutexGuard<'_, Things> {
+        self.things.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Replaces the messages of things.
+    pub fn put(&self, messages: impl IntoIterator<Item = (Thing, Vec<u8>)>) {
+        let mut things = self.lock();
+        messages.into_iter().for_each(|(thing, message)| things.put(thing, message));
+        let last = things.last;
+        drop(things);
+        self.last.send_replace(last);
+    }
+
+    /// Forgets the tiles of submaps for which `is_there` does not hold. Viewers drop them when they get the list of submaps.
+    pub fn retain(&self, is_there: impl Fn(SubmapId) -> bool) {
+        let mut things = self.lock();
+        let gone: Vec<Thing> = things.latest.keys().copied().filter(|thing| matches!(thing, Thing::Tile(id, _) if !is_there(*id))).collect();
+        for thing in gone {
+            if let Some((number, message)) = things.latest.remove(&thing) {
+                things.tiles.remove(&number);
+                things.bytes -= message.len();
+            }
+        }
+    }
+
+    /// What a viewer that has `have` gets next: everything but tiles, then tiles up to about `limit` bytes.
+    pub fn news(&self, have: Have, limit: usize) -> News {
+        let things = self.lock();
+        let after = |number: u64| (std::ops::Bound::Excluded(number), std::ops::Bound::Unbounded);
+        let message = |(number, thing): (&u64, &Thing)| Some((*number, things.latest.get(thing)?.1.clone()));
+        let mut news = News { messages: Vec::new(), have };
+        for message in things.others.range(after(have.others)).filter_map(message) {
+            news.have.others = message.0;
+            news.messages.push(message);
+        }
+        let mut bytes = 0;
+        for message in things.tiles.range(after(have.tiles)).filter_map(message) {
+            news.have.tiles = message.0;
+            bytes += message.1.len();
+            news.messages.push(message);
+            if bytes >= limit {
+                break;
+            }
+        }
+        news
+    }
+
+    /// A receiver that is notified when messages come.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.last.subscribe()
+    }
+
+    /// The latest message of a thing.
+    pub fn latest(&self, thing: Thing) -> Option<Bytes> {
+        self.lock().latest.get(&thing).map(|(_, message)| message.clone())
+    }
+
+    /// Number and size of all messages.
+    pub fn size(&self) -> (usize, usize) {
+        let things = self.lock();
+        (things.latest.len(), things.bytes)
+    }
+}
+
+impl Things {
+    fn put(&mut self, thing: Thing, mut message: Vec<u8>) {
+        self.last += 1;
+        wire::set_number(&mut message, self.last);
+        let message = Bytes::from(message);
+        self.bytes += message.len();
+        let order = if matches!(thing, Thing::Tile(..)) { &mut self.tiles } else { &mut self.others };
+        if let Some((number, old)) = self.latest.insert(thing, (self.last, message)) {
+            order.remove(&number);
+            self.bytes -= old.len();
+        }
+        order.insert(self.last, thing);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn texts(news: &News) -> Vec<&str> {
+        news.messages.iter().map(|(_, m)| std::str::from_utf8(m).unwrap()).collect()
+    }
+
+    #[test]
+    fn viewers_get_the_latest_of_each_thing_and_figures_first() {
+        let (scene, tile) = (Scene::default(), |x| Thing::Tile(3, [x, 0, 0]));
+        scene.put([(tile(1), b"a1".to_vec()), (tile(2), b"b1".to_vec()), (Thing::Scan, b"s1".to_vec())]);
+        let first = scene.news(Have::default(), 1);
+        assert_eq!(texts(&first), ["s1", "a1"], "at most one tile of two bytes");
+        scene.put([(tile(1), b"a2".to_vec()), (Thing::Scan, b"s2".to_vec()), (Thing::Scan, b"s3".to_vec())]);
+        let second = scene.news(first.have, 100);
+        assert_eq!(texts(&second), ["s3", "b1", "a2"]);
+        assert!(scene.news(second.have, 100).messages.is_empty());
+        assert_eq!(texts(&scene.news(Have::default(), 100)), ["s3", "b1", "a2"], "a late one gets everything");
+        assert_eq!(scene.size(), (3, 6));
+    }
+
+    #[test]
+    fn tiles_of_submaps_that_are_gone_are_forgotten() {
+        let scene = Scene::default();
+        scene.put([(Thing::Tile(1, [0; 3]), vec![0; 9]), (Thing::Tile(2, [0; 3]), vec![1; 5]), (Thing::Submaps, vec![2])]);
+        scene.retain(|id| id == 2);
+        assert_eq!(scene.size(), (2, 6));
+        let lengths: Vec<usize> = scene.news(Have::default(), 100).messages.iter().map(|(_, m)| m.len()).collect();
+        assert_eq!(lengths, [1, 5]);
+    }
+}

@@ -1,0 +1,296 @@
+//! The server of the viewer: a page, a socket with what it shows, and the node's health, over HTTP.
+//!
+//! | path | what |
+//! | --- | --- |
+//! | `/` | the page |
+//! | `/socket` | a WebSocket with the messages of [`wire`]; nothing that is sent to it has an effect |
+//! | `/health` | the figures of the node, as JSON |
+//!
+//! It serves what is in a [`Scene`] and changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
+//! the browser.
+
+use crate::page;
+use crate::scene::{Have, Scene, Thing};
+use crate::wire;
+use axum::Router;
+use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Query, State};
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
+use std::collections::HashMap;
+use std::io;
+use std::net::{IpAddr, SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use tokio::sync::{Semaphore, oneshot};
+
+/// Most viewers at a time.
+const VIEWERS: usize = 32;
+/// Bytes of tiles after which figures and poses are sent again.
+const BATCH: usize = 256 << 10;
+/// A viewer that takes nothing for this long is given up.
+const STALL: Duration = Duration::from_secs(30);
+/// A viewer has nothing to say.
+const LARGEST_REQUEST: usize = 4096;
+
+/// A server on a thread of its own; it ends when this is dropped.
+#[derive(Debug)]
+pub struct Viewer {
+    address: SocketAddr,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What requests are answered from.
+#[derive(Clone)]
+struct Site {
+    scene: Arc<Scene>,
+    page: Arc<str>,
+    session: u64,
+    viewers: Arc<Semaphore>,
+    is_local: bool,
+}
+
+impl Viewer {
+    /// Serves `scene` at `address`, with port 0 at one that is free, on a page with a title.
+    ///
+    /// # Errors
+    /// When the address is taken or not of this machine, or the system has no thread.
+    pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        listener.set_nonblocking(true)?;
+        let address = listener.local_addr()?;
+        let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
+        let viewers = Arc::new(Semaphore::new(VIEWERS));
+        let site = Site { scene, page: page::html(title).into(), session, viewers, is_local: address.ip().is_loopback() };
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let (stop, stopped) = oneshot::channel();
+        let thread = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
+            runtime.block_on(async {
+                tokio::select! {
+                    () = serve(listener, site) => {}
+                    _ = stopped => {}
+                }
+            });
+        })?;
+        Ok(Self { address, stop: Some(stop), thread: Some(thread) })
+    }
+
+    /// Where it is.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for Viewer {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+async fn serve(listener: TcpListener, site: Site) {
+    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
+    let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health)).with_state(site);
+    // It ends with the runtime only.
+    let _ = axum::serve(listener, routes).await;
+}
+
+async fn page_of(State(site): State<Site>, headers: HeaderMap) -> Response {
+    if !site.allows(&headers) {
+        return refused();
+    }
+    Html(site.page.to_string()).into_response()
+}
+
+async fn health(State(site): State<Site>, headers: HeaderMap) -> Response {
+    if !site.allows(&headers) {
+        return refused();
+    }
+    let figures = site.scene.latest(Thing::Statistics).map(|message| message.slice(wire::HEAD..));
+    ([(header::CONTENT_TYPE, "application/json")], figures.unwrap_or_else(|| "{}".into())).into_response()
+}
+
+async fn socket(State(site): State<Site>, headers: HeaderMap, Query(had): Query<HashMap<String, String>>, upgrade: WebSocketUpgrade) -> Response {
+    if !site.allows(&headers) {
+        return refused();
+    }
+    let Ok(permit) = Arc::clone(&site.viewers).try_acquire_owned() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, format!("{VIEWERS} viewers are attached already; close one\n")).into_response();
+    };
+    let number = |key: &str| had.get(key).and_then(|text| text.parse::<u64>().ok());
+    let resumed = number("session") == Some(site.session);
+    let have = Have { tiles: number("tiles").filter(|_| resumed).unwrap_or(0), others: 0 };
+    let upgrade = upgrade.max_message_size(LARGEST_REQUEST).max_frame_size(LARGEST_REQUEST);
+    upgrade.on_upgrade(move |socket| async move {
+        // An error is a viewer that has gone.
+        let _ = show(socket, &site, have, resumed).await;
+        drop(permit);
+    })
+}
+
+/// Sends a viewer what it does not have, as fast as it takes it.
+async fn show(mut socket: WebSocket, site: &Site, mut have: Have, resumed: bool) -> Result<(), axum::Error> {
+    let mut changes = site.scene.changes();
+    let hello = wire::hello(site.session, resumed);
+    send(&mut socket, Message::Binary(hello.into())).await?;
+    loop {
+        changes.borrow_and_update();
+        let news = site.scene.news(have, BATCH);
+        have = news.have;
+        let is_idle = news.messages.is_empty();
+        for (_, message) in news.messages {
+            send(&mut socket, Message::Binary(message)).await?;
+        }
+        if is_idle {
+            tokio::select! {
+                changed = changes.changed() => if changed.is_err() { return Ok(()) },
+                said = socket.recv() => match said {
+                    None | Some(Err(_) | Ok(Message::Close(_))) => return Ok(()),
+                    Some(Ok(_)) => {}
+                },
+            }
+        }
+    }
+}
+
+async fn send(socket: &mut WebSocket, message: Message) -> Result<(), axum::Error> {
+    match tokio::time::timeout(STALL, socket.send(message)).await {
+        Ok(sent) => sent,
+        Err(stalled) => Err(axum::Error::new(stalled)),
+    }
+}
+
+impl Site {
+    /// Whether a request comes from this page or from no page. A local server is asked for by a local name: another one may be a stranger's that was made
+    /// to lead here.
+    fn allows(&self, headers: &HeaderMap) -> bool {
+        let text = |name: header::HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
+        let host = text(header::HOST).unwrap_or_default();
+        let is_own = text(header::ORIGIN).is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
+        is_own && (!self.is_local || is_local(host))
+    }
+}
+
+/// Whether a host, perhaps with a port, is an address or `localhost`.
+fn is_local(host: &str) -> bool {
+    let name = host.rsplit_once(':').filter(|(_, port)| port.parse::<u16>().is_ok()).map_or(host, |(name, _)| name);
+    name == "localhost" || name.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>().is_ok()
+}
+
+fn refused() -> Response {
+    (StatusCode::FORBIDDEN, "this map is shown to pages of its own server only\n").into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+    use tungstenite::client::IntoClientRequest;
+
+    fn viewer() -> (Arc<Scene>, Viewer) {
+        let scene = Arc::new(Scene::default());
+        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into()).unwrap();
+        (scene, viewer)
+    }
+
+    fn asked(viewer: &Viewer, path: &str, headers: &str) -> String {
+        let mut stream = TcpStream::connect(viewer.address()).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        write!(stream, "GET {path} HTTP/1.1\r\n{headers}\r\nConnection: close\r\n\r\n").unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        answer
+    }
+
+    fn attached(viewer: &Viewer, query: &str) -> tungstenite::WebSocket<TcpStream> {
+        let stream = TcpStream::connect(viewer.address()).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        let request = format!("ws://{}/socket{query}", viewer.address()).into_client_request().unwrap();
+        tungstenite::client(request, stream).unwrap().0
+    }
+
+    fn next(socket: &mut tungstenite::WebSocket<TcpStream>) -> (u32, u64, Vec<u8>) {
+        let message = socket.read().unwrap().into_data();
+        let number = u64::from_le_bytes(message[4..12].try_into().unwrap());
+        (u32::from_le_bytes(message[..4].try_into().unwrap()), number, message[12..].to_vec())
+    }
+
+    #[test]
+    fn strangers_are_refused() {
+        let (scene, viewer) = viewer();
+        scene.put([(Thing::Statistics, wire::statistics("{\"scans\":3}"))]);
+        assert!(asked(&viewer, "/", "Host: localhost:1").contains("<title>a map"));
+        assert!(asked(&viewer, "/health", "Host: 127.0.0.1").ends_with("{\"scans\":3}"));
+        assert!(asked(&viewer, "/", "Host: evil.example").starts_with("HTTP/1.1 403"));
+        assert!(asked(&viewer, "/health", "Host: [::1]:80\r\nOrigin: http://evil.example").starts_with("HTTP/1.1 403"));
+        for (origin, is_own) in [("http://evil.example".to_owned(), false), (format!("http://{}", viewer.address()), true)] {
+            let mut request = format!("ws://{}/socket", viewer.address()).into_client_request().unwrap();
+            request.headers_mut().insert("Origin", origin.parse().unwrap());
+            assert_eq!(tungstenite::client(request, TcpStream::connect(viewer.address()).unwrap()).is_ok(), is_own, "{origin}");
+        }
+        assert!(asked(&viewer, "/nothing", "Host: localhost").starts_with("HTTP/1.1 404"));
+    }
+
+    #[test]
+    fn viewers_come_and_go_and_one_that_comes_back_gets_what_it_lacks() {
+        let (scene, viewer) = viewer();
+        let tile = |x: i32| (Thing::Tile(0, [x, 0, 0]), wire::tile(0, [x, 0, 0], 1, voxelastic::surface::Mesh::default()));
+        scene.put([tile(1), tile(2)]);
+        let mut one = attached(&viewer, "");
+        let (kind, _, hello) = next(&mut one);
+        let hello: serde_json::Value = serde_json::from_slice(&hello).unwrap();
+        assert!(kind == 0 && hello["resumed"] == false);
+        let numbers = [next(&mut one).1, next(&mut one).1];
+        assert_eq!(numbers, [1, 2]);
+        // Garbage has no effect, too much of it ends the connection and nothing else.
+        one.send(tungstenite::Message::binary(vec![7; 100])).unwrap();
+        one.send(tungstenite::Message::text("{\"reset\":true}")).unwrap();
+        scene.put([tile(3)]);
+        assert_eq!(next(&mut one).1, 3);
+        one.send(tungstenite::Message::binary(vec![7; 100_000])).unwrap();
+        assert!(one.read().is_err() || one.read().is_err());
+        drop(one);
+        let mut raw = TcpStream::connect(viewer.address()).unwrap();
+        raw.write_all(&[0xff; 5000]).unwrap();
+        scene.put([tile(1)]);
+        let mut again = attached(&viewer, &format!("?session={}&tiles=2", hello["session"].as_str().unwrap()));
+        assert!(String::from_utf8(next(&mut again).2).unwrap().contains("\"resumed\":true"));
+        assert_eq!([next(&mut again).1, next(&mut again).1], [3, 4], "tile 2 is as it was");
+        let mut stranger = attached(&viewer, "?session=1&tiles=2");
+        assert!(String::from_utf8(next(&mut stranger).2).unwrap().contains("\"resumed\":false"));
+        assert_eq!([next(&mut stranger).1, next(&mut stranger).1, next(&mut stranger).1], [2, 3, 4]);
+    }
+
+    #[test]
+    fn a_viewer_that_reads_nothing_keeps_nobody_waiting() {
+        let (scene, viewer) = viewer();
+        let stuck = attached(&viewer, "");
+        let mut one = attached(&viewer, "");
+        next(&mut one);
+        let clock = std::time::Instant::now();
+        // Far more than sockets hold, of which the latest of each tile is kept.
+        for round in 0..200u64 {
+            scene.put((0..8).map(|x| (Thing::Tile(0, [x, 0, 0]), vec![0; 100_000])));
+            let seen = scene.size();
+            assert_eq!(seen, (8, 800_000), "round {round}");
+        }
+        assert!(clock.elapsed() < Duration::from_secs(20));
+        while next(&mut one).1 < 1600 {}
+        drop(stuck);
+    }
+
+    #[test]
+    fn there_are_not_too_many_viewers() {
+        let (_scene, viewer) = viewer();
+        let all: Vec<_> = (0..VIEWERS).map(|_| attached(&viewer, "")).collect();
+        let stream = TcpStream::connect(viewer.address()).unwrap();
+        assert!(tungstenite::client(format!("ws://{}/socket", viewer.address()), stream).is_err());
+        drop(all);
+    }
+}

@@ -1,0 +1,109 @@
+//! A headless Chromium that runs expressions in a page, over its DevTools socket.
+
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::{Message, WebSocket};
+
+/// A browser on a busy machine without a graphics card is slow.
+pub const TIMEOUT: Duration = Duration::from_secs(150);
+
+/// A browser with one page; stopped when dropped.
+pub struct Browser {
+    child: Child,
+    socket: Option<WebSocket<TcpStream>>,
+    calls: u64,
+}
+
+impl Drop for Browser {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Browser {
+    /// Opens `url`; none, after noting the skip, without a browser.
+    pub fn open(url: &str, profile: &Path) -> Option<Self> {
+        let flags = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--enable-unsafe-swiftshader",
+            "--disable-quic",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            "--disable-dev-shm-usage",
+            "--remote-debugging-port=0",
+            "--window-size=1000,700",
+        ];
+        let child = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|name| {
+            let mut command = Command::new(name);
+            command.args(flags).arg(format!("--user-data-dir={}", profile.display())).arg(url);
+            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()
+        });
+        let Some(child) = child else {
+            voxelastic_testing::skip(voxelastic_testing::Need::Browser, "neither chromium nor google-chrome is installed");
+            return None;
+        };
+        let mut browser = Self { child, socket: None, calls: 0 };
+        let clock = Instant::now();
+        while browser.socket.is_none() {
+            assert!(clock.elapsed() < TIMEOUT, "the browser does not answer");
+            std::thread::sleep(Duration::from_millis(100));
+            browser.socket = attach(profile, url);
+        }
+        Some(browser)
+    }
+
+    fn call(&mut self, method: &str, parameters: &Value) -> Value {
+        self.calls += 1;
+        let (id, socket) = (self.calls, self.socket.as_mut().unwrap());
+        socket.send(Message::text(json!({ "id": id, "method": method, "params": parameters }).to_string())).unwrap();
+        loop {
+            let answer = socket.read().unwrap();
+            let answer: Value = serde_json::from_slice(&answer.into_data()).unwrap_or_default();
+            if answer["id"] == id {
+                return answer["result"].clone();
+            }
+        }
+    }
+
+    /// The value of an expression in the page.
+    pub fn value(&mut self, expression: &str) -> Value {
+        let answer = self.call("Runtime.evaluate", &json!({ "expression": expression, "returnByValue": true, "awaitPromise": true }));
+        assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
+        answer["result"]["value"].clone()
+    }
+
+    /// Waits until an expression is true.
+    pub fn wait(&mut self, expression: &str) {
+        let clock = Instant::now();
+        while self.value(expression) != true {
+            let state = self.value("JSON.stringify({ text: document.body.innerText, seen: window.voxelastic && String(voxelastic.seen.messages) })");
+            assert!(clock.elapsed() < TIMEOUT, "never: {expression}; {state}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+}
+
+/// The socket of the page, once the browser has one.
+fn attach(profile: &Path, url: &str) -> Option<WebSocket<TcpStream>> {
+    let port: u16 = std::fs::read_to_string(profile.join("DevToolsActivePort")).ok()?.lines().next()?.parse().ok()?;
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
+    write!(stream, "GET /json/list HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").ok()?;
+    let mut answer = String::new();
+    stream.set_read_timeout(Some(Duration::from_secs(5))).ok()?;
+    let _ = stream.read_to_string(&mut answer);
+    let pages: Value = serde_json::from_str(answer.split_once("\r\n\r\n")?.1).ok()?;
+    let page = pages.as_array()?.iter().find(|page| page["url"].as_str().is_some_and(|at| at.starts_with(url)))?;
+    let stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
+    stream.set_read_timeout(Some(TIMEOUT)).ok()?;
+    let config = tungstenite::protocol::WebSocketConfig::default().max_message_size(None).max_frame_size(None);
+    Some(tungstenite::client::client_with_config(page["webSocketDebuggerUrl"].as_str()?, stream, Some(config)).ok()?.0)
+}

@@ -1,0 +1,105 @@
+//! The viewer's page in a browser: the map grows, bends, and comes back after the connection was lost.
+//!
+//! Skipped where neither Chromium nor Chrome is installed.
+
+mod devtools;
+
+use devtools::Browser;
+use std::sync::Arc;
+use voxelastic::event::{Edge, Event, Scan};
+use voxelastic::{Cloud, Mapper, Pose, Settings};
+use voxelastic_live::publisher::{Publisher, ShownScan};
+use voxelastic_live::scene::Scene;
+use voxelastic_live::viewer::Viewer;
+
+/// A corridor of 4 x 3 m along x, seen from `x` metres along it.
+fn corridor(x: f64) -> Cloud {
+    let mut points = Vec::new();
+    for row in 0..32 {
+        for column in 0..720 {
+            let (elevation, azimuth) = ((f64::from(row) - 15.5) * 0.04, f64::from(column) * std::f64::consts::TAU / 720.0);
+            let d = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+            let along = |side: f64, c: f64| if c.abs() < 1e-9 { f64::INFINITY } else { side / c.abs() };
+            let range = along(2.0, d[1]).min(along(1.5, d[2])).min(along(20.0 - x * d[0].signum(), d[0]));
+            points.push(d.map(|c| (c * range) as f32));
+        }
+    }
+    Cloud::from_points(points)
+}
+
+/// The mapper and what tells the page about it.
+struct Node {
+    mapper: Mapper,
+    publisher: Publisher,
+}
+
+impl Node {
+    fn scan(&mut self, node: u64) {
+        let (x, time) = (1.0 * node as f64, 0.1 * node as f64);
+        let cloud = corridor(x);
+        let shown = ShownScan::of(&cloud, time);
+        self.mapper.handle(Event::Scan(Scan { node, time, t_map_lidar: Pose::translation(x, 0.0, 0.0), cloud })).unwrap();
+        self.publisher.note(&self.mapper, Some(&shown));
+        while self.publisher.step(self.mapper.atlas()) {}
+    }
+
+    fn event(&mut self, event: Event) {
+        self.mapper.handle(event).unwrap();
+        self.publisher.note(&self.mapper, None);
+    }
+}
+
+const COLOURS: &str = "(() => {
+    const { canvas } = voxelastic.view, flat = document.createElement('canvas');
+    [flat.width, flat.height] = [canvas.width, canvas.height];
+    const pen = flat.getContext('2d');
+    pen.drawImage(canvas, 0, 0);
+    return new Set(new Uint32Array(pen.getImageData(0, 0, flat.width, flat.height).data.buffer)).size;
+})()";
+
+#[test]
+fn the_map_grows_bends_and_comes_back() {
+    let settings = Settings { lambda_odom: 4.0, voxel_size: 0.1, ..Settings::default() };
+    let scene = Arc::new(Scene::default());
+    let mut node = Node { mapper: Mapper::new(settings).unwrap(), publisher: Publisher::new(Arc::clone(&scene), 0) };
+    node.scan(0);
+    let viewer = Viewer::start(Arc::clone(&scene), "corridor", ([127, 0, 0, 1], 0).into()).unwrap();
+    let profile = tempfile::tempdir().unwrap();
+    let address = viewer.address();
+    let Some(mut page) = Browser::open(&format!("http://{address}/"), profile.path()) else { return };
+
+    // It was there before the page, and grows.
+    page.wait("window.voxelastic !== undefined && voxelastic.view.triangles > 0");
+    let first = page.value("voxelastic.view.triangles").as_f64().unwrap();
+    (1..12).for_each(|k| node.scan(k));
+    page.wait("[...voxelastic.view.parts.values()].flat().length === 12");
+    page.wait(&format!("voxelastic.view.submaps.size >= 2 && voxelastic.view.triangles > 1.5 * {first}"));
+    page.wait("document.getElementById('stage').dataset.ready === 'yes'");
+    page.wait(&format!("({COLOURS}) > 200"));
+    let robot = page.value("voxelastic.view.robotPose()");
+    assert!((robot[0].as_f64().unwrap() - 11.0).abs() < 1e-3, "{robot}");
+
+    // It bends: poses are sent, surfaces are not.
+    page.wait(&format!("voxelastic.seen.tiles === {}n", scene.news(Default::default(), usize::MAX).have.tiles));
+    let tiles = page.value("String(voxelastic.seen.tiles)");
+    let moved: Vec<(u64, Pose)> = (6..12).map(|k| (k, Pose::translation(k as f64, 3.0, 0.0))).collect();
+    let last = moved[5].1;
+    node.event(Event::LoopEdge(Edge { from: 0, to: 11, t_from_to: last, information: None }));
+    node.publisher.add_loop(0, 11);
+    node.event(Event::PoseUpdate(moved));
+    page.wait("[...voxelastic.view.submaps.values()].some((pose) => pose[1] === 3)");
+    page.wait("voxelastic.view.loopPlaces.length === 1");
+    page.wait("Math.abs(voxelastic.view.robotPose()[1] - 3) < 1e-3");
+    page.wait("[...voxelastic.view.tiles.values()].some((tile) => Math.abs(tile.matrix[13] - tile.origin[1] - 3) < 1e-3)");
+    assert_eq!(page.value("String(voxelastic.seen.tiles)"), tiles, "no tile was sent again");
+
+    // The connection is lost and comes back, with another server at the same place.
+    let all = page.value("voxelastic.view.triangles");
+    drop(viewer);
+    page.wait("document.getElementById('state').dataset.state === 'lost'");
+    let _viewer = Viewer::start(scene, "corridor", address).unwrap();
+    page.wait("document.getElementById('state').dataset.state === 'connected' && voxelastic.seen.connections === 2");
+    page.wait(&format!("voxelastic.view.triangles === {all}"));
+    node.scan(12);
+    page.wait("voxelastic.view.scan.scans === 13");
+}
