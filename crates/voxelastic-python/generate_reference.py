@@ -16,25 +16,31 @@ TARGET = HERE.parents[1] / "docs" / "src" / "python" / "reference.md"
 
 HEAD = """# Python reference
 
-The classes of the package `voxelastic`, in the order in which one meets them. [For Python users](index.md) shows how they are used. Written by `generate_reference.py` from the docstrings: do not edit.
+The classes and functions of the package `voxelastic`, in the order in which one meets them. [For Python users](index.md) shows how they are used. Written by `generate_reference.py` from the docstrings: do not edit.
 """
 
-ORDER = ["Mapper", "ScanReport", "Map", "Mesh", "Query", "State", "RayHits", "Slice", "Path", "Submap", "Dataset", "Scan", "Edge", "PoseUpdate", "Settings"]
+ORDER = [
+    *("Mapper", "ScanReport", "Map", "Mesh", "Query", "State", "RayHits", "Slice", "Path", "Submap", "Blocks", "Dataset", "Scan", "Edge", "PoseUpdate"),
+    *("Odometry", "OdometryReport", "Trajectory", "Localiser", "Location", "Simulation", "TrajectoryErrors", "Settings"),
+]
+FUNCTIONS = ["odometry", "evaluate", "trajectory_errors"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError"]
 ALIASES = ["Pose", "Event", "Surface"]
 
 
-def definitions() -> tuple[dict[str, ast.ClassDef], dict[str, tuple[str, str]]]:
-    """All classes, and all aliases of types with their documentation."""
+def definitions() -> tuple[dict[str, ast.ClassDef], dict[str, ast.FunctionDef], dict[str, tuple[str, str]]]:
+    """All classes and functions, and all aliases of types with their documentation."""
     classes: dict[str, ast.ClassDef] = {}
+    functions: dict[str, ast.FunctionDef] = {}
     aliases: dict[str, tuple[str, str]] = {}
     for path in sorted(PACKAGE.glob("*.py")):
         body = ast.parse(path.read_text(encoding="utf-8")).body
         classes |= {node.name: node for node in body if isinstance(node, ast.ClassDef)}
+        functions |= {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
         for node, name, value, doc in documented(body):
             if isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "TypeAlias":
                 aliases[name] = (value, doc)
-    return classes, aliases
+    return classes, functions, aliases
 
 
 def documented(body: list[ast.stmt]) -> list[tuple[ast.stmt, str, str, str]]:
@@ -79,7 +85,7 @@ def signature(function: ast.FunctionDef, owner: str) -> str:
     if first and first[0].arg in ("self", "cls"):
         del arguments.args[0]
     kinds = {decorator.id for decorator in function.decorator_list if isinstance(decorator, ast.Name)}
-    name = owner if function.name == "__init__" else f"{owner}.{function.name}" if "classmethod" in kinds else function.name
+    name = owner if function.name == "__init__" else f"{owner}.{function.name}" if kinds & {"classmethod", "staticmethod"} else function.name
     returns = f" -> {ast.unparse(function.returns)}" if function.returns and function.name != "__init__" else ""
     return f"{name}({ast.unparse(arguments)}){returns}"
 
@@ -92,7 +98,7 @@ def section(node: ast.ClassDef) -> str:
     for function in (item for item in node.body if isinstance(item, ast.FunctionDef)):
         doc = ast.get_docstring(function)
         is_property = any(isinstance(d, ast.Name) and d.id == "property" for d in function.decorator_list)
-        if function.name == "__init__" and function.args.args[1:]:
+        if function.name == "__init__" and (function.args.args[1:] or function.args.kwonlyargs):
             parts.insert(1, f"```python\n{signature(function, node.name)}\n```")
         elif doc is None or function.name.startswith("_"):
             continue
@@ -103,11 +109,16 @@ def section(node: ast.ClassDef) -> str:
     return "\n\n".join([*parts, *(["Attributes:\n\n" + "\n".join(attributes)] if attributes else []), *methods])
 
 
+def function_section(node: ast.FunctionDef) -> str:
+    """A function: how it is called, its documentation."""
+    return f"## {node.name}\n\n```python\n{signature(node, '')}\n```\n\n{prose(ast.get_docstring(node) or '')}"
+
+
 def text() -> str:
-    classes, aliases = definitions()
+    classes, functions, aliases = definitions()
     errors = "\n".join(f"- `{name}` ({', '.join(ast.unparse(base) for base in classes[name].bases)}): {ast.get_docstring(classes[name])}" for name in ERRORS)
     types = "\n".join(f"- `{name}`: `{aliases[name][0]}`. {aliases[name][1]}" for name in ALIASES)
-    return "\n\n".join([HEAD.strip(), *(section(classes[name]) for name in ORDER), f"## Exceptions\n\n{errors}", f"## Types\n\n{types}"]) + "\n"
+    return "\n\n".join([HEAD.strip(), *(section(classes[name]) for name in ORDER), *(function_section(functions[name]) for name in FUNCTIONS), f"## Exceptions\n\n{errors}", f"## Types\n\n{types}"]) + "\n"
 
 
 def main() -> None:

@@ -6,7 +6,6 @@ use pyo3::types::{PyAnyMethods, PyType};
 use pyo3::{Py, PyErr, PyResult, Python};
 use std::any::Any;
 use std::error::Error;
-use voxelastic::mapper::MapError;
 use voxelastic::settings::SettingError;
 
 /// A class of `voxelastic._errors`.
@@ -43,11 +42,6 @@ fn classes(py: Python<'_>) -> PyResult<[Py<PyType>; 4]> {
 /// The exception for a refused setting.
 pub fn setting(py: Python<'_>, error: &SettingError) -> PyErr {
     Kind::Setting.exception(py, error.to_string())
-}
-
-/// The exception for a refused event.
-pub fn refused(py: Python<'_>, error: &MapError) -> PyErr {
-    Kind::Refused.exception(py, error.to_string())
 }
 
 /// The exception for a file, with its causes: each once.

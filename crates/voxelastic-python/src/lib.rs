@@ -7,10 +7,14 @@ mod arrays;
 mod command;
 mod dataset;
 mod errors;
+mod estimation;
+mod evaluation;
 mod job;
 mod map;
 mod mapper;
+mod session;
 mod settings;
+mod simulation;
 mod space;
 
 use pyo3::pymodule;
@@ -23,11 +27,17 @@ mod _native {
     #[pymodule_export]
     use crate::dataset::{Dataset, Events, Scan};
     #[pymodule_export]
+    use crate::estimation::{Localiser, Odometry};
+    #[pymodule_export]
+    use crate::evaluation::{compare_surfaces, mesh_distances, trajectory_errors};
+    #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]
     use crate::mapper::Mapper;
     #[pymodule_export]
     use crate::settings::{complete_settings, settings_table};
+    #[pymodule_export]
+    use crate::simulation::{Simulation, world_names};
     #[pymodule_export]
     use crate::space::{beam_directions, clearance, plan, ray_cast, slice};
 }

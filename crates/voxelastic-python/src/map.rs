@@ -10,7 +10,9 @@ use std::sync::Arc;
 use voxelastic::Settings;
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
+use voxelastic::field::tsdf::{TsdfField, WEIGHT_ONE};
 use voxelastic::geometry::{Aabb, Rigid};
+use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::DistanceQuery;
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
@@ -138,6 +140,7 @@ impl Map {
     }
 
     /// Vertices, triangles, normals, scales, intensities and colours of a surface.
+    #[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
     fn mesh<'py>(
         &self,
         py: Python<'py>,
@@ -145,10 +148,11 @@ impl Map {
         lod: usize,
         min_weight: f32,
         close_gaps: bool,
+        keep_all: bool,
         shells: bool,
     ) -> PyResult<Bound<'py, PyTuple>> {
         let content = Arc::clone(&self.content);
-        let options = MeshOptions { min_weight, lod, close_gaps };
+        let options = MeshOptions { min_weight, lod, close_gaps, keep_all };
         let pool = job::shared_pool()?;
         let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
         // There are fewer than 2^31 vertices, and few programs take unsigned indices.
@@ -167,6 +171,20 @@ impl Map {
         )
     }
 
+    /// The voxels of a submap, by number: for each scale that it has, the scale, then of each block the coordinates of its first voxel in finest voxels,
+    /// and of each of its voxels, x fastest, the signed distance (NaN where it was not observed) and the weight. None if there is no such submap.
+    fn blocks<'py>(&self, py: Python<'py>, submap: u32) -> PyResult<Option<Vec<BlockArrays<'py>>>> {
+        let content = &self.content;
+        let Some(submap) = content.atlas.submaps().iter().find(|s| s.id() == submap) else { return Ok(None) };
+        let pool = job::shared_pool()?;
+        let blocks = job::run_short(py, || pool.install(|| blocks_by_scale(submap.tsdf(), content.atlas.voxel_size())))?;
+        let arrays = blocks.into_iter().enumerate().filter(|(_, blocks)| !blocks.coordinates.is_empty()).map(|(scale, blocks)| {
+            let coordinates = arrays::from_rows(py, blocks.coordinates)?;
+            Ok((scale, coordinates, PyArray1::from_vec(py, blocks.distances), PyArray1::from_vec(py, blocks.weights)))
+        });
+        Ok(Some(arrays.collect::<PyResult<_>>()?))
+    }
+
     /// Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64.
     fn query<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyTuple>> {
         let answers = match points.cast::<PyArray2<f64>>() {
@@ -182,6 +200,33 @@ impl Map {
             ],
         )
     }
+}
+
+/// Scale, coordinates, distances, weights.
+type BlockArrays<'py> = (usize, Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
+
+/// Blocks of one scale.
+#[derive(Default)]
+struct Blocks {
+    coordinates: Vec<[i32; 3]>,
+    distances: Vec<f32>,
+    weights: Vec<f32>,
+}
+
+/// The blocks of a field, by scale.
+fn blocks_by_scale(field: &TsdfField, voxel_size: f32) -> [Blocks; SCALES] {
+    let mut blocks: [Blocks; SCALES] = Default::default();
+    for block in field.ids().map(|id| field.block(id)) {
+        let scale = usize::from(block.scale);
+        let Blocks { coordinates, distances, weights } = &mut blocks[scale];
+        let edge = voxel_size * (1 << scale) as f32;
+        coordinates.push(block_coords(block.key).map(|c| c * BLOCK_EDGE as i32));
+        for voxel in field.current(block) {
+            distances.push(if voxel.is_observed() { voxel.distance_in_voxels() * edge } else { f32::NAN });
+            weights.push(f32::from(voxel.weight) / f32::from(WEIGHT_ONE));
+        }
+    }
+    blocks
 }
 
 /// What is known about some points: signed distances or NaN, gradients, states.
@@ -222,8 +267,8 @@ impl Map {
                     }
                 });
                 if !space.is_empty() {
-                    let states = states.par_iter_mut().zip(points).with_min_len(QUERIES_PER_TASK);
-                    states.for_each(|(state, point)| *state = number_of(space.state(point.map(Into::into))));
+                    let found = space.states(points);
+                    states.par_iter_mut().zip(found).with_min_len(QUERIES_PER_TASK).for_each(|(state, found)| *state = number_of(found));
                 }
             };
             job::run_short(py, || pool.install(answer))?;

@@ -34,7 +34,7 @@ def test_a_folder_gives_its_scans(drive: Path) -> None:
     assert rows == 16 and scan.points.shape == (16, columns, 3) and len(scan) == 16 * columns and scan.points.dtype == np.float32
     for values, dtype in ((scan.intensity, np.float32), (scan.ring, np.uint16), (scan.times, np.float32)):
         assert values is not None and values.shape == (16 * columns,) and values.dtype == dtype
-    assert scan.colours is None
+    assert scan.colours is None and scan.pose is not None
     np.testing.assert_allclose(scan.pose[:3, 3], np.loadtxt(drive / "poses.tum")[3, 1:4], atol=1e-9)
     assert repr(scan).startswith(f"Scan(node 3, 16 x {columns} points, at ")
     points = scan.points

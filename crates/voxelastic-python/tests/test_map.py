@@ -38,6 +38,7 @@ def test_options_of_meshes_do_what_they_say(room: vx.Map) -> None:
     assert len(room.mesh(lod=2)) < len(full) / 8
     assert len(room.mesh(min_weight=5)) < len(full)
     assert len(room.mesh(close_gaps=False)) <= len(full)
+    assert len(room.mesh(keep_all=True)) >= len(full)
     frontier, hull = room.mesh(surface="frontier"), room.mesh(surface="free")
     assert 0 < len(frontier) < len(hull)
     occupied = room.mesh(surface="occupied")

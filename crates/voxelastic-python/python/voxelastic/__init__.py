@@ -1,4 +1,4 @@
-"""Elastic LiDAR mapping: scans with poses in, one dense map that follows later corrections of the poses out.
+"""Elastic LiDAR mapping: scans in, one dense map that follows later corrections of their poses out.
 
     import voxelastic as vx
 
@@ -10,6 +10,8 @@
     mesh = map.mesh()                       # mesh.vertices, mesh.triangles, mesh.normals: arrays
     map.query([[1.0, 2.0, 0.5]]).distance   # metres to the nearest surface
 
+Without poses, `mapper.integrate(points)` estimates them.
+
 Lengths are metres, times seconds. Arrays go in and out as numpy arrays; poses are 4 x 4 matrices, or a translation with a quaternion (x, y, z, w), and say
 where the lidar is in the map.
 """
@@ -19,22 +21,30 @@ from importlib.metadata import version as _version
 from ._arrays import Pose
 from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
 from ._errors import Error, FileError, PlanError, RefusedError, SettingError
-from ._map import Map, Path, Query, RayHits, Slice, State, Submap, Surface
+from ._estimation import Localiser, Location, Odometry, OdometryReport, Trajectory, odometry
+from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
+from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
 from ._mapper import Mapper, ScanReport
 from ._mesh import Mesh
 from ._settings import SettingArguments, Settings
+from ._simulation import Simulation
 
 __version__ = _version("voxelastic")
 
 __all__ = [
+    "Blocks",
     "Dataset",
     "Edge",
     "Error",
     "Event",
     "FileError",
+    "Localiser",
+    "Location",
     "Map",
     "Mapper",
     "Mesh",
+    "Odometry",
+    "OdometryReport",
     "Path",
     "PlanError",
     "Pose",
@@ -47,9 +57,15 @@ __all__ = [
     "SettingArguments",
     "SettingError",
     "Settings",
+    "Simulation",
     "Slice",
     "State",
     "Submap",
     "Surface",
+    "Trajectory",
+    "TrajectoryErrors",
     "__version__",
+    "evaluate",
+    "odometry",
+    "trajectory_errors",
 ]

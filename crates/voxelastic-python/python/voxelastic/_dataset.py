@@ -1,4 +1,4 @@
-"""Folders and recordings of scans with poses."""
+"""Folders and recordings of scans, with poses or without."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ class Scan:
     """Its node in the pose graph."""
     time: float
     """Time stamp, seconds."""
-    pose: NDArray[np.float64]
-    """The lidar frame in the map frame when the scan was taken, 4 x 4, as the data have it."""
+    pose: NDArray[np.float64] | None
+    """The lidar frame in the map frame when the scan was taken, 4 x 4, as the data have it; none if they do not."""
 
     def __init__(self) -> None:
-        raise TypeError("a Scan comes from a Dataset")
+        raise TypeError("a Scan comes from a Dataset or a Simulation")
 
     @classmethod
     def _of(cls, native: _native.Scan) -> Scan:
         this = object.__new__(cls)
         this._inner = native
         this.node, this.time, pose = native.stamp()
-        this.pose = np.array(pose)
+        this.pose = None if pose is None else np.array(pose)
         return this
 
     @property
@@ -86,8 +86,8 @@ class Scan:
 
     def __repr__(self) -> str:
         rows, columns = self.shape
-        x, y, z = self.pose[:3, 3]
-        return f"Scan(node {self.node}, {f'{rows} x {columns}' if rows > 1 else f'{columns:,}'} points, at {x:.2f}, {y:.2f}, {z:.2f} m)"
+        place = "" if self.pose is None else ", at {:.2f}, {:.2f}, {:.2f} m".format(*self.pose[:3, 3])
+        return f"Scan(node {self.node}, {f'{rows} x {columns}' if rows > 1 else f'{columns:,}'} points{place})"
 
 
 class Edge(NamedTuple):
@@ -114,8 +114,21 @@ Event: TypeAlias = Union[Scan, Edge, PoseUpdate]
 """What a SLAM system reports, in the order in which it happens."""
 
 
+def _event(kind: str, value: Any) -> Event:
+    """An event of the native part."""
+    match kind:
+        case "scan":
+            return Scan._of(value)
+        case "poses":
+            return PoseUpdate({node: np.array(pose) for node, pose in value})
+    first, second, pose = value
+    return Edge(first, second, np.array(pose), kind == "loop")
+
+
 class Dataset:
-    """Scans and poses of a folder or a recording, in any layout that the command reads. Clouds are read one by one, a little ahead.
+    """Scans of a folder or a recording with their poses, in any layout that the command reads. Clouds are read one by one, a little ahead.
+
+    Where the data have no poses, `pose` of the scans is none, and a mapper estimates them.
 
     `for scan in dataset` gives the scans, as often as you like; `events()` gives the edges of the pose graph and the corrections of poses, too.
     """
@@ -144,6 +157,7 @@ class Dataset:
         deskew: bool = True,
         time_tolerance: float = 0.01,
         strict: bool = False,
+        slam: bool | None = None,
     ) -> Dataset:
         """Opens a folder of scans and poses, or a recording (.bag, .mcap, .db3, .pcap); the layout is recognised.
 
@@ -153,13 +167,15 @@ class Dataset:
             odometry: Take poses from before the optimisation, where a folder has both.
             graph: The g2o file with the edges, or a folder of corrected trajectories.
             t_base_lidar: The lidar frame in the vehicle frame, where the poses in the files are those of the vehicle.
-            every: Interval of the scans: a number (every Nth), "2m" or "0.5s"; by default all, and of recordings one every 2 m.
+            every: Interval of the scans: a number (every Nth), "2m" or "0.5s"; by default all, and of recordings one every 2 m. Where there are no poses, all
+                scans are iterated, and a mapper leaves the others out once it has estimated where they were taken.
             cloud_topic: The topic of the clouds in a recording, if there are several.
             pose_topic: The topic of the poses in a recording, if there are several.
             metadata: The sensor metadata of an Ouster capture, if it is not found by name.
             deskew: Compensate the motion of the sensor during a sweep, where points have times.
             time_tolerance: Largest time between a scan and its pose, seconds.
             strict: A scan that cannot be read is an error; otherwise it is skipped with a warning.
+            slam: Whether to do without the poses in the data; by default if there are none.
 
         Raises:
             FileNotFoundError: There is nothing of this name.
@@ -177,7 +193,7 @@ class Dataset:
         this = object.__new__(cls)
         this._path, this._strict = path, strict
         this._inner = _native.Dataset.open(
-            path, pose_file, odometry, graph_file, lidar, interval, cloud_topic, pose_topic, metadata_file, deskew, float(time_tolerance), strict
+            path, pose_file, odometry, graph_file, lidar, interval, cloud_topic, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
         return this
 
@@ -185,6 +201,11 @@ class Dataset:
     def path(self) -> Path:
         """The folder or file."""
         return self._path
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether the scans have poses."""
+        return self._inner.has_poses()
 
     @property
     def scan_count(self) -> int | None:
@@ -195,22 +216,13 @@ class Dataset:
         """Scans, edges and corrections in the order in which they happened; see `Mapper.handle`."""
         events = self._inner.events()
         while (item := events.next()) is not None:
-            if (event := self._event(*item)) is not None:
-                yield event
-
-    def _event(self, kind: str, value: Any) -> Event | None:
-        match kind:
-            case "scan":
-                return Scan._of(value)
-            case "poses":
-                return PoseUpdate({node: np.array(pose) for node, pose in value})
-            case "odometry" | "loop":
-                first, second, pose = value
-                return Edge(first, second, np.array(pose), kind == "loop")
-        if self._strict:
-            raise value
-        self._warn(str(value))
-        return None
+            kind, value = item
+            if kind != "problem":
+                yield _event(kind, value)
+            elif self._strict:
+                raise value
+            else:
+                self._warn(str(value))
 
     def _warn(self, problem: str) -> None:
         warnings.warn(f"scan skipped: {problem}", stacklevel=3)

@@ -16,7 +16,7 @@ from ._arrays import Pose
 from ._mesh import Mesh
 from ._settings import Settings
 
-__all__ = ["Map", "Path", "Query", "RayHits", "Slice", "State", "Submap", "Surface"]
+__all__ = ["Blocks", "Map", "Path", "Query", "RayHits", "Slice", "State", "Submap", "Surface"]
 
 Surface: TypeAlias = Literal["measured", "occupied", "free", "frontier"]
 """Kinds of surfaces: `measured` is that of the signed distances (of occupied space in maps without them); `occupied` bounds occupied space, `free`
@@ -90,6 +90,19 @@ class Path(NamedTuple):
     """N distances of the waypoints to the nearest obstacle, metres; at most 2 m beyond the radius."""
     least_clearance: float
     """The least such distance anywhere along the path, metres."""
+
+
+class Blocks(NamedTuple):
+    """Blocks of voxels of one size, in a submap."""
+
+    coordinates: NDArray[np.int32]
+    """N x 3: of the first voxel of each block, in finest voxels of the submap frame. Blocks are cubes of eight finest voxels along each axis."""
+    distance: NDArray[np.float32]
+    """N x E x E x E signed distances at the centres of the voxels, metres, indexed by z, y, x; NaN where nothing was observed. E is 8, 4, 2 or 1."""
+    weight: NDArray[np.float32]
+    """N x E x E x E sums of the observations' weights; 0 where nothing was observed."""
+    voxel_size: float
+    """Edge of the voxels, metres."""
 
 
 class Submap(NamedTuple):
@@ -192,7 +205,7 @@ class Map:
         """Memory of the voxels, bytes."""
         return self._inner.nbytes()
 
-    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True) -> Mesh:
+    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False) -> Mesh:
         """The surface of the whole map. Overlapping submaps are fused, so that a place has one surface.
 
         Args:
@@ -201,6 +214,7 @@ class Map:
             surface: Which surface.
             shells: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
+            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells always have them.
 
         Returns:
             The mesh; without triangles if the map has no such surface.
@@ -211,7 +225,7 @@ class Map:
             raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(shells)))
+        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells)))
 
     def query(self, points: ArrayLike) -> Query:
         """Distances to surfaces with their gradients, and whether space is free.
@@ -225,6 +239,24 @@ class Map:
             ValueError: The array has another shape.
         """
         return Query(*self._inner.query(_arrays.points(points)))
+
+    def blocks(self, submap: int) -> list[Blocks]:
+        """The signed distances of a submap as dense arrays, for torch and the like: one entry for each size of voxels that it has, finest first.
+
+        Args:
+            submap: Its number, one of those of `submaps`.
+
+        Raises:
+            ValueError: There is no such submap.
+        """
+        found = self._inner.blocks(submap)
+        if found is None:
+            raise ValueError(f"submap: there is none with number {submap}; there are {[s.id for s in self.submaps]}")
+        arrays = []
+        for scale, coordinates, distance, weight in found:
+            shape = (len(coordinates), *(3 * [8 >> scale]))
+            arrays.append(Blocks(coordinates, distance.reshape(shape), weight.reshape(shape), self.voxel_size * 2**scale))
+        return arrays
 
     def ray_cast(
         self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = 1000.0, unknown_blocks: bool = False

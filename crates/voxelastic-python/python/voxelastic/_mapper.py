@@ -1,4 +1,4 @@
-"""The mapper: scans with poses in, a map out."""
+"""The mapper: scans in, a map out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
 from ._arrays import Pose
@@ -33,28 +33,39 @@ class ScanReport(NamedTuple):
     """How that was chosen: the submap of the scan before; one that closed loops lead to; one that contains nearly all of the scan; a new one."""
     returns: int
     """Number of points that were used: those with a return, in range and seen by the sensor model."""
+    pose: NDArray[np.float64]
+    """The lidar frame in the map frame, 4 x 4, with which it was integrated. Later corrections change it: see `Map.submaps`."""
+
+
+def _report(native: tuple[int, int, str, int, list[list[float]]]) -> ScanReport:
+    node, submap, assignment, returns, pose = native
+    return ScanReport(node, submap, cast("Any", assignment), returns, np.array(pose))
 
 
 class Mapper:
-    """Turns scans with poses into a map that follows later corrections of the poses.
+    """Turns scans into a map that follows later corrections of their poses. Scans come with poses, or the mapper estimates them.
 
     Each scan belongs to a node of a pose graph. The map consists of rigid submaps; corrected poses move submaps, and loop edges join them.
     Threads may share a mapper: they take turns, and other threads of Python run meanwhile. Processes that are forked cannot use it.
 
     Args:
         settings: The settings; by default those of `Settings()`.
+        loops: Whether to find loop closures from the scans, and to correct the poses after them; by default if scans come without poses.
+        optimise: Whether to correct the poses after the loop edges that are given, too; otherwise that is up to you, by `update_poses`.
         changes: Settings as keyword arguments: `Mapper(voxel_size=0.1, max_range=40)`. They win over `settings`.
 
     Raises:
         SettingError: A setting is unknown or out of range, or settings contradict each other.
     """
 
-    __slots__ = ("__weakref__", "_inner", "_next_node", "_settings")
+    __slots__ = ("__weakref__", "_inner", "_next_node", "_next_time", "_settings")
 
-    def __init__(self, settings: Settings | None = None, **changes: Unpack[SettingArguments]) -> None:
+    def __init__(
+        self, settings: Settings | None = None, *, loops: bool | None = None, optimise: bool = False, **changes: Unpack[SettingArguments]
+    ) -> None:
         self._settings = (settings or Settings()).replace(**changes)
-        self._inner = _native.Mapper(self._settings.as_text())
-        self._next_node = 0
+        self._inner = _native.Mapper(self._settings.as_text(), loops, bool(optimise))
+        self._next_node, self._next_time = 0, 0.0
 
     @property
     def settings(self) -> Settings:
@@ -64,9 +75,10 @@ class Mapper:
     def integrate(
         self,
         points: ArrayLike,
-        pose: Pose,
+        pose: Pose | None = None,
         *,
         node: int | None = None,
+        time: float | None = None,
         intensity: ArrayLike | None = None,
         colours: ArrayLike | None = None,
         ring: ArrayLike | None = None,
@@ -80,8 +92,10 @@ class Mapper:
         Args:
             points: N x 3 coordinates in the lidar frame, metres; or rows x columns x 3 for an organised cloud, rows being the rings of the sensor.
                 Points that are zero or not finite are beams without return. float32 is used as it is.
-            pose: The lidar frame in the map frame: a 4 x 4 matrix, or a translation and a quaternion (x, y, z, w).
+            pose: The lidar frame in the map frame: a 4 x 4 matrix, or a translation and a quaternion (x, y, z, w). Without it, the scan is registered to those
+                before, and the map has the frame of the first scan; then all scans must come without, close enough to overlap: as the sensor delivers them.
             node: Number of the scan's node; by default one more than that of the scan before, from 0 on.
+            time: Time stamp of the scan, seconds, for scans without poses; by default 0.1 more than that of the scan before.
             intensity: N strengths of the returns in the sensor's own scale.
             colours: N x 3 colours, sRGB, 0 to 255; [0, 0, 0] where a point has none.
             ring: N numbers of the beams' rings, from 0.
@@ -91,16 +105,21 @@ class Mapper:
 
         Raises:
             ValueError: An array has another shape, or the pose is not rigid.
-            RefusedError: The scan cannot be used: the node has a scan already, no point is in range, or the sensor cannot be recognised.
+            RefusedError: The scan cannot be used: the node has a scan already, no point is in range, the sensor cannot be recognised, or a scan without pose
+                fits nowhere.
         """
         cloud, rows = _arrays.cloud(points)
         count = len(cloud)
         if motion is not None and times is None:
             raise ValueError("motion: a scan is undistorted by the times of its points; pass them as `times`")
         number = self._next_node if node is None else _arrays.node(node)
+        stamp = self._next_time if time is None else float(time)
+        # Also after a refusal: the time has passed.
+        self._next_time = stamp + 0.1
         report = self._inner.integrate(
             number,
-            _arrays.pose(pose),
+            None if pose is None else _arrays.pose(pose),
+            stamp,
             cloud,
             rows,
             None if intensity is None else _arrays.channel(intensity, "intensity", count, np.float32),
@@ -110,7 +129,7 @@ class Mapper:
             None if motion is None else _arrays.motion(motion),
         )
         self._next_node = number + 1
-        return ScanReport(*cast("tuple[Any, Any, Any, Any]", report))
+        return _report(report)
 
     def add_odometry_edge(self, first: int, second: int, pose: Pose) -> None:
         """Adds the measured pose between two consecutive nodes. Without such edges, the poses of the scans are taken for it.
@@ -153,14 +172,18 @@ class Mapper:
         self._inner.update_poses(nodes, [_arrays.pose(pose, f"poses[{number}]") for number, pose in poses.items()])
 
     def handle(self, event: Event) -> ScanReport | None:
-        """Takes an event of a data set as it is: a scan, an edge or corrected poses. A scan gives a report.
+        """Takes an event of a data set or a simulation as it is: a scan, an edge or corrected poses. A scan gives a report, unless it has no pose and is one that
+        `every` of the data set leaves out.
 
         Raises:
             RefusedError: The event cannot be used; the map is unchanged.
         """
         match event:
             case Scan():
-                report = ScanReport(*cast("tuple[Any, Any, Any, Any]", self._inner.integrate_scan(event._inner)))
+                integrated = self._inner.integrate_scan(event._inner)
+                if integrated is None:
+                    return None
+                report = _report(integrated)
                 self._next_node = report.node + 1
                 return report
             case Edge():
@@ -203,7 +226,10 @@ class Mapper:
 
         On Ctrl-C the mapper keeps the map, and `finish` can be called again.
         """
-        return Map._of(self._inner.finish())
+        native, problem = self._inner.finish()
+        if problem is not None:
+            warnings.warn(f"the last correction is missing: {problem}", stacklevel=2)
+        return Map._of(native)
 
     def __repr__(self) -> str:
         try:

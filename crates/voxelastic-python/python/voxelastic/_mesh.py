@@ -7,7 +7,9 @@ import importlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from . import _arrays, _native
 
 __all__ = ["Mesh"]
 
@@ -36,6 +38,23 @@ class Mesh:
     def __repr__(self) -> str:
         extras = [name for name in ("intensity", "colours") if getattr(self, name) is not None]
         return f"Mesh({len(self.vertices):,} vertices, {len(self):,} triangles{''.join(f', {name}' for name in extras)})"
+
+    def distance(self, points: ArrayLike, *, up_to: float = np.inf) -> NDArray[np.float32]:
+        """Distances from points to the nearest triangle, for example of scans that were not mapped.
+
+        Args:
+            points: N x 3 coordinates in the map frame, metres.
+            up_to: The largest distance of interest, metres: less is faster.
+
+        Returns:
+            N distances, metres; infinity beyond `up_to`, NaN for points that are not finite.
+
+        Raises:
+            ValueError: The mesh has no triangles, or the array has another shape.
+        """
+        places = np.ascontiguousarray(_arrays.points(points), dtype=np.float32)
+        vertices, triangles = np.ascontiguousarray(self.vertices), np.ascontiguousarray(self.triangles)
+        return _native.mesh_distances(vertices, triangles, places, float(up_to))
 
     def vertex_colours(self) -> NDArray[np.uint8]:
         """V x 3 colours to draw the mesh with: those of the scans, or grey by intensity, or by height."""

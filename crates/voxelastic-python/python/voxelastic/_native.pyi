@@ -10,17 +10,24 @@ from numpy.typing import NDArray
 __all__ = [
     "Dataset",
     "Events",
+    "Localiser",
     "Map",
     "Mapper",
+    "Odometry",
     "Scan",
+    "Simulation",
     "beam_directions",
     "clearance",
+    "compare_surfaces",
     "complete_settings",
+    "mesh_distances",
     "plan",
     "ray_cast",
     "run_command",
     "settings_table",
     "slice",
+    "trajectory_errors",
+    "world_names",
 ]
 
 def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
@@ -78,6 +85,7 @@ class Dataset:
         deskew: bool,
         time_tolerance: float,
         strict: bool,
+        slam: bool | None,
     ) -> Dataset:
         """Opens a folder or a recording. Clouds are read when their turn comes."""
 
@@ -86,6 +94,9 @@ class Dataset:
 
     def scans(self) -> int | None:
         """Number of scans, if it is known before they are read."""
+
+    def has_poses(self) -> bool:
+        """Whether the scans have poses."""
 
     def events(self) -> Events:
         """The events from the beginning."""
@@ -99,10 +110,10 @@ class Events:
 
 @final
 class Scan:
-    """A scan of a data set."""
+    """A scan of a data set or a simulation."""
 
-    def stamp(self) -> tuple[int, float, list[list[float]]]:
-        """Its node, time stamp in seconds, and pose as a 4 x 4 matrix."""
+    def stamp(self) -> tuple[int, float, list[list[float]] | None]:
+        """Its node, time stamp in seconds, and pose as a 4 x 4 matrix, if it has one."""
 
     def shape(self) -> tuple[int, int]:
         """Number of rows and columns of the cloud; one row if it is not organised."""
@@ -120,11 +131,12 @@ class Scan:
 class Mapper:
     """Turns events into a map. Threads may share it; they take turns."""
 
-    def __new__(cls, given: Mapping[str, str]) -> Mapper: ...
+    def __new__(cls, given: Mapping[str, str], loops: bool | None, optimise: bool) -> Mapper: ...
     def integrate(
         self,
         node: int,
-        pose: NDArray[np.float64],
+        pose: NDArray[np.float64] | None,
+        time: float,
         points: NDArray[np.float32],
         rows: int,
         intensity: NDArray[np.float32] | None,
@@ -132,11 +144,11 @@ class Mapper:
         ring: NDArray[np.uint16] | None,
         times: NDArray[np.float32] | None,
         motion: tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
-    ) -> tuple[int, int, str, int]:
-        """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, and the number of usable returns."""
+    ) -> tuple[int, int, str, int, list[list[float]]]:
+        """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, the number of usable returns, and the pose."""
 
-    def integrate_scan(self, scan: Scan) -> tuple[int, int, str, int]:
-        """Integrates a scan of a data set."""
+    def integrate_scan(self, scan: Scan) -> tuple[int, int, str, int, list[list[float]]] | None:
+        """Integrates a scan of a data set. None: it has no pose, was registered, and is not to be mapped."""
 
     def replay(self, dataset: Dataset, events: Events, most: int) -> tuple[int, list[str], bool]:
         """Handles up to `most` events. Returns the number of scans integrated, what is wrong with others, and whether that was all."""
@@ -156,8 +168,8 @@ class Mapper:
     def snapshot(self) -> Map:
         """A copy of the present map."""
 
-    def finish(self) -> Map:
-        """Completes the map and hands it over."""
+    def finish(self) -> tuple[Map, str | None]:
+        """Completes the map and hands it over. Also returns what is wrong with the last corrections, if anything is."""
 
 @final
 class Map:
@@ -188,8 +200,103 @@ class Map:
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
 
-    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, shells: bool) -> tuple[Any, ...]:
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool) -> tuple[Any, ...]:
         """Vertices, triangles, normals, scales, intensities and colours of a surface."""
+
+    def blocks(self, submap: int) -> list[tuple[int, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]] | None:
+        """The voxels of a submap, by scale: the scale, coordinates of the blocks, distances and weights of their voxels."""
 
     def query(self, points: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
         """Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64."""
+
+@final
+class Odometry:
+    """Poses of scans, one after the other."""
+
+    def __new__(cls, voxel_size: float | None, min_range: float, max_range: float, deskew: bool) -> Odometry: ...
+    def register(
+        self, points: NDArray[np.float32], rows: int, time: float | None, times: NDArray[np.float32] | None
+    ) -> tuple[list[list[float]], str, int, bool, float, float, list[list[float]], str | None]:
+        """Registers a scan to those before. Returns the fields of `voxelastic.OdometryReport`."""
+
+@final
+class Localiser:
+    """Finds scans in a map."""
+
+    @staticmethod
+    def of_map(map: Map) -> Localiser | None:
+        """Prepares the search in a map with surfaces; none if it has none."""
+
+    def locate(
+        self,
+        points: NDArray[np.float32],
+        rows: int,
+        times: NDArray[np.float32] | None,
+        guess: tuple[Sequence[float], float] | None,
+    ) -> tuple[list[list[float]], bool, float, float] | None:
+        """The fields of `voxelastic.Location`; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
+
+@final
+class Simulation:
+    """A simulation."""
+
+    def __new__(
+        cls,
+        world: str,
+        scans: int | None,
+        spacing: float,
+        rate: float | None,
+        sensor: str,
+        columns: int | None,
+        max_range: float,
+        noise: float,
+        moving: bool,
+        drift: float,
+        loop_radius: float,
+        seed: int,
+    ) -> Simulation: ...
+    def len(self) -> int:
+        """Number of scans."""
+
+    def poses(self) -> tuple[list[list[list[float]]], list[list[list[float]]], list[float]]:
+        """True poses and those of the odometry as 4 x 4 matrices, and the times."""
+
+    def scan(self, k: int) -> Scan:
+        """Scan `k` with its true pose."""
+
+    def events(self, k: int) -> list[tuple[str, Any]]:
+        """What a SLAM system would report at scan `k`, in order."""
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Writes a folder."""
+
+    def distance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Exact signed distances from points to the surfaces of the world."""
+
+    def surface(self, spacing: float, max_range: float) -> NDArray[np.float32]:
+        """Points of the surface that the sensor can see, one in each cube of `spacing` metres."""
+
+def world_names() -> list[str]:
+    """The worlds of simulations."""
+
+def compare_surfaces(
+    points: NDArray[np.float32],
+    triangles: NDArray[np.int32] | None,
+    truth: NDArray[np.float32],
+    simulation: Simulation | None,
+    align: bool,
+    truth_voxel: float,
+    thresholds: Sequence[float],
+    max_points: int,
+) -> str:
+    """Compares the points of a map, or its mesh, with true points, or with a world: as JSON."""
+
+def mesh_distances(
+    vertices: NDArray[np.float32], triangles: NDArray[np.int32], points: NDArray[np.float32], cut_off: float
+) -> NDArray[np.float32]:
+    """Distances from points to a mesh, metres; infinity beyond `cut_off`."""
+
+def trajectory_errors(
+    truth: Sequence[NDArray[np.float64]], estimate: Sequence[NDArray[np.float64]], fit: str
+) -> tuple[str, NDArray[np.float64]]:
+    """Absolute errors of a trajectory as JSON, and those of the positions in metres. `fit` is `none`, `rigid` or `first`."""
