@@ -2,7 +2,7 @@
 
 use crate::error::SlamError;
 use crate::graph::LiveOptimiser;
-use crate::loops::{Closure, LoopFinder};
+use crate::loops::{Closure, LoopFinder, Searches};
 use std::time::{Duration, Instant};
 use voxelastic::event::Event;
 
@@ -71,6 +71,17 @@ impl Corrector {
     /// The closures that were tried, if they are looked for.
     pub fn closures(&self) -> Option<&[Closure]> {
         self.finder.as_ref().map(LoopFinder::closures)
+    }
+
+    /// The outcomes of the searches for closures, if they are looked for. One that sees the same events again with a finder that
+    /// [knows](LoopFinder::with_searches) them ends in the same state without searching.
+    pub fn searches(&self) -> Option<Searches> {
+        self.finder.as_ref().map(LoopFinder::searches)
+    }
+
+    /// Whether it passes on what comes, and nothing else.
+    pub fn is_idle(&self) -> bool {
+        self.finder.is_none() && self.optimiser.is_none()
     }
 
     /// Wall time of the last optimisation, once after each.

@@ -1,6 +1,7 @@
 //! Raw scans in, the mapper's events out.
 
-use crate::odometry::{ImuSample, Odometry, OdometryReport, OdometrySettings, Status};
+use crate::odometry::{ImuSample, Odometry, OdometryReport, OdometrySettings, OdometryState, Status};
+use serde::{Deserialize, Serialize};
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::{Cloud, Pose};
 
@@ -57,11 +58,21 @@ pub struct Slam {
     last: Option<Taken>,
 }
 
+/// What a [`Slam`] knows between two scans; see [`Slam::state`].
+///
+/// Its serialised form belongs to the version of the program that wrote it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SlamState {
+    odometry: OdometryState,
+    last: Option<Taken>,
+}
+
 /// The last scan that was taken.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Taken {
     node: NodeId,
     piece: usize,
+    #[serde(with = "voxelastic::geometry::stored")]
     t_map_lidar: Pose,
 }
 
@@ -69,6 +80,16 @@ impl Slam {
     /// One that has seen no scan.
     pub fn new(settings: OdometrySettings) -> Self {
         Self { odometry: Odometry::new(settings), last: None }
+    }
+
+    /// What it knows.
+    pub fn state(&self) -> SlamState {
+        SlamState { odometry: self.odometry.state(), last: self.last }
+    }
+
+    /// One that goes on from `state`, with the settings of the one that it is of: it gives out the same events, bit for bit.
+    pub fn resume(settings: OdometrySettings, state: SlamState) -> Self {
+        Self { odometry: Odometry::resume(settings, state.odometry), last: state.last }
     }
 
     /// Adds a sample of an inertial measurement unit, as [`Odometry::add_imu`].

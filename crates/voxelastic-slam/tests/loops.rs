@@ -64,6 +64,29 @@ fn a_drive_with_drift_is_closed_and_every_closure_is_right() {
 }
 
 #[test]
+fn a_finder_that_knows_the_outcomes_of_its_searches_need_not_search() {
+    let events = events(&street(1));
+    let take = |finder: &mut LoopFinder, events: &[Event]| events.iter().flat_map(|event| finder.take(event)).collect::<Vec<_>>();
+    let mut whole = LoopFinder::new(LoopSettings::default());
+    let (first, second) = events.split_at(events.len() * 9 / 10);
+    let found = [take(&mut whole, first), take(&mut whole, second)];
+    let known = {
+        let mut finder = LoopFinder::new(LoopSettings::default());
+        take(&mut finder, first);
+        postcard::to_stdvec(&finder.searches()).unwrap()
+    };
+    // Of settings by which nothing is found, so that what is found in the first part was not searched for.
+    let mut blind = LoopSettings::default();
+    blind.most_registered = 0;
+    let mut resumed = LoopFinder::new(blind).with_searches(postcard::from_bytes(&known).unwrap());
+    assert_eq!(take(&mut resumed, first), found[0]);
+    assert!(found[0].len() > 1 && take(&mut resumed, second).is_empty());
+    let mut resumed = LoopFinder::new(LoopSettings::default()).with_searches(postcard::from_bytes(&known).unwrap());
+    assert_eq!([take(&mut resumed, first), take(&mut resumed, second)], found);
+    assert!(!found[1].is_empty() && resumed.closures() == whole.closures());
+}
+
+#[test]
 fn places_that_only_look_alike_are_refused() {
     let simulation = street(3);
     // After one lap the street comes again, mirrored left to right: the same lengths, heights and distances everywhere.

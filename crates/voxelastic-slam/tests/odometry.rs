@@ -144,3 +144,29 @@ fn the_map_is_levelled_by_gravity_or_by_ground_and_walls_or_not_at_all() {
     assert_eq!(odometry.level(), Level::Gravity);
     assert!((pose.rotation * up).angle(&nalgebra::Vector3::z()) < 1e-6);
 }
+
+#[test]
+fn an_odometry_that_was_stored_goes_on_as_if_nothing_had_happened() {
+    let simulation = handheld("room", 5, 24, 1.0);
+    let scans: Vec<_> = simulation.scans(PoseSource::Truth).collect();
+    let mut samples = simulation.imu().into_iter().peekable();
+    let inputs: Vec<(Vec<ImuSample>, _)> =
+        scans.iter().map(|scan| (std::iter::from_fn(|| samples.next_if(|sample| sample.time <= scan.time + 0.1)).collect(), scan)).collect();
+    let track = |every: usize| {
+        let mut odometry = Odometry::new(OdometrySettings::default());
+        let register = |(k, (imu, scan)): (usize, &(Vec<ImuSample>, &voxelastic::event::Scan))| {
+            if k % every == every - 1 {
+                let bytes = postcard::to_stdvec(&odometry.state()).unwrap();
+                odometry = Odometry::resume(OdometrySettings::default(), postcard::from_bytes(&bytes).unwrap());
+            }
+            imu.iter().for_each(|sample| odometry.add_imu(*sample));
+            let report = odometry.register(&scan.cloud, Some(scan.time));
+            (report.t_map_lidar, report.motion, report.score, report.level)
+        };
+        inputs.iter().enumerate().map(register).collect::<Vec<_>>()
+    };
+    let whole = track(usize::MAX);
+    for every in [1, 2, 7] {
+        assert!(track(every) == whole, "stored before every {every}th scan");
+    }
+}

@@ -1,13 +1,15 @@
 //! How the sensor moved during a sweep (the paper's future work, Sec. VI), and samples of inertial measurement units.
 
+use crate::geometry::stored::StoredPose;
 use crate::geometry::{Pose, Rigid};
+use serde::{Deserialize, Serialize};
 
 /// Number of steps into which a sweep is divided; the pose is constant within a step. A sweep of 0.1 s at 10 m/s moves by half a millimetre
 /// per step, and no sensor fires more columns.
 const STEPS: usize = 2048;
 
 /// One sample of an inertial measurement unit.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImuSample {
     /// Seconds, on the clock of the scans.
     pub time: f64,
@@ -18,12 +20,31 @@ pub struct ImuSample {
 }
 
 /// The motion of the lidar during a sweep.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "StoredMotion", try_from = "StoredMotion")]
 pub struct Motion {
     /// Seconds after the cloud's time stamp, ascending.
     times: Vec<f32>,
     /// Pose of the lidar at each time, in the lidar frame at the time stamp.
     poses: Vec<Pose>,
+}
+
+/// The serialised form: the samples.
+#[derive(Serialize, Deserialize)]
+struct StoredMotion(Vec<(f32, StoredPose)>);
+
+impl From<Motion> for StoredMotion {
+    fn from(motion: Motion) -> Self {
+        Self(motion.times.into_iter().zip(motion.poses.into_iter().map(StoredPose)).collect())
+    }
+}
+
+impl TryFrom<StoredMotion> for Motion {
+    type Error = &'static str;
+
+    fn try_from(stored: StoredMotion) -> Result<Self, Self::Error> {
+        Self::through(stored.0.into_iter().map(|(time, StoredPose(pose))| (time, pose))).ok_or("a motion needs two poses in ascending order of time")
+    }
 }
 
 impl Motion {

@@ -8,6 +8,7 @@ use super::verify::{Fit, fit};
 use crate::deskew::returns;
 use crate::registration::{Downsampler, automatic_voxel_size};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::{Pose, PoseExt};
@@ -22,7 +23,7 @@ const ALWAYS_POSSIBLE: f64 = 10.0;
 const SIGMA: (f64, f64) = (0.1, 0.2);
 
 /// A closure that was tried.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub struct Closure {
     /// A node of the place that was there first.
@@ -40,7 +41,7 @@ pub struct Closure {
 }
 
 /// Whether a closure is believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Verdict {
     /// Believed.
@@ -53,6 +54,13 @@ pub enum Verdict {
     FreeSpace,
     /// The odometry cannot be as wrong as that.
     BeyondDrift,
+}
+
+/// The outcomes of all searches so far. A finder that [knows](LoopFinder::with_searches) them need not search again.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Searches {
+    /// Closures tried in each search.
+    tried: VecDeque<Vec<Closure>>,
 }
 
 /// Finds places that were seen before.
@@ -72,6 +80,10 @@ pub struct LoopFinder {
     due: f64,
     places: Vec<Place>,
     closures: Vec<Closure>,
+    /// How many of them each search tried.
+    searches: Vec<usize>,
+    /// Outcomes of the next searches, if this finder sees events that another one has seen.
+    known: VecDeque<Vec<Closure>>,
     downsampler: Downsampler,
 }
 
@@ -90,8 +102,27 @@ impl LoopFinder {
             due: 0.0,
             places: Vec::new(),
             closures: Vec::new(),
+            searches: Vec::new(),
+            known: VecDeque::new(),
             downsampler: Downsampler::default(),
         }
+    }
+
+    /// Takes the outcomes of its first searches from another finder, with the same settings, that has seen the same events.
+    #[must_use]
+    pub fn with_searches(self, searches: Searches) -> Self {
+        Self { known: searches.tried, ..self }
+    }
+
+    /// The outcomes of the searches so far.
+    pub fn searches(&self) -> Searches {
+        let mut rest = &self.closures[..];
+        let take = |count: &usize| {
+            let (tried, others) = rest.split_at(*count);
+            rest = others;
+            tried.to_vec()
+        };
+        Searches { tried: self.searches.iter().map(take).collect() }
     }
 
     /// Looks at an event. Returns loop edges to nodes that came before; they belong before the event.
@@ -173,12 +204,14 @@ impl LoopFinder {
         }
         let keyframes: Vec<&Keyframe> = self.recent.iter().collect();
         let Some(place) = Place::new(&keyframes, voxel, &self.maker) else { return Vec::new() };
-        let candidates = self.candidates(&place, voxel, length);
-        let settings = &self.settings;
-        let tried: Vec<Closure> = candidates.par_iter().map(|(k, guess)| close(&self.places[*k], &place, guess, voxel, settings)).collect();
+        let tried = self.known.pop_front().unwrap_or_else(|| {
+            let candidates = self.candidates(&place, voxel, length);
+            candidates.par_iter().map(|(k, guess)| close(&self.places[*k], &place, guess, voxel, &self.settings)).collect()
+        });
         let mut edges: Vec<Edge> = tried.iter().filter(|c| c.verdict == Verdict::Accepted).filter_map(|c| edge(c, voxel)).collect();
         edges.sort_by_key(|e| (e.from, e.to));
         edges.dedup_by_key(|e| (e.from, e.to));
+        self.searches.push(tried.len());
         self.closures.extend(tried);
         self.places.push(place);
         edges

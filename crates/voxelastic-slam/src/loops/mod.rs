@@ -18,7 +18,7 @@ mod settings;
 mod signature;
 mod verify;
 
-pub use finder::{Closure, LoopFinder, Verdict};
+pub use finder::{Closure, LoopFinder, Searches, Verdict};
 pub use localiser::{Localiser, LocaliserSettings, Located};
 pub use settings::LoopSettings;
 pub use verify::Fit;

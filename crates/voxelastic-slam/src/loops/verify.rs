@@ -5,6 +5,7 @@ use super::free_space::FreeSpace;
 use super::overlap::Guess;
 use super::place::{Place, levels, surfels};
 use crate::registration::{Registration, register};
+use serde::{Deserialize, Serialize};
 use voxelastic::event::NodeId;
 use voxelastic::geometry::{Pose, PoseExt};
 
@@ -14,11 +15,12 @@ const AROUND: usize = 2;
 const MOST_REFINEMENT: f64 = 3.0;
 
 /// How well a place fits on another.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// Node of the first place that is nearest to a node of the second, and that node.
     pub nodes: (NodeId, NodeId),
     /// Pose of the second of these nodes in the frame of the first.
+    #[serde(with = "voxelastic::geometry::stored")]
     pub t_first_second: Pose,
     /// Share of the second place's surfaces that have one of the first within reach.
     pub overlap: f64,

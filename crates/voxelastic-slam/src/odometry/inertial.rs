@@ -5,8 +5,10 @@
 //! specific force at rest: an observer of fixed gains, as in rko_lio (PRBonn) without a noise model.
 
 use nalgebra::{UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use voxelastic::geometry::Pose;
+use voxelastic::geometry::stored::StoredVector;
 use voxelastic::motion::{ImuSample, Motion};
 
 /// Longest gap between samples that is bridged, seconds.
@@ -37,7 +39,8 @@ const WORTH_OF_REST: usize = 15;
 const LONGEST_STEP: f64 = 0.5;
 
 /// What the unit's samples and the scans say together.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(from = "StoredInertial", into = "StoredInertial")]
 pub(crate) struct Inertial {
     samples: VecDeque<ImuSample>,
     gyro_bias: Vector3<f64>,
@@ -47,6 +50,30 @@ pub(crate) struct Inertial {
     force_at_rest: Option<Vector3<f64>>,
     /// Velocity of the lidar at the last scan, map frame.
     velocity: Option<Vector3<f64>>,
+}
+
+/// The serialised form.
+#[derive(Serialize, Deserialize)]
+struct StoredInertial {
+    samples: VecDeque<ImuSample>,
+    gyro_bias: StoredVector,
+    corrections: usize,
+    force_at_rest: Option<StoredVector>,
+    velocity: Option<StoredVector>,
+}
+
+impl From<Inertial> for StoredInertial {
+    fn from(Inertial { samples, gyro_bias, corrections, force_at_rest, velocity }: Inertial) -> Self {
+        let [force_at_rest, velocity] = [force_at_rest, velocity].map(|vector| vector.map(StoredVector::from));
+        Self { samples, gyro_bias: gyro_bias.into(), corrections, force_at_rest, velocity }
+    }
+}
+
+impl From<StoredInertial> for Inertial {
+    fn from(StoredInertial { samples, gyro_bias, corrections, force_at_rest, velocity }: StoredInertial) -> Self {
+        let [force_at_rest, velocity] = [force_at_rest, velocity].map(|vector| vector.map(Vector3::from));
+        Self { samples, gyro_bias: gyro_bias.into(), corrections, force_at_rest, velocity }
+    }
 }
 
 /// Position, velocity and rotation of the lidar, map frame.

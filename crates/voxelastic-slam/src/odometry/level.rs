@@ -2,10 +2,11 @@
 
 use crate::registration::Surfel;
 use nalgebra::{Matrix3, SymmetricEigen, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 use voxelastic::geometry::Pose;
 
 /// What told how the map frame is levelled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Level {
     /// Nothing: the map frame is tilted as the first scan was.

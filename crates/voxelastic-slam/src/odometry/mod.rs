@@ -35,10 +35,12 @@ mod level;
 mod prediction;
 mod report;
 mod settings;
+mod state;
 mod tracker;
 
 pub use level::Level;
 pub use report::{Failure, OdometryReport, PhaseTimes, Status};
 pub use settings::OdometrySettings;
+pub use state::OdometryState;
 pub use tracker::Odometry;
 pub use voxelastic::motion::ImuSample;

@@ -2,6 +2,7 @@
 
 use super::inertial::Inertial;
 use nalgebra::{Translation3, UnitQuaternion};
+use serde::{Deserialize, Serialize};
 use voxelastic::geometry::Pose;
 use voxelastic::motion::ImuSample;
 
@@ -21,9 +22,10 @@ const LONGEST_RECKONING: f64 = 2.0;
 
 /// Constant velocity, with the rotation of a gyro where there is one. The error to expect is the adaptive threshold of KISS-ICP (Vizzo et
 /// al. 2023), but with forgetting.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Predictor {
     /// Motion from the scan before the last to the last.
+    #[serde(with = "voxelastic::geometry::stored")]
     motion: Pose,
     /// Seconds that it took, if the scans have times.
     duration: Option<f64>,

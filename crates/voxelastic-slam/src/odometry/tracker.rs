@@ -10,6 +10,7 @@ use crate::registration::{
     Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, best_of, mean_radius, register, search,
 };
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt};
@@ -35,38 +36,40 @@ const DESKEW_AGAIN: f64 = 0.02;
 /// Results do not depend on the number of threads.
 #[derive(Clone, Debug)]
 pub struct Odometry {
-    settings: OdometrySettings,
+    pub(super) settings: OdometrySettings,
     /// From fine to coarse; empty before the first scan.
-    levels: Vec<LocalMap>,
-    predictor: Predictor,
-    last: Option<Last>,
-    piece: usize,
-    scans: usize,
-    failures: usize,
+    pub(super) levels: Vec<LocalMap>,
+    pub(super) predictor: Predictor,
+    pub(super) last: Option<Last>,
+    pub(super) piece: usize,
+    pub(super) scans: usize,
+    pub(super) failures: usize,
     /// Running mean of the registrations' scores.
-    score: f64,
-    level: Level,
+    pub(super) score: f64,
+    pub(super) level: Level,
     /// Running mean of the scans' returns.
-    usual_returns: f64,
-    alternation: Alternation,
-    scratch: Scratch,
+    pub(super) usual_returns: f64,
+    pub(super) alternation: Alternation,
+    pub(super) scratch: Scratch,
 }
 
 /// The last registered scan, and the last keyframe.
-#[derive(Clone, Copy, Debug)]
-struct Last {
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct Last {
+    #[serde(with = "voxelastic::geometry::stored")]
     t_map_lidar: Pose,
     time: Option<f64>,
+    #[serde(with = "voxelastic::geometry::stored")]
     keyframe: Pose,
 }
 
 /// Memory that is used again for each scan.
 #[derive(Clone, Debug)]
-struct Scratch {
+pub(super) struct Scratch {
     downsampler: Downsampler,
     points: Vec<[f32; 3]>,
     dense: Vec<[f32; 3]>,
-    scan_map: LocalMap,
+    pub(super) scan_map: LocalMap,
     surfels: Vec<Surfel>,
 }
 

@@ -2,6 +2,7 @@
 
 use super::eigen::smallest;
 use super::voxel_index::{VoxelIndex, key};
+use serde::{Deserialize, Serialize};
 
 /// A voxel with this many points takes no more: the map stays where it was first measured, and does not follow the drift.
 const FULL: f32 = 60.0;
@@ -19,7 +20,7 @@ const LEAST_COSINE: f32 = 0.8;
 pub(crate) const RANGE_NOISE: f64 = 0.02;
 
 /// Sums over the points of a voxel, relative to its centre.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Moments {
     coordinates: [i32; 3],
     count: f32,
@@ -58,13 +59,36 @@ pub(crate) struct Surfel {
 }
 
 /// Voxels of one size around the sensor.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(from = "StoredMap", into = "StoredMap")]
 pub(crate) struct LocalMap {
     size: f64,
     index: VoxelIndex,
     moments: Vec<Moments>,
     surfaces: Vec<Surface>,
     changed: Vec<u32>,
+}
+
+/// The serialised form of a map: everything else follows from the moments.
+#[derive(Serialize, Deserialize)]
+struct StoredMap {
+    size: f64,
+    moments: Vec<Moments>,
+}
+
+impl From<LocalMap> for StoredMap {
+    fn from(map: LocalMap) -> Self {
+        Self { size: map.size, moments: map.moments }
+    }
+}
+
+impl From<StoredMap> for LocalMap {
+    fn from(StoredMap { size, moments }: StoredMap) -> Self {
+        let surfaces = moments.iter().map(|m| surface(m, size)).collect();
+        let mut map = Self { moments, surfaces, ..Self::new(size) };
+        map.make_index();
+        map
+    }
 }
 
 impl LocalMap {
@@ -169,7 +193,11 @@ impl LocalMap {
         }
         self.moments.truncate(kept);
         self.surfaces.truncate(kept);
-        self.index = VoxelIndex::with_capacity(kept * 2);
+        self.make_index();
+    }
+
+    fn make_index(&mut self) {
+        self.index = VoxelIndex::with_capacity(self.moments.len() * 2);
         for (position, moments) in self.moments.iter().enumerate() {
             self.index.get_or_insert(key(moments.coordinates), position as u32);
         }

@@ -6,7 +6,7 @@
 pub mod aabb;
 pub mod morton;
 pub mod pose;
-pub(crate) mod stored;
+pub mod stored;
 
 pub use aabb::Aabb;
 pub use pose::{Pose, PoseExt, Rigid};

@@ -1,0 +1,54 @@
+//! What an odometry knows between two scans, so that another process can go on where this one is.
+
+use super::alternation::Alternation;
+use super::level::Level;
+use super::prediction::Predictor;
+use super::settings::OdometrySettings;
+use super::tracker::{Last, Odometry};
+use crate::registration::LocalMap;
+use serde::{Deserialize, Serialize};
+
+/// What an [`Odometry`] knows beside its settings; see [`Odometry::state`].
+///
+/// Its serialised form belongs to the version of the program that wrote it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct OdometryState {
+    levels: Vec<LocalMap>,
+    predictor: Predictor,
+    last: Option<Last>,
+    piece: usize,
+    scans: usize,
+    failures: usize,
+    score: f64,
+    level: Level,
+    usual_returns: f64,
+    alternation: Alternation,
+}
+
+impl Odometry {
+    /// What it knows.
+    pub fn state(&self) -> OdometryState {
+        OdometryState {
+            levels: self.levels.clone(),
+            predictor: self.predictor.clone(),
+            last: self.last,
+            piece: self.piece,
+            scans: self.scans,
+            failures: self.failures,
+            score: self.score,
+            level: self.level,
+            usual_returns: self.usual_returns,
+            alternation: self.alternation.clone(),
+        }
+    }
+
+    /// An odometry that goes on from `state`, with the settings of the one that it is of: it finds the same poses, bit for bit.
+    pub fn resume(settings: OdometrySettings, state: OdometryState) -> Self {
+        let mut odometry = Self::new(settings);
+        if let Some(finest) = state.levels.first() {
+            odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
+        }
+        let OdometryState { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation } = state;
+        Self { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, ..odometry }
+    }
+}
