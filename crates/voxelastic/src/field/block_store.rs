@@ -1,14 +1,14 @@
 //! Voxel arrays in one pool per scale, so that a block needs memory only for the scales that it has.
 
-use crate::octree::{DisjointMut, Pool, SCALES, voxels_at};
+use crate::octree::{Pool, SCALES, voxels_at};
 
 /// Voxel arrays of 512, 64, 8 and 1 voxels, for blocks at scales 0, 1, 2 and 3.
 #[derive(Clone, Debug)]
 pub(crate) struct BlockStore<V> {
-    fine: Pool<[V; voxels_at(0)]>,
-    half: Pool<[V; voxels_at(1)]>,
-    quarter: Pool<[V; voxels_at(2)]>,
-    single: Pool<[V; voxels_at(3)]>,
+    pub(super) fine: Pool<[V; voxels_at(0)]>,
+    pub(super) half: Pool<[V; voxels_at(1)]>,
+    pub(super) quarter: Pool<[V; voxels_at(2)]>,
+    pub(super) single: Pool<[V; voxels_at(3)]>,
 }
 
 impl<V> Default for BlockStore<V> {
@@ -68,44 +68,5 @@ impl<V: Copy + Default> BlockStore<V> {
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
         self.fine.bytes() + self.half.bytes() + self.quarter.bytes() + self.single.bytes()
-    }
-
-    /// Borrows the store for writing to different slots from several threads.
-    pub fn disjoint_mut(&mut self) -> BlockStoreMut<'_, V> {
-        BlockStoreMut {
-            fine: DisjointMut::new(&mut self.fine),
-            half: DisjointMut::new(&mut self.half),
-            quarter: DisjointMut::new(&mut self.quarter),
-            single: DisjointMut::new(&mut self.single),
-        }
-    }
-}
-
-/// A [`BlockStore`] borrowed for parallel writing.
-pub(crate) struct BlockStoreMut<'a, V> {
-    fine: DisjointMut<'a, [V; voxels_at(0)]>,
-    half: DisjointMut<'a, [V; voxels_at(1)]>,
-    quarter: DisjointMut<'a, [V; voxels_at(2)]>,
-    single: DisjointMut<'a, [V; voxels_at(3)]>,
-}
-
-#[allow(unsafe_code)]
-impl<V> BlockStoreMut<'_, V> {
-    /// The array in `slot` at `scale`.
-    ///
-    /// # Safety
-    /// As for [`DisjointMut::get`]: no other reference to the same array may be obtained while this one lives.
-    #[inline(always)]
-    #[allow(clippy::mut_from_ref)]
-    pub unsafe fn get(&self, scale: usize, slot: u32) -> &mut [V] {
-        // SAFETY: the caller's promise is that of `DisjointMut::get`.
-        unsafe {
-            match scale {
-                0 => self.fine.get(slot),
-                1 => self.half.get(slot),
-                2 => self.quarter.get(slot),
-                _ => self.single.get(slot),
-            }
-        }
     }
 }

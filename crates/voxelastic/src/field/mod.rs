@@ -11,5 +11,5 @@ pub mod occupancy;
 mod snapshot;
 pub mod tsdf;
 
-pub(crate) use block_store::{BlockStore, BlockStoreMut};
+pub(crate) use block_store::BlockStore;
 pub use snapshot::{BlockHead, OccupancyBuilder, OctantRecord, SnapshotError, TsdfBuilder};

@@ -69,12 +69,21 @@ impl<'a, T> DisjointMut<'a, T> {
     #[inline(always)]
     #[allow(clippy::mut_from_ref)]
     pub unsafe fn get(&self, index: u32) -> &mut T {
+        // SAFETY: the item is initialised; the caller promises that this reference is not aliased.
+        unsafe { &mut *self.item(index) }
+    }
+
+    /// Pointer to the item at `index`, which is initialised; dereferencing it is sound if no reference to the item lives.
+    ///
+    /// # Panics
+    /// If `index` was never allocated.
+    #[inline(always)]
+    pub fn item(&self, index: u32) -> *mut T {
         let (page, offset) = Pool::<T>::page_and_offset(index);
         let Some(page) = self.page(page) else { panic!("item {index} was never allocated") };
-        assert!(offset < page.len());
-        // SAFETY: the item is initialised (below `len`), and `Vec::as_ptr` makes no reference to the items; the caller promises that this one is
-        // not aliased.
-        unsafe { &mut *page.as_ptr().cast_mut().add(offset) }
+        assert!(offset < page.len(), "item {index} was never allocated");
+        // `Vec::as_ptr` makes no reference to the items.
+        page.as_ptr().cast_mut().wrapping_add(offset)
     }
 
     /// Pointer to the item at `index`; [`SlotPtr::NOT_RESIDENT`] if it was never allocated.
@@ -88,6 +97,17 @@ impl<'a, T> DisjointMut<'a, T> {
     pub fn address(&self, index: u32) -> *const T {
         let (page, offset) = Pool::<T>::page_and_offset(index);
         self.page(page).map_or(std::ptr::null(), |page| page.as_ptr().wrapping_add(offset))
+    }
+}
+
+/// Fails unless all `ids`, of blocks that tasks are about to write to, are below `count` and different.
+pub(crate) fn assert_distinct(ids: &[u32], count: u32) {
+    let mut found = vec![0u64; count.div_ceil(64) as usize];
+    for &id in ids {
+        assert!(id < count, "block {id} does not exist");
+        let (word, bit) = (&mut found[id as usize / 64], 1 << (id % 64));
+        assert!(*word & bit == 0, "block {id} is written to twice");
+        *word |= bit;
     }
 }
 
@@ -126,32 +146,6 @@ impl<T> SlotPtr<T> {
     #[inline(always)]
     pub fn address(self) -> *const T {
         self.0
-    }
-
-    /// Pointer to the part of the item that begins `offset` bytes into it; for [`get`](SlotPtr::get), a `U` has to be there.
-    #[inline(always)]
-    pub fn part<U>(self, offset: usize) -> SlotPtr<U> {
-        debug_assert!(offset + size_of::<U>() <= size_of::<T>());
-        SlotPtr(self.0.cast::<u8>().wrapping_add(offset).cast())
-    }
-
-    /// The item.
-    ///
-    /// # Safety
-    /// The pointer is to an item, the [`DisjointMut`] that it is from still lives, and no other reference to the item does.
-    #[inline(always)]
-    pub unsafe fn get<'a>(self) -> &'a mut T {
-        // SAFETY: the caller's promise; pointers to the items of a pool may be written through, see `DisjointMut::get`.
-        unsafe { &mut *self.0 }
-    }
-}
-
-impl<T, const N: usize> SlotPtr<[T; N]> {
-    /// Pointer to item `i` of the array.
-    #[inline(always)]
-    pub fn item(self, i: usize) -> SlotPtr<T> {
-        assert!(i < N);
-        self.part(i * size_of::<T>())
     }
 }
 

@@ -20,7 +20,7 @@ mod slab;
 mod tree;
 
 pub(crate) use cursor::Cursor;
-pub(crate) use disjoint_mut::{DisjointMut, SlotPtr};
+pub(crate) use disjoint_mut::{DisjointMut, SlotPtr, assert_distinct};
 pub use layout::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, NONE, SCALES, block_coords, block_key, edge_at, voxel_coords, voxel_index, voxels_at};
 pub(crate) use pool::Pool;
 pub(crate) use prefetch::{prefetch, prefetch_item};

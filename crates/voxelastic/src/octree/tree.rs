@@ -5,6 +5,7 @@ use crate::geometry::morton;
 
 /// One cube of space: a link to its children or block, and the field's summary of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
 pub struct Octant<P> {
     /// At level 0 the block's id, above it the index of the group of eight children; [`NONE`](super::NONE) if it has neither.
     pub link: u32,

@@ -10,8 +10,10 @@ mod field;
 pub(crate) mod propagate;
 mod value;
 mod volume;
+mod writer;
 
 pub(crate) use faces::{Boundary, Face, faces};
 pub use field::{Leaf, OccupancyBlock, OccupancyField};
 pub use value::{LOG_ODDS_STEPS, State, Summary, UNKNOWN, log_odds, state_of, steps};
 pub use volume::Volumes;
+pub(crate) use writer::{BlockWriter, SharedOctants};

@@ -38,6 +38,7 @@ pub fn steps(log_odds: f32) -> i8 {
 
 /// An octant's summary of its subtree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Summary {
     /// Value of the whole octant, if it is uniform and has no subtree.
     pub value: i8,

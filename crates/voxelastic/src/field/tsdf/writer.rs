@@ -11,7 +11,7 @@ use super::field::TsdfField;
 use super::storage::compressed_store::CompressedStore;
 use super::storage::decompress::assemble;
 use super::voxel::Voxel;
-use crate::octree::{DisjointMut, SlabAllocator, SlotBatch, SlotPtr, prefetch, prefetch_item};
+use crate::octree::{DisjointMut, SlabAllocator, SlotBatch, SlotPtr, assert_distinct, prefetch, prefetch_item};
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -43,17 +43,6 @@ impl TsdfField {
         decoded.sort_unstable();
         decoded.into_iter().rev().for_each(|number| self.remove_compressed(number));
         self.bricks.finish(allocated, batches);
-    }
-}
-
-/// Fails unless all `ids` are below `count` and different.
-fn assert_distinct(ids: &[u32], count: u32) {
-    let mut found = vec![0u64; count.div_ceil(64) as usize];
-    for &id in ids {
-        assert!(id < count, "block {id} does not exist");
-        let (word, bit) = (&mut found[id as usize / 64], 1 << (id % 64));
-        assert!(*word & bit == 0, "block {id} is written to twice");
-        *word |= bit;
     }
 }
 

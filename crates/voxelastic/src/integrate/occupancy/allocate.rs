@@ -8,7 +8,7 @@ use super::evidence::Steps;
 use super::free_cells::{BufferRange, FreeCell, FreeCells, OctantRef, clear};
 use super::run_table::RunTable;
 use crate::field::occupancy::propagate::ChangedOctants;
-use crate::field::occupancy::{OccupancyField, Summary};
+use crate::field::occupancy::{OccupancyField, SharedOctants, Summary};
 use crate::integrate::rays::scale::{ScaleRule, distance_to_block};
 use crate::integrate::rays::select::BlockRays;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, block_coords, prefetch};
@@ -99,7 +99,6 @@ impl BlockTasks {
     }
 
     /// Processes the free cells that exist, in parallel; returns how many of `outputs` are used.
-    #[allow(unsafe_code)]
     fn process_existing(
         &self,
         field: &mut OccupancyField,
@@ -112,7 +111,7 @@ impl BlockTasks {
         const RANGES_PER_TASK: usize = 32;
         /// How many cells ahead an octant or a block is prefetched.
         const AHEAD: usize = 8;
-        let (octants, blocks) = (field.tree.disjoint_mut(), &field.blocks);
+        let (octants, blocks) = (SharedOctants::new(&mut field.tree), &field.blocks);
         let process = |(ranges, output): (&[BufferRange], &mut TaskOutput)| {
             let all = ranges.iter().flat_map(|range| free.of(range).iter().map(|cell| (range.buffer, cell)));
             let mut ahead = all.clone().skip(AHEAD);
@@ -123,14 +122,13 @@ impl BlockTasks {
                         prefetch(&raw const blocks[next.block]);
                         prefetch(self.runs.address(next.block));
                     }
-                    Some(next) if !next.octant.is_missing() => prefetch(next.octant.within(&octants).address()),
+                    Some(next) if !next.octant.is_missing() => octants.prefetch(next.octant.position()),
                     _ => {}
                 }
                 match cell.block_update(buffer) {
                     None if !cell.octant.is_missing() => {
-                        // SAFETY: an octant occurs in one cell only, and no reference to another octant of its group exists.
-                        let octant = unsafe { cell.octant.within(&octants).get() };
-                        octant.payload = with_free_evidence(octant.payload, steps);
+                        let at = cell.octant.position();
+                        octants.set_summary(at, with_free_evidence(octants.summary(at), steps));
                         output.changed.add(cell.key, cell.level());
                     }
                     Some((scale, free)) if cell.block != NONE && usize::from(blocks[cell.block].scale) <= scale => {

@@ -1,7 +1,6 @@
 //! Free cells: the free octants, blocks and voxels that the descent finds, and where they are in the tree.
 
-use crate::field::occupancy::Summary;
-use crate::octree::{DisjointMut, NONE, Octant, SlotPtr};
+use crate::octree::NONE;
 
 /// Free voxels of a block, a bit each in Morton order: word i is the i-th octant of the block.
 pub(super) type Mask = [u64; 8];
@@ -28,10 +27,10 @@ impl OctantRef {
         self.group == NONE
     }
 
-    /// Pointer to the octant in the groups of the tree.
+    /// The group, and the index among its eight siblings.
     #[inline(always)]
-    pub fn within(self, groups: &DisjointMut<'_, [Octant<Summary>; 8]>) -> SlotPtr<Octant<Summary>> {
-        groups.slot_ptr(self.group).item(self.index())
+    pub fn position(self) -> (u32, usize) {
+        (self.group, self.index())
     }
 
     /// Index among the eight siblings.

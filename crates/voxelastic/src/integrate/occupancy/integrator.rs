@@ -70,6 +70,8 @@ pub struct OccupancyIntegrator {
     scratches: Vec<Box<DescentScratch>>,
     free: FreeCells,
     outcomes: Vec<BlockOutcome>,
+    /// The ids of the blocks of `tasks`, in the same order.
+    blocks: Vec<u32>,
 }
 
 /// A scan to be integrated; its rays are in the integrator, or are made of `returns`.
@@ -100,6 +102,7 @@ impl OccupancyIntegrator {
             scratches: Vec::new(),
             free: FreeCells::default(),
             outcomes: Vec::new(),
+            blocks: Vec::new(),
         }
     }
 
@@ -204,19 +207,16 @@ impl OccupancyIntegrator {
     /// Updates the voxels of all blocks.
     fn update(&mut self, field: &mut OccupancyField, steps: &Steps) {
         const BLOCKS_PER_TASK: usize = 64;
-        let context = UpdateContext {
-            blocks: &field.blocks,
-            voxels: field.voxels.disjoint_mut(),
-            rays: &self.rays,
-            records: &self.selection.records,
-            free: &self.free,
-            settings: &self.settings,
-            steps,
-        };
-        self.outcomes.clear();
-        self.outcomes.resize(self.tasks.list.len(), BlockOutcome::default());
-        let tasks = self.tasks.list.par_chunks(BLOCKS_PER_TASK).zip(self.outcomes.par_chunks_mut(BLOCKS_PER_TASK));
-        tasks.with_max_len(1).for_each(|(blocks, outcomes)| dispatch(UpdateTask { blocks, outcomes, context: &context }));
+        let Self { settings, rays, selection, tasks, free, outcomes, blocks, .. } = self;
+        let context = UpdateContext { rays, records: &selection.records, free, settings, steps };
+        outcomes.clear();
+        outcomes.resize(tasks.list.len(), BlockOutcome::default());
+        blocks.clear();
+        blocks.extend(tasks.list.iter().map(|task| task.block));
+        let parts = tasks.list.par_chunks(BLOCKS_PER_TASK).zip(outcomes.par_chunks_mut(BLOCKS_PER_TASK));
+        field.write_blocks(blocks, BLOCKS_PER_TASK, parts, |writer, (blocks, outcomes)| {
+            dispatch(UpdateTask { blocks, writer, outcomes, context: &context })
+        });
     }
 }
 
