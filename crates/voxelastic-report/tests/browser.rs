@@ -6,49 +6,14 @@ mod sample;
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-/// A browser on a busy machine without a graphics card is slow.
-const TIMEOUT: Duration = Duration::from_secs(150);
-
-/// Stops the browser when the test ends.
-struct Browser(Child);
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn open(page: &Path, profile: &Path, size: &str) -> Option<Browser> {
-    let flags = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--enable-unsafe-swiftshader",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--disable-dev-shm-usage",
-    ];
-    ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|name| {
-        let mut command = Command::new(name);
-        command.args(flags).arg(format!("--window-size={size}")).arg(format!("--user-data-dir={}", profile.display()));
-        command.arg(format!("file://{}", page.display())).stdout(Stdio::null()).stderr(Stdio::null());
-        command.spawn().ok().map(Browser)
-    })
-}
+use voxelastic_testing::Browser;
 
 /// Waits for the body of the first POST request.
 fn wait_for_post(listener: &TcpListener, browser: &mut Browser) -> Result<String, String> {
     let start = Instant::now();
     listener.set_nonblocking(true).map_err(|e| e.to_string())?;
-    while start.elapsed() < TIMEOUT {
+    while start.elapsed() < Browser::TIMEOUT {
         match listener.accept() {
             Ok((stream, _)) => {
                 if let Some(body) = body(stream) {
@@ -58,11 +23,11 @@ fn wait_for_post(listener: &TcpListener, browser: &mut Browser) -> Result<String
             Err(e) if e.kind() == ErrorKind::WouldBlock => std::thread::sleep(Duration::from_millis(50)),
             Err(e) => return Err(e.to_string()),
         }
-        if let Ok(Some(status)) = browser.0.try_wait() {
+        if let Some(status) = browser.ended() {
             return Err(format!("the browser ended: {status}"));
         }
     }
-    Err(format!("the page sent nothing within {TIMEOUT:?}"))
+    Err(format!("the page sent nothing within {:?}", Browser::TIMEOUT))
 }
 
 /// The body of a request; none when it is empty or incomplete.
@@ -97,10 +62,8 @@ fn run_driver(html: &str, size: &str) -> Option<serde_json::Value> {
     let data = "<script type=\"application/json\"";
     let page = dir.path().join("page.html");
     std::fs::write(&page, html.replacen(data, &format!("<script>{driver}</script>{data}"), 1)).unwrap();
-    let Some(mut browser) = open(&page, &dir.path().join("profile"), size) else {
-        voxelastic_testing::skip(voxelastic_testing::Need::Browser, "neither chromium nor google-chrome is installed");
-        return None;
-    };
+    let url = format!("file://{}", page.display());
+    let mut browser = Browser::open(&url, &dir.path().join("profile"), &[&format!("--window-size={size}")])?;
     let said = wait_for_post(&listener, &mut browser).unwrap();
     Some(serde_json::from_str(&said).unwrap())
 }

@@ -14,8 +14,10 @@
 //! # }
 //! ```
 
+mod browser;
 mod small_disk;
 
+pub use browser::Browser;
 pub use small_disk::SmallDisk;
 use std::fs::OpenOptions;
 use std::io::Write;

@@ -4,57 +4,27 @@ use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
+use voxelastic_testing::Browser as Process;
 
-/// A browser on a busy machine without a graphics card is slow.
-pub const TIMEOUT: Duration = Duration::from_secs(150);
-
-/// A browser with one page; stopped when dropped.
+/// A browser with one page that runs expressions.
 pub struct Browser {
-    child: Child,
+    /// Stopped when dropped.
+    _process: Process,
     socket: Option<WebSocket<TcpStream>>,
     calls: u64,
-}
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 impl Browser {
     /// Opens `url`; none, after noting the skip, without a browser.
     pub fn open(url: &str, profile: &Path) -> Option<Self> {
-        let flags = [
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--enable-unsafe-swiftshader",
-            "--disable-quic",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            "--disable-dev-shm-usage",
-            "--remote-debugging-port=0",
-            "--window-size=1000,700",
-        ];
-        let child = ["chromium", "chromium-browser", "google-chrome"].into_iter().find_map(|name| {
-            let mut command = Command::new(name);
-            command.args(flags).arg(format!("--user-data-dir={}", profile.display())).arg(url);
-            command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().ok()
-        });
-        let Some(child) = child else {
-            voxelastic_testing::skip(voxelastic_testing::Need::Browser, "neither chromium nor google-chrome is installed");
-            return None;
-        };
-        let mut browser = Self { child, socket: None, calls: 0 };
+        let flags = ["--remote-debugging-port=0", "--window-size=1000,700"];
+        let process = Process::open(url, profile, &flags)?;
+        let mut browser = Self { _process: process, socket: None, calls: 0 };
         let clock = Instant::now();
         while browser.socket.is_none() {
-            assert!(clock.elapsed() < TIMEOUT, "the browser does not answer");
+            assert!(clock.elapsed() < Process::TIMEOUT, "the browser does not answer");
             std::thread::sleep(Duration::from_millis(100));
             browser.socket = attach(profile, url);
         }
@@ -86,7 +56,7 @@ impl Browser {
         let clock = Instant::now();
         while self.value(expression) != true {
             let state = self.value("JSON.stringify({ text: document.body.innerText, seen: window.voxelastic && String(voxelastic.seen.messages) })");
-            assert!(clock.elapsed() < TIMEOUT, "never: {expression}; {state}");
+            assert!(clock.elapsed() < Process::TIMEOUT, "never: {expression}; {state}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -103,7 +73,7 @@ fn attach(profile: &Path, url: &str) -> Option<WebSocket<TcpStream>> {
     let pages: Value = serde_json::from_str(answer.split_once("\r\n\r\n")?.1).ok()?;
     let page = pages.as_array()?.iter().find(|page| page["url"].as_str().is_some_and(|at| at.starts_with(url)))?;
     let stream = TcpStream::connect(("127.0.0.1", port)).ok()?;
-    stream.set_read_timeout(Some(TIMEOUT)).ok()?;
+    stream.set_read_timeout(Some(Process::TIMEOUT)).ok()?;
     let config = tungstenite::protocol::WebSocketConfig::default().max_message_size(None).max_frame_size(None);
     Some(tungstenite::client::client_with_config(page["webSocketDebuggerUrl"].as_str()?, stream, Some(config)).ok()?.0)
 }
