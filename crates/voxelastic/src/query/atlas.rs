@@ -157,11 +157,16 @@ impl<'a> AtlasQuery<'a> {
         for part in &self.parts {
             cells.cover(part.low, part.high, &part.t_map_submap);
         }
-        cells.answer(points, State::Unknown, |points, states| {
-            for (state, p) in states.iter_mut().zip(points) {
-                *state = self.state(*p);
-            }
-        })
+        cells.answer(
+            points,
+            State::Unknown,
+            || (),
+            |(), points, states| {
+                for (state, p) in states.iter_mut().zip(points) {
+                    *state = self.state(*p);
+                }
+            },
+        )
     }
 
     /// Log-odds of occupancy at `p`: the largest of all submaps in which `p` is free or occupied.

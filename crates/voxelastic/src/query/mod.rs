@@ -11,7 +11,7 @@
 //! | State of the cube of 2^level finest voxels around it | `at_level` |
 //! | Is all of a shape free? | `is_free` with a [`Sphere`], [`Capsule`] or [`OrientedBox`] |
 //! | Distance to the nearest obstacle | `clearance` |
-//! | Signed distance to surfaces (TSDF) and its gradient | [`DistanceQuery::sample`]; at many points, fast: [`DistanceQuery::sample_many`] |
+//! | Signed distance to surfaces (TSDF) and its gradient | [`DistanceQuery::sample`]; at many points, fast: [`DistanceQuery::sample_many`], without gradients [`DistanceQuery::sample_distances`] |
 //! | Where does a ray end? | `ray_cast` |
 //! | Boundary of free to unknown space | `frontier` |
 //! | Cross-section as an image | `slice` |
@@ -32,6 +32,7 @@
 //! ```
 
 mod atlas;
+mod block_window;
 mod clearance;
 mod collision;
 mod coverage;

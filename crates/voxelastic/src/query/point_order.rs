@@ -15,10 +15,13 @@ const MOST: usize = 1 << INDEX_BITS;
 const INDEX_BITS: u32 = 20;
 
 /// Most bits of a cell's coordinate along an axis.
-const CELL_BITS: u32 = 12;
+const CELL_BITS: u32 = 14;
 
-/// Points that a thread takes at a time.
-const PER_TASK: usize = 4096;
+/// log2 of the cells along the edge of a cube whose points are answered together.
+const CUBE_BITS: u32 = 3;
+
+/// Most points that are answered together.
+const PER_TASK: usize = 1 << 14;
 
 /// A grid of cubes over the map, by which points are sorted.
 #[derive(Debug)]
@@ -47,9 +50,15 @@ impl Cells {
         }
     }
 
-    /// Answers for `points` (map frame), each of which is `unknown` outside of the grid. `look_up` gets points that are near each other, and
-    /// answers that are `unknown` at first.
-    pub fn answer<T, A>(&self, points: &[[T; 3]], unknown: A, look_up: impl Fn(&[[f64; 3]], &mut [A]) + Sync) -> Vec<A>
+    /// Answers for `points` (map frame), each of which is `unknown` outside of the grid. `look_up` gets points in a cube of eight cells along each axis, and
+    /// answers that are `unknown` at first; what a thread keeps from one such call to the next is made by `scratch`.
+    pub fn answer<T, A, S>(
+        &self,
+        points: &[[T; 3]],
+        unknown: A,
+        scratch: impl Fn() -> S + Sync,
+        look_up: impl Fn(&mut S, &[[f64; 3]], &mut [A]) + Sync,
+    ) -> Vec<A>
     where
         T: Copy + Into<f64> + Sync,
         A: Copy + Send + Sync,
@@ -60,24 +69,19 @@ impl Cells {
             return answers;
         }
         let bits = (0..CELL_BITS).find(|bits| f64::from(1 << bits) * self.edge > extent).unwrap_or(CELL_BITS);
-        let (per_metre, most) = (1.0 / self.edge.max(extent / f64::from(1 << bits)), (1 << bits) - 1);
         for (points, answers) in points.chunks(MOST).zip(answers.chunks_mut(MOST)) {
-            let record = |(index, p): (usize, &[T; 3])| {
-                let p = p.map(Into::into);
-                // Not for a coordinate that is no number.
-                let is_inside = (0..3).all(|k| p[k] >= self.low[k] && p[k] <= self.high[k]);
-                let cell = || morton::encode(std::array::from_fn(|k| (((p[k] - self.low[k]) * per_metre) as u32).min(most)));
-                is_inside.then(|| cell() << INDEX_BITS | index as u64)
-            };
-            let mut records: Vec<u64> = points.par_iter().enumerate().with_min_len(PER_TASK).filter_map(record).collect();
-            sort_by_bits(&mut records, &mut Vec::new(), INDEX_BITS, INDEX_BITS + 3 * bits);
+            let records = self.sorted(points, extent, bits);
             let mut found = vec![unknown; records.len()];
-            let tasks = found.par_chunks_mut(PER_TASK).zip(records.par_chunks(PER_TASK));
-            tasks.for_each(|(found, records)| {
-                // Points come from all over the memory: faster all together than one before each look.
-                let near: Vec<[f64; 3]> = records.iter().map(|record| points[index_of(*record)].map(Into::into)).collect();
-                look_up(&near, found);
-            });
+            let tasks = tasks(&records, &mut found);
+            tasks.into_par_iter().for_each_init(
+                || (Vec::new(), scratch()),
+                |(near, scratch), (records, found)| {
+                    // Points come from all over the memory: faster all together than one before each look.
+                    near.clear();
+                    near.extend(records.iter().map(|record| points[index_of(*record)].map(Into::into)));
+                    look_up(scratch, near, found);
+                },
+            );
             const NONE: u32 = u32::MAX;
             let mut places = vec![NONE; points.len()];
             for (place, record) in (0..).zip(&records) {
@@ -88,6 +92,33 @@ impl Cells {
         }
         answers
     }
+
+    /// For each point in the grid, its cell in Morton order above its index, by ascending cells.
+    fn sorted<T: Copy + Into<f64> + Sync>(&self, points: &[[T; 3]], extent: f64, bits: u32) -> Vec<u64> {
+        let (per_metre, most) = (1.0 / self.edge.max(extent / f64::from(1 << bits)), (1 << bits) - 1);
+        let record = |(index, p): (usize, &[T; 3])| {
+            let p = p.map(Into::into);
+            // Not for a coordinate that is no number.
+            let is_inside = (0..3).all(|k| p[k] >= self.low[k] && p[k] <= self.high[k]);
+            let cell = || morton::encode(std::array::from_fn(|k| (((p[k] - self.low[k]) * per_metre) as u32).min(most)));
+            is_inside.then(|| cell() << INDEX_BITS | index as u64)
+        };
+        let mut records: Vec<u64> = points.par_iter().enumerate().with_min_len(PER_TASK).filter_map(record).collect();
+        sort_by_bits(&mut records, &mut Vec::new(), INDEX_BITS, INDEX_BITS + 3 * bits);
+        records
+    }
+}
+
+/// The records of each cube with the places of their answers; those of many points in several parts.
+fn tasks<'a, A>(records: &'a [u64], mut found: &'a mut [A]) -> Vec<(&'a [u64], &'a mut [A])> {
+    let cube = |record: u64| record >> (INDEX_BITS + 3 * CUBE_BITS);
+    let mut tasks = Vec::new();
+    for records in records.chunk_by(|a, b| cube(*a) == cube(*b)).flat_map(|records| records.chunks(PER_TASK)) {
+        let (own, others) = std::mem::take(&mut found).split_at_mut(records.len());
+        tasks.push((records, own));
+        found = others;
+    }
+    tasks
 }
 
 #[inline(always)]

@@ -59,38 +59,18 @@ impl DistanceQuery<'_> {
     }
 }
 
-/// The voxels of a field.
-pub(super) trait VoxelSource {
-    /// Distance in the voxel that holds finest voxel `c`, metres, and the scale of its block; none where it is not observed.
-    fn stored(&mut self, c: [i32; 3]) -> Option<(f32, usize)>;
-
-    /// Distances, metres, in the voxels with edges of 2^scale finest voxels at `base` and next above it along each axis, x fastest; none unless all are
-    /// observed. Where another scale is stored, it is the distance in the voxel around the centre.
-    #[inline(always)]
-    fn corners(&mut self, base: [i32; 3], scale: usize) -> Option<[f32; 8]> {
-        let mut corners = [0.0; 8];
-        for (i, corner) in corners.iter_mut().enumerate() {
-            *corner = self.stored(corner_centre(base, scale, i))?.0;
-        }
-        Some(corners)
-    }
-}
-
 /// The finest voxel at, or next above, the centre of corner `i` of the eight voxels of `scale` at `base` and next above it.
-#[inline(always)]
-pub(super) fn corner_centre(base: [i32; 3], scale: usize, i: usize) -> [i32; 3] {
+fn corner_centre(base: [i32; 3], scale: usize, i: usize) -> [i32; 3] {
     std::array::from_fn(|k| ((base[k] + (i >> k & 1) as i32) << scale) + (1 << scale >> 1))
 }
 
 /// Whether a point, in finest voxels of the submap frame, and its neighbours have coordinates that keys can hold.
-#[inline(always)]
-pub(super) fn is_addressable(p: [f64; 3]) -> bool {
+fn is_addressable(p: [f64; 3]) -> bool {
     p.iter().all(|c| c.abs() < f64::from(MAX_BLOCK_COORD - 1) * BLOCK_EDGE as f64)
 }
 
 /// The field at `p`, metres in the submap frame, with finest voxels of `voxel` metres.
-#[inline(always)]
-pub(super) fn interpolate(source: &mut impl VoxelSource, voxel: f64, p: [f64; 3]) -> Option<SurfaceDistance> {
+fn interpolate(source: &mut StoredVoxels<'_>, voxel: f64, p: [f64; 3]) -> Option<SurfaceDistance> {
     let p = p.map(|c| c / voxel);
     if !is_addressable(p) {
         return None;
@@ -104,14 +84,21 @@ pub(super) fn interpolate(source: &mut impl VoxelSource, voxel: f64, p: [f64; 3]
     let Some(corners) = source.corners(base.map(|c| c as i32), scale) else {
         return Some(SurfaceDistance { distance: stored, gradient: [0.0; 3] });
     };
+    let (distance, steps) = trilinear(corners, [fx, fy, fz]);
+    let metres = (edge * voxel) as f32;
+    Some(SurfaceDistance { distance, gradient: steps.map(|step| step / metres) })
+}
+
+/// The value between eight corners, x fastest, and its change along each axis from one corner to the next. NaN if any of the corners is.
+#[inline(always)]
+pub(super) fn trilinear(corners: [f32; 8], [fx, fy, fz]: [f32; 3]) -> (f32, [f32; 3]) {
     // First along x, then y, then z.
     let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
     let steps: [f32; 4] = std::array::from_fn(|i| corners[2 * i + 1] - corners[2 * i]);
     let rows: [f32; 4] = std::array::from_fn(|i| corners[2 * i] + steps[i] * fx);
     let [low, high] = [mix(rows[0], rows[1], fy), mix(rows[2], rows[3], fy)];
-    let metres = (edge * voxel) as f32;
-    let differences = [mix(mix(steps[0], steps[1], fy), mix(steps[2], steps[3], fy), fz), mix(rows[1] - rows[0], rows[3] - rows[2], fz), high - low];
-    Some(SurfaceDistance { distance: mix(low, high, fz), gradient: differences.map(|difference| difference / metres) })
+    let changes = [mix(mix(steps[0], steps[1], fy), mix(steps[2], steps[3], fy), fz), mix(rows[1] - rows[0], rows[3] - rows[2], fz), high - low];
+    (mix(low, high, fz), changes)
 }
 
 /// Voxels as they are stored.
@@ -126,9 +113,8 @@ impl<'a> StoredVoxels<'a> {
     fn new(field: &'a TsdfField, voxel: f64) -> Self {
         Self { field, voxel, last: None }
     }
-}
 
-impl VoxelSource for StoredVoxels<'_> {
+    /// Distance in the voxel that holds finest voxel `c`, metres, and the scale of its block; none where it is not observed.
     fn stored(&mut self, c: [i32; 3]) -> Option<(f32, usize)> {
         let key = block_key(c.map(|v| v >> BLOCK_SHIFT));
         let id = match self.last {
@@ -140,6 +126,16 @@ impl VoxelSource for StoredVoxels<'_> {
         let scale = usize::from(block.scale);
         let voxel = self.field.voxel(block, voxel_index(c.map(|v| (v as usize & (BLOCK_EDGE - 1)) >> scale), scale));
         voxel.is_observed().then(|| (voxel.distance_in_voxels() * (self.voxel * f64::from(1 << scale)) as f32, scale))
+    }
+
+    /// Distances, metres, in the voxels with edges of 2^scale finest voxels at `base` and next above it along each axis, x fastest; none unless all are
+    /// observed. Where another scale is stored, it is the distance in the voxel around the centre.
+    fn corners(&mut self, base: [i32; 3], scale: usize) -> Option<[f32; 8]> {
+        let mut corners = [0.0; 8];
+        for (i, corner) in corners.iter_mut().enumerate() {
+            *corner = self.stored(corner_centre(base, scale, i))?.0;
+        }
+        Some(corners)
     }
 }
 
