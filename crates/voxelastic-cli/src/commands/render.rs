@@ -5,7 +5,7 @@ use crate::map_files::{self, DamageArgs};
 use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
-use clap::{Args, ValueEnum};
+use clap::{Args, Parser, ValueEnum};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
@@ -109,6 +109,19 @@ struct Subject {
     path: Vec<[f64; 3]>,
     /// Submaps that were left out because they are damaged.
     damaged: usize,
+}
+
+/// `render` alone, to have its arguments with their defaults.
+#[derive(Debug, Parser)]
+struct Alone {
+    #[command(flatten)]
+    args: RenderArgs,
+}
+
+/// Draws a map from the side, as `voxelastic render MAP.vox -o FILE.png --view orbit` does.
+pub fn draw_from_the_side(map: &Path, picture: &Path) -> anyhow::Result<()> {
+    let words = ["render".as_ref(), map.as_os_str(), "-o".as_ref(), picture.as_os_str(), "--view".as_ref(), "orbit".as_ref()];
+    draw(&Alone::try_parse_from(words)?.args).map(drop)
 }
 
 /// Runs the command.

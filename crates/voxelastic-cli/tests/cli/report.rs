@@ -71,4 +71,5 @@ fn the_demo_shows_that_corrections_help() {
     let again = json(dir.path(), "demo -o again --scans 40 --threads 1 --json");
     assert_eq!(summary["rows"], again["rows"], "the figures depend on the threads");
     assert!(data(&dir.path().join("demo/report.html"))["tables"][0]["rows"].as_array().unwrap().len() == 4);
+    assert_eq!(&fs::read(dir.path().join("demo/campus.png")).unwrap()[..8], b"\x89PNG\r\n\x1a\n");
 }

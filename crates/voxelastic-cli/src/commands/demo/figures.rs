@@ -25,6 +25,8 @@ pub struct Figures {
     pub output: PathBuf,
     /// The page.
     pub report: PathBuf,
+    /// The picture of the elastic map.
+    pub picture: PathBuf,
     /// From start to written page, seconds.
     pub total_s: f64,
     /// Peak resident memory, megabytes (10^6 bytes).
@@ -87,8 +89,20 @@ const COLUMNS: [&str; 7] = ["field and poses", "error, mean", "error, 90 %", "co
 impl Figures {
     /// With the measurements; the caller fills in the rest.
     pub fn new(rows: Vec<Row>, output: PathBuf, report: PathBuf) -> Self {
-        let integrate_ms = SeriesStats::default();
-        Self { scans: 0, loop_closures: 0, largest_drift_m: 0.0, fusions: 0, integrate_ms, rows, output, report, total_s: 0.0, peak_rss_mb: None }
+        let (integrate_ms, picture) = (SeriesStats::default(), output.join("campus.png"));
+        Self {
+            scans: 0,
+            loop_closures: 0,
+            largest_drift_m: 0.0,
+            fusions: 0,
+            integrate_ms,
+            rows,
+            output,
+            report,
+            picture,
+            total_s: 0.0,
+            peak_rss_mb: None,
+        }
     }
 
     fn note(&self) -> String {
@@ -119,7 +133,7 @@ impl Figures {
         }
         let memory = self.peak_rss_mb.map_or_else(String::new, |mb| format!(", {mb:.0} MB"));
         let (page, folder) = (self.report.display(), self.output.display());
-        text.push_str(&format!("\n{:.0} s in all{memory}\n\nOpen   {page}   in a browser.\n", self.total_s));
+        text.push_str(&format!("\n{:.0} s in all{memory}\n\nOpen   {page}   in a browser; {} is a picture.\n", self.total_s, self.picture.display()));
         text.push_str(&format!("The maps are {folder}/elastic.vox and {folder}/odometry.vox, for voxelastic mesh, render, info, eval.\n"));
         text
     }
