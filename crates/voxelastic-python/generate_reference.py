@@ -25,7 +25,7 @@ ORDER = [
 ]
 FUNCTIONS = ["odometry", "evaluate", "trajectory_errors"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError"]
-ALIASES = ["Pose", "Event", "Surface"]
+ALIASES = ["Pose", "Event", "Surface", "Progress"]
 
 
 def definitions() -> tuple[dict[str, ast.ClassDef], dict[str, ast.FunctionDef], dict[str, tuple[str, str]]]:

@@ -74,7 +74,7 @@ impl Localiser {
     /// Prepares the search in a map with surfaces; none if it has none.
     #[staticmethod]
     fn of_map(py: Python<'_>, map: &Map) -> PyResult<Option<Self>> {
-        let (content, pool) = (map.share(), job::shared_pool()?);
+        let (content, pool) = (map.content()?, job::shared_pool()?);
         let prepare = move || {
             pool.install(|| {
                 let points = content.atlas.shells(&MeshOptions::default()).positions;

@@ -2,31 +2,29 @@
 
 use crate::{arrays, errors, job};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::types::PyTuple;
 use pyo3::{Bound, PyAny, PyResult, Python, pyclass, pymethods};
-use rayon::prelude::*;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::Settings;
 use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::field::tsdf::{TsdfField, WEIGHT_ONE};
 use voxelastic::geometry::{Aabb, Rigid};
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
-use voxelastic::query::DistanceQuery;
+use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
 
 /// Points queried between two looks for Ctrl-C.
 const QUERIES_AT_ONCE: usize = 1 << 20;
 
-/// Points that a thread takes at a time.
-const QUERIES_PER_TASK: usize = 1 << 10;
-
-/// A map. It does not change, so threads share it.
+/// A map. It does not change, so threads share it; closing it frees the memory when no call uses it any more.
 #[pyclass(frozen, module = "voxelastic._native")]
 pub struct Map {
-    content: Arc<Content>,
+    /// None once it is closed.
+    content: Mutex<Option<Arc<Content>>>,
 }
 
 /// What a map is made of.
@@ -41,7 +39,7 @@ pub struct Content {
 
 impl From<Content> for Map {
     fn from(content: Content) -> Self {
-        Self { content: Arc::new(content) }
+        Self { content: Mutex::new(Some(Arc::new(content))) }
     }
 }
 
@@ -82,6 +80,22 @@ impl Content {
 
 #[pymethods]
 impl Map {
+    /// Closes the map: its memory is free when no call uses it any more.
+    fn close(&self, py: Python<'_>) {
+        let content = self.content.lock().unwrap_or_else(PoisonError::into_inner).take();
+        py.detach(|| drop(content));
+    }
+
+    /// Another map of the same memory: each is closed by itself.
+    fn copy(&self) -> PyResult<Self> {
+        Ok(Self { content: Mutex::new(Some(self.content()?)) })
+    }
+
+    /// Whether it was closed.
+    fn is_closed(&self) -> bool {
+        self.content.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
+
     /// Opens a stored map; also returns what is wrong with its settings.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Vec<String>)> {
@@ -101,41 +115,43 @@ impl Map {
 
     /// Saves the map to a directory. A save that has begun is completed.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let (content, pool) = (&self.content, job::shared_pool()?);
+        let (content, pool) = (self.content()?, job::shared_pool()?);
         let details = MapDetails::describe(&content.settings, content.sensor.as_deref());
         let saved = job::run_short(py, || pool.install(|| MapWriter::create(&path)?.save(&content.atlas, &details)))?;
         saved.map(|_| ()).map_err(|e| errors::file(py, &e))
     }
 
     /// The settings that it was made with, as text.
-    fn settings(&self) -> Vec<(&'static str, String)> {
-        self.content.settings.pairs()
+    fn settings(&self) -> PyResult<Vec<(&'static str, String)>> {
+        Ok(self.content()?.settings.pairs())
     }
 
     /// Description of the sensor, if known.
-    fn sensor(&self) -> Option<String> {
-        self.content.sensor.clone()
+    fn sensor(&self) -> PyResult<Option<String>> {
+        Ok(self.content()?.sensor.clone())
     }
 
     /// Memory of the fields, bytes.
-    fn nbytes(&self) -> usize {
-        self.content.atlas.bytes()
+    fn nbytes(&self) -> PyResult<usize> {
+        Ok(self.content()?.atlas.bytes())
     }
 
     /// Whether it has signed distances, and whether it has occupancy.
-    fn fields(&self) -> (bool, bool) {
-        (!self.content.atlas.tsdfs().is_empty(), !self.content.atlas.query().is_empty())
+    fn fields(&self) -> PyResult<(bool, bool)> {
+        let content = self.content()?;
+        Ok((!content.atlas.tsdfs().is_empty(), !content.atlas.query().is_empty()))
     }
 
     /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes.
-    fn submaps(&self) -> Vec<(u32, [[f64; 4]; 4], Vec<u64>)> {
+    fn submaps(&self) -> PyResult<Vec<(u32, [[f64; 4]; 4], Vec<u64>)>> {
+        let content = self.content()?;
         let nodes = |submap: &voxelastic::atlas::Submap| submap.scans().iter().map(|scan| scan.node).collect();
-        self.content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect()
+        Ok(content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect())
     }
 
     /// Smallest and largest coordinates of what was observed, map frame; none for an empty map.
     fn bounds(&self, py: Python<'_>) -> PyResult<Option<([f32; 3], [f32; 3])>> {
-        let content = &self.content;
+        let content = self.content()?;
         Ok(job::run_short(py, || content.bounds())?.map(|bounds| (bounds.min, bounds.max)))
     }
 
@@ -151,7 +167,7 @@ impl Map {
         keep_all: bool,
         shells: bool,
     ) -> PyResult<Bound<'py, PyTuple>> {
-        let content = Arc::clone(&self.content);
+        let content = self.content()?;
         let options = MeshOptions { min_weight, lod, close_gaps, keep_all };
         let pool = job::shared_pool()?;
         let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
@@ -174,7 +190,7 @@ impl Map {
     /// The voxels of a submap, by number: for each scale that it has, the scale, then of each block the coordinates of its first voxel in finest voxels,
     /// and of each of its voxels, x fastest, the signed distance (NaN where it was not observed) and the weight. None if there is no such submap.
     fn blocks<'py>(&self, py: Python<'py>, submap: u32) -> PyResult<Option<Vec<BlockArrays<'py>>>> {
-        let content = &self.content;
+        let content = self.content()?;
         let Some(submap) = content.atlas.submaps().iter().find(|s| s.id() == submap) else { return Ok(None) };
         let pool = job::shared_pool()?;
         let blocks = job::run_short(py, || pool.install(|| blocks_by_scale(submap.tsdf(), content.atlas.voxel_size())))?;
@@ -187,18 +203,30 @@ impl Map {
 
     /// Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64.
     fn query<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyTuple>> {
-        let answers = match points.cast::<PyArray2<f64>>() {
-            Ok(points) => self.answer(py, arrays::rows(&points.try_readonly()?)?),
-            Err(_) => self.answer(py, arrays::rows(&points.cast::<PyArray2<f32>>()?.try_readonly()?)?),
-        }?;
+        let content = self.content()?;
+        let (surfaces, space) = (DistanceQuery::new(&content.atlas), content.atlas.query());
+        let samples = answer(py, points, |points| surfaces.sample_many(points), |points| surfaces.sample_many(points))?;
+        let pairs = samples.into_iter().map(|sample| sample.map_or((f32::NAN, [0.0; 3]), |s| (s.distance, s.gradient)));
+        let (distances, gradients): (Vec<f32>, Vec<[f32; 3]>) = job::run_short(py, || pairs.unzip())?;
+        let states = states_of(py, &space, points)?;
         PyTuple::new(
             py,
-            [
-                PyArray1::from_vec(py, answers.distances).into_any(),
-                arrays::from_rows(py, answers.gradients)?.into_any(),
-                PyArray1::from_vec(py, answers.states).into_any(),
-            ],
+            [PyArray1::from_vec(py, distances).into_any(), arrays::from_rows(py, gradients)?.into_any(), PyArray1::from_vec(py, states).into_any()],
         )
+    }
+
+    /// Signed distances at the rows of an N x 3 array, float32 or float64; NaN where none is known.
+    fn distances<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f32>>> {
+        let content = self.content()?;
+        let surfaces = DistanceQuery::new(&content.atlas);
+        let distances = answer(py, points, |points| surfaces.sample_distances(points), |points| surfaces.sample_distances(points))?;
+        Ok(PyArray1::from_vec(py, distances))
+    }
+
+    /// States at the rows of an N x 3 array, float32 or float64.
+    fn states<'py>(&self, py: Python<'py>, points: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let content = self.content()?;
+        Ok(PyArray1::from_vec(py, states_of(py, &content.atlas.query(), points)?))
     }
 }
 
@@ -229,53 +257,52 @@ fn blocks_by_scale(field: &TsdfField, voxel_size: f32) -> [Blocks; SCALES] {
     blocks
 }
 
-/// What is known about some points: signed distances or NaN, gradients, states.
-struct Answers {
-    distances: Vec<f32>,
-    gradients: Vec<[f32; 3]>,
-    states: Vec<u8>,
+impl Map {
+    /// Its content.
+    ///
+    /// # Errors
+    /// The map is closed.
+    pub fn content(&self) -> PyResult<Arc<Content>> {
+        let content = self.content.lock().unwrap_or_else(PoisonError::into_inner);
+        content
+            .as_ref()
+            .map(Arc::clone)
+            .ok_or_else(|| PyValueError::new_err("the map is closed: open it again, or use it before `close()` and within its `with` block"))
+    }
 }
 
-impl Map {
-    /// Its submaps.
-    pub fn atlas(&self) -> &Atlas {
-        &self.content.atlas
+/// Answers for the rows of an N x 3 array, float32 or float64, some at a time: Ctrl-C ends it between them.
+fn answer<A: Send>(
+    py: Python<'_>,
+    points: &Bound<'_, PyAny>,
+    single: impl Fn(&[[f32; 3]]) -> Vec<A> + Sync,
+    double: impl Fn(&[[f64; 3]]) -> Vec<A> + Sync,
+) -> PyResult<Vec<A>> {
+    match points.cast::<PyArray2<f64>>() {
+        Ok(points) => in_parts(py, arrays::rows(&points.try_readonly()?)?, double),
+        Err(_) => in_parts(py, arrays::rows(&points.cast::<PyArray2<f32>>()?.try_readonly()?)?, single),
     }
+}
 
-    /// Its content, for work that may outlive a call.
-    pub fn share(&self) -> Arc<Content> {
-        Arc::clone(&self.content)
+fn in_parts<T: Sync, A: Send>(py: Python<'_>, points: &[T], answer: impl Fn(&[T]) -> Vec<A> + Sync) -> PyResult<Vec<A>> {
+    let pool = job::shared_pool()?;
+    if points.len() <= QUERIES_AT_ONCE {
+        return job::run_short(py, || pool.install(|| answer(points)));
     }
+    let mut answers = Vec::new();
+    if answers.try_reserve_exact(points.len()).is_err() {
+        return Err(PyMemoryError::new_err(format!("there is no memory for the answers to {} points: ask for fewer at a time", points.len())));
+    }
+    for points in points.chunks(QUERIES_AT_ONCE) {
+        answers.append(&mut job::run_short(py, || pool.install(|| answer(points)))?);
+        py.check_signals()?;
+    }
+    Ok(answers)
+}
 
-    fn answer<T: Copy + Into<f64> + Sync>(&self, py: Python<'_>, points: &[[T; 3]]) -> PyResult<Answers> {
-        let atlas = &self.content.atlas;
-        let pool = job::shared_pool()?;
-        let (surfaces, space) = (DistanceQuery::new(atlas), atlas.query());
-        let mut all = Answers { distances: vec![f32::NAN; points.len()], gradients: vec![[0.0; 3]; points.len()], states: vec![0; points.len()] };
-        let parts = all
-            .distances
-            .chunks_mut(QUERIES_AT_ONCE)
-            .zip(all.gradients.chunks_mut(QUERIES_AT_ONCE))
-            .zip(all.states.chunks_mut(QUERIES_AT_ONCE))
-            .zip(points.chunks(QUERIES_AT_ONCE));
-        for (((distances, gradients), states), points) in parts {
-            let answer = || {
-                let places = distances.par_iter_mut().zip(gradients).with_min_len(QUERIES_PER_TASK);
-                places.zip(surfaces.sample_many(points)).for_each(|((distance, gradient), sample)| {
-                    if let Some(sample) = sample {
-                        (*distance, *gradient) = (sample.distance, sample.gradient);
-                    }
-                });
-                if !space.is_empty() {
-                    let found = space.states(points);
-                    states.par_iter_mut().zip(found).with_min_len(QUERIES_PER_TASK).for_each(|(state, found)| *state = number_of(found));
-                }
-            };
-            job::run_short(py, || pool.install(answer))?;
-            py.check_signals()?;
-        }
-        Ok(all)
-    }
+fn states_of(py: Python<'_>, space: &AtlasQuery<'_>, points: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+    let numbers = |states: Vec<State>| states.into_iter().map(number_of).collect();
+    answer(py, points, |points| numbers(space.states(points)), |points| numbers(space.states(points)))
 }
 
 /// The numbers of `voxelastic.State`.

@@ -144,6 +144,13 @@ impl Mapper {
         Ok(Content { atlas, settings: self.settings.clone(), sensor }.into())
     }
 
+    /// Frees the map; nothing if it was handed over.
+    fn close(&self, py: Python<'_>) {
+        if std::process::id() == self.process {
+            py.detach(|| drop(self.session.lock().unwrap_or_else(PoisonError::into_inner).take()));
+        }
+    }
+
     /// Completes the map and hands it over. Also returns what is wrong with the last corrections, if anything is.
     fn finish(&self, py: Python<'_>) -> PyResult<(Map, Option<String>)> {
         self.check_process()?;
@@ -221,7 +228,9 @@ fn motion_through((times, poses): &MotionSamples<'_>) -> PyResult<Motion> {
 }
 
 fn is_finished() -> PyErr {
-    PyRuntimeError::new_err("the mapper is finished: its map was handed over; make a new Mapper, or take `snapshot()` while mapping goes on")
+    PyRuntimeError::new_err(
+        "the mapper is finished: its map was handed over, or it was closed; make a new Mapper, or take `snapshot()` while mapping goes on",
+    )
 }
 
 fn broken() -> PyErr {

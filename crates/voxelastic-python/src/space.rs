@@ -8,6 +8,7 @@ use pyo3::types::{PyDict, PyDictMethods, PyTuple};
 use pyo3::{Bound, IntoPyObject, PyResult, Python, pyfunction};
 use rayon::prelude::*;
 use std::time::Duration;
+use voxelastic::atlas::Atlas;
 use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, Axis, DistanceQuery, Ray, RayHit, SliceRequest, UnknownAs};
@@ -39,8 +40,8 @@ pub fn ray_cast<'py>(
     if origins.len() != directions.len() && origins.len() != 1 {
         return Err(PyValueError::new_err("origins: expected one, or as many as directions"));
     }
-    let pool = job::shared_pool()?;
-    let caster = RayCaster::new(map, unknown_as(unknown_blocks));
+    let (pool, content) = (job::shared_pool()?, map.content()?);
+    let caster = RayCaster::new(&content.atlas, unknown_as(unknown_blocks));
     let ray = |k: usize| Ray { origin: *origins.get(k).unwrap_or(&origins[0]), direction: directions[k], length };
     let mut hits: Vec<Option<RayHit>> = Vec::with_capacity(directions.len());
     for first in (0..directions.len()).step_by(AT_ONCE) {
@@ -76,7 +77,8 @@ pub fn clearance<'py>(
     unknown_blocks: bool,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let points = arrays::rows(&points)?;
-    let (pool, space) = (job::shared_pool()?, map.atlas().query());
+    let (pool, content) = (job::shared_pool()?, map.content()?);
+    let space = content.atlas.query();
     let mut clearances = vec![0.0; points.len()];
     for (clearances, points) in clearances.chunks_mut(AT_ONCE).zip(points.chunks(AT_ONCE)) {
         let places = clearances.par_iter_mut().zip(points).with_min_len(PER_TASK);
@@ -102,7 +104,8 @@ pub fn slice<'py>(
 ) -> PyResult<Bound<'py, pyo3::PyAny>> {
     let axis = *[Axis::X, Axis::Y, Axis::Z].get(axis).ok_or_else(|| PyValueError::new_err("axis: expected 0, 1 or 2"))?;
     let request = SliceRequest { axis, at, thickness, pixel, bounds: Aabb { min: bounds[0], max: bounds[1] } };
-    let (pool, atlas) = (job::shared_pool()?, map.atlas());
+    let (pool, content) = (job::shared_pool()?, map.content()?);
+    let atlas = &content.atlas;
     if of_distances {
         let slice = job::run_short(py, || pool.install(|| DistanceQuery::new(atlas).slice(&request)))?;
         return Ok(PyArray1::from_vec(py, slice.distances).reshape([slice.height, slice.width])?.into_any());
@@ -132,7 +135,7 @@ pub fn plan<'py>(
     let robot = Robot { radius, unknown: unknown_as(unknown_blocks), ground };
     let time = Duration::try_from_secs_f64(time).map_err(|_| PyValueError::new_err("time: expected seconds, 0 or more"))?;
     let request = Request { time, samples, seed, ..Request::new(start, goal, robot) };
-    let (pool, map) = (job::shared_pool()?, map.share());
+    let (pool, map) = (job::shared_pool()?, map.content()?);
     let found = job::run(py, move || pool.install(|| voxelastic_plan::plan(&map.atlas.query(), &request)))?;
     let plan = found.map_err(|error| errors::Kind::Plan.exception(py, error.to_string()))?;
     let path = PyDict::new(py);
@@ -151,8 +154,7 @@ struct RayCaster<'a> {
 }
 
 impl<'a> RayCaster<'a> {
-    fn new(map: &'a Map, unknown: UnknownAs) -> Self {
-        let atlas = map.atlas();
+    fn new(atlas: &'a Atlas, unknown: UnknownAs) -> Self {
         Self { space: atlas.query(), surfaces: DistanceQuery::new(atlas), unknown }
     }
 

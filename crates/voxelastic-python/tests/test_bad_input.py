@@ -25,6 +25,8 @@ POINTS = np.ones((5, 3), np.float32)
         (np.ones((5, 3), complex), TypeError, "complex128"),
         (np.array([["a", "b", "c"]]), TypeError, "not an array of type <U1"),
         (None, TypeError, "not an array of type object"),
+        # All scans at once, 2 GB.
+        (np.broadcast_to(np.float32(1), (180_000_000, 3)), ValueError, "expected one scan, at most 134,217,728 points, not 180,000,000"),
     ],
 )
 def test_wrong_points_are_refused(points: Any, error: type[Exception], message: str) -> None:

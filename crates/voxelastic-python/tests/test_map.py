@@ -83,6 +83,9 @@ def test_queries_do_not_depend_on_the_form_or_the_number_of_points(room: vx.Map)
     for form in (np.asfortranarray(points), points[::-1][::-1], np.hstack([points, points])[:, :3]):
         for a, b in zip(once, room.query(form), strict=True):
             np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(room.distance(points), once.distance)
+    np.testing.assert_array_equal(room.distance(points.astype(np.float32)), room.query(points.astype(np.float32)).distance)
+    np.testing.assert_array_equal(room.state(points), once.state)
     parts = [room.query(points[k : k + 1000]) for k in range(0, 5000, 1000)]
     for name in vx.Query._fields:
         np.testing.assert_array_equal(getattr(once, name)[:5000], np.concatenate([getattr(part, name) for part in parts]))

@@ -26,6 +26,7 @@ from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
 from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
 from ._mapper import Mapper, ScanReport
 from ._mesh import Mesh
+from ._progress import Progress
 from ._settings import SettingArguments, Settings
 from ._simulation import Simulation
 
@@ -49,6 +50,7 @@ __all__ = [
     "PlanError",
     "Pose",
     "PoseUpdate",
+    "Progress",
     "Query",
     "RayHits",
     "RefusedError",

@@ -12,6 +12,7 @@ Pose: TypeAlias = Union[ArrayLike, tuple[ArrayLike, ArrayLike]]
 """A rigid transform: a 4 x 4 matrix, or a translation (x, y, z) in metres with a unit quaternion (x, y, z, w)."""
 
 _IDENTITY_ERROR = 1e-3
+_MOST_POINTS = 1 << 27
 
 
 def _numeric(value: Any, name: str, expected: str) -> NDArray[Any]:
@@ -62,6 +63,8 @@ def cloud(value: Any) -> tuple[NDArray[np.float32], int]:
         raise ValueError(f"points: expected {expected}, not {array.shape}")
     if array.size == 0:
         raise ValueError("points: the cloud is empty; expected at least one point")
+    if array.size > 3 * _MOST_POINTS:
+        raise ValueError(f"points: expected one scan, at most {_MOST_POINTS:,} points, not {array.size // 3:,}; integrate scans one by one, each with its pose")
     rows = array.shape[0] if array.ndim == 3 else 1
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(array, dtype=np.float32).reshape(-1, 3), rows

@@ -6,13 +6,16 @@ import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _arrays, _native
 from ._arrays import Pose
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 __all__ = ["Dataset", "Edge", "Event", "PoseUpdate", "Scan"]
 
@@ -131,10 +134,12 @@ class Dataset:
     Where the data have no poses, `pose` of the scans is none, and a mapper estimates them.
 
     `for scan in dataset` gives the scans, as often as you like; `events()` gives the edges of the pose graph and the corrections of poses, too.
+    `with Dataset.open(path) as dataset` closes its files at the end of the block. A copy, or one that was pickled, opens the same data anew.
     """
 
-    __slots__ = ("__weakref__", "_inner", "_path", "_strict")
-    _inner: _native.Dataset
+    __slots__ = ("__weakref__", "_inner", "_options", "_path", "_strict")
+    _inner: _native.Dataset | None
+    _options: dict[str, Any]
     _path: Path
     _strict: bool
 
@@ -180,7 +185,9 @@ class Dataset:
         Raises:
             FileNotFoundError: There is nothing of this name.
             FileError: The data cannot be recognised or read; the message lists what was found.
+            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so.
         """
+        options = {name: value for name, value in locals().items() if name not in ("cls", "path")}
         path = Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is nothing of this name; expected a folder of scans or a recording")
@@ -191,11 +198,29 @@ class Dataset:
         lidar = None if t_base_lidar is None else _arrays.pose(t_base_lidar, "t_base_lidar")
         interval = None if every is None else str(every)
         this = object.__new__(cls)
-        this._path, this._strict = path, strict
+        this._path, this._strict, this._options = path, strict, options
         this._inner = _native.Dataset.open(
             path, pose_file, odometry, graph_file, lidar, interval, cloud_topic, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
         return this
+
+    def _native(self) -> _native.Dataset:
+        if self._inner is None:
+            raise ValueError(f"{self._path}: the data set is closed; open it again")
+        return self._inner
+
+    def close(self) -> None:
+        """Closes the files. Iterators that are under way can go on; closing a second time does nothing."""
+        self._inner = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _reopened, (self._path, self._options)
 
     @property
     def path(self) -> Path:
@@ -205,16 +230,16 @@ class Dataset:
     @property
     def has_poses(self) -> bool:
         """Whether the scans have poses."""
-        return self._inner.has_poses()
+        return self._native().has_poses()
 
     @property
     def scan_count(self) -> int | None:
         """Number of scans; none where that is not known before they are read, as in recordings."""
-        return self._inner.scans()
+        return self._native().scans()
 
     def events(self) -> Iterator[Event]:
         """Scans, edges and corrections in the order in which they happened; see `Mapper.handle`."""
-        events = self._inner.events()
+        events = self._native().events()
         while (item := events.next()) is not None:
             kind, value = item
             if kind != "problem":
@@ -232,8 +257,15 @@ class Dataset:
 
     def __str__(self) -> str:
         """What was found, in a few lines."""
-        return self._inner.description()
+        return self._native().description()
 
     def __repr__(self) -> str:
+        if self._inner is None:
+            return f"Dataset({str(self._path)!r}, closed)"
         count = self.scan_count
         return f"Dataset({str(self._path)!r}{'' if count is None else f', {count:,} scans'})"
+
+
+def _reopened(path: Path, options: dict[str, Any]) -> Dataset:
+    """The data set of these arguments."""
+    return Dataset.open(path, **options)

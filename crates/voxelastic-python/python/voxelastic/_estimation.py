@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import pathlib
 import warnings
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _arrays, _native
 from ._dataset import Dataset
 from ._map import Map
+from ._progress import Progress, reported
 
 __all__ = ["Localiser", "Location", "Odometry", "OdometryReport", "Trajectory", "odometry"]
 
@@ -47,6 +47,9 @@ class Odometry:
         min_range: Nearest return that is used, metres.
         max_range: Farthest return that is used, metres.
         deskew: Compensate the motion of the sensor during a sweep, where points have times.
+
+    Raises:
+        ValueError: A size or a range is not more than 0.
     """
 
     __slots__ = ("__weakref__", "_inner")
@@ -98,13 +101,13 @@ class Trajectory(NamedTuple):
             np.savetxt(path, self.poses[:, :3].reshape(-1, 12), fmt="%.9e")
 
 
-def odometry(data: Dataset | str | os.PathLike[str], *, progress: Callable[[int], object] | None = None, **settings: Any) -> Trajectory:
+def odometry(data: Dataset | str | os.PathLike[str], *, progress: Progress = None, **settings: Any) -> Trajectory:
     """The trajectory of a recording or a folder from its scans alone. Poses in it are not used, nor is an inertial measurement unit: a mapper and the command
     `voxelastic odometry` use that.
 
     Args:
         data: The data, or its path.
-        progress: Called with 1 after each scan, such as `tqdm(..).update`.
+        progress: How far it is: see `Progress`.
         settings: Those of `Odometry`.
 
     Returns:
@@ -116,16 +119,16 @@ def odometry(data: Dataset | str | os.PathLike[str], *, progress: Callable[[int]
     scans = data if isinstance(data, Dataset) else Dataset.open(data, slam=True)
     tracker = Odometry(**settings)
     times, poses, pieces = [], [], []
-    for scan in scans:
-        report = tracker.register(scan.points, time=scan.time, times=scan.times)
-        if report.problem is None:
-            times.append(scan.time)
-            poses.append(report.pose)
-            pieces.append(report.piece)
-        else:
-            warnings.warn(f"scan {scan.node} has no pose: {report.problem}", stacklevel=2)
-        if progress is not None:
-            progress(1)
+    with reported(progress, scans.scan_count, "scan") as done:
+        for scan in scans:
+            report = tracker.register(scan.points, time=scan.time, times=scan.times)
+            if report.problem is None:
+                times.append(scan.time)
+                poses.append(report.pose)
+                pieces.append(report.piece)
+            else:
+                warnings.warn(f"scan {scan.node} has no pose: {report.problem}", stacklevel=2)
+            done(1)
     return Trajectory(np.array(times), np.array(poses).reshape(-1, 4, 4), np.array(pieces, dtype=np.int64))
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +14,11 @@ from ._arrays import Pose
 from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
 from ._errors import RefusedError
 from ._map import Map
+from ._progress import Progress, reported
 from ._settings import SettingArguments, Settings
 
 if TYPE_CHECKING:
-    from typing_extensions import Unpack
+    from typing_extensions import Self, Unpack
 
 __all__ = ["Mapper", "ScanReport"]
 
@@ -46,7 +47,8 @@ class Mapper:
     """Turns scans into a map that follows later corrections of their poses. Scans come with poses, or the mapper estimates them.
 
     Each scan belongs to a node of a pose graph. The map consists of rigid submaps; corrected poses move submaps, and loop edges join them.
-    Threads may share a mapper: they take turns, and other threads of Python run meanwhile. Processes that are forked cannot use it.
+    Threads may share a mapper: they take turns, and other threads of Python run meanwhile. Processes that are forked cannot use it. `with Mapper() as mapper` frees
+    what was not handed over by `finish` at the end of the block.
 
     Args:
         settings: The settings; by default those of `Settings()`.
@@ -135,8 +137,8 @@ class Mapper:
         """Adds the measured pose between two consecutive nodes. Without such edges, the poses of the scans are taken for it.
 
         Args:
-            first: A node.
-            second: The node after it.
+            first: Number of a node.
+            second: Number of the node after it.
             pose: The lidar frame of `second` in that of `first`.
 
         Raises:
@@ -148,8 +150,8 @@ class Mapper:
         """Adds a loop closure: two nodes at which the same place was observed. When poses agree with it, the submaps there are joined.
 
         Args:
-            first: A node.
-            second: Another node.
+            first: Number of a node.
+            second: Number of another node.
             pose: The lidar frame of `second` in that of `first`.
 
         Raises:
@@ -194,27 +196,29 @@ class Mapper:
                 raise TypeError(f"event: expected a Scan, an Edge or a PoseUpdate of a data set, not {type(event).__name__}")
         return None
 
-    def replay(self, dataset: Dataset, *, strict: bool = False, progress: Callable[[int], object] | None = None) -> int:
+    def replay(self, dataset: Dataset, *, strict: bool = False, progress: Progress = None) -> int:
         """Handles all events of a data set in their order, as the command does: the next scans are decoded meanwhile. Returns the number of scans integrated.
 
         Args:
             dataset: The data.
             strict: A scan that cannot be used is an error; otherwise it is skipped with a warning.
-            progress: Called now and then with the number of scans since the last call, such as `tqdm(..).update`.
+            progress: How far it is: see `Progress`.
 
         Raises:
             RefusedError: With `strict`, a scan cannot be used. What came before it is in the map.
         """
-        events, total, is_over = dataset._inner.events(), 0, False
-        while not is_over:
-            scans, problems, is_over = self._inner.replay(dataset._inner, events, 1 if strict else 4)
-            total += scans
-            for problem in problems:
-                if strict:
-                    raise RefusedError(problem)
-                warnings.warn(f"scan skipped: {problem}", stacklevel=2)
-            if progress is not None and scans:
-                progress(scans)
+        data = dataset._native()
+        events, total, is_over = data.events(), 0, False
+        with reported(progress, data.scans(), "scan") as report:
+            while not is_over:
+                scans, problems, is_over = self._inner.replay(data, events, 1 if strict else 4)
+                total += scans
+                for problem in problems:
+                    if strict:
+                        raise RefusedError(problem)
+                    warnings.warn(f"scan skipped: {problem}", stacklevel=2)
+                if scans:
+                    report(scans)
         return total
 
     def snapshot(self) -> Map:
@@ -230,6 +234,19 @@ class Mapper:
         if problem is not None:
             warnings.warn(f"the last correction is missing: {problem}", stacklevel=2)
         return Map._of(native)
+
+    def close(self) -> None:
+        """Frees the map, unless `finish` handed it over. The mapper takes nothing after that; closing a second time does nothing."""
+        self._inner.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a Mapper is not pickled or copied: it has threads; `snapshot()` gives a copy of its map")
 
     def __repr__(self) -> str:
         try:

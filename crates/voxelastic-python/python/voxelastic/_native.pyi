@@ -168,6 +168,9 @@ class Mapper:
     def snapshot(self) -> Map:
         """A copy of the present map."""
 
+    def close(self) -> None:
+        """Frees the map; nothing if it was handed over."""
+
     def finish(self) -> tuple[Map, str | None]:
         """Completes the map and hands it over. Also returns what is wrong with the last corrections, if anything is."""
 
@@ -178,6 +181,15 @@ class Map:
     @staticmethod
     def open(path: str | os.PathLike[str]) -> tuple[Map, list[str]]:
         """Opens a stored map; also returns what is wrong with its settings."""
+
+    def close(self) -> None:
+        """Closes the map: its memory is free when no call uses it any more."""
+
+    def copy(self) -> Map:
+        """Another map of the same memory: each is closed by itself."""
+
+    def is_closed(self) -> bool:
+        """Whether it was closed."""
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Saves the map to a directory."""
@@ -208,6 +220,12 @@ class Map:
 
     def query(self, points: NDArray[Any]) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
         """Signed distances, gradients and states at the rows of an N x 3 array, float32 or float64."""
+
+    def distances(self, points: NDArray[Any]) -> NDArray[np.float32]:
+        """Signed distances at the rows of an N x 3 array, float32 or float64; NaN where none is known."""
+
+    def states(self, points: NDArray[Any]) -> NDArray[np.uint8]:
+        """States at the rows of an N x 3 array, float32 or float64."""
 
 @final
 class Odometry:

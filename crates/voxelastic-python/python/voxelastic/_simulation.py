@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pathlib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,8 @@ class Simulation:
     """A LiDAR on a route through an exactly known world, with drifting odometry and loop closures. The map frame is the world's frame.
 
     `for scan in simulation` gives the scans with their true poses, `simulation[k]` one of them; they are computed when they are asked for. `events()` gives what
-    a SLAM system would report. The same arguments give the same scans.
+    a SLAM system would report. The same arguments give the same scans: a copy, or one that was pickled, is made
+    from them.
 
     Args:
         world: One of `Simulation.worlds()`: `campus` (135 x 225 m), `mine`, `street`, and for tests `room`, `plane` and `sphere`.
@@ -27,19 +29,19 @@ class Simulation:
         spacing: Distance between two scans, metres.
         rate: Scans per second, instead of a distance between them.
         sensor: Name of a preset, as for the setting `sensor`.
-        columns: Columns of a revolution; by default those of the preset.
+        columns: Number of columns of a revolution; by default that of the preset.
         max_range: Largest range, metres.
         noise: Factor on the noise of the sensor (1 cm near, 3 cm at 100 m, lost returns, mixed pixels at edges); 0 for exact ranges.
         moving: The sensor moves during a sweep: each column has its own time and pose.
         drift: Drift of the odometry, metres per 100 m of path.
         loop_radius: Largest distance to an earlier pose that closes a loop, metres; 0 for no loops.
-        seed: Of furniture, noise and drift.
+        seed: A whole number that furniture, noise and drift follow from.
 
     Raises:
         ValueError: There is no such world or sensor, or a number is out of range.
     """
 
-    __slots__ = ("__weakref__", "_inner", "_world")
+    __slots__ = ("__weakref__", "_arguments", "_inner", "_world")
 
     def __init__(
         self,
@@ -57,6 +59,7 @@ class Simulation:
         loop_radius: float = 5.0,
         seed: int = 1,
     ) -> None:
+        self._arguments = {name: value for name, value in locals().items() if name != "self"}
         self._world = world
         self._inner = _native.Simulation(
             world, scans, float(spacing), rate, sensor, columns, float(max_range), float(noise), bool(moving), float(drift), float(loop_radius), int(seed)
@@ -121,5 +124,13 @@ class Simulation:
     def __iter__(self) -> Iterator[Scan]:
         return (self[k] for k in range(len(self)))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made, (self._arguments,)
+
     def __repr__(self) -> str:
         return f"Simulation({self._world!r}, {len(self):,} scans)"
+
+
+def _made(arguments: dict[str, Any]) -> Simulation:
+    """The simulation of these arguments."""
+    return Simulation(**arguments)
