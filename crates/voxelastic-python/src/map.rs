@@ -143,7 +143,7 @@ impl Map {
     }
 
     /// Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes.
-    fn submaps(&self) -> PyResult<Vec<(u32, [[f64; 4]; 4], Vec<u64>)>> {
+    fn submaps(&self) -> PyResult<Vec<SubmapFields>> {
         let content = self.content()?;
         let nodes = |submap: &voxelastic::atlas::Submap| submap.scans().iter().map(|scan| scan.node).collect();
         Ok(content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect())
@@ -229,6 +229,9 @@ impl Map {
         Ok(PyArray1::from_vec(py, states_of(py, &content.atlas.query(), points)?))
     }
 }
+
+/// Identifier, pose, nodes.
+type SubmapFields = (u32, [[f64; 4]; 4], Vec<u64>);
 
 /// Scale, coordinates, distances, weights.
 type BlockArrays<'py> = (usize, Bound<'py, PyArray2<i32>>, Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);

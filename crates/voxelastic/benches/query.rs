@@ -114,8 +114,9 @@ fn many_points(c: &mut Criterion<CpuTime>) {
     for (name, points) in [("near surfaces", &near), ("anywhere", &anywhere)] {
         group.bench_function(BenchmarkId::new("distance", name), |b| b.iter(|| distances.sample_distances(black_box(points))));
         group.bench_function(BenchmarkId::new("distance and gradient", name), |b| b.iter(|| distances.sample_many(black_box(points))));
-        let one_by_one = || points.iter().filter_map(|p| distances.sample(black_box(*p))).count();
-        group.bench_function(BenchmarkId::new("distance and gradient, one by one", name), |b| b.iter(one_by_one));
+        group.bench_function(BenchmarkId::new("distance and gradient, one by one", name), |b| {
+            b.iter(|| points.iter().filter_map(|p| distances.sample(black_box(*p))).count());
+        });
         group.bench_function(BenchmarkId::new("state", name), |b| b.iter(|| space.states(black_box(points))));
     }
     group.finish();
