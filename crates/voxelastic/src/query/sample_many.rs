@@ -373,8 +373,9 @@ mod tests {
         // A field that seems to be everywhere, so that a window would have to be, too.
         let everywhere = BlockBox { low: [-100_000; 3], high: [100_000; 3] };
         let fields: Vec<PlacedField<'_>> = fields.into_iter().map(|field| PlacedField { blocks: everywhere, ..field }).collect();
-        let points: Vec<[f64; 3]> =
-            (0..300).map(|k| f64::from(k) * 0.06 - 9.0).map(|x| [x, 0.3 * x, -1.7]).chain([[4e4, -4e4, 0.0], [-4e4, 4e4, 9e3]]).collect();
+        // Up and down through the floors, and far away.
+        let near = (0..300).map(|k| [f64::from(k) * 0.06 - 9.0, f64::from(k) * 0.02 - 3.0, f64::from(k % 6) * 0.2 - 2.5]);
+        let points: Vec<[f64; 3]> = near.chain([[4e4, -4e4, 0.0], [-4e4, 4e4, 9e3]]).collect();
         let mut window = BlockWindow::new();
         assert_eq!(Sampler { field: &fields[0], voxel: 0.1, window: &mut window }.reach(&points), Reach::TooMuch);
         let mut answers = vec![None; points.len()];
