@@ -37,6 +37,8 @@ pub struct OpenOptions {
     pub cloud_topic: Option<String>,
     /// The topic of a recording that holds the poses.
     pub pose_topic: Option<String>,
+    /// The topic of a recording whose paths are corrected poses of the scans so far, in the clock of the scans.
+    pub correction_topic: Option<String>,
     /// The topic of a recording that holds the samples of the inertial measurement unit, where no poses are used.
     pub imu_topic: Option<String>,
     /// Whether samples of an inertial measurement unit are read, where no poses are used.
@@ -60,6 +62,7 @@ impl Default for OpenOptions {
             keyframing: None,
             cloud_topic: None,
             pose_topic: None,
+            correction_topic: None,
             imu_topic: None,
             use_imu: true,
             metadata: None,

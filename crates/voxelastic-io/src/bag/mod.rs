@@ -30,6 +30,7 @@ mod description;
 mod files;
 mod format;
 mod graph_nodes;
+pub mod live;
 mod mcap;
 mod open;
 mod point_clouds;

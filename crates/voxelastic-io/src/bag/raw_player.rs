@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::motion::{ImuMount, time_span};
-use crate::playback::{DeliveredScan, MessageStream, PlaybackLog, SensorMessage};
+use crate::playback::{DeliveredScan, MessageStream, PlaybackLog, Polled, SensorMessage};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use voxelastic::Cloud;
@@ -50,34 +50,45 @@ impl RawPlayer {
     /// The next cloud, or a part that cannot be read.
     pub(super) fn next(&mut self) -> Option<Result<RecordedScan>> {
         loop {
-            if self.is_ready() {
-                return self.release().map(Ok);
+            match self.poll() {
+                Polled::Item(scan) => return Some(scan),
+                Polled::Nothing => {}
+                Polled::End => return None,
             }
-            let Some(message) = self.stream.as_mut().and_then(|stream| stream.next()) else {
+        }
+    }
+
+    /// One step: a cloud that is ready, else a message is read.
+    pub(super) fn poll(&mut self) -> Polled<Result<RecordedScan>> {
+        if self.is_ready() {
+            return self.release().map_or(Polled::Nothing, |scan| Polled::Item(Ok(scan)));
+        }
+        match self.stream.as_mut().and_then(|stream| stream.next()) {
+            None => {
                 self.stream = None;
-                return self.release().map(Ok);
-            };
-            match message {
-                Ok(SensorMessage::Cloud(message)) => {
-                    let (index, time) = (self.clouds, message.time);
-                    self.clouds += 1;
-                    match (message.decode)() {
-                        Ok(decoded) => {
-                            self.log.add(index as NodeId, DeliveredScan { index: index as u64, motion: None });
-                            let scan = RecordedScan { index, time, cloud: decoded.relative_to(time), imu: Vec::new() };
-                            self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
-                        }
-                        Err(error) => return Some(Err(error)),
-                    }
-                }
-                Ok(SensorMessage::Imu(sample)) => {
-                    if let Some(mount) = &mut self.mount {
-                        self.samples.push(mount.at_lidar(sample));
-                    }
-                }
-                Ok(_) => {}
-                Err(error) => return Some(Err(error)),
+                self.release().map_or(Polled::End, |scan| Polled::Item(Ok(scan)))
             }
+            Some(Ok(SensorMessage::Cloud(message))) => {
+                let (index, time) = (self.clouds, message.time);
+                self.clouds += 1;
+                match (message.decode)() {
+                    Ok(decoded) => {
+                        self.log.add(index as NodeId, DeliveredScan { index: index as u64, motion: None });
+                        let scan = RecordedScan { index, time, cloud: decoded.relative_to(time), imu: Vec::new() };
+                        self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
+                        Polled::Nothing
+                    }
+                    Err(error) => Polled::Item(Err(error)),
+                }
+            }
+            Some(Ok(SensorMessage::Imu(sample))) => {
+                if let Some(mount) = &mut self.mount {
+                    self.samples.push(mount.at_lidar(sample));
+                }
+                Polled::Nothing
+            }
+            Some(Ok(_)) => Polled::Nothing,
+            Some(Err(error)) => Polled::Item(Err(error)),
         }
     }
 

@@ -60,7 +60,7 @@ impl RawRecording {
         let imu = choose_imu(&summary, path, &clouds, options)?;
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
-        let topics = StreamTopics { clouds, poses: None, imu };
+        let topics = StreamTopics { clouds, imu, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), metadata: None, open, count, description, t_lidar_imu, log })
     }

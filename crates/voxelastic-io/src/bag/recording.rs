@@ -79,7 +79,11 @@ impl Recording {
             Some(folder) if folder.is_dir() => (Some(folder), None),
             graph => (None, graph.as_ref()),
         };
-        let corrections = corrections_folder.map(|folder| Corrections::find(folder)).transpose()?.unwrap_or_default();
+        let corrections = match (corrections_folder, &options.correction_topic) {
+            (Some(folder), _) => Corrections::find(folder)?,
+            (None, Some(_)) => Corrections::by_message(),
+            (None, None) => Corrections::default(),
+        };
         let nodes = match (graph, &options.poses) {
             (Some(graph), Some(poses)) => Some(read_nodes(graph, poses, options)?),
             (Some(graph), None) => {
@@ -167,7 +171,7 @@ impl Recording {
         match &self.input {
             Input::Bag(chosen) => {
                 let poses = chosen.poses.clone().filter(|(_, role)| *role != TopicRole::Transforms).map(|(name, _)| name);
-                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses, imu: None };
+                let topics = StreamTopics { clouds: chosen.clouds.clone(), poses, corrections: self.options.correction_topic.clone(), imu: None };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
             Input::Capture(metadata) => {

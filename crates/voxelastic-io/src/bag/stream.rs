@@ -5,7 +5,9 @@ use super::decoder::MessageDecoder;
 use super::open::open;
 use super::topic_role::TopicRole;
 use crate::Result;
+use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
+use crate::points::is_time;
 use crate::stamped_cloud::StampedCloud;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -66,48 +68,92 @@ impl MessageReader {
 }
 
 /// The topics that a stream reads, besides transforms.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct StreamTopics {
     pub(super) clouds: String,
     pub(super) poses: Option<String>,
+    /// Corrected poses.
+    pub(super) corrections: Option<String>,
     pub(super) imu: Option<String>,
+}
+
+impl StreamTopics {
+    /// Whether the messages of a topic are used.
+    pub(super) fn has(&self, topic: &Topic, role: TopicRole) -> bool {
+        let is = |name: &Option<String>| Some(&topic.name) == name.as_ref();
+        match role {
+            TopicRole::Transforms => true,
+            TopicRole::Imu => is(&self.imu),
+            role if role.is_cloud() => topic.name == self.clouds,
+            _ => is(&self.poses) || is(&self.corrections),
+        }
+    }
+}
+
+/// Messages of topics as clouds, poses and transforms.
+pub(super) struct SensorMessages {
+    topics: StreamTopics,
+    /// What is left of a message that holds several poses.
+    pending: VecDeque<SensorMessage>,
+}
+
+impl SensorMessages {
+    pub(super) fn new(topics: StreamTopics) -> Self {
+        Self { topics, pending: VecDeque::new() }
+    }
+
+    pub(super) fn topics(&self) -> &StreamTopics {
+        &self.topics
+    }
+
+    /// What is left of the last message.
+    pub(super) fn pending(&mut self) -> Option<SensorMessage> {
+        self.pending.pop_front()
+    }
+
+    /// Decodes a message; clouds are decoded later.
+    pub(super) fn decode(&mut self, message: TopicMessage) -> Result<SensorMessage> {
+        let decoder = message.decoder();
+        if message.role.is_cloud() {
+            let header = decoder.header()?;
+            // What is wrong with the rest of it is reported when it is decoded.
+            let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
+            let bytes = message.message.data.len();
+            let decode = Box::new(move || message.cloud());
+            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, has_times, bytes, decode }));
+        }
+        if message.role == TopicRole::Imu {
+            return decoder.imu().map(SensorMessage::Imu);
+        }
+        let poses = decoder.poses(message.role)?;
+        if Some(&message.topic.name) == self.topics.corrections.as_ref() {
+            let mut track = PoseTrack::default();
+            poses.into_iter().for_each(|p| track.add(p.time, p.t_parent_child));
+            return Ok(SensorMessage::Corrected(track));
+        }
+        let is_fixed = is_static(&message.topic.name);
+        for p in poses {
+            self.pending.push_back(match message.role {
+                TopicRole::Transforms => {
+                    SensorMessage::Transform { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_fixed }
+                }
+                _ => SensorMessage::Pose { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child },
+            });
+        }
+        Ok(self.pending().unwrap_or(SensorMessage::Other))
+    }
 }
 
 /// The message stream of a bag.
 pub(super) struct BagStream {
-    messages: MessageReader,
-    topics: StreamTopics,
-    /// The remaining poses of a message that holds several.
-    pending: VecDeque<SensorMessage>,
+    files: MessageReader,
+    messages: SensorMessages,
     now: f64,
 }
 
 impl BagStream {
     pub(super) fn new(files: &[PathBuf], topics: StreamTopics) -> Self {
-        Self { messages: MessageReader::new(files), topics, pending: VecDeque::new(), now: 0.0 }
-    }
-
-    fn decode(&mut self, message: TopicMessage) -> Result<SensorMessage> {
-        self.now = message.message.time_ns as f64 * 1e-9;
-        if message.role.is_cloud() {
-            let header = message.decoder().header()?;
-            let bytes = message.message.data.len();
-            let decode = Box::new(move || message.cloud());
-            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, bytes, decode }));
-        }
-        if message.role == TopicRole::Imu {
-            return message.decoder().imu().map(SensorMessage::Imu);
-        }
-        let is_fixed = is_static(&message.topic.name);
-        for p in message.decoder().poses(message.role)? {
-            self.pending.push_back(match message.role {
-                TopicRole::Transforms => {
-                    SensorMessage::Transform { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_fixed }
-                }
-                _ => SensorMessage::Pose { time: p.time, child: p.child, pose: p.t_parent_child },
-            });
-        }
-        Ok(self.pending.pop_front().unwrap_or(SensorMessage::Other))
+        Self { files: MessageReader::new(files), messages: SensorMessages::new(topics), now: 0.0 }
     }
 }
 
@@ -118,18 +164,15 @@ pub(super) fn is_static(topic: &str) -> bool {
 
 impl MessageStream for BagStream {
     fn next(&mut self) -> Option<Result<SensorMessage>> {
-        if let Some(message) = self.pending.pop_front() {
+        if let Some(message) = self.messages.pending() {
             return Some(Ok(message));
         }
-        let StreamTopics { clouds, poses, imu } = self.topics.clone();
-        let wanted = move |t: &Topic, role: TopicRole| match role {
-            TopicRole::Transforms => true,
-            TopicRole::Imu => Some(&t.name) == imu.as_ref(),
-            role if role.is_cloud() => t.name == clouds,
-            _ => Some(&t.name) == poses.as_ref(),
-        };
-        match self.messages.next(&wanted)? {
-            Ok(message) => Some(self.decode(message)),
+        let topics = self.messages.topics();
+        match self.files.next(&|topic, role| topics.has(topic, role))? {
+            Ok(message) => {
+                self.now = message.message.time_ns as f64 * 1e-9;
+                Some(self.messages.decode(message))
+            }
             Err(error) => Some(Err(error)),
         }
     }

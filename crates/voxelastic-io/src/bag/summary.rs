@@ -92,6 +92,19 @@ impl RecordingSummary {
         Ok(summary)
     }
 
+    /// Of topics whose messages have not been seen.
+    pub(super) fn of_topics(topics: Vec<Topic>) -> Self {
+        Self {
+            topics,
+            counts: None,
+            times: None,
+            cloud_topics: HashMap::new(),
+            imu_frames: HashMap::new(),
+            tree: TransformTree::default(),
+            notes: Vec::new(),
+        }
+    }
+
     fn add_index(&mut self, topics: &[Topic], index: Option<Index>) {
         let indices: Vec<usize> = topics.iter().map(|t| self.topic_index(t)).collect();
         let (Some(counts), Some(index)) = (&mut self.counts, index) else {

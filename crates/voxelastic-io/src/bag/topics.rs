@@ -97,6 +97,31 @@ pub(super) fn choose_imu(summary: &RecordingSummary, path: &Path, clouds: &str, 
     Ok(ChosenImu { topic: chosen, remark })
 }
 
+/// The topic of poses of topics whose messages have not been seen: the requested one, else the only odometry, the only stamped pose, or `/tf`.
+///
+/// # Errors
+/// As [`choose`].
+pub(super) fn choose_live_poses(summary: &RecordingSummary, path: &Path, requested: Option<&str>) -> Result<(String, TopicRole)> {
+    let all = summary.of_role(TopicRole::is_poses);
+    let transforms = summary.of_role(|r| r == TopicRole::Transforms);
+    let moving = || transforms.iter().filter(|(name, _)| !is_static(name));
+    let names: Vec<String> = all.iter().chain(moving()).map(|(name, _)| name.clone()).collect();
+    if let Some(requested) = requested {
+        return find(&all, requested).or_else(|| find(&transforms, requested)).ok_or_else(|| unknown(path, requested, &names, "--pose-topic"));
+    }
+    // A path may be a plan.
+    for role in [TopicRole::Odometry, TopicRole::PoseStamped] {
+        let of_role: Vec<&(String, TopicRole)> = all.iter().filter(|(_, r)| *r == role).collect();
+        match of_role.as_slice() {
+            [] => {}
+            [one] => return Ok((*one).clone()),
+            _ => return Err(Error::Ambiguous { path: path.into(), what: "topics of poses", flag: "--pose-topic", choices: names }),
+        }
+    }
+    let remedy = "poses are nav_msgs/Odometry, geometry_msgs/PoseStamped or /tf; without them --slam estimates the poses";
+    moving().next().cloned().ok_or_else(|| Error::no_poses(path, "no topic of poses", remedy))
+}
+
 fn choose_poses(summary: &RecordingSummary, path: &Path, clouds: &str, requested: Option<&str>) -> Result<(String, TopicRole)> {
     let all = summary.of_role(TopicRole::is_poses);
     let transforms = summary.of_role(|r| r == TopicRole::Transforms);

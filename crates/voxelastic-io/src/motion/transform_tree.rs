@@ -82,6 +82,11 @@ impl TransformTree {
         Some(down(&up_a)?.inv_mul(&down(&up_b)?))
     }
 
+    /// Removes all moving transforms.
+    pub(crate) fn remove_moving(&mut self) {
+        self.links.retain(|_, link| link.is_fixed);
+    }
+
     /// Removes moving transforms older than `time`.
     pub(crate) fn remove_before(&mut self, time: f64) {
         self.links.values_mut().filter(|l| !l.is_fixed).for_each(|l| l.track.remove_before(time));

@@ -38,6 +38,14 @@ pub fn write_ot(path: impl AsRef<Path>, voxel: f64, cubes: &[Cube]) -> Result<()
     write(path.as_ref(), voxel, cubes, NodeValues::LogOdds, "# Octomap OcTree file")
 }
 
+/// The nodes of a `.bt` file without the text before them, as `octomap_msgs/Octomap` carries them.
+///
+/// # Errors
+/// What is wrong with the cubes, as for [`write_bt`].
+pub fn state_nodes(cubes: &[Cube]) -> std::result::Result<Vec<u8>, String> {
+    Ok(encode(&Tree::new(cubes)?, NodeValues::States).1)
+}
+
 fn write(path: &Path, voxel: f64, cubes: &[Cube], values: NodeValues, title: &str) -> Result<()> {
     if !(voxel.is_finite() && voxel > 0.0) {
         return Err(Error::unwritable(path, format!("a voxel cannot have an edge of {voxel} m")));

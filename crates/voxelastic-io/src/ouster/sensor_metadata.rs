@@ -24,7 +24,7 @@ pub(crate) enum Profile {
 
 /// A sensor, as far as its packets and beams go.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct SensorMetadata {
+pub struct SensorMetadata {
     pub(crate) profile: Profile,
     /// Columns of a full turn.
     pub(crate) columns: usize,
@@ -55,9 +55,17 @@ impl SensorMetadata {
     ///
     /// # Errors
     /// [`Error::Content`] if it is no JSON or lacks the beam angles; [`Error::Io`].
-    pub(crate) fn read(path: &Path) -> Result<Self> {
+    pub fn read(path: &Path) -> Result<Self> {
+        Self::parse(&file::read(path)?, path)
+    }
+
+    /// Reads what a sensor says about itself; `path` is where that came from, for messages.
+    ///
+    /// # Errors
+    /// [`Error::Content`] if it is no JSON or lacks the beam angles.
+    pub fn parse(text: &[u8], path: &Path) -> Result<Self> {
         let bad = |at: Position, problem: String| Error::content(path, at, problem, "give the metadata that the sensor or Ouster's software wrote");
-        let json: Value = serde_json::from_slice(&file::read(path)?).map_err(|e| bad(Position::line(e.line()), format!("not JSON: {e}")))?;
+        let json: Value = serde_json::from_slice(text).map_err(|e| bad(Position::line(e.line()), format!("not JSON: {e}")))?;
         // Newer files have sections.
         let find = |key: &str| {
             let sections =
@@ -112,7 +120,16 @@ impl SensorMetadata {
     }
 
     /// The beams, in the sensor frame (x forward, away from the connector; Ouster's sensor coordinate frame).
-    pub(crate) fn model(&self) -> std::result::Result<BeamModel, voxelastic::sensor::SensorError> {
+    /// The port that the sensor sends the packets of its lidar to, if it says so.
+    pub fn lidar_port(&self) -> Option<u16> {
+        self.port
+    }
+
+    /// The sensor's beams, exactly as it was calibrated.
+    ///
+    /// # Errors
+    /// Tables that no sensor has.
+    pub fn model(&self) -> std::result::Result<BeamModel, voxelastic::sensor::SensorError> {
         BeamModel::from_tables(BeamTables {
             name: format!("ouster {}x{}", self.rows(), self.columns),
             elevations: self.altitudes.iter().map(|a| *a as f32).collect(),

@@ -2,6 +2,7 @@
 
 use super::capture::Capture;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};
+use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Result};
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -38,18 +39,23 @@ impl MessageStream for CaptureStream {
             None => return self.pending.pop_front().map(Ok),
         };
         self.now = scan.stamp.unwrap_or(self.now);
-        let path = self.path.clone();
-        let bytes = scan.cloud.len() * POINT_BYTES;
-        let decode = Box::new(move || {
-            let has_return = scan.cloud.points.iter().any(Cloud::is_return);
-            let points = scan.cloud.len();
-            if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
-        });
-        self.pending.push_back(SensorMessage::Cloud(CloudMessage { time: self.now, frame: "os_sensor".into(), bytes, decode }));
+        self.pending.push_back(SensorMessage::Cloud(message(scan, self.now, &self.path)));
         self.pending.pop_front().map(Ok)
     }
 
     fn now(&self) -> f64 {
         self.now
     }
+}
+
+/// A scan as a message; `path` is where it came from.
+pub(super) fn message(scan: StampedCloud, time: f64, path: &Path) -> CloudMessage {
+    let path = path.to_owned();
+    let bytes = scan.cloud.len() * POINT_BYTES;
+    let decode = Box::new(move || {
+        let has_return = scan.cloud.points.iter().any(Cloud::is_return);
+        let points = scan.cloud.len();
+        if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
+    });
+    CloudMessage { time, frame: "os_sensor".into(), has_times: true, bytes, decode }
 }

@@ -16,6 +16,8 @@ pub(crate) struct Corrections {
     files: VecDeque<(f64, PathBuf)>,
     /// The scans delivered so far.
     delivered: Vec<Delivered>,
+    /// Whether corrections come as messages.
+    by_message: bool,
 }
 
 /// A delivered scan and the pose that was reported for it.
@@ -55,7 +57,12 @@ impl Corrections {
             let remedy = "name a g2o file, or a folder of trajectories (TUM) that were known at such times: poses@1600000000.5.tum";
             return Err(Error::dataset(folder, "no corrected poses in it", remedy));
         }
-        Ok(Self { files: files.into(), delivered: Vec::new() })
+        Ok(Self { files: files.into(), ..Self::default() })
+    }
+
+    /// Corrections that come as messages.
+    pub(crate) fn by_message() -> Self {
+        Self { by_message: true, ..Self::default() }
     }
 
     /// Number of corrections to come.
@@ -65,7 +72,7 @@ impl Corrections {
 
     /// Notes a delivered scan and the pose that was reported for it.
     pub(crate) fn note(&mut self, time: f64, node: NodeId, reported: Pose) {
-        if !self.files.is_empty() {
+        if self.by_message || !self.files.is_empty() {
             self.delivered.push(Delivered { time, node, reported });
         }
     }
@@ -81,13 +88,18 @@ impl Corrections {
     /// Those of [`read_track`], and [`Error::Dataset`] if no pose belongs to a scan.
     pub(crate) fn read(&self, path: &Path, t_child_lidar: &Pose, tolerance_s: f64) -> Result<Correction> {
         let track = read_track(path)?;
+        self.find_in(&track, t_child_lidar, tolerance_s).ok_or_else(|| {
+            Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording")
+        })
+    }
+
+    /// The corrections in a trajectory of the scans delivered so far; `None` if it has a pose of none of them.
+    pub(crate) fn find_in(&self, track: &PoseTrack, t_child_lidar: &Pose, tolerance_s: f64) -> Option<Correction> {
         let at = |scan: &Delivered| Some((scan.node, track.at(scan.time, LONGEST_GAP_S, tolerance_s)? * t_child_lidar));
         let found: Vec<(&Delivered, (NodeId, Pose))> = self.delivered.iter().filter_map(|scan| Some((scan, at(scan)?))).collect();
-        let Some((last, (_, corrected))) = found.last() else {
-            return Err(Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording"));
-        };
+        let (last, (_, corrected)) = found.last()?;
         let (reported, corrected) = (last.reported, *corrected);
-        Ok(Correction { poses: found.into_iter().map(|(_, update)| update).collect(), reported, corrected })
+        Some(Correction { poses: found.into_iter().map(|(_, update)| update).collect(), reported, corrected })
     }
 }
 

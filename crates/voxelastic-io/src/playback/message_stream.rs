@@ -1,6 +1,7 @@
 //! The messages of a recording, independent of its format.
 
 use crate::Result;
+use crate::motion::PoseTrack;
 use crate::stamped_cloud::StampedCloud;
 use std::sync::Arc;
 use voxelastic::Pose;
@@ -14,6 +15,8 @@ pub(crate) enum SensorMessage {
     Pose {
         /// Seconds.
         time: f64,
+        /// The frame that it is in.
+        parent: String,
         /// The frame whose pose it is; empty where the message does not say.
         child: String,
         /// Its pose in the map frame.
@@ -29,6 +32,10 @@ pub(crate) enum SensorMessage {
         /// Whether it holds at all times.
         is_fixed: bool,
     },
+    /// Corrected poses of the vehicle or the lidar, at the times of scans.
+    Corrected(PoseTrack),
+    /// The clock of the messages went back: poses that came before say nothing about scans that come now.
+    ClockJump,
     /// A sample of an inertial measurement unit, with the axes of its own frame.
     Imu(ImuSample),
     /// A message that is not used; only its time counts.
@@ -41,6 +48,8 @@ pub(crate) struct CloudMessage {
     pub(crate) time: f64,
     /// Its frame.
     pub(crate) frame: String,
+    /// Whether its points have times of their own, as far as that is known before it is decoded.
+    pub(crate) has_times: bool,
     /// Memory that it holds until it is decoded, bytes.
     pub(crate) bytes: usize,
     /// Decodes it.

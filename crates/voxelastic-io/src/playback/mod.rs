@@ -14,6 +14,7 @@ mod selection;
 pub(crate) use corrections::{Corrections, read_track};
 pub(crate) use message_stream::{CloudMessage, MessageStream, OpenStream, SensorMessage};
 pub(crate) use playback_log::{DeliveredScan, PlaybackLog};
+pub use player::Polled;
 pub(crate) use player::{Player, PlayerOptions};
 pub(crate) use pose_lookup::PoseSource;
 pub(crate) use reread_clouds::CloudRereader;

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use voxelastic::Motion;
 use voxelastic::event::NodeId;
+use voxelastic::{Motion, Pose};
 
 /// What is needed to read a scan's cloud again.
 #[derive(Clone, Debug)]
@@ -14,11 +14,23 @@ pub(crate) struct DeliveredScan {
     pub(crate) motion: Option<Motion>,
 }
 
+/// The pose that a scan came with, before any correction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ReportedPose {
+    pub(crate) node: NodeId,
+    /// Seconds.
+    pub(crate) time: f64,
+    /// Of the lidar in the frame of the source of poses.
+    pub(crate) t_odom_lidar: Pose,
+}
+
 /// State of a playback, shared with the recording that it came from.
 #[derive(Debug, Default)]
 pub(crate) struct PlaybackLog {
     /// Delivered scans by node.
     delivered: Mutex<HashMap<NodeId, DeliveredScan>>,
+    /// Of the last delivered scan.
+    reported: Mutex<Option<ReportedPose>>,
     /// Scans that a condition of the selection excluded.
     pub(crate) left_out: AtomicUsize,
     /// Clouds without a pose.
@@ -34,6 +46,15 @@ impl PlaybackLog {
 
     pub(crate) fn delivered(&self, node: NodeId) -> Option<DeliveredScan> {
         self.delivered.lock().unwrap_or_else(PoisonError::into_inner).get(&node).cloned()
+    }
+
+    pub(crate) fn set_reported(&self, pose: ReportedPose) {
+        *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(pose);
+    }
+
+    /// The pose that the last delivered scan came with.
+    pub(crate) fn reported(&self) -> Option<ReportedPose> {
+        *self.reported.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn set_now(&self, now: f64) {

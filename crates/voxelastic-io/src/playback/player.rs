@@ -2,10 +2,10 @@
 
 use super::corrections::{Correction, Corrections};
 use super::message_stream::{CloudMessage, MessageStream, SensorMessage};
-use super::playback_log::{DeliveredScan, PlaybackLog};
+use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
 use super::pose_lookup::{PoseLookup, PoseSource};
 use super::selection::Selection;
-use crate::motion::{sweep_motion, time_span};
+use crate::motion::{PoseTrack, sweep_motion, time_span};
 use crate::scan_list::{Continuation, KeyframeFilter, ScanEdges, ScanEntry};
 use crate::{Error, Result};
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -51,6 +51,17 @@ struct WaitingScan {
     index: u64,
     /// Recording time of its message, seconds.
     since: f64,
+}
+
+/// What a step of a player came to.
+#[derive(Debug)]
+pub enum Polled<T> {
+    /// Something for the caller.
+    Item(T),
+    /// Nothing yet: another step is needed.
+    Nothing,
+    /// There will be no more.
+    End,
 }
 
 /// Iterator over the registered cloud list of a recording.
@@ -130,6 +141,7 @@ impl Player {
                 self.waiting.push_back(WaitingScan { cloud, index: self.clouds, since: self.stream.now() });
                 self.clouds += 1;
             }
+            Some(Ok(SensorMessage::Corrected(track))) => self.correct(&track),
             Some(Ok(message)) => self.poses.add(message),
         }
         self.log.set_now(self.stream.now());
@@ -138,7 +150,7 @@ impl Player {
     /// Whether the first waiting scan need not wait any longer: its poses are complete, or waiting has reached a limit.
     fn is_first_due(&self) -> bool {
         let Some(first) = self.waiting.front() else { return false };
-        let needed = first.cloud.time + self.sweep_s;
+        let needed = if self.deskew && first.cloud.has_times { first.cloud.time + self.sweep_s } else { first.cloud.time };
         self.ended
             || self.poses.known_until(&first.cloud.frame).is_some_and(|known| known >= needed)
             || self.stream.now() - first.since > LONGEST_WAIT_S
@@ -198,6 +210,7 @@ impl Player {
     fn deliver(&mut self, entry: ScanEntry, cloud: Cloud) {
         self.queue_corrections(entry.time);
         self.corrections.note(entry.time, entry.node, entry.t_map_lidar);
+        self.log.set_reported(ReportedPose { node: entry.node, time: entry.time, t_odom_lidar: entry.t_map_lidar });
         let t_map_lidar = self.continued(&entry.t_map_lidar);
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         let edges = self.nodes.as_ref().map(|(_, edges)| edges);
@@ -241,6 +254,32 @@ impl Player {
         }
     }
 
+    /// Queues a correction that came as a message.
+    fn correct(&mut self, track: &PoseTrack) {
+        if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(track, &self.poses.t_child_lidar(), self.tolerance_s) {
+            self.continuation.corrected(&reported, &corrected);
+            self.ready.push_back(Ok(Event::PoseUpdate(poses)));
+        }
+    }
+
+    /// One step: an event that is ready, else a scan is processed or a message read.
+    pub(crate) fn poll(&mut self) -> Polled<Result<Event>> {
+        if self.ready.is_empty() {
+            if self.selection.is_done(&self.selected) {
+                return Polled::End;
+            } else if self.is_first_due() {
+                self.process_first();
+            } else if self.ended {
+                self.queue_corrections(f64::INFINITY);
+                self.report_without_pose();
+                return self.ready.pop_front().map_or(Polled::End, Polled::Item);
+            } else {
+                self.read_message();
+            }
+        }
+        self.ready.pop_front().map_or(Polled::Nothing, Polled::Item)
+    }
+
     /// Queues, at the end, the error about clouds without a pose.
     fn report_without_pose(&mut self) {
         let (count, first) = std::mem::take(&mut self.without_pose);
@@ -256,19 +295,12 @@ impl Iterator for Player {
     type Item = Result<Event>;
 
     fn next(&mut self) -> Option<Result<Event>> {
-        while self.ready.is_empty() {
-            if self.selection.is_done(&self.selected) {
-                break;
-            } else if self.is_first_due() {
-                self.process_first();
-            } else if self.ended {
-                self.queue_corrections(f64::INFINITY);
-                self.report_without_pose();
-                break;
-            } else {
-                self.read_message();
+        loop {
+            match self.poll() {
+                Polled::Item(event) => return Some(event),
+                Polled::Nothing => {}
+                Polled::End => return None,
             }
         }
-        self.ready.pop_front()
     }
 }

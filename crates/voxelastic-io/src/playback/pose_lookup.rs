@@ -35,13 +35,22 @@ impl PoseLookup {
     pub(super) fn add(&mut self, message: SensorMessage) {
         match message {
             SensorMessage::Transform { time, parent, child, pose, is_fixed } => self.tree.add(&parent, &child, time, pose, is_fixed),
-            SensorMessage::Pose { time, child: frame, pose } => {
+            SensorMessage::Pose { time, child: frame, pose, .. } => {
                 if let PoseSource::Topic { track, child } = &mut self.source {
                     track.add(time, pose);
                     *child = frame;
                 }
             }
-            SensorMessage::Cloud(_) | SensorMessage::Imu(_) | SensorMessage::Other => {}
+            SensorMessage::ClockJump => self.forget(),
+            SensorMessage::Cloud(_) | SensorMessage::Corrected(_) | SensorMessage::Imu(_) | SensorMessage::Other => {}
+        }
+    }
+
+    /// Forgets all poses; fixed transforms stay.
+    fn forget(&mut self) {
+        self.tree.remove_moving();
+        if let PoseSource::Topic { track, .. } = &mut self.source {
+            *track = PoseTrack::default();
         }
     }
 

@@ -1,0 +1,136 @@
+//! Messages that come from a middleware as a stream.
+
+use super::super::container::{Encoding, Message, Topic};
+use super::super::stream::{SensorMessages, TopicMessage};
+use super::super::topic_role::TopicRole;
+use super::{LiveFrames, LiveMessages, LiveTopics};
+use crate::Result;
+use crate::motion::ImuMount;
+use crate::playback::{MessageStream, SensorMessage};
+use std::collections::{HashMap, VecDeque};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// How long a call waits for a message.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// A stamp that is this much older than the one before on the same topic, seconds, means that the clock went back: a simulation was started again, or a
+/// recording is played a second time.
+const LARGEST_DISORDER_S: f64 = 1.0;
+
+/// A stream of the messages that a middleware delivers. Its time is that of their coming, so that scans do not wait for ever for what was lost.
+pub(super) struct LiveStream {
+    messages: LiveMessages,
+    topics: Vec<(Topic, TopicRole)>,
+    sensor: SensorMessages,
+    frames: LiveFrames,
+    imu: Option<ImuMount>,
+    path: Arc<Path>,
+    start: Instant,
+    /// The last stamp of each topic, and of each link of the transform tree.
+    stamps: HashMap<String, f64>,
+    pending: VecDeque<SensorMessage>,
+}
+
+impl LiveStream {
+    pub(super) fn new(topics: LiveTopics, messages: LiveMessages, frames: LiveFrames) -> Self {
+        let known = topics.subscriptions().iter().filter_map(|topic| {
+            let topic = Topic::new(topic.name.clone(), &topic.kind, Encoding::Cdr);
+            TopicRole::of(&topic).map(|role| (topic, role))
+        });
+        let (topics_of_roles, path) = (known.collect(), topics.origin.as_path().into());
+        Self {
+            messages,
+            topics: topics_of_roles,
+            sensor: SensorMessages::new(topics.stream),
+            frames,
+            imu: None,
+            path,
+            start: Instant::now(),
+            stamps: HashMap::new(),
+            pending: VecDeque::new(),
+        }
+    }
+
+    fn decode(&mut self, topic: usize, data: Vec<u8>) -> Result<SensorMessage> {
+        let Some((topic, role)) = self.topics.get(topic).cloned() else { return Ok(SensorMessage::Other) };
+        let time_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX));
+        let message = Message { topic: 0, time_ns, at: 0, data };
+        let message = TopicMessage { path: Arc::clone(&self.path), topic, role, message };
+        let imu_frame = if role == TopicRole::Imu { Some(message.decoder().header()?.frame) } else { None };
+        let decoded = self.sensor.decode(message)?;
+        self.note(&decoded);
+        Ok(match (decoded, imu_frame) {
+            (SensorMessage::Imu(sample), Some(frame)) => {
+                self.imu = self.imu.take().or_else(|| self.frames.beside_lidar(&frame).map(ImuMount::new));
+                self.imu.as_mut().map_or(SensorMessage::Other, |mount| SensorMessage::Imu(mount.at_lidar(sample)))
+            }
+            (decoded, _) => decoded,
+        })
+    }
+
+    /// Notes frames, and whether the clock went back.
+    fn note(&mut self, message: &SensorMessage) {
+        let (name, time) = match message {
+            SensorMessage::Cloud(cloud) => {
+                self.frames.set_lidar(&cloud.frame);
+                ("", cloud.time)
+            }
+            SensorMessage::Pose { time, parent, .. } => {
+                self.frames.set_poses(parent);
+                ("/", *time)
+            }
+            SensorMessage::Transform { time, parent, child, pose, is_fixed } => {
+                self.frames.add_transform([parent, child], *pose, *is_fixed);
+                if *is_fixed {
+                    return;
+                }
+                (child.as_str(), *time)
+            }
+            _ => return,
+        };
+        match self.stamps.get_mut(name) {
+            Some(last) if time < *last - LARGEST_DISORDER_S => {
+                tracing::warn!("the clock of the messages went back by {:.1} s: the poses that came before are not used any more", *last - time);
+                self.stamps.clear();
+                self.stamps.insert(name.to_owned(), time);
+                self.pending.push_back(SensorMessage::ClockJump);
+            }
+            Some(last) => *last = last.max(time),
+            None => drop(self.stamps.insert(name.to_owned(), time)),
+        }
+    }
+
+    /// The message, after a jump of the clock that it showed.
+    fn in_order(&mut self, message: SensorMessage) -> SensorMessage {
+        match self.pending.pop_front() {
+            None => message,
+            Some(jump) => {
+                self.pending.push_back(message);
+                jump
+            }
+        }
+    }
+}
+
+impl MessageStream for LiveStream {
+    fn next(&mut self) -> Option<Result<SensorMessage>> {
+        if let Some(message) = self.pending.pop_front() {
+            return Some(Ok(message));
+        }
+        if let Some(message) = self.sensor.pending() {
+            self.note(&message);
+            return Some(Ok(self.in_order(message)));
+        }
+        match self.messages.recv_timeout(PATIENCE) {
+            Ok((topic, data)) => Some(self.decode(topic, data).map(|message| self.in_order(message))),
+            Err(RecvTimeoutError::Timeout) => Some(Ok(SensorMessage::Other)),
+            Err(RecvTimeoutError::Disconnected) => None,
+        }
+    }
+
+    fn now(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+}
