@@ -18,7 +18,7 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-slam", &["voxelastic"]),
     ("voxelastic-plan", &["voxelastic"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-live", &["voxelastic", "voxelastic-slam", "voxelastic-report"]),
+    ("voxelastic-live", &["voxelastic", "voxelastic-io", "voxelastic-slam", "voxelastic-report"]),
     ("voxelastic-bench", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
     (
         "voxelastic-cli",

@@ -43,6 +43,9 @@ pub struct ReadingArgs {
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
+    /// The topic of corrected poses of the scans so far: paths with the time stamps of the scans, as SLAM systems publish them after a loop
+    #[arg(long, value_name = "TOPIC", hide_short_help = true)]
+    correction_topic: Option<String>,
     /// Without poses: the topic of the inertial measurement unit in a recording, if it is to be another than the first whose place beside the lidar is known
     #[arg(long, value_name = "TOPIC", conflicts_with = "no_imu", hide_short_help = true)]
     imu_topic: Option<String>,
@@ -77,6 +80,7 @@ impl DataArgs {
             ("--poses", self.reading.poses.is_some()),
             ("--graph", self.reading.graph.is_some()),
             ("--pose-topic", self.reading.pose_topic.is_some()),
+            ("--correction-topic", self.reading.correction_topic.is_some()),
             ("--t-base-lidar", self.reading.t_base_lidar.is_some()),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
@@ -93,6 +97,7 @@ impl DataArgs {
             keyframing: self.reading.every,
             cloud_topic: self.reading.cloud_topic.clone(),
             pose_topic: self.reading.pose_topic.clone(),
+            correction_topic: self.reading.correction_topic.clone(),
             imu_topic: self.reading.imu_topic.clone(),
             use_imu: !self.reading.no_imu,
             metadata: self.reading.metadata.clone(),

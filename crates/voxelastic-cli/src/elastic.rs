@@ -1,12 +1,12 @@
 //! Pose corrections in `voxelastic map`: optimisation after loop edges, rebuilding of submaps at the end.
 
 use crate::failure::one_line;
-use crate::input::Input;
 use crate::interrupt;
 use crate::mapping::Session;
 use crate::progress::Progress;
 use clap::Args;
 use voxelastic::atlas::SubmapId;
+use voxelastic::mapper::ScanSource;
 use voxelastic_io::PoseKind;
 use voxelastic_slam::Corrector;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
@@ -34,6 +34,11 @@ pub struct ElasticArgs {
 }
 
 impl ElasticArgs {
+    /// Whether scans are to be read again at the end.
+    pub fn rebuilds(self) -> bool {
+        self.rebuild || self.rebuild_deformed
+    }
+
     /// The poses to start from where the data have both: the optimiser needs odometry.
     pub fn pose_kind(self) -> PoseKind {
         if self.optimize || self.loops { PoseKind::Odometry } else { PoseKind::Optimised }
@@ -52,7 +57,7 @@ impl ElasticArgs {
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns
     /// the number of rebuilt submaps; a submap that cannot be rebuilt is left unchanged.
-    pub fn finish(self, input: &Input, session: &mut Session, quiet: bool) -> usize {
+    pub fn finish(self, mut clouds: Box<dyn ScanSource + Send>, session: &mut Session, quiet: bool) -> usize {
         session.finish_fusions();
         log_summary(session);
         let deformed = session.mapper().deformed();
@@ -66,7 +71,6 @@ impl ElasticArgs {
             (false, true) => deformed.iter().map(|d| d.submap).collect(),
             (false, false) => Vec::new(),
         };
-        let mut clouds = input.clouds();
         let mut progress = Progress::new("submaps rebuilt", submaps.len() as u64, quiet);
         let mut rebuilt = 0;
         for id in submaps {

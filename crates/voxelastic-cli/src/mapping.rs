@@ -37,6 +37,11 @@ impl Session {
         Self { mapper, pool, clock, recorder: Recorder::default() }
     }
 
+    /// Begins a new map with another mapper; the log begins anew, too.
+    pub fn restart(&mut self, mapper: Mapper) {
+        (self.mapper, self.recorder) = (mapper, Recorder::default());
+    }
+
     /// Sets work for threads that would be idle during a scan, if the pool has more than one.
     pub fn set_idle_task(&mut self, task: impl FnOnce() -> IdleTask) {
         if self.pool.current_num_threads() > 1 {

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic_live::publisher::Publisher;
 use voxelastic_live::scene::Scene;
-use voxelastic_live::viewer::Viewer;
+use voxelastic_live::viewer::{Control, Viewer};
 
 /// Where the viewer is if nothing else is said: this machine only.
 pub const ADDRESS: &str = "127.0.0.1:7717";
@@ -75,16 +75,17 @@ pub struct Watch {
 
 impl Watch {
     /// Starts the server, and says where it is and what it shows. `name` is what is mapped.
-    pub fn start(name: &Path, address: SocketAddr, detail: DetailArgs) -> anyhow::Result<Self> {
+    pub fn start(name: &Path, address: SocketAddr, detail: DetailArgs, control: Option<Control>) -> anyhow::Result<Self> {
         let scene = Arc::new(Scene::default());
         let title = name.file_name().unwrap_or(name.as_os_str()).to_string_lossy();
-        let viewer = Viewer::start(Arc::clone(&scene), &title, address).map_err(|error| {
+        let controlled = if control.is_some() { "who knows the token can save, pause and reset" } else { "nobody can change anything" };
+        let viewer = Viewer::start(Arc::clone(&scene), &title, address, control).map_err(|error| {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
             Failure::new(format!("cannot serve the viewer at {address}: {error}"), remedy)
         })?;
         tracing::info!("viewer: http://{}", viewer.address());
         if !viewer.address().ip().is_loopback() {
-            tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; nobody can change anything", viewer.address());
+            tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; {controlled}", viewer.address());
         }
         let publisher = Publisher::new(scene, detail.view_detail.into());
         Ok(Self { publisher, viewer, last_step: Instant::now(), last_figures: None })

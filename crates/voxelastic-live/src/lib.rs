@@ -4,6 +4,8 @@
 //! | --- | --- |
 //! | [`transport`] | where inputs come from: the trait that a robot's middleware or a recording implements |
 //! | [`replay`] | a recording as a transport, at its own or another rate |
+//! | [`ouster`] | the packets of an Ouster sensor as a transport |
+//! | [`ros`] | topics and services of ROS 2 |
 //! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
 //! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |
 //! | [`scene`] | what viewers show, as messages ([`wire`]): the latest of each thing |
@@ -14,9 +16,11 @@
 //! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
 
 pub mod feed;
+pub mod ouster;
 mod page;
 pub mod publisher;
 pub mod replay;
+pub mod ros;
 pub mod scene;
 mod tiles;
 pub mod transport;

@@ -69,6 +69,12 @@ impl Publisher {
         &self.scene
     }
 
+    /// Forgets the map, which begins anew.
+    pub fn reset(&mut self) {
+        self.scene.clear();
+        *self = Self::new(Arc::clone(&self.scene), self.tiles.lod());
+    }
+
     /// Adds a loop between two nodes.
     pub fn add_loop(&mut self, from: NodeId, to: NodeId) {
         self.loops.push([from, to]);
@@ -147,7 +153,9 @@ impl Publisher {
 
     /// Tells viewers about some tiles that changed; false if none is due. To be called in the mapper's threads.
     pub fn step(&mut self, atlas: &Atlas) -> bool {
-        let Some(messages) = self.tiles.step(atlas, self.path.len() as u32) else { return false };
+        let scans = self.path.len() as u32;
+        let make = |submap: &Submap, tile, mesh| (Thing::Tile(submap.id(), tile), wire::tile(submap.id(), tile, scans, mesh));
+        let Some(messages) = self.tiles.step(atlas, make) else { return false };
         self.scene.put(messages);
         true
     }

@@ -94,6 +94,18 @@ impl Scene {
         }
     }
 
+    /// Forgets everything but the figures, and tells viewers that submaps, trajectory, loops and scan are gone.
+    pub fn clear(&self) {
+        self.retain(|_| false);
+        let paths: Vec<Thing> = self.lock().latest.keys().copied().filter(|thing| matches!(thing, Thing::Path(_))).collect();
+        let empty = |thing| match thing {
+            Thing::Path(part) => (thing, wire::path(part, &[])),
+            Thing::Loops => (thing, wire::loops(&[])),
+            _ => (Thing::Submaps, wire::submaps(&[])),
+        };
+        self.put(paths.into_iter().chain([Thing::Loops, Thing::Submaps]).map(empty));
+    }
+
     /// What a viewer that has `have` gets next: everything but tiles, then tiles up to about `limit` bytes.
     pub fn news(&self, have: Have, limit: usize) -> News {
         let things = self.lock();

@@ -1,12 +1,10 @@
 //! Which tiles of the surface viewers have to be told about, and when.
 
-use crate::scene::Thing;
-use crate::wire;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
-use voxelastic::surface::{MeshOptions, TILE_EDGE, Tile, changed_tiles, extract_tiles};
+use voxelastic::surface::{Mesh, MeshOptions, TILE_EDGE, Tile, changed_tiles, extract_tiles};
 
 /// Edge of a block, finest voxels.
 const BLOCK_EDGE: i32 = 8;
@@ -51,6 +49,11 @@ impl ChangedTiles {
         Self { options: MeshOptions { lod, ..MeshOptions::default() }, submaps: BTreeMap::new(), pace: TILES[0], focus: None }
     }
 
+    /// The level of detail.
+    pub fn lod(&self) -> usize {
+        self.options.lod
+    }
+
     /// Notes what has changed in the map. `merged` says that a fusion of submaps was completed or goes on, which changes submaps that no scan entered.
     pub fn note(&mut self, atlas: &Atlas, merged: bool) {
         let all: Vec<&Submap> = all_submaps(atlas).collect();
@@ -71,27 +74,27 @@ impl ChangedTiles {
         self.focus = Some((submap.id(), position.map(|c| (c / edge).floor() as i32)));
     }
 
-    /// Extracts some of the tiles that changed: first those that viewers do not have yet, then those that they have, the longest ago first. None if none is
-    /// due.
-    pub fn step(&mut self, atlas: &Atlas, scans: u32) -> Option<Vec<(Thing, Vec<u8>)>> {
+    /// Extracts some of the tiles that changed: first those that viewers do not have yet, then those that they have, the longest ago first. Returns what
+    /// `make` makes of each, which is done in parallel; a tile without a surface is left out if viewers had none. None if none is due.
+    pub fn step<T: Send>(&mut self, atlas: &Atlas, make: impl Fn(&Submap, Tile, Mesh) -> T + Sync) -> Option<Vec<T>> {
         let clock = Instant::now();
         let chosen = self.choose(clock);
         if chosen.is_empty() {
             return None;
         }
-        let mut messages = Vec::new();
+        let mut results = Vec::new();
         for submap in all_submaps(atlas) {
             let Some((tiles, changes)) = chosen.get(&submap.id()).zip(self.submaps.get_mut(&submap.id())) else { continue };
             let meshes = extract_tiles(submap.tsdf(), submap.voxel_size(), &self.options, tiles);
             let made = tiles.par_iter().zip(meshes).map(|(tile, mesh)| {
                 let is_empty = mesh.triangles.is_empty();
-                (*tile, is_empty, wire::tile(submap.id(), *tile, scans, mesh))
+                (*tile, is_empty, make(submap, *tile, mesh))
             });
-            for (tile, is_empty, message) in made.collect::<Vec<_>>() {
+            for (tile, is_empty, result) in made.collect::<Vec<_>>() {
                 changes.waiting.remove(&tile);
                 let before = changes.made.insert(tile, Made { at: clock, is_shown: !is_empty });
                 if !is_empty || before.is_some_and(|before| before.is_shown) {
-                    messages.push((Thing::Tile(submap.id(), tile), message));
+                    results.push(result);
                 }
             }
         }
@@ -99,7 +102,15 @@ impl ChangedTiles {
         // No slower than half, no faster than twice as many as in this step.
         let possible = count as f64 * STEP.as_secs_f64() / clock.elapsed().as_secs_f64().max(1e-6);
         self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
-        Some(messages)
+        Some(results)
+    }
+
+    /// Has all tiles of the submaps for which `which` holds made again.
+    pub fn repeat(&mut self, which: impl Fn(SubmapId) -> bool) {
+        for (_, changes) in self.submaps.iter_mut().filter(|(id, _)| which(**id)) {
+            let shown = changes.made.iter().filter(|(_, made)| made.is_shown).map(|(tile, _)| *tile);
+            changes.waiting.extend(shown);
+        }
     }
 
     /// Whether tiles wait, due or not.

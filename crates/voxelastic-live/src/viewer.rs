@@ -5,19 +5,21 @@
 //! | `/` | the page |
 //! | `/socket` | a WebSocket with the messages of [`wire`]; nothing that is sent to it has an effect |
 //! | `/health` | the figures of the node, as JSON |
+//! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset` | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
 //!
-//! It serves what is in a [`Scene`] and changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
+//! It serves what is in a [`Scene`]. Without a token it changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
 //! the browser.
 
 use crate::page;
+use crate::ros::services::{Desk, Request, Response as Answered};
 use crate::scene::{Have, Scene, Thing};
 use crate::wire;
 use axum::Router;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Query, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use std::collections::HashMap;
 use std::io;
 use std::net::{IpAddr, SocketAddr, TcpListener};
@@ -32,6 +34,8 @@ const VIEWERS: usize = 32;
 const BATCH: usize = 256 << 10;
 /// A viewer that takes nothing for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
+/// Shorter tokens could be guessed.
+const SHORTEST_TOKEN: usize = 16;
 /// A viewer has nothing to say.
 const LARGEST_REQUEST: usize = 4096;
 
@@ -51,20 +55,44 @@ struct Site {
     session: u64,
     viewers: Arc<Semaphore>,
     is_local: bool,
+    control: Option<Arc<Control>>,
+}
+
+/// How a node is controlled over HTTP.
+#[derive(Debug)]
+pub struct Control {
+    desk: Desk,
+    token: String,
+}
+
+impl Control {
+    /// By those who know `token`, who ask at `desk`; none if the token could be guessed or not be sent.
+    pub fn new(desk: Desk, token: &str) -> Option<Self> {
+        let is_token = token.len() >= SHORTEST_TOKEN && token.bytes().all(|byte| byte.is_ascii_graphic());
+        is_token.then(|| Self { desk, token: token.to_owned() })
+    }
+
+    /// Whether a request has the token. The time that takes does not say how much of it is right.
+    fn allows(&self, headers: &HeaderMap) -> bool {
+        let sent = headers.get(header::AUTHORIZATION).map(|value| value.as_bytes().strip_prefix(b"Bearer ").unwrap_or_default()).unwrap_or_default();
+        let differs = sent.iter().zip(self.token.bytes()).fold(0, |differs, (a, b)| differs | (a ^ b));
+        differs == 0 && sent.len() == self.token.len()
+    }
 }
 
 impl Viewer {
-    /// Serves `scene` at `address`, with port 0 at one that is free, on a page with a title.
+    /// Serves `scene` at `address`, with port 0 at one that is free, on a page with a title. With `control`, the node can be controlled there.
     ///
     /// # Errors
     /// When the address is taken or not of this machine, or the system has no thread.
-    pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr) -> io::Result<Self> {
+    pub fn start(scene: Arc<Scene>, title: &str, address: SocketAddr, control: Option<Control>) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64);
         let viewers = Arc::new(Semaphore::new(VIEWERS));
-        let site = Site { scene, page: page::html(title).into(), session, viewers, is_local: address.ip().is_loopback() };
+        let site =
+            Site { scene, page: page::html(title).into(), session, viewers, is_local: address.ip().is_loopback(), control: control.map(Arc::new) };
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let (stop, stopped) = oneshot::channel();
         let thread = std::thread::Builder::new().name("viewer".to_owned()).spawn(move || {
@@ -95,7 +123,9 @@ impl Drop for Viewer {
 
 async fn serve(listener: TcpListener, site: Site) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
-    let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health)).with_state(site);
+    let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
+    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset"];
+    let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(control))).with_state(site);
     // It ends with the runtime only.
     let _ = axum::serve(listener, routes).await;
 }
@@ -113,6 +143,31 @@ async fn health(State(site): State<Site>, headers: HeaderMap) -> Response {
     }
     let figures = site.scene.latest(Thing::Statistics).map(|message| message.slice(wire::HEAD..));
     ([(header::CONTENT_TYPE, "application/json")], figures.unwrap_or_else(|| "{}".into())).into_response()
+}
+
+/// Asks the node for what the path says.
+async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri) -> Response {
+    let request = match uri.path() {
+        "/save" => Request::Save,
+        "/mesh" => Request::Mesh,
+        "/pause" => Request::Pause(true),
+        "/resume" => Request::Pause(false),
+        _ => Request::Reset,
+    };
+    if !site.allows(&headers) {
+        return refused();
+    }
+    let Some(control) = site.control.clone() else {
+        return (StatusCode::FORBIDDEN, "this node is not controlled over HTTP: start it with a token\n").into_response();
+    };
+    if !control.allows(&headers) {
+        return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
+    }
+    match tokio::task::spawn_blocking(move || control.desk.ask(request)).await {
+        Ok(Some(Answered::Done(Ok(words)))) => (StatusCode::OK, words + "\n").into_response(),
+        Ok(Some(Answered::Done(Err(words)))) => (StatusCode::CONFLICT, words + "\n").into_response(),
+        _ => (StatusCode::SERVICE_UNAVAILABLE, "the node does not answer\n").into_response(),
+    }
 }
 
 async fn socket(State(site): State<Site>, headers: HeaderMap, Query(had): Query<HashMap<String, String>>, upgrade: WebSocketUpgrade) -> Response {
@@ -195,7 +250,7 @@ mod tests {
 
     fn viewer() -> (Arc<Scene>, Viewer) {
         let scene = Arc::new(Scene::default());
-        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into()).unwrap();
+        let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), None).unwrap();
         (scene, viewer)
     }
 
@@ -283,6 +338,43 @@ mod tests {
         assert!(clock.elapsed() < Duration::from_secs(20));
         while next(&mut one).1 < 1600 {}
         drop(stuck);
+    }
+
+    #[test]
+    fn only_those_who_know_the_token_control_the_node() {
+        let (sender, requests) = std::sync::mpsc::channel();
+        let token = "correct-horse-battery";
+        assert!(
+            Control::new(Desk::new(sender.clone()), "short").is_none()
+                && Control::new(Desk::new(sender.clone()), "sixteen or more but spaces").is_none()
+        );
+        let control = Control::new(Desk::new(sender), token);
+        let viewer = Viewer::start(Arc::default(), "a map", ([127, 0, 0, 1], 0).into(), control).unwrap();
+        let node = std::thread::spawn(move || {
+            let pending: crate::ros::services::Pending = requests.recv().unwrap();
+            assert_eq!(pending.request, Request::Pause(true));
+            pending.answer(Answered::Done(Ok("paused".into())));
+            requests.recv().map(|pending| pending.request)
+        });
+        let post = |path: &str, headers: &str| {
+            let mut stream = TcpStream::connect(viewer.address()).unwrap();
+            stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+            write!(stream, "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n{headers}Connection: close\r\n\r\n").unwrap();
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            answer
+        };
+        let bearer = |token: &str| format!("Authorization: Bearer {token}\r\n");
+        for wrong in [String::new(), bearer(""), bearer("correct-horse-batter"), bearer("correct-horse-batterx"), bearer("correct-horse-battery1")] {
+            assert!(post("/reset", &wrong).starts_with("HTTP/1.1 401"), "{wrong}");
+        }
+        assert!(post("/reset", &(bearer(token) + "Origin: http://evil.example\r\n")).starts_with("HTTP/1.1 403"));
+        assert!(post("/nothing", &bearer(token)).starts_with("HTTP/1.1 404"));
+        let done = post("/pause", &bearer(token));
+        assert!(done.starts_with("HTTP/1.1 200") && done.ends_with("paused\n"), "{done}");
+        assert!(asked(&viewer, "/pause", "Host: localhost").starts_with("HTTP/1.1 405"));
+        drop(viewer);
+        assert!(node.join().unwrap().is_err(), "nothing else was asked");
     }
 
     #[test]

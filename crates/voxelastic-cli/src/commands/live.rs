@@ -1,39 +1,52 @@
 //! `voxelastic live`: maps scans as they come.
 
+mod network;
 mod node;
+mod offers;
+mod ouster_address;
 pub mod rate;
+mod service;
+mod source;
 
 use crate::closure_summary::ClosureSummary;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, ReadingArgs};
 use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
-use crate::input::Input;
 use crate::mapping::{Session, TimeSummary};
 use crate::odometry_log::OdometrySummary;
 use crate::target::{self, OnFullDisk, Target};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
 use crate::{interrupt, meshing, output, usage};
 use clap::{Args, FromArgMatches};
-use node::{Node, Tally};
+use network::{Network, NetworkArgs};
+use node::{Node, OnNetwork, Requests, Tally};
+use offers::{InputRecording, Offers};
+use ouster_address::OusterAddress;
 use rate::Rate;
 use serde::Serialize;
+use service::Service;
+use source::Source;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::channel;
 use std::time::Instant;
 use voxelastic::mapper::Mapper;
+use voxelastic::sensor::BeamModel;
 use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::store::{MapDetails, SaveReport};
-use voxelastic_live::feed::{Feed, FeedCounts, Overload};
-use voxelastic_live::replay::Replay;
+use voxelastic_live::feed::{Feed, FeedCounts};
+use voxelastic_live::ros::services::Desk;
+use voxelastic_live::viewer::Control;
 use voxelastic_report::RunLog;
+use voxelastic_slam::Corrector;
 
 /// Map scans as they come, as on a robot
 ///
 /// The input is a recording, or a folder of scans, that is played at its own speed or another: each scan comes when its time stamp says, and waits for nothing.
+/// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster they are the packets of a sensor.
 /// When scans come faster than they can be mapped, four wait, and the newest win: for each that comes, the oldest that waits is left out and
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
@@ -43,11 +56,18 @@ use voxelastic_report::RunLog;
   voxelastic live --from drive.mcap                     as it was recorded, with the poses in it; writes drive.mcap.vox
   voxelastic live --from drive.mcap --rate 4 --every scan   every scan, four times as fast
   voxelastic live --from drive.mcap --view              and a page that shows it: http://127.0.0.1:7717
-  voxelastic live --from kitti00 --slam --json          poses by odometry and loop closures; statistics on stdout")]
+  voxelastic live --from kitti00 --slam --json          poses by odometry and loop closures; statistics on stdout
+  voxelastic live --ros2 --view                         the topics of a robot, until Ctrl-C; writes live.vox
+  voxelastic live --ros2=zenoh --cloud-topic /os/points --slam -o site.vox
+  voxelastic live --from drive.mcap --ros2              play a recording, and publish its map
+  voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver")]
 pub struct LiveArgs {
     /// Folder with scans, or a recording, to be played: as for `voxelastic map`
-    #[arg(long, value_name = "DATA")]
-    from: PathBuf,
+    #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster"])]
+    from: Option<PathBuf>,
+    /// An Ouster sensor: its name or address, which is asked what it is, or the port to which packets come (with --metadata). Poses are estimated
+    #[arg(long, value_name = "HOST|PORT", value_parser = OusterAddress::parse, conflicts_with = "from")]
+    ouster: Option<OusterAddress>,
     /// Speed at which it is played: 1 is its own, `max` as fast as it can be mapped, with no scan left out
     #[arg(long, value_name = "RATE", default_value = "1", value_parser = Rate::parse)]
     rate: Rate,
@@ -55,6 +75,9 @@ pub struct LiveArgs {
     /// 127.0.0.1:7717; port 0 is one that is free
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS)]
     view: Option<SocketAddr>,
+    /// Let those control the node over HTTP who know the token in this file: POST /save, /mesh, /pause, /resume, /reset at the viewer's address
+    #[arg(long, value_name = "FILE", requires = "view")]
+    token: Option<PathBuf>,
     #[command(flatten)]
     detail: DetailArgs,
     /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
@@ -72,6 +95,8 @@ pub struct LiveArgs {
     /// Print statistics as one JSON object on stdout
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    network: NetworkArgs,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -107,8 +132,16 @@ struct Summary {
     delay_ms: SeriesStats,
     /// The same: 99 of 100 scans are within it; `null` without scans.
     delay_p99_ms: Option<f64>,
+    /// From the coming of a scan to the first change of the surface after it in the viewer's server, milliseconds; empty without `--view`.
+    shown_ms: SeriesStats,
+    /// The same: 99 of 100 scans are within it; `null` without `--view`.
+    shown_p99_ms: Option<f64>,
     /// How much later than its time stamp says a scan was read, at most, milliseconds: decoding that cannot keep up; 0 with `--rate max`.
     late_ms: f64,
+    /// Scans that were ignored, because mapping was paused on request.
+    scans_paused: usize,
+    /// Messages of topics that were not looked at, because those before them took too long.
+    messages_lost: usize,
     /// Figures of the odometry; `null` where the data have poses.
     odometry: Option<OdometrySummary>,
     /// Loop closures that were tried; `null` where none were looked for.
@@ -134,13 +167,18 @@ struct Run {
     tally: Tally,
     counts: FeedCounts,
     late_ms: f64,
+    messages_lost: usize,
     played_s: f64,
     start: Instant,
 }
 
 /// Runs the command.
 pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
-    let output = target::path(args.output.as_deref(), &args.from)?;
+    if args.from.is_none() && args.elastic.rebuilds() {
+        let remedy = "record the topics, and map the recording with it";
+        return Err(Failure::usage("submaps cannot be rebuilt: the scans of a robot are not kept".to_owned(), remedy).into());
+    }
+    let output = target::path(args.output.as_deref(), args.name())?;
     play(args, Some(&output), quiet)
 }
 
@@ -153,51 +191,91 @@ pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: Detai
     play(&args, None, quiet)
 }
 
+impl LiveArgs {
+    /// What is mapped, for the name of the map and the title of the viewer.
+    fn name(&self) -> &Path {
+        self.from.as_deref().unwrap_or(Path::new("live"))
+    }
+
+    /// How the node is controlled over HTTP, if it is.
+    fn control(&self, desk: &Desk) -> anyhow::Result<Option<Control>> {
+        let Some(file) = &self.token else { return Ok(None) };
+        let text = std::fs::read_to_string(file)
+            .map_err(|e| Failure::new(format!("{}: cannot read the token: {e}", file.display()), "name a file with a token"))?;
+        let control = Control::new(desk.clone(), text.trim());
+        let remedy = "make one with: head -c 32 /dev/urandom | base64";
+        Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
+    }
+
+    /// Where scans come from; none if an interrupt came before they did.
+    fn source(&self, network: Option<&mut Network>, recording: Option<&InputRecording>, threads: usize) -> anyhow::Result<Option<Source>> {
+        match (&self.from, &self.ouster, network) {
+            (Some(data), ..) => Source::recording(&DataArgs::at(data, &self.reading), self.rate, self.slam, self.elastic, threads).map(Some),
+            (None, Some(sensor), _) => Source::ouster(sensor, &self.reading, threads).map(Some),
+            (None, None, Some(network)) => Source::topics(network, &self.reading, self.slam, recording, threads),
+            (None, None, None) => anyhow::bail!("neither a recording nor a network"),
+        }
+    }
+}
+
 /// Maps what comes, and saves the map if there is an `output`.
 fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let settings = args.settings.resolve()?;
-    let data = DataArgs::at(&args.from, &args.reading);
-    let input = Input::open(&data, false, args.slam, args.elastic.pose_kind())?;
-    input.description().lines().for_each(|line| tracing::info!("{line}"));
     let pool = meshing::pool(settings.threads)?;
-    let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
-    if let Some(model) = input.sensor() {
-        mapper.set_sensor_model(model);
-    }
+    let new_mapper = |sensor: Option<BeamModel>| {
+        let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
+        sensor.into_iter().for_each(|model| mapper.set_sensor_model(model));
+        Ok::<_, anyhow::Error>(mapper)
+    };
+    new_mapper(None)?;
+    interrupt::install(if output.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
+    let mut network = Network::join(&args.network, &settings)?;
+    let nothing = |what: &str| Failure::new(format!("{}: {what}; no map was written", args.name().display()), "");
+    let recording = args.network.record.as_deref().map(InputRecording::begin).transpose()?;
+    let Some(source) = args.source(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
+        return Err(nothing("interrupted before the topics were there").into());
+    };
     let mut target = output.map(|output| Target::create(output, args.overwrite, args.on_full_disk)).transpose()?;
-    interrupt::install(if target.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
-
-    let mut session = Session::new(mapper, pool);
-    let watch = args.view.map(|address| Watch::start(&args.from, address, args.detail)).transpose()?;
-    let broken = Arc::new(AtomicBool::new(false));
-    let replay = Replay::new(input.incoming(Arc::clone(&broken)), args.rate.factor());
-    let lateness = replay.lateness();
-    let overload = if args.rate.factor().is_some() { Overload::NewestWin } else { Overload::Wait };
-    let feed = Feed::start(Box::new(replay), overload)
+    let (is_raw, sensor) = (source.odometry.is_some(), source.sensor.clone());
+    let mut session = Session::new(new_mapper(sensor.clone())?, pool);
+    let (sender, pending) = channel();
+    let desk = Desk::new(sender);
+    let watch = match args.view {
+        Some(address) => Some(Watch::start(args.name(), address, args.detail, args.control(&desk)?)?),
+        None => None,
+    };
+    let frames = source.frames.clone();
+    let offers = Offers::announce(&args.network, network.as_mut(), &desk)?;
+    let on_network = offers.map(|offers| OnNetwork { node: args.network.node.clone(), offers, frames });
+    let (transport, odometry, source) = source.start();
+    let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
-    let odometry = input.odometry(session.threads())?;
-    let (mut tally, watch) = Node::new(args.elastic.corrector(input.is_raw()), odometry, watch).run(&feed, &mut session, quiet);
-    tally.skipped += input.without_pose();
+    let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw))) };
+    let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, renew: &renew };
+    let node = Node::new(args.elastic.corrector(is_raw), odometry, watch, on_network);
+    let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
+    tally.skipped += source.without_pose();
     let played_s = clock.elapsed().as_secs_f64();
     if session.scans() == 0 {
         let what = if interrupt::requested() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" };
-        return Err(Failure::new(format!("{}: {what}; no map was written", args.from.display()), "").into());
+        return Err(nothing(what).into());
     }
-    args.elastic.finish(&input, &mut session, quiet);
-    let late_ms = lateness.most().as_secs_f64() * 1e3;
-    let run = Run { tally, counts: feed.counts(), late_ms, played_s, start: clock };
+    args.elastic.finish(source.clouds(), &mut session, quiet);
+    let late_ms = source.late().as_secs_f64() * 1e3;
+    let run = Run { tally, counts: feed.counts(), late_ms, messages_lost: source.lost(), played_s, start: clock };
     if let Some(target) = &mut target {
         save(target, &settings, &session, &run, args.json)?;
     }
-    let ended = run.tally.interrupted;
-    if let Some(mut watch) = watch.filter(|_| !ended) {
+    // Nothing but an interrupt ends a robot's topics.
+    let ended = run.tally.interrupted && args.from.is_some();
+    if let Some(mut watch) = watch.filter(|_| !run.tally.interrupted) {
         watch.publisher.note(session.mapper(), None);
         let figures = node::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
         watch.stay(session.mapper().atlas(), session.pool(), figures);
     }
     Ok(match () {
-        () if broken.load(Ordering::Relaxed) => failure::BUG,
+        () if source.is_broken.load(Ordering::Relaxed) => failure::BUG,
         () if target.is_some_and(|target| target.is_elsewhere()) => failure::ELSEWHERE,
         () if ended => failure::INTERRUPTED,
         () => failure::DONE,
@@ -233,8 +311,12 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
         corrections: log.corrections.len(),
         submap_moves: log.submap_moves,
         delay_ms: SeriesStats::new(&run.tally.delays_ms),
-        delay_p99_ms: run.tally.delay_quantile(0.99),
+        delay_p99_ms: node::quantile(&run.tally.delays_ms, 0.99),
+        shown_ms: SeriesStats::new(&run.tally.shown_ms),
+        shown_p99_ms: node::quantile(&run.tally.shown_ms, 0.99),
         late_ms: run.late_ms,
+        scans_paused: run.tally.paused,
+        messages_lost: run.messages_lost,
         odometry: run.tally.odometry.clone(),
         closures: run.tally.closures.clone(),
         threads: session.threads(),

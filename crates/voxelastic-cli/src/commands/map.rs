@@ -178,7 +178,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
-    tally.rebuilt = args.elastic.finish(&selection.input, &mut session, quiet);
+    tally.rebuilt = args.elastic.finish(selection.input.clouds(), &mut session, quiet);
     let details = MapDetails::describe(&settings, session.mapper().sensor());
     let saved = target.save(&session, &details)?;
     let output = target.path().to_owned();

@@ -47,7 +47,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
     }
     let pool = meshing::pool(0)?;
-    let mut watch = Watch::start(&args.thing, args.address, args.detail)?;
+    let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
     let map = pool.install(|| map_files::load(&args.thing, args.damage))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, false, None);

@@ -15,7 +15,7 @@ use voxelastic::motion::Motion;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::raw::{RawScans, TimedScan, TimedScans};
-use voxelastic_io::{KeyframeFilter, Keyframing};
+use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions};
 use voxelastic_slam::odometry::OdometrySettings;
 use voxelastic_slam::slam::{RawScan, Slam};
 
@@ -77,19 +77,8 @@ impl RawInput {
 
     /// The stage that registers raw scans in order.
     pub(super) fn stage(&self, threads: usize) -> anyhow::Result<OdometryStage> {
-        let pool = meshing::pool(threads)?;
-        let clock = PoolClock::new(&pool);
-        Ok(OdometryStage {
-            slam: Slam::new(self.settings.clone()),
-            pool,
-            clock,
-            keyframes: KeyframeFilter::new(self.keyframing),
-            hold_out: self.hold_out.clone(),
-            selected: 0,
-            left: self.most,
-            motions: Arc::clone(&self.motions),
-            log: OdometryLog::default(),
-        })
+        let stage = OdometryStage::new(self.settings.clone(), self.keyframing, threads)?;
+        Ok(OdometryStage { hold_out: self.hold_out.clone(), left: self.most, motions: Arc::clone(&self.motions), ..stage })
     }
 
     pub(super) fn clouds(&self) -> Box<dyn ScanSource + Send> {
@@ -113,6 +102,32 @@ pub struct OdometryStage {
 }
 
 impl OdometryStage {
+    fn new(settings: OdometrySettings, keyframing: Keyframing, threads: usize) -> anyhow::Result<Self> {
+        let pool = meshing::pool(threads)?;
+        let clock = PoolClock::new(&pool);
+        Ok(Self {
+            slam: Slam::new(settings),
+            pool,
+            clock,
+            keyframes: KeyframeFilter::new(keyframing),
+            hold_out: None,
+            selected: 0,
+            left: usize::MAX,
+            motions: Motions::default(),
+            log: OdometryLog::default(),
+        })
+    }
+
+    /// The stage for scans that come as those of a recording do, with its usual keyframes.
+    ///
+    /// # Errors
+    /// When its threads cannot be started.
+    pub fn of_recording(options: &OpenOptions, threads: usize) -> anyhow::Result<Self> {
+        let mut settings = OdometrySettings::default();
+        settings.deskew = options.deskew;
+        Self::new(settings, options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)), threads)
+    }
+
     /// The figures so far.
     pub fn summary(&self) -> OdometrySummary {
         self.log.summary()

@@ -1,5 +1,7 @@
 //! The loop between the feed and the mapper.
 
+use super::offers::Offers;
+use super::service::Service;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
 use crate::failure::one_line;
@@ -11,15 +13,23 @@ use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
 use crate::usage;
 use crate::watching::{Figures, Watch};
+use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
-use voxelastic::event::Event;
+use voxelastic::event::{Event, NodeId};
+use voxelastic::{Mapper, Pose};
+use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_live::feed::{Feed, Next};
 use voxelastic_live::publisher::ShownScan;
+use voxelastic_live::ros::messages::Health;
+use voxelastic_live::ros::output::OdometryLink;
+use voxelastic_live::ros::services::{Pending, Request, Response};
 use voxelastic_live::transport::Incoming;
 use voxelastic_slam::Corrector;
 
 /// How often an interrupt is looked for while nothing comes.
 const LOOK: Duration = Duration::from_millis(100);
+/// The surface is published at least this often while scans wait.
+const LONGEST_SILENCE: Duration = Duration::from_millis(500);
 /// Warnings about scans that were left out are at least this far apart.
 const WARNING_PERIOD: Duration = Duration::from_secs(10);
 
@@ -30,8 +40,16 @@ pub struct Tally {
     pub skipped: usize,
     /// Whether a signal ended the run.
     pub interrupted: bool,
+    /// Scans that were ignored, because mapping was paused.
+    pub paused: usize,
+    /// Scans that had been left out when figures were published last.
+    left_out: usize,
     /// From the coming of each scan to the end of its integration, milliseconds.
     pub delays_ms: Vec<f64>,
+    /// From the coming of each scan to the first change of the surface after it that viewers were told, milliseconds.
+    pub shown_ms: Vec<f64>,
+    /// When the scans came whose change viewers were not told yet.
+    unshown: Vec<Instant>,
     /// Figures of the odometry, if poses were estimated.
     pub odometry: Option<OdometrySummary>,
     /// Loop closures that were tried, if they were looked for.
@@ -39,12 +57,27 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// The delay that a share of the scans does not exceed; none without scans.
-    pub fn delay_quantile(&self, share: f64) -> Option<f64> {
-        let mut sorted = self.delays_ms.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        sorted.get((sorted.len() as f64 * share).ceil() as usize - usize::from(!sorted.is_empty())).copied()
+    /// Notes that viewers were told about a change of the surface.
+    fn note_shown(&mut self) {
+        self.shown_ms.extend(self.unshown.drain(..).map(|came| came.elapsed().as_secs_f64() * 1e3));
     }
+}
+
+/// The delay that a share of the scans does not exceed; none without scans.
+pub fn quantile(delays_ms: &[f64], share: f64) -> Option<f64> {
+    let mut sorted = delays_ms.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted.get((sorted.len() as f64 * share).ceil() as usize - usize::from(!sorted.is_empty())).copied()
+}
+
+/// A robot's node in a network.
+pub struct OnNetwork {
+    /// Its name.
+    pub node: String,
+    /// What it publishes.
+    pub offers: Offers,
+    /// The frames of what comes; none for a recording.
+    pub frames: Option<LiveFrames>,
 }
 
 /// Odometry, corrections and mapping of what a feed delivers, in one thread: what happens does not depend on when it happens.
@@ -53,22 +86,47 @@ pub struct Node {
     odometry: Option<OdometryStage>,
     jumps: Jumps,
     watch: Option<Watch>,
+    network: Option<OnNetwork>,
+    /// The last pose of the odometry, if poses are estimated.
+    odometry_pose: Option<(NodeId, f64, Pose)>,
+    is_paused: bool,
+    last_step: Instant,
     tally: Tally,
 }
 
+/// What is asked of a node, and what it needs to answer.
+pub struct Requests<'a> {
+    /// What is asked.
+    pub pending: Receiver<Pending>,
+    /// Answers those that do not change the map.
+    pub service: Service<'a>,
+    /// Makes the mapper and the corrector of a new map.
+    pub renew: &'a dyn Fn() -> anyhow::Result<(Mapper, Corrector)>,
+}
+
 impl Node {
-    /// A node; with `odometry`, raw scans can come, and with `watch`, viewers are told what happens.
-    pub fn new(corrector: Corrector, odometry: Option<OdometryStage>, watch: Option<Watch>) -> Self {
-        Self { corrector, odometry, jumps: Jumps::default(), watch, tally: Tally::default() }
+    /// A node; with `odometry`, raw scans can come, with `watch`, viewers are told what happens, and with `network`, others are.
+    pub fn new(corrector: Corrector, odometry: Option<OdometryStage>, watch: Option<Watch>, network: Option<OnNetwork>) -> Self {
+        Self {
+            corrector,
+            odometry,
+            jumps: Jumps::default(),
+            watch,
+            network,
+            odometry_pose: None,
+            is_paused: false,
+            last_step: Instant::now(),
+            tally: Tally::default(),
+        }
     }
 
     /// Maps what comes until the feed ends. An interrupt stops the feed; what had come is mapped.
-    pub fn run(mut self, feed: &Feed, session: &mut Session, quiet: bool) -> (Tally, Option<Watch>) {
+    pub fn run(mut self, feed: &Feed, session: &mut Session, mut requests: Requests<'_>, quiet: bool) -> (Tally, Option<Watch>) {
         let mut progress = Progress::new("scans", None, quiet);
         let mut overload = OverloadWarning::default();
         loop {
             // Surfaces for viewers are made when nothing waits, and now and then.
-            let has_work = self.watch.as_mut().is_some_and(|watch| watch.step(session.mapper().atlas(), session.pool(), feed.counts().waiting > 0));
+            let has_work = self.show(session, feed.counts().waiting > 0);
             match feed.next(if has_work { Duration::ZERO } else { LOOK }) {
                 Next::Incoming(incoming, came) => {
                     let is_scan = incoming.time().is_some();
@@ -81,11 +139,12 @@ impl Node {
                         progress.step(|| format!("{} submaps", session.mapper().atlas().submaps().len()));
                     }
                     overload.check(feed.counts().left_out);
-                    self.show_figures(feed, session);
                 }
                 Next::Nothing => {}
                 Next::End => break,
             }
+            self.answer(session, &mut requests);
+            self.show_figures(feed, session);
             if interrupt::requested() && !std::mem::replace(&mut self.tally.interrupted, true) {
                 feed.stop();
             }
@@ -94,12 +153,65 @@ impl Node {
         self.finish(session)
     }
 
+    /// Shows and publishes some of what changed; false if nothing is due.
+    fn show(&mut self, session: &Session, scans_wait: bool) -> bool {
+        let atlas = session.mapper().atlas();
+        let shown = self.watch.as_mut().is_some_and(|watch| watch.step(atlas, session.pool(), scans_wait));
+        if shown {
+            self.tally.note_shown();
+        }
+        let Some(network) = self.network.as_mut().filter(|_| !scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) else { return shown };
+        self.last_step = Instant::now();
+        session.pool().install(|| network.offers.outputs.step(atlas)) || shown
+    }
+
+    /// Answers what others ask.
+    fn answer(&mut self, session: &mut Session, requests: &mut Requests<'_>) {
+        while let Ok(pending) = requests.pending.try_recv() {
+            let response = match &pending.request {
+                Request::Pause(pause) => {
+                    self.is_paused = *pause;
+                    let words = if *pause { "scans are ignored until mapping is resumed" } else { "scans are mapped" };
+                    tracing::info!("on request: {words}");
+                    Response::Done(Ok(words.to_owned()))
+                }
+                Request::Reset => Response::Done((requests.renew)().map(|new| self.renew(new, session)).map_err(|problem| one_line(&problem))),
+                request => requests.service.answer(request, session),
+            };
+            pending.answer(response);
+        }
+    }
+
+    /// Begins a new map.
+    fn renew(&mut self, (mapper, corrector): (Mapper, Corrector), session: &mut Session) -> String {
+        let scans = session.scans();
+        session.restart(mapper);
+        (self.corrector, self.jumps) = (corrector, Jumps::default());
+        if let Some(watch) = &mut self.watch {
+            watch.publisher.reset();
+        }
+        if let Some(network) = &mut self.network {
+            network.offers.outputs.reset();
+        }
+        tracing::warn!("on request: the map of {scans} scans is dropped and a new one begins");
+        format!("the map of {scans} scans was dropped")
+    }
+
     fn take(&mut self, incoming: Incoming, came: Instant, session: &mut Session) {
         let before = session.scans();
+        if self.is_paused && incoming.time().is_some() {
+            self.tally.paused += 1;
+            return;
+        }
         match incoming {
             Incoming::Event(event) => self.map(event, session),
             Incoming::RawScan(scan, name) => match self.odometry.as_mut().map(|odometry| odometry.take(scan, &name)) {
-                Some(Ok(events)) => events.into_iter().for_each(|event| self.map(event, session)),
+                Some(Ok(events)) => events.into_iter().for_each(|event| {
+                    if let Event::Scan(scan) = &event {
+                        self.odometry_pose = Some((scan.node, scan.time, scan.t_map_lidar));
+                    }
+                    self.map(event, session);
+                }),
                 Some(Err(problem)) => self.skip(&problem),
                 None => self.skip(&format!("scan {name} has no pose")),
             },
@@ -108,6 +220,9 @@ impl Node {
         }
         if session.scans() > before {
             self.tally.delays_ms.push(came.elapsed().as_secs_f64() * 1e3);
+            if self.watch.is_some() {
+                self.tally.unshown.push(came);
+            }
         }
     }
 
@@ -124,20 +239,57 @@ impl Node {
 
     /// Passes an event to the mapper, and tells viewers.
     fn tell(&mut self, event: Event, session: &mut Session) -> anyhow::Result<()> {
-        let Some(watch) = &mut self.watch else { return Ok(session.take(event).map(drop)?) };
-        let shown = if let Event::Scan(scan) = &event { Some(ShownScan::of(&scan.cloud, scan.time)) } else { None };
-        if let Event::LoopEdge(edge) = &event {
-            watch.publisher.add_loop(edge.from, edge.to);
+        if self.watch.is_none() && self.network.is_none() {
+            return Ok(session.take(event).map(drop)?);
+        }
+        let (mut shown, mut is_edge) = (None, false);
+        match &event {
+            Event::Scan(scan) => {
+                shown = self.watch.is_some().then(|| ShownScan::of(&scan.cloud, scan.time));
+                if let Some(network) = &mut self.network {
+                    network.offers.outputs.add_scan(scan.node, scan.time);
+                }
+            }
+            Event::LoopEdge(edge) => {
+                is_edge = true;
+                if let Some(watch) = &mut self.watch {
+                    watch.publisher.add_loop(edge.from, edge.to);
+                }
+            }
+            Event::OdometryEdge(_) => is_edge = true,
+            _ => {}
         }
         session.take(event)?;
-        watch.publisher.note(session.mapper(), shown.as_ref());
+        if let Some(watch) = &mut self.watch {
+            watch.publisher.note(session.mapper(), shown.as_ref());
+        }
+        let link = self.odometry_link();
+        if let Some(network) = self.network.as_mut().filter(|_| !is_edge) {
+            network.offers.outputs.note(session.mapper(), link);
+        }
         Ok(())
+    }
+
+    /// How the odometry is tied to the last scan.
+    fn odometry_link(&self) -> Option<OdometryLink> {
+        let frames = self.network.as_ref()?.frames.as_ref()?;
+        if let Some((node, time, t_odom_lidar)) = self.odometry_pose {
+            return Some(OdometryLink { odom: "odom".to_owned(), t_odom_lidar, node, time, base: frames.base() });
+        }
+        let reported = frames.reported()?;
+        Some(OdometryLink { odom: frames.odom()?, t_odom_lidar: reported.t_odom_lidar, node: reported.node, time: reported.time, base: None })
     }
 
     fn show_figures(&mut self, feed: &Feed, session: &Session) {
         let delay_ms = self.tally.delays_ms.last().copied();
         if let Some(watch) = &mut self.watch {
             watch.figures(|| figures("mapping", feed.counts().left_out, delay_ms, session));
+        }
+        let (left_out, paused) = (feed.counts().left_out, self.is_paused);
+        let is_worse = std::mem::replace(&mut self.tally.left_out, left_out) < left_out;
+        if let Some(network) = &mut self.network {
+            let node = network.node.clone();
+            network.offers.outputs.diagnostics(&node, || diagnosis(&figures("mapping", left_out, delay_ms, session), is_worse, paused));
         }
     }
 
@@ -150,12 +302,33 @@ impl Node {
         self.tally.odometry = self.odometry.as_ref().map(OdometryStage::summary);
         let last = corrected(&mut self.corrector, session, Corrector::finish).map_err(anyhow::Error::from);
         let last = last.and_then(|events| events.into_iter().try_for_each(|event| self.tell(event, session)));
+        if let Some(network) = &mut self.network {
+            network.offers.outputs.finish(session.mapper());
+        }
         self.tally.closures = self.corrector.closures().map(ClosureSummary::of);
         if let Err(problem) = last {
             tracing::warn!("the last correction is missing: {}", one_line(&problem));
         }
         (self.tally, self.watch)
     }
+}
+
+/// How a node is, in words and figures. `is_worse` says that scans were left out since it was asked last.
+fn diagnosis(figures: &Figures, is_worse: bool, is_paused: bool) -> (Health, String, Vec<(&'static str, String)>) {
+    let (health, words) = match (is_paused, is_worse) {
+        (true, _) => (Health::Warning, "paused"),
+        (_, true) => (Health::Warning, "scans come faster than they can be mapped"),
+        _ => (Health::Ok, figures.state),
+    };
+    let mut all = vec![
+        ("scans", figures.scans.to_string()),
+        ("scans_left_out", figures.left_out.to_string()),
+        ("submaps", figures.submaps.to_string()),
+        ("map_mb", format!("{:.1}", figures.map_mb)),
+    ];
+    all.extend(figures.rss_mb.map(|mb| ("rss_mb", format!("{mb:.1}"))));
+    all.extend(figures.delay_ms.map(|ms| ("delay_ms", format!("{ms:.1}"))));
+    (health, words.to_owned(), all)
 }
 
 /// The figures of a node.

@@ -1,0 +1,141 @@
+//! What a node offers: topics and services, to a network, to Foxglove and to files.
+
+use super::network::{Network, NetworkArgs};
+use crate::failure::Failure;
+use std::net::SocketAddr;
+use std::path::Path;
+use voxelastic_io::bag::live::LiveTopic;
+use voxelastic_live::ros::middleware::{Handle, MiddlewareError};
+use voxelastic_live::ros::output::{OutputOptions, Outputs};
+use voxelastic_live::ros::services::{Desk, offer};
+
+/// What gets the messages of a topic.
+type Record = Box<dyn Fn(&[u8]) + Send + Sync>;
+
+/// What a node offers.
+pub struct Offers {
+    /// What it publishes.
+    pub outputs: Outputs,
+    /// Services and servers, which end with this.
+    held: Vec<Handle>,
+}
+
+impl Offers {
+    /// What the arguments ask for; none if that is nothing. Requests go to `desk`.
+    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, desk: &Desk) -> anyhow::Result<Option<Self>> {
+        if network.is_none() && args.foxglove.is_none() {
+            return Ok(None);
+        }
+        let mut offers = Self { outputs: Outputs::new(OutputOptions::default()), held: Vec::new() };
+        if let Some(network) = network {
+            let announced = offers.add_network(network, &args.node, desk);
+            announced.map_err(|problem| Failure::new(problem.to_string(), "another name of the node may help: --node"))?;
+        }
+        if let Some(address) = args.foxglove {
+            let remedy = "another program may use that port: name another address, or port 0 for one that is free";
+            offers.add_foxglove(address, &args.node).map_err(|problem| Failure::new(problem.to_string(), remedy))?;
+        }
+        if let Some(file) = &args.record {
+            offers
+                .add_recording(&beside(file), &args.node)
+                .map_err(|problem| Failure::new(problem.to_string(), "name a file that does not exist"))?;
+        }
+        Ok(Some(offers))
+    }
+
+    fn add_network(&mut self, network: &mut Network, node: &str, desk: &Desk) -> Result<(), MiddlewareError> {
+        self.outputs.add(network.middleware(), node)?;
+        self.held.extend(offer(network.middleware(), node, desk)?);
+        Ok(())
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn add_foxglove(&mut self, address: SocketAddr, node: &str) -> Result<(), MiddlewareError> {
+        let server = voxelastic_live::ros::foxglove::FoxgloveServer::start(node, address)?;
+        self.outputs.add_sinks(node, |profile| server.advertise(profile))?;
+        tracing::info!("Foxglove: open a connection to ws://{}", server.address());
+        if !server.address().ip().is_loopback() {
+            tracing::warn!("everyone who reaches {} can read what is published; nobody can change anything", server.address());
+        }
+        self.held.push(Handle::new(server));
+        Ok(())
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn add_recording(&mut self, file: &Path, node: &str) -> Result<(), MiddlewareError> {
+        use voxelastic_live::ros::middleware::Sink;
+        let recorder = voxelastic_live::ros::foxglove::Recorder::create(file)?;
+        self.outputs.add_sinks(node, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
+        tracing::info!("what is published is recorded in {}", file.display());
+        self.held.push(Handle::new(recorder));
+        Ok(())
+    }
+
+    #[cfg(not(feature = "foxglove"))]
+    fn add_foxglove(&mut self, _: SocketAddr, _: &str) -> Result<(), MiddlewareError> {
+        Err(without())
+    }
+
+    #[cfg(not(feature = "foxglove"))]
+    fn add_recording(&mut self, _: &Path, _: &str) -> Result<(), MiddlewareError> {
+        Err(without())
+    }
+}
+
+/// A recording of what comes in.
+pub struct InputRecording {
+    #[cfg(feature = "foxglove")]
+    recorder: voxelastic_live::ros::foxglove::Recorder,
+}
+
+impl InputRecording {
+    /// Begins the file.
+    pub fn begin(file: &Path) -> anyhow::Result<Self> {
+        let begun = Self::create(file).map_err(|problem| Failure::new(problem.to_string(), "name a file that does not exist"))?;
+        tracing::info!("what comes in is recorded in {}", file.display());
+        Ok(begun)
+    }
+
+    #[cfg(feature = "foxglove")]
+    fn create(file: &Path) -> Result<Self, MiddlewareError> {
+        Ok(Self { recorder: voxelastic_live::ros::foxglove::Recorder::create(file)? })
+    }
+
+    #[cfg(not(feature = "foxglove"))]
+    fn create(_: &Path) -> Result<Self, MiddlewareError> {
+        Err(without())
+    }
+
+    /// What records a topic.
+    #[cfg(feature = "foxglove")]
+    pub fn tap(&self, topic: &LiveTopic) -> Result<Record, MiddlewareError> {
+        let topic = self.recorder.topic(&topic.name, &topic.kind)?;
+        Ok(Box::new(move |message| topic.record(message)))
+    }
+
+    /// What records a topic.
+    #[cfg(not(feature = "foxglove"))]
+    pub fn tap(&self, _: &LiveTopic) -> Result<Record, MiddlewareError> {
+        Err(without())
+    }
+}
+
+#[cfg(not(feature = "foxglove"))]
+fn without() -> MiddlewareError {
+    MiddlewareError::new("cannot serve Foxglove or record", "this program was built without them (cargo feature `foxglove`)")
+}
+
+/// `drive-map.mcap` for `drive.mcap`.
+fn beside(file: &Path) -> std::path::PathBuf {
+    let mut name = file.file_stem().unwrap_or_default().to_owned();
+    name.push("-map.mcap");
+    file.with_file_name(name)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn what_is_published_is_recorded_beside_what_comes_in() {
+        assert_eq!(super::beside("a/drive.mcap".as_ref()), std::path::Path::new("a/drive-map.mcap"));
+    }
+}

@@ -1,0 +1,158 @@
+//! An Ouster sensor as a transport: its UDP packets, without a driver.
+
+use crate::transport::{Incoming, Transport};
+use std::io::{self, Read, Write};
+use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use voxelastic_io::bag::live::{LiveScans, Polled};
+use voxelastic_io::ouster::SensorMetadata;
+use voxelastic_slam::slam::RawScan;
+
+/// Datagrams that may wait to be looked at: more than a second of the largest sensor.
+const WAITING: usize = 16_384;
+/// The largest datagram.
+const LARGEST: usize = 1 << 16;
+/// How often a thread that waits for datagrams looks whether to end.
+const LOOK: Duration = Duration::from_millis(50);
+/// A sensor answers within this time, and with no more than this many bytes.
+const PATIENCE: Duration = Duration::from_secs(10);
+const LARGEST_ANSWER: u64 = 16 << 20;
+
+/// Asks a sensor for its description, over HTTP: `/api/v1/sensor/metadata` (firmware 2.1 and later). `host` is a name or an address, perhaps with a port.
+///
+/// # Errors
+/// When nothing answers there, or not what a sensor does.
+pub fn ask_metadata(host: &str) -> io::Result<Vec<u8>> {
+    let address = if host.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok()) { host.to_owned() } else { format!("{host}:80") };
+    let address = address.to_socket_addrs()?.next().ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the name has no address"))?;
+    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    // Version 1.0: the answer comes in one piece, and ends with the connection.
+    stream.write_all(format!("GET /api/v1/sensor/metadata HTTP/1.0\r\nHost: {host}\r\n\r\n").as_bytes())?;
+    let mut answer = Vec::new();
+    stream.take(LARGEST_ANSWER).read_to_end(&mut answer)?;
+    let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
+    let head = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").ok_or_else(|| wrong("it does not answer like an HTTP server".into()))?;
+    let body = answer.split_off(head + 4);
+    let status = String::from_utf8_lossy(&answer).lines().next().unwrap_or_default().to_owned();
+    if status.split(' ').nth(1) == Some("200") { Ok(body) } else { Err(wrong(format!("it answers: {status}"))) }
+}
+
+/// A sensor whose packets come to this machine.
+pub struct OusterInput {
+    scans: LiveScans,
+    sockets: Vec<Listener>,
+    lost: Arc<AtomicUsize>,
+}
+
+impl OusterInput {
+    /// Listens at `addresses` for packets of a sensor; those of the lidar and of the inertial measurement unit may come to the same port. With `from`, packets
+    /// of other machines are ignored.
+    ///
+    /// # Errors
+    /// When a port is taken.
+    pub fn listen(metadata: SensorMetadata, addresses: &[SocketAddr], from: Option<IpAddr>, use_imu: bool) -> io::Result<Self> {
+        let (sender, packets) = sync_channel(WAITING);
+        let lost = Arc::<AtomicUsize>::default();
+        let listen = |address: &SocketAddr| Listener::start(*address, from, sender.clone(), Arc::clone(&lost));
+        let sockets = addresses.iter().map(listen).collect::<io::Result<Vec<_>>>()?;
+        Ok(Self { scans: LiveScans::of_ouster(metadata, packets, "the sensor", use_imu), sockets, lost })
+    }
+
+    /// Where it listens.
+    pub fn addresses(&self) -> Vec<SocketAddr> {
+        self.sockets.iter().map(|listener| listener.address).collect()
+    }
+
+    /// Counts of datagrams that came and were not looked at.
+    pub fn lost(&self) -> Arc<AtomicUsize> {
+        Arc::clone(&self.lost)
+    }
+}
+
+impl Transport for OusterInput {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+        while !is_stopped() {
+            match self.scans.poll() {
+                Polled::Item(Ok(scan)) => {
+                    return Some(Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
+                }
+                Polled::Item(Err(error)) => return Some(Incoming::Unusable(error.to_string())),
+                Polled::Nothing => {}
+                Polled::End => break,
+            }
+        }
+        self.sockets.clear();
+        None
+    }
+}
+
+/// A socket and the thread that waits for its datagrams; both end when it is dropped.
+struct Listener {
+    address: SocketAddr,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Listener {
+    fn start(address: SocketAddr, from: Option<IpAddr>, sender: SyncSender<Vec<u8>>, lost: Arc<AtomicUsize>) -> io::Result<Self> {
+        let socket = UdpSocket::bind(address)?;
+        socket.set_read_timeout(Some(LOOK))?;
+        let (address, is_over) = (socket.local_addr()?, Arc::<AtomicBool>::default());
+        let over = Arc::clone(&is_over);
+        let task = move || {
+            let mut buffer = vec![0; LARGEST];
+            while !over.load(Ordering::Relaxed) {
+                let Ok((length, source)) = socket.recv_from(&mut buffer) else { continue };
+                if from.is_some_and(|from| source.ip() != from) {
+                    continue;
+                }
+                if let Err(TrySendError::Full(_)) = sender.try_send(buffer[..length].to_vec()) {
+                    lost.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("ouster".to_owned()).spawn(task)?;
+        Ok(Self { address, is_over, thread: Some(thread) })
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::net::TcpListener;
+
+    #[test]
+    fn a_sensor_is_asked_for_its_description() {
+        let server = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = server.local_addr().unwrap().to_string();
+        let answers = ["HTTP/1.1 200 OK\r\nContent-Type: application/json\r\n\r\n{\"a\":1}", "HTTP/1.1 404 Not Found\r\n\r\nno", "garbage"];
+        let thread = std::thread::spawn(move || {
+            for answer in answers {
+                let (mut stream, _) = server.accept().unwrap();
+                let mut request = [0; 200];
+                let length = stream.read(&mut request).unwrap();
+                assert!(request[..length].starts_with(b"GET /api/v1/sensor/metadata HTTP/1.0\r\nHost: 127.0.0.1"));
+                stream.write_all(answer.as_bytes()).unwrap();
+            }
+        });
+        assert_eq!(ask_metadata(&address).unwrap(), b"{\"a\":1}");
+        assert!(ask_metadata(&address).unwrap_err().to_string().contains("404"));
+        assert!(ask_metadata(&address).unwrap_err().to_string().contains("HTTP"));
+        thread.join().unwrap();
+        assert!(ask_metadata(&address).is_err());
+    }
+}

@@ -1,0 +1,174 @@
+//! The messages of topics as a transport.
+
+use super::middleware::{Delivery, Handle, Middleware, MiddlewareError, TopicProfile};
+use crate::transport::{Incoming, Transport};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{TrySendError, sync_channel};
+use std::time::{Duration, Instant};
+use voxelastic_io::bag::live::{LiveEvents, LiveFrames, LiveScans, LiveTopic, LiveTopics, Polled};
+use voxelastic_io::{Error, OpenOptions};
+use voxelastic_slam::slam::RawScan;
+
+/// Messages that may wait to be looked at: seconds of an inertial measurement unit.
+const WAITING: usize = 4096;
+/// Messages of a topic that a network keeps for us.
+const DEPTH: usize = 100;
+/// Clouds that a network keeps for us.
+const CLOUDS: usize = 5;
+/// How often it is looked which topics there are.
+const LOOK: Duration = Duration::from_millis(100);
+/// After the first topic of clouds was seen, others may still appear for this long.
+const SETTLING: Duration = Duration::from_secs(2);
+/// It is said that something is waited for after this time.
+const SILENCE: Duration = Duration::from_secs(3);
+
+/// Waits until the topics are there that are needed, and chooses among them. `is_own` says which are the node's. Without a topic of poses they are to be
+/// estimated, which the second value says; `estimates_poses` asks for that. None if `is_stopped` became true.
+///
+/// # Errors
+/// [`Error::Ambiguous`] where several topics could be meant.
+pub fn discover(
+    middleware: &dyn Middleware,
+    options: &OpenOptions,
+    estimates_poses: bool,
+    is_own: &dyn Fn(&str) -> bool,
+    is_stopped: &dyn Fn() -> bool,
+) -> Result<Option<(LiveTopics, bool)>, Error> {
+    let (begin, mut seen, mut said) = (Instant::now(), None, false);
+    loop {
+        if is_stopped() {
+            return Ok(None);
+        }
+        let mut there = middleware.published();
+        there.retain(|(name, _)| !is_own(name));
+        let chosen = LiveTopics::choose(middleware.name(), &there, estimates_poses, options);
+        let is_settled = |seen: &mut Option<Instant>| seen.get_or_insert_with(Instant::now).elapsed() >= SETTLING;
+        match chosen {
+            Ok(topics) if is_settled(&mut seen) => return Ok(Some((topics, estimates_poses))),
+            Err(Error::NoPoses { .. }) if is_settled(&mut seen) && options.pose_topic.is_none() => {
+                return LiveTopics::choose(middleware.name(), &there, true, options).map(|topics| Some((topics, true)));
+            }
+            Err(error @ Error::Ambiguous { .. }) if is_settled(&mut seen) => return Err(error),
+            Err(error) if begin.elapsed() >= SILENCE && !std::mem::replace(&mut said, true) => tracing::info!("waiting: {error}"),
+            _ => {}
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Counts of what a subscription could not take.
+#[derive(Clone, Debug, Default)]
+pub struct Lost(Arc<AtomicUsize>);
+
+impl Lost {
+    /// Of a counter.
+    pub fn of(counter: Arc<AtomicUsize>) -> Self {
+        Self(counter)
+    }
+
+    /// Messages that came and were not looked at, because those before them took too long.
+    pub fn count(&self) -> usize {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Scans from topics.
+pub struct TopicInput {
+    player: Player,
+    subscriptions: Vec<Handle>,
+    lost: Lost,
+}
+
+enum Player {
+    Events(Box<LiveEvents>),
+    Scans(Box<LiveScans>),
+}
+
+impl TopicInput {
+    /// Subscribes to the topics. With `is_raw` scans come without poses. What `tap` makes of a topic gets its messages, too.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub fn subscribe(
+        middleware: &mut dyn Middleware,
+        topics: LiveTopics,
+        is_raw: bool,
+        options: &OpenOptions,
+        tap: Tap<'_>,
+    ) -> Result<Self, MiddlewareError> {
+        let (sender, messages) = sync_channel(WAITING);
+        let lost = Lost::default();
+        let mut subscriptions = Vec::new();
+        for (number, topic) in topics.subscriptions().iter().enumerate() {
+            let (tapped, sender, lost) = (tap(topic)?, sender.clone(), lost.clone());
+            let deliver = move |message: Vec<u8>| {
+                tapped.iter().for_each(|record| record(&message));
+                if let Err(TrySendError::Full(_)) = sender.try_send((number, message)) {
+                    lost.0.fetch_add(1, Ordering::Relaxed);
+                }
+            };
+            subscriptions.push(middleware.subscribe(&profile(topic), Box::new(deliver))?);
+        }
+        drop(sender);
+        let player = if is_raw {
+            Player::Scans(Box::new(LiveScans::new(topics, messages)))
+        } else {
+            Player::Events(Box::new(LiveEvents::new(topics, messages, options)))
+        };
+        Ok(Self { player, subscriptions, lost })
+    }
+
+    /// The frames of what comes.
+    pub fn frames(&self) -> LiveFrames {
+        match &self.player {
+            Player::Events(events) => events.frames(),
+            Player::Scans(scans) => scans.frames(),
+        }
+    }
+
+    /// Counts of what could not be taken.
+    pub fn lost(&self) -> Lost {
+        self.lost.clone()
+    }
+}
+
+/// How messages of a topic are delivered.
+fn profile(topic: &LiveTopic) -> TopicProfile {
+    let delivery = match topic {
+        LiveTopic { is_latched: true, .. } => Delivery::Latched,
+        LiveTopic { is_sensor_data: true, .. } => Delivery::SensorData,
+        _ => Delivery::Reliable,
+    };
+    let depth = if topic.kind.ends_with("PointCloud2") { CLOUDS } else { DEPTH };
+    TopicProfile { name: topic.name.clone(), kind: topic.kind.clone(), delivery, depth }
+}
+
+/// What gets the messages of a topic, too; none for a topic that nobody wants.
+pub type Tap<'a> = &'a dyn Fn(&LiveTopic) -> Result<Option<Box<dyn Fn(&[u8]) + Send + Sync>>, MiddlewareError>;
+
+impl Transport for TopicInput {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+        let unusable = |error: Error| Incoming::Unusable(error.to_string());
+        while !is_stopped() {
+            let incoming = match &mut self.player {
+                Player::Events(events) => match events.poll() {
+                    Polled::Item(event) => event.map_or_else(unusable, Incoming::Event),
+                    Polled::Nothing => continue,
+                    Polled::End => break,
+                },
+                Player::Scans(scans) => match scans.poll() {
+                    Polled::Item(Ok(scan)) => {
+                        Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name)
+                    }
+                    Polled::Item(Err(error)) => unusable(error),
+                    Polled::Nothing => continue,
+                    Polled::End => break,
+                },
+            };
+            return Some(incoming);
+        }
+        self.subscriptions.clear();
+        None
+    }
+}

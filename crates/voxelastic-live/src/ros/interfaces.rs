@@ -1,0 +1,76 @@
+//! Types of messages and services: what DDS and Zenoh call them.
+
+/// The hash of a type's definition in ROS 2 Jazzy (REP 2016), which is part of Zenoh's keys: subscribers ask for it. The tests compute those of messages again
+/// with another implementation.
+const HASHES: &[(&str, &str)] = &[
+    ("sensor_msgs/msg/PointCloud2", "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"),
+    ("sensor_msgs/msg/Imu", "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"),
+    ("visualization_msgs/msg/MarkerArray", "86cb8800b6fb05b5eff1abd7a56f62a5641d3ae9a1c29e78e67e704f1d067dcf"),
+    ("nav_msgs/msg/OccupancyGrid", "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7"),
+    ("nav_msgs/msg/Odometry", "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"),
+    ("nav_msgs/msg/Path", "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b"),
+    ("octomap_msgs/msg/Octomap", "9891a19a05b70ec20aa8f45db3f8300b9ab80afff32c61c549d25087da9625b0"),
+    ("geometry_msgs/msg/PoseArray", "af0cc36d190e104d546d168d6b39df04fa4b4ccecf59cb4c9ed328d3d5004aa0"),
+    ("geometry_msgs/msg/PoseStamped", "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8"),
+    ("diagnostic_msgs/msg/DiagnosticArray", "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"),
+    ("tf2_msgs/msg/TFMessage", "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"),
+    ("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"),
+    ("std_srvs/srv/SetBool", "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"),
+    ("nav_msgs/srv/GetPlan", "234f7aff100f5edb8150366601687b027bcdc253db47decb88fff846193fe5e8"),
+];
+
+/// The type's hash as Zenoh's keys have it; that of an unknown type is all zeros, which only programs that do not look at it match.
+#[cfg_attr(not(feature = "ros2"), expect(dead_code, reason = "only Zenoh needs it"))]
+pub fn hash(kind: &str) -> String {
+    let known = HASHES.iter().find(|(name, _)| *name == kind).map_or(&[b'0'; 64][..], |(_, hash)| hash.as_bytes());
+    format!("RIHS01_{}", String::from_utf8_lossy(known))
+}
+
+/// Package and name of `package/msg/Name` or `package/srv/Name`.
+pub fn parts(kind: &str) -> Option<(&str, &str)> {
+    let (package, rest) = kind.split_once('/')?;
+    Some((package, rest.rsplit('/').next()?))
+}
+
+/// `package/msg/Name` of `package::msg::dds_::Name_`.
+pub fn of_dds(kind: &str) -> Option<String> {
+    let (path, name) = kind.strip_suffix('_')?.split_once("::dds_::")?;
+    Some(format!("{}/{name}", path.replace("::", "/")))
+}
+
+/// `package::msg::dds_::Name_` of `package/msg/Name`.
+pub fn to_dds(kind: &str) -> Option<String> {
+    let (path, name) = kind.rsplit_once('/')?;
+    Some(format!("{}::dds_::{name}_", path.replace('/', "::")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn types_have_their_names_in_dds() {
+        let [ros, dds] = ["sensor_msgs/msg/PointCloud2", "sensor_msgs::msg::dds_::PointCloud2_"];
+        assert_eq!((to_dds(ros).as_deref(), of_dds(dds).as_deref(), parts(ros)), (Some(dds), Some(ros), Some(("sensor_msgs", "PointCloud2"))));
+        assert_eq!((of_dds("x"), to_dds("x"), parts("x")), (None, None, None));
+    }
+
+    #[test]
+    fn hashes_are_those_that_ros_makes() {
+        let script = "
+import sys
+from rosbags.typesys import Stores, get_typestore, get_types_from_msg
+store = get_typestore(Stores.ROS2_JAZZY)
+octomap = 'std_msgs/Header header\\nbool binary\\nstring id\\nfloat64 resolution\\nint8[] data\\n'
+store.register(get_types_from_msg(octomap, 'octomap_msgs/msg/Octomap'))
+for name in sys.argv[1:]:
+    print(store.hash_rihs01(name))
+";
+        let messages: Vec<&std::path::Path> =
+            HASHES.iter().map(|(name, _)| std::path::Path::new(*name)).filter(|name| name.iter().nth(1) == Some("msg".as_ref())).collect();
+        let Some(theirs) = voxelastic_testing::run_python("rosbags", script, &messages) else { return };
+        let ours: Vec<String> = messages.iter().map(|name| hash(name.to_str().unwrap())).collect();
+        assert_eq!(theirs.lines().collect::<Vec<_>>(), ours);
+        assert!(hash("x/msg/Y").ends_with("_0000000000000000000000000000000000000000000000000000000000000000"));
+    }
+}

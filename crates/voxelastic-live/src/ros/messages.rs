@@ -1,0 +1,264 @@
+//! Messages of ROS 2 as bytes (CDR). Definitions: common_interfaces, geometry2 and octomap_msgs, as in ROS 2 Jazzy.
+
+use super::cdr::Writer;
+use voxelastic::Pose;
+
+/// When and in which frame a message was made.
+#[derive(Clone, Copy, Debug)]
+pub struct Header<'a> {
+    /// Seconds.
+    pub stamp: f64,
+    /// Name of the frame.
+    pub frame: &'a str,
+}
+
+impl Header<'_> {
+    fn write(self, message: &mut Writer) -> &mut Writer {
+        write_time(message, self.stamp).text(self.frame)
+    }
+}
+
+/// `builtin_interfaces/Time`.
+fn write_time(message: &mut Writer, seconds: f64) -> &mut Writer {
+    let seconds = if seconds.is_finite() { seconds.max(0.0) } else { 0.0 };
+    // Seconds since 1970 leave no room for nanoseconds in 64 bits: the parts are taken one by one.
+    let nanoseconds = (seconds.fract() * 1e9).round() as u64;
+    message.u32((seconds as u64 + nanoseconds / 1_000_000_000) as u32).u32((nanoseconds % 1_000_000_000) as u32)
+}
+
+/// `geometry_msgs/Pose`; `geometry_msgs/Transform` is laid out in the same way.
+fn write_pose<'w>(message: &'w mut Writer, pose: &Pose) -> &'w mut Writer {
+    let (t, q) = (pose.translation.vector, pose.rotation.coords);
+    message.f64s(&[t.x, t.y, t.z, q.x, q.y, q.z, q.w])
+}
+
+/// A colour, sRGB.
+pub type Rgb = [u8; 3];
+
+/// `sensor_msgs/PointCloud2`: x, y, z as `f32`, metres, and rgb if there is a colour for each point.
+pub fn point_cloud(header: Header<'_>, points: &[[f32; 3]], colours: &[Rgb]) -> Vec<u8> {
+    let colours = Some(colours).filter(|colours| colours.len() == points.len() && !points.is_empty());
+    let fields = if colours.is_some() { &["x", "y", "z", "rgb"][..] } else { &["x", "y", "z"][..] };
+    let step = 4 * fields.len();
+    let mut message = Writer::with_capacity(points.len() * step + 256);
+    header.write(&mut message).u32(1).u32(points.len() as u32).u32(fields.len() as u32);
+    for (k, name) in fields.iter().enumerate() {
+        // 7 is FLOAT32.
+        message.text(name).u32(4 * k as u32).u8(7).u32(1);
+    }
+    message.bool(false).u32(step as u32).u32((step * points.len()) as u32).u32((step * points.len()) as u32);
+    for (k, point) in points.iter().enumerate() {
+        for c in point {
+            message.raw(&c.to_le_bytes());
+        }
+        if let Some([r, g, b]) = colours.map(|colours| colours[k]) {
+            message.raw(&[b, g, r, 0]);
+        }
+    }
+    message.bool(true).finish()
+}
+
+/// A triangle mesh of `visualization_msgs/MarkerArray`; without triangles it is removed.
+#[derive(Clone, Debug)]
+pub struct MeshMarker {
+    /// Group of markers.
+    pub namespace: String,
+    /// Number in the group.
+    pub id: i32,
+    /// Corners of triangles, three each, metres, and a colour for each corner.
+    pub corners: Vec<([f32; 3], Rgb)>,
+}
+
+/// `visualization_msgs/MarkerArray` of triangle meshes in the frame of the header.
+pub fn mesh_markers(header: Header<'_>, markers: &[MeshMarker]) -> Vec<u8> {
+    let corners: usize = markers.iter().map(|marker| marker.corners.len()).sum();
+    let mut message = Writer::with_capacity(corners * 40 + markers.len() * 400 + 64);
+    message.u32(markers.len() as u32);
+    for MeshMarker { namespace, id, corners } in markers {
+        const TRIANGLE_LIST: i32 = 11;
+        let action = if corners.is_empty() { 2 } else { 0 };
+        header.write(&mut message).text(namespace).i32(*id).i32(TRIANGLE_LIST).i32(action);
+        write_pose(&mut message, &Pose::identity());
+        // Scale; colour; lifetime; whether it moves with its frame.
+        message.f64s(&[1.0; 3]).f32s(&[1.0; 4]).i32(0).u32(0).bool(false);
+        message.u32(corners.len() as u32);
+        for (corner, _) in corners {
+            message.f64s(&corner.map(f64::from));
+        }
+        message.u32(corners.len() as u32);
+        for (_, colour) in corners {
+            let [r, g, b] = colour.map(|c| f32::from(c) / 255.0);
+            message.f32s(&[r, g, b, 1.0]);
+        }
+        // Texture: its name, an empty image (header, format, data), coordinates.
+        message.text("");
+        write_time(&mut message, 0.0).text("").text("").bytes(&[]).u32(0);
+        // Text; mesh: its name, an empty file (name, data), whether to use its materials.
+        message.text("").text("").text("").bytes(&[]).bool(false);
+    }
+    message.finish()
+}
+
+/// `octomap_msgs/Octomap` of free and occupied space: the nodes of a `.bt` file, without its text, whose smallest cubes have an edge of `resolution` metres.
+pub fn octomap(header: Header<'_>, resolution: f64, nodes: &[u8]) -> Vec<u8> {
+    let mut message = Writer::with_capacity(nodes.len() + 128);
+    header.write(&mut message).bool(true).text("OcTree").f64s(&[resolution]).bytes(nodes).finish()
+}
+
+/// A floor plan.
+#[derive(Clone, Debug)]
+pub struct Grid<'a> {
+    /// Edge of a cell, metres.
+    pub resolution: f64,
+    /// Cells along x.
+    pub width: usize,
+    /// Corner of the first cell in the frame of the header: x, y and the height, metres.
+    pub origin: [f64; 3],
+    /// 0 free, 100 occupied, -1 unknown; row after row, along x first.
+    pub cells: &'a [i8],
+}
+
+/// `nav_msgs/OccupancyGrid`.
+pub fn occupancy_grid(header: Header<'_>, grid: &Grid<'_>) -> Vec<u8> {
+    let mut message = Writer::with_capacity(grid.cells.len() + 160);
+    header.write(&mut message);
+    write_time(&mut message, header.stamp).f32s(&[grid.resolution as f32]).u32(grid.width as u32);
+    message.u32((grid.cells.len() / grid.width.max(1)) as u32);
+    let [x, y, z] = grid.origin;
+    write_pose(&mut message, &Pose::translation(x, y, z)).u32(grid.cells.len() as u32);
+    for cell in grid.cells {
+        message.u8(*cell as u8);
+    }
+    message.finish()
+}
+
+/// `nav_msgs/Path`: poses with their times, seconds, in the frame of the header.
+pub fn path(header: Header<'_>, poses: &[(f64, Pose)]) -> Vec<u8> {
+    let mut message = Writer::with_capacity(poses.len() * 96 + 64);
+    write_path(&mut message, header, poses).finish()
+}
+
+/// A path as a part of a message.
+pub(super) fn write_path<'w>(message: &'w mut Writer, header: Header<'_>, poses: &[(f64, Pose)]) -> &'w mut Writer {
+    header.write(message).u32(poses.len() as u32);
+    for (stamp, pose) in poses {
+        write_pose(Header { stamp: *stamp, ..header }.write(message), pose);
+    }
+    message
+}
+
+/// `geometry_msgs/PoseArray`.
+pub fn pose_array(header: Header<'_>, poses: &[Pose]) -> Vec<u8> {
+    let mut message = Writer::with_capacity(poses.len() * 56 + 64);
+    header.write(&mut message).u32(poses.len() as u32);
+    for pose in poses {
+        write_pose(&mut message, pose);
+    }
+    message.finish()
+}
+
+/// A pose of frame `child` in the frame of the header, for `tf2_msgs/TFMessage`.
+pub fn transforms(links: &[(Header<'_>, &str, Pose)]) -> Vec<u8> {
+    let mut message = Writer::new();
+    message.u32(links.len() as u32);
+    for (header, child, pose) in links {
+        write_pose(header.write(&mut message).text(child), pose);
+    }
+    message.finish()
+}
+
+/// How well something is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Health {
+    /// As it should be.
+    Ok = 0,
+    /// It works, but something is lost or late.
+    Warning = 1,
+    /// It does not work.
+    Error = 2,
+}
+
+/// `diagnostic_msgs/DiagnosticArray` with one status: how `name` is, in words, and figures.
+pub fn diagnostics(header: Header<'_>, name: &str, (health, words): (Health, &str), figures: &[(&str, String)]) -> Vec<u8> {
+    let mut message = Writer::new();
+    header.write(&mut message).u32(1).u8(health as u8).text(name).text(words).text("").u32(figures.len() as u32);
+    for (key, value) in figures {
+        message.text(key).text(value);
+    }
+    message.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic_testing::run_python;
+
+    /// What rosbags reads in messages, as JSON.
+    fn read_by_rosbags(messages: &[(&str, Vec<u8>)]) -> Option<serde_json::Value> {
+        let script = "
+import json, sys
+import numpy
+from rosbags.typesys import Stores, get_typestore, get_types_from_msg
+store = get_typestore(Stores.ROS2_JAZZY)
+octomap = 'std_msgs/Header header\\nbool binary\\nstring id\\nfloat64 resolution\\nint8[] data\\n'
+store.register(get_types_from_msg(octomap, 'octomap_msgs/msg/Octomap'))
+def plain(value):
+    if isinstance(value, numpy.ndarray): return value.tolist()
+    if isinstance(value, (list, tuple)): return [plain(v) for v in value]
+    if hasattr(value, '__msgtype__'): return {k: plain(v) for k, v in vars(value).items() if k != '__msgtype__'}
+    return value
+folder = sys.argv[1]
+out = []
+for k, name in enumerate(open(folder + '/names').read().split()):
+    data = open(f'{folder}/{k}', 'rb').read()
+    message = store.deserialize_cdr(data, name)
+    assert bytes(store.serialize_cdr(message, name)) == data, name
+    out.append(plain(message))
+print(json.dumps(out))
+";
+        let dir = tempfile::tempdir().unwrap();
+        let names: Vec<&str> = messages.iter().map(|(name, _)| *name).collect();
+        std::fs::write(dir.path().join("names"), names.join("\n")).unwrap();
+        messages.iter().enumerate().for_each(|(k, (_, data))| std::fs::write(dir.path().join(k.to_string()), data).unwrap());
+        Some(serde_json::from_str(&run_python("rosbags, numpy", script, &[dir.path()])?).unwrap())
+    }
+
+    #[test]
+    fn another_implementation_reads_and_writes_the_same_bytes() {
+        let header = Header { stamp: 1_700_000_000.25, frame: "map" };
+        let pose = Pose::translation(1.0, -2.0, 3.0);
+        let corner = |x: f32| ([x, 0.5, 1.0], [255, 0, 51]);
+        let marker = |id, corners| MeshMarker { namespace: "submap 3".into(), id, corners };
+        let messages = [
+            ("sensor_msgs/msg/PointCloud2", point_cloud(header, &[[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], &[[1, 2, 3], [4, 5, 6]])),
+            ("sensor_msgs/msg/PointCloud2", point_cloud(header, &[[1.0, 2.0, 3.0]], &[])),
+            (
+                "visualization_msgs/msg/MarkerArray",
+                mesh_markers(header, &[marker(7, vec![corner(0.0), corner(1.0), corner(2.0)]), marker(8, Vec::new())]),
+            ),
+            ("octomap_msgs/msg/Octomap", octomap(header, 0.1, &[1, 2, 255])),
+            (
+                "nav_msgs/msg/OccupancyGrid",
+                occupancy_grid(header, &Grid { resolution: 0.5, width: 2, origin: [1.0, 2.0, 0.3], cells: &[0, 100, -1, 0] }),
+            ),
+            ("nav_msgs/msg/Path", path(header, &[(5.5, pose), (6.0, Pose::identity())])),
+            ("geometry_msgs/msg/PoseArray", pose_array(header, &[pose])),
+            ("tf2_msgs/msg/TFMessage", transforms(&[(header, "odom", pose)])),
+            ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans", "12".into())])),
+        ];
+        let Some(read) = read_by_rosbags(&messages) else { return };
+        assert_eq!(read[0]["header"]["stamp"], serde_json::json!({"sec": 1_700_000_000, "nanosec": 250_000_000}));
+        assert_eq!((&read[0]["width"], &read[0]["point_step"], &read[1]["point_step"]), (&2.into(), &16.into(), &12.into()));
+        assert_eq!(read[0]["data"].as_array().unwrap()[12..16], [3, 2, 1, 0].map(serde_json::Value::from));
+        assert_eq!(
+            (&read[2]["markers"][0]["points"][2]["x"], &read[2]["markers"][0]["action"], &read[2]["markers"][1]["action"]),
+            (&2.0.into(), &0.into(), &2.into())
+        );
+        assert!((read[2]["markers"][0]["colors"][0]["b"].as_f64().unwrap() - 0.2).abs() < 1e-6);
+        assert_eq!(read[3]["data"], serde_json::json!([1, 2, -1]));
+        assert_eq!((&read[4]["data"], &read[4]["info"]["height"]), (&serde_json::json!([0, 100, -1, 0]), &2.into()));
+        assert_eq!((&read[5]["poses"][0]["pose"]["position"]["y"], &read[5]["poses"][1]["header"]["stamp"]["sec"]), (&(-2.0).into(), &6.into()));
+        assert_eq!(read[7]["transforms"][0]["transform"]["translation"]["z"], 3.0);
+        assert_eq!((&read[8]["status"][0]["level"], &read[8]["status"][0]["values"][0]["value"]), (&1.into(), &"12".into()));
+    }
+}

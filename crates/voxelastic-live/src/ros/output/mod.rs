@@ -1,0 +1,271 @@
+//! What is published about the map: topics, and when there is something new in them.
+//!
+//! | topic | type | when |
+//! | --- | --- | --- |
+//! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of a submap that changed, and for all of them when somebody comes or the submap moves |
+//! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
+//! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
+//! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
+//! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected |
+//! | `~/submaps` | `geometry_msgs/PoseArray` | root poses of the submaps, when they change |
+//! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
+//! | `/tf` | `tf2_msgs/TFMessage` | `map` to the frame of the odometry, with each scan and ten times a second |
+//!
+//! Everything is in the frame `map`. What takes work is made only if somebody listens.
+
+mod occupancy;
+mod surface;
+mod topics;
+
+use super::messages::{self, Header, Health};
+use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
+use occupancy::Layers;
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+use surface::SurfaceTiles;
+pub use topics::{Output, profiles};
+use voxelastic::atlas::Atlas;
+use voxelastic::event::NodeId;
+use voxelastic::{Mapper, Pose};
+
+/// The frame of the map.
+pub const MAP_FRAME: &str = "map";
+/// Paths and figures are published at most this often.
+const PERIOD: Duration = Duration::from_secs(1);
+/// The transform is published at least this often.
+const TRANSFORM_PERIOD: Duration = Duration::from_millis(100);
+
+/// How the robot's odometry is tied to the map.
+#[derive(Clone, Debug)]
+pub struct OdometryLink {
+    /// The frame that the poses of the scans came in.
+    pub odom: String,
+    /// Where the lidar was in it at the last scan, and which scan that was.
+    pub t_odom_lidar: Pose,
+    /// The node of that scan.
+    pub node: NodeId,
+    /// Time stamp of that scan, seconds.
+    pub time: f64,
+    /// The robot's frame, and its pose in the frame of the lidar: published, too, where nobody else does.
+    pub base: Option<(String, Pose)>,
+}
+
+/// What is published.
+#[derive(Clone, Copy, Debug)]
+pub struct OutputOptions {
+    /// Level of detail of the surface, 0 to 3.
+    pub detail: usize,
+    /// Lower and upper end of the layer of `~/grid`, metres above the lidar.
+    pub layer: [f64; 2],
+}
+
+impl Default for OutputOptions {
+    fn default() -> Self {
+        Self { detail: 1, layer: [-0.2, 0.3] }
+    }
+}
+
+/// Publishes what changes in a map, to all networks that were added.
+pub struct Outputs {
+    sinks: HashMap<Output, Vec<Box<dyn Sink>>>,
+    options: OutputOptions,
+    surface: SurfaceTiles,
+    layers: Layers,
+    /// Time stamps of the scans.
+    times: HashMap<NodeId, f64>,
+    poses: Vec<Pose>,
+    path: Option<(Instant, Vec<(f64, Pose)>)>,
+    link: Option<(Instant, OdometryLink, Pose)>,
+    last_transform: Option<Instant>,
+    last_figures: Option<Instant>,
+    stamp: f64,
+    lost: usize,
+}
+
+impl Outputs {
+    /// None yet.
+    pub fn new(options: OutputOptions) -> Self {
+        Self {
+            sinks: HashMap::new(),
+            options,
+            surface: SurfaceTiles::new(options.detail),
+            layers: Layers::default(),
+            times: HashMap::new(),
+            poses: Vec::new(),
+            path: None,
+            link: None,
+            last_transform: None,
+            last_figures: None,
+            stamp: 0.0,
+            lost: 0,
+        }
+    }
+
+    /// Publishes in a network, too.
+    ///
+    /// # Errors
+    /// When the network refuses.
+    pub fn add(&mut self, middleware: &mut dyn Middleware, node: &str) -> Result<(), MiddlewareError> {
+        self.add_sinks(node, |profile| middleware.advertise(profile))
+    }
+
+    /// Publishes to whatever `advertise` makes of each topic, too.
+    ///
+    /// # Errors
+    /// Those of `advertise`.
+    pub fn add_sinks(
+        &mut self,
+        node: &str,
+        mut advertise: impl FnMut(&TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError>,
+    ) -> Result<(), MiddlewareError> {
+        for (output, profile) in profiles(node) {
+            self.sinks.entry(output).or_default().push(advertise(&profile)?);
+        }
+        Ok(())
+    }
+
+    /// Messages that could not be handed over so far.
+    pub fn lost(&self) -> usize {
+        self.lost
+    }
+
+    /// Notes the time stamp of a scan that is going to be in the map.
+    pub fn add_scan(&mut self, node: NodeId, time: f64) {
+        self.times.insert(node, time);
+        self.stamp = time;
+    }
+
+    /// After an event: poses are published at once, everything else by [`step`](Self::step).
+    pub fn note(&mut self, mapper: &Mapper, link: Option<OdometryLink>) {
+        let atlas = mapper.atlas();
+        let placed = trajectory(atlas);
+        self.note_submaps(atlas);
+        self.surface.note(mapper);
+        self.layers.note();
+        if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
+            && let Some((_, t_map_lidar)) = placed.iter().find(|(node, _)| *node == link.node)
+        {
+            let t_map_odom = t_map_lidar * link.t_odom_lidar.inverse();
+            self.link = Some((Instant::now(), link, t_map_odom));
+            self.publish_transform();
+        }
+        let path: Vec<(f64, Pose)> = placed.iter().map(|(node, pose)| (self.times.get(node).copied().unwrap_or(0.0), *pose)).collect();
+        if self.path.as_ref().is_none_or(|(_, before)| *before != path) {
+            let is_due = self.path.as_ref().is_none_or(|(at, before)| at.elapsed() >= PERIOD || before.len() == path.len());
+            if is_due {
+                self.publish(Output::Path, |header| messages::path(header, &path));
+                self.path = Some((Instant::now(), path));
+            }
+        }
+    }
+
+    fn note_submaps(&mut self, atlas: &Atlas) {
+        let poses: Vec<Pose> = atlas.submaps().iter().map(|submap| submap.t_map_submap()).collect();
+        if poses != self.poses {
+            self.publish(Output::Submaps, |header| messages::pose_array(header, &poses));
+            self.poses = poses;
+        }
+    }
+
+    /// Publishes the path as it is, if what was published is older.
+    pub fn finish(&mut self, mapper: &Mapper) {
+        self.path = None;
+        self.note(mapper, None);
+    }
+
+    /// Forgets the map, which begins anew.
+    pub fn reset(&mut self) {
+        let removed = self.surface.removed();
+        if !removed.is_empty() {
+            self.publish(Output::Surface, |header| messages::mesh_markers(header, &removed));
+        }
+        self.surface = SurfaceTiles::new(self.options.detail);
+        self.layers = Layers::default();
+        self.times.clear();
+        (self.poses, self.path, self.link) = (Vec::new(), None, None);
+        self.publish(Output::Path, |header| messages::path(header, &[]));
+        self.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
+    }
+
+    /// Makes and publishes some of the surface that changed, or of the occupancy; false if nothing is due. To be called in the mapper's threads.
+    pub fn step(&mut self, atlas: &Atlas) -> bool {
+        if self.last_transform.is_some_and(|last| last.elapsed() >= TRANSFORM_PERIOD) {
+            self.publish_transform();
+        }
+        self.step_surface(atlas) || self.step_layers(atlas)
+    }
+
+    fn step_surface(&mut self, atlas: &Atlas) -> bool {
+        let listeners = [Output::Surface, Output::SurfacePoints].map(|output| self.subscribers(output));
+        let Some(meshes) = self.surface.step(atlas, listeners) else { return false };
+        let (points, colours) = meshes.vertices();
+        self.publish_if(Output::SurfacePoints, |header| (!points.is_empty()).then(|| messages::point_cloud(header, &points, &colours)));
+        self.publish(Output::Surface, |header| messages::mesh_markers(header, &meshes.markers));
+        true
+    }
+
+    fn step_layers(&mut self, atlas: &Atlas) -> bool {
+        let listeners = [Output::Octomap, Output::Grid].map(|output| self.subscribers(output));
+        let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
+        let height = self.path.as_ref().and_then(|(_, path)| path.last()).map_or(height, |(_, pose)| pose.translation.z);
+        let layer = self.options.layer.map(|end| height + end);
+        let Some(made) = self.layers.step(atlas, listeners, layer) else { return false };
+        self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
+        self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
+        true
+    }
+
+    /// How the node is, once a second: in words, and as figures.
+    pub fn diagnostics(&mut self, node: &str, status: impl FnOnce() -> (Health, String, Vec<(&'static str, String)>)) {
+        if self.last_figures.is_some_and(|last| last.elapsed() < PERIOD) {
+            return;
+        }
+        self.last_figures = Some(Instant::now());
+        let (health, words, mut figures) = status();
+        figures.push(("messages_lost", self.lost.to_string()));
+        self.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
+    }
+
+    fn publish_transform(&mut self) {
+        let Some((since, link, t_map_odom)) = self.link.clone() else { return };
+        self.last_transform = Some(Instant::now());
+        let stamp = link.time + since.elapsed().as_secs_f64();
+        let map = Header { stamp, frame: MAP_FRAME };
+        let odom = Header { stamp, frame: &link.odom };
+        let mut links = vec![(map, link.odom.as_str(), t_map_odom)];
+        if let Some((base, t_lidar_base)) = &link.base {
+            links.push((odom, base, link.t_odom_lidar * t_lidar_base));
+        }
+        self.publish(Output::Transforms, |_| messages::transforms(&links));
+    }
+
+    fn subscribers(&self, output: Output) -> usize {
+        self.sinks.get(&output).into_iter().flatten().map(|sink| sink.subscribers()).sum()
+    }
+
+    fn publish(&mut self, output: Output, message: impl FnOnce(Header<'_>) -> Vec<u8>) {
+        self.publish_if(output, |header| Some(message(header)));
+    }
+
+    fn publish_if(&mut self, output: Output, message: impl FnOnce(Header<'_>) -> Option<Vec<u8>>) {
+        let Some(sinks) = self.sinks.get_mut(&output) else { return };
+        let Some(message) = message(Header { stamp: self.stamp, frame: MAP_FRAME }) else { return };
+        for sink in sinks {
+            if let Err(problem) = sink.publish(&message) {
+                self.lost += 1;
+                tracing::debug!("{problem}");
+            }
+        }
+    }
+}
+
+/// The poses of all scans in the map frame, by node.
+fn trajectory(atlas: &Atlas) -> Vec<(NodeId, Pose)> {
+    let merging = atlas.merging();
+    let merging = merging.iter().map(|merging| (merging.submap, merging.t_map_submap));
+    let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
+    let mut placed: Vec<(NodeId, Pose)> =
+        submaps.flat_map(|(submap, t)| submap.scans().iter().map(move |scan| (scan.node, t * scan.t_submap_lidar))).collect();
+    placed.sort_by_key(|(node, _)| *node);
+    placed
+}

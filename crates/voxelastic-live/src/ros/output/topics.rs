@@ -1,0 +1,45 @@
+//! Names, types and delivery of the topics that are published.
+
+use crate::ros::middleware::{Delivery, TopicProfile};
+
+/// A topic that is published.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Output {
+    /// Triangle meshes.
+    Surface,
+    /// Their vertices.
+    SurfacePoints,
+    /// Free and occupied space.
+    Octomap,
+    /// A layer of it.
+    Grid,
+    /// Poses of the scans.
+    Path,
+    /// Root poses of the submaps.
+    Submaps,
+    /// How the node is.
+    Diagnostics,
+    /// Frames.
+    Transforms,
+}
+
+/// The topics of a node.
+pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
+    use Delivery::{Latched, Reliable};
+    use Output::{Diagnostics, Grid, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
+    let own = |name: &str| format!("/{node}/{name}");
+    // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
+    [
+        (Surface, own("surface"), "visualization_msgs/msg/MarkerArray", Reliable, 20),
+        (SurfacePoints, own("surface_points"), "sensor_msgs/msg/PointCloud2", Reliable, 20),
+        (Octomap, own("octomap"), "octomap_msgs/msg/Octomap", Latched, 1),
+        (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
+        (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
+        (Submaps, own("submaps"), "geometry_msgs/msg/PoseArray", Latched, 1),
+        (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Reliable, 10),
+        (Transforms, "/tf".to_owned(), "tf2_msgs/msg/TFMessage", Reliable, 100),
+    ]
+    .into_iter()
+    .map(|(output, name, kind, delivery, depth)| (output, TopicProfile { name, kind: kind.to_owned(), delivery, depth }))
+    .collect()
+}

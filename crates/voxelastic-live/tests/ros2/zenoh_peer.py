@@ -1,0 +1,125 @@
+"""A program that speaks ROS 2 over Zenoh: `zenoh_peer.py give|take LOCATOR FOLDER`, as dds_peer.py. It connects to LOCATOR, and reads messages by rosbags."""
+import json
+import sys
+import time
+from pathlib import Path as File
+
+import numpy
+import zenoh
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+store = get_typestore(Stores.ROS2_JAZZY)
+store.register(get_types_from_msg("std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n", "octomap_msgs/msg/Octomap"))
+T = store.types
+
+
+def key(name, kind):
+    package, _, base = kind.split("/")
+    return f"0/{name}/{package}::msg::dds_::{base}_/{store.hash_rihs01(kind)}"
+
+
+def header(stamp, frame):
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](int(stamp), int(round(stamp % 1 * 1e9))), frame)
+
+
+def pose(x):
+    vector = T["geometry_msgs/msg/Point"](x, 0.0, 0.0)
+    return T["geometry_msgs/msg/Pose"](vector, T["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0))
+
+
+def attachment(sequence):
+    return sequence.to_bytes(8, "little") + time.time_ns().to_bytes(8, "little") + bytes([16]) + bytes(16)
+
+
+def announce(session, number, role, name, kind):
+    package, _, base = kind.split("/")
+    token = f"@ros2_lv/0/{session.zid()}/0/{number}/{role}/%/%/peer/%{name.replace('/', '%')}/{package}::msg::dds_::{base}_/{store.hash_rihs01(kind)}/::,10:,:,:,,"
+    return session.liveliness().declare_token(token)
+
+
+def give(session, folder):
+    topics = {"points": "sensor_msgs/msg/PointCloud2", "odom": "nav_msgs/msg/Odometry", "tf_static": "tf2_msgs/msg/TFMessage"}
+    tokens = [announce(session, k, "MP", name, kind) for k, (name, kind) in enumerate(topics.items())]
+    plain = {name: session.declare_publisher(key(name, kind)) for name, kind in topics.items() if name != "tf_static"}
+    # As rmw_zenoh does for transient-local topics: kept for those who come late.
+    latched = zenoh.ext.declare_advanced_publisher(
+        session, key("tf_static", topics["tf_static"]), cache=zenoh.ext.CacheConfig(max_samples=1), publisher_detection=True
+    )
+    send = lambda publisher, message, kind, k: publisher.put(bytes(store.serialize_cdr(message, kind)), attachment=attachment(k))
+    link = T["geometry_msgs/msg/TransformStamped"](
+        header(0, "base"), "lidar", T["geometry_msgs/msg/Transform"](T["geometry_msgs/msg/Vector3"](0.5, 0.0, 0.0), pose(0).orientation)
+    )
+    send(latched, T["tf2_msgs/msg/TFMessage"]([link]), topics["tf_static"], 1)
+    fields = [T["sensor_msgs/msg/PointField"](name, 4 * k, 7, 1) for k, name in enumerate("xyz")]
+    zero = T["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    twist = T["geometry_msgs/msg/TwistWithCovariance"](T["geometry_msgs/msg/Twist"](zero, zero), numpy.zeros(36))
+    scans = [File(name).read_bytes() for name in sorted(map(str, folder.glob("scan-*.f32")))]
+    k = 0
+    while not (folder / "done").exists():
+        stamp, data = 1000.0 + 0.1 * k, numpy.frombuffer(scans[k % len(scans)], numpy.uint8)
+        place = T["geometry_msgs/msg/PoseWithCovariance"](pose(0.25 * k), numpy.zeros(36))
+        send(plain["odom"], T["nav_msgs/msg/Odometry"](header(stamp, "odom"), "base", place, twist), topics["odom"], k)
+        cloud = T["sensor_msgs/msg/PointCloud2"](header(stamp, "lidar"), 1, len(data) // 12, fields, False, 12, len(data), data, True)
+        send(plain["points"], cloud, topics["points"], k)
+        k += 1
+        time.sleep(0.1)
+    del tokens
+
+
+def take(session, folder):
+    own = "voxelastic/"
+    topics = {
+        own + "surface_points": "sensor_msgs/msg/PointCloud2",
+        own + "surface": "visualization_msgs/msg/MarkerArray",
+        own + "path": "nav_msgs/msg/Path",
+        own + "submaps": "geometry_msgs/msg/PoseArray",
+        own + "octomap": "octomap_msgs/msg/Octomap",
+        own + "grid": "nav_msgs/msg/OccupancyGrid",
+        "tf": "tf2_msgs/msg/TFMessage",
+        "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    }
+    taken, quiet, held = {name: [] for name in topics}, [time.monotonic()], []
+    for k, (name, kind) in enumerate(topics.items()):
+
+        def handle(sample, name=name, kind=kind):
+            taken[name].append(store.deserialize_cdr(bytes(sample.payload), kind))
+            if name.endswith("surface_points"):
+                quiet[0] = time.monotonic()
+
+        # By the whole key, as rmw_zenoh subscribes: the hash of the type must be right.
+        history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+        held.append(zenoh.ext.declare_advanced_subscriber(session, key(name, kind), handle, history=history))
+        held.append(announce(session, k, "MS", name, kind))
+    while not all(taken.values()) or time.monotonic() - quiet[0] < 1.5:
+        time.sleep(0.02)
+    last = {name.removeprefix(own): messages[-1] for name, messages in taken.items()}
+    trigger = "0/voxelastic/save/std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+    replies = [bytes(reply.ok.payload) for reply in session.get(trigger, payload=bytes([0, 1, 0, 0, 0]), attachment=attachment(7), timeout=20)]
+    (folder / "points").write_bytes(b"".join(bytes(m.data) for m in taken[own + "surface_points"]))
+    (folder / "octomap").write_bytes(bytes(int(b) & 255 for b in last["octomap"].data))
+    grid, link = last["grid"], last["tf"].transforms[0]
+    corners = [(p.x, p.y, p.z) for m in taken[own + "surface"] for marker in m.markers for p in marker.points]
+    summary = {
+        "point_step": last["surface_points"].point_step,
+        "path": [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in last["path"].poses],
+        "stamps": [p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in last["path"].poses],
+        "submaps": len(last["submaps"].poses),
+        "resolution": last["octomap"].resolution,
+        "grid": [grid.info.width, grid.info.height, len(grid.data), int((grid.data == 0).sum()), int((grid.data == 100).sum())],
+        "tf": [link.header.frame_id, link.child_frame_id, link.transform.translation.x],
+        "corners": len(corners),
+        "diagnostics": {v.key: v.value for v in last["diagnostics"].status[0].values},
+        "saved": [bool(replies[0][4]), replies[0][12:-1].decode()] if replies else None,
+    }
+    (folder / "taken.tmp").write_text(json.dumps(summary))
+    (folder / "taken.tmp").rename(folder / "taken.json")
+
+
+mode, locator, folder = sys.argv[1], sys.argv[2], File(sys.argv[3])
+config = zenoh.Config()
+for name, value in [("mode", '"peer"'), ("scouting/multicast/enabled", "false"), ("timestamping/enabled", "true")]:
+    config.insert_json5(name, value)
+config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')
+config.insert_json5("connect/endpoints", json.dumps([locator]))
+with zenoh.open(config) as session:
+    {"give": give, "take": take}[mode](session, folder)
