@@ -106,7 +106,7 @@ struct Logging {
 }
 
 impl Logging {
-    /// Sends log lines to stderr. `RUST_LOG`, where set, wins over the flags.
+    /// Sends log lines to stderr. `RUST_LOG`, where set, wins over the flags. What libraries have to say, such as those of networks, is for `-v`.
     fn install(self) {
         let level = match (self.quiet, self.verbose) {
             (true, _) => "warn",
@@ -114,8 +114,9 @@ impl Logging {
             (false, 1) => "debug",
             (false, _) => "trace",
         };
+        let libraries = if self.verbose > 0 { "warn" } else { "off" };
         let from_environment = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
-        let filter = from_environment.unwrap_or_else(|| level.parse().unwrap_or_default());
+        let filter = from_environment.unwrap_or_else(|| format!("{libraries},voxelastic={level}").parse().unwrap_or_default());
         let ansi = std::io::IsTerminal::is_terminal(&std::io::stderr()) && std::env::var_os("NO_COLOR").is_none();
         let lines = tracing_subscriber::fmt::layer().with_writer(|| progress::LogWriter).with_ansi(ansi).with_target(false).without_time().compact();
         // A second call within a process keeps what the first one installed.
