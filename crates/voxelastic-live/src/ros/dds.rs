@@ -62,12 +62,10 @@ impl Dds {
     fn is_reliable(&self, topic: &str) -> bool {
         let dds_name = format!("rt{topic}");
         let writers = self.context.domain_participant().discovered_writers();
-        let is_reliable = |writer: &&_| -> bool {
-            let data: &ros2_client::dds::rustdds::discovery::DiscoveredWriterData = writer;
-            data.publication_topic_data.topic_name == dds_name
-                && matches!(data.publication_topic_data.reliability, Some(DdsReliability::Reliable { .. }))
-        };
-        writers.iter().any(|writer| is_reliable(&writer))
+        writers.iter().any(|writer| {
+            let data = &writer.publication_topic_data;
+            data.topic_name == dds_name && matches!(data.reliability, Some(DdsReliability::Reliable { .. }))
+        })
     }
 }
 

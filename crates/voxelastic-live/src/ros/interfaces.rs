@@ -20,7 +20,6 @@ const HASHES: &[(&str, &str)] = &[
 ];
 
 /// The type's hash as Zenoh's keys have it; that of an unknown type is all zeros, which only programs that do not look at it match.
-#[cfg_attr(not(feature = "ros2"), expect(dead_code, reason = "only Zenoh needs it"))]
 pub fn hash(kind: &str) -> String {
     let known = HASHES.iter().find(|(name, _)| *name == kind).map_or(&[b'0'; 64][..], |(_, hash)| hash.as_bytes());
     format!("RIHS01_{}", String::from_utf8_lossy(known))

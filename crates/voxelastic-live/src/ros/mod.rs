@@ -18,6 +18,7 @@ pub mod dds;
 #[cfg(feature = "foxglove")]
 pub mod foxglove;
 pub mod input;
+#[cfg(feature = "ros2")]
 mod interfaces;
 pub mod messages;
 pub mod middleware;
