@@ -38,6 +38,7 @@ class SettingArguments(TypedDict, total=False):
     max_weight: float
     max_scale: int
     no_return: Literal["unknown", "free"]
+    robot_radius: str
     scale_hysteresis: float
 
 
@@ -120,6 +121,10 @@ class Settings:
     no_return: Literal["unknown", "free"] = "unknown"
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for
     sensors that report every surface in range). Allowed: unknown | free.
+    """
+    robot_radius: str = "auto"
+    """Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot
+    can start where it was. auto: min_range, at most 0.5 m; 0 for none. Allowed: auto | 0 to 5 m.
     """
     scale_hysteresis: float = 1.5
     """A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.

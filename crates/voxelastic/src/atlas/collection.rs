@@ -118,6 +118,7 @@ impl Atlas {
         let (mut pages, mut left) = (BrickPages::new(), BRICKS_PER_SCAN);
         for submap in self.submaps.iter_mut().filter(|s| s.id != active) {
             left -= submap.tsdf.compact_from_end(left, &mut pages);
+            submap.occupancy.changes.forget();
         }
         if let Some(submap) = self.submap_mut(active) {
             submap.tsdf.adopt_pages(pages);

@@ -29,7 +29,8 @@ impl From<&Settings> for TsdfSettings {
 impl From<&Settings> for OccupancySettings {
     fn from(settings: &Settings) -> Self {
         let clear_no_return = settings.no_return == NoReturn::Free;
-        Self { voxel_size: settings.voxel_size, max_range: settings.max_range, clear_no_return, ..Self::default() }
+        let (voxel_size, max_range, robot_radius) = (settings.voxel_size, settings.max_range, settings.robot_radius_metres());
+        Self { voxel_size, max_range, clear_no_return, robot_radius, ..Self::default() }
     }
 }
 

@@ -18,7 +18,7 @@ mod error;
 mod value;
 
 pub use error::SettingError;
-pub use value::{Allowed, FieldKind, NoReturn};
+pub use value::{Allowed, FieldKind, NoReturn, RobotRadius};
 
 use crate::sensor::{preset, preset_names};
 use Allowed::{Between, OneOf, Text};
@@ -172,6 +172,8 @@ settings! {
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
+    robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
+        "Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot can start where it was. auto: min_range, at most 0.5 m; 0 for none.";
     scale_hysteresis: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.";
 }
@@ -197,7 +199,18 @@ pub fn table() -> &'static [Setting] {
 /// Most finest voxels between the sensor and a return that one scan's update can address.
 const MAX_REACH_VOXELS: f32 = 32_000.0;
 
+/// Largest radius of the robot's own space, finest voxels.
+const MAX_ROBOT_RADIUS_VOXELS: f32 = 128.0;
+
 impl Settings {
+    /// Radius around the sensor that counts as free, metres: `robot_radius`, or what it is by itself.
+    pub fn robot_radius_metres(&self) -> f32 {
+        match self.robot_radius {
+            RobotRadius::Auto => self.min_range.min(RobotRadius::MOST_BY_ITSELF).min(MAX_ROBOT_RADIUS_VOXELS * self.voxel_size),
+            RobotRadius::Metres(radius) => radius,
+        }
+    }
+
     /// All (key, value as text) pairs in the order of [`table`].
     pub fn pairs(&self) -> Vec<(&'static str, String)> {
         table().iter().filter_map(|s| Some((s.key, self.get(s.key)?))).collect()
@@ -216,6 +229,10 @@ impl Settings {
         if self.min_range >= self.max_range {
             let reason = format!("must be less than max_range, which is {} m", self.max_range);
             return Err(SettingError::Contradiction { key: "min_range", value: self.min_range.to_string(), reason });
+        }
+        if self.robot_radius_metres() / self.voxel_size > MAX_ROBOT_RADIUS_VOXELS {
+            let reason = format!("at most {MAX_ROBOT_RADIUS_VOXELS} voxels, or {} m", MAX_ROBOT_RADIUS_VOXELS * self.voxel_size);
+            return Err(SettingError::Contradiction { key: "robot_radius", value: self.robot_radius_metres().to_string(), reason });
         }
         if self.max_range / self.voxel_size > MAX_REACH_VOXELS {
             let reason = format!(

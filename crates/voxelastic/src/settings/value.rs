@@ -118,6 +118,41 @@ impl NoReturn {
     const ALL: [(&'static str, Self); 2] = [("unknown", Self::Unknown), ("free", Self::Free)];
 }
 
+/// Radius around the sensor that counts as free, because the robot was there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum RobotRadius {
+    /// As the sensor's least range, because nothing nearer is measured, but at most [`RobotRadius::MOST_BY_ITSELF`].
+    #[default]
+    Auto,
+    /// This radius, metres; 0 for none.
+    Metres(f32),
+}
+
+impl RobotRadius {
+    /// Largest radius that is chosen automatically, metres: sensors are seldom mounted lower, and a larger ball would reach below the floor.
+    pub const MOST_BY_ITSELF: f32 = 0.5;
+    /// Largest radius, metres.
+    const MOST: f32 = 5.0;
+}
+
+impl Value for RobotRadius {
+    fn parse(text: &str) -> Option<Self> {
+        if text == "auto" { Some(Self::Auto) } else { text.parse().ok().map(Self::Metres) }
+    }
+    fn text(&self) -> String {
+        match self {
+            Self::Auto => "auto".to_owned(),
+            Self::Metres(radius) => radius.to_string(),
+        }
+    }
+    fn is_within(&self, _: &Allowed) -> bool {
+        match self {
+            Self::Auto => true,
+            Self::Metres(radius) => (0.0..=Self::MOST).contains(radius),
+        }
+    }
+}
+
 impl Value for NoReturn {
     fn parse(text: &str) -> Option<Self> {
         Self::ALL.iter().find(|(name, _)| *name == text).map(|(_, kind)| *kind)

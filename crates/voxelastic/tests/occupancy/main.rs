@@ -1,6 +1,7 @@
 //! The occupancy integrator against a dense reference map and against the geometry of random rooms.
 
 mod bad_input;
+mod own_space;
 mod reference;
 #[path = "../common/room.rs"]
 mod room;
@@ -164,7 +165,7 @@ proptest! {
 fn the_number_of_threads_does_not_change_a_voxel() {
     let room = Room::random(3);
     let scans = scans_of(&room, 5);
-    let settings = OccupancySettings { voxel_size: 0.1, ..OccupancySettings::default() };
+    let settings = OccupancySettings { voxel_size: 0.1, robot_radius: 0.7, ..OccupancySettings::default() };
     let fields: Vec<OccupancyField> = [1, 2, 5]
         .map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build().expect("threads").install(|| integrate(&scans, &settings, 0.02)))
         .into();
@@ -176,7 +177,7 @@ fn the_number_of_threads_does_not_change_a_voxel() {
 
 #[test]
 fn ancestors_hold_the_largest_value_below_and_whether_all_is_observed() {
-    let settings = OccupancySettings { voxel_size: 0.1, ..OccupancySettings::default() };
+    let settings = OccupancySettings { voxel_size: 0.1, robot_radius: 0.7, ..OccupancySettings::default() };
     let field = integrate(&scans_of(&Room::random(11), 4), &settings, 0.02);
     let tree = field.tree();
     let mut checked = 0;

@@ -73,7 +73,7 @@ impl OccupancyPatch {
                 }
             }
         }
-        adder.changed.propagate(target);
+        adder.changed.propagate_unlogged(target);
     }
 }
 

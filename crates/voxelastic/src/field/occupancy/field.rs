@@ -1,5 +1,6 @@
 //! The occupancy field: uniform octants of any size, and blocks of voxels where space is not uniform.
 
+use super::change_log::{ChangeLog, Flip};
 use super::value::{State, Summary, UNKNOWN, state_of};
 use crate::field::block_store::BlockStore;
 use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, voxel_index, voxels_at};
@@ -30,6 +31,7 @@ pub struct OccupancyField {
     pub(crate) tree: Octree<Summary>,
     pub(crate) blocks: Pool<OccupancyBlock>,
     pub(crate) voxels: BlockStore<i8>,
+    pub(crate) changes: ChangeLog,
 }
 
 impl OccupancyField {
@@ -131,6 +133,16 @@ impl OccupancyField {
         self.blocks.remove(id);
     }
 
+    /// Number of the latest change of the field. Unique in the process, not stored.
+    pub fn revision(&self) -> u64 {
+        self.changes.revision()
+    }
+
+    /// The octants in which voxels changed their state since the field had this revision; none if that is not known any more, so that anything may have changed.
+    pub fn changes_since(&self, revision: u64) -> Option<impl Iterator<Item = &Flip>> {
+        self.changes.since(revision)
+    }
+
     /// Number of blocks at each scale.
     pub fn arrays(&self) -> [usize; SCALES] {
         self.voxels.live()
@@ -138,7 +150,7 @@ impl OccupancyField {
 
     /// Memory held, bytes.
     pub fn bytes(&self) -> usize {
-        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes()
+        self.tree.bytes() + self.blocks.bytes() + self.voxels.bytes() + self.changes.bytes()
     }
 }
 

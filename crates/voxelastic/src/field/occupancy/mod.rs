@@ -5,6 +5,8 @@
 //! [`Summary`] of their subtree, and eight uniform siblings with the same value are merged into their parent, so that free space is
 //! stored at the coarsest possible scale.
 
+mod block_states;
+mod change_log;
 mod faces;
 mod field;
 pub(crate) mod propagate;
@@ -12,6 +14,8 @@ mod value;
 mod volume;
 mod writer;
 
+pub use block_states::{BlockBits, BlockStates};
+pub use change_log::{Flip, FlipKind};
 pub(crate) use faces::{Boundary, Face, faces};
 pub use field::{Leaf, OccupancyBlock, OccupancyField};
 pub use value::{LOG_ODDS_STEPS, State, Summary, UNKNOWN, log_odds, state_of, steps};

@@ -1,5 +1,6 @@
 //! Up-propagation (paper Sec. III-A): updates the summaries of ancestors and merges uniform siblings into their parent.
 
+use super::change_log::{Flip, FlipKind};
 use super::field::OccupancyField;
 use super::value::Summary;
 use crate::octree::{Cursor, NONE, Octant, Octree, prefetch_item};
@@ -10,6 +11,8 @@ use rayon::prelude::*;
 pub(crate) struct ChangedOctants {
     /// Prefixes of the parents of changed octants: `parents[l]` are at level l + 1.
     parents: Vec<Vec<u64>>,
+    /// Those in which voxels changed their state.
+    flips: Vec<Flip>,
 }
 
 impl ChangedOctants {
@@ -28,13 +31,23 @@ impl ChangedOctants {
         }
     }
 
+    /// Notes that voxels in the octant of `level` that contains block `key` changed their state.
+    #[inline(always)]
+    pub fn add_flip(&mut self, key: u64, level: u32, kind: FlipKind) {
+        if kind.any() {
+            self.flips.push(Flip { key: key >> (3 * level) << (3 * level), level: level as u8, kind });
+        }
+    }
+
     /// Removes all octants and keeps the capacity.
     pub fn clear(&mut self) {
+        self.flips.clear();
         self.parents.iter_mut().for_each(Vec::clear);
     }
 
     /// Adds all octants of `others`.
     pub fn append(&mut self, others: &Self) {
+        self.flips.extend_from_slice(&others.flips);
         let levels = self.parents.len().max(others.parents.len());
         self.parents.resize(levels, Vec::new());
         for (own, others) in self.parents.iter_mut().zip(&others.parents) {
@@ -42,8 +55,19 @@ impl ChangedOctants {
         }
     }
 
-    /// Recomputes the summaries of all ancestors, lowest first, and merges eight equal uniform siblings into their parent.
+    /// Recomputes the summaries of all ancestors, lowest first, and merges eight equal uniform siblings into their parent. Logs the noted flips.
     pub fn propagate(mut self, field: &mut OccupancyField) {
+        field.changes.push(std::mem::take(&mut self.flips));
+        self.propagate_summaries(field);
+    }
+
+    /// As [`propagate`](Self::propagate), for octants whose flips were not noted.
+    pub fn propagate_unlogged(self, field: &mut OccupancyField) {
+        field.changes.push_unknown();
+        self.propagate_summaries(field);
+    }
+
+    fn propagate_summaries(mut self, field: &mut OccupancyField) {
         let root_level = field.tree.root_level();
         self.parents.resize(root_level as usize, Vec::new());
         for level in 1..root_level {

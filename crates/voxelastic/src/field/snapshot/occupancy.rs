@@ -146,7 +146,9 @@ impl OccupancyBuilder {
         if got != self.block_octants.len() {
             return Err(SnapshotError::Count { of: "blocks", got, expected: self.block_octants.len() });
         }
-        Ok(OccupancyField { tree: self.tree, blocks: self.blocks, voxels: self.voxels })
+        let mut field = OccupancyField { tree: self.tree, blocks: self.blocks, voxels: self.voxels, ..OccupancyField::default() };
+        field.changes.push_unknown();
+        Ok(field)
     }
 }
 

@@ -8,7 +8,7 @@ use super::evidence::Steps;
 use super::free_cells::{BufferRange, FreeCell, FreeCells, OctantRef, clear};
 use super::run_table::RunTable;
 use crate::field::occupancy::propagate::ChangedOctants;
-use crate::field::occupancy::{OccupancyField, SharedOctants, Summary};
+use crate::field::occupancy::{FlipKind, OccupancyField, SharedOctants, Summary};
 use crate::integrate::rays::scale::{ScaleRule, distance_to_block};
 use crate::integrate::rays::select::BlockRays;
 use crate::octree::{BLOCK_EDGE, Cursor, NONE, block_coords, prefetch};
@@ -128,8 +128,10 @@ impl BlockTasks {
                 match cell.block_update(buffer) {
                     None if !cell.octant.is_missing() => {
                         let at = cell.octant.position();
-                        octants.set_summary(at, with_free_evidence(octants.summary(at), steps));
+                        let (before, after) = (octants.summary(at), with_free_evidence(octants.summary(at), steps));
+                        octants.set_summary(at, after);
                         output.changed.add(cell.key, cell.level());
+                        output.changed.add_flip(cell.key, cell.level(), FlipKind::of(before.value, after.value));
                     }
                     Some((scale, free)) if cell.block != NONE && usize::from(blocks[cell.block].scale) <= scale => {
                         let run = self.runs.get(cell.block) as usize;
@@ -162,8 +164,10 @@ impl BlockTasks {
         let at = OctantRef::new(cursor.find_or_create_at(&mut field.tree, cell.key, cell.level()));
         let Some((scale, free)) = cell.block_update(buffer) else {
             let octant = &mut field.tree.siblings_mut(at.group)[at.index()];
+            let before = octant.payload.value;
             octant.payload = with_free_evidence(octant.payload, steps);
             changed.add(cell.key, cell.level());
+            changed.add_flip(cell.key, cell.level(), FlipKind::of(before, octant.payload.value));
             return;
         };
         let run = self.runs.take(cell.block) as usize;

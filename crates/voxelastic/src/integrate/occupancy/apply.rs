@@ -6,7 +6,7 @@
 use super::evidence::{Evidence, Steps};
 use super::free_cells::Mask;
 use super::settings::OccupancySettings;
-use crate::field::occupancy::{LOG_ODDS_STEPS, Summary, UNKNOWN};
+use crate::field::occupancy::{FlipKind, LOG_ODDS_STEPS, Summary, UNKNOWN};
 use crate::geometry::morton;
 use crate::integrate::rays::dda::{LANES, MAX_STEPS, Segment, SegmentLanes, Traversal};
 use crate::integrate::rays::ray::Ray;
@@ -31,6 +31,8 @@ pub(super) struct BlockOutcome {
     pub summary: Summary,
     /// The value of all voxels, if they are equal.
     pub uniform: Option<i8>,
+    /// Which states of voxels changed.
+    pub flips: FlipKind,
 }
 
 /// Position and scale of a block.
@@ -175,13 +177,17 @@ impl<'a> VoxelEvidence<'a> {
     fn apply_at<const SCALE: usize>(&self, values: &mut [i8]) -> BlockOutcome {
         let steps = *self.steps;
         let (mut low, mut high) = (i8::MAX, i8::MIN);
+        let mut flips = FlipKind::default();
         for (value, &update) in values[..voxels_at(SCALE)].iter_mut().zip(&self.updates[..voxels_at(SCALE)]) {
             let changed = steps.add(*value, update);
-            *value = if update == NO_UPDATE { *value } else { changed };
+            let changed = if update == NO_UPDATE { *value } else { changed };
+            let flip = FlipKind::of(*value, changed);
+            flips = FlipKind { occupied: flips.occupied | flip.occupied, free: flips.free | flip.free };
+            *value = changed;
             low = low.min(*value);
             high = high.max(*value);
         }
-        BlockOutcome { summary: Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN }, uniform: (low == high).then_some(low) }
+        BlockOutcome { summary: Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN }, uniform: (low == high).then_some(low), flips }
     }
 }
 

@@ -1,8 +1,8 @@
 //! The integrator: one scan into one occupancy field.
 //!
 //! A scan goes through six phases: *see* builds the range pyramid, *descend* finds free space, *select* finds the blocks that rays pass near their returns,
-//! *allocate* creates and refines blocks, *update* updates the voxels of each block, in parallel, and *propagate* brings maxima and "observed" up to the root
-//! and merges equal siblings into their parent.
+//! *allocate* creates and refines blocks, *update* updates the voxels of each block, in parallel, and *propagate* frees the robot's own space, brings maxima and
+//! "observed" up to the root and merges equal siblings into their parent.
 
 use super::allocate::BlockTasks;
 use super::apply::BlockOutcome;
@@ -10,10 +10,12 @@ use super::classify::Classifier;
 use super::descend::{Descent, DescentScratch};
 use super::evidence::{Evidence, Steps};
 use super::free_cells::FreeCells;
+use super::own_space::free_own_space;
 use super::range_pyramid::RangePyramid;
-use super::settings::OccupancySettings;
+use super::settings::{MAX_ROBOT_RADIUS_VOXELS, OccupancySettings};
 use super::update_blocks::{UpdateContext, UpdateTask, write_outcomes};
 use crate::field::occupancy::OccupancyField;
+use crate::field::occupancy::propagate::ChangedOctants;
 use crate::geometry::Rigid;
 use crate::integrate::rays::ray::Ray;
 use crate::integrate::rays::returns::ReturnsView;
@@ -143,6 +145,7 @@ impl OccupancyIntegrator {
         let updated = Instant::now();
 
         write_outcomes(field, &self.tasks.list, &self.outcomes, &mut changed);
+        self.free_own_space(field, scan.t_submap_lidar.translation, &steps, &mut changed);
         changed.propagate(field);
         let done = Instant::now();
 
@@ -152,6 +155,15 @@ impl OccupancyIntegrator {
             free_octants: self.free.buffers.iter().map(|buffer| buffer.octants).sum(),
             blocks: self.tasks.list.len(),
             phases: OccupancyPhases { see, descend, select, allocate: allocated - selected, update: updated - allocated, propagate: done - updated },
+        }
+    }
+
+    /// Frees the robot's own space around the sensor. After the scan, so that nothing is freed that it saw occupied.
+    fn free_own_space(&self, field: &mut OccupancyField, sensor: [f32; 3], steps: &Steps, changed: &mut ChangedOctants) {
+        let OccupancySettings { voxel_size, max_range, robot_radius, .. } = self.settings;
+        let radius = (robot_radius.min(max_range) / voxel_size).min(MAX_ROBOT_RADIUS_VOXELS);
+        if radius > 0.0 {
+            free_own_space(field, sensor.map(|c| c / voxel_size), radius, steps, changed);
         }
     }
 

@@ -11,6 +11,7 @@ mod extent;
 mod fill_holes;
 mod free_cells;
 mod integrator;
+mod own_space;
 mod range_pyramid;
 mod row_table;
 mod run_table;

@@ -24,7 +24,13 @@ pub struct OccupancySettings {
     pub thickness_voxels: f32,
     /// Whether a ray without return clears the space up to the maximum range.
     pub clear_no_return: bool,
+    /// Radius around the sensor within which space counts as observed once as free, unless it was observed occupied or is hidden behind what was, metres; 0 for
+    /// none. At most 128 voxels are used.
+    pub robot_radius: f32,
 }
+
+/// Largest radius of the robot's own space, finest voxels.
+pub(super) const MAX_ROBOT_RADIUS_VOXELS: f32 = 128.0;
 
 impl Default for OccupancySettings {
     fn default() -> Self {
@@ -39,6 +45,7 @@ impl Default for OccupancySettings {
             sigma_per_metre: 0.0005,
             thickness_voxels: 1.5,
             clear_no_return: false,
+            robot_radius: 0.0,
         }
     }
 }

@@ -120,6 +120,7 @@ pub(super) fn write_outcomes(field: &mut OccupancyField, tasks: &[BlockTask], ou
                 octants.prefetch(next.octant.position());
             }
             changed.add(blocks[task.block].key, 0);
+            changed.add_flip(blocks[task.block].key, 0, outcome.flips);
             let at = task.octant.position();
             match outcome.uniform {
                 Some(value) => {

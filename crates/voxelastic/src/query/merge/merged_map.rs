@@ -106,7 +106,7 @@ fn insert_items(field: &mut OccupancyField, items: impl Iterator<Item = MergedIt
         };
         changed.add(key, level);
     }
-    changed.propagate(field);
+    changed.propagate_unlogged(field);
 }
 
 /// Merges a cube: appends its items in Morton order.
