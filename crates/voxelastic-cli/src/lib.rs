@@ -34,8 +34,8 @@ mod watching;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, eval, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render, repair, report,
-    simulate, slice, view,
+    bench, config as config_command, demo, esdf, eval, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render, repair,
+    report, simulate, slice, view,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -83,6 +83,7 @@ enum Command {
     Export(export::ExportArgs),
     Report(report::ReportArgs),
     Plan(plan::PlanArgs),
+    Esdf(esdf::EsdfArgs),
     Repair(repair::RepairArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
@@ -152,6 +153,7 @@ impl Command {
             Self::Export(args) => export::run(args),
             Self::Report(args) => report::run(args),
             Self::Plan(args) => plan::run(args),
+            Self::Esdf(args) => esdf::run(args),
             Self::Repair(args) => repair::run(args),
             Self::Heldout(args) => heldout::run(args, quiet),
             Self::Eval(args) => eval::run(args),

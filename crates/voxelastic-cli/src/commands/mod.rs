@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod config;
 pub mod demo;
+pub mod esdf;
 pub mod eval;
 pub mod export;
 pub mod heldout;

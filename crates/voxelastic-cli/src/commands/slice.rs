@@ -62,7 +62,8 @@ pub struct SliceArgs {
     json: bool,
 }
 
-fn metres(text: &str) -> Result<f64, String> {
+/// Parses a coordinate.
+pub fn metres(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "must be a number of metres".to_owned())
 }
 

@@ -1,0 +1,134 @@
+//! Which blocks have to be recomputed: those within reach of changed ones, gathered in tiles of 4 x 4 x 4 blocks.
+
+use hashbrown::HashMap;
+use voxelastic::octree::block_coords;
+
+/// Blocks along the edge of a tile.
+pub(crate) const TILE: usize = 4;
+/// Room around a tile for its dilation, blocks: two tiles on each side.
+const MARGIN: usize = 2 * TILE;
+const WINDOW: usize = TILE + 2 * MARGIN;
+
+/// A set of blocks: a bit per block of a tile, x fastest, by the tile's coordinates.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct BlockSet {
+    tiles: HashMap<[i32; 3], u64>,
+}
+
+/// Bit of a block in its tile.
+fn bit(block: [i32; 3]) -> u32 {
+    let [x, y, z] = block.map(|c| (c & 3) as u32);
+    x + 4 * y + 16 * z
+}
+
+impl BlockSet {
+    /// Adds the octant of `level` whose first block has `key`: only the blocks at its faces if `hollow`.
+    pub fn add_octant(&mut self, key: u64, level: u32, hollow: bool) {
+        let (low, edge) = (block_coords(key), 1i32 << level);
+        for z in 0..edge {
+            for y in 0..edge {
+                let is_face = |c: i32| c == 0 || c == edge - 1;
+                let step = if hollow && !is_face(z) && !is_face(y) { (edge - 1).max(1) } else { 1 };
+                for x in (0..edge).step_by(step as usize) {
+                    let block = [low[0] + x, low[1] + y, low[2] + z];
+                    *self.tiles.entry(block.map(|c| c >> 2)).or_default() |= 1 << bit(block);
+                }
+            }
+        }
+    }
+
+    /// The set of all blocks that are no farther than `by` blocks, at most 8, from one of this set along every axis.
+    pub fn dilated(&self, by: usize) -> Self {
+        let mut result = Self::default();
+        for (tile, mask) in &self.tiles {
+            let mut rows = [[0u32; WINDOW]; WINDOW];
+            for z in 0..TILE {
+                for y in 0..TILE {
+                    let row = (mask >> (4 * y + 16 * z) & 15) as u32;
+                    let dilated = (0..=2 * by).fold(0, |all, shift| all | row << (MARGIN - by + shift));
+                    (MARGIN + y - by..=MARGIN + y + by).for_each(|y| rows[MARGIN + z][y] |= dilated);
+                }
+            }
+            let mut planes = [[0u32; WINDOW]; WINDOW];
+            for z in MARGIN..MARGIN + TILE {
+                for plane in &mut planes[z - by..=z + by] {
+                    plane.iter_mut().zip(&rows[z]).for_each(|(all, row)| *all |= row);
+                }
+            }
+            result.add_window(*tile, &planes);
+        }
+        result
+    }
+
+    /// Adds a window of blocks around a tile.
+    fn add_window(&mut self, tile: [i32; 3], planes: &[[u32; WINDOW]; WINDOW]) {
+        for z in 0..WINDOW / TILE {
+            for y in 0..WINDOW / TILE {
+                for x in 0..WINDOW / TILE {
+                    let mut mask = 0u64;
+                    for (row, shift) in (0..TILE * TILE).zip((0..).step_by(TILE)) {
+                        let bits = planes[z * TILE + row / TILE][y * TILE + row % TILE] >> (x * TILE) & 15;
+                        mask |= u64::from(bits) << shift;
+                    }
+                    if mask != 0 {
+                        let offset = [x, y, z].map(|c| c as i32 - (MARGIN / TILE) as i32);
+                        *self.tiles.entry(std::array::from_fn(|k| tile[k] + offset[k])).or_default() |= mask;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The tiles in the order of their coordinates.
+    pub fn into_tiles(self) -> Vec<([i32; 3], u64)> {
+        let mut tiles: Vec<_> = self.tiles.into_iter().collect();
+        tiles.sort_unstable();
+        tiles
+    }
+
+    /// Whether a block is in the set.
+    #[cfg(test)]
+    fn contains(&self, block: [i32; 3]) -> bool {
+        self.tiles.get(&block.map(|c| c >> 2)).is_some_and(|mask| mask >> bit(block) & 1 == 1)
+    }
+}
+
+/// Coordinates in its tile of the block with number `bit`.
+pub(crate) fn block_of_bit(bit: usize) -> [usize; 3] {
+    [bit & 3, bit >> 2 & 3, bit >> 4]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use voxelastic::octree::block_key;
+
+    proptest! {
+        #[test]
+        fn a_dilated_set_has_the_blocks_around_its_octants(
+            octants in prop::collection::vec((prop::array::uniform3(-20i32..20), 0u32..4), 1..4),
+            by in 0usize..=8,
+            hollow in any::<bool>(),
+        ) {
+            let mut set = BlockSet::default();
+            let octants: Vec<([i32; 3], u32)> = octants.into_iter().map(|(c, level)| {
+                let key = block_key(c) >> (3 * level) << (3 * level);
+                set.add_octant(key, level, hollow);
+                (block_coords(key), level)
+            }).collect();
+            let dilated = set.dilated(by);
+            for i in 0..60i32.pow(3) {
+                let block = [i % 60 - 30, i / 60 % 60 - 30, i / 3600 - 30];
+                let by = by as i32;
+                let is_near = |(low, level): &([i32; 3], u32)| {
+                    let high = low.map(|c| c + (1 << level) - 1);
+                    let outside = (0..3).map(|k| (low[k] - block[k]).max(block[k] - high[k]).max(0)).max().unwrap_or(0);
+                    let inside = (0..3).map(|k| (block[k] - low[k]).min(high[k] - block[k])).min().unwrap_or(0);
+                    outside <= by && !(hollow && inside > by)
+                };
+                prop_assert_eq!(dilated.contains(block), octants.iter().any(is_near), "{:?} around {:?} by {}", block, octants, by);
+            }
+        }
+    }
+}
