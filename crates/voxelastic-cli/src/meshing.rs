@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use crate::precision;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
-use voxelastic::atlas::fusion::Agreement;
+use voxelastic::atlas::fusion::{Agreement, PairAgreement};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
 use voxelastic::meshing::OneSurface;
@@ -154,6 +154,8 @@ pub struct MapMesh {
     pub submaps: Vec<SubmapId>,
     /// How well the submaps agree, if they were fused.
     pub agreement: Option<Agreement>,
+    /// The same by pairs of submaps.
+    pub pairs: Vec<PairAgreement>,
     /// What was left out for lack of evidence, if anything could be.
     pub crumbs: Option<Crumbs>,
 }
@@ -173,8 +175,42 @@ impl LeftOut {
     }
 }
 
-/// What fusing submaps for a surface found, as `--json` has it.
+/// How two submaps agree, as `--json` has it: places on their surfaces, those of them that have a partner, and how far these are apart in millimetres.
 #[derive(Clone, Copy, Debug, Serialize)]
+pub struct Pair {
+    /// The two submaps.
+    pub submaps: [SubmapId; 2],
+    /// Places of one that lie where the other has a surface, too.
+    pub places: u64,
+    /// Of these, those where the other has the same surface, up to five voxels away.
+    pub matched: u64,
+    /// How far apart these are, with the poses as they are.
+    pub apart_mm: f64,
+    /// The same after bending.
+    pub left_mm: f64,
+}
+
+impl Pair {
+    /// Pairs of submaps in a map with finest voxels of `voxel` metres.
+    pub fn all(pairs: &[PairAgreement], voxel: f32) -> Vec<Self> {
+        let millimetres = |voxels: f64| millimetres(voxels, voxel);
+        let of = |pair: &PairAgreement| Self {
+            submaps: pair.submaps,
+            places: pair.places,
+            matched: pair.matched,
+            apart_mm: millimetres(pair.apart),
+            left_mm: millimetres(pair.left),
+        };
+        pairs.iter().map(of).collect()
+    }
+}
+
+fn millimetres(voxels: f64, voxel: f32) -> f64 {
+    (voxels * f64::from(voxel) * 1e5).round() / 100.0
+}
+
+/// What fusing submaps for a surface found, as `--json` has it.
+#[derive(Clone, Debug, Serialize)]
 pub struct Fused {
     /// Voxels that one submap alone observed.
     alone: u64,
@@ -184,13 +220,16 @@ pub struct Fused {
     /// Voxels at which submaps contradict, and their mean difference there, millimetres.
     refused: u64,
     refused_apart_mm: f64,
+    /// The same by pairs of submaps.
+    pairs: Vec<Pair>,
 }
 
 impl Fused {
     /// The counts of `mesh`, of a map with finest voxels of `voxel` metres; none if submaps were not fused.
     pub fn of(mesh: &MapMesh, voxel: f32) -> Option<Self> {
-        let millimetres = |voxels: f64| (voxels * f64::from(voxel) * 1e5).round() / 100.0;
+        let millimetres = |voxels: f64| millimetres(voxels, voxel);
         mesh.agreement.map(|found| Self {
+            pairs: Pair::all(&mesh.pairs, voxel),
             alone: found.alone,
             merged: found.merged,
             merged_apart_mm: millimetres(found.merged_apart()),
@@ -227,13 +266,13 @@ pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerA
     if layers.shells || fields == 0 || !is_measured {
         return shells(atlas, voxel, surface);
     }
-    let OneSurface { mesh, agreement, crumbs, .. } = atlas.one_surface(&surface.options());
+    let OneSurface { mesh, agreement, pairs, crumbs, .. } = atlas.one_surface(&surface.options());
     if mesh.triangles.is_empty() {
         return Err(surface.empty_error());
     }
     let only = atlas.submaps().iter().find(|submap| fields == 1 && !submap.tsdf().is_empty());
     let submaps = only.map_or_else(Vec::new, |submap| vec![submap.id(); mesh.positions.len()]);
-    Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), crumbs: (!surface.keep_all).then_some(crumbs) })
+    Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), pairs, crumbs: (!surface.keep_all).then_some(crumbs) })
 }
 
 /// Points on the surfaces of all submaps, in the map frame.

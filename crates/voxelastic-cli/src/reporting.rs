@@ -2,7 +2,7 @@
 
 use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
 use crate::failure::one_line;
-use crate::meshing::SurfaceArgs;
+use crate::meshing::{Pair, SurfaceArgs};
 use crate::usage::megabytes;
 use anyhow::Context;
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ use voxelastic::settings::Settings;
 use voxelastic_eval::colour::palette;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_io::store::{MapDetails, MapStore};
-use voxelastic_report::content::{Distances, Fact, Node};
+use voxelastic_report::content::{Distances, Fact, Node, Table};
 use voxelastic_report::surface::{RootPose, Surface};
 use voxelastic_report::{Report, RunLog};
 
@@ -24,6 +24,9 @@ use voxelastic_report::{Report, RunLog};
 const BLOCKS_PER_DETAIL: [usize; 3] = [600_000, 2_400_000, 9_600_000];
 /// The page has a slider for corrections only if one moved a submap farther than this, metres.
 const LEAST_MOVE: f64 = 0.02;
+/// Pairs of submaps with fewer places in common say nothing; and the page shows this many pairs.
+const LEAST_PLACES: u64 = 100;
+const MOST_PAIRS: usize = 12;
 
 /// A map to report on.
 pub struct Subject<'a> {
@@ -48,6 +51,7 @@ impl Subject<'_> {
         report.nodes = nodes(self.atlas);
         report.facts = self.facts(&report.nodes);
         report.surface = self.surfaces();
+        report.tables.extend(self.disagreement());
         report.details = self.details.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
         report.details.extend(self.details.sensor.iter().map(|(k, v)| (format!("sensor {k}"), v.clone())));
         report.details.push(("generator".to_owned(), self.details.generator.clone()));
@@ -107,6 +111,29 @@ impl Subject<'_> {
             }
         };
         self.atlas.submaps().iter().map(of).collect()
+    }
+
+    /// Where submaps disagree, the worst pairs first; none if no two have a surface in the same place.
+    fn disagreement(&self) -> Option<Table> {
+        let mut pairs = Pair::all(&self.atlas.pair_agreement(), self.settings.voxel_size);
+        pairs.retain(|pair| pair.places >= LEAST_PLACES);
+        pairs.sort_by_key(|pair| (pair.matched * 1000 / pair.places, pair.submaps));
+        pairs.truncate(MOST_PAIRS);
+        let row = |pair: &Pair| {
+            let [a, b] = pair.submaps;
+            let same = 100.0 * pair.matched as f64 / pair.places as f64;
+            vec![
+                format!("{a} and {b}"),
+                pair.places.to_string(),
+                format!("{same:.0}"),
+                format!("{:.0}", pair.apart_mm),
+                format!("{:.0}", pair.left_mm),
+            ]
+        };
+        let columns = ["submaps", "places on surfaces of both", "the same surface, %", "apart, mm", "after bending, mm"].map(str::to_owned).into();
+        let note = "Places are at most one for each block where both submaps have a surface. Low shares are of submaps that see much from different sides, or of poses that are wrong by more than five voxels.";
+        let rows: Vec<Vec<String>> = pairs.iter().map(row).collect();
+        (!rows.is_empty()).then(|| Table { title: "Where submaps disagree".to_owned(), note: note.to_owned(), columns, rows })
     }
 
     /// Poses of the submaps without corrections, from the poses of the scans at their integration. Empty if they are those of the map.

@@ -1,9 +1,12 @@
 //! Meshes of an atlas and of its submaps.
 
-use crate::atlas::fusion::{Agreement, OneField};
+use crate::atlas::fusion::{Agreement, OneField, PairAgreement};
 use crate::atlas::{Atlas, Submap};
 use crate::geometry::Rigid;
-use crate::surface::{Crumbs, Mesh, MeshOptions, extract, extract_evident, extract_onto};
+use crate::surface::{Crumbs, Mesh, MeshOptions, extract, extract_joined, extract_onto};
+
+/// log2 of the edge of the tiles in blocks that the whole surface is made in. The mesh does not depend on it.
+const TILE_SHIFT: u32 = 4;
 
 /// The surface of an atlas, how well its submaps agree, and what was left out.
 #[derive(Clone, Debug, Default)]
@@ -13,6 +16,8 @@ pub struct OneSurface {
     pub mesh: Mesh,
     /// What was merged and what contradicts; zero if a single submap has a TSDF.
     pub agreement: Agreement,
+    /// The same by pairs of [`tsdfs`](Atlas::tsdfs) that have surfaces in the same places.
+    pub pairs: Vec<PairAgreement>,
     /// Pieces that were left out because they have too little evidence.
     pub crumbs: Crumbs,
 }
@@ -39,11 +44,14 @@ impl Atlas {
         let mut one = OneSurface::default();
         match self.tsdfs()[..] {
             [] => {}
-            [(field, pose)] => one.crumbs = extract_evident(&mut one.mesh, field, self.voxel_size(), options, Some(&Rigid::from(&pose))),
+            [(field, pose)] => {
+                (one.mesh, one.crumbs) = extract_joined(field, self.voxel_size(), options, TILE_SHIFT);
+                one.mesh.transform(&Rigid::from(&pose));
+            }
             _ => {
-                let OneField { field, agreement } = OneField::new(self);
-                one.crumbs = extract_evident(&mut one.mesh, &field, self.voxel_size(), options, None);
-                one.agreement = agreement;
+                let fused = OneField::new(self);
+                (one.mesh, one.crumbs) = extract_joined(&fused.field, self.voxel_size(), options, TILE_SHIFT);
+                (one.agreement, one.pairs) = (fused.agreement(), fused.pairs);
             }
         }
         one

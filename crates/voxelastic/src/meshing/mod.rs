@@ -1,7 +1,9 @@
 //! Meshes of an atlas: of all submaps in the map frame, or of single submaps in their own frames, cached.
 
 mod atlas_mesh;
+mod fused_surface;
 mod mesh_cache;
 
 pub use atlas_mesh::OneSurface;
+pub use fused_surface::{FusedSurface, TileKey};
 pub use mesh_cache::MeshCache;

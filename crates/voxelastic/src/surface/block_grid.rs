@@ -25,7 +25,7 @@ pub(super) const CENTRE: usize = 13;
 pub(super) struct BlockHead {
     pub id: u32,
     pub scale: u8,
-    key: u64,
+    pub key: u64,
 }
 
 impl BlockHead {

@@ -70,14 +70,17 @@ impl Kernel for FindCrossings<'_> {
                 add_cells(part, &cells, n, triangles);
             }
             part.ends.push(part.cells.len() as u32);
-            if neighbours.coarser != 0 {
-                let Some(seams) = owned_seams(neighbours, n) else { continue };
-                let Some(mut cells) = SurfaceCells::find(&padded.with_coarser(), filled, neighbours, head) else { continue };
+            part.triangle_ends.push(part.cell_triangles as u32);
+            if neighbours.coarser != 0
+                && let Some(seams) = owned_seams(neighbours, n)
+                && let Some(mut cells) = SurfaceCells::find(&padded.with_coarser(), filled, neighbours, head)
+            {
                 for i in 0..seams.len() {
                     cells.rows[i] &= seams[i];
                 }
                 add_seams(part, &cells, filled, neighbours, head);
             }
+            part.seam_ends.push(part.seams.len() as u32);
         }
     }
 }

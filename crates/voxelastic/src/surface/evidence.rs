@@ -3,8 +3,10 @@
 //! Returns from dust, from leaves and from the edges of things, scans that are a little off and things that moved leave crumbs: pieces of a few triangles that few rays
 //! saw. A piece's evidence is the sum of the observations at its vertices, so that one that is large, or was seen often, stays. Measurements of a
 //! surface that is there agree on its direction, and those of a crumb do not: a flat piece needs much less evidence.
+//!
+//! All sums are of whole numbers, so that a piece that lies in several tiles has the same evidence however it is divided.
 
-use super::block_grid::{BlockGrid, PART};
+use super::block_grid::BlockHead;
 use super::block_masks::coords;
 use super::mesh::Mesh;
 use super::mesh_part::BlockVertices;
@@ -13,16 +15,18 @@ use super::resolved_blocks::ResolvedBlocks;
 use super::vertices::mask_index;
 use crate::field::tsdf::{Voxel, WEIGHT_ONE};
 use crate::octree::{voxel_index, voxels_at};
-use rayon::prelude::*;
 
 /// Least evidence of a piece that stays: observations, summed over its vertices.
 const LEAST_EVIDENCE: u32 = 120;
 /// The same for a flat piece ...
 const LEAST_OF_FLAT: u32 = 12;
 /// ... whose mean normal is at least this long.
-const FLAT: f32 = 0.95;
+const FLAT: f64 = 0.95;
 /// A vertex counts as this many observations at most, so that a piece of a few triangles is a crumb however often it was seen.
 const MOST_OF_ONE: u16 = 8;
+/// Steps of the components of normals, and of areas in square metres.
+const NORMAL_STEPS: f32 = 4096.0;
+const AREA_STEPS: f64 = 1e9;
 
 /// What was left out of a surface for lack of evidence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,67 +39,113 @@ pub struct Crumbs {
     pub area: f64,
 }
 
-/// Removes the pieces with too little evidence from the end of `mesh`, from the `first` vertex and triangle on, whose vertices are those of `blocks`.
-pub(super) fn remove_crumbs(mesh: &mut Mesh, first: [usize; 2], resolved: &ResolvedBlocks<'_>, grid: &BlockGrid, blocks: &[BlockVertices]) -> Crumbs {
-    let pieces = Pieces::new(&mesh.triangles[first[1]..], first[0] as u32, mesh.positions.len() - first[0]);
-    let is_small = |v: usize| pieces.vertices(v) < LEAST_EVIDENCE;
-    let mut evidence = vec![0u32; mesh.positions.len() - first[0]];
-    for (v, weight) in weights(resolved, grid, blocks, is_small).into_iter().flatten() {
-        evidence[pieces.lowest(v as usize)] += u32::from(weight.min(MOST_OF_ONE * WEIGHT_ONE));
+impl Crumbs {
+    /// Adds a piece.
+    pub(super) fn add(&mut self, piece: &Evidence) {
+        self.pieces += 1;
+        self.triangles += u64::from(piece.triangles);
+        self.area += piece.area as f64 / AREA_STEPS;
     }
-    let mut normals = vec![[0f32; 3]; evidence.len()];
-    for (v, n) in mesh.normals[first[0]..].iter().enumerate().filter(|(v, _)| is_small(*v)) {
-        let sum = &mut normals[pieces.lowest(v)];
-        *sum = std::array::from_fn(|k| sum[k] + n[k]);
-    }
-    let least = |v: usize| {
-        let flat = FLAT * pieces.vertices(v) as f32;
-        if normals[pieces.lowest(v)].iter().map(|c| c * c).sum::<f32>() < flat * flat { LEAST_EVIDENCE } else { LEAST_OF_FLAT }
-    };
-    let stays = |v: usize| !is_small(v) || evidence[pieces.lowest(v)] >= least(v) * u32::from(WEIGHT_ONE);
-    let mut crumbs = Crumbs { pieces: (0..evidence.len()).filter(|&v| pieces.lowest(v) == v && !stays(v)).count() as u64, ..Crumbs::default() };
-    if crumbs.pieces > 0 {
-        for t in mesh.triangles[first[1]..].iter().filter(|t| !stays(t[0] as usize - first[0])) {
-            crumbs.triangles += 1;
-            crumbs.area += area(t.map(|v| mesh.positions[v as usize]));
-        }
-        mesh.retain_from(first, stays);
-    }
-    crumbs
 }
 
-/// For each part of the blocks, the vertices that are `wanted`, and the weight of the less observed one of the two voxels between which each lies; of a
-/// pair with a filled voxel, or of two blocks, that of the vertex' own one.
-fn weights(resolved: &ResolvedBlocks<'_>, grid: &BlockGrid, blocks: &[BlockVertices], wanted: impl Fn(usize) -> bool + Sync) -> Vec<Vec<(u32, u16)>> {
-    let parts = blocks.par_chunks(PART).zip(grid.heads.par_chunks(PART));
-    let weights = parts.map(|(blocks, heads)| {
-        let (mut weights, mut voxels) = (Vec::new(), [Voxel::default(); voxels_at(0)]);
-        for (block, head) in blocks.iter().zip(heads) {
-            if !(block.first..block.first + block.count()).any(|v| wanted(v as usize)) {
-                continue;
-            }
-            resolved.copy(head.id, &mut voxels);
-            let weight = |c: [usize; 3]| voxels[voxel_index(c, head.scale.into()) % voxels_at(0)].weight;
-            let mut next = block.first;
-            for (word, &bits) in block.words.iter().enumerate() {
-                let mut left = bits;
-                while left != 0 {
-                    let here = coords(mask_index(word, left.trailing_zeros() as usize));
-                    left &= left - 1;
-                    if wanted(next as usize) {
-                        let mut there = here;
-                        if word < 24 && here[word / 8] + 1 < head.edge() {
-                            there[word / 8] += 1;
-                        }
-                        weights.push((next, less_known(weight(here), weight(there))));
+/// What speaks for a piece of a surface, or for a part of one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Evidence {
+    vertices: u32,
+    triangles: u32,
+    /// Observations at its vertices, by [`WEIGHT_ONE`]; not known for a part that is enough by itself.
+    observations: u32,
+    /// Sum of the normals at its vertices, in steps.
+    normals: [i64; 3],
+    /// In steps.
+    area: u64,
+}
+
+impl Evidence {
+    /// Adds another part of the same piece.
+    pub fn add(&mut self, other: &Self) {
+        self.vertices += other.vertices;
+        self.triangles += other.triangles;
+        self.observations = self.observations.saturating_add(other.observations);
+        self.area += other.area;
+        (0..3).for_each(|k| self.normals[k] += other.normals[k]);
+    }
+
+    /// Whether it is enough for the piece to stay.
+    pub fn is_enough(&self) -> bool {
+        let flat = FLAT * f64::from(self.vertices) * f64::from(NORMAL_STEPS);
+        let is_flat = self.normals.iter().map(|c| (*c as f64).powi(2)).sum::<f64>() >= flat * flat;
+        let least = if is_flat { LEAST_OF_FLAT } else { LEAST_EVIDENCE };
+        self.vertices >= LEAST_EVIDENCE || self.observations >= least * u32::from(WEIGHT_ONE)
+    }
+}
+
+/// The piece of each vertex of a tile's mesh, and what the tile has of the evidence of each: its first `own` vertices, which are those of `blocks`, and its triangles.
+pub(super) fn pieces_of(
+    mesh: &Mesh,
+    own: usize,
+    resolved: &ResolvedBlocks<'_>,
+    heads: &[BlockHead],
+    blocks: &[BlockVertices],
+) -> (Vec<u32>, Vec<Evidence>) {
+    let count = mesh.positions.len();
+    let pieces = Pieces::new(&mesh.triangles, 0, count);
+    let (mut piece_of, mut evidence) = (vec![0; count], Vec::new());
+    for v in 0..count {
+        let lowest = pieces.lowest(v);
+        if lowest == v {
+            piece_of[v] = evidence.len() as u32;
+            evidence.push(Evidence::default());
+        }
+        piece_of[v] = piece_of[lowest];
+        if v < own {
+            let piece = &mut evidence[piece_of[v] as usize];
+            piece.vertices += 1;
+            (0..3).for_each(|k| piece.normals[k] += (mesh.normals[v][k] * NORMAL_STEPS) as i64);
+        }
+    }
+    for t in &mesh.triangles {
+        let piece = &mut evidence[piece_of[t[0] as usize] as usize];
+        piece.triangles += 1;
+        piece.area += (area(t.map(|v| mesh.positions[v as usize])) * AREA_STEPS).round() as u64;
+    }
+    let is_small: Vec<bool> = evidence.iter().map(|piece| piece.vertices < LEAST_EVIDENCE).collect();
+    for (v, weight) in weights(resolved, heads, blocks, |v| is_small[piece_of[v] as usize]) {
+        evidence[piece_of[v as usize] as usize].observations += u32::from(weight.min(MOST_OF_ONE * WEIGHT_ONE));
+    }
+    (piece_of, evidence)
+}
+
+/// Of the vertices of some blocks, numbered from zero on, those that are `wanted`, and the weight of the less observed one of the two voxels between which each
+/// lies; of a pair with a filled voxel, or of two blocks, that of the vertex' own one.
+fn weights(resolved: &ResolvedBlocks<'_>, heads: &[BlockHead], blocks: &[BlockVertices], wanted: impl Fn(usize) -> bool) -> Vec<(u32, u16)> {
+    let (mut weights, mut voxels) = (Vec::new(), [Voxel::default(); voxels_at(0)]);
+    let Some(start) = blocks.first().map(|block| block.first) else { return weights };
+    for (block, head) in blocks.iter().zip(heads) {
+        let first = block.first - start;
+        if !(first..first + block.count()).any(|v| wanted(v as usize)) {
+            continue;
+        }
+        resolved.copy(head.id, &mut voxels);
+        let weight = |c: [usize; 3]| voxels[voxel_index(c, head.scale.into()) % voxels_at(0)].weight;
+        let mut next = first;
+        for (word, &bits) in block.words.iter().enumerate() {
+            let mut left = bits;
+            while left != 0 {
+                let here = coords(mask_index(word, left.trailing_zeros() as usize));
+                left &= left - 1;
+                if wanted(next as usize) {
+                    let mut there = here;
+                    if word < 24 && here[word / 8] + 1 < head.edge() {
+                        there[word / 8] += 1;
                     }
-                    next += 1;
+                    weights.push((next, less_known(weight(here), weight(there))));
                 }
+                next += 1;
             }
         }
-        weights
-    });
-    weights.collect()
+    }
+    weights
 }
 
 /// The smaller of two weights, ignoring one that is zero.

@@ -8,13 +8,12 @@ use super::block_grid::{BlockGrid, PART};
 use super::block_masks::MaskedField;
 use super::colour;
 use super::crossings;
-use super::evidence::{Crumbs, remove_crumbs};
 use super::fill_holes::FilledField;
 use super::mesh::Mesh;
 use super::mesh_part::{BlockVertices, MeshPart};
 use super::resolved_blocks::ResolvedBlocks;
 use super::simplify::coarsen;
-use super::triangles::Connect;
+use super::triangles::{Connect, NORMAL_STEPS, NormalSum, added};
 use super::vertices::PlaceVertices;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
@@ -50,19 +49,25 @@ pub fn extract(field: &TsdfField, voxel: f32, options: &MeshOptions) -> Mesh {
 
 /// Appends the result of [`extract`], transformed by `t`, to `mesh`. For many fields this is faster than appending meshes.
 pub fn extract_onto(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) {
-    extract_evident(mesh, field, voxel, &MeshOptions { keep_all: true, ..options.clone() }, t);
-}
-
-/// As [`extract_onto`], but leaves out pieces with little evidence unless `options` keep them. Returns what was left out.
-pub(crate) fn extract_evident(mesh: &mut Mesh, field: &TsdfField, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) -> Crumbs {
     if field.is_empty() {
-        return Crumbs::default();
+        return;
     }
-    extract_resolved(mesh, &ResolvedBlocks::new(field), voxel, options, t)
+    let first = [mesh.positions.len(), mesh.triangles.len()];
+    extract_blocks(mesh, &ResolvedBlocks::new(field), voxel, options);
+    coarsen(mesh, first, voxel, options.lod);
+    if let Some(t) = t {
+        mesh.transform_from(first[0], t);
+    }
 }
 
-/// As [`extract_evident`], of blocks that are resolved, which may be some of a field's.
-pub(super) fn extract_resolved(mesh: &mut Mesh, resolved: &ResolvedBlocks<'_>, voxel: f32, options: &MeshOptions, t: Option<&Rigid>) -> Crumbs {
+/// Appends the surface of blocks that are resolved, which may be some of a field's, to `mesh`: at full detail, and all of it. Returns the blocks, their vertices, and
+/// the cells and triangles of parts of them.
+pub(super) fn extract_blocks(
+    mesh: &mut Mesh,
+    resolved: &ResolvedBlocks<'_>,
+    voxel: f32,
+    options: &MeshOptions,
+) -> (BlockGrid, Vec<BlockVertices>, Vec<MeshPart>) {
     let grid = BlockGrid::new(resolved);
     let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
     let masked = MaskedField::new(resolved, &grid, min_weight);
@@ -70,15 +75,10 @@ pub(super) fn extract_resolved(mesh: &mut Mesh, resolved: &ResolvedBlocks<'_>, v
     let (vertices, parts) = crossings::find(&filled);
     let first = [mesh.positions.len(), mesh.triangles.len()];
     let (counts, intensities) = place_vertices(mesh, &filled, resolved, &vertices, voxel);
-    connect(mesh, first[0], &grid, &vertices, &parts, &counts);
+    connect(mesh, first[0], (&grid, voxel), (&vertices, &counts), &parts);
     let colours = colour::of_vertices(resolved.field, voxel, mesh, first);
     mesh.append_attributes(first[0], &intensities, &colours);
-    let crumbs = if options.keep_all { Crumbs::default() } else { remove_crumbs(mesh, first, resolved, &grid, &vertices) };
-    coarsen(mesh, first, voxel, options.lod);
-    if let Some(t) = t {
-        mesh.transform_from(first[0], t);
-    }
-    crumbs
+    (grid, vertices, parts)
 }
 
 /// Computes the positions of all vertices; returns the number of vertices of each part, and their intensities if there are any.
@@ -122,22 +122,28 @@ fn place_vertices(
     (counts, intensities)
 }
 
-/// Writes all triangles, and sets the normals of the vertices from `offset` on to the mean of their triangles' normals, weighted by area.
-fn connect(mesh: &mut Mesh, offset: usize, grid: &BlockGrid, vertices: &[BlockVertices], parts: &[MeshPart], counts: &[usize]) {
+/// Writes all triangles, and sets the normals of the vertices from `offset` on to the mean of their triangles' normals, weighted by area; finest voxels have
+/// edges of `voxel` metres.
+fn connect(mesh: &mut Mesh, offset: usize, (grid, voxel): (&BlockGrid, f32), (vertices, counts): (&[BlockVertices], &[usize]), parts: &[MeshPart]) {
     let sizes: Vec<usize> = parts.iter().map(MeshPart::triangles).collect();
     let positions = &mesh.positions[offset..];
     let triangles = grow(&mut mesh.triangles, sizes.iter().sum(), [0; 3]);
-    let normals = grow(&mut mesh.normals, positions.len(), [0.0; 3]);
-    let tasks = (parts, split_at_lengths(triangles, &sizes), split_at_lengths(normals, counts)).into_par_iter().enumerate();
-    let foreign: Vec<Vec<(u32, [f32; 3])>> = tasks
+    let mut sums: Vec<NormalSum> = vec![[0; 3]; positions.len()];
+    let steps = NORMAL_STEPS / (voxel * voxel);
+    let tasks = (parts, split_at_lengths(triangles, &sizes), split_at_lengths(&mut sums, counts)).into_par_iter().enumerate();
+    let foreign: Vec<Vec<(u32, NormalSum)>> = tasks
         .map(|(i, (part, triangles, normals))| {
             let (first, mut foreign) = (i * PART, Vec::new());
             let (first_normal, offset) = (vertices[first].first, offset as u32);
-            dispatch(Connect { grid, vertices, first, part, positions, triangles, offset, normals, first_normal, foreign: &mut foreign });
+            dispatch(Connect { grid, vertices, first, part, positions, triangles, offset, normals, first_normal, foreign: &mut foreign, steps });
             foreign
         })
         .collect();
-    mesh.add_to_normals(offset, foreign.into_iter().flatten());
+    for (vertex, normal) in foreign.into_iter().flatten() {
+        let sum = &mut sums[vertex as usize];
+        *sum = added(*sum, normal);
+    }
+    mesh.normals.extend(sums.iter().map(|sum| sum.map(|v| v as f32)));
     mesh.normalise_from(offset);
 }
 

@@ -22,14 +22,6 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Adds to the normals of some vertices, numbered from `first` on.
-    pub(super) fn add_to_normals(&mut self, first: usize, normals: impl Iterator<Item = (u32, [f32; 3])>) {
-        for (vertex, n) in normals {
-            let normal = &mut self.normals[first + vertex as usize];
-            *normal = std::array::from_fn(|k| normal[k] + n[k]);
-        }
-    }
-
     /// Normalises the normals of the vertices from `first` on; zero becomes +z.
     pub(super) fn normalise_from(&mut self, first: usize) {
         self.normals[first..].par_chunks_mut(1024).for_each(|normals| dispatch(Normalise { normals }));
@@ -53,32 +45,6 @@ impl Mesh {
         self.normals[first..].par_iter_mut().for_each(|n| *n = t.rotate(*n));
     }
 
-    /// Of the vertices and triangles from `first` on, keeps those whose vertices stay; `stays` is asked for numbers counted from the first vertex, and is
-    /// the same for all vertices of a triangle.
-    pub(super) fn retain_from(&mut self, first: [usize; 2], stays: impl Fn(usize) -> bool) {
-        let mut number = first[0] as u32;
-        let numbers: Vec<Option<u32>> = (0..self.positions.len() - first[0])
-            .map(|v| {
-                let kept = stays(v).then_some(number);
-                number += u32::from(kept.is_some());
-                kept
-            })
-            .collect();
-        retain(&mut self.positions, first[0], &numbers);
-        retain(&mut self.normals, first[0], &numbers);
-        retain(&mut self.intensities, first[0], &numbers);
-        retain(&mut self.colours, first[0], &numbers);
-        retain(&mut self.scales, first[0], &numbers);
-        let mut kept = first[1];
-        for i in first[1]..self.triangles.len() {
-            if let [Some(a), Some(b), Some(c)] = self.triangles[i].map(|v| numbers[v as usize - first[0]]) {
-                self.triangles[kept] = [a, b, c];
-                kept += 1;
-            }
-        }
-        self.triangles.truncate(kept);
-    }
-
     /// Appends `other`, transformed by `t`.
     pub fn append(&mut self, other: &Mesh, t: &Rigid) {
         let first = self.positions.len() as u32;
@@ -97,19 +63,6 @@ fn append<V: Copy>(all: &mut Vec<V>, values: &[V], first: usize, end: usize, unk
         all.extend_from_slice(values);
         all.resize(end, unknown);
     }
-}
-
-/// Moves the values of the vertices from `first` on that have new numbers to these, if there are values.
-fn retain<V: Copy>(all: &mut Vec<V>, first: usize, numbers: &[Option<u32>]) {
-    if all.is_empty() {
-        return;
-    }
-    let mut end = first;
-    for (v, number) in numbers.iter().enumerate().filter_map(|(v, number)| Some((v, (*number)? as usize))) {
-        all[number] = all[first + v];
-        end = number + 1;
-    }
-    all.truncate(end);
 }
 
 /// Normals per vector.

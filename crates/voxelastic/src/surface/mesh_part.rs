@@ -6,6 +6,7 @@
 
 use crate::simd::bits::rank;
 use bytemuck::Zeroable;
+use std::ops::Range;
 
 /// The vertices of a block. Words 0 to 23: a bit per voxel, layer by layer, for the edge to the next voxel along x, y and z. Words 24 to 26: a bit
 /// per voxel on the block's lower faces for the edge to a larger voxel before it.
@@ -23,6 +24,14 @@ impl BlockVertices {
     #[inline(always)]
     pub fn number(&self, word: usize, bit: usize) -> u32 {
         self.first + u32::from(self.before[word]) + rank(self.words[word], bit) as u32
+    }
+
+    /// Word and bit of the vertex that is number `index` of the block.
+    pub fn word_and_bit(&self, index: u32) -> (u8, u8) {
+        let word = self.before.partition_point(|before| u32::from(*before) <= index) - 1;
+        let mut bits = self.words[word];
+        (0..index - u32::from(self.before[word])).for_each(|_| bits &= bits - 1);
+        (word as u8, bits.trailing_zeros() as u8)
     }
 
     /// Number of vertices.
@@ -73,16 +82,25 @@ pub(super) struct MeshPart {
     pub cells: Vec<u32>,
     /// Where each block's cells end.
     pub ends: Vec<u32>,
-    /// Number of triangles of these cells.
+    /// Number of triangles of these cells, and that up to the end of each block.
     pub cell_triangles: usize,
-    /// Triangles where scales meet.
+    pub triangle_ends: Vec<u32>,
+    /// Triangles where scales meet, and where each block's end.
     pub seams: Vec<[VertexName; 3]>,
+    pub seam_ends: Vec<u32>,
 }
 
 impl MeshPart {
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.cell_triangles + self.seams.len()
+    }
+
+    /// The triangles of block `i` of the part: those within its scale, and those where scales meet.
+    pub fn of_block(&self, i: usize) -> [Range<usize>; 2] {
+        let range = |ends: &[u32]| if i == 0 { 0 } else { ends[i - 1] as usize }..ends[i] as usize;
+        let seams = range(&self.seam_ends);
+        [range(&self.triangle_ends), self.cell_triangles + seams.start..self.cell_triangles + seams.end]
     }
 }
 

@@ -13,6 +13,7 @@ mod edge_table;
 mod evidence;
 mod extract;
 mod fill_holes;
+mod join;
 mod mc_table;
 mod mesh;
 mod mesh_part;
@@ -23,13 +24,15 @@ mod resolved_blocks;
 mod simplify;
 #[cfg(test)]
 mod tests;
+mod tile_surface;
 mod tiles;
 mod triangles;
 mod vertices;
 
 pub use evidence::Crumbs;
-pub(crate) use extract::extract_evident;
 pub use extract::{MeshOptions, extract, extract_onto};
+pub(crate) use join::{Seams, extract_joined};
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};
+pub(crate) use tile_surface::{TileIndex, TileSurface, tile_surfaces};
 pub use tiles::{TILE_EDGE, Tile, changed_tiles, extract_tiles};

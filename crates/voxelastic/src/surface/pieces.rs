@@ -4,8 +4,6 @@
 pub(super) struct Pieces {
     /// By vertex, the lowest vertex of its piece.
     lowest: Vec<u32>,
-    /// Number of vertices of each piece, at its lowest vertex.
-    counts: Vec<u32>,
 }
 
 impl Pieces {
@@ -16,23 +14,16 @@ impl Pieces {
             join(&mut lowest, a, b);
             join(&mut lowest, a, c);
         }
-        let mut counts = vec![0; count];
         // A vertex only ever points to a lower one, which points to its root already.
         for v in 0..count {
             lowest[v] = lowest[lowest[v] as usize];
-            counts[lowest[v] as usize] += 1;
         }
-        Self { lowest, counts }
+        Self { lowest }
     }
 
     /// The lowest vertex of the piece of vertex `v`, both counted from the first one.
     pub fn lowest(&self, v: usize) -> usize {
         self.lowest[v] as usize
-    }
-
-    /// Number of vertices of the piece of vertex `v`.
-    pub fn vertices(&self, v: usize) -> u32 {
-        self.counts[self.lowest(v)]
     }
 }
 
@@ -69,7 +60,6 @@ mod tests {
             }
             for v in 0..40 {
                 prop_assert_eq!(pieces.lowest(v), expected[v]);
-                prop_assert_eq!(pieces.vertices(v) as usize, expected.iter().filter(|&&e| e == expected[v]).count());
             }
         }
     }

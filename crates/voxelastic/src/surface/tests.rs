@@ -104,11 +104,7 @@ fn pieces_of_little_evidence_are_left_out() {
     assert!(extract(&balls(&[often]), 1.0, &MeshOptions::default()).positions.len() < 110);
     let crumbs = [([16.0, -16.0, 0.3], 2.0, 1), ([-20.0, 20.0, 20.0], 1.2, 3)];
     let field = balls(&[large, crumbs[0], often, crumbs[1]]);
-    let mesh = |keep_all| {
-        let mut mesh = Mesh::default();
-        let crumbs = extract_evident(&mut mesh, &field, 0.1, &MeshOptions { keep_all, ..MeshOptions::default() }, None);
-        (mesh, crumbs)
-    };
+    let mesh = |keep_all| extract_joined(&field, 0.1, &MeshOptions { keep_all, ..MeshOptions::default() }, 3);
     let (all, nothing) = mesh(true);
     assert_eq!(nothing, Crumbs::default());
     assert!(all == extract(&field, 0.1, &MeshOptions::default()));
@@ -118,12 +114,10 @@ fn pieces_of_little_evidence_are_left_out() {
     assert_eq!((left_out.pieces, left_out.triangles), (2, alone.triangles.len() as u64));
     let expected = 4.0 * std::f64::consts::PI * (0.2f64.powi(2) + 0.12f64.powi(2));
     assert!((left_out.area / expected - 1.0).abs() < 0.15, "{} of {expected} m2", left_out.area);
-    // What was in the mesh before stays, too.
-    let mut both = alone.clone();
-    extract_evident(&mut both, &field, 0.1, &MeshOptions::default(), None);
-    let first = alone.positions.len();
-    assert!(both.positions[..first] == alone.positions && both.positions[first..] == evident.positions);
-    assert!(both.triangles[alone.triangles.len()..].iter().zip(&evident.triangles).all(|(a, b)| *a == b.map(|v| v + first as u32)));
+    // A piece is one however many tiles it lies in.
+    for shift in [1, 2, 5] {
+        assert!(extract_joined(&field, 0.1, &MeshOptions::default(), shift) == (evident.clone(), left_out), "tiles of {shift}");
+    }
 }
 
 #[test]
@@ -134,8 +128,7 @@ fn small_flat_pieces_stay_if_they_were_seen() {
         if within(5.0, 6.0) || within(-12.0, 2.0) { p[2] - 0.3 } else { f32::NAN }
     };
     let field = observed_field(2, |p| if p[2].abs() > 2.5 { f32::NAN } else { plane(p) }, |_| 2, |_| 0);
-    let mut mesh = Mesh::default();
-    let crumbs = extract_evident(&mut mesh, &field, 1.0, &MeshOptions::default(), None);
+    let (mesh, crumbs) = extract_joined(&field, 1.0, &MeshOptions::default(), 3);
     assert_eq!((mesh.positions.len(), mesh.triangles.len()), (36, 50));
     assert_eq!((crumbs.pieces, crumbs.triangles), (1, 2));
     assert!((crumbs.area - 1.0).abs() < 1e-6);
@@ -167,6 +160,28 @@ proptest! {
         let at = |c: [i32; 3]| scales[((c[0] + 4) + 8 * (c[1] + 4) + 64 * (c[2] + 4)) as usize];
         let mesh = extract(&field_of(4, sphere(radius), at), 1.0, &MeshOptions::default());
         assert_closed_manifold(&mesh);
+    }
+
+    #[test]
+    fn tiles_of_any_size_join_to_the_same_closed_mesh(scales in prop::collection::vec(0usize..4, 512), radius in 14f32..27.0, gaps in prop_oneof![Just(0.0f32), 0f32..0.2], seed in any::<u64>()) {
+        let at = |c: [i32; 3]| scales[((c[0] + 4) + 8 * (c[1] + 4) + 64 * (c[2] + 4)) as usize];
+        let field = field_of(4, |p| if hash(p, seed) < gaps { f32::NAN } else { sphere(radius)(p) }, at);
+        let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
+        let whole = extract(&field, 1.0, &options);
+        let (joined, _) = extract_joined(&field, 1.0, &options, 5);
+        // The same vertices; triangles in another order.
+        prop_assert!(joined.positions == whole.positions && joined.normals == whole.normals && joined.scales == whole.scales);
+        let sorted = |mesh: &Mesh| { let mut triangles = mesh.triangles.clone(); triangles.sort_unstable(); triangles };
+        prop_assert!(sorted(&joined) == sorted(&whole));
+        for shift in 1..4 {
+            prop_assert!(extract_joined(&field, 1.0, &options, shift).0 == joined, "tiles of {}", shift);
+        }
+        if gaps == 0.0 {
+            assert_closed_manifold(&joined);
+        }
+        // A level of detail and crumbs, too.
+        let coarse = MeshOptions { lod: 1, ..MeshOptions::default() };
+        prop_assert!(extract_joined(&field, 1.0, &coarse, 1) == extract_joined(&field, 1.0, &coarse, 3));
     }
 
     #[test]

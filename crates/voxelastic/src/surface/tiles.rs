@@ -1,8 +1,9 @@
 //! The surface in tiles: cubes of blocks that can be extracted one by one, so that a change of a few blocks costs what these blocks cost.
 
-use super::extract::{MeshOptions, extract_resolved};
+use super::extract::{MeshOptions, extract_blocks};
 use super::mesh::Mesh;
 use super::resolved_blocks::ResolvedBlocks;
+use super::simplify::coarsen;
 use crate::field::tsdf::TsdfField;
 use crate::octree::{BLOCK_EDGE, block_coords};
 use hashbrown::{HashMap, HashSet};
@@ -47,7 +48,8 @@ pub fn extract_tiles(field: &TsdfField, voxel: f32, options: &MeshOptions, tiles
     let mut ids: Vec<u32> = field.ids().into_par_iter().with_min_len(4096).filter(is_needed).collect();
     ids.par_sort_unstable_by_key(|id| field.block(*id).key);
     let mut mesh = Mesh::default();
-    extract_resolved(&mut mesh, &ResolvedBlocks::of(field, ids), voxel, &MeshOptions { keep_all: true, ..options.clone() }, None);
+    extract_blocks(&mut mesh, &ResolvedBlocks::of(field, ids), voxel, options);
+    coarsen(&mut mesh, [0; 2], voxel, options.lod);
     split(&mesh, voxel, &wanted)
 }
 

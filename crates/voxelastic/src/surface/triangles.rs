@@ -19,10 +19,12 @@ pub(super) struct Connect<'a> {
     /// Added to all numbers in `triangles`.
     pub offset: u32,
     /// Of the part's own vertices, and the number of the first one of them.
-    pub normals: &'a mut [[f32; 3]],
+    pub normals: &'a mut [NormalSum],
     pub first_normal: u32,
     /// Normals for vertices of other parts.
-    pub foreign: &'a mut Vec<(u32, [f32; 3])>,
+    pub foreign: &'a mut Vec<(u32, NormalSum)>,
+    /// Steps of [`NormalSum`] per square metre.
+    pub steps: f32,
 }
 
 impl Kernel for Connect<'_> {
@@ -67,18 +69,30 @@ impl Connect<'_> {
     #[inline(always)]
     fn add(&mut self, index: usize, triangle: [u32; 3]) {
         let [a, b, c] = [self.positions[triangle[0] as usize], self.positions[triangle[1] as usize], self.positions[triangle[2] as usize]];
-        let n = area_normal(a, b, c);
+        let n = area_normal(a, b, c).map(|v| (v * self.steps) as i32);
         for vertex in triangle {
             let own = vertex.wrapping_sub(self.first_normal) as usize;
             if own < self.normals.len() {
                 let normal = &mut self.normals[own];
-                *normal = [normal[0] + n[0], normal[1] + n[1], normal[2] + n[2]];
+                *normal = added(*normal, n);
             } else {
                 self.foreign.push((vertex, n));
             }
         }
         self.triangles[index] = [triangle[0] + self.offset, triangle[1] + self.offset, triangle[2] + self.offset];
     }
+}
+
+/// Sum of the normals of triangles, as long as twice their areas: whole steps, so that the order of summation does not matter.
+pub(super) type NormalSum = [i32; 3];
+
+/// Steps of [`NormalSum`] per square of a finest voxel's edge: triangles of the coarsest voxels are 200 times as large.
+pub(super) const NORMAL_STEPS: f32 = (1 << 18) as f32;
+
+/// The sum of two.
+#[inline(always)]
+pub(super) fn added(a: NormalSum, b: NormalSum) -> NormalSum {
+    [a[0].wrapping_add(b[0]), a[1].wrapping_add(b[1]), a[2].wrapping_add(b[2])]
 }
 
 /// Normal of a triangle, as long as twice its area.

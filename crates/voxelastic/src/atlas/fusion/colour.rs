@@ -1,5 +1,6 @@
 //! Fusion of colours: the source's colours at the target's voxels, then means weighted by observations.
 
+use super::alignment::Displacement;
 use super::placement::Placement;
 use crate::field::tsdf::{ColourVoxel, TsdfField};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, Cursor, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
@@ -21,21 +22,26 @@ pub(super) struct ColourPatch {
 }
 
 impl ColourPatch {
-    /// Samples the colours of `source` at the voxels of blocks given by key and scale.
-    pub fn sample(source: &TsdfField, placement: &Placement, blocks: &[(u64, u8)]) -> Self {
+    /// Samples the colours of `source`, which is displaced in the target, at the voxels of blocks given by key and scale.
+    pub fn sample(source: &TsdfField, placement: &Placement, displacement: &Displacement, blocks: &[(u64, u8)]) -> Self {
         if source.colours().is_empty() {
             return Self::default();
         }
         let mut cursor = Cursor::new(source.tree());
         let sample = |&(key, scale): &(u64, u8)| {
-            let colours = sample_block(source, &mut cursor, placement, key, usize::from(scale));
+            let middle = block_coords(key).map(|c| (c as f32 + 0.5) * BLOCK_EDGE as f32);
+            // One vector for the block: colours are those of whole voxels.
+            let (moved, mut placement) = (placement.t_source_target.rotate(displacement.at(middle)), *placement);
+            (0..3).for_each(|k| placement.t_source_target.translation[k] -= moved[k]);
+            let colours = sample_block(source, &mut cursor, &placement, key, usize::from(scale));
             PatchBlock { key, scale, colours }
         };
         Self { blocks: blocks.iter().map(sample).collect() }
     }
 
-    /// Adds the colours of blocks `range` to `target`, into which their distances are merged already.
+    /// Adds the colours of blocks `range`, as far as there are any, to `target`, into which their distances are merged already.
     pub fn merge(&self, range: Range<usize>, target: &mut TsdfField) {
+        let range = range.start.min(self.blocks.len())..range.end.min(self.blocks.len());
         for PatchBlock { key, scale, colours } in self.blocks.get(range).unwrap_or_default() {
             if let (Some(colours), Some(id)) = (colours, target.find(*key)) {
                 let (target_scale, target_colours) = target.colours.block_mut(id, usize::from(target.blocks[id].finest));

@@ -50,6 +50,31 @@ impl Agreement {
     }
 }
 
+/// The same for one block.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BlockAgreement {
+    counts: [u16; 3],
+    milli: [u32; 2],
+}
+
+impl Agreement {
+    /// This of a single block, in less memory.
+    pub(super) fn of_block(&self) -> BlockAgreement {
+        BlockAgreement {
+            counts: [self.alone, self.merged, self.refused].map(|n| n as u16),
+            milli: [self.merged_milli, self.refused_milli].map(|n| n as u32),
+        }
+    }
+}
+
+impl BlockAgreement {
+    /// Adds the counts to `sum`.
+    pub fn add_to(&self, sum: &mut Agreement) {
+        let ([alone, merged, refused], [merged_milli, refused_milli]) = (self.counts.map(u64::from), self.milli.map(u64::from));
+        sum.add(&Agreement { alone, merged, refused, merged_milli, refused_milli });
+    }
+}
+
 /// A sample of one submap at a voxel of the block's scale.
 #[derive(Clone, Copy)]
 struct Vote {

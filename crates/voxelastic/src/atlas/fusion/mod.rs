@@ -12,6 +12,7 @@
 //! [`OneField`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
 //! [`resolve_conflicts`] does the same for single voxels: evidence of all submaps decides where one of them has an isolated hit.
 
+mod alignment;
 mod colour;
 mod combine;
 mod conflict_resolution;
@@ -34,6 +35,7 @@ mod tsdf;
 mod tsdf_sampling;
 mod window;
 
+pub use alignment::PairAgreement;
 pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;
 pub use merge::{Merge, fuse};

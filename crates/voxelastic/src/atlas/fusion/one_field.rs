@@ -1,17 +1,22 @@
 //! The TSDFs of all submaps as one field in the map frame (paper Sec. V-A): what a surface is extracted from.
 //!
 //! The blocks that any submap reaches are gone through in Morton order, some at a time: every submap is sampled there, and the samples are
-//! combined. A voxel's value depends on its own place in the map frame alone.
+//! combined. A voxel's value depends on its own place in the map frame, and on how the submaps are bent onto each other. The field can be brought up to date: then only
+//! blocks that changed submaps reach are sampled again.
 
+use super::alignment::{Alignment, Displacement, PairAgreement};
 use super::colour::ColourPatch;
-use super::combine::{Agreement, combine};
+use super::combine::{Agreement, BlockAgreement, combine};
 use super::placement::Placement;
 use super::sampled_block::SampledBlock;
-use super::tsdf::{PatchBlock, TsdfPatch};
-use super::tsdf_sampling::{TargetBlock, TsdfSampling, target_blocks};
-use crate::atlas::Atlas;
-use crate::field::tsdf::TsdfField;
+use super::tsdf::PatchBlock;
+use super::tsdf_sampling::{TargetBlock, TsdfSampling, displaced_target_blocks};
+use crate::atlas::{Atlas, SubmapId};
+use crate::field::tsdf::storage::brick_codec::EncodedArray;
+use crate::field::tsdf::{ObservationCount, TsdfField, Voxel};
 use crate::geometry::Pose;
+use crate::octree::{Cursor, SCALES, voxels_at};
+use hashbrown::HashMap;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -25,16 +30,35 @@ const PARTS_AT_ONCE: usize = 8;
 pub struct OneField {
     /// The field in the map frame, with the atlas' voxel size.
     pub field: TsdfField,
-    /// How well the submaps agree where they overlap.
-    pub agreement: Agreement,
+    /// The same by pairs of submaps that have surfaces in the same places, before they are bent onto each other.
+    pub pairs: Vec<PairAgreement>,
+    /// How well the submaps agree, by block.
+    agreement: HashMap<u64, BlockAgreement>,
+    /// What the field was made of.
+    known: Vec<Known>,
 }
 
-/// A submap in the lattice of the map frame.
-struct Source<'a> {
-    field: &'a TsdfField,
-    placement: Placement,
+/// A TSDF that the field was made of, as it was then.
+#[derive(Debug)]
+struct Known {
+    /// The submap, and whether it is being merged into another one.
+    id: (SubmapId, bool),
+    pose: Pose,
+    displacement: Displacement,
+    /// Time of the field's last scan, and the number of changes of any kind.
+    clock: u32,
+    revision: u64,
+    /// The blocks of the map that it reaches.
     blocks: Arc<[TargetBlock]>,
-    sampling: TsdfSampling<'a>,
+}
+
+/// A TSDF in the lattice of the map frame.
+struct Source<'a> {
+    id: (SubmapId, bool),
+    field: &'a TsdfField,
+    pose: Pose,
+    revision: u64,
+    placement: Placement,
 }
 
 impl OneField {
@@ -43,68 +67,216 @@ impl OneField {
     /// Submaps whose poses are not finite, and blocks farther from the map's origin than a key can hold, are left out. The result does not
     /// depend on the number of threads.
     pub fn new(atlas: &Atlas) -> Self {
-        let sources: Vec<Source<'_>> = atlas.tsdfs().into_iter().map(|(field, pose)| Source::new(field, &pose, atlas.voxel_size())).collect();
-        let mut keys: Vec<u64> = sources.iter().flat_map(|source| source.blocks.iter().map(TargetBlock::key)).collect();
-        keys.par_sort_unstable();
-        keys.dedup();
         let mut one = Self::default();
-        let parts: Vec<&[u64]> = keys.chunks(BLOCKS_PER_PART).collect();
-        let mut made: Vec<Part> = Vec::new();
-        for parts in parts.chunks(PARTS_AT_ONCE) {
-            let before = std::mem::take(&mut made);
-            let make = || parts.par_iter().map(|keys| Part::new(&sources, keys)).collect();
-            made = rayon::join(make, || before.into_iter().for_each(|part| one.add(part))).0;
-        }
-        made.into_iter().for_each(|part| one.add(part));
+        one.update(atlas);
         one
     }
 
-    fn add(&mut self, part: Part) {
-        let Part { mut blocks, colours, agreement } = part;
-        blocks.merge(0..blocks.len(), &mut self.field, u16::MAX);
-        colours.iter().for_each(|colours| colours.merge(0..usize::MAX, &mut self.field));
-        self.agreement.add(&agreement);
+    /// How well the submaps agree where they overlap.
+    pub fn agreement(&self) -> Agreement {
+        let mut sum = Agreement::default();
+        self.agreement.values().for_each(|block| block.add_to(&mut sum));
+        sum
+    }
+
+    /// Brings the field up to date with an atlas of the same map. Returns the keys of the blocks that may have changed, ascending.
+    ///
+    /// Submaps are bent onto each other anew when one of them was moved, appeared, or was merged into another one, but not after each scan: what a scan adds is fused as
+    /// the correction before left the submaps.
+    pub fn update(&mut self, atlas: &Atlas) -> Vec<u64> {
+        let sources = sources(atlas);
+        let is_as_known = |(source, known): (&Source<'_>, &Known)| known.id == source.id && known.pose == source.pose && !source.was_merged(known);
+        let displacements: Vec<Displacement> = if sources.len() == self.known.len() && sources.iter().zip(&self.known).all(is_as_known) {
+            self.known.iter().map(|known| known.displacement.clone()).collect()
+        } else {
+            let (displacements, pairs) = align(&sources);
+            self.pairs = pairs;
+            let before = |source: &Source<'_>| self.known.iter().find(|known| known.id == source.id).map(|known| &known.displacement);
+            sources.iter().zip(displacements).map(|(source, now)| now.kept_from(before(source))).collect()
+        };
+        let mut keys: Vec<u64> = Vec::new();
+        let mut now: Vec<Known> = Vec::new();
+        for (source, displacement) in sources.iter().zip(displacements) {
+            let before = self.known.iter().position(|known| known.id == source.id).map(|i| self.known.swap_remove(i));
+            now.push(source.changes(before, displacement, &mut keys));
+        }
+        // Those that are gone.
+        keys.extend(self.known.iter().flat_map(|known| known.blocks.iter().map(TargetBlock::key)));
+        self.known = now;
+        keys.par_sort_unstable();
+        keys.dedup();
+        self.sample(&sources, &keys);
+        keys
+    }
+
+    /// Samples and combines the blocks `keys`, ascending, and replaces what was there.
+    fn sample(&mut self, sources: &[Source<'_>], keys: &[u64]) {
+        let known = std::mem::take(&mut self.known);
+        let samplings: Vec<(&Source<'_>, &Known, TsdfSampling<'_>)> =
+            sources.iter().zip(&known).map(|(source, known)| (source, known, source.sampling(known))).collect();
+        let mut made: Vec<Part> = Vec::new();
+        let parts: Vec<&[u64]> = keys.chunks(BLOCKS_PER_PART).collect();
+        for parts in parts.chunks(PARTS_AT_ONCE) {
+            let before = std::mem::take(&mut made);
+            let make = || parts.par_iter().map(|keys| Part::new(&samplings, keys)).collect();
+            made = rayon::join(make, || before.into_iter().for_each(|part| self.put(part))).0;
+        }
+        made.into_iter().for_each(|part| self.put(part));
+        drop(samplings);
+        self.known = known;
+    }
+
+    /// Replaces blocks.
+    fn put(&mut self, part: Part) {
+        let field = &mut self.field;
+        for key in part.blocks.iter().map(|block| block.key) {
+            if !field.tree.covers(key) {
+                field.tree.grow_to(key);
+            }
+        }
+        let mut cursor = Cursor::new(&field.tree);
+        for PatchBlock { key, scale, observation_count, array } in &part.blocks {
+            let (id, _) = field.find_or_create(&mut cursor, *key, *scale, array.has_intensity());
+            field.blocks[id].observation_count = *observation_count;
+            field.install(id, usize::from(*scale), array);
+            if field.colours.block(id).is_some() {
+                field.colours.replace(id, usize::from(*scale));
+            }
+        }
+        part.colours.iter().for_each(|colours| colours.merge(0..usize::MAX, field));
+        for key in part.empty {
+            if let Some(id) = field.find(key) {
+                let coarsest = SCALES - 1;
+                field.install(id, coarsest, &EncodedArray::new(coarsest, &vec![Voxel::default(); voxels_at(coarsest)], None));
+                field.blocks[id].observation_count = ObservationCount::default();
+            }
+        }
+        self.agreement.extend(part.agreement);
     }
 }
 
-impl<'a> Source<'a> {
-    fn new(field: &'a TsdfField, t_map_submap: &Pose, voxel_size: f32) -> Self {
-        let placement = Placement::new(t_map_submap, voxel_size);
-        let blocks = target_blocks(field, &placement);
-        Self { field, placement, sampling: TsdfSampling::new(field, &placement, Arc::clone(&blocks)), blocks }
+impl Atlas {
+    /// How the TSDFs of the submaps agree, by pairs that have surfaces in the same places: where they lie apart because of drift, and where they contradict because poses are
+    /// wrong. Faster than a mesh.
+    pub fn pair_agreement(&self) -> Vec<PairAgreement> {
+        align(&sources(self)).1
     }
+}
+
+/// The displacements that bring sources onto each other, and how they agree.
+fn align(sources: &[Source<'_>]) -> (Vec<Displacement>, Vec<PairAgreement>) {
+    let fields: Vec<(&TsdfField, Placement)> = sources.iter().map(|source| (source.field, source.placement)).collect();
+    let Alignment { displacements, agreement } = Alignment::new(&fields);
+    let id = |number: SubmapId| sources.get(number as usize).map_or(number, |source| source.id.0);
+    (displacements, agreement.into_iter().map(|pair| PairAgreement { submaps: pair.submaps.map(id), ..pair }).collect())
+}
+
+/// All TSDFs that have blocks, in the order of [`Atlas::tsdfs`].
+fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
+    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap, true));
+    let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap(), false)).chain(merging);
+    let is_finite = |pose: &Pose| pose.to_matrix().iter().all(|v| v.is_finite());
+    let used = all.filter(|(submap, pose, _)| !submap.tsdf.is_empty() && is_finite(pose));
+    used.map(|(submap, pose, is_merging)| Source {
+        id: (submap.id, is_merging),
+        field: &submap.tsdf,
+        pose,
+        revision: submap.revision,
+        placement: Placement::new(&pose, atlas.voxel_size()),
+    })
+    .collect()
+}
+
+impl<'a> Source<'a> {
+    /// Whether another submap was merged into it since, or it was changed by other means than scans.
+    fn was_merged(&self, known: &Known) -> bool {
+        // Each scan counts in both.
+        self.revision.wrapping_sub(known.revision) as u32 != self.field.change_log.clock.wrapping_sub(known.clock)
+    }
+
+    /// Adds the blocks of the map that changes of the source since `before` may have changed to `keys`; returns it as it is now.
+    fn changes(&self, before: Option<Known>, displacement: Displacement, keys: &mut Vec<u64>) -> Known {
+        let clock = self.field.change_log.clock;
+        let now = |blocks, displacement| Known { id: self.id, pose: self.pose, displacement, clock, revision: self.revision, blocks };
+        match before {
+            Some(known) if known.pose == self.pose && known.displacement == displacement && !self.was_merged(&known) => {
+                if clock == known.clock {
+                    return now(known.blocks, displacement);
+                }
+                // Of blocks that scans changed, the samples around change, too: those of blocks that touch them, and of one voxel beyond.
+                let changed: Vec<u32> = self.field.ids().filter(|id| self.field.block(*id).changed.wrapping_sub(known.clock) as i32 > 0).collect();
+                keys.extend(displaced_target_blocks(self.field, &self.placement, &displacement, &changed, SURROUNDINGS).iter().map(TargetBlock::key));
+                let blocks = self.reached(&displacement);
+                // A block that is new may change the scale of one that is not.
+                keys.extend(different(&known.blocks, &blocks));
+                now(blocks, displacement)
+            }
+            before => {
+                let blocks = self.reached(&displacement);
+                keys.extend(before.iter().flat_map(|known| known.blocks.iter()).chain(blocks.iter()).map(TargetBlock::key));
+                now(blocks, displacement)
+            }
+        }
+    }
+
+    /// The blocks of the map that it reaches.
+    fn reached(&self, displacement: &Displacement) -> Arc<[TargetBlock]> {
+        displaced_target_blocks(self.field, &self.placement, displacement, &self.field.ids().collect::<Vec<_>>(), 0.0)
+    }
+
+    fn sampling(&self, known: &Known) -> TsdfSampling<'a> {
+        TsdfSampling::displaced(self.field, &self.placement, known.displacement.clone(), Arc::clone(&known.blocks))
+    }
+}
+
+/// Voxels around a block of which the samples depend on the block: those of the coarsest scale.
+const SURROUNDINGS: f32 = 8.0;
+
+/// The keys of blocks that are in one of two ascending lists only, or different.
+fn different(one: &[TargetBlock], other: &[TargetBlock]) -> Vec<u64> {
+    let beyond = |all: &[TargetBlock], block: &TargetBlock| all.binary_search_by_key(&block.key(), TargetBlock::key).map(|i| all[i] != *block);
+    let only = |from: &[TargetBlock], all: &[TargetBlock]| -> Vec<u64> {
+        from.iter().filter(|block| beyond(all, block).unwrap_or(true)).map(TargetBlock::key).collect()
+    };
+    [only(one, other), only(other, one)].concat()
 }
 
 /// Some blocks of the map, combined.
 struct Part {
-    blocks: TsdfPatch,
+    blocks: Vec<PatchBlock>,
+    /// Blocks in which nothing is observed.
+    empty: Vec<u64>,
     colours: Vec<ColourPatch>,
-    agreement: Agreement,
+    agreement: Vec<(u64, BlockAgreement)>,
 }
 
 impl Part {
     /// Combines the blocks `keys`, ascending and not empty.
-    fn new(sources: &[Source<'_>], keys: &[u64]) -> Self {
+    fn new(sources: &[(&Source<'_>, &Known, TsdfSampling<'_>)], keys: &[u64]) -> Self {
         let (mut samples, mut colours) = (Vec::new(), Vec::new());
-        for source in sources {
-            let start = source.blocks.partition_point(|block| block.key() < keys[0]);
-            let end = source.blocks.partition_point(|block| block.key() <= keys[keys.len() - 1]);
-            let blocks = source.sampling.sample(start..end);
+        for (source, known, sampling) in sources {
+            let blocks = sampling.sample_of(keys);
             let keys_and_scales: Vec<(u64, u8)> = blocks.iter().map(|block| (block.key, block.scale)).collect();
-            colours.push(ColourPatch::sample(source.field, &source.placement, &keys_and_scales));
+            colours.push(ColourPatch::sample(source.field, &source.placement, &known.displacement, &keys_and_scales));
             samples.extend(blocks);
         }
         // Stable: samples of one block stay in the order of the submaps.
         samples.sort_by_key(|block: &SampledBlock| block.key);
-        let (mut blocks, mut agreement, mut same): (Vec<PatchBlock>, _, _) = (Vec::new(), Agreement::default(), Vec::new());
-        for block in samples {
-            if same.last().is_some_and(|last: &SampledBlock| last.key != block.key) {
-                blocks.extend(combine(std::mem::take(&mut same), &mut agreement).map(|block| block.encode()));
+        let mut part = Self { blocks: Vec::new(), empty: Vec::new(), colours, agreement: Vec::new() };
+        let mut samples = samples.into_iter().peekable();
+        for &key in keys {
+            let mut same = Vec::new();
+            while let Some(block) = samples.next_if(|block| block.key == key) {
+                same.push(block);
             }
-            same.push(block);
+            let mut agreement = Agreement::default();
+            match combine(same, &mut agreement) {
+                Some(block) => part.blocks.push(block.encode()),
+                None => part.empty.push(key),
+            }
+            part.agreement.push((key, agreement.of_block()));
         }
-        blocks.extend(combine(same, &mut agreement).map(|block| block.encode()));
-        Self { blocks: TsdfPatch::of(blocks), colours, agreement }
+        part
     }
 }
 
@@ -112,7 +284,7 @@ impl Part {
 mod tests {
     use super::*;
     use crate::atlas::Submap;
-    use crate::geometry::Rigid;
+    use crate::geometry::{Pose, Rigid};
     use crate::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -121,6 +293,11 @@ mod tests {
 
     /// A submap at `t_map_submap` of a sphere around `centre` (map frame), observed `times` times from its middle.
     fn sphere(id: u32, t_map_submap: Pose, centre: [f64; 3], times: usize) -> Submap {
+        ball(id, t_map_submap, centre, RADIUS, times)
+    }
+
+    /// The same of a sphere with another radius.
+    fn ball(id: u32, t_map_submap: Pose, centre: [f64; 3], radius: f64, times: usize) -> Submap {
         let t_submap_map = t_map_submap.inverse();
         let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
         let directions = (0..60_000).map(|i| {
@@ -134,7 +311,7 @@ mod tests {
         // Beams start at the origin of the lidar frame, the middle of the sphere.
         let t_submap_lidar = t_submap_map * Pose::from_parts(Translation3::from(middle), UnitQuaternion::identity());
         for d in directions {
-            points.push(of(d * RADIUS));
+            points.push(of(d * radius));
             normals.push(of(-d));
         }
         let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.01 };
@@ -169,29 +346,58 @@ mod tests {
         (-40..120).filter(|&x| matches!((distance(x), distance(x + 1)), (Some(a), Some(b)) if (a < 0) != (b < 0))).count()
     }
 
+    /// Where the first and the last zero crossing along x through the middle of the sphere lie, finest voxels.
+    fn ends(field: &TsdfField) -> [f32; 2] {
+        let distance = |x: i32| {
+            let c = [x, 0, 0];
+            let id = field.find(crate::octree::block_key(c.map(|v| v >> 3)))?;
+            let voxel = field.voxel(field.block(id), crate::octree::voxel_index(c.map(|v| (v & 7) as usize), 0));
+            voxel.is_observed().then_some(voxel.distance_in_voxels())
+        };
+        let crossing = |x: i32| match (distance(x), distance(x + 1)) {
+            (Some(a), Some(b)) if (a < 0.0) != (b < 0.0) => Some(x as f32 + 0.5 + a / (a - b)),
+            _ => None,
+        };
+        let found: Vec<f32> = (-40..120).filter_map(crossing).collect();
+        [found[0], found[found.len() - 1]]
+    }
+
     fn image(field: &TsdfField) -> Vec<(u64, Vec<crate::field::tsdf::Voxel>)> {
         field.ids_in_morton_order().into_iter().map(|id| (field.block(id).key, field.current(field.block(id)))).collect()
     }
 
     #[test]
     fn submaps_of_one_sphere_make_one_sphere() {
-        for shift in [0.0, 0.02, 0.1] {
+        for shift in [0.0, 0.02, 0.1, 0.25, 0.35] {
             let one = two(shift, 2);
             assert_eq!(crossings(&one.field), 2, "{shift} m");
-            let Agreement { merged, refused, .. } = one.agreement;
-            assert!(merged > 5_000 && refused == 0, "{shift} m: {:?}", one.agreement);
-            let apart = one.agreement.merged_apart() * f64::from(VOXEL);
-            assert!((shift / 4.0 - 0.01..=shift + 0.02).contains(&apart), "{shift} m: {apart}");
+            let Agreement { merged, refused, .. } = one.agreement();
+            assert!(merged > 5_000 && refused == 0, "{shift} m: {:?}", one.agreement());
+            // They are bent onto each other.
+            let [pair] = one.pairs[..] else { panic!("{:?}", one.pairs) };
+            assert!(pair.submaps == [0, 1] && pair.places > 500 && pair.matched * 10 > pair.places * 9, "{shift} m: {pair:?}");
+            assert!((shift / 4.0 - 0.01..=shift + 0.02).contains(&(pair.apart * f64::from(VOXEL))), "{shift} m: {pair:?}");
+            assert!(pair.left < 0.35, "{shift} m: {pair:?}");
+            assert!(one.agreement().merged_apart() < 0.5, "{shift} m: {:?}", one.agreement());
+            // Each moved half the way: the sphere is where the mean of both is, in all directions.
+            let ends = ends(&one.field).map(|c| f64::from(c) * f64::from(VOXEL));
+            for (end, expected) in ends.iter().zip([-RADIUS, RADIUS]) {
+                let middle = 0.04 + 0.5 * shift;
+                assert!((end - middle - expected).abs() < 0.04, "{shift} m: {ends:?}");
+            }
         }
     }
 
     #[test]
     fn far_surfaces_stay_apart_and_contradictions_are_counted() {
         let far = two(5.0, 2);
-        assert_eq!((crossings(&far.field), far.agreement.merged, far.agreement.refused), (4, 0, 0));
-        let near = two(0.25, 2);
-        assert!(near.agreement.refused > 100, "{:?}", near.agreement);
-        assert!((2.0..=3.0).contains(&near.agreement.refused_apart()), "{:?}", near.agreement);
+        assert_eq!((crossings(&far.field), far.agreement().merged, far.agreement().refused), (4, 0, 0));
+        // One around the other: no displacement brings them together, because both lie in one cell.
+        let middle = [3.2; 3];
+        let submaps = vec![ball(0, Pose::identity(), middle, 1.5, 2), ball(1, turned(), middle, 1.25, 2)];
+        let near = OneField::new(&Atlas::from_submaps(VOXEL, submaps));
+        assert!(near.agreement().refused > 100, "{:?}", near.agreement());
+        assert!((2.0..=3.0).contains(&near.agreement().refused_apart()), "{:?}", near.agreement());
     }
 
     #[test]
@@ -204,9 +410,9 @@ mod tests {
         let atlas = Atlas::from_submaps(VOXEL, submaps);
         assert_eq!(atlas.tsdfs().len(), 1);
         let one = OneField::new(&atlas);
-        assert_eq!((one.agreement.merged, one.agreement.refused, crossings(&one.field)), (0, 0, 2));
+        assert_eq!((one.agreement().merged, one.agreement().refused, crossings(&one.field)), (0, 0, 2));
         let empty = OneField::new(&Atlas::new(VOXEL));
-        assert!(empty.field.is_empty() && empty.agreement == Agreement::default());
+        assert!(empty.field.is_empty() && empty.agreement() == Agreement::default());
     }
 
     #[test]

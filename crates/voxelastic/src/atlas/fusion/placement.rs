@@ -1,6 +1,7 @@
 //! Pose of one submap in the lattice of another.
 
 use crate::geometry::{Pose, Rigid};
+use crate::octree::{BLOCK_EDGE, block_coords};
 
 /// Pose of the source in the target and its inverse, both in finest voxels.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +19,11 @@ impl Placement {
             Rigid::from(&pose)
         };
         Self { t_target_source: in_voxels(t_target_source), t_source_target: in_voxels(&t_target_source.inverse()) }
+    }
+
+    /// The middle of block `key` of the source, in the target, finest voxels.
+    pub fn middle_in_target(&self, key: u64) -> [f32; 3] {
+        self.t_target_source.apply(block_coords(key).map(|c| (c as f32 + 0.5) * BLOCK_EDGE as f32))
     }
 
     /// The axis-aligned box around a cube of the source, in the target: centre and half extents.

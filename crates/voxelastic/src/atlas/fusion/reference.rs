@@ -1,5 +1,6 @@
 //! A slow and obvious sampling of a field, which the fast one must equal bit by bit: voxel by voxel, each corner looked up by itself.
 
+use super::alignment::CubeOffset;
 use super::placement::Placement;
 use super::sample_grid::{SampleGrid, base_and_fraction};
 use super::trilinear::{MAX_DIFFERENCE, MAX_MISSING};
@@ -94,7 +95,7 @@ fn corners(field: &TsdfField, base: [i32; 3], scale: usize) -> Option<[Corner; 8
 /// The voxels and intensities of block `key` at `scale`.
 fn sample(field: &TsdfField, t: &Rigid, key: u64, scale: usize) -> (Vec<Voxel>, Vec<u8>) {
     let mut grid = SampleGrid::new();
-    grid.fill(t, key, scale);
+    grid.fill(t, &CubeOffset::default(), key, scale);
     let edge = (1 << scale) as f32;
     let voxel = |i: usize| {
         let (corner, c) = (block_coords(key), voxel_coords(i, scale));
@@ -112,7 +113,7 @@ fn sample(field: &TsdfField, t: &Rigid, key: u64, scale: usize) -> (Vec<Voxel>, 
 }
 
 /// A field of blocks at `blocks`, each with its scale, with a noisy plane through it, voxels missing here and there, and intensities in some blocks.
-fn field(blocks: &[([i32; 3], u8)], normal: Vector3<f32>, missing: f32, mut random: impl FnMut() -> f32) -> TsdfField {
+pub(super) fn field(blocks: &[([i32; 3], u8)], normal: Vector3<f32>, missing: f32, mut random: impl FnMut() -> f32) -> TsdfField {
     let mut field = TsdfField::default();
     for &(c, at) in blocks {
         let (key, scale) = (block_key(c), usize::from(at));

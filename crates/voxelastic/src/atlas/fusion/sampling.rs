@@ -1,5 +1,6 @@
 //! The source of a fusion, sampled in the target's lattice part by part.
 
+use super::alignment::Displacement;
 use super::colour::ColourPatch;
 use super::occupancy::{Cube, OccupancyPatch, OccupancySampling, target_cubes};
 use super::placement::Placement;
@@ -69,7 +70,7 @@ impl<'a> Sampling<'a> {
             return Resampled { occupancy, ..Resampled::default() };
         }
         let tsdf = self.tsdf.part(start..(start + BLOCKS_PER_PART).min(self.tsdf.len()));
-        let colours = ColourPatch::sample(&self.source.tsdf, &self.placement, &tsdf.keys_and_scales());
+        let colours = ColourPatch::sample(&self.source.tsdf, &self.placement, &Displacement::default(), &tsdf.keys_and_scales());
         Resampled { tsdf, colours, ..Resampled::default() }
     }
 

@@ -3,6 +3,7 @@
 //! Blocks of the target are worked on in cubes of 4 x 4 x 4. The source around a cube is a [`Window`]: bits that say around which of the
 //! target's voxels anything is observed, and arrays that a kernel interpolates for those, sixteen at a time.
 
+use super::alignment::{CubeOffset, Displacement};
 use super::decoded_blocks::DecodedBlocks;
 use super::placement::Placement;
 use super::points::Points;
@@ -21,6 +22,10 @@ use std::sync::Arc;
 
 /// Key bits of a block within a cube of 4 x 4 x 4 blocks.
 const CUBE_BITS: u32 = 6;
+/// Edge of such a cube, blocks.
+const CUBE_BLOCKS: usize = 4;
+/// A displacement differs by less than this within a block and its surroundings, finest voxels.
+const DIFFERENCE: f32 = 1.0;
 
 /// A block of the target that the source reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,13 +54,19 @@ impl TargetBlock {
 pub(super) struct TsdfSampling<'a> {
     source: &'a TsdfField,
     placement: Placement,
+    displacement: Displacement,
     blocks: Arc<[TargetBlock]>,
 }
 
 impl<'a> TsdfSampling<'a> {
-    /// A sampling of `blocks`, which [`target_blocks`] found for the same source and placement.
+    /// A sampling of `blocks`, which [`target_blocks`] found for the same source and placement, without a displacement.
     pub fn new(source: &'a TsdfField, placement: &Placement, blocks: Arc<[TargetBlock]>) -> Self {
-        Self { source, placement: *placement, blocks }
+        Self::displaced(source, placement, Displacement::default(), blocks)
+    }
+
+    /// As [`new`](Self::new), of a source that is displaced in the target.
+    pub fn displaced(source: &'a TsdfField, placement: &Placement, displacement: Displacement, blocks: Arc<[TargetBlock]>) -> Self {
+        Self { source, placement: *placement, displacement, blocks }
     }
 
     /// Number of blocks.
@@ -68,11 +79,28 @@ impl<'a> TsdfSampling<'a> {
         TsdfPatch::of(self.sample(range).iter().map(SampledBlock::encode).collect())
     }
 
+    /// Samples those of the blocks `keys`, ascending, that the source reaches and where it is observed.
+    pub fn sample_of(&self, keys: &[u64]) -> Vec<SampledBlock> {
+        let (Some(first), Some(last)) = (keys.first(), keys.last()) else { return Vec::new() };
+        let start = self.blocks.partition_point(|block| block.key < *first);
+        let end = self.blocks.partition_point(|block| block.key <= *last);
+        let mut next = 0;
+        let is_wanted = |block: &&TargetBlock| {
+            next += keys[next..].partition_point(|key| *key < block.key);
+            keys.get(next) == Some(&block.key)
+        };
+        self.sample_blocks(&self.blocks[start..end].iter().filter(is_wanted).copied().collect::<Vec<_>>())
+    }
+
     /// Samples blocks `range`; those without an observed voxel are left out. Each part decodes the blocks of the source that it needs: decoding
     /// the whole source would take as much memory as the samples.
     pub fn sample(&self, range: Range<usize>) -> Vec<SampledBlock> {
-        let mut sampler = Sampler::new(self.source, &self.placement);
-        let cubes = self.blocks[range].chunk_by(|a, b| a.key >> CUBE_BITS == b.key >> CUBE_BITS);
+        self.sample_blocks(&self.blocks[range])
+    }
+
+    fn sample_blocks(&self, blocks: &[TargetBlock]) -> Vec<SampledBlock> {
+        let mut sampler = Sampler::new(self.source, &self.placement, &self.displacement);
+        let cubes = blocks.chunk_by(|a, b| a.key >> CUBE_BITS == b.key >> CUBE_BITS);
         cubes.flat_map(|cube| sampler.cube(cube)).collect()
     }
 }
@@ -80,6 +108,9 @@ impl<'a> TsdfSampling<'a> {
 /// Samples the source cube by cube.
 struct Sampler<'a> {
     placement: &'a Placement,
+    displacement: &'a Displacement,
+    /// Offsets in the present cube.
+    offset: CubeOffset,
     cursor: Cursor,
     source: DecodedBlocks<'a>,
     windows: [Window; SCALES],
@@ -91,9 +122,11 @@ struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    fn new(source: &'a TsdfField, placement: &'a Placement) -> Self {
+    fn new(source: &'a TsdfField, placement: &'a Placement, displacement: &'a Displacement) -> Self {
         Self {
             placement,
+            displacement,
+            offset: CubeOffset::default(),
             cursor: Cursor::new(source.tree()),
             source: DecodedBlocks::new(source),
             windows: Default::default(),
@@ -107,7 +140,11 @@ impl<'a> Sampler<'a> {
     /// Samples blocks of the same cube.
     fn cube(&mut self, blocks: &[TargetBlock]) -> Vec<SampledBlock> {
         self.filled = [false; SCALES];
-        let around = box_around(blocks);
+        let Some(first) = blocks.first() else { return Vec::new() };
+        let low = block_coords(first.key >> CUBE_BITS << CUBE_BITS).map(|c| (c * BLOCK_EDGE as i32) as f32);
+        self.offset = self.displacement.over(self.placement, low, (CUBE_BLOCKS * BLOCK_EDGE) as f32);
+        let (offset, spread) = self.offset.mean_and_spread();
+        let around = TargetBox { offset, spread, ..box_around(blocks) };
         blocks.iter().filter_map(|block| self.block(block, &around)).collect()
     }
 
@@ -120,12 +157,13 @@ impl<'a> Sampler<'a> {
     }
 
     /// Whether anything at `scale` or coarser is near block `key`.
-    fn is_near(&self, key: u64, scale: usize) -> bool {
+    fn is_near(&self, key: u64, around: &TargetBox, scale: usize) -> bool {
         let (edge, half) = ((1 << scale) as f32, 0.5 * BLOCK_EDGE as f32);
         // The centres of its voxels.
         let centre = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32 + half);
         let (middle, extent) = self.placement.box_in_source(centre, half - 0.5 * edge);
         // Half a voxel from corners to centres, and some for rounding.
+        let (middle, extent): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| middle[k] + around.offset[k]), extent.map(|v| v + around.spread));
         let low = std::array::from_fn(|k| ((middle[k] - extent[k]) / edge - 0.6).floor() as i32);
         let high = std::array::from_fn(|k| ((middle[k] + extent[k]) / edge - 0.4).floor() as i32);
         let window = &self.windows[scale];
@@ -136,10 +174,10 @@ impl<'a> Sampler<'a> {
     fn block(&mut self, block: &TargetBlock, around: &TargetBox) -> Option<SampledBlock> {
         let (scale, count) = (usize::from(block.scale), voxels_at(block.scale.into()));
         self.fill(around, scale);
-        if !self.is_near(block.key, scale) {
+        if !self.is_near(block.key, around, scale) {
             return None;
         }
-        self.grid.fill(&self.placement.t_source_target, block.key, scale);
+        self.grid.fill(&self.placement.t_source_target, &self.offset, block.key, scale);
         let [mut observed, mut coarser] = [[0; WORDS]; 2];
         let window = &self.windows[scale];
         dispatch(Select { grid: &self.grid, count, cells: window.observed(), found: &mut observed });
@@ -188,7 +226,8 @@ impl<'a> Sampler<'a> {
         for_each_bit(&pending, |i| {
             let c = voxel_coords(i, scale);
             let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-            let (base, fraction) = base_and_fraction(self.placement.t_source_target.apply(centre), at);
+            let (place, offset) = (self.placement.t_source_target.apply(centre), self.offset.at(centre));
+            let (base, fraction) = base_and_fraction(std::array::from_fn(|k| place[k] + offset[k]), at);
             if window.coarser().is_some_and(|cells| cells.contains(base)) {
                 coarser[i / 64] |= 1 << (i % 64);
             } else if window.observed().contains(base) {
@@ -217,18 +256,34 @@ fn box_around(blocks: &[TargetBlock]) -> TargetBox {
         }
     }
     let half = 0.5 * BLOCK_EDGE as f32;
-    TargetBox { centre: std::array::from_fn(|k| (low[k] + high[k]) as f32 * half), half: std::array::from_fn(|k| (high[k] - low[k]) as f32 * half) }
+    let centre = std::array::from_fn(|k| (low[k] + high[k]) as f32 * half);
+    TargetBox { centre, half: std::array::from_fn(|k| (high[k] - low[k]) as f32 * half), ..TargetBox::default() }
 }
 
 /// The target's blocks that the source reaches, in Morton order. Scale and observation count are those of the source's block at the
 /// target block's centre, otherwise those of the coarsest block that touches it.
 pub(super) fn target_blocks(field: &TsdfField, placement: &Placement) -> Arc<[TargetBlock]> {
+    displaced_target_blocks(field, placement, &Displacement::default(), &field.ids().collect::<Vec<_>>(), 0.0)
+}
+
+/// As [`target_blocks`], of some blocks of a field that is displaced in the target, and of what is up to `around` finest voxels beside them.
+pub(super) fn displaced_target_blocks(
+    field: &TsdfField,
+    placement: &Placement,
+    displacement: &Displacement,
+    ids: &[u32],
+    around: f32,
+) -> Arc<[TargetBlock]> {
     let half = 0.5 * BLOCK_EDGE as f32;
+    let spread = if displacement.is_zero() { around } else { around + DIFFERENCE };
     let touching = |&id: &u32| {
         let (scale, observation_count) = (field.block(id).finest, field.block(id).observation_count);
         let block = block_coords(field.block(id).key);
         let centre = block.map(|c| c as f32 * BLOCK_EDGE as f32 + half);
         let (middle, extent) = placement.box_in_target(centre, half);
+        let moved = displacement.at(middle);
+        let offset = placement.t_source_target.rotate(moved);
+        let (middle, extent): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| middle[k] + moved[k]), extent.map(|v| v + spread));
         let low: [i32; 3] = std::array::from_fn(|k| ((middle[k] - extent[k]) / BLOCK_EDGE as f32).floor() as i32);
         let high: [i32; 3] = std::array::from_fn(|k| ((middle[k] + extent[k]) / BLOCK_EDGE as f32).floor() as i32);
         let mut found = Vec::new();
@@ -237,7 +292,8 @@ pub(super) fn target_blocks(field: &TsdfField, placement: &Placement) -> Arc<[Ta
                 for x in low[0]..=high[0] {
                     let c = [x, y, z];
                     let (at, reach) = placement.box_in_source(c.map(|v| v as f32 * BLOCK_EDGE as f32 + half), half);
-                    let is_outside = (0..3).any(|k| (at[k] - centre[k]).abs() > reach[k] + half);
+                    let at: [f32; 3] = std::array::from_fn(|k| at[k] - offset[k]);
+                    let is_outside = (0..3).any(|k| (at[k] - centre[k]).abs() > reach[k] + half + spread);
                     if !is_outside && c.iter().all(|v| v.abs() < MAX_BLOCK_COORD) {
                         let is_at_centre = at.map(|v| (v / BLOCK_EDGE as f32).floor() as i32) == block;
                         // Sorts the block at the centre first, then the coarsest.
@@ -249,7 +305,6 @@ pub(super) fn target_blocks(field: &TsdfField, placement: &Placement) -> Arc<[Ta
         }
         found
     };
-    let ids: Vec<u32> = field.ids().collect();
     let mut blocks: Vec<(u8, TargetBlock)> = ids.par_iter().with_min_len(256).flat_map_iter(touching).collect();
     // All fields are compared: which block is kept must not depend on threads.
     blocks.par_sort_unstable_by_key(|(rank, block)| (block.key, *rank, block.scale, block.observation_count));

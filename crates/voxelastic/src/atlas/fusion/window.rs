@@ -15,6 +15,9 @@ const MARGIN: f32 = 2.0;
 pub(super) struct TargetBox {
     pub centre: [f32; 3],
     pub half: [f32; 3],
+    /// What is added to coordinates in the source: its mean over the box, and the largest difference from it along an axis.
+    pub offset: [f32; 3],
+    pub spread: f32,
 }
 
 /// Bits of the cells of a window: rows along x, then y, then z.
@@ -82,9 +85,9 @@ impl Window {
         let (centre, half) = placement.cuboid_in_source(target.centre, target.half);
         let (mut first, mut size) = ([0; 3], [0; 3]);
         for k in 0..3 {
-            let reach = half[k] + MARGIN * edge;
-            first[k] = ((centre[k] - reach) / block).floor() as i32;
-            size[k] = (((centre[k] + reach) / block).floor() as i32 - first[k] + 1) as usize;
+            let (centre, reach) = (centre[k] + target.offset[k], half[k] + MARGIN * edge + target.spread);
+            first[k] = ((centre - reach) / block).floor() as i32;
+            size[k] = (((centre + reach) / block).floor() as i32 - first[k] + 1) as usize;
         }
         (self.scale, self.blocks, self.low) = (scale, size, first.map(|c| c << (BLOCK_SHIFT as usize - scale)));
         let n = edge_at(scale);
@@ -95,12 +98,13 @@ impl Window {
         self.starts.clear();
         // Blocks whose voxels cannot be corners of a cell around a point of the target are left out.
         let rotation = &placement.t_target_source.rotation;
-        let reach: [f32; 3] =
-            std::array::from_fn(|k| target.half[k] + MARGIN * edge + 0.5 * block * rotation[k].iter().map(|r| r.abs()).sum::<f32>());
+        let reach: [f32; 3] = std::array::from_fn(|k| {
+            target.half[k] + MARGIN * edge + (0.5 * block + target.spread) * rotation[k].iter().map(|r| r.abs()).sum::<f32>()
+        });
         for z in 0..size[2] {
             for y in 0..size[1] {
                 let row = [first[0], first[1] + y as i32, first[2] + z as i32];
-                let middle = placement.t_target_source.apply(row.map(|v| (v as f32 + 0.5) * block));
+                let middle = placement.t_target_source.apply(std::array::from_fn(|k| (row[k] as f32 + 0.5) * block - target.offset[k]));
                 for x in 0..size[0] {
                     let is_near = (0..3).all(|k| (middle[k] + x as f32 * block * rotation[k][0] - target.centre[k]).abs() <= reach[k]);
                     let id = if is_near { source.find(cursor, block_key([row[0] + x as i32, row[1], row[2]])) } else { None };

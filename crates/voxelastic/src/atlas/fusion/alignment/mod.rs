@@ -1,0 +1,70 @@
+//! Submaps are bent onto each other before they are fused for a surface.
+//!
+//! After a correction, submaps that saw the same place still lie a few voxels apart, by a different vector from place to place: residual drift. Bands around
+//! surfaces are three voxels wide, so means of distances cannot make one surface of two that far apart. Therefore each submap gets a smooth
+//! [`Displacement`]: one vector per cell of 64 voxels, by least squares over pairs of places on the surfaces of two submaps. Of two surfaces both move
+//! half the way, so that the result is their mean along the normal; where only one direction is known, as on a floor, neighbouring cells decide on the others.
+//!
+//! What is too far apart or does not match in most places is not pulled together: it is refused, and counted.
+
+mod displacement;
+mod pairs;
+mod solve;
+mod surface_points;
+
+pub(super) use displacement::{CubeOffset, Displacement};
+
+use super::placement::Placement;
+use crate::field::tsdf::TsdfField;
+use displacement::{Cell, cell_of};
+use hashbrown::{HashMap, HashSet};
+pub use pairs::PairAgreement;
+use pairs::{Pairs, REACH};
+use surface_points::surface_points;
+
+/// How far apart two places may be that are taken for the same surface, voxels: less in each round, once the displacements of the round before are known.
+const ROUNDS: [f32; 3] = [REACH, 3.0, 2.0];
+
+/// Displacements of fields that lie in one lattice, and how they agree.
+#[derive(Debug, Default)]
+pub(super) struct Alignment {
+    /// By field.
+    pub displacements: Vec<Displacement>,
+    /// Of all pairs of fields that have surfaces in the same cells, ascending; numbers of fields instead of submaps.
+    pub agreement: Vec<PairAgreement>,
+}
+
+impl Alignment {
+    /// Aligns fields, each with its placement in the common lattice. The result does not depend on the number of threads.
+    pub fn new(fields: &[(&TsdfField, Placement)]) -> Self {
+        let cells: Vec<HashSet<Cell>> = fields.iter().map(|(field, placement)| cells_of(field, placement)).collect();
+        let mut owners: HashMap<Cell, u32> = HashMap::new();
+        cells.iter().flatten().for_each(|cell| *owners.entry(*cell).or_default() += 1);
+        if owners.values().all(|count| *count < 2) {
+            return Self { displacements: fields.iter().map(|_| Displacement::default()).collect(), agreement: Vec::new() };
+        }
+        let is_shared = |cell: &Cell| owners.get(cell).is_some_and(|count| *count > 1);
+        let points = fields.iter().enumerate().flat_map(|(i, (field, placement))| surface_points(field, placement, i as u32, is_shared)).collect();
+        let pairs = Pairs::new(points, fields.len());
+        let mut displacements: Vec<Displacement> = fields.iter().map(|_| Displacement::default()).collect();
+        let mut found = pairs.find(&displacements, ROUNDS[0]);
+        let mut agreement = found.agreement();
+        for reach in ROUNDS.into_iter().skip(1).chain([REACH]) {
+            displacements = solve::displacements(&cells, &found.terms());
+            found = pairs.find(&displacements, reach);
+        }
+        let last = found.agreement();
+        for pair in &mut agreement {
+            pair.left = last.iter().find(|other| other.submaps == pair.submaps).map_or(0.0, |other| other.apart);
+        }
+        Self { displacements, agreement }
+    }
+}
+
+/// The cells in which a field has blocks.
+fn cells_of(field: &TsdfField, placement: &Placement) -> HashSet<Cell> {
+    field.ids().map(|id| cell_of(placement.middle_in_target(field.block(id).key))).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! Alignment against dense least squares, and sampling of displaced fields against planes.
+
+use super::pairs::Term;
+use super::solve::{REST, SMOOTHNESS, displacements};
+use super::*;
+use crate::atlas::fusion::reference;
+use crate::atlas::fusion::tsdf_sampling::{TsdfSampling, displaced_target_blocks};
+use crate::geometry::Pose;
+use crate::octree::{BLOCK_EDGE, block_coords, voxel_coords};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use proptest::prelude::*;
+
+/// The least squares of [`displacements`] as one dense system: the vectors of all cells and fields, by field and then cell.
+fn dense(cells: &[HashSet<Cell>], terms: &[Term]) -> Vec<((usize, Cell), Vector3<f64>)> {
+    let mut places: Vec<(usize, Cell)> = cells.iter().enumerate().flat_map(|(f, cells)| cells.iter().map(move |c| (f, *c))).collect();
+    places.sort_unstable();
+    let number = |field: usize, cell: Cell| places.binary_search(&(field, cell)).ok();
+    let (mut matrix, mut right) = (DMatrix::<f64>::identity(3 * places.len(), 3 * places.len()) * REST, DVector::<f64>::zeros(3 * places.len()));
+    // Adds the square of the difference between two unknowns.
+    let mut tie = |a: usize, b: usize, of: Matrix3<f64>| {
+        for (i, j, sign) in [(a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)] {
+            let mut part = matrix.fixed_view_mut::<3, 3>(3 * i, 3 * j);
+            part += sign * of;
+        }
+    };
+    for (i, &(field, cell)) in places.iter().enumerate() {
+        for k in 0..3 {
+            let next = std::array::from_fn(|l| cell[l] + i32::from(l == k));
+            if let Some(j) = number(field, next) {
+                tie(i, j, SMOOTHNESS * Matrix3::identity());
+            }
+        }
+    }
+    for term in terms {
+        let [Some(a), Some(b)] = term.fields.map(|field| number(field, term.cell)) else { continue };
+        tie(a, b, term.normals);
+        for (i, sign) in [(a, 1.0), (b, -1.0)] {
+            let mut part = right.fixed_rows_mut::<3>(3 * i);
+            part += sign * term.gap;
+        }
+    }
+    let found = matrix.cholesky().unwrap().solve(&right);
+    places.into_iter().enumerate().map(|(i, place)| (place, found.fixed_rows::<3>(3 * i).into_owned())).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn displacements_equal_those_of_dense_least_squares(
+        cells in prop::collection::vec(prop::collection::hash_set(prop::array::uniform3(0i32..4), 1..16), 2..4),
+        asked in prop::collection::vec((prop::array::uniform3(0i32..4), 0usize..3, 0usize..3, prop::array::uniform3(-1f64..1.0), -5f64..5.0), 1..30),
+    ) {
+        let cells: Vec<HashSet<Cell>> = cells.into_iter().map(|cells| cells.into_iter().collect()).collect();
+        let terms: Vec<Term> = asked.into_iter().filter(|(_, a, b, ..)| a < b && *b < cells.len()).map(|(cell, a, b, normal, gap)| {
+            let normal = (Vector3::from(normal) + Vector3::new(0.0, 0.0, 1e-3)).normalize();
+            Term { cell, fields: [a, b], normals: normal * normal.transpose(), gap: gap * normal }
+        }).collect();
+        let found = displacements(&cells, &terms);
+        for ((field, cell), expected) in dense(&cells, &terms) {
+            let vector = Vector3::from(found[field].of_cell(&cell).map(f64::from));
+            prop_assert!((vector - expected).norm() < 1e-3, "{:?} instead of {:?}", vector, expected);
+        }
+    }
+
+    #[test]
+    fn a_displaced_plane_is_sampled_where_it_was_moved(
+        vectors in prop::collection::vec(prop::array::uniform3(-3f32..3.0), 8), angles in prop::array::uniform3(-3f64..3.0),
+        shift in prop::array::uniform3(20f64..44.0), normal in prop::array::uniform3(-1f32..1.0),
+    ) {
+        let normal = (Vector3::from(normal) + Vector3::new(0.0, 0.0, 1e-3)).normalize();
+        let blocks: Vec<([i32; 3], u8)> = (0..64).map(|i| ([i % 4 - 2, i / 4 % 4 - 2, i / 16 - 2], 0)).collect();
+        // Without noise: the plane lies 0.15 voxels beside the origin.
+        let source = reference::field(&blocks, normal, 0.0, || 0.5);
+        let placement = Placement::new(&Pose::new(Vector3::from(shift), Vector3::from(angles)), 1.0);
+        let displacement = Displacement::new((0..8).map(|i| ([i & 1, i >> 1 & 1, i >> 2], vectors[i as usize])));
+        let ids: Vec<u32> = source.ids().collect();
+        let targets = displaced_target_blocks(&source, &placement, &displacement, &ids, 0.0);
+        let sampled = TsdfSampling::displaced(&source, &placement, displacement.clone(), targets.clone()).sample(0..targets.len());
+        let mut count = 0;
+        for block in &sampled {
+            for (i, voxel) in block.voxels.iter().enumerate().filter(|(_, voxel)| voxel.is_observed()) {
+                let (corner, c) = (block_coords(block.key), voxel_coords(i, 0));
+                let centre: [f32; 3] = std::array::from_fn(|k| (corner[k] * BLOCK_EDGE as i32) as f32 + c[k] as f32 + 0.5);
+                let moved = displacement.at(centre);
+                let place = placement.t_source_target.apply(std::array::from_fn(|k| centre[k] - moved[k]));
+                let expected = normal.dot(&Vector3::from(place)) + 0.15;
+                // At the ends of the band some corners are unobserved.
+                if expected.abs() < 1.0 {
+                    prop_assert!((voxel.distance_in_voxels() - expected).abs() < 0.02, "{} instead of {}", voxel.distance_in_voxels(), expected);
+                    count += 1;
+                }
+            }
+        }
+        // The plane crosses the middle of a cube of 32 voxels, all of which are sampled somewhere.
+        prop_assert!(count > 1200, "{count} voxels");
+    }
+}

@@ -1,0 +1,173 @@
+//! One surface of several submaps: with drift between them, with wrong poses, brought up to date tile by tile.
+
+use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::event::{Event, Scan};
+use voxelastic::meshing::{FusedSurface, TileKey};
+use voxelastic::surface::{Mesh, MeshOptions};
+use voxelastic::{Cloud, Mapper, Pose, Settings};
+
+const VOXEL: f32 = 0.1;
+/// Half extents of the hall.
+const HALL: [f64; 3] = [12.0, 6.0, 3.0];
+
+/// A hall, seen from `x` metres along it.
+fn hall(x: f64) -> Cloud {
+    let mut points = Vec::new();
+    for row in 0..48 {
+        for column in 0..720 {
+            let (elevation, azimuth) = ((f64::from(row) - 23.5) * 0.03, f64::from(column) * std::f64::consts::TAU / 720.0);
+            let d = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+            let along = |side: f64, c: f64| if c.abs() < 1e-9 { f64::INFINITY } else { side / c.abs() };
+            let range = along(HALL[1], d[1]).min(along(HALL[2], d[2])).min(along(HALL[0] - x * d[0].signum(), d[0]));
+            points.push(d.map(|c| (c * range) as f32));
+        }
+    }
+    Cloud::from_points(points)
+}
+
+fn mapper() -> Mapper {
+    Mapper::new(Settings { voxel_size: VOXEL, ..Settings::default() }).unwrap()
+}
+
+fn scan(node: u64, x: f64) -> Event {
+    Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::translation(x, 0.0, 0.0), cloud: hall(x) })
+}
+
+/// A submap of the hall, seen from several places.
+fn submap(id: u32, places: &[f64]) -> Submap {
+    let mut mapper = mapper();
+    places.iter().enumerate().for_each(|(i, x)| {
+        mapper.handle(scan(i as u64, *x)).unwrap();
+    });
+    mapper.finish();
+    mapper.atlas().submaps()[0].clone().with_id(id)
+}
+
+/// The hall in two submaps, the second of which lies wrong by `t_true_second`.
+fn two(t_true_second: Pose) -> Atlas {
+    let [first, mut second] = [submap(0, &[0.0, 1.0]), submap(1, &[0.5, -1.0])];
+    second.set_pose(t_true_second * second.t_map_submap());
+    Atlas::from_submaps(VOXEL, vec![first, second])
+}
+
+fn area(mesh: &Mesh) -> f64 {
+    let corner = |v: u32| nalgebra::Vector3::from(mesh.positions[v as usize].map(f64::from));
+    mesh.triangles.iter().map(|t| 0.5 * (corner(t[1]) - corner(t[0])).cross(&(corner(t[2]) - corner(t[0]))).norm()).sum()
+}
+
+/// Distance of a point from the walls of a hall whose middle is at `middle`.
+fn from_walls(p: [f32; 3], middle: [f64; 3]) -> f64 {
+    (0..3).map(|k| ((f64::from(p[k]) - middle[k]).abs() - HALL[k]).abs()).fold(f64::MAX, f64::min)
+}
+
+fn share(mesh: &Mesh, is: impl Fn([f32; 3]) -> bool) -> f64 {
+    mesh.positions.iter().filter(|p| is(**p)).count() as f64 / mesh.positions.len() as f64
+}
+
+#[test]
+fn drift_of_a_few_voxels_leaves_one_surface_between_the_two() {
+    let one = two(Pose::identity()).one_surface(&MeshOptions::default());
+    let drift = Pose::new(nalgebra::Vector3::new(0.15, 0.28, -0.2), nalgebra::Vector3::new(0.004, 0.0, 0.006));
+    let atlas = two(drift);
+    let bent = atlas.one_surface(&MeshOptions::default());
+    let [pair] = bent.pairs[..] else { panic!("{:?}", bent.pairs) };
+    assert!(pair.submaps == [0, 1] && pair.matched * 10 > pair.places * 9, "{pair:?}");
+    assert!((1.5..3.0).contains(&pair.apart) && pair.left < 0.3, "{pair:?}");
+    // As much surface as without drift; shells are twice as much.
+    let [whole, drifted, shells] = [area(&one.mesh), area(&bent.mesh), area(&atlas.shells(&MeshOptions::default()))];
+    assert!((drifted / whole - 1.0).abs() < 0.04 && shells > 1.7 * drifted, "{whole} {drifted} {shells} m2");
+    // In the middle of both: within a voxel where one of the two alone would be up to three away.
+    let middle = drift.translation.vector * 0.5;
+    assert!(share(&bent.mesh, |p| from_walls(p, middle.into()) < 0.1) > 0.97);
+    assert!(bent.agreement.refused * 50 < bent.agreement.merged, "{:?}", bent.agreement);
+}
+
+#[test]
+fn poses_that_are_wrong_by_metres_are_said_and_pull_nothing() {
+    let wrong = two(Pose::translation(0.0, 5.0, 0.0)).one_surface(&MeshOptions::default());
+    let [pair] = wrong.pairs[..] else { panic!("{:?}", wrong.pairs) };
+    // Floor and ceiling lie on each other, walls do not.
+    assert!(pair.places > 1000 && pair.matched * 20 < pair.places * 19, "{pair:?}");
+    assert!(share(&wrong.mesh, |p| from_walls(p, [0.0; 3]).min(from_walls(p, [0.0, 5.0, 0.0])) < 0.1) > 0.99, "no smear");
+}
+
+#[test]
+fn submaps_that_are_apart_empty_or_far_away_are_fused_without_trouble() {
+    let alone = submap(0, &[0.0]);
+    let expected = Atlas::from_submaps(VOXEL, vec![alone.clone()]).one_surface(&MeshOptions::default());
+    assert!(expected.pairs.is_empty() && expected.agreement.merged == 0);
+    let mut far = submap(2, &[0.0]);
+    far.set_pose(Pose::translation(3000.0, -2000.0, 0.0));
+    let empty = Submap::new(1, VOXEL, Pose::identity());
+    let one = Atlas::from_submaps(VOXEL, vec![alone, empty, far]).one_surface(&MeshOptions::default());
+    assert!(one.pairs.is_empty() && one.agreement.merged == 0 && one.agreement.refused == 0);
+    assert!((area(&one.mesh) / area(&expected.mesh) - 2.0).abs() < 0.05);
+    assert!(share(&one.mesh, |p| from_walls(p, [0.0; 3]).min(from_walls(p, [3000.0, -2000.0, 0.0])) < 0.1) > 0.98);
+}
+
+/// The mesh of a surface that is made anew.
+fn fresh(atlas: &Atlas) -> Mesh {
+    let mut surface = FusedSurface::new(MeshOptions::default());
+    surface.update(atlas);
+    surface.mesh()
+}
+
+#[test]
+fn a_surface_kept_up_to_date_is_the_surface_made_anew() {
+    let (mut mapper, mut surface) = (mapper(), FusedSurface::new(MeshOptions::default()));
+    let mut made = Vec::new();
+    for (node, x) in [0.0, 0.5, 1.0, -3.0].into_iter().enumerate() {
+        mapper.handle(scan(node as u64, x)).unwrap();
+        let changed = surface.update(mapper.atlas());
+        assert!(!changed.is_empty() && surface.mesh() == fresh(mapper.atlas()), "scan {node}");
+        assert!(surface.update(mapper.atlas()).is_empty(), "nothing has changed");
+        made.push(changed.len());
+    }
+    assert!(surface.mesh().triangles.len() > 10_000, "{made:?}");
+    // It is the mesh of the atlas, too.
+    let drifted = two(Pose::translation(0.0, 0.2, 0.0));
+    assert!(fresh(&drifted) == drifted.mesh(&MeshOptions::default()));
+    let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| fresh(&drifted));
+    assert!(threads(1) == threads(3));
+}
+
+#[test]
+fn a_correction_redoes_the_tiles_of_the_submap_that_moved() {
+    let [first, mut second] = [submap(0, &[0.0]), submap(1, &[0.0])];
+    let [near, farther] = [60.0, 90.0].map(|x| Pose::translation(x, 0.0, 0.0));
+    second.set_pose(near);
+    let mut atlas = Atlas::from_submaps(VOXEL, vec![first, second]);
+    let mut surface = FusedSurface::new(MeshOptions::default());
+    surface.update(&atlas);
+    let before: Vec<(TileKey, Mesh)> = surface.tiles().map(|tile| (tile, surface.tile(tile))).collect();
+    atlas.submap_mut(1).unwrap().set_pose(farther);
+    let changed = surface.update(&atlas);
+    assert!(!changed.is_empty() && changed.iter().all(|tile| surface.corner(*tile)[0] > 30.0), "tiles of the other submap");
+    for (tile, mesh) in before.iter().filter(|(tile, _)| !changed.contains(tile)) {
+        assert!(surface.tile(*tile) == *mesh);
+    }
+    assert!(surface.mesh() == fresh(&atlas));
+    assert!(share(&surface.mesh(), |p| p[0] > 40.0 && p[0] < 77.0) == 0.0, "nothing is left where it was");
+    // Tiles together are the whole, but for pieces of which a tile cannot know.
+    let triangles: usize = surface.tiles().map(|tile| surface.tile(tile).triangles.len()).sum();
+    assert_eq!(triangles, surface.mesh().triangles.len());
+    // A submap that is gone takes its surface along.
+    let alone = Atlas::from_submaps(VOXEL, vec![atlas.submaps()[0].clone()]);
+    surface.update(&alone);
+    assert!(surface.mesh() == fresh(&alone) && share(&surface.mesh(), |p| p[0] > 30.0) == 0.0);
+}
+
+#[test]
+fn colours_of_several_submaps_reach_the_surface() {
+    let coloured = |id: u32, rgb: [u8; 3]| {
+        let (mut mapper, mut cloud) = (mapper(), hall(0.0));
+        cloud.colours = Some(vec![rgb; cloud.points.len()]);
+        mapper.handle(Event::Scan(Scan { node: 0, time: 0.0, t_map_lidar: Pose::identity(), cloud })).unwrap();
+        mapper.finish();
+        mapper.atlas().submaps()[0].clone().with_id(id)
+    };
+    let atlas = Atlas::from_submaps(VOXEL, vec![coloured(0, [200, 0, 0]), coloured(1, [0, 0, 200])]);
+    let mesh = atlas.mesh(&MeshOptions::default());
+    let mixed = mesh.colours.iter().filter(|c| c[0].abs_diff(100) < 3 && c[1] == 0 && c[2].abs_diff(100) < 3).count();
+    assert!(mesh.colours.len() == mesh.positions.len() && mixed * 10 > 9 * mesh.colours.len(), "{mixed} of {}", mesh.colours.len());
+}
