@@ -42,6 +42,8 @@ use std::path::Path;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+/// The page that streams tiles, by file names; the Python package writes it, too.
+pub use voxelastic_report::tiles_page::FILES as TILES_PAGE;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -150,7 +152,7 @@ impl Command {
             Self::Info(args) => info::run(args),
             Self::Render(args) => render::run(args),
             Self::Slice(args) => slice::run(args),
-            Self::Export(args) => export::run(args),
+            Self::Export(args) => export::run(args, quiet),
             Self::Report(args) => report::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Esdf(args) => esdf::run(args),

@@ -16,7 +16,7 @@
 //!
 //! # What it writes
 //!
-//! [`store`] saves and reopens maps. [`mesh_io`] writes meshes as PLY and GLB, [`octomap`] occupancy for OctoMap. [`pcd::write`],
+//! [`store`] saves and reopens maps. [`mesh_io`] writes meshes as PLY and GLB, [`tiles`] maps too large to download as 3D Tiles, [`octomap`] occupancy for OctoMap. [`pcd::write`],
 //! [`poses::write_tum`], [`poses::write_kitti`], [`g2o::write`] and [`survey`] write what the readers accept.
 //!
 //! # How data flows
@@ -97,6 +97,7 @@ mod stamped_cloud;
 pub mod store;
 pub mod survey;
 mod text;
+pub mod tiles;
 
 pub use clouds::CloudFormat;
 pub use dataset::Dataset;

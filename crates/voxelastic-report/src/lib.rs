@@ -30,6 +30,7 @@ mod page;
 mod run_log;
 pub mod scripts;
 pub mod surface;
+pub mod tiles_page;
 
 pub use content::Report;
 pub use error::{ReportError, Result};

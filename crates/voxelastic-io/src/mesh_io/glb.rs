@@ -7,13 +7,14 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
-const FLOAT: u32 = 5126;
-const UNSIGNED_INT: u32 = 5125;
-const UNSIGNED_SHORT: u32 = 5123;
-const VERTEX_BUFFER: u32 = 34962;
-const INDEX_BUFFER: u32 = 34963;
+pub(super) const BYTE: u32 = 5120;
+pub(super) const UNSIGNED_SHORT: u32 = 5123;
+pub(super) const UNSIGNED_INT: u32 = 5125;
+pub(super) const FLOAT: u32 = 5126;
+pub(super) const VERTEX_BUFFER: u32 = 34962;
+pub(super) const INDEX_BUFFER: u32 = 34963;
 const POINTS: u32 = 0;
-const TRIANGLES: u32 = 4;
+pub(super) const TRIANGLES: u32 = 4;
 
 /// Writes a mesh as GLB (glTF 2.0), atomically: `POSITION`, then where present `NORMAL`, `COLOR_0` and `_INTENSITY`, and
 /// indices. glTF's y axis points up, so the mesh hangs on a node that turns z up into y up. Colours are converted from sRGB to
@@ -48,6 +49,65 @@ pub fn write_glb(path: impl AsRef<Path>, mesh: &MeshRef<'_>) -> Result<()> {
         }
         Ok(())
     })
+}
+
+/// A GLB file that is made in memory.
+#[derive(Debug, Default)]
+pub(super) struct GlbFile {
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    binary: Vec<u8>,
+}
+
+impl GlbFile {
+    /// Adds an array, whose elements are `stride` bytes apart if they are not packed, and returns the number of its accessor.
+    pub(super) fn add(&mut self, bytes: Vec<u8>, target: u32, stride: Option<usize>, mut accessor: Value) -> usize {
+        let mut view = json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(), "target": target });
+        if let Some(stride) = stride {
+            view["byteStride"] = json!(stride);
+        }
+        accessor["bufferView"] = json!(self.views.len());
+        self.views.push(view);
+        self.accessors.push(accessor);
+        self.binary.extend(bytes);
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        self.accessors.len() - 1
+    }
+
+    pub(super) fn views(&self) -> &[Value] {
+        &self.views
+    }
+
+    pub(super) fn accessors(&self) -> &[Value] {
+        &self.accessors
+    }
+
+    /// Bytes of the arrays.
+    pub(super) fn length(&self) -> usize {
+        self.binary.len()
+    }
+
+    /// The file with a JSON chunk that describes it. Less than 4 GB.
+    pub(super) fn bytes(self, json: Value) -> Vec<u8> {
+        let mut json = json.to_string().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let total = 12 + 8 + json.len() + 8 + self.binary.len();
+        let mut bytes = Vec::with_capacity(total);
+        bytes.extend(b"glTF");
+        [2, total as u32, json.len() as u32].iter().for_each(|n| bytes.extend(n.to_le_bytes()));
+        bytes.extend(b"JSON");
+        bytes.extend(json);
+        bytes.extend((self.binary.len() as u32).to_le_bytes());
+        bytes.extend(b"BIN\0");
+        bytes.extend(self.binary);
+        bytes
+    }
+}
+
+/// The rotation that turns z up into y up, as a quaternion x, y, z, w.
+pub(super) fn up_rotation() -> [f64; 4] {
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    [-half, 0.0, 0.0, half]
 }
 
 /// The arrays of the binary chunk, in the order of [`write_arrays`]. Every element is a multiple of 4 bytes, so that all
@@ -112,12 +172,11 @@ impl Buffers {
         }
         let mut buffers = Self::default();
         let primitive = buffers.primitive(mesh);
-        let half = std::f64::consts::FRAC_1_SQRT_2;
         json!({
             "asset": asset,
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"name": "map", "mesh": 0, "rotation": [-half, 0.0, 0.0, half]}],
+            "nodes": [{"name": "map", "mesh": 0, "rotation": up_rotation()}],
             "meshes": [{"primitives": [primitive]}],
             "materials": [{"doubleSided": true, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
             "buffers": [{"byteLength": buffers.length}],
@@ -145,13 +204,13 @@ fn write_arrays(w: &mut impl Write, mesh: &MeshRef<'_>) -> std::io::Result<()> {
     mesh.triangles.iter().flatten().try_for_each(|v| w.write_all(&v.to_le_bytes()))
 }
 
-fn unit(n: [f32; 3]) -> [f32; 3] {
+pub(super) fn unit(n: [f32; 3]) -> [f32; 3] {
     let length = n.iter().map(|c| c * c).sum::<f32>().sqrt();
     if length.is_finite() && length > 1e-6 { n.map(|c| c / length) } else { [0.0, 0.0, 1.0] }
 }
 
 /// The linear intensity of an 8-bit sRGB value (IEC 61966-2-1), scaled to 16 bits.
-fn linear_from_srgb(value: u8) -> u16 {
+pub(super) fn linear_from_srgb(value: u8) -> u16 {
     let v = f32::from(value) / 255.0;
     let linear = if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
     (linear * 65535.0).round() as u16

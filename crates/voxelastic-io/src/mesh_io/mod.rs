@@ -1,9 +1,11 @@
 //! Meshes out: PLY for tools, GLB for viewers. ([`crate::ply::read_mesh`] reads PLY back.)
 
 mod glb;
+mod glb_tile;
 mod ply;
 
 pub use glb::write_glb;
+pub use glb_tile::{Lattice, tile_glb};
 pub use ply::write_ply;
 
 use crate::{Error, Result};

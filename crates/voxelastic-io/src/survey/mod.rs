@@ -1,8 +1,9 @@
-//! What surveyors exchange: LAS and LAZ ([`las`]), and E57 ([`e57`]), in and out.
+//! What surveyors exchange: LAS and LAZ ([`las`]), and E57 ([`e57`]), in and out; cloud-optimised LAZ ([`copc`]) out.
 //!
 //! Survey coordinates are often too large for single precision (UTM: millions of metres). A [`SurveyCloud`] therefore counts from an
 //! offset of whole metres; [`crate::clouds::read`] gives the same points and says the offset.
 
+pub mod copc;
 pub mod e57;
 pub mod las;
 mod laz;

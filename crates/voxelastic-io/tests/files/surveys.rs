@@ -5,7 +5,7 @@ use nalgebra::{Translation3, UnitQuaternion};
 use std::path::Path;
 use std::time::Duration;
 use voxelastic::{Cloud, Pose};
-use voxelastic_io::survey::{SurveyCloud, e57, las};
+use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
 use voxelastic_io::{Error, OpenOptions, clouds, dataset};
 use voxelastic_testing::run_python;
 
@@ -170,6 +170,55 @@ fn files_of_ours_read_by_laspy_and_pye57() {
     let last = scans()[1].t_map_scan * nalgebra::Point3::new(74.75, y, -150.5);
     let expected = [2.0, last.x, last.y, last.z, 1.0, 200.0, 200.0];
     assert!(rows[2].iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-4), "{:?} {expected:?}", rows[2]);
+}
+
+const READ_OCTREE: &str = r#"
+import sys, laspy, numpy as np
+from laspy import Bounds, CopcReader
+path = sys.argv[1]
+with CopcReader.open(path) as reader:
+    everything, coarse = reader.query(), reader.query(level=0)
+    part = reader.query(bounds=Bounds(mins=np.array([452990.0, -60.0, -5.0]), maxs=np.array([453010.0, -20.0, 5.0])))
+    print(len(everything), len(coarse), len(part), reader.header.point_format.id, everything.red.max() // 257)
+    order = np.lexsort((everything.z, everything.y, everything.x))
+    for dimension in ("x", "y", "z", "intensity"):
+        print(*np.asarray(everything[dimension], dtype=float)[order])
+print(len(laspy.read(path)))
+"#;
+
+#[test]
+fn laspy_reads_the_octree_of_ours_by_level_and_box() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("deep/ours.copc.laz");
+    // More than one node of the octree holds; one point is none.
+    let points: Vec<[f32; 3]> = (0..250_001).map(|i| [(i % 500) as f32 * 0.2 - 50.0, (i / 500) as f32 * 0.2 - 50.0, (i % 7) as f32 * 0.1]).collect();
+    let mut cloud = Cloud { intensity: Some((0..250_001).map(|i| (i % 999) as f32).collect()), ..Cloud::from_points(points) };
+    cloud.colours = Some(vec![[200, 100, 50]; 250_001]);
+    cloud.points[77] = [f32::NAN; 3];
+    let survey = SurveyCloud { offset: [453_000.0, 0.0, 0.0], cloud };
+    copc::write(&path, &survey).unwrap();
+    assert_eq!(std::fs::read_dir(dir.path().join("deep")).unwrap().count(), 1, "no litter");
+    let Some(said) = run_python("laspy, numpy", READ_OCTREE, &[&path]) else { return };
+    let rows: Vec<Vec<f64>> = said.lines().map(|l| l.split_whitespace().map(|w| w.parse().unwrap()).collect()).collect();
+    let inside = |p: &&[f32; 3]| p[0].abs() <= 10.0 && (-60.0..=-20.0).contains(&p[1]);
+    let part = survey.cloud.points.iter().filter(inside).count() as f64;
+    let counts = &rows[0];
+    assert!(counts[0] == 250_000.0 && counts[1] < 150_000.0 && (counts[2] - part).abs() < 200.0 && counts[3..] == [7.0, 200.0], "{counts:?}, {part}");
+    let mut expected: Vec<(f64, f64, f64, f64)> = survey
+        .cloud
+        .points
+        .iter()
+        .zip(survey.cloud.intensity.as_ref().unwrap())
+        .filter(|(p, _)| p[0].is_finite())
+        .map(|(p, i)| (f64::from(p[0]) + 453_000.0, f64::from(p[1]), f64::from(p[2]), f64::from(*i)))
+        .collect();
+    expected.sort_by(|a, b| (a.0, a.1).partial_cmp(&(b.0, b.1)).unwrap());
+    for (k, (x, y, z, i)) in expected.iter().enumerate() {
+        assert!((rows[1][k] - x).abs() < 1e-3 && (rows[2][k] - y).abs() < 1e-3 && (rows[3][k] - z).abs() < 1e-3 && rows[4][k] == *i, "{k}");
+    }
+    assert_eq!(rows[5], [250_000.0]);
+    let empty = SurveyCloud { cloud: Cloud::from_points(vec![[f32::NAN; 3]]), ..SurveyCloud::default() };
+    assert!(matches!(copc::write(dir.path().join("no.copc.laz"), &empty), Err(Error::NoReturn { .. })));
 }
 
 #[test]

@@ -34,5 +34,6 @@ pub use extract::{MeshOptions, extract, extract_onto};
 pub(crate) use join::{Seams, extract_joined};
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};
+pub use simplify::simplify;
 pub(crate) use tile_surface::{TileIndex, TileSurface, tile_surfaces};
 pub use tiles::{TILE_EDGE, Tile, changed_tiles, extract_tiles};

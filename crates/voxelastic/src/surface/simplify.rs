@@ -11,15 +11,28 @@ use rayon::prelude::*;
 /// Bits of a cell's coordinate along an axis: coordinates repeat after 2^21 cells.
 const AXIS_BITS: u32 = 21;
 
-/// Joins the vertices of `mesh`, from vertex and triangle `first` on, that share a cell of 2^`lod` voxels of `voxel` metres; with level 0 none. Attributes
-/// of joined vertices are averaged; the grey of unknown ones is ignored.
+/// The key of a vertex that stays alone is its number with this bit, which no key of a cell has.
+const ALONE: u64 = 1 << 63;
+
+/// Joins the vertices of `mesh` that share a cube of a grid with edges of `cell` metres, except those whose place in `stays` is true: they keep their
+/// places, so that the border between two meshes that are simplified one by one has no cracks. Attributes of joined vertices are averaged; the grey of
+/// unknown ones is ignored. Triangles whose corners are joined vanish.
+pub fn simplify(mesh: &mut Mesh, cell: f32, stays: &[bool]) {
+    join_cells(mesh, [0, 0], cell, |vertex| stays.get(vertex).copied().unwrap_or(false));
+}
+
+/// Joins the vertices of `mesh`, from vertex and triangle `first` on, that share a cell of 2^`lod` voxels of `voxel` metres; with level 0 none.
 pub(crate) fn coarsen(mesh: &mut Mesh, first: [usize; 2], voxel: f32, lod: usize) {
-    if lod == 0 {
-        return;
+    if lod > 0 {
+        join_cells(mesh, first, voxel * (1u32 << lod.min(SCALES - 1)) as f32, |_| false);
     }
-    let cell = voxel * (1u32 << lod.min(SCALES - 1)) as f32;
-    let key = |p: &[f32; 3]| p.iter().fold(0u64, |key, c| key << AXIS_BITS | (c / cell).floor() as i64 as u64 & ((1 << AXIS_BITS) - 1));
-    let mut members: Vec<(u64, u32)> = mesh.positions[first[0]..].par_iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
+}
+
+/// Joins the vertices from `first` on that share a cell of `cell` metres; those that `stays` names, counted from `first`, keep their places.
+fn join_cells(mesh: &mut Mesh, first: [usize; 2], cell: f32, stays: impl Fn(usize) -> bool + Sync) {
+    let cell_key = |p: &[f32; 3]| p.iter().fold(0u64, |key, c| key << AXIS_BITS | (c / cell).floor() as i64 as u64 & ((1 << AXIS_BITS) - 1));
+    let key = |i: usize, p: &[f32; 3]| if stays(i) { ALONE | i as u64 } else { cell_key(p) };
+    let mut members: Vec<(u64, u32)> = mesh.positions[first[0]..].par_iter().enumerate().map(|(i, p)| (key(i, p), i as u32)).collect();
     members.par_sort_unstable();
     let cells: Vec<&[(u64, u32)]> = members.chunk_by(|a, b| a.0 == b.0).collect();
 

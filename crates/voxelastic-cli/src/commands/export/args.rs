@@ -5,10 +5,14 @@ use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Write a map as a cloud or as an OctoMap
+/// Write a map as a cloud, as tiles that a browser streams, or as an OctoMap
 ///
 /// A cloud has a point for each crossing of the surface between two voxels, in the map frame, with intensity and colour if the scans have them,
 /// and normals in PLY and PCD. Overlapping submaps are fused into one surface; E57 files have one scan per submap instead, with the pose of the submap.
+///
+/// Tiles (3D Tiles 1.1) are for maps that are too large to download: a folder with the surface at several levels of detail, and a page that loads what it
+/// shows. Any server of files can serve the folder; Cesium and other viewers of 3D Tiles read its tileset.json. A later export to the folder writes only what
+/// changed.
 ///
 /// An OctoMap is made of the occupancy of all submaps: a voxel is occupied if it is in any submap, free if it is free in some submap and occupied
 /// in none, and absent otherwise. Resampling of rotated submaps loses no occupied voxel.
@@ -16,6 +20,8 @@ use std::path::PathBuf;
 #[command(after_help = "Examples:
   voxelastic export hall.vox -o hall.laz               a cloud for survey software
   voxelastic export hall.vox -o hall.pcd --lod 2       for PCL, a sixteenth of the points
+  voxelastic export hall.vox -o hall.copc.laz          a cloud of which viewers load what they show
+  voxelastic export hall.vox -o tiles/                 the surface in tiles, with a page: python3 -m http.server -d tiles
   voxelastic export hall.vox -o hall.bt                free and occupied, smallest
   voxelastic export hall.vox -o hall.ot --voxel-size 0.2  with log-odds, coarser")]
 pub struct ExportArgs {
@@ -24,13 +30,15 @@ pub struct ExportArgs {
     pub map: PathBuf,
     #[command(flatten)]
     pub damage: DamageArgs,
-    /// The file to write; the extension selects the format: a cloud as .ply, .pcd, .las, .laz or .e57, an OctoMap as .bt (states) or .ot (log-odds)
-    #[arg(short, long, value_name = "FILE")]
+    /// The file to write; the extension selects the format: a cloud as .ply, .pcd, .las, .laz, .copc.laz or .e57, an OctoMap as .bt (states) or .ot
+    /// (log-odds). A folder, which ends with a slash, gets tiles
+    #[arg(short, long, value_name = "FILE|FOLDER/")]
     pub output: PathBuf,
     /// Edge of the OctoMap's voxels, metres [default: the finest voxel of the map]
     #[arg(long, alias = "voxel", value_name = "M", value_parser = voxel_size)]
     pub voxel_size: Option<f64>,
-    /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of an OctoMap file, voxel_m, leaves, occupied_leaves, seconds
+    /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of tiles folder, tiles, levels, triangles, bytes, files_kept, seconds; of an
+    /// OctoMap file, voxel_m, leaves, occupied_leaves, seconds
     #[arg(long)]
     pub json: bool,
     #[command(flatten)]

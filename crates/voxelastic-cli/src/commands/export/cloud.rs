@@ -13,7 +13,7 @@ use voxelastic::surface::Mesh;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::pcd;
-use voxelastic_io::survey::{SurveyCloud, e57, las};
+use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +22,8 @@ pub enum Format {
     Pcd,
     /// LAS, or LAZ by the extension.
     Las,
+    /// LAZ with an octree.
+    Copc,
     E57,
 }
 
@@ -69,6 +71,7 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
         Format::Ply => write_cloud_ply(&args.output, &all),
         Format::Pcd => pcd::write_with_normals(&args.output, &cloud(&all, 1.0), &all.normals),
         Format::Las => las::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
+        Format::Copc => copc::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
         Format::E57 => e57::write(&args.output, &stations(&map.atlas, &parts)),
     }
     .with_context(|| format!("cannot write the cloud {}", args.output.display()))?;

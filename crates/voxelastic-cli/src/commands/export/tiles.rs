@@ -1,0 +1,84 @@
+//! Export of the surface as 3D Tiles, with a page that streams them.
+
+use super::args::ExportArgs;
+use crate::meshing::map_mesh;
+use crate::progress::Progress;
+use crate::{map_files, output};
+use anyhow::Context;
+use serde::Serialize;
+use std::io::Write;
+use std::path::Path;
+use std::time::Instant;
+use voxelastic_io::tiles::{TilesetWriter, split};
+use voxelastic_report::tiles_page;
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+struct Summary<'a> {
+    folder: &'a Path,
+    /// Submaps that were left out because they are damaged.
+    submaps_damaged: usize,
+    tiles: usize,
+    levels: usize,
+    triangles: usize,
+    bytes: u64,
+    files_kept: usize,
+    seconds: f64,
+}
+
+/// Writes the folder.
+pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
+    let pool = args.surface.pool()?;
+    let clock = Instant::now();
+    let folder = &args.output;
+    // Before anything is computed: a folder that has something else is refused.
+    let mut writer = TilesetWriter::create(folder, f64::from(voxel_of(args)?)).context("cannot write tiles there")?;
+    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let voxel = map.settings.voxel_size;
+    let mut whole = pool.install(|| map_mesh(&map.atlas, voxel, &args.surface, args.layers))?;
+    if let Some(colours) = whole.colours(whole.default_colour())? {
+        whole.mesh.colours = colours;
+    }
+    let leaves = split(&whole.mesh, f64::from(voxel));
+    drop(whole);
+    let mut progress = Progress::new("tiles", leaves.len() as u64, quiet);
+    for (cell, mesh) in leaves {
+        let triangles = mesh.triangles.len();
+        pool.install(|| writer.leaf(cell, mesh)).context("cannot write the tiles")?;
+        progress.step(|| format!("{triangles} triangles"));
+    }
+    drop(progress);
+    let title = args.map.file_stem().map_or_else(|| "map".into(), |name| name.to_string_lossy());
+    for (name, bytes) in tiles_page::FILES {
+        let path = folder.join(name);
+        voxelastic_files::write(&path, |file| file.write_all(bytes)).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let report = writer.finish(&title).context("cannot write the tiles")?.unwrap_or_default();
+    tracing::info!(
+        "{} tiles in {} levels, {} triangles at full detail, {:.1} MB, in {}",
+        report.tiles,
+        report.levels,
+        report.triangles,
+        crate::usage::megabytes(report.bytes),
+        folder.display()
+    );
+    tracing::info!("to look at it: python3 -m http.server -d {} 8000, then open http://localhost:8000", folder.display());
+    if args.json {
+        output::print_json(&Summary {
+            folder,
+            submaps_damaged: map.damaged,
+            tiles: report.tiles,
+            levels: report.levels,
+            triangles: report.triangles,
+            bytes: report.bytes,
+            files_kept: report.kept,
+            seconds: clock.elapsed().as_secs_f64(),
+        })?;
+    }
+    Ok(())
+}
+
+fn voxel_of(args: &ExportArgs) -> anyhow::Result<f32> {
+    let store = map_files::open(&args.map)?;
+    Ok(map_files::settings_of(&store)?.voxel_size)
+}
