@@ -9,6 +9,7 @@ mod dataset;
 mod errors;
 mod estimation;
 mod evaluation;
+mod fleet;
 mod job;
 mod map;
 mod mapper;
@@ -30,6 +31,10 @@ mod _native {
     use crate::estimation::{Localiser, Odometry};
     #[pymodule_export]
     use crate::evaluation::{compare_surfaces, mesh_distances, trajectory_errors};
+    #[pymodule_export]
+    use crate::fleet::{
+        Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,
+    };
     #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]

@@ -121,6 +121,14 @@ impl Map {
         saved.map(|_| ()).map_err(|e| errors::file(py, &e))
     }
 
+    /// The same map with submaps numbered from `first` on, in their order.
+    fn renumbered(&self, first: u32) -> PyResult<Self> {
+        let content = self.content()?;
+        let Content { atlas, settings, sensor } = &*content;
+        let submaps = atlas.submaps().iter().zip(first..).map(|(submap, id)| submap.clone().with_id(id)).collect();
+        Ok(Content { atlas: Atlas::from_submaps(atlas.voxel_size(), submaps), settings: settings.clone(), sensor: sensor.clone() }.into())
+    }
+
     /// The settings that it was made with, as text.
     fn settings(&self) -> PyResult<Vec<(&'static str, String)>> {
         Ok(self.content()?.settings.pairs())

@@ -7,7 +7,7 @@ use voxelastic::geometry::PoseExt;
 use voxelastic::{Cloud, Pose};
 use voxelastic_sim::{SimOptions, Simulation};
 use voxelastic_slam::graph::{LiveOptimiser, Options};
-use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, Verdict};
+use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, PlaceBook, PlaceDescriptors, Verdict};
 
 /// Scans of one lap of the street, 5 m apart.
 const LAP: usize = 71;
@@ -144,4 +144,45 @@ fn closures_do_not_depend_on_the_number_of_threads() {
         pool.install(|| closed(all).0)
     };
     assert_eq!(with(1), with(3));
+}
+
+/// The places of a part of a simulation, in a frame of their own.
+fn book(simulation: &Simulation, scans: std::ops::Range<u64>, first: NodeId, t_own_map: Pose) -> PlaceBook {
+    let mut settings = LoopSettings::default();
+    settings.voxel_size = Some(0.7);
+    let mut finder = LoopFinder::new(settings);
+    for event in events(simulation) {
+        match event {
+            Event::Scan(scan) if scans.contains(&scan.node) => {
+                finder.take(&Event::Scan(Scan { node: first + scan.node, t_map_lidar: t_own_map * scan.t_map_lidar, ..scan }));
+            }
+            Event::OdometryEdge(edge) if scans.contains(&edge.from) && scans.contains(&edge.to) => {
+                finder.take(&Event::OdometryEdge(voxelastic::event::Edge { from: first + edge.from, to: first + edge.to, ..edge }));
+            }
+            _ => {}
+        }
+    }
+    finder.finish();
+    PlaceBook::of(finder).unwrap()
+}
+
+#[test]
+fn places_of_two_recordings_are_found_in_each_other_after_they_were_stored() {
+    let simulation = street(1);
+    let truth = simulation.ground_truth();
+    let turned = Pose::new(nalgebra::Vector3::new(500.0, -80.0, 3.0), nalgebra::Vector3::new(0.0, 0.0, 2.0));
+    let (first, second) = (book(&simulation, 0..40, 0, Pose::identity()), book(&simulation, 20..60, 1000, turned));
+    let stored = |book: &PlaceBook| PlaceBook::from_bytes(&book.to_bytes()).unwrap();
+    let pairs = PlaceDescriptors::from_bytes(&first.descriptors().to_bytes()).unwrap().alike(&second.descriptors(), 8);
+    assert!(pairs.len() <= 8 * second.len() && pairs.iter().all(|pair| pair.first < first.len() && pair.second < second.len()));
+    let settings = LoopSettings::default();
+    let closures = stored(&first).verify(&stored(&second), &pairs, &settings);
+    let accepted: Vec<&Closure> = closures.iter().filter(|closure| closure.verdict == Verdict::Accepted).collect();
+    assert!(accepted.len() >= 2, "{closures:?}");
+    for closure in accepted {
+        let edge = first.edge(closure).unwrap();
+        let right = truth[edge.from as usize].inv_mul(&truth[edge.to as usize - 1000]);
+        assert!(edge.t_from_to.translation_distance(&right) < 0.5, "{closure:?}");
+    }
+    assert!(PlaceBook::from_bytes(&first.to_bytes()[..1000]).is_none() && PlaceDescriptors::from_bytes(&[1, 2]).is_none());
 }

@@ -1,12 +1,13 @@
 //! A LiDAR cloud as it enters the system, before any projection.
 
 use crate::Motion;
+use serde::{Deserialize, Serialize};
 
 /// A LiDAR cloud in the lidar frame L, in metres.
 ///
 /// Optional channels are either absent or exactly as long as [`Cloud::points`]. A point with a NaN or all-zero
 /// coordinate is "no return"; it is kept so that an organised cloud keeps its pixel grid.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Cloud {
     /// Coordinates x, y, z in the lidar frame, metres.
     pub points: Vec<[f32; 3]>,

@@ -21,13 +21,14 @@ pub enum Event {
 }
 
 /// A node of the pose graph with its cloud.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Scan {
     /// The node's identifier.
     pub node: NodeId,
     /// Time stamp in seconds.
     pub time: f64,
     /// Pose of the lidar frame in the map frame when the scan was taken.
+    #[serde(with = "crate::geometry::stored")]
     pub t_map_lidar: Pose,
     /// The points, in the lidar frame.
     pub cloud: Cloud,

@@ -30,6 +30,7 @@ mod colour_section;
 mod details;
 mod files;
 mod frames;
+mod join;
 mod known_file;
 mod lock;
 mod manifest;
@@ -48,6 +49,7 @@ mod writer;
 
 pub use checkpoint::{Checkpoint, Checkpoints};
 pub use details::StoredSettings;
+pub use join::join_manifests;
 pub use manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
 pub use piece::{MapDetails, ScanEntry};
 pub use reader::MapStore;

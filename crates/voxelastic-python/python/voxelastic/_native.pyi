@@ -16,18 +16,27 @@ __all__ = [
     "Odometry",
     "Scan",
     "Simulation",
+    "Splitter",
+    "alike_places",
     "beam_directions",
+    "cells_of_box",
     "clearance",
     "compare_surfaces",
     "complete_settings",
+    "finish_tiles",
+    "join_manifests",
     "mesh_distances",
+    "optimise_graph",
     "plan",
     "ray_cast",
     "run_command",
     "settings_table",
     "slice",
     "trajectory_errors",
+    "unpack_scans",
+    "verify_places",
     "world_names",
+    "write_tiles",
 ]
 
 def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
@@ -194,6 +203,9 @@ class Map:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Saves the map to a directory."""
 
+    def renumbered(self, first: int) -> Map:
+        """The same map with submaps numbered from `first` on, in their order."""
+
     def settings(self) -> list[tuple[str, str]]:
         """The settings that it was made with, as text."""
 
@@ -318,3 +330,54 @@ def trajectory_errors(
     truth: Sequence[NDArray[np.float64]], estimate: Sequence[NDArray[np.float64]], fit: str
 ) -> tuple[str, NDArray[np.float64]]:
     """Absolute errors of a trajectory as JSON, and those of the positions in metres. `fit` is `none`, `rigid` or `first`."""
+
+@final
+class Splitter:
+    """Cuts a recording into pieces of some metres of path."""
+
+    def __new__(cls, first_node: int, metres: float, scale: float, place_voxel: float | None) -> Splitter: ...
+    def next(self, events: Events) -> tuple[bytes, int] | None:
+        """The next piece: its scans as bytes, and how many there are; none at the end."""
+
+    def track(
+        self,
+    ) -> tuple[
+        list[tuple[int, float, list[float]]],
+        list[tuple[int, int, list[float], list[float] | None]],
+        list[tuple[int, int, list[float], list[float] | None]],
+        bytes,
+        bytes,
+        float,
+        list[str],
+    ]:
+        """After the last piece: nodes with times and poses, odometry edges, loop edges, places, their descriptors, the edge of their voxels, problems."""
+
+def unpack_scans(piece: bytes) -> list[Scan]:
+    """The scans of a piece, each with its pose."""
+
+def alike_places(first: bytes, second: bytes, most: int) -> list[tuple[int, int, float]]:
+    """Pairs of places that look alike in two recordings, by their descriptors: numbers of both, and how alike, at most 1."""
+
+def verify_places(
+    first: bytes, second: bytes, pairs: Sequence[tuple[int, int, float]]
+) -> list[tuple[tuple[int, int, list[float], list[float] | None], str, float | None, float | None]]:
+    """Registers places of two recordings to each other: of each closure that was tried the edge, the verdict, the overlap and the contradiction."""
+
+def optimise_graph(
+    nodes: Sequence[tuple[int, Sequence[float]]], edges: Sequence[tuple[int, int, Sequence[float], Sequence[float] | None]], fixed: Sequence[int]
+) -> tuple[list[list[float]], bool]:
+    """The new poses of the nodes of a pose graph, in order, and whether the optimisation converged."""
+
+def join_manifests(texts: Sequence[str], poses: Mapping[int, Sequence[float]], only_posed: bool) -> str:
+    """The manifest of the map that has the submaps of several maps, at these root poses; with `only_posed` no others."""
+
+def cells_of_box(low: Sequence[float], high: Sequence[float], voxel: float, level: int) -> list[list[int]]:
+    """The cells of tiles of a level that a box of the map frame touches, in the order in which tiles are joined."""
+
+def write_tiles(
+    map: Map, cell: tuple[int, Sequence[int]], heights: tuple[float, float], folder: str | os.PathLike[str]
+) -> tuple[bytes, list[str]] | None:
+    """Writes the tiles of a map in one cell to a folder: what the next level is made of, and the names of the files; none without a surface there."""
+
+def finish_tiles(parts: Sequence[str | os.PathLike[str]], voxel: float, folder: str | os.PathLike[str], title: str) -> int:
+    """Writes the upper levels of tiles, the tileset and the page, from parts in the order of their cells. Returns the number of tiles written here."""

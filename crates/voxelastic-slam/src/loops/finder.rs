@@ -157,6 +157,11 @@ impl LoopFinder {
         &self.closures
     }
 
+    /// The edge of the voxels that it uses, and the places so far; none before the first scan.
+    pub(super) fn into_places(self) -> Option<(f64, Vec<Place>)> {
+        Some((self.voxel?, self.places))
+    }
+
     /// The scan, thinned; its piece is a new one until its odometry edge comes. None if it has no returns.
     fn keyframe(&mut self, scan: &Scan) -> Option<Keyframe> {
         let mut points = Vec::new();
@@ -235,7 +240,7 @@ impl LoopFinder {
 }
 
 /// Registers a place to an earlier one and judges the outcome.
-fn close(first: &Place, second: &Place, guess: &Guess, voxel: f64, settings: &LoopSettings) -> Closure {
+pub(super) fn close(first: &Place, second: &Place, guess: &Guess, voxel: f64, settings: &LoopSettings) -> Closure {
     let found = fit(first, second, guess, voxel, (settings.least_overlap, settings.least_score));
     let (from, to) = found.map_or((first.node, second.node), |f| f.nodes);
     let claimed = found.map_or(guess.t_first_second, |f| f.t_first_second);
@@ -261,7 +266,7 @@ fn by_odometry(first: &Place, second: &Place, from: NodeId, to: NodeId) -> Pose 
     pose(first, from).inv_mul(&pose(second, to))
 }
 
-fn edge(closure: &Closure, voxel: f64) -> Option<Edge> {
+pub(super) fn edge(closure: &Closure, voxel: f64) -> Option<Edge> {
     let (position, angle) = (SIGMA.0 * voxel, SIGMA.1.to_radians());
     let mut information = [0.0; 21];
     for (axis, at) in [0, 6, 11, 15, 18, 20].into_iter().enumerate() {

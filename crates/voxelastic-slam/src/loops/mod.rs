@@ -13,6 +13,7 @@ mod free_space;
 mod localiser;
 mod overlap;
 mod place;
+mod place_book;
 mod plane_fft;
 mod settings;
 mod signature;
@@ -20,5 +21,6 @@ mod verify;
 
 pub use finder::{Closure, LoopFinder, Searches, Verdict};
 pub use localiser::{Localiser, LocaliserSettings, Located};
+pub use place_book::{PlaceBook, PlaceDescriptors, PlacePair};
 pub use settings::LoopSettings;
 pub use verify::Fit;

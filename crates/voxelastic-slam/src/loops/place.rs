@@ -60,7 +60,12 @@ pub(crate) struct Place {
 impl Place {
     /// The place of some keyframes, in the frame of the middle one; none if there are none.
     pub(crate) fn new(keyframes: &[&Keyframe], voxel: f64, maker: &SignatureMaker) -> Option<Self> {
-        let anchor = *keyframes.get(keyframes.len() / 2)?;
+        Self::anchored(keyframes, keyframes.len() / 2, voxel, maker)
+    }
+
+    /// The place of some keyframes, in the frame of the one with this number; none if there is none.
+    pub(crate) fn anchored(keyframes: &[&Keyframe], anchor: usize, voxel: f64, maker: &SignatureMaker) -> Option<Self> {
+        let anchor = *keyframes.get(anchor)?;
         let scan = |k: &&Keyframe| {
             let t_anchor_lidar = anchor.t_map_lidar.inv_mul(&k.t_map_lidar);
             let moved = Rigid::from(&t_anchor_lidar);

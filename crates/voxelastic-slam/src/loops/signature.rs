@@ -7,6 +7,7 @@ use super::density_image::{Column, image};
 use super::plane_fft::{PlaneFft, SIDE};
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
+use serde::{Deserialize, Serialize};
 use std::f32::consts::PI;
 use std::fmt;
 use std::sync::Arc;
@@ -31,8 +32,21 @@ impl fmt::Debug for SignatureMaker {
 }
 
 /// The transform along each circle, half of it as the functions are real.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(into = "Vec<[f32; 2]>", from = "Vec<[f32; 2]>")]
 pub(crate) struct Signature(Vec<Complex32>);
+
+impl From<Signature> for Vec<[f32; 2]> {
+    fn from(signature: Signature) -> Self {
+        signature.0.iter().map(|v| [v.re, v.im]).collect()
+    }
+}
+
+impl From<Vec<[f32; 2]>> for Signature {
+    fn from(parts: Vec<[f32; 2]>) -> Self {
+        Self(parts.into_iter().map(|[re, im]| Complex32::new(re, im)).collect())
+    }
+}
 
 /// How alike two places look.
 #[derive(Clone, Copy, Debug, PartialEq)]

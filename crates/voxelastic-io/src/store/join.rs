@@ -1,0 +1,48 @@
+//! One manifest for the submaps of several maps.
+
+use super::manifest::Manifest;
+use super::manifest_text;
+use super::piece::pose_as_numbers;
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+use std::path::Path;
+use voxelastic::Pose;
+use voxelastic::atlas::SubmapId;
+
+/// The text of the manifest of a map that has the submaps of several others, from the texts of their manifests. Their files need only lie beside it: a
+/// file does not depend on where its submap lies. Submaps that `poses` names get these root poses (map frame); with `only_posed`, the others are left
+/// out. Settings are those of the first map.
+///
+/// # Errors
+/// [`Error::Damaged`] and the like for a text that is no manifest, [`Error::Unwritable`] for two submaps with one number, other voxel sizes, and poses that are
+/// not finite.
+pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_posed: bool) -> Result<String> {
+    let path = Path::new("manifest.json");
+    let mut joined: Option<Manifest> = None;
+    for text in texts {
+        let part = manifest_text::read(path, text.as_bytes())?;
+        match &mut joined {
+            None => joined = Some(part),
+            Some(all) => {
+                let sizes = (all.voxel_size(), part.voxel_size());
+                if sizes.0 != sizes.1 {
+                    return Err(Error::unwritable(path, "the maps have voxels of different sizes".to_owned()));
+                }
+                all.submaps.extend(part.submaps);
+            }
+        }
+    }
+    let mut joined = joined.unwrap_or_default();
+    joined.submaps.retain(|entry| !only_posed || poses.contains_key(&entry.id));
+    joined.submaps.sort_by_key(|entry| entry.id);
+    if let Some(twice) = joined.submaps.windows(2).find(|pair| pair[0].id == pair[1].id) {
+        return Err(Error::unwritable(path, format!("two maps have a submap {}", twice[0].id)));
+    }
+    for entry in &mut joined.submaps {
+        if let Some(pose) = poses.get(&entry.id) {
+            pose_as_numbers::check(pose).map_err(|what| Error::unwritable(path, format!("the pose of submap {} {what}", entry.id)))?;
+            entry.t_map_submap = *pose;
+        }
+    }
+    manifest_text::write(&joined).map_err(|e| Error::unwritable(path, e.to_string()))
+}

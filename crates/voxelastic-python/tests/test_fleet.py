@@ -1,0 +1,246 @@
+"""Many sessions, one map: whatever the number of workers, whatever fails on the way."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import voxelastic as vx
+
+pytest.importorskip("fsspec")
+from voxelastic import fleet
+from voxelastic.fleet import _store
+
+SETTINGS = vx.Settings(voxel_size=0.3, max_range=25)
+
+
+def write_drive(path: Path, simulation: vx.Simulation, first: int, last: int, start: np.ndarray[Any, Any]) -> None:
+    """Some scans of a simulation as a folder of a session of its own: with a frame of its own, and poses that drift."""
+    path.mkdir(parents=True)
+    (path / "scans").mkdir()
+    poses = simulation.true_poses[first:last]
+    random = np.random.default_rng(first)
+    drift = np.cumsum(random.normal(0, 0.004, (len(poses), 3)), axis=0)
+    rows = []
+    for k, pose in enumerate(poses):
+        own = start @ pose
+        own[:3, 3] += drift[k]
+        rows.append(own[:3].reshape(-1))
+        scan = simulation[first + k].points.reshape(-1, 3)
+        kept = scan[np.isfinite(scan).all(axis=1)]
+        np.hstack([kept, np.zeros((len(kept), 1), np.float32)]).astype(np.float32).tofile(path / "scans" / f"{k:06d}.bin")
+    np.savetxt(path / "poses.txt", np.array(rows))
+
+
+def frame(x: float, y: float, yaw: float) -> np.ndarray[Any, Any]:
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    matrix[:2, 3] = x, y
+    return matrix
+
+
+@pytest.fixture(scope="session")
+def world() -> vx.Simulation:
+    return vx.Simulation("campus", scans=120, sensor="vlp-16", columns=500, max_range=60, spacing=1.0)
+
+
+@pytest.fixture(scope="session")
+def drives(world: vx.Simulation, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two drives that share half of their ways."""
+    folder = tmp_path_factory.mktemp("drives")
+    write_drive(folder / "monday", world, 0, 70, frame(0, 0, 0))
+    write_drive(folder / "tuesday", world, 30, 100, frame(300, -40, 1.1))
+    return [folder / "monday", folder / "tuesday"]
+
+
+def content(store: Path) -> dict[str, str]:
+    """Hashes of all that a map and its tiles are made of."""
+    files = [path for name in ("map.vox", "tiles") for path in (store / name).rglob("*") if path.is_file()]
+    return {str(path.relative_to(store)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="session")
+def alone(drives: list[Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fleet.FleetReport]:
+    """The map by this process."""
+    store = tmp_path_factory.mktemp("alone")
+    return store, fleet.map(drives, store, settings=SETTINGS, tile_level=1)
+
+
+def cluster(workers: int) -> Any:
+    distributed = pytest.importorskip("distributed")
+    return distributed.LocalCluster(n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50)
+
+
+def test_sessions_are_joined_where_they_are(alone: tuple[Path, fleet.FleetReport], world: vx.Simulation) -> None:
+    store, report = alone
+    assert [session.state for session in report.sessions] == ["joined", "joined"], str(report)
+    assert report.closures >= 2 and report.submaps >= 4 and report.tiles > 4
+    nodes = {int(node): np.array(pose) for node, pose in json.loads((store / report.node_poses).read_text()).items()}
+    for session, first in ((0, 0), (1, 30)):
+        off = [np.linalg.norm(pose[:3] - world.true_poses[first + (node & 0xFFFFFFFF), :3, 3]) for node, pose in nodes.items() if node >> 32 == session]
+        assert len(off) == 70 and np.mean(off) < 0.25, f"session {session}: {np.mean(off):.3f} m"
+    opened = vx.Map.open(store / "map.vox")
+    assert len(opened.submaps) == report.submaps
+    truth = world.surface(0.3, max_range=25)
+    queried = np.abs(opened.query(truth).distance)
+    assert np.nanmedian(queried) < 0.08
+    assert (store / "fleet.html").read_text().count("monday") >= 2 and (store / "tiles" / "index.html").exists()
+
+
+def test_the_map_does_not_depend_on_workers(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    with cluster(2) as local, local.get_client() as client:
+        report = fleet.map(drives, tmp_path, client, settings=SETTINGS, tile_level=1)
+    assert content(tmp_path) == content(alone[0])
+    assert max(stage.most_bytes for stage in report.stages) < 20_000, "arrays went through the scheduler"
+
+
+def test_what_is_done_is_not_done_again(alone: tuple[Path, fleet.FleetReport], drives: list[Path]) -> None:
+    store = alone[0]
+    before = content(store)
+    again = fleet.map(drives, store, settings=SETTINGS, tile_level=1)
+    assert content(store) == before and again.moved == 0
+    assert all(stage.repeated == stage.tasks for stage in again.stages), again.stages
+
+
+def test_a_new_session_leaves_the_others_alone(alone: tuple[Path, fleet.FleetReport], drives: list[Path], world: vx.Simulation, tmp_path: Path) -> None:
+    store = tmp_path / "grown"
+    shutil.copytree(alone[0], store)
+    before = {name: found for name, found in content(store).items() if name.endswith(".vxs")}
+    write_drive(tmp_path / "wednesday", world, 50, 110, frame(-5, 7, -2.0))
+    report = fleet.map([*drives, tmp_path / "wednesday"], store, settings=SETTINGS, tile_level=1)
+    assert [session.state for session in report.sessions] == 3 * ["joined"], str(report)
+    assert before.items() <= content(store).items(), "submaps that are there are not written again"
+    done = {stage.name: (stage.tasks, stage.repeated) for stage in report.stages}
+    assert done["split"] == (3, 2) and done["close"] == (3, 1), done
+    integrated, repeated = done["integrate"]
+    assert 0 < integrated - repeated < repeated
+
+
+def test_sessions_that_cannot_be_used_are_named_and_the_rest_goes_on(drives: list[Path], alone: tuple[Path, fleet.FleetReport], tmp_path: Path) -> None:
+    mine = vx.Simulation("mine", scans=30, sensor="vlp-16", columns=600, max_range=40, spacing=1.0)
+    write_drive(tmp_path / "elsewhere", mine, 0, 25, np.eye(4))
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "notes.txt").write_text("no scans")
+    feet = tmp_path / "feet"
+    feet.mkdir()
+    (feet / "scans").mkdir()
+    for file in sorted((drives[1] / "scans").iterdir()):
+        (np.fromfile(file, np.float32).reshape(-1, 4) / np.array([0.3048, 0.3048, 0.3048, 1])).astype(np.float32).tofile(feet / "scans" / file.name)
+    poses = np.loadtxt(drives[1] / "poses.txt").reshape(-1, 3, 4)
+    poses[:, :, 3] /= 0.3048
+    np.savetxt(feet / "poses.txt", poses.reshape(-1, 12))
+    sessions = [*drives, tmp_path / "elsewhere", tmp_path / "broken", tmp_path / "nowhere", feet]
+    report = fleet.map(sessions, tmp_path / "store", settings=SETTINGS, tile_level=1)
+    states = [session.state for session in report.sessions]
+    assert states == ["joined", "joined", "meets no other", "unreadable", "unreadable", "in another scale"], str(report)
+    assert "feet" in (report.sessions[5].problem or "") and "nowhere" in (report.sessions[4].problem or "")
+    submaps = {name for name in content(tmp_path / "store") if name.endswith(".vxs")}
+    assert len(vx.Map.open(tmp_path / "store" / "map.vox").submaps) == alone[1].submaps == len(submaps)
+    scaled = fleet.map([*drives, fleet.Session(str(feet), scale=0.3048)], tmp_path / "store2", settings=SETTINGS, tile_level=1)
+    assert [session.state for session in scaled.sessions] == 3 * ["joined"], str(scaled)
+
+
+def test_a_store_that_fails_now_and_then_changes_nothing(
+    alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random, put, failures = np.random.default_rng(7), _store._put, []
+
+    def unreliable(fs: Any, path: str, written: bytes) -> None:
+        if random.random() < 0.1:
+            failures.append(path)
+            raise OSError(5, "the store does not answer")
+        put(fs, path, written)
+
+    monkeypatch.setattr(_store, "_put", unreliable)
+    fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
+    assert content(tmp_path) == content(alone[0]) and failures
+
+
+def test_a_full_store_is_named_and_a_later_run_goes_on(
+    alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put = _store._put
+
+    def full(fs: Any, path: str, written: bytes) -> None:
+        if "/tiles/" in path:
+            raise OSError(28, "No space left on device")
+        put(fs, path, written)
+
+    monkeypatch.setattr(_store, "_put", full)
+    report = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
+    assert any("No space left" in problem for problem in report.regions_failed), report.regions_failed
+    monkeypatch.undo()
+    again = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
+    assert content(tmp_path) == content(alone[0])
+    assert {stage.name: stage.repeated for stage in again.stages}["integrate"] > 0
+
+
+def test_workers_that_are_killed_cost_a_task_each(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    killed: dict[str, int] = {}
+
+    def kill(stage: str, done: int, all_: int) -> None:
+        # After the first task of each stage that has several, while the others run.
+        if stage in killed or all_ < 2 or done == all_:
+            return
+        busy = [address for address, tasks in client.processing().items() if tasks]
+        workers = [worker for worker in local.workers.values() if worker.worker_address in busy] or list(local.workers.values())
+        if workers[0].process is not None and workers[0].process.pid is not None:
+            killed[stage] = workers[0].process.pid
+            os.kill(killed[stage], signal.SIGKILL)
+
+    with cluster(2) as local, local.get_client() as client:
+        report = fleet.map(drives, tmp_path, client, settings=SETTINGS, tile_level=1, progress=kill)
+    assert {"probe", "split", "integrate", "tiles"} <= killed.keys() and content(tmp_path) == content(alone[0])
+    assert not any(stage.failed for stage in report.stages)
+
+
+def test_two_fleets_do_not_write_to_one_store(tmp_path: Path) -> None:
+    store = fleet.Store(str(tmp_path))
+    first = store.replace("fleet.json", b"{}", None)
+    with pytest.raises(fleet.ManifestError, match="another fleet"):
+        store.replace("fleet.json", b"[]", None)
+    store.replace("fleet.json", b"[]", first)
+
+
+def test_an_object_store_is_a_store(drives: list[Path], alone: tuple[Path, fleet.FleetReport], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """S3 as moto answers it, in a thread of this process."""
+    moto, s3fs = pytest.importorskip("moto.server"), pytest.importorskip("s3fs")
+    for name, value in (("AWS_ACCESS_KEY_ID", "x"), ("AWS_SECRET_ACCESS_KEY", "x"), ("AWS_DEFAULT_REGION", "us-east-1")):
+        monkeypatch.setenv(name, value)
+    server = moto.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    try:
+        host, port = server.get_host_and_port()
+        options = {"client_kwargs": {"endpoint_url": f"http://{host}:{port}"}}
+        files = s3fs.S3FileSystem(**options)
+        files.mkdir("drives")
+        files.put(str(drives[0]), "drives/monday", recursive=True)
+        sessions = [fleet.Session("s3://drives/monday", options=options), fleet.Session(str(drives[1]))]
+        store = fleet.Store("s3://drives/city", options)
+        report = fleet.map(sessions, store, settings=SETTINGS, tile_level=1)
+        assert [session.state for session in report.sessions] == ["joined", "joined"], str(report)
+        files.get("drives/city/map.vox", str(tmp_path / "map.vox"), recursive=True)
+        assert {name: found for name, found in content(tmp_path).items() if name.endswith(".vxs")}.items() <= content(alone[0]).items()
+        assert len(vx.Map.open(tmp_path / "map.vox").submaps) == report.submaps
+    finally:
+        server.stop()
+
+
+def test_the_command(drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from voxelastic.fleet.__main__ import main
+
+    code = main([*map(str, drives), "-o", str(tmp_path), "--workers", "0", "--set", "voxel_size=0.3", "--set", "max_range=25", "--tile-level", "1", "--json"])
+    said = capsys.readouterr()
+    report = json.loads(said.out)
+    assert code == 0 and report["submaps"] > 0 and "tiles" in said.err
+    assert main([str(tmp_path / "nothing"), "-o", str(tmp_path / "other"), "--workers", "0", "--quiet"]) == 1
+    assert "nothing" in capsys.readouterr().err
+    assert main([str(drives[0]), "-o", str(tmp_path), "--workers", "0", "--set", "voxel_size=no"]) == 2
