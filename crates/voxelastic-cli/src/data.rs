@@ -74,6 +74,11 @@ impl DataArgs {
         &self.data
     }
 
+    /// How the data are read, in words.
+    pub fn identity(&self) -> String {
+        format!("{:?}", self.options(false))
+    }
+
     /// The flag about poses that was given, if one was.
     pub fn names_poses(&self) -> Option<&'static str> {
         let given = [
@@ -120,6 +125,12 @@ impl DataArgs {
 /// Interval of the held-out scans: the last of every N.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HoldOut(usize);
+
+impl std::fmt::Display for HoldOut {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
 
 impl HoldOut {
     /// Parses the argument.

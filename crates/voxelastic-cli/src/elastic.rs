@@ -10,7 +10,7 @@ use voxelastic::mapper::ScanSource;
 use voxelastic_io::PoseKind;
 use voxelastic_slam::Corrector;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
-use voxelastic_slam::loops::{LoopFinder, LoopSettings};
+use voxelastic_slam::loops::{LoopFinder, LoopSettings, Searches};
 
 /// Arguments for pose corrections.
 #[derive(Clone, Copy, Debug, Args)]
@@ -44,15 +44,21 @@ impl ElasticArgs {
         if self.optimize || self.loops { PoseKind::Odometry } else { PoseKind::Optimised }
     }
 
-    /// The stage between the source and the mapper; `is_raw` if the poses are estimated.
-    pub fn corrector(self, is_raw: bool) -> Corrector {
+    /// What decides about the map before its end, in words.
+    pub fn identity(self) -> String {
+        format!("optimize {}, loops {}, no loops {}", self.optimize, self.loops, self.no_loops)
+    }
+
+    /// The stage between the source and the mapper; `is_raw` if the poses are estimated. `known` are the outcomes of its first searches for
+    /// loop closures, if an earlier process has searched.
+    pub fn corrector(self, is_raw: bool, known: Option<Searches>) -> Corrector {
         let finds_loops = self.loops || is_raw && !self.no_loops;
         let optimiser = (self.optimize || finds_loops).then(|| LiveOptimiser::new(Options::default()));
         let mut corrector = Corrector::default();
         if let Some(optimiser) = optimiser {
             corrector = corrector.with_optimiser(if is_raw { optimiser.with_pieces() } else { optimiser });
         }
-        if finds_loops { corrector.with_finder(LoopFinder::new(LoopSettings::default())) } else { corrector }
+        if finds_loops { corrector.with_finder(LoopFinder::new(LoopSettings::default()).with_searches(known.unwrap_or_default())) } else { corrector }
     }
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns

@@ -4,16 +4,19 @@ mod raw_input;
 
 use crate::data::{DataArgs, HoldOut};
 use crate::failure::{self, Failure};
+use crate::interrupt;
 use crate::odometry_log::OdometrySummary;
 use raw_input::RawEvents;
-pub use raw_input::{OdometryStage, RawInput};
+pub use raw_input::{OdometryStage, RawInput, StageState};
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use voxelastic::event::Event;
+use voxelastic::Motion;
+use voxelastic::event::{Event, NodeId};
 use voxelastic::mapper::{IdleTask, ScanSource};
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::source::{Events, Source};
-use voxelastic_io::{Error, PoseKind};
+use voxelastic_io::{Error, PoseKind, ReadPosition};
 use voxelastic_live::transport::Incoming;
 
 /// Scans with poses, or raw ones.
@@ -116,6 +119,47 @@ impl Input {
         })
     }
 
+    /// The events that come after those that an earlier process has taken; of a recording, the first are read again. None if the user
+    /// interrupts that.
+    ///
+    /// # Errors
+    /// When the threads cannot be started.
+    pub fn events_from(&self, threads: usize, state: InputState) -> anyhow::Result<Option<InputEvents>> {
+        let items = state.position.items_to_skip();
+        if items > 0 {
+            tracing::info!("reading the recording again up to where the run was");
+        }
+        let skip = |events: &mut dyn FnMut() -> bool| (0..items).all(|_| !interrupt::requested() && events());
+        let (events, is_there) = match self {
+            Self::Registered(source) => {
+                let mut events = source.events_from(state.position);
+                let is_there = skip(&mut || events.next().is_some());
+                (InputEvents::Registered(Box::new(events)), is_there)
+            }
+            Self::Raw(raw) => {
+                let mut events = raw.events_from(threads, &state.position, state.stage)?;
+                let is_there = skip(&mut || events.skip_scan());
+                (InputEvents::Raw(Box::new(events)), is_there)
+            }
+        };
+        Ok(is_there.then_some(events))
+    }
+
+    /// A number that differs, as a rule, for other data.
+    pub fn fingerprint(&self) -> u64 {
+        match self {
+            Self::Registered(source) => source.fingerprint(),
+            Self::Raw(raw) => raw.fingerprint(),
+        }
+    }
+
+    /// Takes over how the lidar moved during sweeps that an earlier process has registered.
+    pub fn know_motions(&self, motions: impl IntoIterator<Item = (NodeId, Motion)>) {
+        if let Self::Raw(raw) = self {
+            raw.know_motions(motions);
+        }
+    }
+
     /// What came to the robot that recorded the data, in order: scans with poses and edges, or raw scans. Sets `broken` if a decoder panics.
     pub fn incoming(&self, broken: Arc<AtomicBool>) -> Box<dyn Iterator<Item = Incoming> + Send> {
         let unusable = move |problem: anyhow::Error| {
@@ -153,6 +197,14 @@ impl Input {
     }
 }
 
+/// Where the reading of an [`Input`] is, between two scans.
+#[derive(Serialize, Deserialize)]
+pub struct InputState {
+    position: ReadPosition,
+    /// Of the odometry, if there is one.
+    stage: Option<StageState>,
+}
+
 /// Iterator over the events of an [`Input`].
 pub enum InputEvents {
     /// Of scans with poses.
@@ -167,6 +219,14 @@ impl InputEvents {
         match self {
             Self::Registered(events) => IdleTask::new(events.idle_step()),
             Self::Raw(events) => IdleTask::new(events.idle_step()),
+        }
+    }
+
+    /// Where it is; none between the events of one scan.
+    pub fn state(&self) -> Option<InputState> {
+        match self {
+            Self::Registered(events) => Some(InputState { position: events.read_position()?, stage: None }),
+            Self::Raw(events) => events.state().map(|(position, stage)| InputState { position, stage: Some(stage) }),
         }
     }
 

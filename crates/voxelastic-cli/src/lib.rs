@@ -28,6 +28,7 @@ mod progress;
 mod raw_data;
 mod recorder;
 mod reporting;
+mod resume;
 mod target;
 mod usage;
 mod watching;

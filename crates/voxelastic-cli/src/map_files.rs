@@ -5,8 +5,8 @@ use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
 use voxelastic::settings::Settings;
-use voxelastic_io::Error;
 use voxelastic_io::store::MapStore;
+use voxelastic_io::{Error, Origin};
 
 /// A map in memory.
 pub struct LoadedMap {
@@ -14,6 +14,8 @@ pub struct LoadedMap {
     pub atlas: Atlas,
     /// Its settings.
     pub settings: Settings,
+    /// Where the coordinates of the submaps are counted from. What users give and get is counted from zero.
+    pub origin: Origin,
     /// Submaps that were left out because they are damaged.
     pub damaged: usize,
 }
@@ -29,7 +31,7 @@ pub struct DamageArgs {
 /// Loads a map.
 pub fn load(path: &Path, damage: DamageArgs) -> anyhow::Result<LoadedMap> {
     let store = open(path)?;
-    let settings = settings_of(&store)?;
+    let (settings, origin) = (settings_of(&store)?, origin_of(&store)?);
     let (atlas, damaged) = if damage.skip_damaged {
         let (atlas, found) = store.load_undamaged().map_err(damaged_whole)?;
         found.iter().for_each(|error| tracing::warn!("left out: {error}"));
@@ -38,7 +40,7 @@ pub fn load(path: &Path, damage: DamageArgs) -> anyhow::Result<LoadedMap> {
     } else {
         (store.load_atlas().map_err(|error| damaged_part(path, error))?, 0)
     };
-    Ok(LoadedMap { atlas, settings, damaged })
+    Ok(LoadedMap { atlas, settings, origin, damaged })
 }
 
 /// Opens a map. An error says how a damaged one is repaired.
@@ -95,6 +97,19 @@ pub fn settings_of(store: &MapStore) -> anyhow::Result<Settings> {
         tracing::warn!("{}: the map has a setting that this version of voxelastic does not know: {error}", store.dir().display());
     }
     Ok(stored.settings)
+}
+
+/// The origin of a map.
+pub fn origin_of(store: &MapStore) -> anyhow::Result<Origin> {
+    store.manifest().details.origin().map_err(|words| {
+        let remedy = "restore the manifest from a backup, or move it away and let `voxelastic repair` make it again";
+        Failure::new(format!("{}: damaged origin in manifest.json: {words:?}", store.dir().display()), remedy).into()
+    })
+}
+
+/// Whether a folder has nothing but what was stored of a run that did not end.
+pub fn is_unfinished(dir: &Path) -> bool {
+    is_map(&dir.join("unfinished"))
 }
 
 /// Whether `path` is the directory of a map.

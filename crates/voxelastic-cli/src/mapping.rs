@@ -9,6 +9,8 @@ use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
 use voxelastic::mapper::{IdleTask, MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
 use voxelastic_eval::SeriesStats;
+use voxelastic_io::Origin;
+use voxelastic_io::store::MapDetails;
 use voxelastic_report::RunLog;
 
 /// A mapper, its thread pool, and the log of the run.
@@ -17,6 +19,8 @@ pub struct Session {
     pool: rayon::ThreadPool,
     clock: PoolClock,
     recorder: Recorder,
+    /// Of the map; none before the first scan.
+    origin: Option<Origin>,
 }
 
 /// Statistics of the time per scan, with preparation, without reading and decoding of files. Milliseconds.
@@ -34,12 +38,42 @@ impl Session {
     /// A session of `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::default() }
+        Self { mapper, pool, clock, recorder: Recorder::default(), origin: None }
+    }
+
+    /// A session that goes on with the log of an earlier process, and around the origin that it chose.
+    pub fn resumed(mapper: Mapper, pool: rayon::ThreadPool, log: RunLog, origin: Origin) -> Self {
+        let clock = PoolClock::new(&pool);
+        Self { mapper, pool, clock, recorder: Recorder::resumed(log), origin: Some(origin) }
+    }
+
+    /// The event with the origin of the map taken off its poses. The first scan decides where that is.
+    pub fn localised(&mut self, event: Event) -> Event {
+        if let (None, Event::Scan(scan)) = (self.origin, &event) {
+            let origin = Origin::near(&scan.t_map_lidar);
+            if !origin.is_zero() {
+                tracing::info!(
+                    "the map is made around {origin} m, as single precision is too coarse so far from zero; what is written has that added"
+                );
+            }
+            self.origin = Some(origin);
+        }
+        self.origin.unwrap_or_default().event_to_local(event)
+    }
+
+    /// The origin of the map.
+    pub fn origin(&self) -> Origin {
+        self.origin.unwrap_or_default()
+    }
+
+    /// How the map is made, to be stored with it.
+    pub fn details(&self) -> MapDetails {
+        MapDetails::describe(self.mapper.settings(), self.mapper.sensor()).with_origin(self.origin())
     }
 
     /// Begins a new map with another mapper; the log begins anew, too.
     pub fn restart(&mut self, mapper: Mapper) {
-        (self.mapper, self.recorder) = (mapper, Recorder::default());
+        (self.mapper, self.recorder, self.origin) = (mapper, Recorder::default(), None);
     }
 
     /// Sets work for threads that would be idle during a scan, if the pool has more than one.

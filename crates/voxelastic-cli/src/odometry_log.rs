@@ -1,18 +1,18 @@
 //! What the odometry did, scan by scan, and the figures that follow.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
-use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
+use voxelastic::geometry::stored::StoredPose;
 use voxelastic_eval::SeriesStats;
 use voxelastic_slam::odometry::{Failure, Level, OdometryReport, Status};
 
 /// Outcomes of all registrations.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct OdometryLog {
     scans: usize,
-    failed: BTreeMap<&'static str, usize>,
+    failed: BTreeMap<String, usize>,
     degenerate: usize,
     pieces: usize,
     gaps: usize,
@@ -22,7 +22,7 @@ pub struct OdometryLog {
     degenerate_before: usize,
     path_m: f64,
     /// Pose and piece of the last scan that was registered.
-    last: Option<(Pose, usize)>,
+    last: Option<(StoredPose, usize)>,
     cpu_ms: Vec<f64>,
     prepare_ms: Vec<f64>,
     register_ms: Vec<f64>,
@@ -38,7 +38,7 @@ pub struct OdometrySummary {
     /// Scans that were to be registered.
     pub registered_of: usize,
     /// Scans whose pose is a prediction only, by reason.
-    pub failed: BTreeMap<&'static str, usize>,
+    pub failed: BTreeMap<String, usize>,
     /// Scans whose surfaces did not hold the pose along some directions.
     pub degenerate: usize,
     /// Pieces of the trajectory; no odometry leads from one to the next.
@@ -87,16 +87,16 @@ impl OdometryLog {
         // Said once for each stretch of such scans.
         self.degenerate_before = if degenerate { 20 } else { self.degenerate_before.saturating_sub(1) };
         self.cpu_ms.extend(cpu.map(milliseconds));
-        let pose = report.t_map_lidar;
+        let pose = StoredPose(report.t_map_lidar);
         match report.status {
             Status::Failed(failure) => {
-                *self.failed.entry(words(failure)).or_default() += 1;
+                *self.failed.entry(words(failure).to_owned()).or_default() += 1;
                 return Some(format!("not registered: {}", words(failure)));
             }
             Status::First => self.last = Some((pose, report.piece)),
             _ => {
                 if let Some((last, _)) = self.last.replace((pose, report.piece)).filter(|(_, piece)| *piece == report.piece) {
-                    self.path_m += last.translation_distance(&pose);
+                    self.path_m += last.0.translation_distance(&pose.0);
                 }
                 self.degenerate += usize::from(matches!(report.status, Status::Degenerate { .. }));
                 self.prepare_ms.push(milliseconds(report.times.prepare));

@@ -15,7 +15,7 @@ pub fn check(atlas: &Atlas, voxel: f32) -> anyhow::Result<()> {
     let (step, voxel) = (step_at(farthest), f64::from(voxel));
     let what = || format!("the map is {farthest:.0} m from its origin, where coordinates in single precision have steps of {step} m");
     if step > voxel {
-        let remedy = "subtract the same offset from all poses, for example the first position in whole kilometres, and map again";
+        let remedy = "map the data again: a map gets an origin near its first pose, so only poses that are far from that one are out of reach";
         return Err(Failure::new(format!("{}, more than a voxel of {voxel:.3} m", what()), remedy).into());
     }
     if step > LARGE_STEP * voxel {

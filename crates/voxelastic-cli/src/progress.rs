@@ -19,6 +19,8 @@ pub struct Progress {
     what: &'static str,
     total: Option<u64>,
     done: u64,
+    /// Items that were done before it began.
+    before: u64,
     started: Instant,
     last_line: Instant,
 }
@@ -31,7 +33,16 @@ impl Progress {
         let bar = (terminal && !quiet).then(|| bar(what, total));
         *BAR.lock().unwrap_or_else(PoisonError::into_inner) = bar.clone();
         let now = Instant::now();
-        Self { bar, lines: !terminal && !quiet, what, total, done: 0, started: now, last_line: now }
+        Self { bar, lines: !terminal && !quiet, what, total, done: 0, before: 0, started: now, last_line: now }
+    }
+
+    /// Begins after so many items.
+    pub fn start_after(&mut self, items: u64) {
+        (self.done, self.before) = (items, items);
+        if let Some(bar) = &self.bar {
+            bar.set_position(items);
+            bar.reset_eta();
+        }
     }
 
     /// Counts an item; `note` is shown after the rate.
@@ -42,7 +53,7 @@ impl Progress {
             bar.inc(1);
         } else if self.lines && self.last_line.elapsed() >= LINE_PERIOD {
             self.last_line = Instant::now();
-            let rate = self.done as f64 / self.started.elapsed().as_secs_f64().max(1e-9);
+            let rate = (self.done - self.before) as f64 / self.started.elapsed().as_secs_f64().max(1e-9);
             let Self { what, done, .. } = *self;
             match self.total {
                 Some(total) => {

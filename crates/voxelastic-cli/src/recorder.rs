@@ -73,6 +73,11 @@ impl EventSummary {
 }
 
 impl Recorder {
+    /// One that adds to a log.
+    pub fn resumed(log: RunLog) -> Self {
+        Self { log, optimise: None }
+    }
+
     /// Logs the time of the optimisation that the next correction is the result of.
     pub fn optimised(&mut self, took: Duration) {
         self.optimise = Some(took);

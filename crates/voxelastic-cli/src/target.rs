@@ -9,7 +9,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use voxelastic_io::Error;
-use voxelastic_io::store::{MapDetails, MapStore, MapWriter, SaveReport};
+use voxelastic_io::store::{Checkpoint, Checkpoints, MapDetails, MapStore, MapWriter, SaveReport};
 use voxelastic_report::RunLog;
 
 /// First and longest pause between two attempts to save.
@@ -29,6 +29,7 @@ pub enum OnFullDisk {
 /// The map directory during the run. A run that fails leaves the directory unchanged.
 pub struct Target {
     writer: Option<MapWriter>,
+    checkpoints: Option<Checkpoints>,
     path: PathBuf,
     overwrite: bool,
     on_full_disk: OnFullDisk,
@@ -40,12 +41,52 @@ impl Target {
     pub fn create(path: &Path, overwrite: bool, on_full_disk: OnFullDisk) -> anyhow::Result<Self> {
         set_damaged_aside(path)?;
         let writer = MapWriter::create(path).context("cannot write the map there")?;
-        Ok(Self { writer: Some(writer), path: path.to_owned(), overwrite, on_full_disk, elsewhere: false })
+        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), overwrite, on_full_disk, elsewhere: false })
     }
 
     /// Where the map is, or will be, saved.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Scans in the map that is there.
+    pub fn scans(&self) -> usize {
+        self.writer.as_ref().map_or(0, scans_in)
+    }
+
+    fn writer(&self) -> anyhow::Result<&MapWriter> {
+        self.writer.as_ref().context("the map was abandoned before it was saved")
+    }
+
+    /// What was stored of a run that did not end; its checkpoints are then those of this run.
+    pub fn take_checkpoint(&mut self) -> anyhow::Result<Option<Checkpoint>> {
+        let found = Checkpoints::resume(self.writer()?)?;
+        Ok(found.map(|(checkpoint, checkpoints)| {
+            self.checkpoints = Some(checkpoints);
+            checkpoint
+        }))
+    }
+
+    /// Gives up what was stored of a run that did not end.
+    pub fn remove_checkpoints(&mut self) -> anyhow::Result<()> {
+        self.checkpoints = None;
+        Ok(Checkpoints::remove(self.writer()?)?)
+    }
+
+    /// The checkpoints of this run.
+    pub fn checkpoints(&mut self) -> anyhow::Result<&mut Checkpoints> {
+        let begun = match self.checkpoints.take() {
+            Some(begun) => begun,
+            None => Checkpoints::begin(self.writer()?)?,
+        };
+        Ok(self.checkpoints.insert(begun))
+    }
+
+    /// Removes the checkpoints, as the run has ended and its map is saved.
+    pub fn discard_checkpoints(&mut self) {
+        if let Some(checkpoints) = self.checkpoints.take() {
+            checkpoints.discard();
+        }
     }
 
     /// Whether the map is in another folder than the one that was asked for, because that could not be written.
@@ -98,7 +139,7 @@ impl Target {
     fn save_here(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
         self.keep_better(session.scans())?;
         let writer = self.writer.as_mut().context("the map was abandoned before it was saved")?;
-        save(writer, session, details)
+        save(writer, self.checkpoints.as_ref(), session, details)
     }
 
     /// Saves the map in the first other folder that takes it; else the problem with each.
@@ -106,11 +147,13 @@ impl Target {
         let name = self.path.file_name().map_or_else(|| PathBuf::from("map.vox"), PathBuf::from);
         let mut problems = Vec::new();
         for folder in other_folders(&self.path) {
-            let saved = free_path(&folder.join(&name), 1).and_then(|(path, mut writer)| match save(&mut writer, session, details) {
-                Ok(report) => Ok((path, writer, report)),
-                Err(problem) => {
-                    writer.abandon();
-                    Err(problem)
+            let saved = free_path(&folder.join(&name), 1).and_then(|(path, mut writer)| {
+                match save(&mut writer, self.checkpoints.as_ref(), session, details) {
+                    Ok(report) => Ok((path, writer, report)),
+                    Err(problem) => {
+                        writer.abandon();
+                        Err(problem)
+                    }
                 }
             });
             match saved {
@@ -188,9 +231,13 @@ fn set_damaged_aside(path: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn save(writer: &mut MapWriter, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
+fn save(writer: &mut MapWriter, checkpoints: Option<&Checkpoints>, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
     let atlas = session.mapper().atlas();
-    session.pool().install(|| writer.save(atlas, details)).context("cannot save the map")
+    let save = || match checkpoints {
+        Some(checkpoints) => checkpoints.save_map(writer, atlas, details),
+        None => writer.save(atlas, details),
+    };
+    session.pool().install(save).context("cannot save the map")
 }
 
 /// Number of scans in the map that is there.

@@ -5,6 +5,7 @@ use crate::clouds::CloudFormat;
 use crate::dataset::{self, Dataset};
 use crate::folders::holds_clouds;
 use crate::read_ahead::IdleStep;
+use crate::read_position::{Place, ReadPosition};
 use crate::{OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::Path;
@@ -114,6 +115,23 @@ impl Source {
         }
     }
 
+    /// The events from a position on, of the same data. Those of a recording are read from its beginning, and the first
+    /// [`items_to_skip`](ReadPosition::items_to_skip) are to be dropped by the caller.
+    pub fn events_from(&self, position: ReadPosition) -> Events {
+        match (self, position.0) {
+            (Self::Folder(folder), Place::Folder(place)) => Events::Folder(Box::new(folder.events_from(place))),
+            _ => self.events(),
+        }
+    }
+
+    /// A number that differs, as a rule, for other data: other scans, poses, edges or files that were changed since.
+    pub fn fingerprint(&self) -> u64 {
+        match self {
+            Self::Folder(folder) => folder.fingerprint(),
+            Self::Recording(recording) => recording.fingerprint(),
+        }
+    }
+
     /// Reads clouds again that [`events`](Self::events) delivered.
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
         match self {
@@ -142,6 +160,14 @@ impl Events {
             Self::Folder(events) => events.idle_step(),
             Self::Recording(events) => events.idle_step(),
         }
+    }
+
+    /// Where it is; none between the events of one scan.
+    pub fn read_position(&self) -> Option<ReadPosition> {
+        Some(ReadPosition(match self {
+            Self::Folder(events) => Place::Folder(events.read_position()?),
+            Self::Recording(events) => Place::Recording { items: events.taken() },
+        }))
     }
 }
 

@@ -15,6 +15,7 @@ use voxelastic::geometry::{Aabb, Rigid};
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
+use voxelastic_io::Origin;
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
 
 /// Points queried between two looks for Ctrl-C.
@@ -35,6 +36,8 @@ pub struct Content {
     pub settings: Settings,
     /// Description of the sensor, if known.
     pub sensor: Option<String>,
+    /// Where coordinates are counted from; zero unless the command made the map of poses far from zero.
+    pub origin: Origin,
 }
 
 impl From<Content> for Map {
@@ -103,20 +106,27 @@ impl Map {
         let load = move || -> voxelastic_io::Result<_> {
             let store = MapStore::open(&path)?;
             let Some(stored) = store.manifest().details.stored_settings() else { return Ok(None) };
-            Ok(Some((store.load_atlas()?, stored, store.manifest().details.sensor.get("description").cloned())))
+            let details = &store.manifest().details;
+            let origin = details.origin().map_err(str::to_owned);
+            Ok(Some((store.load_atlas()?, stored, details.sensor.get("description").cloned(), origin)))
         };
         let opened = job::run(py, move || pool.install(load))?;
-        let Some((atlas, stored, sensor)) = opened.map_err(|e| errors::file(py, &e))? else {
+        let Some((atlas, stored, sensor, origin)) = opened.map_err(|e| errors::file(py, &e))? else {
             return Err(errors::Kind::File.exception(py, "the manifest of the map does not contain the voxel size; map the data again".to_owned()));
         };
-        let refused = stored.refused.iter().map(ToString::to_string).collect();
-        Ok((Content { atlas, settings: stored.settings, sensor }.into(), refused))
+        let damaged = |words: String| errors::Kind::File.exception(py, format!("the manifest of the map has an origin that is none: {words:?}"));
+        let origin = origin.map_err(damaged)?;
+        let mut remarks: Vec<String> = stored.refused.iter().map(ToString::to_string).collect();
+        if !origin.is_zero() {
+            remarks.push(format!("coordinates of this map count from its origin: add {origin} m for those of the poses that were mapped"));
+        }
+        Ok((Content { atlas, settings: stored.settings, sensor, origin }.into(), remarks))
     }
 
     /// Saves the map to a directory. A save that has begun is completed.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         let (content, pool) = (self.content()?, job::shared_pool()?);
-        let details = MapDetails::describe(&content.settings, content.sensor.as_deref());
+        let details = MapDetails::describe(&content.settings, content.sensor.as_deref()).with_origin(content.origin);
         let saved = job::run_short(py, || pool.install(|| MapWriter::create(&path)?.save(&content.atlas, &details)))?;
         saved.map(|_| ()).map_err(|e| errors::file(py, &e))
     }
@@ -124,9 +134,10 @@ impl Map {
     /// The same map with submaps numbered from `first` on, in their order.
     fn renumbered(&self, first: u32) -> PyResult<Self> {
         let content = self.content()?;
-        let Content { atlas, settings, sensor } = &*content;
+        let Content { atlas, settings, sensor, origin } = &*content;
         let submaps = atlas.submaps().iter().zip(first..).map(|(submap, id)| submap.clone().with_id(id)).collect();
-        Ok(Content { atlas: Atlas::from_submaps(atlas.voxel_size(), submaps), settings: settings.clone(), sensor: sensor.clone() }.into())
+        let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
+        Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin: *origin }.into())
     }
 
     /// The settings that it was made with, as text.

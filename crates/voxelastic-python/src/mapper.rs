@@ -141,7 +141,7 @@ impl Mapper {
     /// A copy of the present map.
     fn snapshot(&self, py: Python<'_>) -> PyResult<Map> {
         let (atlas, sensor) = self.with(py, |Session { mapper, .. }| (mapper.atlas().clone(), mapper.sensor().map(str::to_owned)))?;
-        Ok(Content { atlas, settings: self.settings.clone(), sensor }.into())
+        Ok(Content { atlas, settings: self.settings.clone(), sensor, origin: voxelastic_io::Origin::default() }.into())
     }
 
     /// Frees the map; nothing if it was handed over.
@@ -162,7 +162,7 @@ impl Mapper {
         let mapper = py.detach(take)?.mapper;
         let sensor = mapper.sensor().map(str::to_owned);
         let atlas = job::run_short(py, || self.pool.install(|| mapper.into_atlas()))?;
-        Ok((Content { atlas, settings: self.settings.clone(), sensor }.into(), finished.err()))
+        Ok((Content { atlas, settings: self.settings.clone(), sensor, origin: voxelastic_io::Origin::default() }.into(), finished.err()))
     }
 }
 

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let Mesh { positions, normals, triangles, intensities, .. } = &mesh;
     let intensities: Vec<f32> = intensities.iter().map(|&i| i.into()).collect();
     let intensity = (!intensities.is_empty()).then_some(intensities.as_slice());
-    write_ply(&file, &MeshRef { positions, normals, triangles, colours: None, intensity })?;
+    write_ply(&file, &MeshRef { positions, normals, triangles, intensity, ..MeshRef::default() })?;
     println!("{} vertices, {} triangles in {}", positions.len(), triangles.len(), file.display());
     Ok(())
 }

@@ -3,6 +3,7 @@
 mod grid;
 mod write;
 
+use crate::commands::slice::Corners;
 use crate::failure::{self, Failure};
 use crate::map_files::{self, DamageArgs, LoadedMap};
 use crate::{commands, meshing, output};
@@ -46,7 +47,7 @@ pub struct EsdfArgs {
     spacing: Option<f64>,
     /// Box to fill: two corners in the map frame, metres [default: the known space]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = commands::slice::corners, allow_hyphen_values = true)]
-    bounds: Option<Aabb>,
+    bounds: Option<Corners>,
     /// Height of the slice of a picture in the map frame, metres [default: the median height of the sensor]
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = commands::slice::metres)]
     z: Option<f64>,
@@ -141,12 +142,19 @@ impl EsdfArgs {
             Format::Picture => write::picture(&self.output, &grid, self.max_distance, sample, &space)?,
         };
         tracing::info!("{} blocks of distances in {seconds:.2} s; {points} points in {}", stats.blocks, self.output.display());
+        if !map.origin.is_zero() && format != Format::Array {
+            tracing::warn!(
+                "coordinates in {} are single precision and count from the map's origin: add {} m to them",
+                self.output.display(),
+                map.origin
+            );
+        }
         if self.json {
             output::print_json(&Summary {
                 file: &self.output,
                 submaps_damaged: map.damaged,
                 points,
-                origin_m: grid.origin,
+                origin_m: map.origin.point_to_map(grid.origin),
                 spacing_m: grid.spacing,
                 shape: grid.shape,
                 max_distance_m: self.max_distance,
@@ -174,10 +182,10 @@ impl EsdfArgs {
     }
 
     fn grid(&self, format: Format, map: &LoadedMap, known: Aabb) -> anyhow::Result<Grid> {
-        let mut bounds = self.bounds.unwrap_or(known);
+        let mut bounds = self.bounds.map_or(known, |corners| corners.local(map.origin));
         let voxel = f64::from(map.settings.voxel_size);
         if format == Format::Picture {
-            let z = self.z.unwrap_or_else(|| sensor_height(map)) as f32;
+            let z = self.z.map_or_else(|| sensor_height(map), |z| z - map.origin.coordinates()[2]) as f32;
             (bounds.min[2], bounds.max[2]) = (z, z);
             let longest = f64::from(bounds.size()[0].max(bounds.size()[1]));
             let spacing = self.spacing.unwrap_or(voxel).max(longest / Grid::MOST_PIXELS);

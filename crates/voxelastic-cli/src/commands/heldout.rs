@@ -83,7 +83,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
                 return Err(Failure::new(what, remedy).into());
             }
             Ok(Event::Scan(scan)) => {
-                pool.install(|| measure.add(&scan.cloud, &scan.t_map_lidar));
+                pool.install(|| measure.add(&scan.cloud, &map.origin.to_local(scan.t_map_lidar)));
                 nodes.push(scan.node);
                 progress.step(|| format!("{} triangles", mesh.triangles.len()));
             }

@@ -45,7 +45,7 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<u8> {
     } else if path.is_file() {
         let info = cloud::describe(path)?;
         print(args, &info, cloud::table)?;
-    } else if map_files::is_map(path) || map_files::has_submap_files(path) {
+    } else if map_files::is_map(path) || map_files::has_submap_files(path) || map_files::is_unfinished(path) {
         let info = map::describe(path, args.check, args.damage)?;
         print(args, &info, map::table)?;
     } else {

@@ -34,9 +34,8 @@ use std::sync::mpsc::channel;
 use std::time::Instant;
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::BeamModel;
-use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
-use voxelastic_io::store::{MapDetails, SaveReport};
+use voxelastic_io::store::SaveReport;
 use voxelastic_live::feed::{Feed, FeedCounts};
 use voxelastic_live::ros::services::Desk;
 use voxelastic_live::viewer::Control;
@@ -251,9 +250,9 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     let (transport, odometry, source) = source.start();
     let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
-    let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw))) };
+    let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw, None))) };
     let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, renew: &renew };
-    let node = Node::new(args.elastic.corrector(is_raw), odometry, watch, on_network);
+    let node = Node::new(args.elastic.corrector(is_raw, None), odometry, watch, on_network);
     let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
     tally.skipped += source.without_pose();
     let played_s = clock.elapsed().as_secs_f64();
@@ -265,7 +264,7 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     let late_ms = source.late().as_secs_f64() * 1e3;
     let run = Run { tally, counts: feed.counts(), late_ms, messages_lost: source.lost(), played_s, start: clock };
     if let Some(target) = &mut target {
-        save(target, &settings, &session, &run, args.json)?;
+        save(target, &session, &run, args.json)?;
     }
     // Nothing but an interrupt ends a robot's topics.
     let ended = run.tally.interrupted && args.from.is_some();
@@ -283,9 +282,8 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
 }
 
 /// Saves the map with the log of the run, and prints the results.
-fn save(target: &mut Target, settings: &Settings, session: &Session, run: &Run, prints_json: bool) -> anyhow::Result<()> {
-    let details = MapDetails::describe(settings, session.mapper().sensor());
-    let saved = target.save(session, &details)?;
+fn save(target: &mut Target, session: &Session, run: &Run, prints_json: bool) -> anyhow::Result<()> {
+    let saved = target.save(session, &session.details())?;
     target.log(&RunLog {
         total_s: run.start.elapsed().as_secs_f64(),
         interrupted: run.tally.interrupted,

@@ -115,12 +115,14 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     let scans = args.data.open()?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
-    let truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
+    let mut truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
     let map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let points = pool.install(|| surface_points(&map.atlas, map.settings.voxel_size, &args.surface))?;
     let viewpoints = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar)).collect();
-    let submaps_damaged = map.damaged;
+    let (submaps_damaged, origin) = (map.damaged, map.origin);
     drop(map);
+    truth.iter_mut().flatten().for_each(|(_, pose)| *pose = origin.to_local(*pose));
+    let guess = args.guess.map(|at| Vector3::from(origin.point_to_local(at.into())));
     let mut localiser = Localiser::new(points, viewpoints, LocaliserSettings::default());
     interrupt::install("reporting the scans localised so far");
 
@@ -136,7 +138,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
             }
         };
         let begin = Instant::now();
-        let found = pool.install(|| localiser.locate(&scan.cloud, args.guess.map(|at| (at, args.within))));
+        let found = pool.install(|| localiser.locate(&scan.cloud, guess.map(|at| (at, args.within))));
         if rows.is_empty() {
             prepare_s = clock.elapsed().as_secs_f64();
         } else {
@@ -144,14 +146,14 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
         }
         let certain = found.is_some_and(|f| f.is_certain);
         if let Some(found) = found.filter(|f| f.is_certain) {
-            trajectory.push((scan.time, found.t_map_lidar));
+            trajectory.push((scan.time, origin.to_map(found.t_map_lidar)));
         }
         let error = found.zip(truth.as_ref().and_then(|truth| truth.iter().find(|(node, _)| *node == scan.node)));
         rows.push(Row {
             node: scan.node,
             time: scan.time,
             certain,
-            t_map_lidar: found.map(|f| numbers(&f.t_map_lidar)),
+            t_map_lidar: found.map(|f| numbers(&origin.to_map(f.t_map_lidar))),
             overlap: found.map(|f| f.overlap),
             contradiction: found.map(|f| f.contradiction),
             error_m: error.map(|(found, (_, right))| found.t_map_lidar.translation_distance(right)),

@@ -9,6 +9,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 
 /// Extract the surface of a map as a triangle mesh
@@ -95,7 +96,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let extract_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     for (path, mesh) in &meshes {
-        write(path, format, mesh, args.colour)?;
+        write(path, format, mesh, map.origin, args.colour)?;
     }
     let summary = Summary {
         vertices: meshes.iter().map(|(_, m)| m.mesh.positions.len()).sum(),
@@ -140,11 +141,12 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
     path.with_file_name(format!("{stem}-{id:06}.{ending}"))
 }
 
-fn write(path: &Path, format: Format, mesh: &MapMesh, colour: Option<Colour>) -> anyhow::Result<()> {
+fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Option<Colour>) -> anyhow::Result<()> {
     let colours = mesh.colours(colour.unwrap_or_else(|| mesh.default_colour()))?;
     let intensity: Vec<f32> = mesh.mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.mesh.positions,
+        origin: origin.coordinates(),
         normals: &mesh.mesh.normals,
         colours: colours.as_deref(),
         intensity: (!intensity.is_empty()).then_some(&intensity),

@@ -37,13 +37,13 @@ pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
         return recheck::run(args, file, &map, &query);
     }
     let (Some(start), Some(goal), Some(output)) = (args.start, args.goal, &args.output) else { anyhow::bail!("start, goal and output are missing") };
-    let request = args.request(start, goal);
+    let request = args.request(start, goal, map.origin);
     let found = plan(&query, &request).map_err(|error| explain(args, error))?;
-    let figures = file::Figures::new(&request, &found);
-    let path = file::PathFile::new(&args.map, &map.atlas, &found, figures);
+    let figures = file::Figures::new(&request, &found, map.origin);
+    let path = file::PathFile::new(&args.map, &map, &found, figures);
     write(output, &path)?;
     if let Some(to) = &args.picture {
-        meshing::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found))?;
+        meshing::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found, map.origin))?;
     }
     let (figures, waypoints, tree_nodes) = (&path.figures, found.path.len(), found.tree.len());
     let turn = sharpest_turn(&found.path);

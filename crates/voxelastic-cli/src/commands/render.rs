@@ -13,6 +13,7 @@ use voxelastic::surface::Mesh;
 use voxelastic_eval::MeshView;
 use voxelastic_eval::colour::Ramp;
 use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render_png};
+use voxelastic_io::Origin;
 
 /// Draw a picture of a map or a mesh
 ///
@@ -107,6 +108,8 @@ struct Summary<'a> {
 struct Subject {
     mesh: MapMesh,
     path: Vec<[f64; 3]>,
+    /// Where coordinates are counted from.
+    origin: Origin,
     /// Submaps that were left out because they are damaged.
     damaged: usize,
 }
@@ -149,7 +152,7 @@ fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
     let line = Polyline { points: subject.path, colour: [214, 60, 48], width: 2.5, on_top: true };
     let polylines = if args.path { vec![line] } else { Vec::new() };
     let scene = Scene { meshes: vec![MeshItem { mesh: view, t_map_mesh: Pose::identity(), colouring }], polylines, style, ..Scene::default() };
-    let camera = camera(args, &scene);
+    let camera = camera(args, &scene, subject.origin);
     render_png(&args.output, &scene, &camera, args.size).with_context(|| format!("cannot draw {}", args.output.display()))?;
     tracing::info!("{} triangles drawn in {}", mesh.triangles.len(), args.output.display());
     if args.json {
@@ -169,7 +172,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
         // A fused surface has no submaps to be coloured by.
         let layers = LayerArgs { shells: args.layers.shells || args.colour == Some(Colour::Submap) };
         let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, layers)?;
-        return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect(), damaged: map.damaged });
+        return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect(), origin: map.origin, damaged: map.damaged });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;
     if read.triangles.is_empty() {
@@ -183,14 +186,14 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if matches!(args.colour, Some(Colour::Submap | Colour::Scale | Colour::Intensity)) {
         return Err(Failure::usage("only maps can be coloured by submap, scale or intensity", "use --colour height, or a map").into());
     }
-    Ok(Subject { mesh: MapMesh { mesh, ..MapMesh::default() }, path: Vec::new(), damaged: 0 })
+    Ok(Subject { mesh: MapMesh { mesh, ..MapMesh::default() }, path: Vec::new(), origin: Origin::default(), damaged: 0 })
 }
 
-fn camera(args: &RenderArgs, scene: &Scene<'_>) -> Camera {
+fn camera(args: &RenderArgs, scene: &Scene<'_>, origin: Origin) -> Camera {
     let bounds = scene.bounds();
     let aspect = f64::from(args.size.width) / f64::from(args.size.height);
     match (args.eye, args.target) {
-        (Some(eye), Some(target)) => Camera::look_at(eye, target, args.fov),
+        (Some(eye), Some(target)) => Camera::look_at(origin.point_to_local(eye), origin.point_to_local(target), args.fov),
         _ => match args.view {
             View::Top => Camera::top(&bounds),
             View::Orbit => Camera::orbit(&bounds, args.yaw, args.pitch),

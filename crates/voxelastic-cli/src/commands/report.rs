@@ -91,7 +91,7 @@ fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     let mut report = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
     report.sensor_period_ms = args.sensor_period;
     report.error_max = args.error_max as f32;
-    report.planned_path = args.plan.as_deref().map(StoredPath::read).transpose()?.map(StoredPath::into_drawing);
+    report.planned_path = args.plan.as_deref().map(|file| StoredPath::read(file, map.origin)).transpose()?.map(StoredPath::into_drawing);
     if let Some(path) = &args.truth {
         let truth = Truth::open(path, None, &Limits::default())?;
         reporting::add_comparison(&mut report, &args.map, path, &truth)?;

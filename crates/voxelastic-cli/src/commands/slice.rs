@@ -12,6 +12,7 @@ use voxelastic::geometry::Aabb;
 use voxelastic::query::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest};
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_eval::grid_view::GridView;
+use voxelastic_io::Origin;
 
 const OCCUPIED: Rgb = [20, 20, 24];
 const FREE: Rgb = [255, 255, 255];
@@ -53,7 +54,7 @@ pub struct SliceArgs {
     pixel: Option<f64>,
     /// Part of the map to draw: two corners in the map frame, metres [default: the known space]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = corners, allow_hyphen_values = true)]
-    bounds: Option<Aabb>,
+    bounds: Option<Corners>,
     /// Threads to use; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -72,13 +73,24 @@ fn length(text: &str) -> Result<f64, String> {
 }
 
 /// Parses two corners of a box, in any order.
-pub fn corners(text: &str) -> Result<Aabb, String> {
-    let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
-    let corners: Option<[f32; 6]> = numbers.and_then(|n| n.try_into().ok());
+pub fn corners(text: &str) -> Result<Corners, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let corners: Option<[f64; 6]> = numbers.and_then(|n| n.try_into().ok());
     let [a, b, c, d, e, f] = corners.ok_or_else(|| "must be six numbers like -5,-5,0,5,5,2".to_owned())?;
-    let mut bounds = Aabb::default();
-    [[a, b, c], [d, e, f]].into_iter().for_each(|p| bounds.add(p));
-    Ok(bounds)
+    Ok(Corners([[a, b, c], [d, e, f]]))
+}
+
+/// Two corners of a box in the map frame, in any order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corners([[f64; 3]; 2]);
+
+impl Corners {
+    /// The box with the origin of a map taken off.
+    pub fn local(&self, origin: Origin) -> Aabb {
+        let mut bounds = Aabb::default();
+        self.0.iter().for_each(|p| bounds.add(origin.point_to_local(*p).map(|c| c as f32)));
+        bounds
+    }
 }
 
 /// The keys of `--json`.
@@ -125,7 +137,8 @@ impl SliceArgs {
             (_, Some(y)) => (Axis::Y, y),
             _ => (Axis::Z, self.z.unwrap_or_default()),
         };
-        let bounds = self.bounds.unwrap_or(known);
+        let at = map.origin.point_to_local([at; 3])[axis.frame()[2]];
+        let bounds = self.bounds.map_or(known, |corners| corners.local(map.origin));
         let [u, v, _] = axis.frame();
         let longest = f64::from(bounds.size()[u].max(bounds.size()[v]));
         let pixel = self.pixel.unwrap_or_else(|| f64::from(map.settings.voxel_size)).max(longest / MOST_PIXELS);
@@ -140,7 +153,7 @@ impl SliceArgs {
         };
         let cells: Vec<Rgb> = slice.states.iter().map(colour).collect();
         let legend = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown")].map(|(c, text)| (c, text.to_owned()));
-        self.draw(request, [slice.width, slice.height], &cells, legend.into())?;
+        self.draw(map, request, [slice.width, slice.height], &cells, legend.into())?;
         let share = |state: State| Some(slice.states.iter().filter(|s| **s == state).count() as f64 / slice.states.len() as f64);
         let (free, occupied, unknown) = (share(State::Free), share(State::Occupied), share(State::Unknown));
         self.report(&Summary {
@@ -161,7 +174,7 @@ impl SliceArgs {
         let cells: Vec<Rgb> = slice.distances.iter().map(|&d| if d.is_nan() { UNKNOWN } else { colour(d) }).collect();
         let marks = [-band, 0.0, band].map(|d| (colour(d), format!("{d:.2} m")));
         let key = marks.into_iter().chain([(UNKNOWN, "not stored".to_owned())]).collect();
-        self.draw(request, [slice.width, slice.height], &cells, key)?;
+        self.draw(map, request, [slice.width, slice.height], &cells, key)?;
         let (width, height) = (slice.width, slice.height);
         self.report(&Summary {
             file: &self.output,
@@ -175,15 +188,17 @@ impl SliceArgs {
         })
     }
 
-    fn draw(&self, request: &SliceRequest, size: [usize; 2], cells: &[Rgb], legend: Vec<(Rgb, String)>) -> anyhow::Result<()> {
+    fn draw(&self, map: &LoadedMap, request: &SliceRequest, size: [usize; 2], cells: &[Rgb], legend: Vec<(Rgb, String)>) -> anyhow::Result<()> {
         const NAMES: [&str; 3] = ["x", "y", "z"];
         let [u, v, w] = request.axis.frame();
         let labels = [u, v].map(|k| format!("{} [m]", NAMES[k]));
-        let to = if request.thickness > 0.0 { format!(" to {:.2}", request.at + request.thickness) } else { String::new() };
+        let from = map.origin.coordinates();
+        let at = request.at + from[w];
+        let to = if request.thickness > 0.0 { format!(" to {:.2}", at + request.thickness) } else { String::new() };
         let view = GridView {
-            title: format!("{} = {:.2}{to} m", NAMES[w], request.at),
+            title: format!("{} = {at:.2}{to} m", NAMES[w]),
             labels: [&labels[0], &labels[1]],
-            origin: [u, v].map(|k| f64::from(request.bounds.min[k])),
+            origin: [u, v].map(|k| f64::from(request.bounds.min[k]) + from[k]),
             pixel: request.pixel,
             size,
             cells,

@@ -4,6 +4,7 @@ use crate::data::{DataArgs, HoldOut};
 use crate::meshing;
 use crate::odometry_log::{OdometryLog, OdometrySummary};
 use crate::usage::PoolClock;
+use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, VecDeque};
 use std::error::Error;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -15,9 +16,9 @@ use voxelastic::motion::Motion;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::raw::{RawScans, TimedScan, TimedScans};
-use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions};
+use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions, ReadPosition};
 use voxelastic_slam::odometry::OdometrySettings;
-use voxelastic_slam::slam::{RawScan, Slam};
+use voxelastic_slam::slam::{RawScan, Slam, SlamState};
 
 /// How the lidar moved during each sweep that was mapped.
 type Motions = Arc<Mutex<HashMap<NodeId, Motion>>>;
@@ -70,6 +71,23 @@ impl RawInput {
         Ok(RawEvents { scans: self.scans.iter(), stage: self.stage(threads)?, ready: VecDeque::new() })
     }
 
+    /// The events after those of an earlier process.
+    pub(super) fn events_from(&self, threads: usize, position: &ReadPosition, state: Option<StageState>) -> anyhow::Result<RawEvents> {
+        let mut stage = self.stage(threads)?;
+        if let Some(state) = state {
+            stage.resume(self.settings.clone(), state);
+        }
+        Ok(RawEvents { scans: self.scans.iter_from(position), stage, ready: VecDeque::new() })
+    }
+
+    pub(super) fn fingerprint(&self) -> u64 {
+        self.scans.fingerprint()
+    }
+
+    pub(super) fn know_motions(&self, motions: impl IntoIterator<Item = (NodeId, Motion)>) {
+        self.motions.lock().unwrap_or_else(PoisonError::into_inner).extend(motions);
+    }
+
     /// The raw scans.
     pub(super) fn raw_scans(&self) -> TimedScans {
         self.scans.iter()
@@ -101,6 +119,17 @@ pub struct OdometryStage {
     log: OdometryLog,
 }
 
+/// What an [`OdometryStage`] knows between two scans.
+#[derive(Serialize, Deserialize)]
+pub struct StageState {
+    slam: SlamState,
+    keyframes: KeyframeFilter,
+    held_out: usize,
+    selected: usize,
+    left: usize,
+    log: OdometryLog,
+}
+
 impl OdometryStage {
     fn new(settings: OdometrySettings, keyframing: Keyframing, threads: usize) -> anyhow::Result<Self> {
         let pool = meshing::pool(threads)?;
@@ -126,6 +155,27 @@ impl OdometryStage {
         let mut settings = OdometrySettings::default();
         settings.deskew = options.deskew;
         Self::new(settings, options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)), threads)
+    }
+
+    /// What it knows.
+    pub fn state(&self) -> StageState {
+        StageState {
+            slam: self.slam.state(),
+            keyframes: self.keyframes,
+            held_out: self.hold_out.as_ref().map_or(0, |(_, count)| count.load(Ordering::Relaxed)),
+            selected: self.selected,
+            left: self.left,
+            log: self.log.clone(),
+        }
+    }
+
+    /// Goes on with what the stage of another process knew.
+    fn resume(&mut self, settings: OdometrySettings, state: StageState) {
+        self.slam = Slam::resume(settings, state.slam);
+        if let Some((_, count)) = &self.hold_out {
+            count.store(state.held_out, Ordering::Relaxed);
+        }
+        (self.keyframes, self.selected, self.left, self.log) = (state.keyframes, state.selected, state.left, state.log);
     }
 
     /// The figures so far.
@@ -200,6 +250,16 @@ impl RawEvents {
 
     pub(super) fn summary(&self) -> OdometrySummary {
         self.stage.summary()
+    }
+
+    /// Where it is; none between the events of one scan.
+    pub(super) fn state(&self) -> Option<(ReadPosition, StageState)> {
+        self.ready.is_empty().then(|| (self.scans.read_position(), self.stage.state()))
+    }
+
+    /// Drops the next scan; false if there is none.
+    pub(super) fn skip_scan(&mut self) -> bool {
+        self.scans.next().is_some()
     }
 }
 

@@ -10,10 +10,13 @@ mod full_disk;
 mod live;
 mod misc;
 mod occupancy;
+mod origin;
 mod planning;
 mod recordings;
 mod reliability;
 mod report;
+#[cfg(unix)]
+mod resume;
 mod room;
 mod simulation;
 mod slam;

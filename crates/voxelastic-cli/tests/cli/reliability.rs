@@ -98,35 +98,6 @@ fn a_scan_of_points_at_the_sensor_is_skipped() {
     fails(dir.path(), "map room -o alone.vox", 1, &["no scan could be integrated"]);
 }
 
-/// Poses of the room with the origin of the map `offset` away from it.
-fn poses_far_away(dir: &Path, count: usize, offset: [f64; 3]) {
-    let there = voxelastic::Pose::translation(offset[0], offset[1], offset[2]);
-    let poses: Vec<(f64, voxelastic::Pose)> = (0..count).map(|i| (0.1 * i as f64, there * room::pose(i))).collect();
-    voxelastic_io::poses::write_tum(dir.join("room/poses.tum"), &poses).unwrap();
-}
-
-#[test]
-fn coordinates_that_single_precision_cannot_hold_are_refused() {
-    let dir = tempfile::tempdir().unwrap();
-    room::write(&dir.path().join("room"), 3);
-    // As surveys have them: UTM.
-    poses_far_away(dir.path(), 3, [448_000.0, 5_411_000.0, 0.0]);
-    assert_eq!(json(dir.path(), "map room --field both -o utm.vox --json")["scans"], 3);
-    for file in ["a.las", "a.laz", "a.e57", "a.ply", "a.pcd"] {
-        fails(dir.path(), &format!("export utm.vox -o {file}"), 1, &["5411000 m from its origin", "steps of 0.5 m", "subtract the same offset"]);
-        assert!(!dir.path().join(file).exists());
-    }
-    fails(dir.path(), "mesh utm.vox -o a.glb", 1, &["steps of 0.5 m"]);
-    for file in ["a.bt", "a.ot"] {
-        fails(dir.path(), &format!("export utm.vox -o {file}"), 1, &["32768 voxels", "subtract the same offset"]);
-    }
-    // Steps that can be seen are warned of.
-    poses_far_away(dir.path(), 3, [100_000.0, 0.0, 0.0]);
-    assert_eq!(json(dir.path(), "map room -o far.vox --json")["scans"], 3);
-    let done = run(dir.path(), "mesh far.vox -o far.ply");
-    assert!(done.code == Some(0) && done.err.contains("steps of 0.0078125 m"), "{}", done.err);
-}
-
 #[test]
 fn scans_farther_away_than_anything_on_earth_are_skipped() {
     let dir = tempfile::tempdir().unwrap();

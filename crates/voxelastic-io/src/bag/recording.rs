@@ -6,6 +6,7 @@ use super::graph_nodes::read_nodes;
 use super::stream::{BagStream, StreamTopics};
 use super::topic_role::TopicRole;
 use super::topics::{ChosenTopics, choose};
+use crate::fingerprint::Fingerprint;
 use crate::motion::PoseTrack;
 use crate::ouster::{self, CaptureStream};
 use crate::playback::{CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, read_track};
@@ -158,7 +159,17 @@ impl Recording {
                 Err(error) => Box::new(iter::once(Err(error))),
             }
         };
-        RecordingEvents(ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten(), |what| Err(Error::Panicked { what })))
+        let events = ReadAhead::new("voxelastic-play", AHEAD, iter::once_with(play).flatten(), |what| Err(Error::Panicked { what }));
+        RecordingEvents { events, taken: 0 }
+    }
+
+    /// As [`Source::fingerprint`](crate::source::Source::fingerprint).
+    pub(crate) fn fingerprint(&self) -> u64 {
+        let mut print = Fingerprint::default();
+        print.file(&self.path);
+        let OpenOptions { poses, graph, metadata, .. } = &self.options;
+        [poses, graph, metadata].into_iter().flatten().for_each(|path| print.file(path));
+        print.digest()
     }
 
     /// Reads clouds again that [`events`](Self::events) delivered.
@@ -204,12 +215,20 @@ impl Recording {
 
 /// Iterator over the events of a [`Recording`].
 #[derive(Debug)]
-pub struct RecordingEvents(ReadAhead<Result<Event>>);
+pub struct RecordingEvents {
+    events: ReadAhead<Result<Event>>,
+    taken: usize,
+}
 
 impl RecordingEvents {
     /// A function that reads on to the next event in the time of the calling thread, see [`IdleStep`].
     pub fn idle_step(&mut self) -> IdleStep {
-        self.0.idle_step()
+        self.events.idle_step()
+    }
+
+    /// Items that were taken.
+    pub(crate) fn taken(&self) -> usize {
+        self.taken
     }
 }
 
@@ -217,6 +236,6 @@ impl Iterator for RecordingEvents {
     type Item = Result<Event>;
 
     fn next(&mut self) -> Option<Result<Event>> {
-        self.0.next()
+        self.events.next().inspect(|_| self.taken += 1)
     }
 }

@@ -6,6 +6,7 @@ use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::scan_list::{Continuation, ScanEdges, ScanEntry};
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Result};
+use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::sync::Arc;
@@ -32,14 +33,37 @@ pub struct Events {
     /// Index of the last delivered scan.
     previous: Option<usize>,
     delivered: HashSet<NodeId>,
+    /// Indices of the scans that could not be read.
+    failed: Vec<usize>,
     ready: VecDeque<Result<Event>>,
 }
 
+/// Where an [`Events`] is between two scans.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct FolderPosition {
+    pub(super) next: usize,
+    pub(super) previous: Option<usize>,
+    /// Scans that could not be read.
+    pub(super) failed: Vec<usize>,
+    /// Snapshots not yet read.
+    pub(super) snapshots: usize,
+    pub(super) continuation: Continuation,
+}
+
 impl Events {
-    pub(super) fn new(scans: Arc<[ScanEntry]>, edges: Arc<ScanEdges>, context: Arc<SnapshotContext>, snapshots: VecDeque<Snapshot>) -> Self {
+    pub(super) fn new(
+        scans: Arc<[ScanEntry]>,
+        edges: Arc<ScanEdges>,
+        context: Arc<SnapshotContext>,
+        mut snapshots: VecDeque<Snapshot>,
+        from: FolderPosition,
+    ) -> Self {
         let entries = Arc::clone(&scans);
+        let next = from.next.min(scans.len());
         let decoded =
-            ReadAhead::new("voxelastic-decode", AHEAD, (0..scans.len()).map(move |k| entries[k].read()), |what| Err(Error::Panicked { what }));
+            ReadAhead::new("voxelastic-decode", AHEAD, (next..scans.len()).map(move |k| entries[k].read()), |what| Err(Error::Panicked { what }));
+        snapshots.drain(..snapshots.len().saturating_sub(from.snapshots));
+        let delivered = (0..next).filter(|k| !from.failed.contains(k)).map(|k| scans[k].node).collect();
         let mut loops_at: HashMap<NodeId, Vec<usize>> = HashMap::new();
         for (k, edge) in edges.loops.iter().enumerate() {
             loops_at.entry(edge.from).or_default().push(k);
@@ -50,14 +74,28 @@ impl Events {
             edges,
             context,
             snapshots,
-            continuation: Continuation::new(),
+            continuation: from.continuation,
             loops_at,
             decoded,
-            next: 0,
-            previous: None,
-            delivered: HashSet::new(),
+            next,
+            previous: from.previous.filter(|k| *k < next),
+            delivered,
+            failed: from.failed,
             ready: VecDeque::new(),
         }
+    }
+
+    /// Where it is, if all events of the last scan have been taken.
+    pub(crate) fn read_position(&self) -> Option<FolderPosition> {
+        let Self { next, previous, failed, snapshots, continuation, .. } = self;
+        let position = || FolderPosition {
+            next: *next,
+            previous: *previous,
+            failed: failed.clone(),
+            snapshots: snapshots.len(),
+            continuation: continuation.clone(),
+        };
+        self.ready.is_empty().then(position)
     }
 
     /// A function that decodes one scan ahead in the time of the calling thread, see [`IdleStep`].
@@ -120,7 +158,10 @@ impl Iterator for Events {
             let k = self.next;
             match self.decoded.next() {
                 Some(Ok(cloud)) => self.deliver(k, cloud),
-                Some(Err(error)) => self.ready.push_back(Err(error)),
+                Some(Err(error)) => {
+                    self.failed.push(k);
+                    self.ready.push_back(Err(error));
+                }
                 None => {
                     let error = Error::io(&self.scans[k].path, "read", io::Error::other("decoding has stopped"));
                     self.ready.push_back(Err(error));

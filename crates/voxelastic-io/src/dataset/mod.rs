@@ -32,6 +32,7 @@ pub use crate::options::{OpenOptions, PoseKind};
 pub use crate::scan_list::{Keyframing, ScanEntry};
 pub use description::{Description, PosesDescription};
 pub use events::Events;
+pub(crate) use events::FolderPosition;
 pub use ground_truth::GroundTruth;
 pub use matching::MatchedBy;
 pub use open::{open, open_truth};

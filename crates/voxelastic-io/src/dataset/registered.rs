@@ -1,11 +1,12 @@
 //! A dataset whose clouds and poses are matched.
 
 use super::description::Description;
-use super::events::Events;
+use super::events::{Events, FolderPosition};
 use super::ground_truth::GroundTruth;
 use super::pose_file::Snapshot;
 use super::snapshot::SnapshotContext;
 use crate::Result;
+use crate::fingerprint::Fingerprint;
 use crate::scan_list::{ScanEdges, ScanEntry};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -78,6 +79,22 @@ impl Dataset {
         self.snapshots = self.snapshots.iter().filter(|s| s.after < first_dropped).cloned().collect();
     }
 
+    /// As [`Source::fingerprint`](crate::source::Source::fingerprint).
+    pub(crate) fn fingerprint(&self) -> u64 {
+        let mut print = Fingerprint::default();
+        for scan in self.scans.iter() {
+            print.file(&scan.path);
+            print.numbers([scan.index as u64, scan.node, scan.time.to_bits()]);
+            print.pose(&scan.t_map_lidar);
+        }
+        for edge in &self.edges.loops {
+            print.numbers([edge.from, edge.to]);
+            print.pose(&edge.t_from_to);
+        }
+        self.snapshots.iter().for_each(|snapshot| print.file(&snapshot.file.path));
+        print.digest()
+    }
+
     /// The registered cloud list: each scan, an odometry edge from the scan before it (measured if the graph has it, else the relative pose),
     /// loop edges once both scans have been delivered, pose updates from snapshots at their scan. Scans after a snapshot continue from the
     /// corrected poses, unless the pose file already contains the corrections.
@@ -85,7 +102,13 @@ impl Dataset {
     /// Clouds are decoded on a thread of their own, at most two ahead, so memory does not grow with the dataset. A cloud that
     /// cannot be read is an `Err` item, and the iteration continues with the next.
     pub fn events(&self) -> Events {
+        let snapshots = self.snapshots.len();
+        self.events_from(FolderPosition { snapshots, ..FolderPosition::default() })
+    }
+
+    /// The events from a position on. Clouds before it are not decoded.
+    pub(crate) fn events_from(&self, position: FolderPosition) -> Events {
         let snapshots = self.snapshots.iter().cloned().collect();
-        Events::new(Arc::clone(&self.scans), Arc::clone(&self.edges), Arc::clone(&self.context), snapshots)
+        Events::new(Arc::clone(&self.scans), Arc::clone(&self.edges), Arc::clone(&self.context), snapshots, position)
     }
 }

@@ -18,7 +18,7 @@ pub(super) const TRIANGLES: u32 = 4;
 
 /// Writes a mesh as GLB (glTF 2.0), atomically: `POSITION`, then where present `NORMAL`, `COLOR_0` and `_INTENSITY`, and
 /// indices. glTF's y axis points up, so the mesh hangs on a node that turns z up into y up. Colours are converted from sRGB to
-/// the linear scale that glTF wants, in 16 bits. Normals are normalised; a zero normal becomes z. Without triangles the
+/// the linear scale that glTF wants, in 16 bits. An origin is the translation of the node: positions themselves are single precision. Normals are normalised; a zero normal becomes z. Without triangles the
 /// vertices are drawn as points; an empty mesh becomes an empty scene.
 ///
 /// # Errors
@@ -172,11 +172,16 @@ impl Buffers {
         }
         let mut buffers = Self::default();
         let primitive = buffers.primitive(mesh);
+        let mut node = json!({"name": "map", "mesh": 0, "rotation": up_rotation()});
+        if mesh.has_origin() {
+            let [x, y, z] = mesh.origin;
+            node["translation"] = json!([x, z, -y]);
+        }
         json!({
             "asset": asset,
             "scene": 0,
             "scenes": [{"nodes": [0]}],
-            "nodes": [{"name": "map", "mesh": 0, "rotation": up_rotation()}],
+            "nodes": [node],
             "meshes": [{"primitives": [primitive]}],
             "materials": [{"doubleSided": true, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
             "buffers": [{"byteLength": buffers.length}],

@@ -14,8 +14,10 @@ use std::path::Path;
 /// A triangle mesh to be written, in a frame whose z axis points up, metres.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MeshRef<'a> {
-    /// Vertex positions.
+    /// Vertex positions, counted from `origin`.
     pub positions: &'a [[f32; 3]],
+    /// What is added to all positions, for coordinates that are too large for single precision.
+    pub origin: [f64; 3],
     /// Normals per vertex; empty if there are none.
     pub normals: &'a [[f32; 3]],
     /// Red, green and blue per vertex (sRGB).
@@ -27,6 +29,10 @@ pub struct MeshRef<'a> {
 }
 
 impl MeshRef<'_> {
+    fn has_origin(&self) -> bool {
+        self.origin != [0.0; 3]
+    }
+
     fn check(&self, path: &Path) -> Result<()> {
         let vertices = self.positions.len();
         let fail = |problem: String| Err(Error::unwritable(path, problem));

@@ -15,18 +15,19 @@ use voxelastic::Cloud;
 /// [`Error::Unwritable`] if a channel differs in length from the points or the grid does not match them;
 /// [`Error::Io`] if the disk refuses.
 pub fn write(path: impl AsRef<Path>, cloud: &Cloud) -> Result<()> {
-    write_fields(path.as_ref(), cloud, None)
+    write_fields(path.as_ref(), cloud, None, [0.0; 3])
 }
 
-/// Writes a cloud whose points lie on a surface: as [`write()`], with the unit normal of each point as `normal_x normal_y normal_z`.
+/// Writes a cloud whose points lie on a surface: as [`write()`], with the unit normal of each point as `normal_x normal_y normal_z`. What is not zero of
+/// `origin` is added to all coordinates, which are f64 then.
 ///
 /// # Errors
 /// As [`write()`].
-pub fn write_with_normals(path: impl AsRef<Path>, cloud: &Cloud, normals: &[[f32; 3]]) -> Result<()> {
-    write_fields(path.as_ref(), cloud, Some(normals))
+pub fn write_with_normals(path: impl AsRef<Path>, cloud: &Cloud, normals: &[[f32; 3]], origin: [f64; 3]) -> Result<()> {
+    write_fields(path.as_ref(), cloud, Some(normals), origin)
 }
 
-fn write_fields(path: &Path, cloud: &Cloud, normals: Option<&[[f32; 3]]>) -> Result<()> {
+fn write_fields(path: &Path, cloud: &Cloud, normals: Option<&[[f32; 3]]>, origin: [f64; 3]) -> Result<()> {
     let n = cloud.len();
     let lengths = [
         ("the normal", normals.map(<[_]>::len)),
@@ -44,11 +45,18 @@ fn write_fields(path: &Path, cloud: &Cloud, normals: Option<&[[f32; 3]]>) -> Res
         return Err(Error::unwritable(path, format!("a grid of {} x {} for {n} points", cloud.width, cloud.height)));
     }
     write_atomically(path, |w| {
-        w.write_all(header(cloud, normals.is_some()).as_bytes())?;
-        let mut record = Vec::with_capacity(38);
+        let is_far = origin != [0.0; 3];
+        w.write_all(header(cloud, normals.is_some(), is_far).as_bytes())?;
+        let mut record = Vec::with_capacity(50);
         for i in 0..n {
             record.clear();
-            cloud.points[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
+            for (c, from) in cloud.points[i].iter().zip(origin) {
+                if is_far {
+                    record.extend_from_slice(&(f64::from(*c) + from).to_le_bytes());
+                } else {
+                    record.extend_from_slice(&c.to_le_bytes());
+                }
+            }
             if let Some(v) = normals {
                 v[i].iter().for_each(|c| record.extend_from_slice(&c.to_le_bytes()));
             }
@@ -71,8 +79,9 @@ fn write_fields(path: &Path, cloud: &Cloud, normals: Option<&[[f32; 3]]>) -> Res
     })
 }
 
-fn header(cloud: &Cloud, has_normals: bool) -> String {
-    let (mut fields, mut sizes, mut types, mut counts) = ("x y z".to_owned(), "4 4 4".to_owned(), "F F F".to_owned(), "1 1 1".to_owned());
+fn header(cloud: &Cloud, has_normals: bool, is_far: bool) -> String {
+    let (mut fields, mut sizes, mut types, mut counts) =
+        ("x y z".to_owned(), if is_far { "8 8 8" } else { "4 4 4" }.to_owned(), "F F F".to_owned(), "1 1 1".to_owned());
     let mut add = |present: bool, field: &str, size: &str, kind: &str| {
         if present {
             for (list, word) in [(&mut fields, field), (&mut sizes, size), (&mut types, kind), (&mut counts, "1")] {

@@ -26,6 +26,11 @@ pub(super) struct RawScan {
 }
 
 impl RawScan {
+    /// The cloud's file.
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Decodes the cloud.
     ///
     /// # Errors

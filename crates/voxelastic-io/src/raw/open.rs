@@ -4,8 +4,10 @@ use super::folder::{RawScan, read_folder};
 use super::imu_feed::FolderImu;
 use super::timed_scan::TimedScan;
 use crate::bag::{self, RawRecording};
+use crate::fingerprint::Fingerprint;
 use crate::folders::holds_clouds;
 use crate::read_ahead::{IdleStep, ReadAhead};
+use crate::read_position::{Place, ReadPosition};
 use crate::{Error, OpenOptions, Result, imu_csv};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -92,11 +94,36 @@ impl RawScans {
     /// The scans in the order of time, decoded ahead. A cloud that cannot be read is an `Err` item, and the iteration continues with the
     /// next.
     pub fn iter(&self) -> TimedScans {
+        self.iter_after(0, 0)
+    }
+
+    /// The scans from a position on, of the same data. Those of a recording are read from its beginning, and the first
+    /// [`items_to_skip`](ReadPosition::items_to_skip) are to be dropped by the caller.
+    pub fn iter_from(&self, position: &ReadPosition) -> TimedScans {
+        if let Place::RawFolder { scans, samples } = position.0 { self.iter_after(scans, samples) } else { self.iter() }
+    }
+
+    /// A number that differs, as a rule, for other data: other scans, or files that were changed since.
+    pub fn fingerprint(&self) -> u64 {
+        let mut print = Fingerprint::default();
+        match &self.input {
+            Input::Folder(scans, imu) => {
+                scans.iter().for_each(|scan| print.file(scan.path()));
+                print.numbers([imu.as_ref().map_or(0, |imu| imu.len() as u64)]);
+            }
+            Input::Recording(_) => print.file(&self.path),
+        }
+        print.digest()
+    }
+
+    /// The scans of a folder after so many, and after so many samples; of a recording all.
+    fn iter_after(&self, taken: usize, samples: usize) -> TimedScans {
+        let is_folder = matches!(self.input, Input::Folder(..));
         let scans: Box<dyn Iterator<Item = Result<TimedScan>> + Send> = match &self.input {
             Input::Folder(scans, imu) => {
                 let (scans, imu) = (Arc::clone(scans), imu.clone());
-                let mut given = 0;
-                Box::new((0..scans.len()).map(move |k| {
+                let mut given = samples;
+                Box::new((taken.min(scans.len())..scans.len()).map(move |k| {
                     let mut scan = scans[k].read()?;
                     if let Some(imu) = &imu {
                         scan.imu = imu.until(given, &scan.cloud, scan.time).to_vec();
@@ -117,7 +144,8 @@ impl RawScans {
                 })
             })),
         };
-        TimedScans(ReadAhead::new("voxelastic-decode", AHEAD, scans, |what| Err(Error::Panicked { what })))
+        let scans = ReadAhead::new("voxelastic-decode", AHEAD, scans, |what| Err(Error::Panicked { what }));
+        TimedScans { scans, is_folder, taken, samples }
     }
 
     /// Reads clouds again by their nodes. Those of a recording must have been delivered by [`iter`](Self::iter).
@@ -143,12 +171,24 @@ impl IntoIterator for &RawScans {
 
 /// Iterator over [`RawScans`].
 #[derive(Debug)]
-pub struct TimedScans(ReadAhead<Result<TimedScan>>);
+pub struct TimedScans {
+    scans: ReadAhead<Result<TimedScan>>,
+    is_folder: bool,
+    /// Scans, and samples of an inertial unit, that were taken.
+    taken: usize,
+    samples: usize,
+}
 
 impl TimedScans {
     /// A function that decodes one scan ahead in the time of the calling thread, see [`IdleStep`].
     pub fn idle_step(&mut self) -> IdleStep {
-        self.0.idle_step()
+        self.scans.idle_step()
+    }
+
+    /// Where it is.
+    pub fn read_position(&self) -> ReadPosition {
+        let Self { taken, samples, .. } = *self;
+        ReadPosition(if self.is_folder { Place::RawFolder { scans: taken, samples } } else { Place::Recording { items: taken } })
     }
 }
 
@@ -156,7 +196,10 @@ impl Iterator for TimedScans {
     type Item = Result<TimedScan>;
 
     fn next(&mut self) -> Option<Result<TimedScan>> {
-        self.0.next()
+        let scan = self.scans.next()?;
+        self.taken += 1;
+        self.samples += scan.as_ref().map_or(0, |scan| scan.imu.len());
+        Some(scan)
     }
 }
 

@@ -6,21 +6,30 @@
 //! decides: its pose agrees with the motion since the previous scan either from that scan's reported pose (odometry) or from its corrected
 //! pose (live estimates).
 
+use serde::{Deserialize, Serialize};
 use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
+use voxelastic::geometry::stored::StoredPose;
 
 /// Weight of a rotation in the misfit: a radian counts as this many metres.
 const RADIAN_M: f64 = 5.0;
 
 /// Carries corrections over to the poses of later scans.
-#[derive(Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Continuation {
     /// From reported poses to corrected ones.
+    #[serde(with = "voxelastic::geometry::stored")]
     correction: Pose,
     /// The last correction, until the next scan shows whether reported poses contain it.
-    pending: Option<Pose>,
+    pending: Option<StoredPose>,
     /// Total deviation from the expected motion at corrections: if reported poses are odometry, and if they contain the corrections.
     misfits: [f64; 2],
+}
+
+impl Default for Continuation {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Continuation {
@@ -30,13 +39,13 @@ impl Continuation {
 
     /// Notes a correction by its last scan: the pose reported for it and its corrected pose.
     pub(crate) fn corrected(&mut self, reported: &Pose, corrected: &Pose) {
-        self.pending = Some(corrected * reported.inverse());
+        self.pending = Some(StoredPose(corrected * reported.inverse()));
     }
 
     /// Pose of the next scan, from its reported pose and that of the previous scan. `motion` is an independent estimate of the motion
     /// between the two, if there is one.
     pub(crate) fn pose(&mut self, reported: &Pose, previous: &Pose, motion: Option<&Pose>) -> Pose {
-        if let Some(correction) = self.pending.take() {
+        if let Some(StoredPose(correction)) = self.pending.take() {
             if let Some(motion) = motion {
                 let misfit = |from: &Pose| {
                     let reported_motion = from.inv_mul(reported);

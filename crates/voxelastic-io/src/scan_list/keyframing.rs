@@ -1,13 +1,15 @@
 //! Keyframing: which of the scans to take.
 
 use super::scan_entry::ScanEntry;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
+use voxelastic::geometry::stored::StoredPose;
 
 /// Which scans to take.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
 pub enum Keyframing {
     /// All of them.
@@ -56,12 +58,12 @@ pub(crate) fn select(scans: Vec<ScanEntry>, keyframing: Keyframing) -> Vec<ScanE
     scans.into_iter().filter(|scan| filter.takes(&scan.t_map_lidar, scan.time)).collect()
 }
 
-/// Selects keyframes from a sequence of scans.
-#[derive(Clone, Copy, Debug)]
+/// Selects keyframes from a sequence of scans. Its serialised form belongs to the version of the program that wrote it.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct KeyframeFilter {
     keyframing: Keyframing,
     /// Pose and time of the previous scan.
-    previous: Option<(Pose, f64)>,
+    previous: Option<(StoredPose, f64)>,
     /// Scans seen.
     count: usize,
     /// Metres or seconds since the last scan that was taken.
@@ -76,12 +78,12 @@ impl KeyframeFilter {
 
     /// Whether the next scan is taken, by its pose in the map frame and its time in seconds.
     pub fn takes(&mut self, t_map_lidar: &Pose, time: f64) -> bool {
-        let (index, previous) = (self.count, self.previous.replace((*t_map_lidar, time)));
+        let (index, previous) = (self.count, self.previous.replace((StoredPose(*t_map_lidar), time)));
         self.count += 1;
         let (limit, step) = match self.keyframing {
             Keyframing::All => return true,
             Keyframing::Nth(n) => return index % n.max(1) == 0,
-            Keyframing::Metres(limit) => (limit, previous.map_or(0.0, |(pose, _)| pose.translation_distance(t_map_lidar))),
+            Keyframing::Metres(limit) => (limit, previous.map_or(0.0, |(StoredPose(pose), _)| pose.translation_distance(t_map_lidar))),
             Keyframing::Seconds(limit) => (limit, previous.map_or(0.0, |(_, before)| time - before)),
         };
         self.since_taken += step;

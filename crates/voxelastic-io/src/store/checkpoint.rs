@@ -1,21 +1,23 @@
 //! Checkpoints of a run: a map of what is mapped so far, and the state of the run, from which another process goes on.
 //!
 //! They are in the folder `unfinished` of the map directory, which is a map directory itself: whatever reads maps reads it. Beside its manifest
-//! lies the state, in a file whose name has the checksum of the manifest. The state is written first, and the manifest is replaced last, so that
-//! a process that dies at any moment leaves the checkpoint before or the new one.
+//! lies the state, in a file whose name has the checksum of the manifest, and the journal. Journal and state are written first, and the manifest is
+//! replaced last, so that a process that dies at any moment leaves the checkpoint before or the new one.
 //!
 //! The state file: magic (8 bytes), version (u32), length of the table (u64), the table, the state, and the CRC-32 of all before (u32), little
-//! endian. The table is JSON: the root pose that each submap had when its file was written, because the file has a copy of it. The state is the
-//! caller's.
+//! endian. The table is JSON: the root pose that each submap had when its file was written, because the file has a copy of it, and name and length
+//! of the journal. State and records of the journal are the caller's: the state is what is small, the journal what grows with the run.
 
 use super::bytes::Bytes;
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED, state_name};
+use super::journal::{self, Journal};
 use super::known_file::KnownFile;
+use super::lock::Lock;
 use super::manifest::SubmapEntry;
 use super::piece::{MapDetails, Piece, pose_as_numbers};
 use super::reader::MapStore;
 use super::submap_file::Written;
-use super::writer::{MapWriter, SaveReport, names, remove_unfinished};
+use super::writer::{MapWriter, SaveReport, names};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -26,7 +28,7 @@ use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 
 const MAGIC: [u8; 8] = *b"\x89VXRUN\r\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes before the table.
 const HEAD: usize = 20;
 
@@ -36,6 +38,9 @@ pub struct Checkpoints {
     dir: PathBuf,
     writer: MapWriter,
     rows: HashMap<SubmapId, Row>,
+    journal: Journal,
+    /// Name of the state file of the checkpoint that is there.
+    state: Option<String>,
 }
 
 /// What a checkpoint has of a submap.
@@ -59,6 +64,16 @@ pub struct Checkpoint {
     pub details: MapDetails,
     /// The state of the run, as it was given.
     pub state: Vec<u8>,
+    /// The records of the journal.
+    pub records: Vec<Vec<u8>>,
+}
+
+/// The state file's table.
+#[derive(Default, Serialize, Deserialize)]
+struct StoredTable {
+    submaps: Vec<StoredRow>,
+    /// Name of the journal, and how many bytes of it belong to the checkpoint.
+    journal: (String, u64),
 }
 
 /// A row of the state file's table.
@@ -80,7 +95,28 @@ impl Checkpoints {
         if matches!(MapStore::open(&dir), Err(Error::Damaged { .. } | Error::Newer { .. })) {
             discard(&dir);
         }
-        Ok(Self { writer: MapWriter::create(&dir)?, dir, rows: HashMap::new() })
+        let writer = MapWriter::create(&dir)?;
+        let journal = Journal::new(journal::new_path(&dir));
+        let state = files::read(&dir.join(MANIFEST), None).ok().map(|text| state_name(crc32fast::hash(&text)));
+        Ok(Self { writer, dir, rows: HashMap::new(), journal, state })
+    }
+
+    /// Removes the checkpoint of a run that nobody wants to go on with, if there is one.
+    ///
+    /// # Errors
+    /// [`Error::Locked`] when the run is under way.
+    pub fn remove(writer: &MapWriter) -> Result<()> {
+        let dir = writer.store().dir().join(UNFINISHED);
+        if dir.is_dir() {
+            let _lock = Lock::take(&dir)?;
+            discard(&dir);
+        }
+        Ok(())
+    }
+
+    /// Adds a record to the journal. It is kept from the next checkpoint on.
+    pub fn record(&mut self, record: &[u8]) {
+        self.journal.add(record);
     }
 
     /// Whether the map directory has a checkpoint of a run that did not end, or seems to.
@@ -100,8 +136,12 @@ impl Checkpoints {
         let writer = MapWriter::create(&dir)?;
         let store = writer.store();
         let text = files::read(&dir.join(MANIFEST), None)?;
-        let path = dir.join(state_name(crc32fast::hash(&text)));
-        let (poses, state) = read_state(&path)?;
+        let state_name = state_name(crc32fast::hash(&text));
+        let (StoredTable { submaps: poses, journal: (name, length) }, state) = read_state(&dir.join(&state_name))?;
+        if !files::is_journal_name(&name) {
+            return Err(Error::damaged(&dir.join(&state_name), "journal", 0, format!("{name:?} is not the name of a journal")));
+        }
+        let (journal, records) = Journal::open(dir.join(name), length)?;
         let atlas = store.load_atlas()?;
         let row = |entry: &SubmapEntry| {
             let name = SubmapName::parse(&entry.file)?;
@@ -111,7 +151,7 @@ impl Checkpoints {
         };
         let rows = store.manifest().submaps.iter().filter_map(row).collect();
         let details = store.manifest().details.clone();
-        Ok(Some((Checkpoint { atlas, details, state }, Self { dir, writer, rows })))
+        Ok(Some((Checkpoint { atlas, details, state, records }, Self { dir, writer, rows, journal, state: Some(state_name) })))
     }
 
     /// Stores `atlas` and the `state` of the run. The atlas must be that of the last checkpoint, with what came since: submaps whose
@@ -121,13 +161,21 @@ impl Checkpoints {
     /// # Errors
     /// As for [`MapWriter::save`].
     pub fn write(&mut self, atlas: &Atlas, details: &MapDetails, state: &[u8]) -> Result<SaveReport> {
-        let saved = self.write_all(atlas, details, state);
-        let mut report = saved.inspect_err(|_| remove_unfinished(&self.dir))?;
+        let written = self.write_all(atlas, details, state);
+        let Ok(mut report) = written else {
+            // What was written takes space, often the very space that ran out. Of journals, an earlier run's may be needed.
+            let _ = files::remove_others(&self.dir, |name| self.needs(name) || files::is_journal_name(name));
+            return written;
+        };
+        self.journal.settle();
         files::sync_dir(&self.dir)?;
-        let crc32 = crc32fast::hash(&files::read(&self.dir.join(MANIFEST), None)?);
-        let (store, state) = (self.writer.store(), state_name(crc32));
-        report.removed = files::remove_others(&self.dir, |name| name == state || names(store, name))?;
+        report.removed = files::remove_others(&self.dir, |name| self.needs(name))?;
         Ok(report)
+    }
+
+    /// Whether the last checkpoint is made of the file `name`, among others.
+    fn needs(&self, name: &str) -> bool {
+        self.state.as_deref() == Some(name) || self.journal.name() == name || names(self.writer.store(), name)
     }
 
     fn write_all(&mut self, atlas: &Atlas, details: &MapDetails, state: &[u8]) -> Result<SaveReport> {
@@ -144,16 +192,19 @@ impl Checkpoints {
             let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
             rows.insert(entry.id, Row { revision: submap.revision(), name, written, t_map_submap });
         }
-        let mut table: Vec<StoredRow> = rows.iter().map(|(id, row)| StoredRow { id: *id, t_map_submap: row.t_map_submap }).collect();
-        table.sort_by_key(|row| row.id);
-        let dir = &self.dir;
+        let mut submaps: Vec<StoredRow> = rows.iter().map(|(id, row)| StoredRow { id: *id, t_map_submap: row.t_map_submap }).collect();
+        submaps.sort_by_key(|row| row.id);
+        self.journal.write()?;
+        let table = StoredTable { submaps, journal: (self.journal.name().to_owned(), self.journal.length()) };
+        let (dir, mut written) = (&self.dir, None);
         let report = self.writer.commit(saved, details, |text| {
             let name = state_name(crc32fast::hash(text.as_bytes()));
             let bytes = state_bytes(&table, state).map_err(|e| Error::on_io("write", &dir.join(&name))(e.into()))?;
             files::write_atomically(dir, &name, |file| file.write_all(&bytes))?;
+            written = Some(name);
             files::sync_dir(dir)
         })?;
-        self.rows = rows;
+        (self.rows, self.state) = (rows, written);
         Ok(report)
     }
 
@@ -200,7 +251,7 @@ fn discard(dir: &Path) {
     let _ = fs::remove_dir(dir);
 }
 
-fn state_bytes(table: &[StoredRow], state: &[u8]) -> std::result::Result<Vec<u8>, serde_json::Error> {
+fn state_bytes(table: &StoredTable, state: &[u8]) -> std::result::Result<Vec<u8>, serde_json::Error> {
     let table = serde_json::to_vec(table)?;
     let mut bytes = MAGIC.to_vec();
     bytes.extend(VERSION.to_le_bytes());
@@ -212,7 +263,7 @@ fn state_bytes(table: &[StoredRow], state: &[u8]) -> std::result::Result<Vec<u8>
     Ok(bytes)
 }
 
-fn read_state(path: &Path) -> Result<(Vec<StoredRow>, Vec<u8>)> {
+fn read_state(path: &Path) -> Result<(StoredTable, Vec<u8>)> {
     let bytes = files::read(path, None)?;
     let damaged = |at: usize, what: String| Error::damaged(path, "state", at as u64, what);
     let (content, crc32) = bytes.split_last_chunk::<4>().ok_or_else(|| damaged(0, "it is shorter than its checksum".to_owned()))?;
@@ -224,8 +275,10 @@ fn read_state(path: &Path) -> Result<(Vec<StoredRow>, Vec<u8>)> {
     if crc32fast::hash(content) != u32::from_le_bytes(*crc32) {
         return Err(damaged(0, format!("its {} bytes do not match their checksum", bytes.len())));
     }
-    if version != VERSION {
+    if version > VERSION {
         return Err(Error::Newer { path: path.to_owned(), found: version, supported: VERSION });
+    } else if version < VERSION {
+        return Err(damaged(8, format!("it is of version {version}, which this program does not go on with")));
     }
     let length = head.u64().map_err(|e| damaged(12, e))?;
     let table = usize::try_from(length).map_err(|_| "a table longer than memory".to_owned()).and_then(|length| head.take(length));

@@ -1,11 +1,15 @@
 //! Settings of the mapper in the details of a stored map.
 
 use super::piece::MapDetails;
+use crate::Origin;
 use std::collections::BTreeMap;
 use voxelastic::settings::{SettingError, Settings};
 
 /// Settings that do not change the map and are not stored, so that equal maps are equal files.
 const NOT_STORED: [&str; 1] = ["threads"];
+
+/// The entry of the settings that has the origin of a map that is far from zero.
+const ORIGIN: &str = "origin";
 
 /// The settings of a stored map.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,13 +39,30 @@ impl MapDetails {
         }
     }
 
+    /// With the origin of the map, which is stored with the settings.
+    #[must_use]
+    pub fn with_origin(mut self, origin: Origin) -> Self {
+        if !origin.is_zero() {
+            self.settings.insert(ORIGIN.to_owned(), origin.to_string());
+        }
+        self
+    }
+
+    /// Where the coordinates of the map are counted from; zero in maps without an origin.
+    ///
+    /// # Errors
+    /// The stored words, if they are no coordinates: all coordinates of the map would be wrong.
+    pub fn origin(&self) -> Result<Origin, &str> {
+        self.settings.get(ORIGIN).map_or(Ok(Origin::default()), |words| Origin::parse(words).ok_or(words.as_str()))
+    }
+
     /// The settings; none if the voxel size is not among them.
     pub fn stored_settings(&self) -> Option<StoredSettings> {
         if !self.settings.contains_key("voxel_size") && !self.settings.contains_key("voxel") {
             return None;
         }
         let mut settings = Settings::default();
-        let refused = self.settings.iter().filter_map(|(key, value)| settings.set(key, value).err()).collect();
+        let refused = self.settings.iter().filter(|(key, _)| *key != ORIGIN).filter_map(|(key, value)| settings.set(key, value).err()).collect();
         Some(StoredSettings { settings, refused })
     }
 }

@@ -23,10 +23,24 @@ pub(super) fn state_name(manifest_crc32: u32) -> String {
     format!("state-{manifest_crc32:08x}.vxr")
 }
 
+/// Name of the file with the journal of an unfinished run that has this number.
+pub(super) fn journal_name(number: u32) -> String {
+    format!("journal-{number:08x}.vxj")
+}
+
+/// Whether [`journal_name`] makes such names.
+pub(super) fn is_journal_name(name: &str) -> bool {
+    is_numbered(name, "journal-", ".vxj", journal_name)
+}
+
 /// Whether [`state_name`] makes such names.
 fn is_state_name(name: &str) -> bool {
-    let digits = name.strip_prefix("state-").and_then(|rest| rest.strip_suffix(".vxr"));
-    digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).is_some_and(|crc32| state_name(crc32) == name)
+    is_numbered(name, "state-", ".vxr", state_name)
+}
+
+fn is_numbered(name: &str, before: &str, after: &str, made: fn(u32) -> String) -> bool {
+    let digits = name.strip_prefix(before).and_then(|rest| rest.strip_suffix(after));
+    digits.and_then(|digits| u32::from_str_radix(digits, 16).ok()).is_some_and(|number| made(number) == name)
 }
 
 /// Name of a submap file: the same name is always the same content.
@@ -60,7 +74,7 @@ fn temporary(name: &str) -> String {
 pub(super) fn is_disposable(name: &str) -> bool {
     let whole = name.strip_prefix('.').and_then(|n| n.strip_suffix(".tmp"));
     let bare = whole.unwrap_or(name);
-    SubmapName::parse(bare).is_some() || is_state_name(bare) || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
+    SubmapName::parse(bare).is_some() || is_state_name(bare) || is_journal_name(bare) || [Some(MANIFEST), Some(RUN_LOG)].contains(&whole)
 }
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.

@@ -1,6 +1,6 @@
 //! One manifest for the submaps of several maps.
 
-use super::manifest::Manifest;
+use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
 use super::piece::pose_as_numbers;
 use crate::{Error, Result};
@@ -11,7 +11,7 @@ use voxelastic::atlas::SubmapId;
 
 /// The text of the manifest of a map that has the submaps of several others, from the texts of their manifests. Their files need only lie beside it: a
 /// file does not depend on where its submap lies. Submaps that `poses` names get these root poses (map frame); with `only_posed`, the others are left
-/// out. Settings are those of the first map.
+/// out. Settings and origin are those of the first map; poses count from its origin.
 ///
 /// # Errors
 /// [`Error::Damaged`] and the like for a text that is no manifest, [`Error::Unwritable`] for two submaps with one number, other voxel sizes, and poses that are
@@ -28,7 +28,15 @@ pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_p
                 if sizes.0 != sizes.1 {
                     return Err(Error::unwritable(path, "the maps have voxels of different sizes".to_owned()));
                 }
-                all.submaps.extend(part.submaps);
+                let damaged = |words: &str| Error::damaged(path, "settings", 0, format!("{words:?} is no origin"));
+                let (to, from) = (all.details.origin().map_err(damaged)?, part.details.origin().map_err(damaged)?);
+                let moved = |mut entry: SubmapEntry| {
+                    if from != to {
+                        entry.t_map_submap = to.to_local(from.to_map(entry.t_map_submap));
+                    }
+                    entry
+                };
+                all.submaps.extend(part.submaps.into_iter().map(moved));
             }
         }
     }

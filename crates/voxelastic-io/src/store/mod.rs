@@ -17,7 +17,7 @@
 //! A reopened map is the same bit for bit, and so is whatever is integrated into it next. Damage of any kind is a
 //! [`Error`](crate::Error) that names the file, the place in it and the remedy.
 //!
-//! [`Checkpoints`] write the map of a run that is under way, and the run's state, so that another process can go on with it.
+//! [`Checkpoints`] write the map of a run that is under way, the run's state and a journal of what came, so that another process can go on with it.
 //!
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
@@ -31,6 +31,7 @@ mod details;
 mod files;
 mod frames;
 mod join;
+mod journal;
 mod known_file;
 mod lock;
 mod manifest;

@@ -164,7 +164,7 @@ impl TilesetWriter {
         let (min, max) = around(children.iter().map(|child| (child.min, child.max)).chain([own]));
         let lattice = Lattice { origin: own.0, step };
         let colours = (!mesh.colours.is_empty()).then_some(&mesh.colours[..]);
-        let shown = MeshRef { positions: &mesh.positions, normals: &mesh.normals, colours, intensity: None, triangles: &mesh.triangles };
+        let shown = MeshRef { positions: &mesh.positions, normals: &mesh.normals, colours, triangles: &mesh.triangles, ..MeshRef::default() };
         let file = self.write(cell, "glb", &tile_glb(&shown, &lattice))?;
         let error = if cell.level == 0 { 0.0 } else { self.voxel * f64::from(1u32 << cell.level) };
         files.push(file.clone());

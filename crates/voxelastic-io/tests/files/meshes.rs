@@ -50,6 +50,7 @@ impl Owned {
     fn view(&self) -> MeshRef<'_> {
         MeshRef {
             positions: &self.positions,
+            origin: [0.0; 3],
             normals: &self.normals,
             colours: self.colours.as_deref(),
             intensity: self.intensity.as_deref(),

@@ -75,7 +75,7 @@ fn files_of_ours_read_by_open3d() {
     let corner = |k: u32| [[k, k + 1, k + 11], [k, k + 11, k + 10]];
     let triangles: Vec<[u32; 3]> = (0..90).filter(|k| k % 10 < 9).flat_map(corner).collect();
     let (normals, colours) = (vec![[0.0, 0.0, 1.0]; 100], vec![[255; 3]; 100]);
-    let mesh = MeshRef { positions: &positions, normals: &normals, colours: Some(&colours), intensity: None, triangles: &triangles };
+    let mesh = MeshRef { positions: &positions, normals: &normals, colours: Some(&colours), triangles: &triangles, ..MeshRef::default() };
     write_ply(dir.path().join("mesh.ply"), &mesh).unwrap();
     write_glb(dir.path().join("mesh.glb"), &mesh).unwrap();
     assert_eq!(ply::read_mesh(dir.path().join("mesh.ply")).unwrap().triangles, triangles);

@@ -26,7 +26,13 @@ impl Measured {
             return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path").into());
         }
         if path.is_dir() {
-            return Ok(Self::Map(Box::new(map_files::load(path, args.damage)?)));
+            let map = map_files::load(path, args.damage)?;
+            if !map.origin.is_zero() {
+                let what = format!("{}: the map has an origin ({} m), and truths are compared in single precision", path.display(), map.origin);
+                let remedy = "measure it with held-out scans (`voxelastic heldout`), or map and measure with an offset taken off poses and truth";
+                return Err(Failure::new(what, remedy).into());
+            }
+            return Ok(Self::Map(Box::new(map)));
         }
         if args.field.is_some() || args.no_fuse {
             let what = format!("{}: this is this is not a map, so it has no fields and no submaps", path.display());

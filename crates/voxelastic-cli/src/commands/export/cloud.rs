@@ -1,19 +1,20 @@
 //! Export of the surface as a cloud.
 
 use super::args::ExportArgs;
+use crate::map_files::LoadedMap;
 use crate::meshing::{MapMesh, map_mesh, submap_meshes};
 use crate::{map_files, output};
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
-use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::atlas::SubmapId;
 use voxelastic::geometry::Rigid;
 use voxelastic::surface::Mesh;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
-use voxelastic_io::pcd;
 use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
+use voxelastic_io::{Origin, pcd};
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,11 +69,11 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
         pool.install(|| map_mesh(&map.atlas, voxel, &args.surface, args.layers))?.mesh
     };
     match format {
-        Format::Ply => write_cloud_ply(&args.output, &all),
-        Format::Pcd => pcd::write_with_normals(&args.output, &cloud(&all, 1.0), &all.normals),
-        Format::Las => las::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
-        Format::Copc => copc::write(&args.output, &SurveyCloud { cloud: cloud(&all, 257.0), ..SurveyCloud::default() }),
-        Format::E57 => e57::write(&args.output, &stations(&map.atlas, &parts)),
+        Format::Ply => write_cloud_ply(&args.output, &all, map.origin),
+        Format::Pcd => pcd::write_with_normals(&args.output, &cloud(&all, 1.0), &all.normals, map.origin.coordinates()),
+        Format::Las => las::write(&args.output, &SurveyCloud { offset: map.origin.coordinates(), cloud: cloud(&all, 257.0) }),
+        Format::Copc => copc::write(&args.output, &SurveyCloud { offset: map.origin.coordinates(), cloud: cloud(&all, 257.0) }),
+        Format::E57 => e57::write(&args.output, &stations(&map, &parts)),
     }
     .with_context(|| format!("cannot write the cloud {}", args.output.display()))?;
     let (points, intensity, colours) = (all.positions.len(), !all.intensities.is_empty(), !all.colours.is_empty());
@@ -90,10 +91,11 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn write_cloud_ply(path: &Path, mesh: &Mesh) -> voxelastic_io::Result<()> {
+fn write_cloud_ply(path: &Path, mesh: &Mesh, origin: Origin) -> voxelastic_io::Result<()> {
     let intensity: Option<Vec<f32>> = (!mesh.intensities.is_empty()).then(|| mesh.intensities.iter().map(|&s| f32::from(s)).collect());
     let colours = (!mesh.colours.is_empty()).then_some(&mesh.colours[..]);
-    write_ply(path, &MeshRef { positions: &mesh.positions, normals: &mesh.normals, colours, intensity: intensity.as_deref(), triangles: &[] })
+    let (positions, normals, intensity) = (&mesh.positions, &mesh.normals, intensity.as_deref());
+    write_ply(path, &MeshRef { positions, origin: origin.coordinates(), normals, colours, intensity, triangles: &[] })
 }
 
 /// The vertices with their colours and intensities; intensities, 0 to 255, are multiplied by `scale`.
@@ -103,14 +105,14 @@ fn cloud(mesh: &Mesh, scale: f32) -> Cloud {
     Cloud { intensity, colours, ..Cloud::from_points(mesh.positions.clone()) }
 }
 
-/// A scan for each submap, in the submap's frame.
-fn stations(atlas: &Atlas, parts: &[(SubmapId, MapMesh)]) -> Vec<e57::E57Scan> {
+/// A scan for each submap, in the submap's frame, with its pose in the map frame.
+fn stations(map: &LoadedMap, parts: &[(SubmapId, MapMesh)]) -> Vec<e57::E57Scan> {
     let station = |(id, part): &(SubmapId, MapMesh)| {
-        let t_map_scan = atlas.submap(*id).map_or_else(Pose::identity, |submap| submap.t_map_submap());
+        let t_local_scan = map.atlas.submap(*id).map_or_else(Pose::identity, |submap| submap.t_map_submap());
         let mut local = Mesh::default();
-        local.append(&part.mesh, &Rigid::from(&t_map_scan.inverse()));
+        local.append(&part.mesh, &Rigid::from(&t_local_scan.inverse()));
         let survey = SurveyCloud { cloud: cloud(&local, 1.0 / 255.0), ..SurveyCloud::default() };
-        e57::E57Scan { name: Some(format!("submap {id}")), t_map_scan, survey }
+        e57::E57Scan { name: Some(format!("submap {id}")), t_map_scan: map.origin.to_map(t_local_scan), survey }
     };
     parts.iter().map(station).collect()
 }

@@ -46,7 +46,11 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     if cubes.is_empty() {
         let what =
             format!("{}: nothing of the map is near enough to its origin for an OctoMap, which reaches {REACH} voxels from it", args.map.display());
-        return Err(Failure::new(what, "subtract the same offset from all poses and map again, or use a larger --voxel-size").into());
+        return Err(Failure::new(what, "map the data again, which gives the map an origin near its first pose, or use a larger --voxel-size").into());
+    }
+    if !map.origin.is_zero() {
+        let why = format!("an OctoMap reaches {REACH} voxels from zero");
+        tracing::warn!("{why}, so {} counts from the map's origin: add {} m to its coordinates", args.output.display(), map.origin);
     }
     let written = if states_only { octomap::write_bt(&args.output, voxel, &cubes) } else { octomap::write_ot(&args.output, voxel, &cubes) };
     written.context("cannot export the map")?;

@@ -53,6 +53,9 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
         let path = folder.join(name);
         voxelastic_files::write(&path, |file| file.write_all(bytes)).with_context(|| format!("cannot write {}", path.display()))?;
     }
+    if !map.origin.is_zero() {
+        tracing::warn!("the tiles count from the map's origin: add {} m to their coordinates", map.origin);
+    }
     let report = writer.finish(&title).context("cannot write the tiles")?.unwrap_or_default();
     tracing::info!(
         "{} tiles in {} levels, {} triangles at full detail, {:.1} MB, in {}",

@@ -12,8 +12,8 @@ use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
-use voxelastic_io::Error;
 use voxelastic_io::store::{MapStore, SubmapEntry};
+use voxelastic_io::{Error, Origin};
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
@@ -32,6 +32,8 @@ pub struct MapInfo {
     map_mb: f64,
     /// Size on disk, megabytes.
     file_mb: f64,
+    /// Where the coordinates in the submaps' files are counted from, map frame; zero in most maps.
+    origin_m: [f64; 3],
     /// Box around the positions of the scans in the map frame.
     path_bounds_m: Option<Bounds>,
     /// Box around all blocks of the TSDF and all free or occupied space, map frame; only with `--check`.
@@ -90,7 +92,7 @@ pub fn describe(path: &Path, check: bool, damage: DamageArgs) -> anyhow::Result<
         Default::default()
     };
     map_files::warn_of(&store, damaged);
-    let manifest = store.manifest();
+    let (manifest, origin) = (store.manifest(), map_files::origin_of(&store)?);
     let mut blocks_by_scale = [0; SCALES];
     let mut path_bounds = Aabb::default();
     let mut memory = 0;
@@ -112,14 +114,15 @@ pub fn describe(path: &Path, check: bool, damage: DamageArgs) -> anyhow::Result<
         blocks_by_scale,
         map_mb: megabytes(memory),
         file_mb: megabytes(store.bytes()),
-        path_bounds_m: Bounds::of(&path_bounds),
-        bounds_m: Bounds::of(&bounds),
+        origin_m: origin.coordinates(),
+        path_bounds_m: Bounds::around(&path_bounds, origin),
+        bounds_m: Bounds::around(&bounds, origin),
         known_m3,
-        submaps: manifest.submaps.iter().map(submap_info).collect(),
+        submaps: manifest.submaps.iter().map(|entry| submap_info(entry, origin)).collect(),
     })
 }
 
-fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
+fn submap_info(entry: &SubmapEntry, origin: Origin) -> SubmapInfo {
     SubmapInfo {
         id: entry.id,
         file: entry.file.clone(),
@@ -128,7 +131,7 @@ fn submap_info(entry: &SubmapEntry) -> SubmapInfo {
         first_node: entry.scans.first().map(|s| s.node),
         last_node: entry.scans.last().map(|s| s.node),
         travelled_m: entry.travelled,
-        root_m: entry.t_map_submap.translation.vector.into(),
+        root_m: origin.to_map(entry.t_map_submap).translation.vector.into(),
         blocks_by_scale: entry.tsdf.as_ref().map_or([0; SCALES], |t| t.blocks_by_scale),
     }
 }
@@ -185,6 +188,10 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
         row("in memory", format!("{:.1} MB", info.map_mb)),
         row("on disk", format!("{:.1} MB", info.file_mb)),
     ];
+    if info.origin_m != [0.0; 3] {
+        let [x, y, z] = info.origin_m;
+        rows.push(row("origin", format!("{x} {y} {z} m: what is written has it added")));
+    }
     rows.extend(info.path_bounds_m.map(|b| row("path of the sensor", b)));
     rows.extend(info.bounds_m.map(|b| row("extent", b)));
     rows.extend(info.known_m3.iter().map(|known| row("known space", known)));

@@ -227,6 +227,8 @@ impl Node {
     }
 
     fn map(&mut self, event: Event, session: &mut Session) {
+        // Others on the network get poses and surfaces in the frame in which poses came.
+        let event = if self.network.is_some() { event } else { session.localised(event) };
         match corrected(&mut self.corrector, session, |corrector| corrector.take(event)) {
             Ok(events) => events.into_iter().for_each(|event| {
                 if let Err(problem) = self.jumps.check(&event).map_err(anyhow::Error::from).and_then(|()| self.tell(event, session)) {

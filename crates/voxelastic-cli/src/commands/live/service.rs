@@ -8,8 +8,8 @@ use anyhow::Context;
 use std::path::Path;
 use std::time::Duration;
 use voxelastic::{Pose, Settings};
+use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
-use voxelastic_io::store::MapDetails;
 use voxelastic_live::ros::services::{Request, Response};
 use voxelastic_plan::{Robot, plan};
 
@@ -44,7 +44,7 @@ impl Service<'_> {
     fn save(&mut self, session: &Session) -> anyhow::Result<String> {
         let target = self.target.as_mut().context("nothing is saved here: this is a viewer")?;
         anyhow::ensure!(session.scans() > 0, "the map is empty");
-        target.save(session, &MapDetails::describe(self.settings, session.mapper().sensor()))?;
+        target.save(session, &session.details())?;
         Ok(format!("{} scans saved in {}", session.scans(), target.path().display()))
     }
 
@@ -53,15 +53,16 @@ impl Service<'_> {
         let path = target.path().with_extension("ply");
         let (surface, voxel) = (SurfaceArgs::default(), self.settings.voxel_size);
         let made = session.pool().install(|| map_mesh(session.mapper().atlas(), voxel, &surface, LayerArgs::default()))?;
-        write_mesh(&path, &made.mesh)?;
+        write_mesh(&path, &made.mesh, session.origin())?;
         Ok(format!("{} triangles in {}", made.mesh.triangles.len(), path.display()))
     }
 }
 
-fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh) -> anyhow::Result<()> {
+fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> anyhow::Result<()> {
     let intensity: Vec<f32> = mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.positions,
+        origin: origin.coordinates(),
         normals: &mesh.normals,
         colours: (!mesh.colours.is_empty()).then_some(&mesh.colours),
         intensity: (!intensity.is_empty()).then_some(&intensity),

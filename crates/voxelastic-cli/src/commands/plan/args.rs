@@ -1,13 +1,14 @@
 //! Arguments of `voxelastic plan`.
 
 use crate::commands;
+use crate::commands::slice::Corners;
 use crate::failure::Failure;
 use crate::map_files::DamageArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
-use voxelastic::geometry::Aabb;
 use voxelastic::query::UnknownAs;
+use voxelastic_io::Origin;
 use voxelastic_plan::{PlanError, Point, Request, Robot, Wheels};
 
 /// Plan a collision-free path through a map
@@ -58,7 +59,7 @@ pub struct PlanArgs {
     pub seed: u64,
     /// Box for the robot centre: two corners in the map frame, metres [default: the known space]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = commands::slice::corners, allow_hyphen_values = true)]
-    pub bounds: Option<Aabb>,
+    pub bounds: Option<Corners>,
     /// The file to write: the path with its properties, as JSON
     #[arg(short, long, value_name = "FILE.json", required_unless_present = "recheck")]
     pub output: Option<PathBuf>,
@@ -102,10 +103,11 @@ impl PlanArgs {
         Robot { radius: self.radius, unknown, ground }
     }
 
-    /// The request for a path from `start` to `goal` in the map frame.
-    pub fn request(&self, start: Point, goal: Point) -> Request {
+    /// The request for a path from `start` to `goal` in the map frame, in the coordinates of a map with this origin.
+    pub fn request(&self, start: Point, goal: Point, origin: Origin) -> Request {
+        let [start, goal] = [start, goal].map(|point| origin.point_to_local(point));
         Request {
-            bounds: self.bounds.map(|b| [b.min.map(f64::from), b.max.map(f64::from)]),
+            bounds: self.bounds.map(|corners| corners.local(origin)).map(|b| [b.min.map(f64::from), b.max.map(f64::from)]),
             time: Duration::from_secs_f64(self.time),
             samples: self.samples,
             seed: self.seed,

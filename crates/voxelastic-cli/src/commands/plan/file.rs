@@ -1,12 +1,13 @@
 //! The file `path.json`, written and read. Its keys are documented and stable; further keys may be added.
 
 use crate::failure::Failure;
+use crate::map_files::LoadedMap;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::query::UnknownAs;
+use voxelastic_io::Origin;
 use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor_path, distance, sharpest_turn};
 use voxelastic_report::content::PlannedPath;
 
@@ -68,11 +69,11 @@ struct TreeRecord {
 }
 
 impl Figures {
-    pub fn new(request: &Request, plan: &Plan) -> Self {
+    pub fn new(request: &Request, plan: &Plan, origin: Origin) -> Self {
         let ends = [plan.path.first(), plan.path.last()].map(|p| p.copied().unwrap_or_default());
         Self {
-            start: ends[0],
-            goal: ends[1],
+            start: origin.point_to_map(ends[0]),
+            goal: origin.point_to_map(ends[1]),
             radius_m: request.robot.radius,
             ground: request.robot.ground.is_some(),
             height_m: plan.height,
@@ -93,18 +94,18 @@ impl Figures {
 }
 
 impl PathFile {
-    pub fn new(map: &Path, atlas: &Atlas, plan: &Plan, figures: Figures) -> Self {
-        let anchors = anchor_path(atlas, &plan.path).into_iter().map(|a| AnchorRecord { node: a.node, place: a.position });
+    pub fn new(path: &Path, map: &LoadedMap, plan: &Plan, figures: Figures) -> Self {
+        let anchors = anchor_path(&map.atlas, &plan.path).into_iter().map(|a| AnchorRecord { node: a.node, place: a.position });
         // A tenth of a millimetre is enough to draw with.
-        let short = |p: Point| p.map(|c| (c * 1e4).round() / 1e4);
+        let short = |p: Point| map.origin.point_to_map(p).map(|c| (c * 1e4).round() / 1e4);
         let (points, parents) = plan.tree.iter().map(|(p, parent)| (short(*p), *parent)).unzip();
         Self {
             format: FORMAT,
             generator: concat!("voxelastic ", env!("CARGO_PKG_VERSION")),
-            map: map.to_path_buf(),
+            map: path.to_path_buf(),
             frame: "map",
             figures,
-            path: plan.path.clone(),
+            path: plan.path.iter().map(|p| map.origin.point_to_map(*p)).collect(),
             clearance_m: plan.clearance.clone(),
             anchors: anchors.collect(),
             tree: TreeRecord { points, parents },
@@ -138,11 +139,11 @@ fn format() -> u32 {
 }
 
 impl StoredPath {
-    /// Reads a path file.
-    pub fn read(file: &Path) -> anyhow::Result<Self> {
+    /// Reads a path file, for a map with this origin: points have it taken off.
+    pub fn read(file: &Path, origin: Origin) -> anyhow::Result<Self> {
         let text = std::fs::read_to_string(file).with_context(|| format!("cannot read the planned path {}", file.display()))?;
         let refuse = |why: String| Failure::new(format!("{}: not a planned path: {why}", file.display()), "give a file that `voxelastic plan` wrote");
-        let stored: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
+        let mut stored: Self = serde_json::from_str(&text).map_err(|e| refuse(e.to_string()))?;
         if stored.format != FORMAT {
             return Err(refuse(format!("its format is {}, supported is {FORMAT}", stored.format)).into());
         }
@@ -150,6 +151,8 @@ impl StoredPath {
         if stored.tree.parents.len() != count || stored.tree.parents.iter().flatten().any(|parent| *parent as usize >= count) {
             return Err(refuse("its tree has parents that do not exist".to_owned()).into());
         }
+        let points = stored.path.iter_mut().chain(&mut stored.tree.points).chain(stored.start.iter_mut()).chain(stored.goal.iter_mut());
+        points.for_each(|p| *p = origin.point_to_local(*p));
         Ok(stored)
     }
 

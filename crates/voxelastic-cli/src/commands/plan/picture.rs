@@ -7,6 +7,7 @@ use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, Axis, SliceRequest};
 use voxelastic_eval::colour::Rgb;
 use voxelastic_eval::grid_view::{Dot, GridView, Line};
+use voxelastic_io::Origin;
 use voxelastic_plan::{Plan, Point, Request};
 
 const OCCUPIED: Rgb = [60, 62, 68];
@@ -23,8 +24,8 @@ const FLAT: f64 = 1.0;
 /// Largest number of pixels along a side; larger pixels are used beyond.
 const MOST_PIXELS: f64 = 2400.0;
 
-/// Draws the picture.
-pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> anyhow::Result<()> {
+/// Draws the picture, with the coordinates of the map frame: `origin` is that of the map.
+pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan, origin: Origin) -> anyhow::Result<()> {
     let slice = slice_request(map, request, plan);
     let image = map.slice(&slice);
     let colour = |state: &State| match state {
@@ -33,19 +34,23 @@ pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -
         State::Unknown => UNKNOWN,
     };
     let cells: Vec<Rgb> = image.states.iter().map(colour).collect();
-    let flat = |p: &Point| [p[0], p[1]];
+    let flat = |p: &Point| {
+        let [x, y, _] = origin.point_to_map(*p);
+        [x, y]
+    };
     let branches = plan.tree.iter().filter_map(|(p, parent)| Some((p, plan.tree.get((*parent)? as usize)?)));
     let mut lines: Vec<Line> = branches.map(|(p, (q, _))| Line { points: vec![flat(q), flat(p)], colour: TREE, width: 1.0 }).collect();
     lines.push(Line { points: plan.path.iter().map(flat).collect(), colour: PATH, width: 4.0 });
     let end = |p: Option<&Point>, colour| p.map(|p| Dot { at: flat(p), colour, radius: 8.0 });
     let dots = [end(plan.path.first(), START), end(plan.path.last(), GOAL)].into_iter().flatten().collect();
-    let to = if slice.thickness > 0.0 { format!(" to {:.2}", slice.at + slice.thickness) } else { String::new() };
-    let title = format!("{:.1} m, radius {:.2} m, map at z = {:.2}{to} m", plan.length, request.robot.radius, slice.at);
+    let at = slice.at + origin.coordinates()[2];
+    let to = if slice.thickness > 0.0 { format!(" to {:.2}", at + slice.thickness) } else { String::new() };
+    let title = format!("{:.1} m, radius {:.2} m, map at z = {at:.2}{to} m", plan.length, request.robot.radius);
     let legend = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown"), (TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
     let drawing = GridView {
         title,
         labels: ["x [m]", "y [m]"],
-        origin: [slice.bounds.min[0], slice.bounds.min[1]].map(f64::from),
+        origin: [0, 1].map(|k| f64::from(slice.bounds.min[k]) + origin.coordinates()[k]),
         pixel: slice.pixel,
         size: [image.width, image.height],
         cells: &cells,

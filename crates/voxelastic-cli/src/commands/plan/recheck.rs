@@ -52,7 +52,7 @@ impl From<&BlockedSegment> for BrokenRecord {
 
 /// Checks the path in `file`; the exit code is 0 if it is free.
 pub fn run(args: &PlanArgs, file: &Path, loaded: &LoadedMap, map: &AtlasQuery<'_>) -> anyhow::Result<u8> {
-    let stored = StoredPath::read(file)?;
+    let stored = StoredPath::read(file, loaded.origin)?;
     let robot = stored.robot(args.robot());
     let now = match stored.anchors() {
         Some(anchors) => resolve_anchors(&loaded.atlas, &anchors),
@@ -61,7 +61,9 @@ pub fn run(args: &PlanArgs, file: &Path, loaded: &LoadedMap, map: &AtlasQuery<'_
     let waypoints_lost = now.iter().filter(|p| p.is_none()).count();
     let path: Vec<Point> = now.iter().zip(&stored.path).map(|(now, before)| now.unwrap_or(*before)).collect();
     let moved_m = path.iter().zip(&stored.path).map(|(now, before)| distance(*now, *before)).fold(0.0, f64::max);
-    let broken = check(map, &robot, &path).map_err(|error| explain(args, error))?;
+    let mut broken = check(map, &robot, &path).map_err(|error| explain(args, error))?;
+    broken.iter_mut().for_each(|part| part.at = loaded.origin.point_to_map(part.at));
+    let path: Vec<Point> = path.into_iter().map(|p| loaded.origin.point_to_map(p)).collect();
     log_result(&broken, &path);
     let summary = Summary {
         recheck: file,

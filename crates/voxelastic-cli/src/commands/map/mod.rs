@@ -1,32 +1,30 @@
 //! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
+mod pipeline;
+
 use crate::closure_summary::ClosureSummary;
 use crate::commands::report;
 use crate::config::SettingFlags;
 use crate::data::{DataArgs, HoldOut};
-use crate::elastic::{ElasticArgs, corrected};
-use crate::failure::{self, Failure, one_line};
+use crate::elastic::ElasticArgs;
+use crate::failure::{self, Failure};
 use crate::input::Input;
-use crate::jumps::Jumps;
 use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
-use crate::progress::Progress;
 use crate::reporting::{self, Subject};
+use crate::resume::{Identity, Keeper, ResumeArgs};
 use crate::target::{self, OnFullDisk, Target};
 use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
+use pipeline::{Pipeline, Selection, Tally};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
-use voxelastic::event::Event;
-use voxelastic::mapper::Mapper;
-use voxelastic_io::store::{MapDetails, SaveReport};
+use voxelastic::settings::Settings;
+use voxelastic_io::store::SaveReport;
 use voxelastic_report::{Correction, LoopEdge, RunLog};
-use voxelastic_slam::Corrector;
 
 /// Map a folder of scans, or a recording, with or without poses
 ///
@@ -34,7 +32,8 @@ use voxelastic_slam::Corrector;
 /// content (TUM, KITTI 3x4 rows, Newer College CSV, g2o). In recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the topics of clouds and poses are
 /// found by their types. Without poses, they are estimated from the scans. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
 /// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced,
-/// but not by one of fewer scans: that is saved beside it.
+/// but not by one of fewer scans: that is saved beside it. While it maps, it keeps what it has beside the map: the same command goes on after
+/// the process was killed, and the map is the same as without that.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic map hall                                   writes hall.vox here
@@ -76,6 +75,8 @@ pub struct MapArgs {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    resume: ResumeArgs,
+    #[command(flatten)]
     elastic: ElasticArgs,
     #[command(flatten)]
     settings: SettingFlags,
@@ -114,6 +115,8 @@ struct Summary {
     odometry: Option<OdometrySummary>,
     /// Loop closures that were tried; `null` where none were looked for.
     closures: Option<ClosureSummary>,
+    /// Checkpoints that were written.
+    checkpoints: CheckpointSummary,
     /// Fields of the map: `tsdf`, `occupancy`, `both`.
     field: &'static str,
     /// Edge of the finest voxel, metres.
@@ -140,18 +143,45 @@ struct Summary {
     blocks: usize,
 }
 
-/// Counts of a run.
-#[derive(Debug, Default)]
-struct Tally {
-    skipped: usize,
-    held_out: usize,
-    rebuilt: usize,
-    interrupted: bool,
-    /// The input ended early because of a bug of a decoder.
-    broken: bool,
-    mapping_s: f64,
-    odometry: Option<OdometrySummary>,
-    closures: Option<ClosureSummary>,
+/// What checkpoints took.
+#[derive(Debug, Default, Serialize)]
+struct CheckpointSummary {
+    /// How many were written by this process.
+    count: usize,
+    /// Time that they took in all, seconds.
+    total_s: f64,
+}
+
+impl CheckpointSummary {
+    fn of(keeper: &Keeper) -> Self {
+        let (count, took) = keeper.summary();
+        Self { count, total_s: took.as_secs_f64() }
+    }
+}
+
+impl MapArgs {
+    /// Opens the data, logs its description, and applies the limits on scans.
+    fn selection(&self) -> anyhow::Result<Selection> {
+        let mut input = Input::open(&self.data, self.strict, self.slam, self.elastic.pose_kind())?;
+        input.description().lines().for_each(|line| tracing::info!("{line}"));
+        if let Some(most) = self.max_scans {
+            input.limit(most);
+        }
+        let held_out = self.hold_out.map(|hold_out| input.remove_held_out(hold_out)).unwrap_or_default();
+        Ok(Selection { input, held_out, elastic: self.elastic, strict: self.strict })
+    }
+
+    /// What decides about the bits of the map.
+    fn identity(&self, settings: &Settings, input: &Input) -> Identity {
+        let or_none = |number: Option<String>| number.unwrap_or_else(|| "none".to_owned());
+        Identity::new(settings)
+            .with("data", format!("{:016x}", input.fingerprint()))
+            .with("reading", self.data.identity())
+            .with("poses by odometry", input.is_raw())
+            .with("corrections", self.elastic.identity())
+            .with("--hold-out", or_none(self.hold_out.map(|n| n.to_string())))
+            .with("--max-scans", or_none(self.max_scans.map(|n| n.to_string())))
+    }
 }
 
 /// Runs the command.
@@ -159,17 +189,19 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let settings = args.settings.resolve()?;
     let output = target::path(args.output.as_deref(), args.data.path())?;
-    let selection = Selection::open(args)?;
-    let pool = meshing::pool(settings.threads)?;
-    let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
-    if let Some(model) = selection.input.sensor() {
-        mapper.set_sensor_model(model);
-    }
+    let selection = args.selection()?;
+    let identity = args.identity(&settings, &selection.input);
     let mut target = Target::create(&output, args.overwrite, args.on_full_disk)?;
+    let unfinished = args.resume.find(&mut target, &identity)?;
     interrupt::install("finishing this scan and saving the map");
 
-    let mut session = Session::new(mapper, pool);
-    let mut tally = integrate(&selection, args, &mut session, quiet)?;
+    let pool = meshing::pool(settings.threads)?;
+    let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
+        return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
+    };
+    let mut keeper = Keeper::new(args.resume.checkpoints(), identity, pipeline.corrector(), selection.input.is_raw(), session.scans());
+    pipeline.run(&mut session, &mut target, &mut keeper, quiet)?;
+    let mut tally = pipeline.finish(&mut session);
     if session.scans() == 0 {
         let (what, remedy) = if tally.interrupted {
             ("interrupted before the first scan was integrated", "")
@@ -179,10 +211,13 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
     tally.rebuilt = args.elastic.finish(selection.input.clouds(), &mut session, quiet);
-    let details = MapDetails::describe(&settings, session.mapper().sensor());
+    let details = session.details();
     let saved = target.save(&session, &details)?;
+    if !tally.interrupted {
+        target.discard_checkpoints();
+    }
     let output = target.path().to_owned();
-    let summary = summarise(&session, &tally, saved, &output, clock);
+    let summary = Summary { checkpoints: CheckpointSummary::of(&keeper), ..summarise(&session, &tally, saved, &output, clock) };
     let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
     target.log(&log);
     if let Some(odometry) = &summary.odometry {
@@ -211,81 +246,6 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     })
 }
 
-/// The scans to map, and the number of those held out.
-struct Selection {
-    input: Input,
-    held_out: Arc<AtomicUsize>,
-}
-
-impl Selection {
-    /// Opens the data, logs its description, and applies the limits on scans.
-    fn open(args: &MapArgs) -> anyhow::Result<Self> {
-        let mut input = Input::open(&args.data, args.strict, args.slam, args.elastic.pose_kind())?;
-        input.description().lines().for_each(|line| tracing::info!("{line}"));
-        if let Some(most) = args.max_scans {
-            input.limit(most);
-        }
-        let held_out = args.hold_out.map(|hold_out| input.remove_held_out(hold_out)).unwrap_or_default();
-        Ok(Self { input, held_out })
-    }
-}
-
-/// Passes all events to the mapper, until they end or the user interrupts.
-fn integrate(selection: &Selection, args: &MapArgs, session: &mut Session, quiet: bool) -> anyhow::Result<Tally> {
-    let clock = Instant::now();
-    let Selection { input, held_out } = selection;
-    let mut tally = Tally::default();
-    let mut progress = Progress::new("scans", input.scans().map(|n| n as u64), quiet);
-    let mut skip = |problem: anyhow::Error| -> anyhow::Result<()> {
-        if args.strict {
-            return Err(problem.context("a scan cannot be used (--strict); no map was written"));
-        }
-        tracing::warn!("scan skipped: {}", one_line(&problem));
-        tally.skipped += 1;
-        Ok(())
-    };
-    let mut corrector = args.elastic.corrector(input.is_raw());
-    let mut jumps = Jumps::default();
-    let mut events = input.events(session.threads())?;
-    session.set_idle_task(|| events.idle_task());
-    for event in events.by_ref() {
-        tally.broken |= event.as_ref().is_err_and(failure::is_bug_of_decoder);
-        let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
-        let first = session.scans() == 0;
-        match event.and_then(|event| Ok(corrected(&mut corrector, session, |c| c.take(event))?)) {
-            Ok(events) => events.into_iter().try_for_each(|event| match jumps.check(&event) {
-                Ok(()) => session.take(event).map_or_else(|e| skip(e.into()), |_| Ok(())),
-                Err(jump) => skip(jump.into()),
-            })?,
-            Err(problem) => skip(problem)?,
-        }
-        if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
-            tracing::info!("sensor: {sensor}");
-        }
-        if is_scan {
-            progress.step(|| {
-                let read = input.progress().map_or_else(String::new, |part| format!("{:.0} % read, ", part * 100.0));
-                format!("{read}{} submaps", session.mapper().atlas().submaps().len())
-            });
-        }
-        if interrupt::requested() {
-            tally.interrupted = true;
-            break;
-        }
-    }
-    tally.mapping_s = clock.elapsed().as_secs_f64();
-    tally.skipped += input.without_pose();
-    tally.odometry = events.odometry();
-    tally.held_out = held_out.load(Ordering::Relaxed);
-    let last = corrected(&mut corrector, session, Corrector::finish).map_err(anyhow::Error::from);
-    let last = last.and_then(|events| Ok(events.into_iter().try_for_each(|event| session.take(event).map(|_| ()))?));
-    tally.closures = corrector.closures().map(ClosureSummary::of);
-    if let Err(problem) = last {
-        tracing::warn!("the last correction is missing: {}", one_line(&problem));
-    }
-    Ok(tally)
-}
-
 fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
     let (mapper, log) = (session.mapper(), session.log());
     let (settings, atlas) = (mapper.settings(), mapper.atlas());
@@ -302,6 +262,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         groups_apart: log.groups_apart,
         loops: log.loops,
         corrections: log.corrections,
+        checkpoints: CheckpointSummary::default(),
         submaps_rebuilt: tally.rebuilt,
         odometry: tally.odometry.clone(),
         closures: tally.closures.clone(),

@@ -1,0 +1,115 @@
+//! Keeps checkpoints of the run that is under way.
+
+use super::every::CheckpointEvery;
+use super::identity::Identity;
+use super::record::Record;
+use super::state::RunState;
+use crate::failure::one_line;
+use crate::input::InputState;
+use crate::jumps::Jumps;
+use crate::mapping::Session;
+use crate::target::Target;
+use anyhow::Context;
+use std::time::{Duration, Instant};
+use voxelastic::event::Event;
+use voxelastic_slam::Corrector;
+
+/// A checkpoint that cannot be written is tried again after this at the earliest.
+const PAUSE: Duration = Duration::from_secs(60);
+
+/// Writes a checkpoint now and then.
+pub struct Keeper {
+    every: CheckpointEvery,
+    identity: Identity,
+    /// What came since the last checkpoint, for the journal.
+    records: Option<Vec<Vec<u8>>>,
+    with_motions: bool,
+    /// When the last checkpoint was complete, how long it took, and how many scans it had.
+    last: (Instant, Duration, usize),
+    /// Until when none is tried, as the disk has refused one.
+    paused: Option<Instant>,
+    count: usize,
+    took: Duration,
+}
+
+/// What is stored of a run beside its mapper.
+pub struct Stages<'a> {
+    /// Where the input is, if that can be said between two events.
+    pub input: Box<dyn Fn() -> Option<InputState> + 'a>,
+    /// Loop closures and optimisation.
+    pub corrector: &'a Corrector,
+    /// The last position.
+    pub jumps: &'a Jumps,
+    /// Scans that could not be used.
+    pub skipped: usize,
+}
+
+impl Keeper {
+    /// Of a run that begins or goes on with `scans` mapped. The journal is needed if `corrector` does anything, and for motions if the poses are
+    /// estimated (`is_raw`).
+    pub fn new(every: CheckpointEvery, identity: Identity, corrector: &Corrector, is_raw: bool, scans: usize) -> Self {
+        let records = (every != CheckpointEvery::Off && (is_raw || !corrector.is_idle())).then(Vec::new);
+        let last = (Instant::now(), Duration::ZERO, scans);
+        Self { every, identity, records, with_motions: is_raw, last, paused: None, count: 0, took: Duration::ZERO }
+    }
+
+    /// Notes an event of the input, before anything is done with it.
+    pub fn note(&mut self, event: &Event) {
+        if let Some(records) = &mut self.records {
+            records.extend(Record::of(event, self.with_motions).and_then(|record| record.bytes().ok()));
+        }
+    }
+
+    /// Writes a checkpoint if one is due. One that cannot be written does not end the run.
+    pub fn keep(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
+        let (at, took, scans) = self.last;
+        if self.every.is_due(session.scans() - scans, at.elapsed(), took) && self.paused.is_none_or(|until| Instant::now() >= until) {
+            self.keep_now(target, session, stages);
+        }
+    }
+
+    /// Writes a checkpoint unless a fusion is in progress or the scan's events are not all taken.
+    pub fn keep_now(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
+        if self.every == CheckpointEvery::Off || session.scans() == 0 {
+            return;
+        }
+        let clock = Instant::now();
+        match self.write(target, session, stages) {
+            Ok(false) => {}
+            Ok(true) => {
+                self.last = (Instant::now(), clock.elapsed(), session.scans());
+                (self.count, self.took, self.paused) = (self.count + 1, self.took + clock.elapsed(), None);
+                tracing::debug!("checkpoint at {} scans in {:.0} ms", session.scans(), clock.elapsed().as_secs_f64() * 1e3);
+            }
+            Err(problem) => {
+                tracing::warn!("a checkpoint could not be written, so a kill would lose what came since the last: {}", one_line(&problem));
+                self.paused = Some(Instant::now() + PAUSE);
+            }
+        }
+    }
+
+    fn write(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) -> anyhow::Result<bool> {
+        let (Some(input), Some(mapper)) = ((stages.input)(), session.mapper().state()) else { return Ok(false) };
+        let state = RunState {
+            input,
+            jumps: stages.jumps.clone(),
+            skipped: stages.skipped,
+            log: session.log().to_json()?,
+            origin: session.origin().coordinates(),
+            searches: stages.corrector.searches(),
+            mapper,
+        };
+        let state = self.identity.join(&postcard::to_stdvec(&state).context("the state of the run cannot be stored")?)?;
+        let details = session.details();
+        let checkpoints = target.checkpoints()?;
+        self.records.iter_mut().flat_map(std::mem::take).for_each(|record| checkpoints.record(&record));
+        let atlas = session.mapper().atlas();
+        session.pool().install(|| checkpoints.write(atlas, &details, &state))?;
+        Ok(true)
+    }
+
+    /// Checkpoints written, and the time that they took in all.
+    pub fn summary(&self) -> (usize, Duration) {
+        (self.count, self.took)
+    }
+}

@@ -1,0 +1,59 @@
+//! What a journal holds of an event: all but the points, which are in the input.
+
+use serde::{Deserialize, Serialize};
+use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::geometry::stored::StoredPose;
+use voxelastic::{Cloud, Motion};
+
+/// An event without points.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) enum Record {
+    Scan { node: NodeId, time: f64, t_map_lidar: StoredPose, motion: Option<Motion> },
+    OdometryEdge(Edge),
+    LoopEdge(Edge),
+    PoseUpdate(Vec<(NodeId, StoredPose)>),
+}
+
+impl Record {
+    /// Of an event; none of kinds that are not known. The motion is stored where `with_motion` holds: where it is not in the input.
+    pub(super) fn of(event: &Event, with_motion: bool) -> Option<Self> {
+        Some(match event {
+            Event::Scan(scan) => {
+                let motion = scan.cloud.motion.clone().filter(|_| with_motion);
+                Self::Scan { node: scan.node, time: scan.time, t_map_lidar: StoredPose(scan.t_map_lidar), motion }
+            }
+            Event::OdometryEdge(edge) => Self::OdometryEdge(edge.clone()),
+            Event::LoopEdge(edge) => Self::LoopEdge(edge.clone()),
+            Event::PoseUpdate(poses) => Self::PoseUpdate(poses.iter().map(|(node, pose)| (*node, StoredPose(*pose))).collect()),
+            _ => return None,
+        })
+    }
+
+    /// The event, with the points of a scan.
+    pub(super) fn event(self, cloud: Cloud) -> Event {
+        match self {
+            Self::Scan { node, time, t_map_lidar: StoredPose(t_map_lidar), .. } => Event::Scan(Scan { node, time, t_map_lidar, cloud }),
+            Self::OdometryEdge(edge) => Event::OdometryEdge(edge),
+            Self::LoopEdge(edge) => Event::LoopEdge(edge),
+            Self::PoseUpdate(poses) => Event::PoseUpdate(poses.into_iter().map(|(node, StoredPose(pose))| (node, pose)).collect()),
+        }
+    }
+
+    /// The node of a scan.
+    pub(super) fn node(&self) -> Option<NodeId> {
+        if let Self::Scan { node, .. } = self { Some(*node) } else { None }
+    }
+
+    /// The motion during a scan, once.
+    pub(super) fn take_motion(&mut self) -> Option<(NodeId, Motion)> {
+        if let Self::Scan { node, motion, .. } = self { motion.take().map(|motion| (*node, motion)) } else { None }
+    }
+
+    pub(super) fn bytes(&self) -> Result<Vec<u8>, postcard::Error> {
+        postcard::to_stdvec(self)
+    }
+
+    pub(super) fn read(bytes: &[u8]) -> Result<Self, String> {
+        postcard::from_bytes(bytes).map_err(|e| format!("its journal: {e}"))
+    }
+}

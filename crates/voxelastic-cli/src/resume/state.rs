@@ -1,0 +1,20 @@
+//! What a checkpoint has of a run beside its submaps and its journal.
+
+use crate::input::InputState;
+use crate::jumps::Jumps;
+use serde::{Deserialize, Serialize};
+use voxelastic::mapper::MapperState;
+use voxelastic_slam::loops::Searches;
+
+/// What a run knows.
+#[derive(Serialize, Deserialize)]
+pub(super) struct RunState {
+    pub(super) input: InputState,
+    pub(super) jumps: Jumps,
+    pub(super) skipped: usize,
+    /// The log of the run, as JSON.
+    pub(super) log: String,
+    pub(super) origin: [f64; 3],
+    pub(super) searches: Option<Searches>,
+    pub(super) mapper: MapperState,
+}
