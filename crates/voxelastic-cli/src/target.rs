@@ -182,7 +182,15 @@ impl Target {
         Ok(())
     }
 
+    /// Removes the folder of checkpoints if none could be written.
+    fn discard_if_none(&mut self) {
+        if self.checkpoints.as_ref().is_some_and(|checkpoints| !checkpoints.has_any()) {
+            self.discard_checkpoints();
+        }
+    }
+
     fn move_to(&mut self, path: PathBuf, writer: MapWriter) {
+        self.discard_if_none();
         self.path = path;
         if let Some(before) = self.writer.replace(writer) {
             before.abandon();
@@ -211,6 +219,7 @@ impl Target {
 
 impl Drop for Target {
     fn drop(&mut self) {
+        self.discard_if_none();
         if let Some(writer) = self.writer.take() {
             writer.abandon();
         }

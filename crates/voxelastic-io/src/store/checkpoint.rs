@@ -232,6 +232,11 @@ impl Checkpoints {
         writer.save_with(atlas, details, |piece| self.known(piece))
     }
 
+    /// Whether there is one to go on from: of this run, or of the one that it goes on with.
+    pub fn has_any(&self) -> bool {
+        self.state.is_some()
+    }
+
     /// Removes the checkpoint, after the map is saved.
     pub fn discard(self) {
         let Self { dir, writer, .. } = self;

@@ -83,3 +83,59 @@ fn every_damaged_byte_of_a_state_is_found() {
     Checkpoints::begin(&writer).unwrap().write(&made_up_atlas(2, 2, 5), &details("run"), b"new").unwrap();
     assert_eq!(Checkpoints::resume(&writer).unwrap().unwrap().0.state, b"new");
 }
+
+#[test]
+fn a_journal_is_that_of_the_last_checkpoint_whatever_fails() {
+    let dir = tempfile::tempdir().unwrap();
+    let writer = MapWriter::create(dir.path().join("a.vox")).unwrap();
+    let resumed = || {
+        let (found, checkpoints) = Checkpoints::resume(&writer).unwrap().unwrap();
+        let records: Vec<String> = found.records.into_iter().map(|record| String::from_utf8(record).unwrap()).collect();
+        (String::from_utf8(found.state).unwrap(), records, checkpoints)
+    };
+    let mut atlas = made_up_atlas(1, 2, 5);
+    let mut checkpoints = Checkpoints::begin(&writer).unwrap();
+    checkpoints.record(b"first");
+    checkpoints.record(b"");
+    checkpoints.write(&atlas, &details("run"), b"one").unwrap();
+    // One that cannot be written leaves state and journal of the one before; what came since belongs to the next.
+    let pose = atlas.submap(0).unwrap().t_map_submap();
+    atlas.submap_mut(0).unwrap().set_pose(Pose::translation(f64::NAN, 0.0, 0.0));
+    checkpoints.record(b"second");
+    checkpoints.write(&atlas, &details("run"), b"two").unwrap_err();
+    drop(checkpoints);
+    let (state, records, mut checkpoints) = resumed();
+    assert_eq!((state.as_str(), records), ("one", vec!["first".to_owned(), String::new()]));
+    checkpoints.record(b"again");
+    checkpoints.write(&atlas, &details("run"), b"two").unwrap_err();
+    atlas.submap_mut(0).unwrap().set_pose(pose);
+    checkpoints.write(&atlas, &details("run"), b"two").unwrap();
+    drop(checkpoints);
+    let unfinished = dir.path().join("a.vox/unfinished");
+    let journal = fs::read_dir(&unfinished).unwrap().map(|e| e.unwrap().path()).find(|p| p.extension().is_some_and(|e| e == "vxj")).unwrap();
+    let whole = fs::read(&journal).unwrap();
+    // What a process that died left behind is cut off.
+    fs::write(&journal, [&whole[..], b"half of a record"].concat()).unwrap();
+    let (state, records, mut checkpoints) = resumed();
+    assert_eq!((state.as_str(), records.len(), records[2].as_str()), ("two", 3, "again"));
+    checkpoints.record(b"last");
+    checkpoints.write(&atlas, &details("run"), b"three").unwrap();
+    drop(checkpoints);
+    assert_eq!(resumed().1, ["first", "", "again", "last"]);
+    let whole = fs::read(&journal).unwrap();
+    for at in 0..whole.len() {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 0x10;
+        fs::write(&journal, bytes).unwrap();
+        assert!(matches!(Checkpoints::resume(&writer), Err(Error::Damaged { path, .. }) if path == journal), "byte {at}");
+        fs::write(&journal, &whole[..at]).unwrap();
+        assert!(matches!(Checkpoints::resume(&writer), Err(Error::Damaged { path, .. }) if path == journal), "{at} bytes");
+    }
+    // A run that begins anew has a journal of its own.
+    fs::write(&journal, &whole).unwrap();
+    let mut checkpoints = Checkpoints::begin(&writer).unwrap();
+    checkpoints.write(&atlas, &details("run"), b"new").unwrap();
+    assert!(!journal.exists());
+    drop(checkpoints);
+    assert!(resumed().1.is_empty());
+}
