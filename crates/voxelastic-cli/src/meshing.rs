@@ -180,7 +180,7 @@ impl LeftOut {
 pub struct Pair {
     /// The two submaps.
     pub submaps: [SubmapId; 2],
-    /// Places of one that lie where the other has a surface, too.
+    /// Places on the surfaces of both, in cells of 64 voxels in which the other has a surface, too.
     pub places: u64,
     /// Of these, those where the other has the same surface, up to five voxels away.
     pub matched: u64,

@@ -130,8 +130,8 @@ impl Subject<'_> {
                 format!("{:.0}", pair.left_mm),
             ]
         };
-        let columns = ["submaps", "places on surfaces of both", "the same surface, %", "apart, mm", "after bending, mm"].map(str::to_owned).into();
-        let note = "Places are at most one for each block where both submaps have a surface. Low shares are of submaps that see much from different sides, or of poses that are wrong by more than five voxels.";
+        let columns = ["submaps", "places in common cells", "the same surface, %", "apart, mm", "after bending, mm"].map(str::to_owned).into();
+        let note = "Places on surfaces are at most one for each block, in cells of 64 voxels in which both submaps have a surface. Shares are low where submaps see things from different sides, or where poses are wrong by more than five voxels.";
         let rows: Vec<Vec<String>> = pairs.iter().map(row).collect();
         (!rows.is_empty()).then(|| Table { title: "Where submaps disagree".to_owned(), note: note.to_owned(), columns, rows })
     }

@@ -47,16 +47,14 @@ impl Alignment {
         let points = fields.iter().enumerate().flat_map(|(i, (field, placement))| surface_points(field, placement, i as u32, is_shared)).collect();
         let pairs = Pairs::new(points, fields.len());
         let mut displacements: Vec<Displacement> = fields.iter().map(|_| Displacement::default()).collect();
-        let mut found = pairs.find(&displacements, ROUNDS[0]);
-        let mut agreement = found.agreement();
-        for reach in ROUNDS.into_iter().skip(1).chain([REACH]) {
-            displacements = solve::displacements(&cells, &found.terms());
-            found = pairs.find(&displacements, reach);
+        let before = pairs.find(&displacements, ROUNDS[0]);
+        let mut terms = before.terms();
+        for reach in &ROUNDS[1..] {
+            displacements = solve::displacements(&cells, &terms);
+            terms = pairs.find(&displacements, *reach).terms();
         }
-        let last = found.agreement();
-        for pair in &mut agreement {
-            pair.left = last.iter().find(|other| other.submaps == pair.submaps).map_or(0.0, |other| other.apart);
-        }
+        displacements = solve::displacements(&cells, &terms);
+        let agreement = pairs.agreement(&before, &pairs.find(&displacements, REACH));
         Self { displacements, agreement }
     }
 }

@@ -7,6 +7,7 @@ use crate::octree::BLOCK_EDGE;
 use hashbrown::HashMap;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Largest distance along the normal between two places that are taken for the same surface, voxels.
@@ -26,7 +27,7 @@ const HALF_KNOWN: f64 = 4.0;
 pub struct PairAgreement {
     /// The two submaps.
     pub submaps: [SubmapId; 2],
-    /// Places on the surface of one of them that lie where the other one has a surface, too: at most one for each block.
+    /// Places on the surface of one of them, at most one for each block, in cells of 64 voxels in which the other one has a surface, too.
     pub places: u64,
     /// Of these, places with a surface of the other one within five voxels that faces the same way.
     pub matched: u64,
@@ -40,6 +41,8 @@ pub struct PairAgreement {
 pub(super) struct Pairs {
     points: Vec<SurfacePoint>,
     fields: usize,
+    /// By two fields, ascending: places of both in cells in which the other one has places, too.
+    common: BTreeMap<[u32; 2], u64>,
 }
 
 /// A place of field `from` and its partner in another field.
@@ -77,7 +80,29 @@ pub(super) struct Term {
 
 impl Pairs {
     pub fn new(points: Vec<SurfacePoint>, fields: usize) -> Self {
-        Self { points, fields }
+        let mut counts: HashMap<Cell, BTreeMap<u32, u64>> = HashMap::new();
+        for point in &points {
+            *counts.entry(cell_of(point.position)).or_default().entry(point.field).or_default() += 1;
+        }
+        let mut common: BTreeMap<[u32; 2], u64> = BTreeMap::new();
+        for counts in counts.values() {
+            for (a, one) in counts {
+                counts.range(a + 1..).for_each(|(b, other)| *common.entry([*a, *b]).or_default() += one + other);
+            }
+        }
+        Self { points, fields, common }
+    }
+
+    /// How the fields agree, by pairs of fields, ascending, as pairs `before` and `after` they were displaced say.
+    pub fn agreement(&self, before: &Found, after: &Found) -> Vec<PairAgreement> {
+        let (before, after) = (before.distances(), after.distances());
+        let mean =
+            |of: &BTreeMap<[u32; 2], (u64, f64)>, fields: &[u32; 2]| of.get(fields).map_or((0, 0.0), |(count, sum)| (*count, sum / *count as f64));
+        let of = |(fields, places): (&[u32; 2], &u64)| {
+            let ((matched, apart), (_, left)) = (mean(&before, fields), mean(&after, fields));
+            PairAgreement { submaps: *fields, places: *places, matched, apart, left }
+        };
+        self.common.iter().map(of).collect()
     }
 
     /// Finds for each place the nearest one in each other field, at most `reach` voxels away along the normal once both are displaced.
@@ -192,22 +217,16 @@ impl Found {
         terms
     }
 
-    /// How the fields agree, by pairs of fields, ascending; [`left`](PairAgreement::left) is not known yet.
-    pub fn agreement(&self) -> Vec<PairAgreement> {
-        let mut pairs: HashMap<[u32; 2], PairAgreement> = HashMap::new();
-        let key = |a: u32, b: u32| [a.min(b), a.max(b)];
-        for (&(_, a, b), count) in &self.places {
-            pairs.entry(key(a, b)).or_default().places += u64::from(*count);
-        }
+    /// Number of pairs of two fields, and the sum of their distances.
+    fn distances(&self) -> BTreeMap<[u32; 2], (u64, f64)> {
+        let mut sums: BTreeMap<[u32; 2], (u64, f64)> = BTreeMap::new();
         for pair in &self.pairs {
-            let sum = pairs.entry(key(pair.fields[0], pair.fields[1])).or_default();
-            sum.matched += 1;
-            sum.apart += f64::from(pair.moved_apart.abs());
+            let [a, b] = pair.fields;
+            let (count, sum) = sums.entry([a.min(b), a.max(b)]).or_default();
+            *count += 1;
+            *sum += f64::from(pair.moved_apart.abs());
         }
-        let mean = |(submaps, sum): ([u32; 2], PairAgreement)| PairAgreement { submaps, apart: sum.apart / sum.matched.max(1) as f64, ..sum };
-        let mut pairs: Vec<PairAgreement> = pairs.into_iter().map(mean).collect();
-        pairs.sort_unstable_by_key(|pair| pair.submaps);
-        pairs
+        sums
     }
 }
 

@@ -11,7 +11,7 @@ pub(super) const SMOOTHNESS: f64 = 0.25;
 pub(super) const REST: f64 = 0.01;
 /// Steps of conjugate gradients at most, and the residual at which they end.
 const STEPS: usize = 300;
-const RESIDUAL: f64 = 1e-9;
+const RESIDUAL: f64 = 1e-14;
 
 /// A displacement in a cell that is searched for.
 struct Unknown {
