@@ -99,7 +99,7 @@ impl Map {
         self.content.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     }
 
-    /// Opens a stored map; also returns what is wrong with its settings.
+    /// Opens a stored map; also returns what is to be said about its settings and its origin.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Vec<String>)> {
         let pool = job::shared_pool()?;
@@ -116,7 +116,8 @@ impl Map {
         };
         let damaged = |words: String| errors::Kind::File.exception(py, format!("the manifest of the map has an origin that is none: {words:?}"));
         let origin = origin.map_err(damaged)?;
-        let mut remarks: Vec<String> = stored.refused.iter().map(ToString::to_string).collect();
+        let mut remarks: Vec<String> =
+            stored.refused.iter().map(|problem| format!("the map has a setting that this version does not know: {problem}")).collect();
         if !origin.is_zero() {
             remarks.push(format!("coordinates of this map count from its origin: add {origin} m for those of the poses that were mapped"));
         }

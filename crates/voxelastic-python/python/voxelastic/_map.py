@@ -152,9 +152,9 @@ class Map:
         path = pathlib.Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is nothing of this name; expected the directory of a map")
-        native, refused = _native.Map.open(path)
-        for problem in refused:
-            warnings.warn(f"{path}: the map has a setting that this version does not know: {problem}", stacklevel=2)
+        native, remarks = _native.Map.open(path)
+        for remark in remarks:
+            warnings.warn(f"{path}: {remark}", stacklevel=2)
         return cls._of(native)
 
     def close(self) -> None:
