@@ -28,10 +28,10 @@ pub(crate) struct Seams {
     border: HashMap<VertexKey, (u32, u32)>,
     /// By tile, whether each of its pieces stays.
     stays: Vec<Vec<bool>>,
+    /// The pieces that do not.
+    pub crumbs: Crumbs,
     /// Number of vertices and triangles of all tiles.
     sizes: [usize; 2],
-    /// What does not.
-    pub crumbs: Crumbs,
 }
 
 impl Seams {
@@ -61,8 +61,8 @@ impl Seams {
         let pieces = tiles.iter().flat_map(|tile| &tile.pieces).zip(0..);
         pieces.for_each(|(piece, i)| evidence[root(&mut roots, i) as usize].add(piece));
         let mut crumbs = Crumbs::default();
-        for (_, piece) in evidence.iter().enumerate().filter(|(i, _)| !keep_all && roots[*i] == *i as u32) {
-            if !piece.is_enough() {
+        for (i, piece) in evidence.iter().enumerate() {
+            if !keep_all && roots[i] == i as u32 && !piece.is_enough() {
                 crumbs.add(piece);
             }
         }

@@ -45,18 +45,20 @@ pub(super) struct Pairs {
     common: BTreeMap<[u32; 2], u64>,
 }
 
-/// A place of field `from` and its partner in another field.
+/// A place and its partner in another field.
 #[derive(Clone, Copy)]
 struct Pair {
-    /// The cell of the place, and how far both are from their cells' displacements: in the direction of `normal`.
+    /// The cell of the place.
     cell: Cell,
+    /// The field of the place, and that of the partner.
     fields: [u32; 2],
     /// Half way between both normals.
     normal: [f32; 3],
-    /// Distance of the first place beyond the second one, along the normal: as it is, and after the displacements.
+    /// Distance of the place beyond its partner, along the normal, without displacements ...
     apart: f32,
+    /// ... and with them.
     moved_apart: f32,
-    /// The displacement of the first place minus that of the second, along the normal, beyond what those of the cell make.
+    /// The displacement of the place minus that of its partner, along the normal, beyond what the vectors of the cell make.
     beyond_cell: f32,
 }
 
