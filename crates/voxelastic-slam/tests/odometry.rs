@@ -59,7 +59,7 @@ fn handheld(world: &str, seed: u64, scans: usize, rest: f64) -> Simulation {
     simulation(SimOptions {
         scans: Some(scans),
         rate: Some(10.0),
-        columns: Some(256),
+        columns: Some(512),
         seed,
         carrier: Some("handheld".into()),
         rest,
@@ -97,7 +97,7 @@ fn walk(simulation: &Simulation, with_imu: bool) -> (Vec<OdometryReport>, f64) {
 
 #[test]
 fn a_shaken_sensor_is_tracked_with_its_inertial_unit() {
-    let simulation = handheld("campus", 1, 60, 0.5);
+    let simulation = handheld("campus", 1, 120, 1.0);
     let (reports, with) = walk(&simulation, true);
     let (_, without) = walk(&simulation, false);
     println!("{:.3} % of the path with the unit, {:.3} % without", 100.0 * with, 100.0 * without);

@@ -1,6 +1,6 @@
 //! A headless browser for tests of pages.
 
-use crate::{Need, skip};
+use crate::skip::{Need, skip};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;

@@ -15,39 +15,14 @@
 //! ```
 
 mod browser;
+mod skip;
 mod small_disk;
 
 pub use browser::Browser;
+pub use skip::{Need, skip};
 pub use small_disk::SmallDisk;
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-
-/// What a test may lack.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// Recorded data (`VOXELASTIC_DATA`).
-    Data,
-    /// Python packages (`VOXELASTIC_PYTHON`).
-    Python,
-    /// Chromium or Chrome.
-    Browser,
-    /// A property of the system or the user that a test cannot bring about.
-    System,
-}
-
-impl Need {
-    /// The name in `VOXELASTIC_REQUIRE` and in the list of skips.
-    pub fn name(self) -> &'static str {
-        match self {
-            Need::Data => "data",
-            Need::Python => "python",
-            Need::Browser => "browser",
-            Need::System => "system",
-        }
-    }
-}
 
 /// A file or folder of the recorded data; none, after noting the skip, where it is absent.
 ///
@@ -92,23 +67,6 @@ pub fn run_python(modules: &str, script: &str, arguments: &[&Path]) -> Option<St
     let output = output.unwrap_or_else(|e| panic!("cannot run {interpreter}: {e}"));
     assert!(output.status.success(), "the Python script failed: {}", String::from_utf8_lossy(&output.stderr));
     Some(String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// Notes that the current test, or a part of it, is skipped.
-///
-/// # Panics
-/// When `VOXELASTIC_REQUIRE` lists what is missing.
-pub fn skip(need: Need, reason: &str) {
-    let name = need.name();
-    let required = std::env::var("VOXELASTIC_REQUIRE").is_ok_and(|list| list.split(',').any(|n| n.trim() == name));
-    assert!(!required, "VOXELASTIC_REQUIRE lists {name}, but {reason}");
-    eprintln!("skipped: {reason}");
-    if let Some(list) = std::env::var_os("VOXELASTIC_SKIPS") {
-        let thread = std::thread::current();
-        let line = format!("{name}: {}: {reason}\n", thread.name().unwrap_or("a test"));
-        let written = OpenOptions::new().create(true).append(true).open(&list).and_then(|mut file| file.write_all(line.as_bytes()));
-        written.unwrap_or_else(|e| panic!("cannot note a skip in {}: {e}", list.to_string_lossy()));
-    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A disk that is soon full.
 
-use crate::{Need, skip};
+use crate::skip::{Need, skip};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
