@@ -67,7 +67,9 @@ fn a_sensor_that_does_not_move_stays_where_it_is() {
     let reports = track(&scans);
     assert!(reports[1..].iter().all(|r| r.status == Status::Tracked));
     let moved = reports[0].t_map_lidar.translation_distance(&reports[29].t_map_lidar);
-    assert!(moved < 0.01, "{moved} m: the noise of a range");
+    // One standard deviation of a simulated range at 10 m.
+    let noise = 0.01 + 0.0002 * 10.0;
+    assert!(moved < noise, "{moved} m");
 }
 
 #[test]

@@ -73,9 +73,9 @@ fn drift_of_a_few_voxels_leaves_one_surface_between_the_two() {
     let [pair] = bent.pairs[..] else { panic!("{:?}", bent.pairs) };
     assert!(pair.submaps == [0, 1] && pair.matched * 10 > pair.places * 7, "{pair:?}");
     assert!((1.3..3.0).contains(&pair.apart) && pair.left < 0.5, "{pair:?}");
-    // As much surface as without drift; shells are twice as much.
+    // As much surface as without drift; shells are more, although each submap alone has some two thirds of it.
     let [whole, drifted, shells] = [area(&one.mesh), area(&bent.mesh), area(&atlas.shells(&MeshOptions::default()))];
-    assert!((drifted / whole - 1.0).abs() < 0.06 && shells > 1.6 * drifted, "{whole} {drifted} {shells} m2");
+    assert!((drifted / whole - 1.0).abs() < 0.06 && shells > 1.3 * drifted, "{whole} {drifted} {shells} m2");
     // In the middle of both: within a voxel where one of the two alone would be up to three away.
     let middle = drift.translation.vector * 0.5;
     assert!(share(&bent.mesh, |p| from_walls(p, middle.into()) < 0.1) > 0.95);

@@ -110,12 +110,14 @@ fn a_map_after_kills_is_that_of_a_run_without() {
     let settings = "street --voxel-size 0.4 --max-range 20";
     let mut kills = compare(dir.path(), &format!("{settings} --field both"), 1, &mut numbers);
     kills += compare(dir.path(), &format!("{settings} --optimize --rebuild-deformed"), 1, &mut numbers);
-    kills += compare(dir.path(), &format!("{settings} --loops"), 1, &mut numbers);
+    // Closures from the scans: no checkpoints yet, which is said.
+    let looking = run(dir.path(), &format!("map {settings} --loops --checkpoints 2 --max-scans 6 -o loops.vox"));
+    assert!(looking.code == Some(0) && looking.err.contains("no checkpoints are written"), "{}", looking.err);
     // Without poses; a scan that cannot be used stays one.
     room::write(&dir.path().join("room"), 40);
     fs::remove_file(dir.path().join("room/poses.tum")).unwrap();
     fs::write(dir.path().join("room/scans/000007.pcd"), "no cloud").unwrap();
-    kills += compare(dir.path(), "room --voxel-size 0.05 --hold-out 9", 1, &mut numbers);
+    kills += compare(dir.path(), "room --voxel-size 0.05 --hold-out 9 --no-loops", 1, &mut numbers);
     assert!(kills >= 4, "{kills} kills");
 }
 
@@ -130,7 +132,7 @@ fn a_thousand_kills() {
     let most: usize = std::env::var("VOXELASTIC_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(1000);
     let mut numbers = Numbers(std::env::var("PROPTEST_RNG_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(7));
     let settings = "street --voxel-size 0.3 --max-range 30";
-    let maps = ["", "--field both", "--optimize", "--loops"].map(|flags| format!("{settings} {flags}"));
+    let maps = ["", "--field both", "--optimize"].map(|flags| format!("{settings} {flags}"));
     let (mut kills, mut tries) = (0, 0);
     works(dir, &format!("map {settings} -o made.vox"));
     // Outputs are there wholly or not at all: that of before, or the new one.
@@ -149,7 +151,7 @@ fn a_thousand_kills() {
         println!("{command} {file}: {} tries, {kills} kills in all", most / 10);
     }
     while kills < most {
-        for map in maps.iter().map(String::as_str).chain(["room --voxel-size 0.05"]) {
+        for map in maps.iter().map(String::as_str).chain(["room --voxel-size 0.05 --no-loops"]) {
             kills += compare(dir, map, 1, &mut numbers);
             tries += 1;
         }

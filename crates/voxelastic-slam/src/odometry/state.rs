@@ -6,6 +6,7 @@ use super::prediction::Predictor;
 use super::settings::OdometrySettings;
 use super::tracker::{Last, Odometry};
 use crate::registration::LocalMap;
+use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
 
 /// What an [`Odometry`] knows beside its settings; see [`Odometry::state`].
@@ -14,6 +15,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct OdometryState {
     levels: Vec<LocalMap>,
+    /// x y z w.
+    map_from_voxels: [f64; 4],
     predictor: Predictor,
     last: Option<Last>,
     piece: usize,
@@ -30,6 +33,7 @@ impl Odometry {
     pub fn state(&self) -> OdometryState {
         OdometryState {
             levels: self.levels.clone(),
+            map_from_voxels: self.map_from_voxels.coords.into(),
             predictor: self.predictor.clone(),
             last: self.last,
             piece: self.piece,
@@ -48,7 +52,8 @@ impl Odometry {
         if let Some(finest) = state.levels.first() {
             odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
         }
-        let OdometryState { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation } = state;
-        Self { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, ..odometry }
+        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation } = state;
+        let map_from_voxels = UnitQuaternion::new_unchecked(map_from_voxels.into());
+        Self { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, ..odometry }
     }
 }

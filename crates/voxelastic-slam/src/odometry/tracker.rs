@@ -39,6 +39,8 @@ pub struct Odometry {
     pub(super) settings: OdometrySettings,
     /// From fine to coarse; empty before the first scan.
     pub(super) levels: Vec<LocalMap>,
+    /// Rotation of the voxels in the map: they have the axes of the first scan, not those of the level map, where floors and walls would lie on borders of voxels.
+    pub(super) map_from_voxels: UnitQuaternion<f64>,
     pub(super) predictor: Predictor,
     pub(super) last: Option<Last>,
     pub(super) piece: usize,
@@ -81,6 +83,7 @@ impl Odometry {
         Self {
             settings,
             levels: Vec::new(),
+            map_from_voxels: UnitQuaternion::identity(),
             predictor: Predictor::new(),
             last: None,
             piece: 0,
@@ -133,7 +136,7 @@ impl Odometry {
                 self.predictor.set_motion(moved, seconds);
                 motion = self.sweep(cloud, &last, &start, seconds);
                 self.prepare(cloud, motion.as_ref());
-                found = register(&self.scratch.surfels, &start, &self.levels, DESKEW_AGAIN, &self.registration_settings());
+                found = self.register_from(&start, DESKEW_AGAIN);
             }
         }
         times.register = clock.elapsed();
@@ -215,7 +218,7 @@ impl Odometry {
     fn find(&self, prediction: &Pose, last: &Pose) -> Option<Registration> {
         let settings = self.registration_settings();
         let surfels = &self.scratch.surfels;
-        let found = register(surfels, prediction, &self.levels, self.predictor.sigma(), &settings);
+        let found = self.register_from(prediction, self.predictor.sigma());
         if found.as_ref().is_some_and(|f| f.is_converged && f.score > USUAL_SCORE * self.score) {
             return found;
         }
@@ -229,8 +232,16 @@ impl Odometry {
                 starts.push(turned(prediction, degrees));
             }
         }
-        let other = search(surfels, &starts, &self.levels, &settings);
+        starts.iter_mut().for_each(|start| *start = self.map_from_voxels.inverse() * *start);
+        let other = search(surfels, &starts, &self.levels, &settings).map(|found| found.turned(&self.map_from_voxels));
         best_of(found.into_iter().chain(other).collect())
+    }
+
+    /// Registers the prepared scan from a pose in the map that is wrong by about `sigma` metres.
+    fn register_from(&self, start: &Pose, sigma: f64) -> Option<Registration> {
+        let start = self.map_from_voxels.inverse() * start;
+        let found = register(&self.scratch.surfels, &start, &self.levels, sigma, &self.registration_settings());
+        found.map(|found| found.turned(&self.map_from_voxels))
     }
 
     /// Takes over the outcome of a registration.
@@ -260,8 +271,9 @@ impl Odometry {
 
     /// Adds the prepared scan to the map.
     fn insert(&mut self, t_map_lidar: &Pose) {
-        let rotation = t_map_lidar.rotation.to_rotation_matrix();
-        let centre = t_map_lidar.translation.vector;
+        let t_voxels_lidar = self.map_from_voxels.inverse() * t_map_lidar;
+        let rotation = t_voxels_lidar.rotation.to_rotation_matrix();
+        let centre = t_voxels_lidar.translation.vector;
         let moved = |p: &[f32; 3]| (rotation * Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2])) + centre).into();
         self.scans += 1;
         for level in &mut self.levels {
@@ -303,6 +315,7 @@ impl Odometry {
             let by_gravity = end.and_then(|end| self.predictor.inertial.up(end)).map(|up| (Level::Gravity, up));
             if let Some((level, up)) = by_gravity.or_else(|| level::up(&self.scratch.surfels).map(|up| (Level::Surfaces, up))) {
                 (self.level, t_map_lidar) = (level, level::levelled(&up));
+                self.map_from_voxels = t_map_lidar.rotation;
             }
         }
         if let Some(end) = end {

@@ -14,8 +14,6 @@ const LEAST_FOR_PLANE: f32 = 5.0;
 const FLATNESS: f64 = 0.3;
 /// The smaller spread within a plane, in voxel edges: less, and the points are a line, like those of a single beam.
 const LEAST_WIDTH: f64 = 0.08;
-/// Where the corner of a voxel is, in voxel edges: floors and walls at round coordinates are not to lie on the border of two voxels.
-const LATTICE_OFFSET: f64 = 0.382;
 /// Cosine of the largest angle between planes that may be the same.
 const LEAST_COSINE: f32 = 0.8;
 /// Standard deviation of a return from a flat surface, metres.
@@ -110,7 +108,7 @@ impl LocalMap {
     pub(crate) fn surfels(&self, out: &mut Vec<Surfel>) {
         out.clear();
         out.extend(self.moments.iter().zip(&self.surfaces).map(|(m, s)| {
-            let point = std::array::from_fn(|i| ((f64::from(m.coordinates[i]) + LATTICE_OFFSET + 0.5) * self.size) as f32 + m.sum[i] / m.count);
+            let point = std::array::from_fn(|i| ((f64::from(m.coordinates[i]) + 0.5) * self.size) as f32 + m.sum[i] / m.count);
             Surfel { point, normal: s.normal }
         }));
     }
@@ -125,7 +123,7 @@ impl LocalMap {
         self.changed.clear();
         let per_metre = 1.0 / self.size;
         for p in points {
-            let scaled = p.map(|v| v * per_metre - LATTICE_OFFSET);
+            let scaled = p.map(|v| v * per_metre);
             let coordinates = scaled.map(|v| v.floor() as i32);
             let (position, is_new) = self.index.get_or_insert(key(coordinates), self.moments.len() as u32);
             if is_new {
@@ -157,7 +155,7 @@ impl LocalMap {
     /// Planes that are not parallel to the point's own plane are left out; `normal` is zero if it has none.
     #[inline]
     pub(crate) fn nearest(&self, p: [f64; 3], normal: [f32; 3]) -> Option<([f32; 3], &Surface)> {
-        let scaled = p.map(|v| v / self.size - LATTICE_OFFSET - 0.5);
+        let scaled = p.map(|v| v / self.size - 0.5);
         let base = scaled.map(|v| v.floor() as i32);
         // Relative to the centre of the voxel at `base`.
         let local: [f32; 3] = std::array::from_fn(|i| ((scaled[i] - f64::from(base[i])) * self.size) as f32);
@@ -183,7 +181,7 @@ impl LocalMap {
     /// Removes voxels farther than `radius` from a point.
     pub(crate) fn prune(&mut self, centre: [f64; 3], radius: f64) {
         let limit = (radius / self.size).powi(2);
-        let centre = centre.map(|v| v / self.size - LATTICE_OFFSET - 0.5);
+        let centre = centre.map(|v| v / self.size - 0.5);
         let is_near = |m: &Moments| (0..3).map(|i| (f64::from(m.coordinates[i]) - centre[i]).powi(2)).sum::<f64>() <= limit;
         let mut kept = 0;
         for position in 0..self.moments.len() {

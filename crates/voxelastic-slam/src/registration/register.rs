@@ -48,6 +48,20 @@ pub(crate) struct Registration {
     pub(crate) is_converged: bool,
 }
 
+impl Registration {
+    /// The same in a map that is turned by `rotation`.
+    pub(crate) fn turned(mut self, rotation: &UnitQuaternion<f64>) -> Self {
+        self.t_map_lidar = rotation * self.t_map_lidar;
+        let mut blocks = Matrix6::zeros();
+        for k in [0, 3] {
+            blocks.fixed_view_mut::<3, 3>(k, k).copy_from(rotation.to_rotation_matrix().matrix());
+        }
+        self.information = blocks * self.information * blocks.transpose();
+        self.degenerate.iter_mut().for_each(|direction| *direction = blocks * *direction);
+        self
+    }
+}
+
 /// Moves a pose by a small step: translation in the map frame, rotation about the sensor around the map's axes.
 pub(crate) fn stepped(pose: &Pose, step: &Vector6<f64>) -> Pose {
     let mut rotation = UnitQuaternion::from_scaled_axis(Vector3::new(step[3], step[4], step[5])) * pose.rotation;
