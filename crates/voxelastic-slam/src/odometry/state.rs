@@ -3,6 +3,7 @@
 use super::alternation::Alternation;
 use super::level::Level;
 use super::prediction::Predictor;
+use super::recent::RecentScans;
 use super::settings::OdometrySettings;
 use super::tracker::{Last, Odometry};
 use crate::registration::LocalMap;
@@ -23,6 +24,7 @@ pub struct OdometryState {
     level: Level,
     usual_returns: f64,
     alternation: Alternation,
+    recent: RecentScans,
 }
 
 impl Odometry {
@@ -39,6 +41,7 @@ impl Odometry {
             level: self.level,
             usual_returns: self.usual_returns,
             alternation: self.alternation.clone(),
+            recent: self.recent.clone(),
         }
     }
 
@@ -48,7 +51,7 @@ impl Odometry {
         if let Some(finest) = state.levels.first() {
             odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
         }
-        let OdometryState { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation } = state;
-        Self { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, ..odometry }
+        let OdometryState { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent } = state;
+        Self { levels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent, ..odometry }
     }
 }

@@ -1,0 +1,84 @@
+//! Where a scan lies in the local map: first where it is expected, and if it does not fit there as usual, elsewhere.
+
+use super::recent::RecentScans;
+use super::report::Failure;
+use crate::registration::{LocalMap, Registration, RegistrationSettings, Surfel, ranked, register, search};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use voxelastic::geometry::Pose;
+
+/// Share of a scan's surfaces that must have a counterpart in the map.
+pub(super) const LEAST_OVERLAP: f64 = 0.3;
+/// A registration whose score falls below this share of the usual one is doubted.
+const USUAL_SCORE: f64 = 0.8;
+/// A doubted pose is refused if more than this share of its surfaces contradicts the free space of the last scans, or theirs that of the scan.
+const MOST_CONTRADICTION: f64 = 0.05;
+/// Yaw angles from which a doubted scan is registered, too, degrees, to either side.
+const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
+
+/// A prepared scan, and what it is registered to and judged by.
+pub(super) struct Surroundings<'a> {
+    pub(super) surfels: &'a [Surfel],
+    /// Thinned returns, lidar frame.
+    pub(super) points: &'a [[f32; 3]],
+    /// From fine to coarse.
+    pub(super) levels: &'a [LocalMap],
+    pub(super) recent: &'a RecentScans,
+    /// Mean score of the registrations before; 0 if there was none.
+    pub(super) usual_score: f64,
+    pub(super) settings: RegistrationSettings,
+}
+
+/// Where a scan was found.
+pub(super) struct Found {
+    pub(super) registration: Registration,
+    /// Share of surfaces in space that was seen to be free; `None` if there was no reason to look, or too little to see.
+    pub(super) contradiction: Option<f64>,
+}
+
+impl Surroundings<'_> {
+    /// Registers the scan from a prediction that is wrong by about `sigma`, metres. If it fits worse than usual there, it is registered from other
+    /// headings, too, at the prediction and at the last pose, and the best pose that does not contradict the free space counts.
+    pub(super) fn find(&self, prediction: &Pose, last: &Pose, sigma: f64) -> Result<Found, Failure> {
+        let expected = register(self.surfels, prediction, self.levels, sigma, &self.settings).filter(|found| found.overlap >= LEAST_OVERLAP);
+        if let Some(found) = expected.as_ref().filter(|found| self.usual_score > 0.0 && self.is_usual(found)) {
+            return Ok(Found { registration: found.clone(), contradiction: None });
+        }
+        let witness = self.recent.witness(self.points, self.levels[0].size());
+        let judged = |registration: Registration| {
+            let contradiction = witness.as_ref().and_then(|witness| witness.contradiction(&registration.t_map_lidar));
+            Found { registration, contradiction }
+        };
+        let is_possible = |found: &Found| found.contradiction.is_none_or(|share| share <= MOST_CONTRADICTION);
+        // Without a usual score, a pose that is possible is good enough.
+        let first = expected.as_ref().filter(|found| self.usual_score == 0.0 && found.is_converged).cloned().map(judged);
+        if let Some(found) = first.filter(is_possible) {
+            return Ok(found);
+        }
+        let others = search(self.surfels, &starts(prediction, last), self.levels, &self.settings);
+        let fitting = expected.into_iter().chain(others).filter(|found| found.overlap >= LEAST_OVERLAP);
+        let candidates = ranked(fitting.collect());
+        if candidates.is_empty() {
+            return Err(Failure::TooLittleOverlap);
+        }
+        candidates.into_iter().map(judged).find(is_possible).ok_or(Failure::InFreeSpace)
+    }
+
+    fn is_usual(&self, found: &Registration) -> bool {
+        found.is_converged && found.score > USUAL_SCORE * self.usual_score
+    }
+}
+
+/// Poses from which a doubted scan is registered.
+fn starts(prediction: &Pose, last: &Pose) -> Vec<Pose> {
+    let turned = |pose: &Pose, degrees: f64| {
+        pose * Pose::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians()))
+    };
+    let mut starts = vec![*prediction, *last];
+    for degrees in STARTS.into_iter().flat_map(|d| [d, -d]) {
+        starts.push(turned(last, degrees));
+        if degrees.abs() < 30.0 {
+            starts.push(turned(prediction, degrees));
+        }
+    }
+    starts
+}
