@@ -17,6 +17,8 @@ pub struct Session {
     pool: rayon::ThreadPool,
     clock: PoolClock,
     recorder: Recorder,
+    /// Points on things that move, map frame, if they are wanted.
+    moving_points: Option<Vec<[f32; 3]>>,
 }
 
 /// Statistics of the time per scan, with preparation, without reading and decoding of files. Milliseconds.
@@ -34,7 +36,17 @@ impl Session {
     /// A session of `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::default() }
+        Self { mapper, pool, clock, recorder: Recorder::default(), moving_points: None }
+    }
+
+    /// Keeps the points on things that move, from now on.
+    pub fn keep_moving_points(&mut self) {
+        self.moving_points = Some(Vec::new());
+    }
+
+    /// The points on things that moved, each where it was: map frame, metres; none if they are not kept.
+    pub fn moving_points(&self) -> &[[f32; 3]] {
+        self.moving_points.as_deref().unwrap_or_default()
     }
 
     /// Begins a new map with another mapper; the log begins anew, too.
@@ -62,6 +74,9 @@ impl Session {
         let wall = clock.elapsed();
         if let Ok(report) = &done {
             let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
+            if let (Some(points), Some(_)) = (&mut self.moving_points, report) {
+                points.extend_from_slice(self.mapper.moving_points());
+            }
             self.recorder.record(&summary, &Outcome { report: report.as_ref(), wall, cpu }, &self.mapper);
         }
         done

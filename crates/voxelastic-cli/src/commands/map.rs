@@ -24,6 +24,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use voxelastic::event::Event;
 use voxelastic::mapper::Mapper;
+use voxelastic::settings::Dynamic;
+use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::store::{MapDetails, SaveReport};
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 use voxelastic_slam::Corrector;
@@ -43,6 +45,7 @@ use voxelastic_slam::Corrector;
   voxelastic map drive.bag                              with the poses in it; without any, by odometry
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
+  voxelastic map drive.bag --dynamic remove --dynamic-points moving.ply
   voxelastic map hall --report                          also writes hall.html, for a browser
   voxelastic map DATA --config mapping.toml --json      settings from a file, results on stdout")]
 pub struct MapArgs {
@@ -72,6 +75,9 @@ pub struct MapArgs {
     /// Write a report on the map and the run, an HTML page [default name: that of the map with .html, in the current directory]
     #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
     report: Option<Option<PathBuf>>,
+    /// With --dynamic remove: write the points on things that move as a cloud (PLY, map frame)
+    #[arg(long, value_name = "FILE.ply")]
+    dynamic_points: Option<PathBuf>,
     /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -100,6 +106,10 @@ struct Summary {
     fusions: usize,
     /// Finest voxels that a single scan had marked as occupied and that other submaps observed as free.
     voxels_freed: usize,
+    /// Points set aside because they are on things that move.
+    moving_points: usize,
+    /// TSDF voxels removed because nothing is there before or after.
+    voxels_removed: usize,
     /// Root poses moved by corrections.
     submap_moves: usize,
     /// Groups of submaps joined by loop edges that are not merged, because the result would be too large.
@@ -122,6 +132,8 @@ struct Summary {
     max_range_m: f32,
     /// The sensor model, in words.
     sensor: String,
+    /// How the clouds are laid out: `grid`, `rings`, `ring order`, `projected` or `scattered`.
+    sensor_layout: &'static str,
     /// Threads of the mapper.
     threads: usize,
     #[serde(flatten)]
@@ -169,6 +181,12 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     interrupt::install("finishing this scan and saving the map");
 
     let mut session = Session::new(mapper, pool);
+    if args.dynamic_points.is_some() {
+        if settings.dynamic == Dynamic::Keep {
+            return Err(Failure::usage("--dynamic-points needs --dynamic remove: otherwise nothing is set aside", "add --dynamic remove").into());
+        }
+        session.keep_moving_points();
+    }
     let mut tally = integrate(&selection, args, &mut session, quiet)?;
     if session.scans() == 0 {
         let (what, remedy) = if tally.interrupted {
@@ -193,6 +211,11 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     log_summary(&summary);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
+    if let Some(path) = &args.dynamic_points {
+        let points = MeshRef { positions: session.moving_points(), ..MeshRef::default() };
+        write_ply(path, &points).with_context(|| format!("the map is saved as {}, but not the points on what moves", output.display()))?;
+        tracing::info!("{} points on what moves in {}", points.positions.len(), path.display());
+    }
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
         let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
@@ -298,6 +321,8 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         submaps: atlas.submaps().len(),
         fusions: log.fusions,
         voxels_freed: mapper.elastic_counts().voxels_freed,
+        moving_points: mapper.elastic_counts().moving_points,
+        voxels_removed: mapper.elastic_counts().voxels_removed,
         submap_moves: log.submap_moves,
         groups_apart: log.groups_apart,
         loops: log.loops,
@@ -309,6 +334,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,
         sensor: mapper.sensor().unwrap_or_default().to_owned(),
+        sensor_layout: mapper.sensor_layout().unwrap_or_default(),
         threads: session.threads(),
         times: session.times(),
         mapping_s: tally.mapping_s,
@@ -328,6 +354,9 @@ fn log_summary(s: &Summary) {
     let spread = &s.times.integrate_ms;
     if let (Some(median), Some(p95)) = (spread.median, spread.p95) {
         tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
+    }
+    if s.moving_points + s.voxels_removed > 0 {
+        tracing::info!("moving: {} points set aside, {} voxels removed where nothing is before or after", s.moving_points, s.voxels_removed);
     }
     tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
 }
