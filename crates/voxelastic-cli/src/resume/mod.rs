@@ -69,15 +69,14 @@ pub struct Unfinished {
 }
 
 impl ResumeArgs {
-    /// When checkpoints are written. Runs that look for loop closures in the scans have none: gone on with, they did not end in the same map, bit for bit.
-    pub fn checkpoints_of(&self, corrector: &Corrector) -> CheckpointEvery {
-        if corrector.closures().is_none() {
+    /// When checkpoints are written. Runs that estimate poses or look for loop closures in the scans have none: gone on with, they did not end in the same map, bit
+    /// for bit.
+    pub fn checkpoints_of(&self, corrector: &Corrector, estimates_poses: bool) -> CheckpointEvery {
+        if corrector.closures().is_none() && !estimates_poses {
             return self.checkpoints;
         }
         if !matches!(self.checkpoints, CheckpointEvery::Auto | CheckpointEvery::Off) {
-            tracing::warn!(
-                "no checkpoints are written: runs that look for loop closures in the scans cannot be gone on with yet (--no-loops leaves that out)"
-            );
+            tracing::warn!("no checkpoints are written: runs that estimate poses or look for loop closures in the scans cannot be gone on with yet");
         }
         CheckpointEvery::Off
     }
