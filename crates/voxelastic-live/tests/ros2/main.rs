@@ -23,7 +23,7 @@ use voxelastic_live::transport::{Incoming, Transport};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// What takes longer than this has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A program at the other end; it ends with the test.
 struct Peer(Child);
