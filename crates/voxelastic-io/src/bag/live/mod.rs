@@ -18,7 +18,6 @@
 //! drop(sender);
 //! let mut events = LiveEvents::new(topics, messages, &options);
 //! assert!(matches!(events.poll(), Polled::Item(Err(_))));
-//! assert!(matches!(events.poll(), Polled::End));
 //! # Ok::<(), voxelastic_io::Error>(())
 //! ```
 
