@@ -8,7 +8,7 @@ use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
 use std::sync::{Arc, Mutex};
 use voxelastic::Cloud;
 use voxelastic::surface::MeshOptions;
-use voxelastic_slam::loops::LocaliserSettings;
+use voxelastic_slam::loops::{LocaliserSettings, Whereabouts};
 use voxelastic_slam::odometry::{OdometrySettings, Status};
 
 /// Poses of scans, one after the other.
@@ -98,7 +98,7 @@ impl Localiser {
         let locate = move || -> PyResult<_> {
             let mut inner = inner.lock().map_err(|_| broken())?;
             let localiser = &mut *inner;
-            Ok(pool.install(|| localiser.locate(&cloud, guess.map(|(at, within)| (at.into(), within)))))
+            Ok(pool.install(|| localiser.locate(&cloud, guess.map(|(at, within)| Whereabouts { position: at.into(), within, yaw: None }))))
         };
         let found = job::run(py, locate)??;
         Ok(found.map(|found| (arrays::matrix_of_pose(&found.t_map_lidar), found.is_certain, found.overlap, found.contradiction)))

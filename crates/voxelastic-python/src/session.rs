@@ -131,6 +131,7 @@ pub fn words(failure: Failure) -> &'static str {
     match failure {
         Failure::TooFewReturns => "too few returns",
         Failure::TooLittleOverlap => "it fits nowhere near the last pose",
+        Failure::InFreeSpace => "wherever it fits, its surfaces would be in space that was seen to be free",
         Failure::TimeNotAscending => "its time is not after that of the scan before",
         _ => "unknown",
     }

@@ -11,6 +11,7 @@
 mod corrector;
 mod deskew;
 mod error;
+mod free_space;
 pub mod graph;
 pub mod loops;
 pub mod odometry;

@@ -111,7 +111,8 @@ impl Slam {
         let before = self.last.replace(Taken { node, piece: report.piece, t_map_lidar });
         if let Some(before) = before.filter(|before| before.piece == report.piece) {
             let t_from_to = before.t_map_lidar.inv_mul(&t_map_lidar);
-            events.push(Event::OdometryEdge(Edge { from: before.node, to: node, t_from_to, information: None }));
+            let information = Some(report.edge_information(t_from_to.translation.vector.norm()));
+            events.push(Event::OdometryEdge(Edge { from: before.node, to: node, t_from_to, information }));
         }
         Step { report, events }
     }

@@ -144,3 +144,50 @@ fn scans_of_two_sensors_in_one_stream_are_noticed() {
     );
     assert!(track(&taken(&shaken, 0..30)).iter().all(|r| !r.alternates));
 }
+
+/// Reports on a sensor that takes 16 scans of a route, is moved while it is off, and takes 16 more; also the largest error of a step, metres.
+fn kidnapped(world: &str, spacing: f64, columns: usize, [first, second]: [usize; 2]) -> (Vec<OdometryReport>, f64) {
+    let options = SimOptions { scans: Some(first.max(second) + 16), spacing, columns: Some(columns), ..SimOptions::default() };
+    let drive = simulation(world, options);
+    let mut scans = taken(&drive, (first..first + 16).chain(second..second + 16));
+    (0..).zip(&mut scans).for_each(|(k, scan)| scan.time = 0.1 * f64::from(k));
+    let reports = track(&scans);
+    let worst = worst(&scans, &reports);
+    (reports, worst)
+}
+
+#[test]
+fn a_sensor_that_is_moved_while_it_is_off_is_lost_and_begins_a_new_piece() {
+    // Along one street, round its corner, across a campus.
+    for (world, spacing, at) in
+        [("street", 1.0, [10, 75]), ("street", 1.0, [10, 110]), ("street", 1.0, [40, 190]), ("campus", 1.0, [10, 90]), ("campus", 1.0, [150, 20])]
+    {
+        let (reports, worst) = kidnapped(world, spacing, 512, at);
+        let said = reports.iter().filter(|r| matches!(r.status, Status::Failed(Failure::InFreeSpace | Failure::TooLittleOverlap))).count();
+        println!("{world} {at:?}: {said} refused, {} pieces, worst step {worst:.3} m", pieces(&reports));
+        assert!(worst < 0.3, "{world} {at:?}: {worst} m without a word");
+        assert!(said >= 2 && pieces(&reports) == 2, "{world} {at:?}: {said}, {}", pieces(&reports));
+        assert!(reports[20..].iter().all(is_measured), "{world} {at:?}");
+    }
+}
+
+#[test]
+fn a_recording_that_starts_in_motion_is_tracked() {
+    // A car at 8 m/s from the first sweep on: 0.8 m in each sweep, of which nothing is known at first.
+    let options = SimOptions {
+        scans: Some(20),
+        rate: Some(10.0),
+        columns: Some(512),
+        carrier: Some("car".into()),
+        lidar: voxelastic_sim::sensor::LidarSettings { moving: true, ..Default::default() },
+        ..SimOptions::default()
+    };
+    let drive = simulation("street", options);
+    let scans = taken(&drive, 0..20);
+    let reports = track(&scans);
+    let errors = step_errors(&scans, &reports);
+    println!("starts in motion: {:.3?}", errors.iter().map(|(_, e)| *e).collect::<Vec<_>>());
+    assert!(pieces(&reports) == 1 && reports[1..].iter().all(is_measured));
+    // The first sweep is smeared over its motion; then the velocity is known.
+    assert!(errors.iter().all(|(k, error)| *error < if *k < 6 { 0.3 } else { 0.05 }), "{errors:?}");
+}

@@ -4,6 +4,7 @@
 use voxelastic::geometry::PoseExt;
 use voxelastic::{Cloud, Pose};
 use voxelastic_sim::imu::ImuSettings;
+use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::LidarSettings;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 use voxelastic_slam::odometry::{ImuSample, Level, Odometry, OdometryReport, OdometrySettings, Status};
@@ -168,5 +169,47 @@ fn an_odometry_that_was_stored_goes_on_as_if_nothing_had_happened() {
     let whole = track(usize::MAX);
     for every in [1, 2, 7] {
         assert!(track(every) == whole, "stored before every {every}th scan");
+    }
+}
+
+/// A scan of a still sensor.
+fn scan_at(simulation: &Simulation, pose: Pose, noise: u64) -> Cloud {
+    simulation.lidar().scan(simulation.world(), |_| pose, &Stream::new(noise, &[1]))
+}
+
+/// A small random motion of the sensor.
+fn random_motion(numbers: &mut Stream) -> Pose {
+    let [x, y, z, yaw, roll, pitch] = std::array::from_fn(|_| numbers.range(-1.0, 1.0));
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(0.05 * roll, 0.05 * pitch, 0.15 * yaw);
+    Pose::from_parts(nalgebra::Translation3::new(0.5 * x, 0.5 * y, 0.1 * z), turn)
+}
+
+/// Squared errors of random motions in units of what the registrations say of themselves, a sixth of it: 1 on average if they are honest.
+fn normalised_errors(world: &str, seeds: std::ops::Range<u64>) -> Vec<f64> {
+    let of_world = |seed: u64| {
+        let simulation = simulation(SimOptions { columns: Some(512), seed, ..SimOptions::of(world) });
+        let mut numbers = Stream::new(seed, &[3]);
+        let first = simulation.scene().trajectory.pose(numbers.range(0.0, 10.0)) * random_motion(&mut numbers);
+        let second = first * random_motion(&mut numbers);
+        let mut odometry = Odometry::new(OdometrySettings::default());
+        let t_map_first = odometry.register(&scan_at(&simulation, first, 2 * seed), None).t_map_lidar;
+        let report = odometry.register(&scan_at(&simulation, second, 2 * seed + 1), None);
+        let off = t_map_first.inv_mul(&report.t_map_lidar).inv_mul(&first.inv_mul(&second));
+        let (t, r) = (off.translation.vector, off.rotation.scaled_axis());
+        assert!(report.status == Status::Tracked && t.norm() < 0.1 && r.norm() < 0.02, "{world} {seed}: {} m, {} rad", t.norm(), r.norm());
+        let error = nalgebra::Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z);
+        error.dot(&(report.information * error)) / 6.0
+    };
+    seeds.map(of_world).collect()
+}
+
+#[test]
+fn registrations_recover_known_motions_within_their_own_covariance() {
+    for world in ["room", "street", "campus"] {
+        let errors = normalised_errors(world, 1..25);
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let beyond = errors.iter().filter(|e| **e > 3.0).count();
+        println!("{world}: mean squared error {mean:.2} of what the registrations say, {beyond} of {} beyond 3", errors.len());
+        assert!((0.5..2.0).contains(&mean) && beyond <= 3, "{world}: {mean}, {beyond}");
     }
 }

@@ -1,5 +1,6 @@
 //! `voxelastic localize`: where in a map scans were taken.
 
+use crate::data::HoldOut;
 use crate::failure::{self, Failure, one_line};
 use crate::map_files::DamageArgs;
 use crate::meshing::{SurfaceArgs, surface_points};
@@ -16,7 +17,7 @@ use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{dataset, poses};
-use voxelastic_slam::loops::{Localiser, LocaliserSettings};
+use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken
 ///
@@ -27,6 +28,7 @@ use voxelastic_slam::loops::{Localiser, LocaliserSettings};
 #[command(after_help = "Examples:
   voxelastic localize hall.vox visit.bag -o visit.tum
   voxelastic localize hall.vox scans --guess 3,-2,1             only within 10 m of there
+  voxelastic localize hall.vox scans --guess 3,-2,1,90          and heading along the map's y axis
   voxelastic localize hall.vox hall --truth poses.tum --json    the errors against known poses in the map")]
 pub struct LocalizeArgs {
     /// The map, with surfaces
@@ -39,9 +41,9 @@ pub struct LocalizeArgs {
     /// The poses to write, in the map frame (TUM), of the scans whose place is certain [default: none, only figures]
     #[arg(short, long, value_name = "FILE.tum")]
     output: Option<PathBuf>,
-    /// About where in the map the scans were taken, metres
-    #[arg(long, value_name = "X,Y,Z", value_parser = position, allow_hyphen_values = true)]
-    guess: Option<Vector3<f64>>,
+    /// About where in the map the scans were taken, metres; and the direction of the sensor's x axis from the map's, degrees, right to within 45
+    #[arg(long, value_name = "X,Y,Z[,YAW]", value_parser = guess, allow_hyphen_values = true)]
+    guess: Option<Guess>,
     /// How far from there they may be, metres
     #[arg(long, value_name = "M", default_value_t = 10.0, requires = "guess")]
     within: f64,
@@ -51,11 +53,29 @@ pub struct LocalizeArgs {
     /// Localise one in N scans
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     every: u64,
+    /// Localise only the scans that `map --hold-out N` left out, to measure
+    #[arg(long, value_name = "N", value_parser = HoldOut::parse, conflicts_with = "every")]
+    hold_out: Option<HoldOut>,
     /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
     #[command(flatten)]
     surface: SurfaceArgs,
+}
+
+/// A position, and a yaw in radians.
+type Guess = (Vector3<f64>, Option<f64>);
+
+impl LocalizeArgs {
+    fn takes(&self, index: u64) -> bool {
+        self.hold_out.map_or(index % self.every == 0, |hold_out| hold_out.holds_out(index as usize))
+    }
+
+    /// The guess, in a map with this origin.
+    fn whereabouts(&self, origin: &Origin) -> Option<Whereabouts> {
+        let local = |position: Vector3<f64>| Vector3::from(origin.point_to_local(position.into()));
+        self.guess.map(|(position, yaw)| Whereabouts { position: local(position), within: self.within, yaw })
+    }
 }
 
 /// The keys of `--json`.
@@ -122,7 +142,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let (submaps_damaged, origin) = (map.damaged, map.origin);
     drop(map);
     truth.iter_mut().flatten().for_each(|(_, pose)| *pose = origin.to_local(*pose));
-    let guess = args.guess.map(|at| Vector3::from(origin.point_to_local(at.into())));
+    let whereabouts = args.whereabouts(&origin);
     let mut localiser = Localiser::new(points, viewpoints, LocaliserSettings::default());
     interrupt::install("reporting the scans localised so far");
 
@@ -130,7 +150,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let (mut rows, mut trajectory, mut wall_ms, mut prepare_s) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
     for (index, scan) in (0u64..).zip(scans.iter()) {
         let scan = match scan {
-            Ok(scan) if index % args.every == 0 => scan,
+            Ok(scan) if args.takes(index) => scan,
             Ok(_) => continue,
             Err(problem) => {
                 tracing::warn!("scan skipped: {}", one_line(&problem.into()));
@@ -138,7 +158,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
             }
         };
         let begin = Instant::now();
-        let found = pool.install(|| localiser.locate(&scan.cloud, guess.map(|at| (at, args.within))));
+        let found = pool.install(|| localiser.locate(&scan.cloud, whereabouts));
         if rows.is_empty() {
             prepare_s = clock.elapsed().as_secs_f64();
         } else {
@@ -234,8 +254,11 @@ fn numbers(pose: &Pose) -> [f64; 7] {
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
-fn position(text: &str) -> Result<Vector3<f64>, String> {
+fn guess(text: &str) -> Result<Guess, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    let [x, y, z]: [f64; 3] = numbers.unwrap_or_default().try_into().map_err(|_| "must be three numbers: X,Y,Z, metres".to_owned())?;
-    Ok(Vector3::new(x, y, z))
+    match numbers.as_deref() {
+        Some([x, y, z]) => Ok((Vector3::new(*x, *y, *z), None)),
+        Some([x, y, z, yaw]) => Ok((Vector3::new(*x, *y, *z), Some(yaw.to_radians()))),
+        _ => Err("must be three or four numbers: X,Y,Z in metres, and YAW in degrees".to_owned()),
+    }
 }

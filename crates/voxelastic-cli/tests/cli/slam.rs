@@ -145,4 +145,11 @@ fn scans_are_localised_in_a_map_that_does_not_have_them() {
     let far = json(dir.path(), "localize half.vox street --every 20 --guess 900,0,0 --json");
     assert!(far["located"].as_array().unwrap().iter().all(|row| row["t_map_lidar"].is_null()), "{far}");
     fails(dir.path(), "localize half.vox street --guess 1,2", 2, &["X,Y,Z"]);
+    // With the heading known, a pose of another heading is none.
+    let truth = poses::read(dir.path().join("street/groundtruth.tum")).unwrap().poses[0];
+    let (at, yaw) = (truth.translation.vector, truth.rotation.euler_angles().2.to_degrees());
+    let certain = |yaw: f64| {
+        json(dir.path(), &format!("localize half.vox street --every 1000 --guess {},{},{},{yaw} --json", at.x, at.y, at.z))["certain"].clone()
+    };
+    assert_eq!((certain(yaw + 20.0), certain(yaw + 180.0)), (1.into(), 0.into()));
 }

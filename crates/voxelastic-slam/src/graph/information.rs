@@ -10,6 +10,18 @@ pub fn default_information(length: f64) -> [f64; 6] {
     [distance, distance, distance, angle, angle, angle].map(|sigma| 1.0 / (sigma * sigma))
 }
 
+/// The upper triangle of a symmetric matrix, row by row, as edges have their information.
+pub(crate) fn upper_triangle(matrix: &Matrix6<f64>) -> [f64; 21] {
+    let mut upper = [0.0; 21];
+    (0..6).for_each(|i| (i..6).for_each(|j| upper[place(i, j)] = matrix[(i, j)]));
+    upper
+}
+
+/// The symmetric matrix of such a triangle.
+pub(crate) fn symmetric(upper: &[f64; 21]) -> Matrix6<f64> {
+    Matrix6::from_fn(|i, j| upper[place(i.min(j), i.max(j))])
+}
+
 /// The information of an edge as the solvers order it, rotation first, and whether it was used whole. Public graphs (`cubicle`) have edges whose
 /// information is not positive definite only for what couples translation and rotation; without it, it is.
 pub(super) fn usable_information(edge: &Edge) -> Result<(Matrix6<f64>, bool), SlamError> {

@@ -26,5 +26,6 @@ mod solve;
 
 pub use incremental::Correction;
 pub use information::default_information;
+pub(crate) use information::{symmetric, upper_triangle};
 pub use live::LiveOptimiser;
 pub use solve::{Options, Problem, Solved, optimise};

@@ -2,7 +2,7 @@
 
 use super::overlap::Guess;
 use super::place::{Place, levels};
-use crate::registration::{Registration, RegistrationSettings, Surfel, search};
+use crate::registration::{Registration, RegistrationSettings, Surfel, ranked, search};
 use nalgebra::{Translation3, Vector3};
 use voxelastic::geometry::Pose;
 
@@ -22,5 +22,5 @@ pub(crate) fn align(place: &Place, points: &[Surfel], guess: &Guess, voxel: f64)
         Pose::from_parts(Translation3::from(guess.translation.vector + up), guess.rotation)
     };
     let starts: Vec<Pose> = HEIGHTS.iter().map(start).collect();
-    search(points, &starts, &levels(&place.scans, voxel), &settings(voxel))
+    ranked(search(points, &starts, &levels(&place.scans, voxel), &settings(voxel))).into_iter().next()
 }

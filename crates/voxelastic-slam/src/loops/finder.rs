@@ -6,7 +6,9 @@ use super::settings::LoopSettings;
 use super::signature::SignatureMaker;
 use super::verify::{Fit, fit};
 use crate::deskew::returns;
+use crate::graph::{symmetric, upper_triangle};
 use crate::registration::{Downsampler, automatic_voxel_size};
+use nalgebra::{Matrix6, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
@@ -19,7 +21,7 @@ const SCAN_SPACING: f64 = 3.0;
 const MOST_POINTS: usize = 8000;
 /// Error of the odometry that is always possible, in voxels.
 const ALWAYS_POSSIBLE: f64 = 10.0;
-/// Standard deviations of a closure: of the position in voxels, and of the rotation in degrees.
+/// Standard deviations of a closure beside those of its registration, as the places are not rigid: of the position in voxels, and of the rotation in degrees.
 const SIGMA: (f64, f64) = (0.1, 0.2);
 
 /// A closure that was tried.
@@ -230,8 +232,10 @@ impl LoopFinder {
             self.places.iter().enumerate().filter(|(_, other)| is_elsewhere(other)).map(|(k, other)| (k, likeness(other))).collect();
         alike.sort_by(|a, b| b.1.total_cmp(&a.1));
         alike.truncate(self.settings.most_compared);
-        let mut guesses: Vec<(usize, Guess)> =
-            alike.par_iter().filter_map(|(k, _)| best_guess(&self.places[*k], place, voxel as f32, &self.maker).map(|guess| (*k, guess))).collect();
+        let mut guesses: Vec<(usize, Guess)> = alike
+            .par_iter()
+            .filter_map(|(k, _)| best_guess(&self.places[*k], place, None, voxel as f32, &self.maker).map(|guess| (*k, guess)))
+            .collect();
         guesses.retain(|(_, guess)| guess.correlation >= self.settings.least_correlation);
         guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
         guesses.truncate(self.settings.most_registered);
@@ -267,12 +271,10 @@ fn by_odometry(first: &Place, second: &Place, from: NodeId, to: NodeId) -> Pose 
 }
 
 pub(super) fn edge(closure: &Closure, voxel: f64) -> Option<Edge> {
-    let (position, angle) = (SIGMA.0 * voxel, SIGMA.1.to_radians());
-    let mut information = [0.0; 21];
-    for (axis, at) in [0, 6, 11, 15, 18, 20].into_iter().enumerate() {
-        let sigma = if axis < 3 { position } else { angle };
-        information[at] = 1.0 / (sigma * sigma);
-    }
-    let t_from_to = closure.fit?.t_first_second;
-    Some(Edge { from: closure.from, to: closure.to, t_from_to, information: Some(information) })
+    let fit = closure.fit?;
+    let (position, angle) = ((SIGMA.0 * voxel).powi(2), SIGMA.1.to_radians().powi(2));
+    let places = Matrix6::from_diagonal(&Vector6::new(position, position, position, angle, angle, angle));
+    let registration = fit.information.and_then(|upper| symmetric(&upper).cholesky()).map_or_else(Matrix6::zeros, |whole| whole.inverse());
+    let information = Some(upper_triangle(&(places + registration).cholesky()?.inverse()));
+    Some(Edge { from: closure.from, to: closure.to, t_from_to: fit.t_first_second, information })
 }

@@ -1,13 +1,13 @@
 //! Where in a map a scan was taken, from an unknown start.
 
 use super::align::align;
-use super::free_space::FreeSpace;
-use super::overlap::{Guess, best_guess};
+use super::overlap::{Guess, HEADING_ERROR, best_guess, turn_between};
 use super::place::{Keyframe, Place, surfels, thinned};
 use super::signature::SignatureMaker;
 use crate::deskew::returns;
+use crate::free_space::FreeSpace;
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, automatic_voxel_size, register};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use voxelastic::Cloud;
 use voxelastic::geometry::{Pose, PoseExt, Rigid};
@@ -55,6 +55,17 @@ impl Default for LocaliserSettings {
     }
 }
 
+/// About where a scan was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Whereabouts {
+    /// In the map frame, metres.
+    pub position: Vector3<f64>,
+    /// How far from there it may be, metres.
+    pub within: f64,
+    /// The direction of the lidar's x axis, radians from the map's x axis towards its y axis, right to within 45 degrees; `None` if it is not known.
+    pub yaw: Option<f64>,
+}
+
 /// Where a scan was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Located {
@@ -89,9 +100,9 @@ impl Localiser {
         Self { settings, maker: SignatureMaker::new(), points, viewpoints, voxel, places: Vec::new(), downsampler: Downsampler::default() }
     }
 
-    /// Finds the pose of a scan. With a `guess` (in the map frame) and a distance in metres, only places that near to it count. `None` if the scan
-    /// has no returns, there is no such place, or it cannot be registered to any.
-    pub fn locate(&mut self, cloud: &Cloud, guess: Option<(Vector3<f64>, f64)>) -> Option<Located> {
+    /// Finds the pose of a scan. If it is known about where it was taken, only poses there count. `None` if the scan has no returns, the map has no place
+    /// there, or the scan cannot be registered to any.
+    pub fn locate(&mut self, cloud: &Cloud, about: Option<Whereabouts>) -> Option<Located> {
         let mut used = Vec::new();
         returns(cloud, cloud.motion.as_ref(), [self.settings.min_range, self.settings.max_range], &mut used);
         if used.is_empty() {
@@ -102,15 +113,18 @@ impl Localiser {
         let scan = Keyframe { node: 0, t_map_lidar: Pose::identity(), piece: 0, path: 0.0, points };
         let view = Place::new(&[&scan], voxel, &self.maker)?;
         let points = surfels(&view.scans, voxel);
-        let free = FreeSpace::new(&view, voxel as f32);
-        let candidates = self.candidates(&view, voxel, guess);
+        let free = FreeSpace::new(&view.views(), voxel as f32);
+        let candidates = self.candidates(&view, voxel, about.as_ref());
         let found = candidates.par_iter().filter_map(|(k, guess)| {
             let place = &self.places[*k];
             let found = align(place, &points, guess, voxel)?;
             let t = &found.t_map_lidar;
+            if about.is_some_and(|about| !about.admits(&(place.t_map_anchor * t))) {
+                return None;
+            }
             // Rays to what the map has behind a wall mark the wall's inside as free, where no scan has surfaces.
-            let back = FreeSpace::new(place, voxel as f32).contradiction(&view, t)?;
-            let contradiction = free.contradiction(place, &t.inverse())?.max(back);
+            let back = FreeSpace::new(&place.views(), voxel as f32).contradiction(&view.views(), t)?;
+            let contradiction = free.contradiction(&place.views(), &t.inverse())?.max(back);
             Some(Located {
                 t_map_lidar: place.t_map_anchor * found.t_map_lidar,
                 overlap: found.overlap,
@@ -168,17 +182,41 @@ impl Localiser {
     }
 
     /// Places that look like the scan, best first.
-    fn candidates(&self, view: &Place, voxel: f64, guess: Option<(Vector3<f64>, f64)>) -> Vec<(usize, Guess)> {
-        let is_near = |place: &Place| guess.is_none_or(|(at, within)| (place.t_map_anchor.translation.vector - at).norm() <= within);
+    fn candidates(&self, view: &Place, voxel: f64, about: Option<&Whereabouts>) -> Vec<(usize, Guess)> {
+        // A scan is near the place that it fits.
+        let is_near = |place: &Place| about.is_none_or(|about| about.distance(&place.t_map_anchor) <= about.within + SPACING * voxel);
         let likeness = |place: &Place| self.maker.compare(&place.signature, &view.signature, 1).first().map_or(-1.0, |l| l.score);
         let mut alike: Vec<(usize, f32)> =
             self.places.par_iter().enumerate().filter(|(_, place)| is_near(place)).map(|(k, place)| (k, likeness(place))).collect();
         alike.sort_by(|a, b| b.1.total_cmp(&a.1));
         alike.truncate(self.settings.most_compared);
-        let guess_at = |(k, _): &(usize, f32)| best_guess(&self.places[*k], view, voxel as f32, &self.maker).map(|guess| (*k, guess));
+        let turned = |place: &Place| {
+            let levelled = place.t_map_anchor.rotation * place.level.inverse();
+            Some(about?.yaw? - heading(&levelled) - heading(&view.level))
+        };
+        let guess_at = |(k, _): &(usize, f32)| {
+            let place = &self.places[*k];
+            best_guess(place, view, turned(place), voxel as f32, &self.maker).map(|guess| (*k, guess))
+        };
         let mut guesses: Vec<(usize, Guess)> = alike.par_iter().filter_map(guess_at).collect();
         guesses.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
         guesses.truncate(self.settings.most_registered);
         guesses
     }
+}
+
+impl Whereabouts {
+    fn distance(&self, t_map_lidar: &Pose) -> f64 {
+        (t_map_lidar.translation.vector - self.position).norm()
+    }
+
+    fn admits(&self, t_map_lidar: &Pose) -> bool {
+        self.distance(t_map_lidar) <= self.within && self.yaw.is_none_or(|yaw| turn_between(heading(&t_map_lidar.rotation), yaw) <= HEADING_ERROR)
+    }
+}
+
+/// The direction of the x axis, radians.
+fn heading(rotation: &UnitQuaternion<f64>) -> f64 {
+    let x = rotation * Vector3::x();
+    x.y.atan2(x.x)
 }

@@ -9,7 +9,6 @@
 mod align;
 mod density_image;
 mod finder;
-mod free_space;
 mod localiser;
 mod overlap;
 mod place;
@@ -20,7 +19,7 @@ mod signature;
 mod verify;
 
 pub use finder::{Closure, LoopFinder, Searches, Verdict};
-pub use localiser::{Localiser, LocaliserSettings, Located};
+pub use localiser::{Localiser, LocaliserSettings, Located, Whereabouts};
 pub use place_book::{PlaceBook, PlaceDescriptors, PlacePair};
 pub use settings::LoopSettings;
 pub use verify::Fit;

@@ -12,6 +12,15 @@ use voxelastic::geometry::Pose;
 /// Headings that are tried, each also with half a turn more.
 const HEADINGS: usize = 4;
 
+/// Headings that are known are known to within this, radians.
+pub(crate) const HEADING_ERROR: f64 = std::f64::consts::FRAC_PI_4;
+
+/// The angle between two headings, radians.
+pub(crate) fn turn_between(a: f64, b: f64) -> f64 {
+    let turn = (a - b).rem_euclid(std::f64::consts::TAU);
+    turn.min(std::f64::consts::TAU - turn)
+}
+
 /// A guess of how a place lies in the frame of another.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Guess {
@@ -21,13 +30,15 @@ pub(crate) struct Guess {
     pub(crate) correlation: f32,
 }
 
-/// The best guess of how `second` lies in the frame of `first`.
-pub(crate) fn best_guess(first: &Place, second: &Place, voxel: f32, maker: &SignatureMaker) -> Option<Guess> {
+/// The best guess of how `second` lies in the frame of `first`. If it is known about how far `second` is turned there (radians, both levelled), only such
+/// headings count.
+pub(crate) fn best_guess(first: &Place, second: &Place, about: Option<f64>, voxel: f32, maker: &SignatureMaker) -> Option<Guess> {
     let plane = maker.plane();
     let target = image(&first.columns, voxel, 0.0);
     let spectrum = plane.forward(&target);
     let headings = maker.compare(&first.signature, &second.signature, HEADINGS);
-    let yaws = headings.iter().flat_map(|likeness| [likeness.yaw, likeness.yaw + PI]);
+    let is_about = |yaw: &f32| about.is_none_or(|about| turn_between(f64::from(*yaw), about) <= HEADING_ERROR);
+    let yaws = headings.iter().flat_map(|likeness| [likeness.yaw, likeness.yaw + PI]).filter(is_about).chain(about.map(|yaw| yaw as f32));
     let mut best: Option<(f32, f32, usize)> = None;
     for yaw in yaws {
         let turned = image(&second.columns, voxel, yaw);

@@ -2,6 +2,7 @@
 
 use super::density_image::{Column, columns};
 use super::signature::{Signature, SignatureMaker};
+use crate::free_space::View;
 use crate::registration::{Downsampler, LocalMap, Surfel};
 use nalgebra::{UnitQuaternion, Vector3};
 use voxelastic::event::NodeId;
@@ -85,12 +86,10 @@ impl Place {
     pub(crate) fn scans_around(&self, index: usize, around: usize) -> &[PlaceScan] {
         &self.scans[index.saturating_sub(around)..(index + around + 1).min(self.scans.len())]
     }
-}
 
-impl PlaceScan {
-    /// Where the sensor was.
-    pub(crate) fn origin(&self) -> [f32; 3] {
-        self.t_anchor_lidar.translation.vector.map(|v| v as f32).into()
+    /// The scans, as the free-space veto takes them.
+    pub(crate) fn views(&self) -> Vec<View<'_>> {
+        self.scans.iter().map(|scan| View { origin: scan.t_anchor_lidar.translation.vector.map(|v| v as f32).into(), points: &scan.points }).collect()
     }
 }
 

@@ -1,10 +1,12 @@
 //! Registration of one place to another, and what it must look like to be believed.
 
 use super::align::{align, settings};
-use super::free_space::FreeSpace;
 use super::overlap::Guess;
 use super::place::{Place, levels, surfels};
+use crate::free_space::FreeSpace;
+use crate::graph::upper_triangle;
 use crate::registration::{Registration, register};
+use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 use voxelastic::event::NodeId;
 use voxelastic::geometry::{Pose, PoseExt};
@@ -33,6 +35,9 @@ pub struct Fit {
     /// Share of the surfaces of one place that lie in space that the other saw to be free: the larger of the two ways. `None` if that was not
     /// looked at, or if too little of the one is where the other saw anything.
     pub contradiction: Option<f64>,
+    /// Information of the pose by its registration, in the frame of the second node (x y z roll pitch yaw; upper triangle row by row), inverse square
+    /// metres and radians.
+    pub information: Option<[f64; 21]>,
 }
 
 /// Registers `second` to `first` from a guess: as wholes, then the scans around the two nodes that are nearest to each other.
@@ -50,24 +55,37 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
         spread,
         degenerate: whole.degenerate.len(),
         contradiction: None,
+        information: None,
     };
     if overlap < least.0 || score < least.1 {
         return Some(unrefined);
     }
-    let near =
-        register(&surfels(second.scans_around(j, AROUND), voxel), &t, &levels(first.scans_around(i, AROUND), voxel), 0.5 * voxel, &settings(voxel))?;
+    let (points, map) = (surfels(second.scans_around(j, AROUND), voxel), levels(first.scans_around(i, AROUND), voxel));
+    let near = register(&points, &t, &map, 0.5 * voxel, &settings(voxel))?;
     if near.t_map_lidar.translation_distance(&t) > MOST_REFINEMENT * voxel {
         return None;
     }
     let (a, b) = (&first.scans[i], &second.scans[j]);
-    let there = FreeSpace::new(first, voxel as f32).contradiction(second, &t);
-    let back = FreeSpace::new(second, voxel as f32).contradiction(first, &t.inverse());
+    let (of_first, of_second) = (first.views(), second.views());
+    let there = FreeSpace::new(&of_first, voxel as f32).contradiction(&of_second, &t);
+    let back = FreeSpace::new(&of_second, voxel as f32).contradiction(&of_first, &t.inverse());
     Some(Fit {
         t_first_second: a.t_anchor_lidar.inv_mul(&(near.t_map_lidar * b.t_anchor_lidar)),
         degenerate: near.degenerate.len(),
         contradiction: there.zip(back).map(|(there, back)| there.max(back)),
+        information: Some(upper_triangle(&moved(&near.information(&points, &map[0]), &b.t_anchor_lidar))),
         ..unrefined
     })
+}
+
+/// Information of a pose, for another frame on the same body that has this pose in the first.
+fn moved(information: &Matrix6<f64>, t_first_second: &Pose) -> Matrix6<f64> {
+    let rotation = *t_first_second.rotation.to_rotation_matrix().matrix();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(t_first_second.translation.vector.cross_matrix() * rotation));
+    adjoint.transpose() * information * adjoint
 }
 
 /// The scan of each place that is nearest to one of the other.

@@ -4,7 +4,7 @@
 //! These are registered to a local map: voxels around the sensor on three levels, each with running statistics of its points and
 //! the plane that follows from them. Distances count to planes along their normals and to other surfaces in all directions, under a robust kernel that
 //! narrows. The start is a constant-velocity prediction; how far it was off lately says which levels are needed. Where the outcome fits
-//! worse than usual, registrations from other headings are tried. Directions along which the surfaces do not hold the pose keep the
+//! worse than usual, registrations from other headings are tried, and those that contradict the free space that the last scans saw are refused. Directions along which the surfaces do not hold the pose keep the
 //! prediction and are reported. A scan that fits nowhere does not enter the map; after several of these a new piece of the trajectory begins.
 //!
 //! With an inertial measurement unit ([`Odometry::add_imu`]), motion during a sweep and prediction follow from its samples, whose biases are
@@ -30,9 +30,11 @@
 //! ```
 
 mod alternation;
+mod find;
 mod inertial;
 mod level;
 mod prediction;
+mod recent;
 mod report;
 mod settings;
 mod state;

@@ -1,10 +1,14 @@
 //! What the odometry says about a scan.
 
 use super::level::Level;
-use nalgebra::Matrix6;
+use crate::graph::{default_information, upper_triangle};
+use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use std::time::Duration;
 use voxelastic::geometry::Pose;
 use voxelastic::motion::Motion;
+
+/// Less information than this in a direction is none, inverse square metres and radians.
+const LEAST_INFORMATION: f64 = 1e-2;
 
 /// The outcome for one scan.
 #[derive(Clone, Debug)]
@@ -16,7 +20,7 @@ pub struct OdometryReport {
     /// How the lidar moved during the sweep, if the points have times and a velocity is known: for [`Cloud::motion`](voxelastic::Cloud::motion).
     pub motion: Option<Motion>,
     /// Information of the pose in the lidar frame (x y z roll pitch yaw), inverse square metres and radians; zero if it was not registered.
-    /// Points count as independent, which they are not: it is too large, and its scale is not calibrated yet.
+    /// It follows from how the distances of pieces of surface scatter, and says how well the scan lies on the local map, not how far that has drifted.
     pub information: Matrix6<f64>,
     /// Whether the pose can be used.
     pub status: Status,
@@ -28,8 +32,9 @@ pub struct OdometryReport {
     pub overlap: f64,
     /// How well the scan fits: the mean weight of its surfaces, 1 where all lie on the map's.
     pub score: f64,
-    /// The same of the best pose that was found elsewhere, if others had to be tried; 0 if there was none.
-    pub score_elsewhere: f64,
+    /// Share of the surfaces of this scan or of the last ones in space that the other saw to be free; `None` where the scan fits as usual, so that
+    /// there was no reason to look.
+    pub contradiction: Option<f64>,
     /// Seconds since the last registered scan, if that is a gap in the data: more than a second, and several times what it was before.
     pub gap: Option<f64>,
     /// How the map frame was levelled.
@@ -45,12 +50,16 @@ pub struct OdometryReport {
 }
 
 impl OdometryReport {
-    /// The information as an edge of a pose graph takes it: upper triangle row by row.
-    pub fn information_upper(&self) -> [f64; 21] {
-        let mut upper = [0.0; 21];
-        let pairs = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
-        upper.iter_mut().zip(pairs).for_each(|(v, ij)| *v = self.information[ij]);
-        upper
+    /// Information of an odometry edge that ends at this scan and is `length` metres long, as a pose graph takes it: upper triangle row by row. Its covariance
+    /// is that of the registration, which is large where the surfaces hold nothing, and that of an edge about which nothing is known: odometry drifts by
+    /// more than single registrations say.
+    pub fn edge_information(&self, length: f64) -> [f64; 21] {
+        let drift = Matrix6::from_diagonal(&Vector6::from(default_information(length).map(f64::recip)));
+        let eigen = SymmetricEigen::new(self.information);
+        let variances = eigen.eigenvalues.map(|value| 1.0 / value.max(LEAST_INFORMATION));
+        let registration = eigen.eigenvectors * Matrix6::from_diagonal(&variances) * eigen.eigenvectors.transpose();
+        let information = (drift + registration).cholesky().map_or_else(Matrix6::zeros, |whole| whole.inverse());
+        upper_triangle(&information)
     }
 }
 
@@ -79,6 +88,9 @@ pub enum Failure {
     TooFewReturns,
     /// Too few of its surfaces have a counterpart in the map, as after a jump of the sensor.
     TooLittleOverlap,
+    /// It fits worse than usual, and wherever it fits, its surfaces would be in space that the last scans saw to be free, or theirs in space that it saw
+    /// to be free: the sensor is elsewhere.
+    InFreeSpace,
     /// The time stamp is before that of the scan before, or not finite. If several in turn are, the clock was set back and a new piece begins.
     TimeNotAscending,
 }

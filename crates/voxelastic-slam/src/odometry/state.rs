@@ -3,6 +3,7 @@
 use super::alternation::Alternation;
 use super::level::Level;
 use super::prediction::Predictor;
+use super::recent::RecentScans;
 use super::settings::OdometrySettings;
 use super::tracker::{Last, Odometry};
 use crate::registration::LocalMap;
@@ -26,6 +27,7 @@ pub struct OdometryState {
     level: Level,
     usual_returns: f64,
     alternation: Alternation,
+    recent: RecentScans,
 }
 
 impl Odometry {
@@ -43,6 +45,7 @@ impl Odometry {
             level: self.level,
             usual_returns: self.usual_returns,
             alternation: self.alternation.clone(),
+            recent: self.recent.clone(),
         }
     }
 
@@ -52,8 +55,8 @@ impl Odometry {
         if let Some(finest) = state.levels.first() {
             odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
         }
-        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation } = state;
+        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent } = state;
         let map_from_voxels = UnitQuaternion::new_unchecked(map_from_voxels.into());
-        Self { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, ..odometry }
+        Self { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent, ..odometry }
     }
 }

@@ -1,14 +1,14 @@
 //! The odometry: scans in, poses out.
 
 use super::alternation::Alternation;
+use super::find::{Found, Surroundings};
 use super::level::{self, Level};
 use super::prediction::Predictor;
+use super::recent::RecentScans;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
 use crate::deskew::returns;
-use crate::registration::{
-    Downsampler, LocalMap, Registration, RegistrationSettings, Surfel, automatic_voxel_size, best_of, mean_radius, register, search,
-};
+use crate::registration::{Downsampler, LocalMap, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -18,12 +18,6 @@ use voxelastic::motion::{ImuSample, Motion};
 
 /// Surfaces that a scan must have to be registered.
 const LEAST_SURFACES: usize = 100;
-/// Share of a scan's surfaces that must have a counterpart in the map.
-const LEAST_OVERLAP: f64 = 0.3;
-/// A registration whose score falls below this share of the usual one is repeated from other starts.
-const USUAL_SCORE: f64 = 0.8;
-/// Yaw angles of these starts, degrees, to either side.
-const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
 /// A scan with fewer returns than this share of the usual number is one of a covered sensor.
 const COVERED: f64 = 0.1;
 /// Scans between two removals of far voxels.
@@ -52,6 +46,7 @@ pub struct Odometry {
     /// Running mean of the scans' returns.
     pub(super) usual_returns: f64,
     pub(super) alternation: Alternation,
+    pub(super) recent: RecentScans,
     pub(super) scratch: Scratch,
 }
 
@@ -93,6 +88,7 @@ impl Odometry {
             level: Level::default(),
             usual_returns: 0.0,
             alternation: Alternation::default(),
+            recent: RecentScans::default(),
             scratch,
         }
     }
@@ -126,23 +122,25 @@ impl Odometry {
             return self.failed_or_restarted(Failure::TooFewReturns, cloud, time, prediction, times);
         }
         let clock = Instant::now();
-        let mut found = self.find(&prediction, &last.t_map_lidar);
-        // The motion during the sweep is known better now.
-        if let (Some(_), Some(registration)) = (&motion, &found) {
-            let moved = last.t_map_lidar.inv_mul(&registration.t_map_lidar);
-            let radius = mean_radius(&self.scratch.surfels);
-            if moved.translation_distance(&predicted) + radius * moved.rotation_distance(&predicted) > DESKEW_AGAIN {
-                let start = registration.t_map_lidar;
-                self.predictor.set_motion(moved, seconds);
-                motion = self.sweep(cloud, &last, &start, seconds);
-                self.prepare(cloud, motion.as_ref());
-                found = self.register_from(&start, DESKEW_AGAIN);
-            }
-        }
-        times.register = clock.elapsed();
-        let Some(found) = found.filter(|f| f.overlap >= LEAST_OVERLAP) else {
-            return self.failed_or_restarted(Failure::TooLittleOverlap, cloud, time, prediction, times);
+        let mut found = match self.surroundings().find(&prediction, &last.t_map_lidar, self.predictor.sigma()) {
+            Ok(found) => found,
+            Err(failure) => return self.failed_or_restarted(failure, cloud, time, prediction, times),
         };
+        // The motion during the sweep is known better now.
+        let moved = last.t_map_lidar.inv_mul(&found.t_map_lidar);
+        let radius = mean_radius(&self.scratch.surfels);
+        if motion.is_some() && moved.translation_distance(&predicted) + radius * moved.rotation_distance(&predicted) > DESKEW_AGAIN {
+            self.predictor.set_motion(moved, seconds);
+            motion = self.sweep(cloud, &last, &found.t_map_lidar, seconds);
+            self.prepare(cloud, motion.as_ref());
+            let Some(again) = self.surroundings().register_from(&found.t_map_lidar, DESKEW_AGAIN) else {
+                return self.failed_or_restarted(Failure::TooLittleOverlap, cloud, time, prediction, times);
+            };
+            found = Found { contradiction: found.contradiction, ..again };
+        }
+        let registration = &found.registration;
+        let information = registration.information(&self.scratch.surfels, &self.levels[0]);
+        times.register = clock.elapsed();
         let clock = Instant::now();
         self.accept(&last, &prediction, &found, time, seconds);
         let is_keyframe = self.is_keyframe(&last, &found.t_map_lidar);
@@ -151,18 +149,21 @@ impl Odometry {
         OdometryReport {
             t_map_lidar: found.t_map_lidar,
             motion,
-            information: in_lidar_frame(&found),
-            status: if found.degenerate.is_empty() { Status::Tracked } else { Status::Degenerate { directions: found.degenerate.len() } },
+            information,
+            status: match registration.degenerate.len() {
+                0 => Status::Tracked,
+                directions => Status::Degenerate { directions },
+            },
             piece: self.piece,
             is_keyframe,
-            overlap: found.overlap,
-            score: found.score,
-            score_elsewhere: found.score_elsewhere,
+            overlap: registration.overlap,
+            score: registration.score,
+            contradiction: found.contradiction,
             level: self.level,
             alternates: self.alternation.is_sure(),
             gap,
-            spread: found.spread,
-            iterations: found.iterations,
+            spread: registration.spread,
+            iterations: registration.iterations,
             times,
         }
     }
@@ -214,40 +215,24 @@ impl Odometry {
         scan_map.surfels(surfels);
     }
 
-    /// Registers the prepared scan: from the prediction, and if that does not fit as usual, from other starts.
-    fn find(&self, prediction: &Pose, last: &Pose) -> Option<Registration> {
-        let settings = self.registration_settings();
-        let surfels = &self.scratch.surfels;
-        let found = self.register_from(prediction, self.predictor.sigma());
-        if found.as_ref().is_some_and(|f| f.is_converged && f.score > USUAL_SCORE * self.score) {
-            return found;
+    /// The prepared scan, and what it is registered to.
+    fn surroundings(&self) -> Surroundings<'_> {
+        Surroundings {
+            surfels: &self.scratch.surfels,
+            points: &self.scratch.dense,
+            levels: &self.levels,
+            map_from_voxels: self.map_from_voxels,
+            recent: &self.recent,
+            usual_score: self.score,
+            settings: self.registration_settings(),
         }
-        let turned = |pose: &Pose, degrees: f64| {
-            pose * Pose::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians()))
-        };
-        let mut starts = vec![*prediction, *last];
-        for degrees in STARTS.into_iter().flat_map(|d| [d, -d]) {
-            starts.push(turned(last, degrees));
-            if degrees.abs() < 30.0 {
-                starts.push(turned(prediction, degrees));
-            }
-        }
-        starts.iter_mut().for_each(|start| *start = self.map_from_voxels.inverse() * *start);
-        let other = search(surfels, &starts, &self.levels, &settings).map(|found| found.turned(&self.map_from_voxels));
-        best_of(found.into_iter().chain(other).collect())
-    }
-
-    /// Registers the prepared scan from a pose in the map that is wrong by about `sigma` metres.
-    fn register_from(&self, start: &Pose, sigma: f64) -> Option<Registration> {
-        let start = self.map_from_voxels.inverse() * start;
-        let found = register(&self.scratch.surfels, &start, &self.levels, sigma, &self.registration_settings());
-        found.map(|found| found.turned(&self.map_from_voxels))
     }
 
     /// Takes over the outcome of a registration.
-    fn accept(&mut self, last: &Last, prediction: &Pose, found: &Registration, time: Option<f64>, seconds: Option<f64>) {
+    fn accept(&mut self, last: &Last, prediction: &Pose, found: &Found, time: Option<f64>, seconds: Option<f64>) {
         self.failures = 0;
-        self.score = if self.score == 0.0 { found.score } else { 0.8 * self.score + 0.2 * found.score };
+        let score = found.registration.score;
+        self.score = if self.score == 0.0 { score } else { 0.8 * self.score + 0.2 * score };
         self.predictor.add_error(&prediction.inv_mul(&found.t_map_lidar), mean_radius(&self.scratch.surfels));
         let moved = renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar));
         self.alternation.add(&moved);
@@ -276,6 +261,7 @@ impl Odometry {
         let centre = t_voxels_lidar.translation.vector;
         let moved = |p: &[f32; 3]| (rotation * Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2])) + centre).into();
         self.scans += 1;
+        self.recent.add(t_map_lidar, &self.scratch.dense, self.levels[0].size());
         for level in &mut self.levels {
             level.insert(self.scratch.dense.iter().map(moved));
             if self.scans.is_multiple_of(PRUNE_EVERY) {
@@ -287,6 +273,7 @@ impl Odometry {
     /// The first scan of a piece.
     fn first(&mut self, cloud: &Cloud, time: Option<f64>, t_map_lidar: Pose, clock: Instant) -> OdometryReport {
         self.levels.clear();
+        self.recent.clear();
         let span = sweep_span(cloud).filter(|_| self.settings.deskew);
         // Nothing is known of the velocity yet; the rotation matters more.
         let turned = |(time, span): (f64, [f64; 2])| self.predictor.inertial.sweep(&t_map_lidar, Vector3::zeros(), time, span);
@@ -363,7 +350,7 @@ impl Odometry {
             is_keyframe: false,
             overlap: 0.0,
             score: 0.0,
-            score_elsewhere: 0.0,
+            contradiction: None,
             level: self.level,
             alternates: false,
             gap: None,
@@ -372,16 +359,6 @@ impl Odometry {
             times,
         }
     }
-}
-
-/// The information of a registration with its axes turned into the lidar's.
-fn in_lidar_frame(found: &Registration) -> Matrix6<f64> {
-    let rotation = *found.t_map_lidar.rotation.to_rotation_matrix().matrix();
-    let mut axes = Matrix6::zeros();
-    axes.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    axes.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    let turned = axes.transpose() * found.information * axes;
-    (turned + turned.transpose()) * 0.5
 }
 
 /// First and last time of a cloud's points, seconds after its stamp; `None` if they have none or are simultaneous.

@@ -7,6 +7,7 @@
 mod degeneracy;
 mod downsample;
 mod eigen;
+mod information;
 mod local_map;
 mod normal_equations;
 mod register;
@@ -15,6 +16,6 @@ mod voxel_size;
 
 pub(crate) use downsample::Downsampler;
 pub(crate) use local_map::{LocalMap, Surfel};
-pub(crate) use register::{Registration, RegistrationSettings, best_of, mean_radius, register, search};
+pub(crate) use register::{Registration, RegistrationSettings, mean_radius, ranked, register, search};
 pub(crate) use voxel_index::{VoxelIndex, key};
 pub(crate) use voxel_size::automatic_voxel_size;

@@ -107,18 +107,44 @@ impl Sums {
 }
 
 fn chunk_sums(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Kernel) -> Sums {
+    let mut sums = Sums::default();
+    for_each_match(points, t_map_lidar, map, kernel, &mut sums);
+    sums
+}
+
+/// What is done with the points that have a surface.
+pub(super) trait Matches {
+    /// A point with its surface, at a place in the map; `fit` is what the kernel leaves of it. Its distances follow.
+    fn point(&mut self, at: [f64; 3], fit: f64);
+
+    /// A distance `r` with its derivative `j` and its weight.
+    fn row(&mut self, j: [f64; 6], r: f64, weight: f64);
+}
+
+impl Matches for Sums {
+    #[inline(always)]
+    fn point(&mut self, _: [f64; 3], fit: f64) {
+        self.fit += fit;
+        self.matched += 1;
+    }
+
+    #[inline(always)]
+    fn row(&mut self, j: [f64; 6], r: f64, weight: f64) {
+        self.add_row(j, r, weight);
+    }
+}
+
+/// Finds the surface of each point, and what its distance says about the pose.
+#[inline(always)]
+pub(super) fn for_each_match(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Kernel, matches: &mut impl Matches) {
     let rotation = t_map_lidar.rotation.to_rotation_matrix();
     let translation = t_map_lidar.translation.vector;
     let (scale2, gate2) = (kernel.scale * kernel.scale, kernel.gate * kernel.gate);
-    let mut sums = Sums::default();
     for Surfel { point: p, normal } in points {
         let normal = rotation * nalgebra::Vector3::new(f64::from(normal[0]), f64::from(normal[1]), f64::from(normal[2]));
         let arm = rotation * nalgebra::Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]));
-        let Some((d, surface)) =
-            map.nearest([arm.x + translation.x, arm.y + translation.y, arm.z + translation.z], [normal.x as f32, normal.y as f32, normal.z as f32])
-        else {
-            continue;
-        };
+        let at = [arm.x + translation.x, arm.y + translation.y, arm.z + translation.z];
+        let Some((d, surface)) = map.nearest(at, [normal.x as f32, normal.y as f32, normal.z as f32]) else { continue };
         let d = d.map(f64::from);
         if surface.is_plane() {
             let n = surface.normal.map(f64::from);
@@ -128,21 +154,19 @@ fn chunk_sums(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Ke
             }
             let robust = scale2 / (scale2 + r * r);
             let j = [n[0], n[1], n[2], arm.y * n[2] - arm.z * n[1], arm.z * n[0] - arm.x * n[2], arm.x * n[1] - arm.y * n[0]];
-            sums.add_row(j, r, f64::from(surface.weight) * robust * robust);
-            sums.fit += robust * robust;
+            matches.point(at, robust * robust);
+            matches.row(j, r, f64::from(surface.weight) * robust * robust);
         } else {
             let r2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
             if r2 > gate2 {
                 continue;
             }
             let robust = scale2 / (scale2 + r2);
-            sums.fit += robust * robust;
             let weight = kernel.point_weight * f64::from(surface.weight) * robust * robust;
-            sums.add_row([1.0, 0.0, 0.0, 0.0, arm.z, -arm.y], d[0], weight);
-            sums.add_row([0.0, 1.0, 0.0, -arm.z, 0.0, arm.x], d[1], weight);
-            sums.add_row([0.0, 0.0, 1.0, arm.y, -arm.x, 0.0], d[2], weight);
+            matches.point(at, robust * robust);
+            matches.row([1.0, 0.0, 0.0, 0.0, arm.z, -arm.y], d[0], weight);
+            matches.row([0.0, 1.0, 0.0, -arm.z, 0.0, arm.x], d[1], weight);
+            matches.row([0.0, 0.0, 1.0, arm.y, -arm.x, 0.0], d[2], weight);
         }
-        sums.matched += 1;
     }
-    sums
 }

@@ -1,6 +1,7 @@
 //! Registration of points to the local map: Gauss-Newton with a robust kernel that narrows, from coarse voxels to fine ones.
 
 use super::degeneracy::Solution;
+use super::information::information;
 use super::local_map::{LocalMap, RANGE_NOISE, Surfel};
 use super::normal_equations::{Kernel, NormalEquations};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -32,33 +33,33 @@ pub(crate) struct RegistrationSettings {
 #[derive(Clone, Debug)]
 pub(crate) struct Registration {
     pub(crate) t_map_lidar: Pose,
-    /// Information of the pose (translation in the map frame, rotation about the sensor around the map's axes), inverse square metres and radians.
-    pub(crate) information: Matrix6<f64>,
-    /// Directions along which the surfaces did not hold the pose, in the same order as the information's rows.
+    /// Directions along which the surfaces did not hold the pose: translation in the map frame, rotation about the sensor around the map's axes.
     pub(crate) degenerate: Vec<Vector6<f64>>,
     /// Share of the points that have a surface within the gate.
     pub(crate) overlap: f64,
     /// Mean weight of the points: 1 where all lie on perfect planes.
     pub(crate) score: f64,
-    /// Score of the best pose elsewhere, if several starts were tried; 0 without one.
-    pub(crate) score_elsewhere: f64,
     /// Robust mean distance to the surfaces, metres.
     pub(crate) spread: f64,
     pub(crate) iterations: usize,
     pub(crate) is_converged: bool,
+    /// At the end.
+    equations: NormalEquations,
+    kernel: Kernel,
 }
 
 impl Registration {
-    /// The same in a map that is turned by `rotation`.
-    pub(crate) fn turned(mut self, rotation: &UnitQuaternion<f64>) -> Self {
-        self.t_map_lidar = rotation * self.t_map_lidar;
-        let mut blocks = Matrix6::zeros();
-        for k in [0, 3] {
-            blocks.fixed_view_mut::<3, 3>(k, k).copy_from(rotation.to_rotation_matrix().matrix());
-        }
-        self.information = blocks * self.information * blocks.transpose();
-        self.degenerate.iter_mut().for_each(|direction| *direction = blocks * *direction);
-        self
+    /// Information of the pose in the frame of the points (x y z roll pitch yaw), inverse square metres and radians, from the points and the finest level
+    /// that were registered.
+    pub(crate) fn information(&self, points: &[Surfel], finest: &LocalMap) -> Matrix6<f64> {
+        let independent = || self.equations.information / (self.spread * self.spread);
+        let along_map = information(points, &self.t_map_lidar, finest, &self.kernel, &self.equations).unwrap_or_else(independent);
+        let rotation = *self.t_map_lidar.rotation.to_rotation_matrix().matrix();
+        let mut axes = Matrix6::zeros();
+        axes.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+        axes.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+        let turned = axes.transpose() * along_map * axes;
+        (turned + turned.transpose()) * 0.5
     }
 }
 
@@ -86,8 +87,8 @@ pub(crate) fn register(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sig
 }
 
 /// The same from many starts, without an idea which is right: the coarsest level orders them, and the best few are refined.
-pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], settings: &RegistrationSettings) -> Option<Registration> {
-    let coarsest = levels.last()?;
+pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], settings: &RegistrationSettings) -> Vec<Registration> {
+    let Some(coarsest) = levels.last() else { return Vec::new() };
     let radius = mean_radius(points);
     let sparse: Vec<Surfel> = points.iter().step_by(1 << levels.len()).copied().collect();
     let size = coarsest.size();
@@ -96,22 +97,23 @@ pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], se
     let mut scored: Vec<(f64, Pose)> = aligned.map(|a| (a.equations.fit, a.pose)).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(REFINED);
-    let found: Vec<Registration> =
-        scored.iter().filter_map(|(_, pose)| descend(points, pose, &levels[..levels.len() - 1], 0.25 * size, settings)).collect();
-    best_of(found)
+    scored.iter().filter_map(|(_, pose)| descend(points, pose, &levels[..levels.len() - 1], 0.25 * size, settings)).collect()
 }
 
-/// The outcome with the best score, and the score of the best one elsewhere; the first of equals.
-pub(crate) fn best_of(mut all: Vec<Registration>) -> Option<Registration> {
+/// The outcomes of different poses, best score first; the first of equals.
+pub(crate) fn ranked(mut all: Vec<Registration>) -> Vec<Registration> {
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
-    let is_elsewhere = |other: &Pose, pose: &Pose| other.translation_distance(pose) > ELSEWHERE.0 || other.rotation_distance(pose) > ELSEWHERE.1;
-    let mut all = all.into_iter();
-    let mut best = all.next()?;
-    for other in all {
-        let score = if is_elsewhere(&other.t_map_lidar, &best.t_map_lidar) { other.score } else { other.score_elsewhere };
-        best.score_elsewhere = best.score_elsewhere.max(score);
+    let mut ranked: Vec<Registration> = Vec::new();
+    for found in all {
+        if ranked.iter().all(|better| is_elsewhere(&found.t_map_lidar, &better.t_map_lidar)) {
+            ranked.push(found);
+        }
     }
-    Some(best)
+    ranked
+}
+
+fn is_elsewhere(a: &Pose, b: &Pose) -> bool {
+    a.translation_distance(b) > ELSEWHERE.0 || a.rotation_distance(b) > ELSEWHERE.1
 }
 
 /// Aligns to each level, from the coarsest of these to the finest.
@@ -144,6 +146,7 @@ struct Schedule {
 /// A pose aligned to one level.
 struct Aligned {
     pose: Pose,
+    kernel: Kernel,
     equations: NormalEquations,
     solution: Solution,
     iterations: usize,
@@ -163,7 +166,7 @@ fn align(points: &[Surfel], start: &Pose, level: &LocalMap, radius: f64, schedul
         let moved = solution.step.fixed_rows::<3>(0).norm() + radius * solution.step.fixed_rows::<3>(3).norm();
         let is_converged = kernel.scale <= schedule.last_scale && moved < schedule.convergence;
         if is_converged || iterations == settings.max_iterations {
-            return Some(Aligned { pose, equations, solution, iterations, is_converged });
+            return Some(Aligned { pose, kernel, equations, solution, iterations, is_converged });
         }
         // The kernel narrows once the pose is right for its scale.
         if moved < 0.5 * kernel.scale || iterations % 8 == 0 {
@@ -174,18 +177,18 @@ fn align(points: &[Surfel], start: &Pose, level: &LocalMap, radius: f64, schedul
 }
 
 fn summary(points: usize, aligned: Aligned, coarse_iterations: usize) -> Registration {
-    let Aligned { pose, equations, solution, iterations, is_converged } = aligned;
+    let Aligned { pose, kernel, equations, solution, iterations, is_converged } = aligned;
     let variance = (equations.squares / equations.weight).max(RANGE_NOISE * RANGE_NOISE * 0.01);
     Registration {
         t_map_lidar: pose,
-        information: equations.information / variance,
         degenerate: solution.degenerate,
         overlap: equations.matched as f64 / points.max(1) as f64,
         score: equations.fit / points.max(1) as f64,
-        score_elsewhere: 0.0,
         spread: variance.sqrt(),
         iterations: iterations + coarse_iterations,
         is_converged,
+        equations,
+        kernel,
     }
 }
 

@@ -54,11 +54,9 @@ impl OutputFile {
 fn graph(tracked: &[&Tracked]) -> PoseGraph {
     let edge = |pair: &[&Tracked]| {
         let [a, b] = [pair[0], pair[1]];
-        (a.report.piece == b.report.piece).then(|| Edge {
-            from: a.node,
-            to: b.node,
-            t_from_to: a.pose().inv_mul(b.pose()),
-            information: Some(b.report.information_upper()),
+        (a.report.piece == b.report.piece).then(|| {
+            let t_from_to = a.pose().inv_mul(b.pose());
+            Edge { from: a.node, to: b.node, t_from_to, information: Some(b.report.edge_information(t_from_to.translation.vector.norm())) }
         })
     };
     PoseGraph {

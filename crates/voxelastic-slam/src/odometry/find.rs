@@ -1,0 +1,101 @@
+//! Where a scan lies in the local map: first where it is expected, and if it does not fit there as usual, elsewhere.
+
+use super::recent::RecentScans;
+use super::report::Failure;
+use crate::registration::{LocalMap, Registration, RegistrationSettings, Surfel, ranked, register, search};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+use voxelastic::geometry::Pose;
+
+/// Share of a scan's surfaces that must have a counterpart in the map.
+const LEAST_OVERLAP: f64 = 0.3;
+/// A registration whose score falls below this share of the usual one is doubted.
+const USUAL_SCORE: f64 = 0.8;
+/// A doubted pose is refused if more than this share of its surfaces contradicts the free space of the last scans, or theirs that of the scan.
+const MOST_CONTRADICTION: f64 = 0.05;
+/// Yaw angles from which a doubted scan is registered, too, degrees, to either side.
+const STARTS: [f64; 9] = [10.0, 20.0, 35.0, 50.0, 70.0, 90.0, 115.0, 140.0, 165.0];
+
+/// A prepared scan, and what it is registered to and judged by.
+pub(super) struct Surroundings<'a> {
+    pub(super) surfels: &'a [Surfel],
+    /// Thinned returns, lidar frame.
+    pub(super) points: &'a [[f32; 3]],
+    /// From fine to coarse.
+    pub(super) levels: &'a [LocalMap],
+    /// Rotation of the levels in the map.
+    pub(super) map_from_voxels: UnitQuaternion<f64>,
+    pub(super) recent: &'a RecentScans,
+    /// Mean score of the registrations before; 0 if there was none.
+    pub(super) usual_score: f64,
+    pub(super) settings: RegistrationSettings,
+}
+
+/// Where a scan was found.
+#[derive(Clone)]
+pub(super) struct Found {
+    pub(super) t_map_lidar: Pose,
+    /// In the frame of the levels.
+    pub(super) registration: Registration,
+    /// Share of surfaces in space that was seen to be free; `None` if there was no reason to look, or too little to see.
+    pub(super) contradiction: Option<f64>,
+}
+
+impl Surroundings<'_> {
+    /// Registers the scan from a prediction that is wrong by about `sigma`, metres. If it fits worse than usual there, it is registered from other
+    /// headings, too, at the prediction and at the last pose, and the best pose that does not contradict the free space counts.
+    pub(super) fn find(&self, prediction: &Pose, last: &Pose, sigma: f64) -> Result<Found, Failure> {
+        let expected = self.register_from(prediction, sigma);
+        if let Some(found) = expected.as_ref().filter(|found| self.usual_score > 0.0 && self.is_usual(&found.registration)) {
+            return Ok(found.clone());
+        }
+        let witness = self.recent.witness(self.points, self.levels[0].size());
+        let judged = |found: Found| Found { contradiction: witness.as_ref().and_then(|witness| witness.contradiction(&found.t_map_lidar)), ..found };
+        let is_possible = |found: &Found| found.contradiction.is_none_or(|share| share <= MOST_CONTRADICTION);
+        // Without a usual score, a pose that is possible is good enough.
+        let first = expected.as_ref().filter(|found| self.usual_score == 0.0 && found.registration.is_converged).cloned().map(judged);
+        if let Some(found) = first.filter(is_possible) {
+            return Ok(found);
+        }
+        let starts: Vec<Pose> = starts(prediction, last).iter().map(|start| self.map_from_voxels.inverse() * *start).collect();
+        let others = search(self.surfels, &starts, self.levels, &self.settings).into_iter();
+        let fitting = expected.map(|found| found.registration).into_iter().chain(others.filter(has_overlap));
+        let candidates = ranked(fitting.collect());
+        if candidates.is_empty() {
+            return Err(Failure::TooLittleOverlap);
+        }
+        candidates.into_iter().map(|registration| judged(self.found(registration))).find(is_possible).ok_or(Failure::InFreeSpace)
+    }
+
+    /// Registers the scan from a pose in the map that is wrong by about `sigma`, metres; `None` if it overlaps too little.
+    pub(super) fn register_from(&self, start: &Pose, sigma: f64) -> Option<Found> {
+        let start = self.map_from_voxels.inverse() * start;
+        register(self.surfels, &start, self.levels, sigma, &self.settings).filter(has_overlap).map(|registration| self.found(registration))
+    }
+
+    fn found(&self, registration: Registration) -> Found {
+        Found { t_map_lidar: self.map_from_voxels * registration.t_map_lidar, registration, contradiction: None }
+    }
+
+    fn is_usual(&self, found: &Registration) -> bool {
+        found.is_converged && found.score > USUAL_SCORE * self.usual_score
+    }
+}
+
+fn has_overlap(found: &Registration) -> bool {
+    found.overlap >= LEAST_OVERLAP
+}
+
+/// Poses from which a doubted scan is registered.
+fn starts(prediction: &Pose, last: &Pose) -> Vec<Pose> {
+    let turned = |pose: &Pose, degrees: f64| {
+        pose * Pose::from_parts(Translation3::identity(), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), degrees.to_radians()))
+    };
+    let mut starts = vec![*prediction, *last];
+    for degrees in STARTS.into_iter().flat_map(|d| [d, -d]) {
+        starts.push(turned(last, degrees));
+        if degrees.abs() < 30.0 {
+            starts.push(turned(prediction, degrees));
+        }
+    }
+    starts
+}
