@@ -59,6 +59,21 @@ impl ClosureSummary {
         }
     }
 
+    /// The closures for the log of the run.
+    pub fn for_report(&self) -> Vec<voxelastic_report::TriedClosure> {
+        let of = |c: &TriedClosure| voxelastic_report::TriedClosure {
+            from: c.from,
+            to: c.to,
+            verdict: c.verdict.to_owned(),
+            correlation: f64::from(c.correlation),
+            overlap: c.overlap,
+            score: c.score,
+            contradiction: c.contradiction,
+            correction_m: c.correction_m,
+        };
+        self.tried.iter().map(of).collect()
+    }
+
     /// Logs the counts, if there are any.
     pub fn log(&self) {
         if !self.tried.is_empty() {

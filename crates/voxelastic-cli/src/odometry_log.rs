@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
+use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic::geometry::stored::StoredPose;
 use voxelastic_eval::SeriesStats;
+use voxelastic_report::RegistrationLog;
 use voxelastic_slam::odometry::{Failure, Level, OdometryReport, Status};
 
 /// Outcomes of all registrations.
@@ -30,6 +32,7 @@ pub struct OdometryLog {
     overlap: Vec<f64>,
     spread_m: Vec<f64>,
     iterations: Vec<f64>,
+    registrations: RegistrationLog,
 }
 
 /// Figures of the odometry, as JSON has them.
@@ -61,12 +64,26 @@ pub struct OdometrySummary {
     pub spread_m: SeriesStats,
     /// Iterations of a registration.
     pub iterations: SeriesStats,
+    /// Scan by scan, for the report.
+    #[serde(skip)]
+    pub registrations: RegistrationLog,
 }
 
 impl OdometryLog {
-    /// Adds the outcome for a scan; `cpu` is its processor time, where it is known. Returns what is to be said about it, if it was not
+    /// Adds the outcome for the scan of a node; `cpu` is its processor time, where it is known. Returns what is to be said about it, if it was not
     /// registered as usual.
-    pub fn add(&mut self, report: &OdometryReport, cpu: Option<Duration>) -> Option<String> {
+    pub fn add(&mut self, node: NodeId, report: &OdometryReport, cpu: Option<Duration>) -> Option<String> {
+        let said = self.count(report, cpu);
+        let degenerate = matches!(report.status, Status::Degenerate { .. }).then(|| "held in some directions only".to_owned());
+        let r = &mut self.registrations;
+        r.node.push(node);
+        r.score.push(rounded(if report.status == Status::First { 1.0 } else { report.score }));
+        r.overlap.push(rounded(report.overlap));
+        r.remark.push(said.clone().or(degenerate).unwrap_or_default());
+        said
+    }
+
+    fn count(&mut self, report: &OdometryReport, cpu: Option<Duration>) -> Option<String> {
         self.scans += 1;
         self.pieces = report.piece + 1;
         self.level = report.level;
@@ -133,6 +150,7 @@ impl OdometryLog {
             overlap: SeriesStats::new(&self.overlap),
             spread_m: SeriesStats::new(&self.spread_m),
             iterations: SeriesStats::new(&self.iterations),
+            registrations: self.registrations.clone(),
         }
     }
 }
@@ -162,6 +180,7 @@ fn words(failure: Failure) -> &'static str {
     match failure {
         Failure::TooFewReturns => "too few returns",
         Failure::TooLittleOverlap => "it fits nowhere near the last pose",
+        Failure::InFreeSpace => "wherever it fits, its surfaces would be in space that was seen to be free",
         Failure::TimeNotAscending => "its time is not after that of the scan before",
         _ => "unknown",
     }
@@ -173,6 +192,11 @@ fn level_key(level: Level) -> &'static str {
         Level::Surfaces => "surfaces",
         _ => "unknown",
     }
+}
+
+/// Three decimals are enough for a picture.
+fn rounded(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
 }
 
 fn milliseconds(time: Duration) -> f64 {

@@ -14,8 +14,9 @@ const PHASES = [
  *
  * `series`: [{name, colour, values, kind: "line" | "area" | "step", text(value)}]; areas stand on each other.
  * `marks`: scans at which something happened: [{scans, colour, name}]. `line`: a height to compare with: {at, text}.
+ * `nodes`: the node of each scan, where they are not those that were mapped. `remarks`: words on each scan.
  */
-function chart({ title, lead, unit, series, marks = [], line, tall = 210, across }) {
+function chart({ title, lead, unit, series, marks = [], line, tall = 210, across, nodes, remarks }) {
   const count = series[0].values.length;
   const figure = el("figure", { class: across ? "chart across" : "chart" }, el("figcaption", {}, el("h3", {}, title), el("p", {}, lead)));
   const picture = svg("svg", { role: "img", "aria-label": `${title}. ${lead}` });
@@ -55,7 +56,8 @@ function chart({ title, lead, unit, series, marks = [], line, tall = 210, across
     picture.replaceChildren(...parts, cursor);
   };
   const tip = (scan) => series.filter((s) => s.name).map((s) => `${s.name}: ${s.text ? s.text(s.values[scan]) : `${short(s.values[scan])} ${unit}`}`);
-  follow(picture, cursor, count, () => scale, tall, (scan) => [`Scan ${scan}`, ...tip(scan)]);
+  const words = (scan) => [`Scan ${scan}`, ...tip(scan), ...(remarks && remarks[scan] ? [remarks[scan]] : [])];
+  follow({ picture, cursor, count, tall, words, scale: () => scale, nodes });
   onWidth(figure, draw);
   return figure;
 }
@@ -89,7 +91,11 @@ function shape(s, x, y, width) {
 }
 
 /** Shows what is under the pointer, and updates the other charts and the top view. */
-function follow(picture, cursor, count, scale, tall, words) {
+function follow({ picture, cursor, count, tall, words, scale, nodes }) {
+  // Scans are known to the other charts by their place among those that were mapped.
+  const mapped = nodes && new Map(DATA.run.scans.node.map((node, i) => [node, i]));
+  const shared = (scan) => (nodes ? mapped.get(nodes[scan]) ?? null : scan);
+  const own = (scan) => (nodes ? nodes.indexOf(DATA.run.scans.node[scan]) : scan);
   const tip = el("div", { class: "tip", hidden: true });
   document.body.append(tip);
   const mark = (scan) => {
@@ -108,10 +114,14 @@ function follow(picture, cursor, count, scale, tall, words) {
     tip.hidden = false;
     tip.style.left = `${Math.min(e.clientX + 16, innerWidth - tip.offsetWidth - 8)}px`;
     tip.style.top = `${e.clientY + 18}px`;
-    pointed.at(scan, picture);
+    pointed.at(shared(scan), picture);
+    mark(scan);
   });
   picture.addEventListener("pointerleave", () => { tip.hidden = true; pointed.at(null, picture); });
-  pointed.listeners.push((scan) => mark(scan !== null && scan < count ? scan : null));
+  pointed.listeners.push((scan) => {
+    const at = scan === null ? -1 : own(scan);
+    mark(at >= 0 && at < count ? at : null);
+  });
 }
 
 /** The charts of a run. */
@@ -120,6 +130,7 @@ function runCharts(run) {
   const out = [];
   if (scans.wall_ms.length) out.push(timeChart(run));
   if (Object.keys(phases).length) out.push(phaseBars(phases));
+  if (run.registrations.node.length) out.push(registrationChart(run.registrations));
   const corrections = run.corrections.map((c) => c.after);
   if (scans.map_mb.length) {
     const series = [{ name: "Map", colour: "--accent", kind: "area", values: scans.map_mb }];
@@ -134,6 +145,21 @@ function runCharts(run) {
     out.push(chart({ title: "Submaps", lead, unit: "", series, marks }));
   }
   return out;
+}
+
+/** How well each raw scan fits the scans before it. */
+function registrationChart({ node, score, overlap, remark }) {
+  const lost = remark.flatMap((words, scan) => (words && score[scan] === 0 ? [scan] : []));
+  const said = remark.flatMap((words, scan) => (words && score[scan] > 0 ? [scan] : []));
+  const fits = score.filter((s) => s > 0);
+  const lead = `median score ${short(quantile(fits.length ? fits : [0], 0.5))}; ` +
+    `${lost.length ? `${lost.length} of ${node.length} scans not registered` : `all ${node.length} scans registered`}`;
+  const series = [
+    { name: "Score, 1 where all surfaces lie on the map's", colour: "--accent", kind: "line", values: score, text: short },
+    { name: "Share of the surfaces that are in the map", colour: "--soft", kind: "line", values: overlap, text: short },
+  ];
+  const marks = [{ name: "Not registered", colour: "--rose", scans: lost }, { name: "Something to say", colour: "--warm", scans: said }];
+  return chart({ title: "Odometry", lead, unit: "", series, marks, nodes: node, remarks: remark });
 }
 
 /** Time of each scan, by part, with the time between two scans of the sensor (paper Fig. 2). */

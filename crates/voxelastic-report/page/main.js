@@ -30,7 +30,29 @@ function run() {
   byId("run-lead").textContent = `${scans.node.length} scans in ${short(total)} s with ${threads} thread${threads === 1 ? "" : "s"}, reading included` +
     `${interrupted ? "; ended early" : ""}. Across: the number of the scan.`;
   byId("run-charts").append(...runCharts(DATA.run));
-  byId("charts").append(...closures(DATA.run));
+  byId("charts").append(...triedClosures(DATA.run), ...closures(DATA.run));
+}
+
+/** Verdicts on loop closures, as people say them. */
+const VERDICTS = {
+  accepted: "accepted",
+  free_space: "surfaces in space that was seen to be free",
+  poor_fit: "surfaces do not lie on each other",
+  not_registered: "could not be registered",
+  beyond_drift: "the odometry cannot be as wrong as that",
+};
+
+/** Places that looked alike: which closures were accepted, and why the others were refused. */
+function triedClosures({ closures: tried }) {
+  if (!tried.length) return [];
+  const count = (verdict) => tried.filter((c) => c.verdict === verdict).length;
+  const refused = Object.entries(VERDICTS).filter(([key]) => key !== "accepted" && count(key)).map(([key, words]) => `${count(key)}: ${words}`);
+  const share = (v) => (v === null || v === undefined ? "–" : `${short(100 * v)} %`);
+  const rows = tried.map((c) => [`${c.from} – ${c.to}`, VERDICTS[c.verdict] || c.verdict, share(c.contradiction), share(c.overlap),
+    c.score === null || c.score === undefined ? "–" : short(c.score), short(c.correlation), `${short(c.correction_m)} m`]);
+  const summary = `Places that look alike: ${count("accepted")} closures accepted; refused ${refused.length ? refused.join(", ") : "none"}`;
+  return [el("details", { id: "tried" }, el("summary", {}, summary),
+    table(["scans", "verdict", "in free space", "overlap", "score", "likeness", "correction"], rows))];
 }
 
 /** Loop closures and corrections, each with its time. */

@@ -35,4 +35,4 @@ pub mod tiles_page;
 pub use content::Report;
 pub use error::{ReportError, Result};
 pub use packed_surface::{PackedBytes, pack_surface};
-pub use run_log::{Correction, FORMAT, LoopEdge, RunLog, ScanLog};
+pub use run_log::{Correction, FORMAT, LoopEdge, RegistrationLog, RunLog, ScanLog, TriedClosure};

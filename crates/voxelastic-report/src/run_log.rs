@@ -42,6 +42,46 @@ pub struct RunLog {
     pub loops: Vec<LoopEdge>,
     /// Pose corrections, in order of arrival.
     pub corrections: Vec<Correction>,
+    /// Registrations of the odometry; empty where the data had poses.
+    pub registrations: RegistrationLog,
+    /// Loop closures that were looked for and tried, in order.
+    pub closures: Vec<TriedClosure>,
+}
+
+/// Registrations of raw scans, also of those that were not mapped: columns with a value per scan.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct RegistrationLog {
+    /// Node that the scan has, or would have, in the map.
+    pub node: Vec<u64>,
+    /// How well it fits, 0 to 1; 0 if it was not registered.
+    pub score: Vec<f64>,
+    /// Share of its surfaces that have a counterpart in the local map, 0 to 1.
+    pub overlap: Vec<f64>,
+    /// What is to be said about it, in words; empty if nothing.
+    pub remark: Vec<String>,
+}
+
+/// A loop closure that was tried.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TriedClosure {
+    /// A node of the earlier place.
+    pub from: u64,
+    /// A node of the later place.
+    pub to: u64,
+    /// `accepted`, or why not: `free_space`, `poor_fit`, `not_registered`, `beyond_drift`.
+    pub verdict: String,
+    /// Correlation of the places seen from above, 0 to 1.
+    pub correlation: f64,
+    /// Share of the surfaces with a counterpart.
+    pub overlap: Option<f64>,
+    /// How well they lie on each other, 0 to 1.
+    pub score: Option<f64>,
+    /// Share of the surfaces in space that was seen to be free.
+    pub contradiction: Option<f64>,
+    /// Distance between the closure and the poses before it, metres.
+    pub correction_m: f64,
 }
 
 /// Columns with a value per scan.
@@ -143,6 +183,10 @@ impl RunLog {
         [&mut s.wall_ms, &mut s.cpu_ms, &mut s.map_mb, &mut s.rss_mb].into_iter().for_each(|c| fit(c, scans));
         [&mut s.submap, &mut s.submaps, &mut s.fusions_due].into_iter().for_each(|c| fit(c, scans));
         self.phases_ms.retain(|_, column| column.len() == scans);
+        let r = &mut self.registrations;
+        let registered = r.node.len();
+        [&mut r.score, &mut r.overlap].into_iter().for_each(|column| column.resize(registered, 0.0));
+        r.remark.resize(registered, String::new());
     }
 }
 
@@ -159,6 +203,8 @@ mod tests {
             scans,
             phases_ms,
             loops: vec![LoopEdge { from: 3, to: 4, after: 2, ..LoopEdge::default() }],
+            registrations: RegistrationLog { node: vec![3], score: vec![0.5], overlap: vec![0.75], remark: vec![String::new()] },
+            closures: vec![TriedClosure { from: 3, to: 4, verdict: "accepted".into(), overlap: Some(0.5), ..TriedClosure::default() }],
             ..RunLog::default()
         }
     }

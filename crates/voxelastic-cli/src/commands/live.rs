@@ -288,6 +288,8 @@ fn save(target: &mut Target, session: &Session, run: &Run, prints_json: bool) ->
         total_s: run.start.elapsed().as_secs_f64(),
         interrupted: run.tally.interrupted,
         scans_skipped: run.tally.skipped,
+        registrations: run.tally.odometry.as_ref().map(|odometry| odometry.registrations.clone()).unwrap_or_default(),
+        closures: run.tally.closures.as_ref().map(ClosureSummary::for_report).unwrap_or_default(),
         ..session.log()
     });
     let summary = summarise(session, run, saved, target.path());

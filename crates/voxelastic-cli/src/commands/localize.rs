@@ -16,7 +16,7 @@ use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
-use voxelastic_io::{dataset, poses};
+use voxelastic_io::{Origin, dataset, poses};
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken

@@ -112,7 +112,7 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
         let before = clock.now();
         let report = pool.install(|| odometry.register(&scan.cloud, Some(scan.time)));
         let cpu = before.zip(clock.now()).map(|(before, after)| after.saturating_sub(before));
-        if let Some(problem) = log.add(&report, cpu) {
+        if let Some(problem) = log.add(scan.node, &report, cpu) {
             tracing::warn!("scan {}: {problem}", scan.name);
         }
         progress.step(|| format!("piece {}", report.piece + 1));

@@ -194,7 +194,7 @@ impl OdometryStage {
     /// A scan that could not be registered.
     pub fn take(&mut self, raw: RawScan, name: &str) -> Result<Vec<Event>, String> {
         let Self { slam, keyframes, hold_out, selected, .. } = self;
-        let time = raw.time;
+        let (node, time) = (raw.node, raw.time);
         let takes = |pose: &voxelastic::Pose| {
             if !keyframes.takes(pose, time) {
                 return false;
@@ -220,7 +220,7 @@ impl OdometryStage {
                 }
             }
         }
-        match self.log.add(&step.report, cpu).map(|problem| format!("scan {name}: {problem}")) {
+        match self.log.add(node, &step.report, cpu).map(|problem| format!("scan {name}: {problem}")) {
             Some(problem) if step.events.is_empty() => Err(problem),
             Some(problem) => {
                 tracing::warn!("{problem}");

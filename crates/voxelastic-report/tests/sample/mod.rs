@@ -3,7 +3,7 @@
 use voxelastic_eval::DistanceStats;
 use voxelastic_report::content::{Distances, Fact, Node, PlannedPath, Table};
 use voxelastic_report::surface::{RootPose, Surface};
-use voxelastic_report::{Correction, FORMAT, LoopEdge, Report, RunLog, ScanLog};
+use voxelastic_report::{Correction, FORMAT, LoopEdge, RegistrationLog, Report, RunLog, ScanLog, TriedClosure};
 
 /// Squares of the lawn along a side.
 const N: u32 = 90;
@@ -54,6 +54,25 @@ fn run() -> RunLog {
             .map(|(name, ms)| (name.to_owned(), column(&|i| ms + (i * 0.4).sin())))
             .into(),
         loops: vec![LoopEdge { from: 3, to: 55, after: 55, wall_ms: 0.25, fusions: 0 }],
+        // Two of 62 scans were not registered.
+        registrations: RegistrationLog {
+            node: (0..62).collect(),
+            score: (0..62).map(|i| if i == 20 || i == 21 { 0.0 } else { 0.6 + 0.1 * f64::from(i).sin() }).collect(),
+            overlap: (0..62).map(|i| if i == 20 || i == 21 { 0.0 } else { 0.9 }).collect(),
+            remark: (0..62).map(|i| if i == 20 || i == 21 { "too few returns".to_owned() } else { String::new() }).collect(),
+        },
+        closures: [("accepted", 0.004), ("free_space", 0.09)]
+            .map(|(verdict, contradiction)| TriedClosure {
+                from: 3,
+                to: 55,
+                verdict: verdict.into(),
+                correlation: 0.7,
+                overlap: Some(0.6),
+                score: Some(0.4),
+                contradiction: Some(contradiction),
+                correction_m: 1.2,
+            })
+            .into(),
         corrections: vec![Correction { after: 55, wall_ms: 1.0, optimise_ms: Some(12.5), moved: 2, closed: 1, fusions: 1 }],
         ..RunLog::default()
     }

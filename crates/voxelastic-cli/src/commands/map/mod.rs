@@ -220,7 +220,14 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     let output = target.path().to_owned();
     let summary = Summary { checkpoints: CheckpointSummary::of(&keeper), ..summarise(&session, &tally, saved, &output, clock) };
-    let log = RunLog { total_s: summary.total_s, interrupted: tally.interrupted, scans_skipped: tally.skipped, ..session.log() };
+    let log = RunLog {
+        total_s: summary.total_s,
+        interrupted: tally.interrupted,
+        scans_skipped: tally.skipped,
+        registrations: summary.odometry.as_ref().map(|odometry| odometry.registrations.clone()).unwrap_or_default(),
+        closures: summary.closures.as_ref().map(ClosureSummary::for_report).unwrap_or_default(),
+        ..session.log()
+    };
     target.log(&log);
     if let Some(odometry) = &summary.odometry {
         odometry.log(summary.threads);
