@@ -19,7 +19,7 @@ config.data.max_range, config.data.min_range = REQUEST["max_range_m"], REQUEST["
 odometry = GenZICP(config)
 
 
-def register(points):
+def register(points, times):
     odometry.register_frame(points, np.zeros(0))
     return odometry.last_pose
 

@@ -32,7 +32,7 @@ def remember(from_id, to_id, pose, information):
 slam.optimizer.add_factor = remember
 
 
-def register(points):
+def register(points, times):
     global scans
     slam.process_scan(points, np.zeros(0))
     scans += 1

@@ -25,7 +25,7 @@ local_map = VoxelMap(config.density_map_resolution, length)
 anchors, scan = [0], -1
 
 
-def register(points):
+def register(points, times):
     global local_map, scan
     scan += 1
     pose = np.linalg.inv(poses[anchors[-1]]) @ poses[scan]

@@ -39,21 +39,54 @@ def emit(**what):
 
 
 def points_of(scan):
-    return np.ascontiguousarray(np.fromfile(scan["points"], np.float32).reshape(-1, 4)[:, :3].astype(np.float64))
+    """Points, and the time of each after the scan's, seconds (none where the scans have no times)."""
+    rows = np.fromfile(scan["points"], np.float32).reshape(-1, 4)
+    return np.ascontiguousarray(rows[:, :3].astype(np.float64)), rows[:, 3].astype(np.float64) if "time_s" in scan else np.zeros(0)
 
 
 def measure(register):
-    """Calls `register(points)` for each scan within the time limit, and prints its time and the pose that it returns (or None)."""
+    """Calls `register(points, times)` for each scan within the time limit, and prints its time and the pose that it returns (or None)."""
     start = time.monotonic()
     for number, scan in enumerate(REQUEST["scans"]):
         if time.monotonic() - start > REQUEST["time_limit_s"]:
             return False
-        points = points_of(scan)
+        points, times = points_of(scan)
         cpu = time.process_time()
-        pose = register(points)
+        pose = register(points, times)
         emit(scan=number, cpu_ms=(time.process_time() - cpu) * 1e3, pose=None if pose is None else rows(pose))
     return True
 
 
 def rows(pose):
     return [float(v) for v in np.asarray(pose)[:3].ravel()]
+
+
+def at_stamps(ends, poses):
+    """Prints the poses at the times of the scans, for systems whose poses are those of the ends of sweeps (`ends`, seconds): between neighbours
+    positions are interpolated linearly, rotations along the shortest arc; before the first end, its pose."""
+    stamps = [scan["time_s"] for scan in REQUEST["scans"]][: len(poses)]
+    found = []
+    for stamp in stamps:
+        k = int(np.clip(np.searchsorted(ends, stamp), 1, len(ends) - 1))
+        share = float(np.clip((stamp - ends[k - 1]) / (ends[k] - ends[k - 1]), 0, 1))
+        a, b = np.asarray(poses[k - 1]), np.asarray(poses[k])
+        pose = np.eye(4)
+        pose[:3, :3] = a[:3, :3] @ turn(log(a[:3, :3].T @ b[:3, :3]) * share)
+        pose[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
+        found.append(rows(pose))
+    emit(poses=found)
+
+
+def log(rotation):
+    angle = np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))
+    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return axis * (0.5 if angle < 1e-9 else angle / (2 * np.sin(angle)))
+
+
+def turn(vector):
+    angle = np.linalg.norm(vector)
+    if angle < 1e-12:
+        return np.eye(3)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k

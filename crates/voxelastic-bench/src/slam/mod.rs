@@ -1,7 +1,8 @@
 //! Odometry and loop closures from the scans alone, beside other systems on the same scans in one run.
 //!
-//! Every system gets the returns of all scans of a recording, in order, without times; errors of all are computed here, by the same code. Odometry is
-//! compared on every recording that has true poses. On `kitti00-loops` there are closures, too: once from the scans alone, and once with the drifting
+//! Every system gets the returns of all scans of a recording, in order; errors of all are computed here, by the same code. Odometry is
+//! compared on every recording that has true poses, without times, and on simulated walks with the sensor in the hand, whose points have times, with and without an
+//! inertial measurement unit. On `kitti00-loops` there are closures, too: once from the scans alone, and once with the drifting
 //! odometry of the data given.
 
 mod peer;
@@ -13,7 +14,7 @@ use crate::data::missing_folder;
 use crate::error::Result;
 use crate::results::{generator, machine};
 use crate::workspace::{Workspace, load, words};
-use peer::Exported;
+use peer::{Exported, SlamPeer};
 use results::Recording;
 use score::{Claimed, Truth};
 use serde_json::Value;
@@ -25,60 +26,102 @@ pub use score::{ClosureScore, PathScore};
 pub use table::table;
 
 const RECORDINGS: [Recording; 4] = [
-    Recording { name: "kitti00-seq", truth: "groundtruth", odometry: None },
-    Recording { name: "kitti00-street", truth: "groundtruth", odometry: None },
-    Recording { name: "hall", truth: "poses.tum", odometry: None },
-    Recording { name: "kitti00-loops", truth: "groundtruth", odometry: Some("odom_poses.txt") },
+    Recording { name: "kitti00-seq", truth: "groundtruth", odometry: None, sweeps: false },
+    Recording { name: "kitti00-street", truth: "groundtruth", odometry: None, sweeps: false },
+    Recording { name: "hall", truth: "poses.tum", odometry: None, sweeps: false },
+    Recording { name: "kitti00-loops", truth: "groundtruth", odometry: Some("odom_poses.txt"), sweeps: false },
 ];
+
+/// Simulated walks with the sensor in the hand: outdoors and through a tunnel and a doorway, and through rooms and corridors. The name of the world is
+/// before the hyphen.
+const WALKS: [Recording; 2] = [
+    Recording { name: "campus-walk", truth: "groundtruth", odometry: None, sweeps: true },
+    Recording { name: "mine-walk", truth: "groundtruth", odometry: None, sweeps: true },
+];
+/// How these are simulated: a minute, after three seconds at rest.
+const WALK: &[&str] =
+    &["--carrier", "handheld", "--rest", "3", "--moving", "--rate", "10", "--scans", "630", "--columns", "512", "--imu", "100", "--loop-radius", "0"];
 
 /// Voxels of the maps that are made for their closures, metres: as BENCHMARK.md has maps of `kitti00-loops`.
 const MAP_VOXEL: &str = "0.4";
 /// Scratch name of such a map.
 const MAP: &str = "slam.vox";
 
-/// Runs it all. `python` is the interpreter for peers, if these are wanted; a peer gets `limit` for each recording.
+/// Names of all recordings.
+pub fn recordings() -> impl Iterator<Item = &'static str> {
+    RECORDINGS.iter().chain(&WALKS).map(|recording| recording.name)
+}
+
+/// Runs it all, or `only` the recordings of these names, if there are any. `python` is the interpreter for peers, if these are wanted; a peer gets `limit` for
+/// each recording.
 ///
 /// # Errors
 /// When a program of ours fails or data cannot be read. A peer that fails is skipped and listed in the results.
-pub fn run(workspace: &Workspace, data: &Path, python: Option<&str>, limit: Duration) -> Result<SlamBench> {
+pub fn run(workspace: &Workspace, data: &Path, only: &[String], python: Option<&str>, limit: Duration) -> Result<SlamBench> {
     let clock = Instant::now();
     let mut bench = SlamBench { format: 1, generator: generator(), machine: machine(), ..SlamBench::default() };
     let peers = python.map_or_else(|| Ok(Vec::new()), |python| peer::all(workspace, python))?;
-    for recording in &RECORDINGS {
+    let is_wanted = |recording: &&Recording| only.is_empty() || only.iter().any(|name| name == recording.name);
+    for recording in RECORDINGS.iter().filter(is_wanted) {
         let folder = data.join(recording.name);
         if !folder.is_dir() {
             bench.skipped.push(missing_folder(recording.name, &folder));
             continue;
         }
-        let truth = Truth::open(&folder, recording.truth)?;
-        bench.runs.push(odometry(workspace, recording, &folder, &truth)?);
-        if let Some(given) = recording.odometry {
-            bench.runs.push(closures(workspace, recording, &folder, &truth, None)?);
-            bench.runs.push(closures(workspace, recording, &folder, &truth, Some(given))?);
-        }
-        if !peers.is_empty() {
-            let exported = Exported::write(&folder, recording, &workspace.scratch("scans"))?;
-            for peer in &peers {
-                tracing::info!("{}, {}", recording.name, peer.name());
-                match peer.run(workspace, &exported, &truth, limit)? {
-                    Ok(run) => bench.runs.push(SlamRun { data: recording.name.to_owned(), ..run }),
-                    Err(why) => bench.skipped.push(format!("{}: {}: {why}", recording.name, peer.name())),
-                }
-            }
-            workspace.remove_scratch("scans");
-        }
+        measure(workspace, recording, &folder, (&peers, limit), &mut bench)?;
+    }
+    for recording in WALKS.iter().filter(is_wanted) {
+        let folder = workspace.scratch(recording.name);
+        let world = recording.name.split('-').next().unwrap_or_default();
+        tracing::info!("{}, simulation", recording.name);
+        let arguments = [words(&["simulate", world]), words(WALK), words(&["--json", "-o"]), vec![folder.display().to_string()]].concat();
+        workspace.run_json(&arguments)?;
+        measure(workspace, recording, &folder, (&peers, limit), &mut bench)?;
+        workspace.remove_scratch(recording.name);
     }
     bench.machine.load_after = load();
     bench.total_s = clock.elapsed().as_secs_f64();
     Ok(bench)
 }
 
+/// Our odometry, our closures, and the peers, on a recording.
+fn measure(workspace: &Workspace, recording: &Recording, folder: &Path, peers: (&[SlamPeer], Duration), bench: &mut SlamBench) -> Result<()> {
+    let truth = Truth::open(folder, recording.truth)?;
+    bench.runs.push(odometry(workspace, recording, folder, &truth, &[])?);
+    if recording.sweeps {
+        let without = odometry(workspace, recording, folder, &truth, &["--no-imu"])?;
+        bench.runs.push(SlamRun { task: "odometry, no inertial unit", ..without });
+    }
+    if let Some(given) = recording.odometry {
+        bench.runs.push(closures(workspace, recording, folder, &truth, None)?);
+        bench.runs.push(closures(workspace, recording, folder, &truth, Some(given))?);
+    }
+    let (peers, limit) = peers;
+    if !peers.is_empty() {
+        let exported = Exported::write(folder, recording, &workspace.scratch("scans"))?;
+        for peer in peers {
+            tracing::info!("{}, {}", recording.name, peer.name());
+            match peer.run(workspace, &exported, &truth, limit)? {
+                Ok(run) => bench.runs.push(SlamRun { data: recording.name.to_owned(), ..run }),
+                Err(why) => bench.skipped.push(format!("{}: {}: {why}", recording.name, peer.name())),
+            }
+        }
+        workspace.remove_scratch("scans");
+    }
+    Ok(())
+}
+
 /// Our odometry, on one thread.
-fn odometry(workspace: &Workspace, recording: &Recording, folder: &Path, truth: &Truth) -> Result<SlamRun> {
+fn odometry(workspace: &Workspace, recording: &Recording, folder: &Path, truth: &Truth, more: &[&str]) -> Result<SlamRun> {
     tracing::info!("{}, odometry", recording.name);
     let poses: PathBuf = workspace.scratch("odometry.txt");
-    let arguments =
-        [words(&["odometry"]), vec![folder.display().to_string()], words(&["--threads", "1", "--json", "-o"]), vec![poses.display().to_string()]];
+    let arguments = [
+        words(&["odometry"]),
+        vec![folder.display().to_string()],
+        words(more),
+        words(&["--threads", "1", "--json", "-o"]),
+        vec![poses.display().to_string()],
+    ];
     let arguments = arguments.concat();
     let answer = workspace.run_json(&arguments)?;
     let found = score::rows(&poses)?;

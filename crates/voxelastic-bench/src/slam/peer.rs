@@ -1,8 +1,10 @@
 //! Peers of odometry and loop closure, by adapters.
 //!
 //! An adapter is called with the path of a request, a JSON object: `format` (1), `threads`, `min_range_m`, `max_range_m`, `time_limit_s` (no scan should
-//! be started later), `imu` (false: these recordings have none) and `scans`, each with `points`, the path of a file of little-endian `f32`
-//! quadruples x, y, z, 0 in the lidar's frame, returns only; and, where odometry is given, `t_map_lidar`, three rows of four numbers in a list.
+//! be started later), `imu` (where there is an inertial measurement unit: the path of a file of little-endian `f64` rows of time in seconds, angular velocity and
+//! specific force, as at the lidar's origin and along its axes) and `scans`, each with `points`, the path of a file of little-endian `f32`
+//! quadruples x, y, z, t in the lidar's frame, returns only; where the scans have times, `time_s`, to which t is relative; and, where odometry is given,
+//! `t_map_lidar`, three rows of four numbers in a list.
 //!
 //! It prints JSON objects, one a line: `{"system": "KISS-ICP 1.3.0"}`; for each scan `{"scan": 0, "cpu_ms": 1.5, "pose": rows}` (or null); at the end,
 //! if they have changed, `{"poses": [rows, ..]}`; and for each closure `{"closure": [from, to], "t_from_to": rows}`, scans by number. Exit code 77: not
@@ -21,6 +23,7 @@ use std::time::Duration;
 use voxelastic::event::Event;
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::dataset::{self, OpenOptions};
+use voxelastic_io::raw;
 
 /// Name, file and text of the adapters, and what they do.
 const ADAPTERS: [(&str, &str, &str, &str); 5] = [
@@ -50,6 +53,8 @@ pub(crate) struct SlamPeer {
 struct Scan {
     points: PathBuf,
     #[serde(skip_serializing_if = "Option::is_none")]
+    time_s: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     t_map_lidar: Option<Vec<f64>>,
 }
 
@@ -60,7 +65,7 @@ struct Request<'a> {
     min_range_m: f64,
     max_range_m: f64,
     time_limit_s: f64,
-    imu: bool,
+    imu: Option<&'a Path>,
     scans: &'a [Scan],
 }
 
@@ -69,29 +74,74 @@ struct Request<'a> {
 pub(crate) struct Exported {
     folder: PathBuf,
     scans: Vec<Scan>,
+    imu: Option<PathBuf>,
 }
 
 impl Exported {
     pub fn write(data: &Path, recording: &Recording, folder: &Path) -> Result<Self> {
         fs::create_dir_all(folder).map_err(BenchError::file(folder))?;
+        let mut exported = Self { folder: folder.to_path_buf(), scans: Vec::new(), imu: None };
+        if recording.sweeps {
+            exported.write_sweeps(data)?
+        } else {
+            exported.write_scans(data, recording)?
+        }
+        Ok(exported)
+    }
+
+    /// Scans without times, with the odometry that is given.
+    fn write_scans(&mut self, data: &Path, recording: &Recording) -> Result<()> {
         let poses = recording.odometry.unwrap_or(recording.truth);
         let source = dataset::open(data, &OpenOptions { poses: Some(poses.into()), ..OpenOptions::default() })?;
-        let mut scans = Vec::new();
         for event in source.events() {
             if let Event::Scan(scan) = event? {
-                let points = folder.join(format!("{:06}.bin", scans.len()));
-                let returns = scan.cloud.points.iter().copied().filter(Cloud::is_return);
-                let bytes: Vec<u8> = returns.flat_map(|[x, y, z]| [x, y, z, 0.0].map(f32::to_le_bytes)).flatten().collect();
-                fs::write(&points, bytes).map_err(BenchError::file(&points))?;
-                scans.push(Scan { points, t_map_lidar: recording.odometry.map(|_| score::row_of(&scan.t_map_lidar).to_vec()) });
+                let points = self.write_points(&scan.cloud, false)?;
+                let t_map_lidar = recording.odometry.map(|_| score::row_of(&scan.t_map_lidar).to_vec());
+                self.scans.push(Scan { points, time_s: None, t_map_lidar });
             }
         }
-        Ok(Self { folder: folder.to_path_buf(), scans })
+        Ok(())
+    }
+
+    /// Sweeps whose points have times, and the samples of the inertial measurement unit.
+    fn write_sweeps(&mut self, data: &Path) -> Result<()> {
+        let mut samples = Vec::new();
+        for scan in raw::open(data, &OpenOptions::default())?.iter() {
+            let scan = scan?;
+            let points = self.write_points(&scan.cloud, true)?;
+            self.scans.push(Scan { points, time_s: Some(scan.time), t_map_lidar: None });
+            for sample in scan.imu {
+                let [wx, wy, wz] = sample.angular_velocity;
+                let [ax, ay, az] = sample.acceleration;
+                samples.extend([sample.time, wx, wy, wz, ax, ay, az].map(f64::to_le_bytes).concat());
+            }
+        }
+        let path = self.folder.join("imu.bin");
+        fs::write(&path, samples).map_err(BenchError::file(&path))?;
+        self.imu = Some(path);
+        Ok(())
+    }
+
+    fn write_points(&self, cloud: &Cloud, with_times: bool) -> Result<PathBuf> {
+        let path = self.folder.join(format!("{:06}.bin", self.scans.len()));
+        let times = cloud.time.as_ref().filter(|times| with_times && times.len() == cloud.len());
+        let rows = cloud.points.iter().enumerate().filter(|(_, p)| Cloud::is_return(p));
+        let row = |(k, [x, y, z]): (usize, &[f32; 3])| [*x, *y, *z, times.map_or(0.0, |times| times[k])].map(f32::to_le_bytes).concat();
+        fs::write(&path, rows.flat_map(row).collect::<Vec<u8>>()).map_err(BenchError::file(&path))?;
+        Ok(path)
     }
 
     fn request(&self, limit: Duration) -> Result<PathBuf> {
         let (min_range_m, max_range_m) = RANGES;
-        let request = Request { format: 1, threads: 1, min_range_m, max_range_m, time_limit_s: limit.as_secs_f64(), imu: false, scans: &self.scans };
+        let request = Request {
+            format: 1,
+            threads: 1,
+            min_range_m,
+            max_range_m,
+            time_limit_s: limit.as_secs_f64(),
+            imu: self.imu.as_deref(),
+            scans: &self.scans,
+        };
         let path = self.folder.join("request.json");
         let text = serde_json::to_string(&request).map_err(|e| BenchError::Answer { command: "request".to_owned(), problem: e.to_string() })?;
         fs::write(&path, text).map_err(BenchError::file(&path))?;

@@ -12,6 +12,8 @@ pub(crate) struct Recording {
     pub truth: &'static str,
     /// Odometry in the data, from which closures are looked for.
     pub odometry: Option<&'static str>,
+    /// Whether its scans are sweeps whose points have times, with an inertial measurement unit.
+    pub sweeps: bool,
 }
 
 /// A system on a recording.

@@ -47,9 +47,12 @@ pub struct BenchArgs {
     /// Measure the growth of cost instead: tables with fitted exponents, and the cost of new road
     #[arg(long, conflicts_with_all = ["peers", "peer", "repeat"])]
     growth: bool,
-    /// Measure odometry and loop closures from the scans alone instead, on the recordings in $VOXELASTIC_DATA that have true poses
+    /// Measure odometry and loop closures from the scans alone instead, on the recordings in $VOXELASTIC_DATA that have true poses and on simulated walks
     #[arg(long, conflicts_with_all = ["growth", "quick", "peer", "repeat", "campus"])]
     slam: bool,
+    /// Only this recording of --slam [default: all]
+    #[arg(long, value_name = "NAME", requires = "slam", value_parser = clap::builder::PossibleValuesParser::new(slam::recordings().collect::<Vec<_>>()))]
+    recording: Vec<String>,
     /// Run OctoMap and VDBFusion on the same scans, in turn; with --slam, KISS-ICP, GenZ-ICP, KISS-SLAM, MapClosures and RKO-LIO
     #[arg(long)]
     peers: bool,
@@ -87,7 +90,7 @@ pub fn run(args: &BenchArgs, program: Option<&Path>) -> anyhow::Result<u8> {
     if args.slam {
         let python = args.peers.then(python);
         let limit = SLAM_LIMIT_FACTOR * Duration::from_secs(args.peer_limit);
-        let found = slam::run(&workspace, &data, python.as_deref(), limit)?;
+        let found = slam::run(&workspace, &data, &args.recording, python.as_deref(), limit)?;
         return finish(args, "slam.json", &found, &slam::table(&found));
     }
     let options = Options {
