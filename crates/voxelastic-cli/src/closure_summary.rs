@@ -14,7 +14,7 @@ pub struct ClosureSummary {
     pub not_registered: usize,
     /// Refused, because the surfaces do not lie on each other.
     pub poor_fit: usize,
-    /// Refused, because surfaces would be in space that was seen to be free.
+    /// Refused, because surfaces would be in space that was observed to be free.
     pub free_space: usize,
     /// Refused, because the odometry cannot be as wrong as that.
     pub beyond_drift: usize,
@@ -39,7 +39,7 @@ pub struct TriedClosure {
     pub overlap: Option<f64>,
     /// Mean weight of the surfaces, 1 where all lie on each other.
     pub score: Option<f64>,
-    /// Share of surfaces in space that was seen to be free; `null` if that was not looked at.
+    /// Share of surfaces in space that was observed to be free; `null` if that was not looked at.
     pub contradiction: Option<f64>,
     /// Distance between the closure and the poses before it, metres.
     pub correction_m: f64,
@@ -78,7 +78,7 @@ impl ClosureSummary {
     pub fn log(&self) {
         if !self.tried.is_empty() {
             let refused = [
-                (self.free_space, "would put surfaces into space that was seen to be free"),
+                (self.free_space, "would put surfaces into space that was observed to be free"),
                 (self.poor_fit, "do not fit"),
                 (self.not_registered, "cannot be registered"),
                 (self.beyond_drift, "claim more than the odometry can be wrong"),

@@ -8,7 +8,7 @@ use voxelastic::geometry::PoseExt;
 use voxelastic::geometry::stored::StoredPose;
 use voxelastic_eval::SeriesStats;
 use voxelastic_report::RegistrationLog;
-use voxelastic_slam::odometry::{Failure, Level, OdometryReport, Status};
+use voxelastic_slam::odometry::{Level, OdometryReport, Status};
 
 /// Outcomes of all registrations.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -107,8 +107,8 @@ impl OdometryLog {
         let pose = StoredPose(report.t_map_lidar);
         match report.status {
             Status::Failed(failure) => {
-                *self.failed.entry(words(failure).to_owned()).or_default() += 1;
-                return Some(format!("not registered: {}", words(failure)));
+                *self.failed.entry(failure.to_string()).or_default() += 1;
+                return Some(format!("not registered: {failure}"));
             }
             Status::First => self.last = Some((pose, report.piece)),
             _ => {
@@ -173,16 +173,6 @@ impl OdometrySummary {
         if let (Some(median), Some(p95)) = (self.cpu_ms.median, self.cpu_ms.p95) {
             tracing::info!("odometry: median {median:.1} ms, 95 % within {p95:.1} ms of processor time a scan, {threads} threads");
         }
-    }
-}
-
-fn words(failure: Failure) -> &'static str {
-    match failure {
-        Failure::TooFewReturns => "too few returns",
-        Failure::TooLittleOverlap => "it fits nowhere near the last pose",
-        Failure::InFreeSpace => "wherever it fits, its surfaces would be in space that was seen to be free",
-        Failure::TimeNotAscending => "its time is not after that of the scan before",
-        _ => "unknown",
     }
 }
 

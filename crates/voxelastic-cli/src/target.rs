@@ -4,7 +4,7 @@ use crate::failure::{Failure, one_line};
 use crate::mapping::Session;
 use crate::{interrupt, map_files, usage};
 use anyhow::Context;
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -26,22 +26,32 @@ pub enum OnFullDisk {
     Fail,
 }
 
+/// Arguments about the map that is saved.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct TargetArgs {
+    /// Replace an existing map even if it has more scans than the new one
+    #[arg(long)]
+    overwrite: bool,
+    /// What to do when the finished map cannot be written, because the disk is full for one
+    #[arg(long, value_name = "WHAT", default_value = "elsewhere")]
+    on_full_disk: OnFullDisk,
+}
+
 /// The map directory during the run. A run that fails leaves the directory unchanged.
 pub struct Target {
     writer: Option<MapWriter>,
     checkpoints: Option<Checkpoints>,
     path: PathBuf,
-    overwrite: bool,
-    on_full_disk: OnFullDisk,
+    args: TargetArgs,
     elsewhere: bool,
 }
 
 impl Target {
     /// Makes the directory and locks it.
-    pub fn create(path: &Path, overwrite: bool, on_full_disk: OnFullDisk) -> anyhow::Result<Self> {
+    pub fn create(path: &Path, args: TargetArgs) -> anyhow::Result<Self> {
         set_damaged_aside(path)?;
         let writer = MapWriter::create(path).context("cannot write the map there")?;
-        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), overwrite, on_full_disk, elsewhere: false })
+        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), args, elsewhere: false })
     }
 
     /// Where the map is, or will be, saved.
@@ -101,7 +111,7 @@ impl Target {
             other => return other,
         };
         tracing::error!("{}; the map of {} scans is still in memory", one_line(&problem), session.scans());
-        match self.on_full_disk {
+        match self.args.on_full_disk {
             OnFullDisk::Fail => Err(self.lost(session, &[problem])),
             OnFullDisk::Wait => self.wait(session, details),
             OnFullDisk::Elsewhere => match self.save_elsewhere(session, details) {
@@ -171,7 +181,7 @@ impl Target {
 
     /// Moves on to a path beside it if the map that is there has more scans than the `scans` of this one.
     fn keep_better(&mut self, scans: usize) -> anyhow::Result<()> {
-        let Some(there) = self.writer.as_ref().map(scans_in).filter(|there| !self.overwrite && *there > scans) else { return Ok(()) };
+        let Some(there) = self.writer.as_ref().map(scans_in).filter(|there| !self.args.overwrite && *there > scans) else { return Ok(()) };
         let (path, beside) = free_path(&self.path, 2)?;
         tracing::warn!(
             "{} has {there} scans and is kept; this map, of {scans}, is saved as {} (--overwrite replaces a larger map)",

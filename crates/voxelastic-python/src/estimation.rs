@@ -1,7 +1,6 @@
 //! Poses of scans: from the scans before, or in a map.
 
 use crate::map::Map;
-use crate::session::words;
 use crate::{arrays, errors, job};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
@@ -18,7 +17,7 @@ pub struct Odometry {
 }
 
 /// Pose, how it was found, piece of the trajectory, whether it is a keyframe, overlap, spread in metres, information, what is wrong.
-type Registered = ([[f64; 4]; 4], &'static str, usize, bool, f64, f64, [[f64; 6]; 6], Option<&'static str>);
+type Registered = ([[f64; 4]; 4], &'static str, usize, bool, f64, f64, [[f64; 6]; 6], Option<String>);
 
 #[pymethods]
 impl Odometry {
@@ -51,7 +50,7 @@ impl Odometry {
         let (status, problem) = match report.status {
             Status::First => ("first", None),
             Status::Degenerate { .. } => ("degenerate", None),
-            Status::Failed(failure) => ("failed", Some(words(failure))),
+            Status::Failed(failure) => ("failed", Some(failure.to_string())),
             _ => ("registered", None),
         };
         let information = std::array::from_fn(|i| std::array::from_fn(|j| report.information[(i, j)]));

@@ -2,7 +2,6 @@
 
 use crate::dataset::{Events, Input, Scan};
 use crate::map::Map;
-use crate::session::words;
 use crate::{errors, job};
 use pyo3::types::PyBytes;
 use pyo3::{Bound, PyErr, PyResult, Python, pyclass, pyfunction, pymethods};
@@ -151,7 +150,7 @@ impl State {
                 let (time, (tracker, keyframes)) = (scan.time, &mut *slam);
                 let step = tracker.register(scan, |pose| keyframes.takes(pose, time));
                 if let Status::Failed(failure) = step.report.status {
-                    self.problems.push(format!("a scan at {time:.3} s has no pose: {}", words(failure)));
+                    self.problems.push(format!("a scan at {time:.3} s has no pose: {failure}"));
                 }
                 step.events.into_iter().for_each(|event| self.event(event, true));
                 self.slam = Some(slam);

@@ -7,7 +7,7 @@ use voxelastic_io::{KeyframeFilter, Keyframing};
 use voxelastic_slam::Corrector;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
 use voxelastic_slam::loops::{LoopFinder, LoopSettings};
-use voxelastic_slam::odometry::{Failure, OdometrySettings, Status};
+use voxelastic_slam::odometry::{OdometrySettings, Status};
 use voxelastic_slam::slam::{RawScan, Slam};
 
 /// What is looked for beside mapping.
@@ -74,7 +74,7 @@ impl Session {
         let time = scan.time;
         let step = slam.register(scan, |pose| keyframes.takes(pose, time));
         if let Status::Failed(failure) = step.report.status {
-            return Err(format!("the scan has no pose: {}", words(failure)));
+            return Err(format!("the scan has no pose: {failure}"));
         }
         let mut integrated = None;
         for event in step.events {
@@ -124,15 +124,4 @@ impl Session {
 
 fn mixed(so_far: &str, this: &str) -> String {
     format!("the scans so far came {so_far}, and this one {this}: their frames may differ; use one mapper for each")
-}
-
-/// Why a scan was not registered, as users read it.
-pub fn words(failure: Failure) -> &'static str {
-    match failure {
-        Failure::TooFewReturns => "too few returns",
-        Failure::TooLittleOverlap => "it fits nowhere near the last pose",
-        Failure::InFreeSpace => "wherever it fits, its surfaces would be in space that was seen to be free",
-        Failure::TimeNotAscending => "its time is not after that of the scan before",
-        _ => "unknown",
-    }
 }

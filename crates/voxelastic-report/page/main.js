@@ -36,7 +36,7 @@ function run() {
 /** Verdicts on loop closures, as people say them. */
 const VERDICTS = {
   accepted: "accepted",
-  free_space: "surfaces in space that was seen to be free",
+  free_space: "surfaces in space that was observed to be free",
   poor_fit: "surfaces do not lie on each other",
   not_registered: "could not be registered",
   beyond_drift: "the odometry cannot be as wrong as that",

@@ -78,7 +78,7 @@ pub struct TriedClosure {
     pub overlap: Option<f64>,
     /// How well they lie on each other, 0 to 1.
     pub score: Option<f64>,
-    /// Share of the surfaces in space that was seen to be free.
+    /// Share of the surfaces in space that was observed to be free.
     pub contradiction: Option<f64>,
     /// Distance between the closure and the poses before it, metres.
     pub correction_m: f64,

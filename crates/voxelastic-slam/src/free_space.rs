@@ -1,4 +1,4 @@
-//! The free-space veto: a pose that puts the surfaces of one place into space that another has seen to be free is wrong.
+//! The free-space veto: a pose that puts the surfaces of one place into space that another has observed to be free is wrong.
 
 use crate::registration::{VoxelIndex, key};
 use voxelastic::geometry::{Pose, Rigid};

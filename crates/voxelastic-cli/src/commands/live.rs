@@ -15,7 +15,7 @@ use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::mapping::{Session, TimeSummary};
 use crate::odometry_log::OdometrySummary;
-use crate::target::{self, OnFullDisk, Target};
+use crate::target::{self, Target, TargetArgs};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
 use crate::{interrupt, meshing, output, usage};
 use clap::{Args, FromArgMatches};
@@ -85,12 +85,8 @@ pub struct LiveArgs {
     /// Estimate the poses from the scans, even if the data have some
     #[arg(long)]
     slam: bool,
-    /// Replace an existing map even if it has more scans than the new one
-    #[arg(long)]
-    overwrite: bool,
-    /// What to do when the finished map cannot be written, because the disk is full for one
-    #[arg(long, value_name = "WHAT", default_value = "elsewhere")]
-    on_full_disk: OnFullDisk,
+    #[command(flatten)]
+    target: TargetArgs,
     /// Print statistics as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -235,7 +231,7 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     let Some(source) = args.source(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
         return Err(nothing("interrupted before the topics were there").into());
     };
-    let mut target = output.map(|output| Target::create(output, args.overwrite, args.on_full_disk)).transpose()?;
+    let mut target = output.map(|output| Target::create(output, args.target)).transpose()?;
     let (is_raw, sensor) = (source.odometry.is_some(), source.sensor.clone());
     let mut session = Session::new(new_mapper(sensor.clone())?, pool);
     let (sender, pending) = channel();

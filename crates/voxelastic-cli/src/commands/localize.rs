@@ -68,7 +68,7 @@ type Guess = (Vector3<f64>, Option<f64>);
 
 impl LocalizeArgs {
     fn takes(&self, index: u64) -> bool {
-        self.hold_out.map_or(index % self.every == 0, |hold_out| hold_out.holds_out(index as usize))
+        self.hold_out.map_or(index.is_multiple_of(self.every), |hold_out| hold_out.holds_out(index as usize))
     }
 
     /// The guess, in a map with this origin.

@@ -142,7 +142,7 @@ class Location(NamedTuple):
     overlap: float
     """Share of the scan's surfaces with a counterpart in the map, 0 to 1."""
     contradiction: float
-    """Share of surfaces in space that was seen to be free, 0 to 1: of the map's in the scan's, or of the scan's in the map's, whichever is larger."""
+    """Share of surfaces in space that was observed to be free, 0 to 1: of the map's in the scan's, or of the scan's in the map's, whichever is larger."""
 
 
 class Localiser:

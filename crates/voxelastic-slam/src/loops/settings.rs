@@ -22,7 +22,7 @@ pub struct LoopSettings {
     pub least_overlap: f64,
     /// Least mean weight of the surfaces.
     pub least_score: f64,
-    /// Largest share of surfaces in space that was seen to be free.
+    /// Largest share of surfaces in space that was observed to be free.
     pub most_contradiction: f64,
     /// Largest error of the odometry that a closure may claim, as a share of the path in between.
     pub most_drift: f64,

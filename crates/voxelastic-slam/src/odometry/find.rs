@@ -36,7 +36,7 @@ pub(super) struct Found {
     pub(super) t_map_lidar: Pose,
     /// In the frame of the levels.
     pub(super) registration: Registration,
-    /// Share of surfaces in space that was seen to be free; `None` if there was no reason to look, or too little to see.
+    /// Share of surfaces in space that was observed to be free; `None` if there was no reason to look, or too little to see.
     pub(super) contradiction: Option<f64>,
 }
 

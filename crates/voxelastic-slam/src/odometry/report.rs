@@ -3,6 +3,7 @@
 use super::level::Level;
 use crate::graph::{default_information, upper_triangle};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use std::fmt::{self, Display};
 use std::time::Duration;
 use voxelastic::geometry::Pose;
 use voxelastic::motion::Motion;
@@ -93,6 +94,17 @@ pub enum Failure {
     InFreeSpace,
     /// The time stamp is before that of the scan before, or not finite. If several in turn are, the clock was set back and a new piece begins.
     TimeNotAscending,
+}
+
+impl Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooFewReturns => "too few returns",
+            Self::TooLittleOverlap => "it fits nowhere near the last pose",
+            Self::InFreeSpace => "wherever it fits, its surfaces would be in space that was observed to be free",
+            Self::TimeNotAscending => "its time is not after that of the scan before",
+        })
+    }
 }
 
 /// Wall time by phase.

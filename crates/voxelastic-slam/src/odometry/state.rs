@@ -55,7 +55,8 @@ impl Odometry {
         if let Some(finest) = state.levels.first() {
             odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
         }
-        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent } = state;
+        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent } =
+            state;
         let map_from_voxels = UnitQuaternion::new_unchecked(map_from_voxels.into());
         Self { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent, ..odometry }
     }

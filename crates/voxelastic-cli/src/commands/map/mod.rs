@@ -14,7 +14,7 @@ use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
 use crate::reporting::{self, Subject};
 use crate::resume::{Identity, Keeper, ResumeArgs};
-use crate::target::{self, OnFullDisk, Target};
+use crate::target::{self, Target, TargetArgs};
 use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
@@ -59,12 +59,8 @@ pub struct MapArgs {
     /// Stop after this many scans
     #[arg(long, value_name = "N")]
     max_scans: Option<usize>,
-    /// Replace an existing map even if it has more scans than the new one
-    #[arg(long)]
-    overwrite: bool,
-    /// What to do when the finished map cannot be written, because the disk is full for one
-    #[arg(long, value_name = "WHAT", default_value = "elsewhere")]
-    on_full_disk: OnFullDisk,
+    #[command(flatten)]
+    target: TargetArgs,
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
@@ -191,7 +187,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let output = target::path(args.output.as_deref(), args.data.path())?;
     let selection = args.selection()?;
     let identity = args.identity(&settings, &selection.input);
-    let mut target = Target::create(&output, args.overwrite, args.on_full_disk)?;
+    let mut target = Target::create(&output, args.target)?;
     let unfinished = args.resume.find(&mut target, &identity)?;
     interrupt::install("finishing this scan and saving the map");
 
