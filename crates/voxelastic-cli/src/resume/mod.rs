@@ -69,16 +69,9 @@ pub struct Unfinished {
 }
 
 impl ResumeArgs {
-    /// When checkpoints are written. Runs that estimate poses or look for loop closures in the scans have none: gone on with, they did not end in the same map, bit
-    /// for bit.
-    pub fn checkpoints_of(&self, corrector: &Corrector, estimates_poses: bool) -> CheckpointEvery {
-        if corrector.closures().is_none() && !estimates_poses {
-            return self.checkpoints;
-        }
-        if !matches!(self.checkpoints, CheckpointEvery::Auto | CheckpointEvery::Off) {
-            tracing::warn!("no checkpoints are written: runs that estimate poses or look for loop closures in the scans cannot be gone on with yet");
-        }
-        CheckpointEvery::Off
+    /// When checkpoints are written.
+    pub fn checkpoints(&self) -> CheckpointEvery {
+        self.checkpoints
     }
 
     /// The run in the directory of the target that did not end, if it is to be gone on with. One that has mapped more than the map that is there

@@ -195,9 +195,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
         return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
     };
-    let estimates_poses = selection.input.is_raw();
-    let every = args.resume.checkpoints_of(pipeline.corrector(), estimates_poses);
-    let mut keeper = Keeper::new(every, identity, pipeline.corrector(), estimates_poses, session.scans());
+    let mut keeper = Keeper::new(args.resume.checkpoints(), identity, pipeline.corrector(), selection.input.is_raw(), session.scans());
     pipeline.run(&mut session, &mut target, &mut keeper, quiet)?;
     let mut tally = pipeline.finish(&mut session);
     if session.scans() == 0 {
