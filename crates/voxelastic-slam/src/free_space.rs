@@ -138,10 +138,10 @@ mod tests {
                 let (a, voxel) = scan(&simulation, &first, 2 * seed);
                 let (b, _) = scan(&simulation, &second, 2 * seed + 1);
                 let mirrored: Vec<[f32; 3]> = b.iter().map(|[x, y, z]| [*x, -y, *z]).collect();
-                let view = |points| [View { origin: [0.0; 3], points }];
                 let contradiction = |points: &[[f32; 3]], t: &Pose| {
-                    let there = FreeSpace::new(&view(&a), voxel).contradiction(&view(points), t).unwrap();
-                    there.max(FreeSpace::new(&view(points), voxel).contradiction(&view(&a), &t.inverse()).unwrap())
+                    let [a, b] = [&a[..], points].map(|points| [View { origin: [0.0; 3], points }]);
+                    let there = FreeSpace::new(&a, voxel).contradiction(&b, t).unwrap();
+                    there.max(FreeSpace::new(&b, voxel).contradiction(&a, &t.inverse()).unwrap())
                 };
                 let right = first.inv_mul(&second);
                 let turn = numbers.range(0.0, std::f64::consts::TAU);

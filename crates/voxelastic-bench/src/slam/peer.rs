@@ -247,7 +247,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let workspace = Workspace::create("none".into(), folder.path().to_owned()).unwrap();
         let script = folder.path().join("absent.sh");
-        let exported = Exported { folder: folder.path().to_owned(), scans: Vec::new() };
+        let exported = Exported { folder: folder.path().to_owned(), scans: Vec::new(), imu: None };
         for (code, said) in [(77, "not installed"), (78, "not for these scans"), (0, "no answer"), (5, "failed")] {
             fs::write(&script, format!("exit {code}")).unwrap();
             let peer = SlamPeer { name: "X", task: "odometry", python: "/bin/sh".into(), script: script.clone() };
