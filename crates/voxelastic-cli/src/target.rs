@@ -83,6 +83,17 @@ impl Target {
         Ok(Checkpoints::remove(self.writer()?)?)
     }
 
+    /// Makes a map of its own of what was stored of a run that did not end, because this one does not go on with it.
+    pub fn set_unfinished_aside(&mut self) -> anyhow::Result<()> {
+        if !Checkpoints::is_there(self.writer()?) {
+            return Ok(());
+        }
+        let aside = free_name(&self.path, "unfinished");
+        Checkpoints::move_to(self.writer()?, &aside).context("cannot set the run aside that did not end")?;
+        tracing::warn!("{} has a run that did not end: what it had mapped is the map {} now", self.path.display(), aside.display());
+        Ok(())
+    }
+
     /// The checkpoints of this run.
     pub fn checkpoints(&mut self) -> anyhow::Result<&mut Checkpoints> {
         let begun = match self.checkpoints.take() {
@@ -242,8 +253,7 @@ fn set_damaged_aside(path: &Path) -> anyhow::Result<()> {
         Err(error @ (Error::Damaged { .. } | Error::NotAMap { .. })) if map_files::has_submap_files(path) => error,
         _ => return Ok(()),
     };
-    let damaged = |number: u32| with_suffix(path, &if number > 1 { format!("-damaged-{number}") } else { "-damaged".to_owned() });
-    let Some(aside) = (1..).map(damaged).find(|aside| std::fs::symlink_metadata(aside).is_err()) else { return Ok(()) };
+    let aside = free_name(path, "damaged");
     voxelastic_io::store::move_map(path, &aside).context("cannot set the damaged map aside")?;
     tracing::warn!("{error}");
     tracing::warn!("the damaged map is set aside as {}; `voxelastic repair {}` makes the best of it", aside.display(), aside.display());
@@ -307,6 +317,12 @@ fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
         name.push(extension);
     }
     path.with_file_name(name)
+}
+
+/// The path of something set aside: `hall-damaged.vox`, or with the first number that is free, `hall-damaged-2.vox`.
+fn free_name(path: &Path, word: &str) -> PathBuf {
+    let name = |number: u32| with_suffix(path, &if number > 1 { format!("-{word}-{number}") } else { format!("-{word}") });
+    (1..).map(name).find(|aside| std::fs::symlink_metadata(aside).is_err()).unwrap_or_else(|| name(u32::MAX))
 }
 
 /// A writer at the first path like `path` that is free, from `first` on: 1 is `hall.vox`, 2 `hall-2.vox`.

@@ -15,6 +15,7 @@ use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::mapping::{Session, TimeSummary};
 use crate::odometry_log::OdometrySummary;
+use crate::resume::{CheckpointEvery, CheckpointSummary, Identity, Keeper};
 use crate::target::{self, Target, TargetArgs};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
 use crate::{interrupt, meshing, output, usage};
@@ -49,7 +50,8 @@ use voxelastic_slam::Corrector;
 /// When scans come faster than they can be mapped, four wait, and the newest win: for each that comes, the oldest that waits is left out and
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
-/// Ctrl-C or a termination request ends the input; what has come is mapped and the map is saved.
+/// Ctrl-C or a termination request ends the input; what has come is mapped and the map is saved. While it maps, it keeps what it has in the folder
+/// `unfinished` of the map, a map itself, in case the process is killed; the next run sets that aside under another name.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic live --from drive.mcap                     as it was recorded, with the poses in it; writes drive.mcap.vox
@@ -87,6 +89,10 @@ pub struct LiveArgs {
     slam: bool,
     #[command(flatten)]
     target: TargetArgs,
+    /// When to keep what is mapped so far, in case the process is killed: auto (when no scan waits, and so that it takes at most a fiftieth of the
+    /// time), off, a number of scans, or seconds (30s)
+    #[arg(long, value_name = "auto|off|N|SECONDSs", default_value = "auto")]
+    checkpoints: CheckpointEvery,
     /// Print statistics as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -141,6 +147,8 @@ struct Summary {
     odometry: Option<OdometrySummary>,
     /// Loop closures that were tried; `null` where none were looked for.
     closures: Option<ClosureSummary>,
+    /// Checkpoints that were written.
+    checkpoints: CheckpointSummary,
     /// Threads of the mapper.
     threads: usize,
     #[serde(flatten)]
@@ -163,6 +171,7 @@ struct Run {
     counts: FeedCounts,
     late_ms: f64,
     messages_lost: usize,
+    checkpoints: CheckpointSummary,
     played_s: f64,
     start: Instant,
 }
@@ -232,6 +241,8 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
         return Err(nothing("interrupted before the topics were there").into());
     };
     let mut target = output.map(|output| Target::create(output, args.target)).transpose()?;
+    target.as_mut().map_or(Ok(()), Target::set_unfinished_aside)?;
+    let mut keeper = Keeper::of_maps(args.checkpoints, Identity::new(&settings).with("command", "live"));
     let (is_raw, sensor) = (source.odometry.is_some(), source.sensor.clone());
     let mut session = Session::new(new_mapper(sensor.clone())?, pool);
     let (sender, pending) = channel();
@@ -247,7 +258,7 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
     let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw, None))) };
-    let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, renew: &renew };
+    let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, keeper: &mut keeper, renew: &renew };
     let node = Node::new(args.elastic.corrector(is_raw, None), odometry, watch, on_network);
     let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
     tally.skipped += source.without_pose();
@@ -258,9 +269,10 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     }
     args.elastic.finish(source.clouds(), &mut session, quiet);
     let late_ms = source.late().as_secs_f64() * 1e3;
-    let run = Run { tally, counts: feed.counts(), late_ms, messages_lost: source.lost(), played_s, start: clock };
+    let run = Run { tally, counts: feed.counts(), late_ms, messages_lost: source.lost(), checkpoints: keeper.summary(), played_s, start: clock };
     if let Some(target) = &mut target {
         save(target, &session, &run, args.json)?;
+        target.discard_checkpoints();
     }
     // Nothing but an interrupt ends a robot's topics.
     let ended = run.tally.interrupted && args.from.is_some();
@@ -315,6 +327,7 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
         messages_lost: run.messages_lost,
         odometry: run.tally.odometry.clone(),
         closures: run.tally.closures.clone(),
+        checkpoints: run.checkpoints,
         threads: session.threads(),
         times: session.times(),
         played_s: run.played_s,

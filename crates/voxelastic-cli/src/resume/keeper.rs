@@ -10,12 +10,15 @@ use crate::jumps::Jumps;
 use crate::mapping::Session;
 use crate::target::Target;
 use anyhow::Context;
+use serde::Serialize;
 use std::time::{Duration, Instant};
 use voxelastic::event::Event;
 use voxelastic_slam::Corrector;
 
 /// A checkpoint that cannot be written is tried again after this at the earliest.
 const PAUSE: Duration = Duration::from_secs(60);
+/// A checkpoint that is due waits for a moment without scans no longer than this.
+const LONGEST_WAIT: Duration = Duration::from_secs(60);
 
 /// Writes a checkpoint now and then.
 pub struct Keeper {
@@ -30,6 +33,15 @@ pub struct Keeper {
     paused: Option<Instant>,
     count: usize,
     took: Duration,
+}
+
+/// What checkpoints took.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct CheckpointSummary {
+    /// How many were written by this process.
+    count: usize,
+    /// Time that they took in all, seconds.
+    total_s: f64,
 }
 
 /// What is stored of a run beside its mapper.
@@ -53,6 +65,16 @@ impl Keeper {
         Self { every, identity, records, with_motions: is_raw, last, paused: None, count: 0, took: Duration::ZERO }
     }
 
+    /// Of a run whose input does not come again: its checkpoints are maps, and no run goes on with them.
+    pub fn of_maps(every: CheckpointEvery, identity: Identity) -> Self {
+        Self::new(every, identity, &Corrector::default(), false, 0)
+    }
+
+    /// Begins again, with a new map.
+    pub fn restart(&mut self) {
+        (self.last, self.paused) = ((Instant::now(), Duration::ZERO, 0), None);
+    }
+
     /// Notes an event of the input, before anything is done with it.
     pub fn note(&mut self, event: &Event) {
         if let Some(records) = &mut self.records {
@@ -62,21 +84,37 @@ impl Keeper {
 
     /// Writes a checkpoint if one is due. One that cannot be written does not end the run.
     pub fn keep(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
-        let (at, took, scans) = self.last;
-        if self.every.is_due(session.scans() - scans, at.elapsed(), took) && self.paused.is_none_or(|until| Instant::now() >= until) {
+        if self.is_due(session) {
             self.keep_now(target, session, stages);
+        }
+    }
+
+    /// Writes the map alone if that is due. By default it is due when no scan waits, as those that come meanwhile may be left out.
+    pub fn keep_map(&mut self, target: &mut Target, session: &Session, scans_wait: bool) {
+        let waits = scans_wait && self.every == CheckpointEvery::Auto && self.last.0.elapsed() < LONGEST_WAIT;
+        if !waits && self.is_due(session) {
+            self.write(target, session, || Ok(Some(Vec::new())));
         }
     }
 
     /// Writes a checkpoint unless a fusion is in progress or the scan's events are not all taken.
     pub fn keep_now(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
-        if self.every == CheckpointEvery::Off || session.scans() == 0 {
-            return;
+        if self.every != CheckpointEvery::Off && session.scans() > 0 {
+            self.write(target, session, || state(session, stages));
         }
+    }
+
+    fn is_due(&self, session: &Session) -> bool {
+        let (at, took, scans) = self.last;
+        self.every.is_due(session.scans() - scans, at.elapsed(), took) && self.paused.is_none_or(|until| Instant::now() >= until)
+    }
+
+    /// Writes a checkpoint with a state, unless there is none now.
+    fn write(&mut self, target: &mut Target, session: &Session, state: impl FnOnce() -> anyhow::Result<Option<Vec<u8>>>) {
         let clock = Instant::now();
-        match self.write(target, session, stages) {
-            Ok(false) => {}
-            Ok(true) => {
+        match state().and_then(|state| state.map(|state| self.try_write(target, session, &state)).transpose()) {
+            Ok(None) => {}
+            Ok(Some(())) => {
                 self.last = (Instant::now(), clock.elapsed(), session.scans());
                 (self.count, self.took, self.paused) = (self.count + 1, self.took + clock.elapsed(), None);
                 tracing::debug!("checkpoint at {} scans in {:.0} ms", session.scans(), clock.elapsed().as_secs_f64() * 1e3);
@@ -88,28 +126,33 @@ impl Keeper {
         }
     }
 
-    fn write(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) -> anyhow::Result<bool> {
-        let (Some(input), Some(mapper)) = ((stages.input)(), session.mapper().state()) else { return Ok(false) };
-        let state = RunState {
-            input,
-            jumps: stages.jumps.clone(),
-            skipped: stages.skipped,
-            log: session.log().to_json()?,
-            origin: session.origin().coordinates(),
-            searches: stages.corrector.searches(),
-            mapper,
-        };
-        let state = self.identity.join(&postcard::to_stdvec(&state).context("the state of the run cannot be stored")?)?;
+    fn try_write(&mut self, target: &mut Target, session: &Session, state: &[u8]) -> anyhow::Result<()> {
+        let state = self.identity.join(state)?;
         let details = session.details();
         let checkpoints = target.checkpoints()?;
         self.records.iter_mut().flat_map(std::mem::take).for_each(|record| checkpoints.record(&record));
         let atlas = session.mapper().atlas();
         session.pool().install(|| checkpoints.write(atlas, &details, &state))?;
-        Ok(true)
+        Ok(())
     }
 
     /// Checkpoints written, and the time that they took in all.
-    pub fn summary(&self) -> (usize, Duration) {
-        (self.count, self.took)
+    pub fn summary(&self) -> CheckpointSummary {
+        CheckpointSummary { count: self.count, total_s: self.took.as_secs_f64() }
     }
+}
+
+/// What a run knows, if it can go on from here.
+fn state(session: &Session, stages: &Stages<'_>) -> anyhow::Result<Option<Vec<u8>>> {
+    let (Some(input), Some(mapper)) = ((stages.input)(), session.mapper().state()) else { return Ok(None) };
+    let state = RunState {
+        input,
+        jumps: stages.jumps.clone(),
+        skipped: stages.skipped,
+        log: session.log().to_json()?,
+        origin: session.origin().coordinates(),
+        searches: stages.corrector.searches(),
+        mapper,
+    };
+    postcard::to_stdvec(&state).context("the state of the run cannot be stored").map(Some)
 }

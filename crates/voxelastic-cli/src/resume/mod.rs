@@ -12,7 +12,7 @@ mod state;
 
 pub use every::CheckpointEvery;
 pub use identity::Identity;
-pub use keeper::{Keeper, Stages};
+pub use keeper::{CheckpointSummary, Keeper, Stages};
 
 use crate::failure::Failure;
 use crate::input::InputState;

@@ -80,6 +80,41 @@ fn a_termination_request_saves_what_has_come() {
     assert_eq!(json(dir.path(), "info room.vox --check --json")["scans"], live["scans"]);
 }
 
+/// Starts mapping a room live into `room.vox` and kills that once a checkpoint is there.
+fn killed_live(dir: &Path) {
+    use std::process::Stdio;
+    use std::time::{Duration, Instant};
+    let arguments = "live --from room --rate 0.5 --voxel-size 0.1 --max-range 12 --checkpoints 1";
+    let mut child = voxelastic(dir).args(arguments.split_whitespace()).stderr(Stdio::null()).spawn().unwrap();
+    let clock = Instant::now();
+    while !dir.join("room.vox/unfinished/manifest.json").exists() {
+        assert!(child.try_wait().unwrap().is_none() && clock.elapsed() < Duration::from_secs(60));
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn what_a_killed_process_has_mapped_is_a_map() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 12);
+    for aside in ["room-unfinished.vox", "room-unfinished-2.vox"] {
+        killed_live(dir.path());
+        let scans = json(dir.path(), "info room.vox/unfinished --check --json")["scans"].as_u64();
+        assert!(scans >= Some(1), "{scans:?}");
+        fails(dir.path(), &format!("map room {QUICK} --resume"), 1, &["another run", "command was live"]);
+        let done = run(dir.path(), &format!("live --from room --rate max {QUICK} --checkpoints 3 --json"));
+        assert!(done.code == Some(0) && done.err.contains(&format!("the map {aside}")), "{}", done.err);
+        let live: serde_json::Value = serde_json::from_str(&done.out).unwrap();
+        assert_eq!((&live["scans"], &live["checkpoints"]["count"]), (&12.into(), &4.into()), "{live}");
+        assert_eq!(json(dir.path(), &format!("info {aside} --check --json"))["scans"].as_u64(), scans);
+        works(dir.path(), &format!("map room -o offline.vox --overwrite {QUICK}"));
+        assert_same(dir.path(), "offline.vox", "room.vox");
+        std::fs::remove_dir_all(dir.path().join("room.vox")).unwrap();
+    }
+}
+
 #[test]
 fn impossible_requests_have_a_remedy() {
     let dir = tempfile::tempdir().unwrap();

@@ -124,6 +124,16 @@ impl Checkpoints {
         writer.store().dir().join(UNFINISHED).join(MANIFEST).exists()
     }
 
+    /// Moves the checkpoint in the directory of the map that `writer` will save to `path`, where it is a map of its own.
+    ///
+    /// # Errors
+    /// [`Error::Locked`] when the run is under way, and [`Error::Io`].
+    pub fn move_to(writer: &MapWriter, path: impl AsRef<Path>) -> Result<()> {
+        let dir = writer.store().dir();
+        super::repair::move_map(dir.join(UNFINISHED), &path)?;
+        files::sync_dir(dir)
+    }
+
     /// The checkpoint in the directory of the map that `writer` will save, and the checkpoints that follow it. None if there is none.
     ///
     /// # Errors

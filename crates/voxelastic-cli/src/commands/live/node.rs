@@ -11,6 +11,7 @@ use crate::jumps::Jumps;
 use crate::mapping::Session;
 use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
+use crate::resume::Keeper;
 use crate::usage;
 use crate::watching::{Figures, Watch};
 use std::sync::mpsc::Receiver;
@@ -100,6 +101,8 @@ pub struct Requests<'a> {
     pub pending: Receiver<Pending>,
     /// Answers those that do not change the map.
     pub service: Service<'a>,
+    /// Writes checkpoints.
+    pub keeper: &'a mut Keeper,
     /// Makes the mapper and the corrector of a new map.
     pub renew: &'a dyn Fn() -> anyhow::Result<(Mapper, Corrector)>,
 }
@@ -144,6 +147,9 @@ impl Node {
                 Next::End => break,
             }
             self.answer(session, &mut requests);
+            if let Some(target) = requests.service.target.as_deref_mut() {
+                requests.keeper.keep_map(target, session, feed.counts().waiting > 0);
+            }
             self.show_figures(feed, session);
             if interrupt::requested() && !std::mem::replace(&mut self.tally.interrupted, true) {
                 feed.stop();
@@ -175,7 +181,7 @@ impl Node {
                     tracing::info!("on request: {words}");
                     Response::Done(Ok(words.to_owned()))
                 }
-                Request::Reset => Response::Done((requests.renew)().map(|new| self.renew(new, session)).map_err(|problem| one_line(&problem))),
+                Request::Reset => Response::Done(self.reset(session, requests).map_err(|problem| one_line(&problem))),
                 request => requests.service.answer(request, session),
             };
             pending.answer(response);
@@ -183,8 +189,12 @@ impl Node {
     }
 
     /// Begins a new map.
-    fn renew(&mut self, (mapper, corrector): (Mapper, Corrector), session: &mut Session) -> String {
-        let scans = session.scans();
+    fn reset(&mut self, session: &mut Session, requests: &mut Requests<'_>) -> anyhow::Result<String> {
+        let (scans, (mapper, corrector)) = (session.scans(), (requests.renew)()?);
+        if let Some(target) = requests.service.target.as_deref_mut() {
+            target.discard_checkpoints();
+        }
+        requests.keeper.restart();
         session.restart(mapper);
         (self.corrector, self.jumps) = (corrector, Jumps::default());
         if let Some(watch) = &mut self.watch {
@@ -194,7 +204,7 @@ impl Node {
             network.offers.outputs.reset();
         }
         tracing::warn!("on request: the map of {scans} scans is dropped and a new one begins");
-        format!("the map of {scans} scans was dropped")
+        Ok(format!("the map of {scans} scans was dropped"))
     }
 
     fn take(&mut self, incoming: Incoming, came: Instant, session: &mut Session) {

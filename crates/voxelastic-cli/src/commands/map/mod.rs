@@ -13,7 +13,7 @@ use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
 use crate::reporting::{self, Subject};
-use crate::resume::{Identity, Keeper, ResumeArgs};
+use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs};
 use crate::target::{self, Target, TargetArgs};
 use crate::{interrupt, meshing, output, usage};
 use anyhow::Context;
@@ -139,22 +139,6 @@ struct Summary {
     blocks: usize,
 }
 
-/// What checkpoints took.
-#[derive(Debug, Default, Serialize)]
-struct CheckpointSummary {
-    /// How many were written by this process.
-    count: usize,
-    /// Time that they took in all, seconds.
-    total_s: f64,
-}
-
-impl CheckpointSummary {
-    fn of(keeper: &Keeper) -> Self {
-        let (count, took) = keeper.summary();
-        Self { count, total_s: took.as_secs_f64() }
-    }
-}
-
 impl MapArgs {
     /// Opens the data, logs its description, and applies the limits on scans.
     fn selection(&self) -> anyhow::Result<Selection> {
@@ -213,7 +197,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         target.discard_checkpoints();
     }
     let output = target.path().to_owned();
-    let summary = Summary { checkpoints: CheckpointSummary::of(&keeper), ..summarise(&session, &tally, saved, &output, clock) };
+    let summary = Summary { checkpoints: keeper.summary(), ..summarise(&session, &tally, saved, &output, clock) };
     let log = RunLog {
         total_s: summary.total_s,
         interrupted: tally.interrupted,
