@@ -12,6 +12,9 @@
 //! # Ok::<(), std::io::Error>(())
 //! ```
 
+#[doc(hidden)]
+pub mod failpoint;
+
 use std::collections::HashSet;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
@@ -44,10 +47,13 @@ pub fn write<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Resu
         _ => Path::new("."),
     };
     remove_litter_once(folder);
+    failpoint::check("create", &path)?;
     let (temporary, file) = temporary(&path, name)?;
     let written = fill_up(file, fill).and_then(|(value, file)| {
+        failpoint::check("write", &path)?;
         // Elsewhere an open file cannot be renamed. Here it stays open, and with that locked, until it has its name.
         let _open = cfg!(unix).then_some(file);
+        failpoint::check("rename", &path)?;
         fs::rename(&temporary, &path).map(|()| value)
     });
     if written.is_err() {

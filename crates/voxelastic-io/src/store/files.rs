@@ -6,6 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 use voxelastic::atlas::SubmapId;
+use voxelastic_files::failpoint;
 
 /// Name of the manifest.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -87,10 +88,14 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
         {
             return Err(error);
         }
+        failpoint::check("create", &path)?;
         let mut file = File::options().write(true).create_new(true).open(&temporary)?;
         let value = fill(&mut file)?;
+        failpoint::check("write", &path)?;
+        failpoint::check("make durable", &path)?;
         file.sync_all()?;
         drop(file);
+        failpoint::check("rename", &path)?;
         fs::rename(&temporary, &path)?;
         Ok(value)
     };
@@ -105,14 +110,15 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
 pub(super) fn link(from: &Path, to: &Path) -> bool {
     // What is there is of no manifest, or damaged.
     let _ = fs::remove_file(to);
-    fs::hard_link(from, to).is_ok()
+    failpoint::check("link", to).and_then(|()| fs::hard_link(from, to)).is_ok()
 }
 
 /// Makes renames in `dir` durable.
 pub(super) fn sync_dir(dir: &Path) -> Result<()> {
     // Elsewhere directories cannot be opened as files, and renames are durable by the file system's own means.
     if cfg!(unix) {
-        File::open(dir).and_then(|d| d.sync_all()).map_err(Error::on_io("make durable", dir))?;
+        let sync = || failpoint::check("make durable", dir).and_then(|()| File::open(dir)?.sync_all());
+        sync().map_err(Error::on_io("make durable", dir))?;
     }
     Ok(())
 }
@@ -124,7 +130,7 @@ pub(super) fn check_size(path: &Path, expected: u64) -> Result<()> {
 
 /// Size of the regular file at `path`, which is `expected` if that is known.
 fn size(path: &Path, expected: Option<u64>) -> Result<u64> {
-    let metadata = match fs::metadata(path) {
+    let metadata = match failpoint::check("look at", path).and_then(|()| fs::metadata(path)) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Err(Error::Missing { path: path.to_owned() }),
         other => other.map_err(Error::on_io("read", path))?,
     };
@@ -148,13 +154,14 @@ pub(super) fn read(path: &Path, expected: Option<u64>) -> Result<Vec<u8>> {
     let too_large = || Error::OutOfMemory { path: path.to_owned(), bytes: length };
     let mut bytes = Vec::new();
     bytes.try_reserve_exact(usize::try_from(length).map_err(|_| too_large())?).map_err(|_| too_large())?;
-    File::open(path).and_then(|f| f.take(length).read_to_end(&mut bytes)).map_err(Error::on_io("read", path))?;
+    let mut read = || failpoint::check("read", path).and_then(|()| File::open(path)?.take(length).read_to_end(&mut bytes));
+    read().map_err(Error::on_io("read", path))?;
     if bytes.len() as u64 != length { Err(wrong_size(path, bytes.len() as u64, length)) } else { Ok(bytes) }
 }
 
 /// Names of everything in `dir`, sorted.
 pub(super) fn names(dir: &Path) -> Result<Vec<String>> {
-    let entries = fs::read_dir(dir).and_then(|entries| entries.collect::<io::Result<Vec<_>>>());
+    let entries = failpoint::check("list", dir).and_then(|()| fs::read_dir(dir)?.collect::<io::Result<Vec<_>>>());
     let mut names: Vec<String> =
         entries.map_err(Error::on_io("list", dir))?.iter().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
@@ -170,7 +177,7 @@ pub(super) fn remove_others(dir: &Path, keep: impl Fn(&str) -> bool) -> Result<u
         if !fs::symlink_metadata(&path).is_ok_and(|m| m.is_file()) {
             continue;
         }
-        match fs::remove_file(&path) {
+        match failpoint::check("remove", &path).and_then(|()| fs::remove_file(&path)) {
             Ok(()) => removed += 1,
             Err(error) => tracing::warn!(path = %path.display(), %error, "cannot remove a file that the map no longer needs"),
         }

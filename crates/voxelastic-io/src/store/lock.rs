@@ -5,6 +5,7 @@ use crate::{Error, Result};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{ErrorKind, Read, Write};
 use std::path::Path;
+use voxelastic_files::failpoint;
 
 /// Held while a map is written. The operating system releases it when the process ends, however it ends, so a lock is
 /// never stale.
@@ -21,7 +22,11 @@ impl Lock {
         if path.symlink_metadata().is_ok_and(|found| !found.is_file()) {
             return Err(Error::damaged(&path, "kind", 0, "it is a link or no regular file, and no map writer made it"));
         }
-        let mut file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(Error::on_io("lock", &path))?;
+        let open = || {
+            failpoint::check("lock", &path)?;
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path)
+        };
+        let mut file = open().map_err(Error::on_io("lock", &path))?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {

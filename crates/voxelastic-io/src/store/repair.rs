@@ -15,6 +15,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use voxelastic::atlas::SubmapId;
+use voxelastic_files::failpoint;
 
 /// What the names of files that are set aside end with.
 const SET_ASIDE: &str = ".damaged";
@@ -172,14 +173,14 @@ fn finish(dir: &Path, state: ManifestState, manifest: &Manifest, damage: Vec<Err
         let path = dir.join(MANIFEST);
         if state == ManifestState::Rebuilt && path.is_file() {
             let aside = aside(&path);
-            fs::copy(&path, &aside).map_err(Error::on_io("write", &aside))?;
+            failpoint::check("copy", &aside).and_then(|()| fs::copy(&path, &aside)).map_err(Error::on_io("write", &aside))?;
             set_aside.push(aside);
         }
         let text = manifest_text::write(manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
         files::write_atomically(dir, MANIFEST, |file| file.write_all(text.as_bytes()))?;
         for path in damage.iter().map(Error::path).filter(|path| path.is_file()) {
             let aside = aside(path);
-            fs::rename(path, &aside).map_err(Error::on_io("rename", path))?;
+            failpoint::check("rename", path).and_then(|()| fs::rename(path, &aside)).map_err(Error::on_io("rename", path))?;
             set_aside.push(aside);
         }
         files::sync_dir(dir)?;

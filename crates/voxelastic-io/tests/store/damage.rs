@@ -1,6 +1,6 @@
 //! Damaged, foreign and malicious maps: each gets an error that says what is wrong, none a panic.
 
-use crate::world::{details, made_up_atlas, same_atlas};
+use crate::world::{details, made_up_atlas, same_atlas, same_submap};
 use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic::atlas::Atlas;
@@ -79,6 +79,39 @@ fn every_flipped_bit_is_noticed() {
     }
     assert!(noticed > 2000, "{noticed}");
     assert!(same_atlas(&load(map.dir.path()).unwrap(), &map.atlas));
+}
+
+#[test]
+fn every_byte_of_a_small_map_is_guarded() {
+    let dir = tempfile::tempdir().unwrap();
+    let atlas = made_up_atlas(3, 2, 1);
+    MapWriter::create(dir.path()).unwrap().save(&atlas, &details("small")).unwrap();
+    let files = fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().path());
+    let (mut bytes, mut skipped) = (0, 0);
+    for file in files.filter(|path| !path.ends_with(".lock")) {
+        let name = file.file_name().unwrap().to_str().unwrap();
+        let length = fs::metadata(&file).unwrap().len() as usize;
+        assert!(length < 10_000, "{name}: {length} bytes");
+        for at in 0..length {
+            let flip = |bytes: &mut Vec<u8>| bytes[at] ^= 1 << (at % 8);
+            with_changed(&file, flip, || {
+                // Without what is damaged: the manifest is needed, of the submaps the others are as they were.
+                let error = match MapStore::open(dir.path()).and_then(|store| store.load_undamaged()) {
+                    Err(error) => error,
+                    Ok((found, mut damage)) => {
+                        assert!(damage.len() == 1 && found.submaps().len() == 1, "byte {at} of {name}: {damage:?}");
+                        assert!(same_submap(&found.submaps()[0], atlas.submap(found.submaps()[0].id()).unwrap()), "byte {at} of {name}");
+                        skipped += 1;
+                        damage.remove(0)
+                    }
+                };
+                assert!(error.to_string().contains(name), "byte {at}: {error}");
+            });
+        }
+        bytes += length;
+    }
+    println!("{bytes} bytes, of which {skipped} cost one submap");
+    assert!(skipped > bytes / 3, "{skipped} of {bytes}");
 }
 
 #[test]

@@ -1,0 +1,220 @@
+//! Every operation on files fails in turn: the error names a file, the map or checkpoint of before is there, or the new one, and what follows works.
+#![allow(clippy::print_stdout)]
+
+#[path = "store/world.rs"]
+#[allow(dead_code)]
+mod world;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use voxelastic::Pose;
+use voxelastic::atlas::Atlas;
+use voxelastic_files::failpoint::{self, Failed};
+use voxelastic_io::Result;
+use voxelastic_io::store::{Checkpoints, MapStore, MapWriter, repair};
+use world::{details, made_up_atlas, made_up_field, same_atlas};
+
+/// The atlas after so many steps: each changes a submap and moves another.
+fn atlas(steps: u64) -> Atlas {
+    let mut atlas = made_up_atlas(1, 3, 20);
+    for step in 0..steps {
+        *atlas.submap_mut((step % 3) as u32).unwrap().tsdf_mut() = made_up_field(100 + step, 40);
+        atlas.submap_mut(((step + 1) % 3) as u32).unwrap().set_pose(Pose::translation(step as f64, 0.5, -1.0));
+    }
+    atlas
+}
+
+/// Does `act` after `prepare` again and again, each time with the next operation failing, until none is left; first once, then with all that follow. `then`
+/// looks at the outcome. `what` names it in the log.
+fn each_fails<P, T>(what: &str, prepare: impl Fn(&Path) -> P, act: impl Fn(&mut P) -> Result<T>, mut then: impl FnMut(&Path, P, Result<T>)) {
+    let mut failed = BTreeMap::<&str, usize>::new();
+    for lasts in [false, true] {
+        for after in 0.. {
+            assert!(after < 500, "{what}: it never ends");
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("a.vox");
+            let mut prepared = prepare(&path);
+            failpoint::arm(after, lasts);
+            let outcome = act(&mut prepared);
+            let Some(Failed { operation, path: at }) = failpoint::disarm() else {
+                outcome.unwrap();
+                break;
+            };
+            if let Err(error) = &outcome {
+                let (text, name) = (error.to_string(), at.file_name().unwrap().to_str().unwrap());
+                assert!(text.contains(name) || lasts && text.contains("a.vox"), "{what}: {operation} {}: {text}", at.display());
+            }
+            *failed.entry(operation).or_default() += 1;
+            then(&path, prepared, outcome);
+        }
+    }
+    println!("{what}: {failed:?}");
+    assert!(failed.values().sum::<usize>() > 2, "{what}: {failed:?}");
+}
+
+/// The map at `path`, all of which is undamaged.
+fn map_at(path: &Path) -> Atlas {
+    let store = MapStore::open(path).unwrap();
+    assert!(store.check().is_empty());
+    store.load_atlas().unwrap()
+}
+
+/// Names of files at `path` that are of no use to the map.
+fn orphans(path: &Path) -> Vec<String> {
+    let store = MapStore::open(path).unwrap();
+    let mut names: Vec<String> = fs::read_dir(path).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.retain(|name| ![".lock", "manifest.json"].contains(&name.as_str()));
+    names.retain(|name| store.manifest().submaps.iter().all(|submap| submap.file != *name));
+    names
+}
+
+/// The writer of a map at `path` that was saved before.
+fn saved(path: &Path, atlas: &Atlas) -> MapWriter {
+    let mut writer = MapWriter::create(path).unwrap();
+    writer.save(atlas, &details("before")).unwrap();
+    writer
+}
+
+/// One test, as all threads of the process share the failpoints.
+#[test]
+fn whatever_fails_no_map_is_lost() {
+    let [old, new, newer] = [2, 4, 5].map(atlas);
+    saving(&old, &new);
+    checkpoints(&old, &new, &newer);
+    reading(&new);
+    repairing(&old);
+    writing_another_file();
+}
+
+fn saving(old: &Atlas, new: &Atlas) {
+    let (mut kept, mut replaced) = (0, 0);
+    let over_another = |path: &Path| saved(path, old);
+    let save = |writer: &mut MapWriter| writer.save(new, &details("now"));
+    each_fails("a map over another", over_another, save, |path, mut writer, outcome| {
+        let is_new = same_atlas(&map_at(path), new);
+        assert!(is_new || same_atlas(&map_at(path), old) && outcome.is_err());
+        (kept, replaced) = (kept + usize::from(!is_new), replaced + usize::from(is_new));
+        // The next save works, of this process and of another, and leaves nothing behind.
+        save(&mut writer).unwrap();
+        assert!(same_atlas(&map_at(path), new) && orphans(path).is_empty());
+        drop(writer);
+        saved(path, old);
+        assert!(same_atlas(&map_at(path), old) && orphans(path).is_empty());
+    });
+    println!("the map that was there was kept {kept} times and replaced {replaced} times");
+    assert!(kept > 20 && replaced > 2);
+    let first = |path: &Path| path.to_owned();
+    let create_and_save = |path: &mut PathBuf| MapWriter::create(path).and_then(|mut writer| save(&mut writer));
+    each_fails("a first map", first, create_and_save, |path, mut again, outcome| {
+        assert!(outcome.is_err() || same_atlas(&map_at(path), new));
+        create_and_save(&mut again).unwrap();
+        assert!(same_atlas(&map_at(path), new) && orphans(path).is_empty());
+    });
+}
+
+/// A run that has one checkpoint, and a record since.
+fn begun(path: &Path, atlas: &Atlas) -> (MapWriter, Checkpoints) {
+    let writer = MapWriter::create(path).unwrap();
+    let mut checkpoints = Checkpoints::begin(&writer).unwrap();
+    checkpoints.record(b"first");
+    checkpoints.write(atlas, &details("run"), b"old").unwrap();
+    checkpoints.record(b"second");
+    (writer, checkpoints)
+}
+
+/// The state of the run at `path` after the last process ended, and whether it has the atlas and so many records.
+fn resumed(path: &Path, atlas: &Atlas, records: usize) -> Vec<u8> {
+    let (found, _) = Checkpoints::resume(&MapWriter::create(path).unwrap()).unwrap().unwrap();
+    assert!(same_atlas(&found.atlas, atlas) && found.records == [&b"first"[..], b"second"][..records]);
+    found.state
+}
+
+fn checkpoints(old: &Atlas, new: &Atlas, newer: &Atlas) {
+    type Run = (MapWriter, Checkpoints);
+    let begun = |path: &Path| begun(path, old);
+    let write = |(_, checkpoints): &mut Run| checkpoints.write(new, &details("run"), b"new");
+    each_fails("a checkpoint, then a kill", begun, write, |path, run, outcome| {
+        drop(run);
+        let (found, mut next) = Checkpoints::resume(&MapWriter::create(path).unwrap()).unwrap().unwrap();
+        let is_new = found.state == b"new";
+        assert!(is_new || found.state == b"old" && outcome.is_err());
+        next.write(&found.atlas, &details("run"), &found.state).unwrap();
+        drop(next);
+        resumed(path, if is_new { new } else { old }, 1 + usize::from(is_new));
+    });
+    each_fails("a checkpoint, then the next", begun, write, |path, (writer, mut checkpoints), _| {
+        checkpoints.write(newer, &details("run"), b"newer").unwrap();
+        drop((writer, checkpoints));
+        assert_eq!(resumed(path, newer, 2), b"newer");
+    });
+    let killed = |path: &Path| begun(path).0;
+    let go_on = |writer: &mut MapWriter| Checkpoints::resume(writer).map(|found| found.unwrap().0.state);
+    each_fails("going on", killed, go_on, |path, writer, outcome| {
+        assert!(outcome.is_err());
+        drop(writer);
+        assert_eq!(resumed(path, old, 1), b"old");
+    });
+    let save = |(writer, checkpoints): &mut Run| checkpoints.save_map(writer, old, &details("run"));
+    each_fails("the map after checkpoints", begun, save, |path, mut run, outcome| {
+        assert!(outcome.is_err() || same_atlas(&map_at(path), old));
+        save(&mut run).unwrap();
+        assert!(same_atlas(&map_at(path), old));
+    });
+}
+
+fn reading(atlas: &Atlas) {
+    let there = |path: &Path| drop(saved(path, atlas));
+    let path_of = |path: &Path| {
+        there(path);
+        path.to_owned()
+    };
+    each_fails("reading", path_of, |path| MapStore::open(path)?.load_atlas(), |_, _, outcome| assert!(outcome.is_err()));
+    let whole = |path: &mut PathBuf| MapStore::open(path)?.load_undamaged();
+    each_fails("reading what is whole", path_of, whole, |_, _, outcome| {
+        let Ok((found, damage)) = outcome else { return };
+        assert!(!damage.is_empty() && found.submaps().len() + damage.len() == atlas.submaps().len());
+    });
+}
+
+/// A lost manifest is made again, also after that has failed.
+fn repairing(atlas: &Atlas) {
+    let without_manifest = |path: &Path| {
+        drop(saved(path, atlas));
+        let manifest = path.join("manifest.json");
+        fs::write(manifest, "lost").unwrap();
+        path.to_owned()
+    };
+    each_fails(
+        "repairing",
+        without_manifest,
+        |path| repair(path),
+        |path, _, outcome| {
+            let mended = outcome.or_else(|_| repair(path)).unwrap();
+            // A submap that could not be read then may be in its file only.
+            assert!(mended.submaps <= atlas.submaps().len());
+            if mended.submaps == atlas.submaps().len() {
+                assert!(same_atlas(&map_at(path), atlas));
+            }
+        },
+    );
+}
+
+fn writing_another_file() {
+    let before = |path: &Path| {
+        fs::write(path, "before").unwrap();
+        path.to_owned()
+    };
+    let write = |path: &mut PathBuf| voxelastic_io::poses::write_tum(path, &[(0.0, Pose::identity())]);
+    let whole = {
+        let dir = tempfile::tempdir().unwrap();
+        write(&mut dir.path().join("a.vox")).unwrap();
+        fs::read(dir.path().join("a.vox")).unwrap()
+    };
+    each_fails("another file", before, write, |path, mut again, outcome| {
+        let found = fs::read(path).unwrap();
+        assert!(found == if outcome.is_ok() { whole.clone() } else { b"before".to_vec() });
+        write(&mut again).unwrap();
+        assert!(fs::read(path).unwrap() == whole && fs::read_dir(path.parent().unwrap()).unwrap().count() == 1);
+    });
+}
