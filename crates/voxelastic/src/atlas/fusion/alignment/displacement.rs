@@ -1,10 +1,16 @@
 //! A smooth displacement: one vector per cell, interpolated between the middles of cells.
 
 use super::super::placement::{Placement, floor};
+use crate::octree::{BLOCK_EDGE, block_coords, block_key};
 use hashbrown::HashMap;
 
-/// Edge of a cell, finest voxels. Cubes of 4 x 4 x 4 blocks, in which fields are sampled, lie between the middles of eight cells.
+/// Edge of a cell, finest voxels: eight blocks. Cells are nodes of the octree, so that its cubes of 4 x 4 x 4 blocks, in which fields are sampled, lie between the
+/// middles of eight cells.
 const EDGE: f32 = 64.0;
+/// The lowest corner of cell 0 along each axis, finest voxels: nodes of the octree do not begin at the origin.
+const LOW: f32 = (block_coords(block_key([0; 3]) >> KEY_BITS << KEY_BITS)[0] * BLOCK_EDGE as i32) as f32;
+/// Key bits of a block within a cell.
+const KEY_BITS: u32 = 9;
 /// Displacements that differ by less than this, finest voxels, are the same.
 const KEPT: f32 = 0.05;
 
@@ -13,7 +19,7 @@ pub(super) type Cell = [i32; 3];
 
 /// The cell that contains a point, finest voxels.
 pub(super) fn cell_of(point: [f32; 3]) -> Cell {
-    point.map(|c| floor(c / EDGE))
+    point.map(|c| floor((c - LOW) / EDGE))
 }
 
 /// How much a field is moved at a place of the lattice that it is sampled in, finest voxels.
@@ -73,7 +79,7 @@ impl Displacement {
         if self.is_zero() {
             return [0.0; 3];
         }
-        let at = point.map(|c| c / EDGE - 0.5);
+        let at = point.map(|c| (c - LOW) / EDGE - 0.5);
         let base = at.map(floor);
         let corners = std::array::from_fn(|i| self.of_cell(&std::array::from_fn(|k| base[k] + (i >> k & 1) as i32)));
         trilinear(&corners, std::array::from_fn(|k| at[k] - base[k] as f32))
