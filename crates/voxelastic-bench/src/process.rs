@@ -96,9 +96,9 @@ mod tests {
 
     #[test]
     fn program_is_stopped_at_the_limit_and_its_lines_are_kept() {
-        let mut seen = Vec::new();
-        let end = run_lines("/bin/sh", &shell("echo one; exec sleep 20"), Duration::from_millis(300), |l| seen.push(l.to_owned())).unwrap();
-        assert_eq!((end, seen), (Outcome::TimedOut, vec!["one".to_owned()]));
+        let mut lines = Vec::new();
+        let end = run_lines("/bin/sh", &shell("echo one; exec sleep 20"), Duration::from_millis(300), |l| lines.push(l.to_owned())).unwrap();
+        assert_eq!((end, lines), (Outcome::TimedOut, vec!["one".to_owned()]));
         let end = run_lines("/bin/sh", &shell("exit 4"), Duration::from_secs(10), |_| ()).unwrap();
         assert!(matches!(end, Outcome::Failed(how) if how.contains('4')));
     }

@@ -46,7 +46,7 @@ pub struct ReadingArgs {
     /// The topic of corrected poses of the scans so far: paths with the time stamps of the scans, as SLAM systems publish them after a loop
     #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     correction_topic: Option<String>,
-    /// Without poses: the topic of the inertial measurement unit in a recording, if it is to be another than the first whose place beside the lidar is known
+    /// Without poses: the topic of the inertial measurement unit in a recording, if it is to be another than the first whose place relative to the lidar is known
     #[arg(long, value_name = "TOPIC", conflicts_with = "no_imu", hide_short_help = true)]
     imu_topic: Option<String>,
     /// Without poses: do not use the inertial measurement unit of the data

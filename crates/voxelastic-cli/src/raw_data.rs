@@ -15,7 +15,7 @@ pub struct RawDataArgs {
     /// The topic of the clouds in a recording, if there are several
     #[arg(long, value_name = "TOPIC")]
     cloud_topic: Option<String>,
-    /// The topic of the inertial measurement unit in a recording, if it is to be another than the first whose place beside the lidar is known
+    /// The topic of the inertial measurement unit in a recording, if it is to be another than the first whose place relative to the lidar is known
     #[arg(long, value_name = "TOPIC", conflicts_with = "no_imu")]
     imu_topic: Option<String>,
     /// Do not use the inertial measurement unit of the data

@@ -13,8 +13,8 @@ const MARGIN: f32 = 2.0;
 const REACH: f32 = 60.0;
 /// Rays that must have passed a voxel for it to be free.
 const LEAST_RAYS: u8 = 2;
-/// Surfaces in space that was seen, without which nothing can be said.
-const LEAST_SEEN: usize = 200;
+/// Surfaces in space that was observed, without which nothing can be said.
+const LEAST_OBSERVED: usize = 200;
 
 /// The returns of a scan.
 #[derive(Clone, Copy, Debug)]
@@ -49,24 +49,24 @@ impl FreeSpace {
         space
     }
 
-    /// Share of the surfaces of other scans that lie in this free space, among those in space that was seen at all; `None` if there
+    /// Share of the surfaces of other scans that lie in this free space, among those in space that was observed at all; `None` if there
     /// are too few to say. `t_this_other` puts the others into this frame.
     pub(crate) fn contradiction(&self, others: &[View<'_>], t_this_other: &Pose) -> Option<f64> {
         let moved = Rigid::from(t_this_other);
         let points: usize = others.iter().map(|view| view.points.len()).sum();
         let step = points.div_ceil(MOST_POINTS).max(1);
-        let (mut seen, mut contradicting) = (0usize, 0usize);
+        let (mut observed, mut contradicting) = (0usize, 0usize);
         for p in others.iter().flat_map(|view| view.points.iter().step_by(step)) {
             let p = moved.apply(*p);
             let base = self.coordinates(p);
             if self.is_surface_near(base) {
-                seen += 1;
+                observed += 1;
             } else if self.index.get(key(base)).is_some_and(|at| self.passed[at as usize] >= LEAST_RAYS) {
-                seen += 1;
+                observed += 1;
                 contradicting += 1;
             }
         }
-        (seen >= LEAST_SEEN).then(|| contradicting as f64 / seen as f64)
+        (observed >= LEAST_OBSERVED).then(|| contradicting as f64 / observed as f64)
     }
 
     fn coordinates(&self, p: [f32; 3]) -> [i32; 3] {

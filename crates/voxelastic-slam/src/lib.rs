@@ -3,7 +3,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`odometry`] | poses of scans from the scans alone |
-//! | [`loops`] | places that were seen before, found again from the scans alone |
+//! | [`loops`] | places that were visited before, found again from the scans alone |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |

@@ -84,7 +84,7 @@ pub struct SimulateArgs {
     /// Cars and walkers that move through the world
     #[arg(long, value_name = "N", default_value_t = 0)]
     traffic: usize,
-    /// Samples per second of an inertial measurement unit with noise and biases, which is beside the sensor and turned by half a turn
+    /// Samples per second of an inertial measurement unit with noise and biases, which is next to the sensor and turned by half a turn
     #[arg(long, value_name = "HZ")]
     imu: Option<f64>,
     /// Write a ROS 2 recording (recording.mcap: /points, /imu, /tf_static) instead of a folder of scans

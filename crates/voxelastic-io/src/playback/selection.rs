@@ -39,7 +39,7 @@ impl Selection {
         self.conditions.iter().zip(counts).any(full)
     }
 
-    /// Whether the next scan is taken. `counts` holds the number of scans that each condition has seen, for the caller to keep.
+    /// Whether the next scan is taken. `counts` holds the number of scans that came to each condition, for the caller to keep.
     pub(crate) fn takes(&self, counts: &mut Vec<usize>) -> bool {
         counts.resize(self.conditions.len(), 0);
         self.conditions.iter().zip(counts).all(|(condition, count)| {

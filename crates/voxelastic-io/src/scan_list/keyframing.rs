@@ -64,14 +64,14 @@ pub struct KeyframeFilter {
     keyframing: Keyframing,
     /// Pose and time of the previous scan.
     previous: Option<(StoredPose, f64)>,
-    /// Scans seen.
+    /// Scans so far.
     count: usize,
     /// Metres or seconds since the last scan that was taken.
     since_taken: f64,
 }
 
 impl KeyframeFilter {
-    /// A filter that has seen no scan.
+    /// A filter before the first scan.
     pub fn new(keyframing: Keyframing) -> Self {
         Self { keyframing, previous: None, count: 0, since_taken: f64::INFINITY }
     }

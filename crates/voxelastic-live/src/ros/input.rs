@@ -18,7 +18,7 @@ const DEPTH: usize = 100;
 const CLOUDS: usize = 5;
 /// How often it is looked which topics there are.
 const LOOK: Duration = Duration::from_millis(100);
-/// After the first topic of clouds was seen, others may still appear for this long.
+/// After the first topic of clouds appeared, others may still appear for this long.
 const SETTLING: Duration = Duration::from_secs(2);
 /// It is said that something is waited for after this time.
 const SILENCE: Duration = Duration::from_secs(3);
@@ -35,7 +35,7 @@ pub fn discover(
     is_own: &dyn Fn(&str) -> bool,
     is_stopped: &dyn Fn() -> bool,
 ) -> Result<Option<(LiveTopics, bool)>, Error> {
-    let (begin, mut seen, mut said) = (Instant::now(), None, false);
+    let (begin, mut appeared, mut said) = (Instant::now(), None, false);
     loop {
         if is_stopped() {
             return Ok(None);
@@ -43,13 +43,13 @@ pub fn discover(
         let mut there = middleware.published();
         there.retain(|(name, _)| !is_own(name));
         let chosen = LiveTopics::choose(middleware.name(), &there, estimates_poses, options);
-        let is_settled = |seen: &mut Option<Instant>| seen.get_or_insert_with(Instant::now).elapsed() >= SETTLING;
+        let is_settled = |appeared: &mut Option<Instant>| appeared.get_or_insert_with(Instant::now).elapsed() >= SETTLING;
         match chosen {
-            Ok(topics) if is_settled(&mut seen) => return Ok(Some((topics, estimates_poses))),
-            Err(Error::NoPoses { .. }) if is_settled(&mut seen) && options.pose_topic.is_none() => {
+            Ok(topics) if is_settled(&mut appeared) => return Ok(Some((topics, estimates_poses))),
+            Err(Error::NoPoses { .. }) if is_settled(&mut appeared) && options.pose_topic.is_none() => {
                 return LiveTopics::choose(middleware.name(), &there, true, options).map(|topics| Some((topics, true)));
             }
-            Err(error @ Error::Ambiguous { .. }) if is_settled(&mut seen) => return Err(error),
+            Err(error @ Error::Ambiguous { .. }) if is_settled(&mut appeared) => return Err(error),
             Err(error) if begin.elapsed() >= SILENCE && !std::mem::replace(&mut said, true) => tracing::info!("waiting: {error}"),
             _ => {}
         }

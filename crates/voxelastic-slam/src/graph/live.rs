@@ -53,7 +53,7 @@ enum Kind {
 }
 
 impl LiveOptimiser {
-    /// An optimiser that has seen nothing.
+    /// An optimiser without poses and edges.
     pub fn new(options: Options) -> Self {
         Self {
             options,

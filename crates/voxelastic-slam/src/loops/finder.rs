@@ -65,7 +65,7 @@ pub struct Searches {
     tried: VecDeque<Vec<Closure>>,
 }
 
-/// Finds places that were seen before.
+/// Finds places that were visited before.
 #[derive(Debug)]
 pub struct LoopFinder {
     settings: LoopSettings,
@@ -84,13 +84,13 @@ pub struct LoopFinder {
     closures: Vec<Closure>,
     /// How many of them each search tried.
     searches: Vec<usize>,
-    /// Outcomes of the next searches, if this finder sees events that another one has seen.
+    /// Outcomes of the next searches, if this finder takes events that another one has taken.
     known: VecDeque<Vec<Closure>>,
     downsampler: Downsampler,
 }
 
 impl LoopFinder {
-    /// A finder that has seen no scan.
+    /// A finder that has taken no scan.
     pub fn new(settings: LoopSettings) -> Self {
         Self {
             voxel: settings.voxel_size,
@@ -110,7 +110,7 @@ impl LoopFinder {
         }
     }
 
-    /// Takes the outcomes of its first searches from another finder, with the same settings, that has seen the same events.
+    /// Takes the outcomes of its first searches from another finder, with the same settings, that has taken the same events.
     #[must_use]
     pub fn with_searches(self, searches: Searches) -> Self {
         Self { known: searches.tried, ..self }

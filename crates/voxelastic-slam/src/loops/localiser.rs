@@ -94,7 +94,7 @@ pub struct Localiser {
 }
 
 impl Localiser {
-    /// A localiser in the map with these surface points and the poses of the lidar from which it was seen, in the map frame.
+    /// A localiser in the map with these surface points and the poses of the lidar from which it was observed, in the map frame.
     pub fn new(points: Vec<[f32; 3]>, viewpoints: Vec<Pose>, settings: LocaliserSettings) -> Self {
         let voxel = settings.voxel_size;
         Self { settings, maker: SignatureMaker::new(), points, viewpoints, voxel, places: Vec::new(), downsampler: Downsampler::default() }

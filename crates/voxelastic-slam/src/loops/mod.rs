@@ -1,4 +1,4 @@
-//! Loop closures: places that were seen before, found again from the scans alone.
+//! Loop closures: places that were visited before, found again from the scans alone.
 //!
 //! The scans along some metres of path make a place. Seen from above it is an image of what stands where; the magnitude of its Fourier
 //! transform does not depend on where in it the sensor was and turns with the heading, so that one correlation compares two places for all

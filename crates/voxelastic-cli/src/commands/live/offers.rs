@@ -37,7 +37,7 @@ impl Offers {
         }
         if let Some(file) = &args.record {
             offers
-                .add_recording(&beside(file), &args.node)
+                .add_recording(&recording_of_outputs(file), &args.node)
                 .map_err(|problem| Failure::new(problem.to_string(), "name a file that does not exist"))?;
         }
         Ok(Some(offers))
@@ -126,7 +126,7 @@ fn without() -> MiddlewareError {
 }
 
 /// `drive-map.mcap` for `drive.mcap`.
-fn beside(file: &Path) -> std::path::PathBuf {
+fn recording_of_outputs(file: &Path) -> std::path::PathBuf {
     let mut name = file.file_stem().unwrap_or_default().to_owned();
     name.push("-map.mcap");
     file.with_file_name(name)
@@ -135,7 +135,7 @@ fn beside(file: &Path) -> std::path::PathBuf {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn what_is_published_is_recorded_beside_what_comes_in() {
-        assert_eq!(super::beside("a/drive.mcap".as_ref()), std::path::Path::new("a/drive-map.mcap"));
+    fn what_is_published_is_recorded_next_to_what_comes_in() {
+        assert_eq!(super::recording_of_outputs("a/drive.mcap".as_ref()), std::path::Path::new("a/drive-map.mcap"));
     }
 }

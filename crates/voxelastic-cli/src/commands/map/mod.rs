@@ -32,7 +32,7 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
 /// content (TUM, KITTI 3x4 rows, Newer College CSV, g2o). In recordings (ROS 1 .bag, ROS 2 MCAP and sqlite3) the topics of clouds and poses are
 /// found by their types. Without poses, they are estimated from the scans. Where the choice is ambiguous, the candidates are listed. Scans that cannot be used are skipped, counted and reported.
 /// The map is saved after the last scan, or after the current one on Ctrl-C; an existing map of the same name is replaced,
-/// but not by one of fewer scans: that is saved beside it. While it maps, it keeps what it has beside the map: the same command goes on after
+/// but not by one of fewer scans: that is saved next to it. While it maps, it keeps what it has in the map's directory: the same command goes on after
 /// the process was killed, and the map is the same as without that.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:

@@ -21,7 +21,7 @@ const TOLERANCE_S: f64 = 0.005;
 pub enum TruePoses {
     /// By the nodes of a folder's scans.
     ByNode(Vec<(NodeId, Pose)>),
-    /// By time, ascending, beside a recording.
+    /// By time, ascending, of a recording.
     ByTime(Vec<(f64, Pose)>),
 }
 
@@ -44,13 +44,13 @@ pub struct RelativeError {
 }
 
 impl TruePoses {
-    /// The poses in `file`, or without one in the only file of a folder that is named ground truth; for a recording in `groundtruth.tum` beside it.
+    /// The poses in `file`, or without one in the only file of a folder that is named ground truth; for a recording in `groundtruth.tum` in its folder.
     ///
     /// # Errors
     /// When `file` cannot be read or does not fit the scans.
     pub fn find(data: &Path, is_recording: bool, file: Option<&Path>) -> anyhow::Result<Option<Self>> {
         if is_recording {
-            return beside_recording(data, file);
+            return of_recording(data, file);
         }
         if file.is_none() && !data.is_dir() {
             return Ok(None);
@@ -79,14 +79,14 @@ impl TruePoses {
     }
 }
 
-/// The poses for a recording: in `file`, by its path or beside the recording, else in `groundtruth.tum`.
-fn beside_recording(data: &Path, file: Option<&Path>) -> anyhow::Result<Option<TruePoses>> {
+/// The poses for a recording: in `file`, by its path or in the folder of the recording, else in `groundtruth.tum`.
+fn of_recording(data: &Path, file: Option<&Path>) -> anyhow::Result<Option<TruePoses>> {
     let folder = if data.is_dir() { data } else { data.parent().unwrap_or(Path::new("")) };
-    let beside = folder.join(file.unwrap_or(Path::new("groundtruth.tum")));
+    let in_folder = folder.join(file.unwrap_or(Path::new("groundtruth.tum")));
     let path = match file {
         Some(file) if file.is_file() => file,
-        None if !(data.is_dir() && beside.is_file()) => return Ok(None),
-        _ => &beside,
+        None if !(data.is_dir() && in_folder.is_file()) => return Ok(None),
+        _ => &in_folder,
     };
     let trajectory = poses::read(path)?;
     let Some(times) = trajectory.times else {

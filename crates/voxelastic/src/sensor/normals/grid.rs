@@ -100,14 +100,14 @@ impl Grid {
             for (p, &index) in shown.iter_mut().zip(indices) {
                 *p = if index == NO_POINT { [0.0; 3] } else { points[index as usize] };
             }
-            let seen = PAD..PAD + columns;
+            let inside = PAD..PAD + columns;
             dispatch(Fill {
                 points: shown,
                 axes,
                 height,
-                inverse: &mut inverse[seen.clone()],
-                across: &mut across[seen.clone()],
-                rise: &mut rise[seen],
+                inverse: &mut inverse[inside.clone()],
+                across: &mut across[inside.clone()],
+                rise: &mut rise[inside],
             });
             for plane in [&mut *inverse, &mut *across, rise] {
                 wrap(plane, columns);
@@ -219,11 +219,11 @@ impl Kernel for Fill<'_> {
             let (p, [cos, sin]) = (self.points[i], self.axes[i]);
             let x = p[0] * cos + p[1] * sin;
             let y = p[1] * cos - p[0] * sin;
-            let seen = x > NEAREST;
-            let inverse = 1.0 / if seen { x } else { 1.0 };
-            self.inverse[i] = if seen { inverse } else { 0.0 };
-            self.across[i] = if seen { y * inverse } else { 0.0 };
-            self.rise[i] = if seen { (p[2] - self.height) * inverse } else { 0.0 };
+            let is_ahead = x > NEAREST;
+            let inverse = 1.0 / if is_ahead { x } else { 1.0 };
+            self.inverse[i] = if is_ahead { inverse } else { 0.0 };
+            self.across[i] = if is_ahead { y * inverse } else { 0.0 };
+            self.rise[i] = if is_ahead { (p[2] - self.height) * inverse } else { 0.0 };
         }
     }
 }
