@@ -10,6 +10,8 @@ use voxelastic::surface::{Mesh, MeshOptions, TILE_EDGE, Tile, changed_tiles, ext
 const BLOCK_EDGE: i32 = 8;
 /// A tile that viewers have is not sent again earlier than this: each scan changes all tiles that it sees, a little.
 const AGAIN: Duration = Duration::from_secs(1);
+/// But those around the robot are, as what is near is looked at: a scan is to be visible before the next.
+const AGAIN_NEAR: Duration = Duration::from_millis(50);
 /// What a step may take. It lies between two scans, so it is short.
 const STEP: Duration = Duration::from_millis(25);
 /// Tiles of a step: fewer cost hardly less, because a step looks at all blocks of a submap; many are for a map that is there already.
@@ -120,10 +122,14 @@ impl ChangedTiles {
 
     /// Tiles for a step, by submap.
     fn choose(&self, now: Instant) -> BTreeMap<SubmapId, Vec<Tile>> {
+        let is_due = |at: &Option<Instant>, distance: i64| {
+            let pause = if distance <= 1 { AGAIN_NEAR } else { AGAIN };
+            at.is_none_or(|at| now.duration_since(at) >= pause)
+        };
         let mut due: Vec<(Option<Instant>, i64, SubmapId, Tile)> = Vec::new();
         for (id, changes) in &self.submaps {
             let made = changes.waiting.iter().map(|tile| (changes.made.get(tile).map(|made| made.at), self.distance(*id, *tile), *id, *tile));
-            due.extend(made.filter(|(at, ..)| at.is_none_or(|at| now.duration_since(at) >= AGAIN)));
+            due.extend(made.filter(|(at, distance, ..)| is_due(at, *distance)));
         }
         // What has not been made at all comes first: `None` is less than any time.
         let most = self.pace as usize;
@@ -149,4 +155,43 @@ impl ChangedTiles {
 /// All submaps, and the source of a fusion in progress.
 pub fn all_submaps(atlas: &Atlas) -> impl Iterator<Item = &Submap> {
     atlas.submaps().iter().chain(atlas.merging().map(|merging| merging.submap))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::Mapper;
+    use voxelastic::event::Event;
+    use voxelastic::settings::Settings;
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    #[test]
+    fn tiles_around_the_robot_are_due_again_before_the_others() {
+        let room = Simulation::new(SimOptions { scans: Some(2), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
+        let mut tiles = ChangedTiles::new(0);
+        let mut scans = room.scans(PoseSource::Truth);
+        let mut integrate = |tiles: &mut ChangedTiles| {
+            mapper.handle(Event::Scan(scans.next().unwrap())).unwrap();
+            let submap = &mapper.atlas().submaps()[0];
+            let robot = submap.scans().last().unwrap().t_submap_lidar.translation.vector;
+            tiles.focus(submap, <[f64; 3]>::from(robot).map(|c| c as f32));
+            tiles.note(mapper.atlas(), false);
+        };
+        integrate(&mut tiles);
+        let clock = Instant::now();
+        let all: Vec<Tile> = tiles.submaps[&0].waiting.iter().copied().collect();
+        for tile in all {
+            tiles.submaps.get_mut(&0).unwrap().made.insert(tile, Made { at: clock, is_shown: true });
+        }
+        tiles.submaps.get_mut(&0).unwrap().waiting.clear();
+        integrate(&mut tiles);
+        let due = |after: Duration| {
+            tiles.choose(clock + after).into_values().flatten().filter(|tile| tiles.submaps[&0].made.contains_key(tile)).collect::<Vec<_>>()
+        };
+        assert!(due(AGAIN_NEAR / 2).is_empty());
+        let (near, later) = (due(AGAIN_NEAR), due(AGAIN));
+        assert!(!near.is_empty() && near.iter().all(|tile| tiles.distance(0, *tile) <= 1), "{near:?}");
+        assert!(later.len() > near.len(), "{later:?}");
+    }
 }

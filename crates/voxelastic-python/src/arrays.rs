@@ -23,10 +23,27 @@ pub fn from_rows<T: Element + Pod>(py: Python<'_>, rows: Vec<[T; 3]>) -> PyResul
     PyArray1::from_vec(py, bytemuck::allocation::cast_vec(rows)).reshape([count, 3])
 }
 
+/// Squared norms of quaternions that are as near to 1 as this are those of unit quaternions, whose last bits stay.
+const UNIT: f64 = 1e-12;
+
 /// A pose from an array of x, y, z, qx, qy, qz, qw; the quaternion is normalised.
 pub fn pose(numbers: &PyReadonlyArray1<'_, f64>) -> PyResult<Pose> {
     let &[x, y, z, qx, qy, qz, qw] = numbers.as_slice()? else { return Err(wrong("a pose of seven numbers")) };
-    Ok(Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(Quaternion::new(qw, qx, qy, qz))))
+    let rotation = Quaternion::new(qw, qx, qy, qz);
+    let is_unit = (rotation.norm_squared() - 1.0).abs() < UNIT;
+    let rotation = if is_unit { UnitQuaternion::new_unchecked(rotation) } else { UnitQuaternion::from_quaternion(rotation) };
+    Ok(Pose::from_parts(Translation3::new(x, y, z), rotation))
+}
+
+/// The array of x, y, z, qx, qy, qz, qw of a pose.
+pub fn numbers_of_pose(pose: &Pose) -> [f64; 7] {
+    let (t, q) = (pose.translation.vector, pose.rotation.coords);
+    [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+}
+
+/// The information of an edge from the upper triangle of its matrix.
+pub fn information(numbers: &PyReadonlyArray1<'_, f64>) -> PyResult<[f64; 21]> {
+    numbers.as_slice()?.try_into().map_err(|_| wrong("21 numbers of an information matrix"))
 }
 
 /// The 4 x 4 matrix of a pose, row by row.

@@ -220,13 +220,18 @@ impl Events {
 
 /// An event for Python.
 pub fn item<'py>(py: Python<'py>, event: voxelastic_io::Result<Event>) -> PyResult<Item<'py>> {
-    let edge = |kind, edge: Edge| Ok((kind, (edge.from, edge.to, arrays::matrix_of_pose(&edge.t_from_to)).into_pyobject(py)?.into_any()));
+    let edge = |kind, edge: Edge| {
+        let information = edge.information.map(Vec::from);
+        let pose = &edge.t_from_to;
+        Ok((kind, (edge.from, edge.to, arrays::matrix_of_pose(pose), arrays::numbers_of_pose(pose), information).into_pyobject(py)?.into_any()))
+    };
     match event {
         Ok(Event::Scan(scan)) => Ok(("scan", Py::new(py, Scan::with_pose(scan))?.into_bound(py).into_any())),
         Ok(Event::OdometryEdge(e)) => edge("odometry", e),
         Ok(Event::LoopEdge(e)) => edge("loop", e),
         Ok(Event::PoseUpdate(poses)) => {
-            let poses: Vec<(NodeId, [[f64; 4]; 4])> = poses.iter().map(|(node, pose)| (*node, arrays::matrix_of_pose(pose))).collect();
+            let row = |(node, pose): &(NodeId, Pose)| (*node, arrays::matrix_of_pose(pose), arrays::numbers_of_pose(pose));
+            let poses: Vec<_> = poses.iter().map(row).collect();
             Ok(("poses", poses.into_pyobject(py)?.into_any()))
         }
         Ok(_) => Err(errors::bug(&"an event of an unknown kind")),

@@ -111,8 +111,18 @@ impl Mapper {
     }
 
     /// Adds an edge between consecutive nodes, or one that closes a loop.
-    fn add_edge(&self, py: Python<'_>, closes_loop: bool, from_node: NodeId, to_node: NodeId, t_from_to: PyReadonlyArray1<'_, f64>) -> PyResult<()> {
-        let edge = Edge { from: from_node, to: to_node, t_from_to: arrays::pose(&t_from_to)?, information: None };
+    #[pyo3(signature = (closes_loop, from_node, to_node, t_from_to, information))]
+    fn add_edge(
+        &self,
+        py: Python<'_>,
+        closes_loop: bool,
+        from_node: NodeId,
+        to_node: NodeId,
+        t_from_to: PyReadonlyArray1<'_, f64>,
+        information: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<()> {
+        let information = information.map(|numbers| arrays::information(&numbers)).transpose()?;
+        let edge = Edge { from: from_node, to: to_node, t_from_to: arrays::pose(&t_from_to)?, information };
         self.handle(py, Input::Event(if closes_loop { Event::LoopEdge(edge) } else { Event::OdometryEdge(edge) }))?;
         Ok(())
     }

@@ -97,8 +97,26 @@ def test_loop_edges_that_are_given_correct_the_poses() -> None:
             if not isinstance(event, vx.PoseUpdate):
                 mapper.handle(event)
         maps.append(mapper)
-    moves = [int(repr(mapper).split(" moves")[0].split()[-1]) for mapper in maps]
-    assert moves[0] == 0 and moves[1] > 0
+    assert moves_of(maps[0]) == 0 and moves_of(maps[1]) > 0
+
+
+def moves_of(mapper: vx.Mapper) -> int:
+    """Submaps that corrections have moved."""
+    return int(repr(mapper).split(" moves")[0].split()[-1])
+
+
+def test_the_information_of_edges_is_what_they_weigh() -> None:
+    drive = vx.Simulation("room", scans=30, spacing=2.0, columns=128, max_range=30, drift=5.0)
+    mapper = vx.Mapper(voxel_size=0.2, optimise=True, loops=False, lambda_odom=5)
+    for event in drive.events():
+        if isinstance(event, vx.Edge) and event.closes_loop:
+            mapper.add_loop_edge(event.first, event.second, event.pose, information=1e-12 * np.eye(6))
+        elif not isinstance(event, vx.PoseUpdate):
+            mapper.handle(event)
+    assert moves_of(mapper) == 0
+    for wrong in (np.eye(3), -np.eye(6), np.arange(36.0).reshape(6, 6), np.full((6, 6), np.nan)):
+        with pytest.raises(ValueError, match="information"):
+            mapper.add_loop_edge(0, 9, np.eye(4), information=wrong)
 
 
 def test_scans_are_found_in_a_map(drive: vx.Simulation) -> None:

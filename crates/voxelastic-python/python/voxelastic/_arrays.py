@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias, Union
+from typing import Any, Optional, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -140,6 +140,20 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     )
     quaternion: NDArray[np.float64] = np.linalg.eigh(symmetric)[1][:, -1]
     return quaternion
+
+
+def information(value: Any, name: str = "information") -> Optional[NDArray[np.float64]]:
+    """The upper triangle, row by row, of a 6 x 6 information matrix."""
+    if value is None:
+        return None
+    expected = "a symmetric array of shape (6, 6) without negative variances"
+    matrix = _exact(_numeric(value, name, expected), name, np.float64)
+    if matrix.shape != (6, 6):
+        raise ValueError(f"{name}: expected {expected}, not {matrix.shape}")
+    _check_finite(matrix, name)
+    if not np.allclose(matrix, matrix.T, rtol=1e-6) or (np.diag(matrix) < 0).any():
+        raise ValueError(f"{name}: expected {expected}")
+    return np.ascontiguousarray(matrix[np.triu_indices(6)])
 
 
 def motion(value: Any) -> tuple[list[float], list[NDArray[np.float64]]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, Union
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, Optional, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,20 +102,43 @@ class Edge(NamedTuple):
     second: int
     """Another node."""
     pose: NDArray[np.float64]
-    """The lidar frame of `second` in that of `first`, 4 x 4."""
+    """The lidar frame of `second` in that of `first`, 4 x 4; cannot be written to."""
     closes_loop: bool
     """Whether the same place was observed at both; otherwise they are consecutive."""
+    information: Optional[NDArray[np.float64]] = None
+    """6 x 6 information of the pose: translation (1 / m^2) before rotation (1 / rad^2); none if the data have none."""
 
 
 class PoseUpdate(NamedTuple):
     """Corrected poses."""
 
-    poses: dict[int, NDArray[np.float64]]
-    """The lidar frame in the map frame, 4 x 4, of each node."""
+    poses: Mapping[int, NDArray[np.float64]]
+    """The lidar frame in the map frame, 4 x 4, of each node; cannot be written to."""
+
+
+class _EdgeOfData(Edge):
+    """An edge as the data have it, to the last bit."""
+
+    exact: Optional[NDArray[np.float64]] = None
+    """x, y, z, qx, qy, qz, qw of the pose, unless it was replaced."""
+
+
+class _PoseUpdateOfData(PoseUpdate):
+    """Corrected poses as the data have them, to the last bit."""
+
+    exact: Optional[list[NDArray[np.float64]]] = None
+    """x, y, z, qx, qy, qz, qw of each pose, unless they were replaced."""
 
 
 Event: TypeAlias = Union[Scan, Edge, PoseUpdate]
 """What a SLAM system reports, in the order in which it happens."""
+
+
+def _constant(pose: Any) -> NDArray[np.float64]:
+    """A matrix that cannot be written to."""
+    matrix = np.array(pose)
+    matrix.setflags(write=False)
+    return matrix
 
 
 def _event(kind: str, value: Any) -> Event:
@@ -123,9 +147,18 @@ def _event(kind: str, value: Any) -> Event:
         case "scan":
             return Scan._of(value)
         case "poses":
-            return PoseUpdate({node: np.array(pose) for node, pose in value})
-    first, second, pose = value
-    return Edge(first, second, np.array(pose), kind == "loop")
+            update = _PoseUpdateOfData(MappingProxyType({node: _constant(pose) for node, pose, _ in value}))
+            update.exact = [np.array(numbers) for _, _, numbers in value]
+            return update
+    first, second, pose, numbers, triangle = value
+    information = None
+    if triangle is not None:
+        upper = np.zeros((6, 6))
+        upper[np.triu_indices(6)] = triangle
+        information = upper + np.triu(upper, 1).T
+    edge = _EdgeOfData(first, second, _constant(pose), kind == "loop", information)
+    edge.exact = np.array(numbers)
+    return edge
 
 
 class Dataset:

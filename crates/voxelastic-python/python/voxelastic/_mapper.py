@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Optional, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
 from ._arrays import Pose
-from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
+from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan, _EdgeOfData, _PoseUpdateOfData
 from ._errors import RefusedError
 from ._map import Map
 from ._progress import Progress, reported
@@ -133,31 +133,37 @@ class Mapper:
         self._next_node = number + 1
         return _report(report)
 
-    def add_odometry_edge(self, first: int, second: int, pose: Pose) -> None:
+    def add_odometry_edge(self, first: int, second: int, pose: Pose, *, information: Optional[ArrayLike] = None) -> None:
         """Adds the measured pose between two consecutive nodes. Without such edges, the poses of the scans are taken for it.
 
         Args:
             first: Number of a node.
             second: Number of the node after it.
             pose: The lidar frame of `second` in that of `first`.
+            information: 6 x 6, translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame of `second`; used where the mapper optimises. None: as usual.
 
         Raises:
             RefusedError: Both are the same node.
         """
-        self._inner.add_edge(False, _arrays.node(first, "first"), _arrays.node(second, "second"), _arrays.pose(pose))
+        self._edge(False, first, second, _arrays.pose(pose), information)
 
-    def add_loop_edge(self, first: int, second: int, pose: Pose) -> None:
+    def add_loop_edge(self, first: int, second: int, pose: Pose, *, information: Optional[ArrayLike] = None) -> None:
         """Adds a loop closure: two nodes at which the same place was observed. When poses agree with it, the submaps there are joined.
 
         Args:
             first: Number of a node.
             second: Number of another node.
             pose: The lidar frame of `second` in that of `first`.
+            information: 6 x 6, translation (1 / m^2) before rotation (1 / rad^2), in the lidar frame of `second`; used where the mapper optimises. None: as usual.
 
         Raises:
             RefusedError: Both are the same node.
         """
-        self._inner.add_edge(True, _arrays.node(first, "first"), _arrays.node(second, "second"), _arrays.pose(pose))
+        self._edge(True, first, second, _arrays.pose(pose), information)
+
+    def _edge(self, closes_loop: bool, first: int, second: int, pose: NDArray[np.float64], information: Optional[ArrayLike]) -> None:
+        nodes = _arrays.node(first, "first"), _arrays.node(second, "second")
+        self._inner.add_edge(closes_loop, *nodes, pose, _arrays.information(information))
 
     def update_poses(self, poses: Mapping[int, Pose]) -> None:
         """Corrects poses, for example after a loop closure. The map follows at once: submaps move, no scan is integrated again.
@@ -189,7 +195,11 @@ class Mapper:
                 self._next_node = report.node + 1
                 return report
             case Edge():
-                self._inner.add_edge(event.closes_loop, event.first, event.second, _arrays.pose(event.pose))
+                exact = event.exact if isinstance(event, _EdgeOfData) else None
+                pose = _arrays.pose(event.pose) if exact is None else exact
+                self._edge(event.closes_loop, event.first, event.second, pose, event.information)
+            case _PoseUpdateOfData(exact=exact) if exact is not None:
+                self._inner.update_poses(list(event.poses), exact)
             case PoseUpdate():
                 self.update_poses(event.poses)
             case _:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, final
+from typing import Any, Optional, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,7 +162,9 @@ class Mapper:
     def replay(self, dataset: Dataset, events: Events, most: int) -> tuple[int, list[str], bool]:
         """Handles up to `most` events. Returns the number of scans integrated, what is wrong with others, and whether that was all."""
 
-    def add_edge(self, closes_loop: bool, from_node: int, to_node: int, t_from_to: NDArray[np.float64]) -> None:
+    def add_edge(
+        self, closes_loop: bool, from_node: int, to_node: int, t_from_to: NDArray[np.float64], information: Optional[NDArray[np.float64]]
+    ) -> None:
         """Adds an edge between consecutive nodes, or one that closes a loop."""
 
     def update_poses(self, nodes: Sequence[int], poses: Sequence[NDArray[np.float64]]) -> None:
