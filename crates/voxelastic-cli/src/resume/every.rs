@@ -7,6 +7,10 @@ use std::time::Duration;
 const SHARE: u32 = 50;
 /// Runs shorter than this have none.
 const LEAST: Duration = Duration::from_secs(2);
+/// The first comes after this at the latest: a map that grows as fast as a fiftieth of the speed of writing would never have one.
+const FIRST: Duration = Duration::from_secs(120);
+/// Memory of fields that is compressed and written in a second, as a rule on two threads.
+const BYTES_PER_SECOND: f64 = 100e6;
 
 /// How often checkpoints are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,6 +26,11 @@ pub enum CheckpointEvery {
 }
 
 impl CheckpointEvery {
+    /// How long the first is expected to take, of a map whose fields take so many bytes of memory.
+    pub fn expected(bytes: usize) -> Duration {
+        Duration::from_secs_f64(bytes as f64 / BYTES_PER_SECOND).min(FIRST / SHARE)
+    }
+
     /// Whether one is due, after so many scans and so much time since the last, which took `took`.
     pub fn is_due(self, scans: usize, time: Duration, took: Duration) -> bool {
         match self {
@@ -59,6 +68,10 @@ mod tests {
         assert!(!auto.is_due(9, seconds(1.9), seconds(0.0)) && auto.is_due(9, seconds(2.0), seconds(0.0)));
         assert!(!auto.is_due(9, seconds(9.9), seconds(0.2)) && auto.is_due(9, seconds(10.0), seconds(0.2)));
         assert!(!auto.is_due(0, seconds(10.0), seconds(0.2)), "nothing came");
+        // The first of a map of 20 MB, and of one of 20 GB.
+        let expected = [20_000_000, 20_000_000_000].map(CheckpointEvery::expected);
+        assert!(!auto.is_due(9, seconds(9.9), expected[0]) && auto.is_due(9, seconds(10.1), expected[0]));
+        assert!(!auto.is_due(9, seconds(119.9), expected[1]) && auto.is_due(9, seconds(120.1), expected[1]));
         assert_eq!(["7".parse(), "2.5s".parse()], [Ok(CheckpointEvery::Scans(7)), Ok(CheckpointEvery::Time(seconds(2.5)))]);
         for wrong in ["0", "-1", "0s", "nans", "never", ""] {
             assert!(wrong.parse::<CheckpointEvery>().is_err(), "{wrong}");

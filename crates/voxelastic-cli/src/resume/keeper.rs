@@ -27,7 +27,7 @@ pub struct Keeper {
     /// What came since the last checkpoint, for the journal.
     records: Option<Vec<Vec<u8>>>,
     with_motions: bool,
-    /// When the last checkpoint was complete, how long it took, and how many scans it had.
+    /// When the last checkpoint was complete, how long it took (zero before the first), and how many scans it had.
     last: (Instant, Duration, usize),
     /// Until when none is tried, as the disk has refused one.
     paused: Option<Instant>,
@@ -106,6 +106,7 @@ impl Keeper {
 
     fn is_due(&self, session: &Session) -> bool {
         let (at, took, scans) = self.last;
+        let took = if took.is_zero() { CheckpointEvery::expected(session.mapper().atlas().bytes()) } else { took };
         self.every.is_due(session.scans() - scans, at.elapsed(), took) && self.paused.is_none_or(|until| Instant::now() >= until)
     }
 

@@ -134,7 +134,10 @@ fn a_thousand_kills() {
     let mut numbers = Numbers(std::env::var("PROPTEST_RNG_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(7));
     let settings = "street --voxel-size 0.3 --max-range 30";
     let mut maps = ["", "--field both", "--optimize", "--loops"].map(|flags| format!("{settings} {flags}")).to_vec();
-    maps.extend(["room --voxel-size 0.05", "room --voxel-size 0.05 --no-loops"].map(str::to_owned));
+    // Sweeps with an inertial unit, of which the motions are known to the run alone.
+    works(dir, "simulate room -o walk --moving --rate 10 --imu 100 --columns 128 --carrier handheld --rest 1 --scans 80 --bag");
+    let without_poses = ["room --voxel-size 0.05", "room --voxel-size 0.05 --no-loops", "walk/recording.mcap --voxel-size 0.1 --every scan"];
+    maps.extend(without_poses.map(str::to_owned));
     let (mut kills, mut tries) = (0, 0);
     works(dir, &format!("map {settings} -o made.vox"));
     // Outputs are there wholly or not at all: that of before, or the new one.
