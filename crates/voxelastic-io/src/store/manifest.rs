@@ -1,7 +1,7 @@
 //! What a map is made of: settings, sensor, and the table of submaps with where they lie.
 
 use super::files::SubmapName;
-use super::piece::{MapDetails, Piece, ScanEntry, pose_as_numbers, scan_entries};
+use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, pose_as_numbers, scan_entries};
 use super::submap_file::{Expected, Fields, Written};
 use serde::{Deserialize, Serialize};
 use voxelastic::atlas::{Submap, SubmapId, SubmapScan};
@@ -62,6 +62,9 @@ pub struct SubmapEntry {
     pub occupancy: Option<OccupancySummary>,
     /// The scans that it was made from, in the order in which they were integrated.
     pub scans: Vec<ScanEntry>,
+    /// Where the last correction put these scans; empty if they are as integrated.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub corrected: Vec<ScanEntry>,
 }
 
 /// Size of a submap's TSDF.
@@ -105,6 +108,7 @@ impl SubmapEntry {
             tsdf: (!tsdf.is_empty()).then(of_tsdf),
             occupancy: (!occupancy.is_empty()).then(of_occupancy),
             scans: scan_entries(submap),
+            corrected: corrected_entries(submap),
         }
     }
 
@@ -117,6 +121,7 @@ impl SubmapEntry {
     pub(super) fn submap(&self, fields: Fields, voxel_size: f32) -> Submap {
         let scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
         let submap = Submap::new(self.id, voxel_size, self.t_map_submap).with_scans(scans, self.travelled);
+        let submap = submap.with_corrected(self.corrected.iter().map(|s| s.t_submap_lidar).collect());
         submap.with_fields(fields.tsdf, fields.occupancy)
     }
 }

@@ -41,6 +41,11 @@ pub(super) fn scan_entries(submap: &Submap) -> Vec<ScanEntry> {
     submap.scans().iter().map(|s| ScanEntry { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect()
 }
 
+/// Where the last correction put the scans of `submap`.
+pub(super) fn corrected_entries(submap: &Submap) -> Vec<ScanEntry> {
+    submap.scans().iter().zip(submap.corrected()).map(|(s, pose)| ScanEntry { node: s.node, t_submap_lidar: *pose }).collect()
+}
+
 /// Refuses a submap whose numbers the manifest of the map in `dir` cannot hold.
 pub(super) fn check_storable(piece: &Piece<'_>, dir: &Path) -> Result<()> {
     let submap = piece.submap;
@@ -48,6 +53,9 @@ pub(super) fn check_storable(piece: &Piece<'_>, dir: &Path) -> Result<()> {
     pose_as_numbers::check(&piece.t_map_submap).map_err(|e| unstorable(format!("its root pose {e}")))?;
     for scan in submap.scans() {
         pose_as_numbers::check(&scan.t_submap_lidar).map_err(|e| unstorable(format!("the pose of node {} {e}", scan.node)))?;
+    }
+    for pose in submap.corrected() {
+        pose_as_numbers::check(pose).map_err(|e| unstorable(format!("a corrected pose {e}")))?;
     }
     if submap.travelled().is_finite() { Ok(()) } else { Err(unstorable(format!("its travelled distance is {}", submap.travelled()))) }
 }

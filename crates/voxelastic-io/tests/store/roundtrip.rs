@@ -13,14 +13,22 @@ proptest! {
     #[test]
     fn any_atlas_comes_back(seed in any::<u64>(), submaps in 0usize..5, blocks in 0usize..400) {
         let dir = tempfile::tempdir().unwrap();
-        let atlas = made_up_atlas(seed, submaps, blocks);
+        let mut atlas = made_up_atlas(seed, submaps, blocks);
+        // Of some submaps scans were corrected.
+        for id in (0..submaps as u32).step_by(2) {
+            let submap = atlas.submap_mut(id).unwrap();
+            let corrected = submap.scans().iter().rev().map(|scan| scan.t_submap_lidar).collect();
+            *submap = submap.clone().with_corrected(corrected);
+        }
         let mut writer = MapWriter::create(dir.path()).unwrap();
         let report = writer.save(&atlas, &details("roundtrip")).unwrap();
         prop_assert_eq!(report.written, submaps);
         let store = MapStore::open(dir.path()).unwrap();
         prop_assert_eq!(&store.manifest().details, &details("roundtrip"));
         prop_assert_eq!(store.manifest(), writer.store().manifest());
-        prop_assert!(same_atlas(&store.load_atlas().unwrap(), &atlas));
+        let loaded = store.load_atlas().unwrap();
+        prop_assert!(same_atlas(&loaded, &atlas));
+        prop_assert!(loaded.submaps().iter().zip(atlas.submaps()).all(|(a, b)| a.corrected() == b.corrected()));
         prop_assert!(store.check().is_empty());
     }
 }

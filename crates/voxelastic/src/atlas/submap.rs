@@ -24,6 +24,8 @@ pub struct Submap {
     pub(crate) voxel_size: f32,
     pub(crate) t_map_submap: Pose,
     pub(crate) scans: Vec<SubmapScan>,
+    /// Where the last correction put the lidar of each scan, in the submap frame; fewer than scans where they are as integrated.
+    pub(crate) corrected: Vec<Pose>,
     pub(crate) tsdf: TsdfField,
     pub(crate) occupancy: OccupancyField,
     pub(crate) travelled: f64,
@@ -34,7 +36,7 @@ impl Submap {
     /// An empty submap with finest voxels of `voxel_size` metres, its root at `t_map_submap`.
     pub fn new(id: SubmapId, voxel_size: f32, t_map_submap: Pose) -> Self {
         let (tsdf, occupancy) = (TsdfField::default(), OccupancyField::default());
-        Self { id, voxel_size, t_map_submap, scans: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
+        Self { id, voxel_size, t_map_submap, scans: Vec::new(), corrected: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
     }
 
     /// The same submap with other fields, both in its frame and with its voxel size.
@@ -47,7 +49,13 @@ impl Submap {
     /// one in metres.
     #[must_use]
     pub fn with_scans(self, scans: Vec<SubmapScan>, travelled: f64) -> Self {
-        Self { scans, travelled, ..self }
+        Self { scans, corrected: Vec::new(), travelled, ..self }
+    }
+
+    /// The same submap with the poses of the lidar, in the submap frame, that the last correction gave its scans, in their order; none for scans that are as integrated.
+    #[must_use]
+    pub fn with_corrected(self, corrected: Vec<Pose>) -> Self {
+        Self { corrected, ..self }
     }
 
     /// The same submap with another identifier.
@@ -79,6 +87,12 @@ impl Submap {
     /// The scans integrated into it, in that order.
     pub fn scans(&self) -> &[SubmapScan] {
         &self.scans
+    }
+
+    /// Poses of the lidar in the submap frame that the last correction gave the scans, in their order; none for scans that are as integrated. The fields stay those of the
+    /// scans as they were integrated, but a surface of the whole map is bent by the difference.
+    pub fn corrected(&self) -> &[Pose] {
+        &self.corrected
     }
 
     /// The TSDF in the submap frame; empty if the map does not have that field.

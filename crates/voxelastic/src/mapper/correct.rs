@@ -1,8 +1,8 @@
-//! Pose corrections (paper Sec. IV-D): root poses follow the graph, and nothing else moves.
+//! Pose corrections (paper Sec. IV-D): root poses follow the graph, and nothing else moves. Where scans are inside of submaps is noted, for surfaces.
 
 use crate::atlas::graph::PoseGraph;
-use crate::atlas::{Atlas, Submap, SubmapId};
-use crate::geometry::PoseExt;
+use crate::atlas::{Atlas, Submap, SubmapId, SubmapScan};
+use crate::geometry::{Pose, PoseExt};
 
 /// Largest difference between the poses at which a submap's scans were integrated and their current poses, both relative to the root.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +27,25 @@ pub(super) fn move_submaps(atlas: &mut Atlas, graph: &PoseGraph, distance: f64, 
         }
     }
     moved
+}
+
+/// Turning a scan matters at this distance, metres.
+const FAR: f64 = 10.0;
+
+/// Tells each submap where its scans are now, if one of them moved by more than a quarter of a voxel since it was told.
+pub(super) fn correct_scans(atlas: &mut Atlas, graph: &PoseGraph) {
+    let tolerance = 0.25 * f64::from(atlas.voxel_size());
+    for submap in atlas.submaps_mut() {
+        let now = |scan: &SubmapScan| graph.pose(scan.node).map_or(scan.t_submap_lidar, |pose| submap.t_map_submap.inv_mul(pose));
+        let corrected: Vec<Pose> = submap.scans.iter().map(now).collect();
+        let has_moved = corrected.iter().zip(&submap.scans).enumerate().any(|(n, (pose, scan))| {
+            let known = submap.corrected.get(n).unwrap_or(&scan.t_submap_lidar);
+            pose.translation_distance(known) > tolerance || pose.rotation_distance(known) * FAR > tolerance
+        });
+        if has_moved {
+            submap.corrected = corrected;
+        }
+    }
 }
 
 /// Every submap's deformation under the current poses, by submap.

@@ -3,7 +3,7 @@
 use super::assign::assign;
 use super::background_fusion::BackgroundFusion;
 use super::clusters::Clusters;
-use super::correct::{Deformation, deformations, move_submaps};
+use super::correct::{Deformation, correct_scans, deformations, move_submaps};
 use super::error::MapError;
 use super::frontend::{Frontend, FrontendScan};
 use super::idle::{IdleTask, keep_threads_awake};
@@ -200,6 +200,7 @@ impl Mapper {
         self.clusters.graph.refresh_loops();
         let (distance, angle) = (self.settings.update_distance, self.settings.update_angle.to_radians());
         self.counts.submap_moves += move_submaps(&mut self.atlas, &self.clusters.graph, distance, angle);
+        correct_scans(&mut self.atlas, &self.clusters.graph);
         self.queue_fusions();
         Ok(())
     }

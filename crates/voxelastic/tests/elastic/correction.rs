@@ -81,6 +81,20 @@ fn a_correction_moves_and_fuses_submaps_and_rebuilding_removes_deformation() {
         assert!(submap.t_map_submap().translation_distance(&poses[submap.root_node().unwrap() as usize].0) < 1e-9);
     }
 
+    // Each submap knows where its scans are now, those of merged submaps included.
+    for submap in mapper.atlas().submaps() {
+        for (i, scan) in submap.scans().iter().enumerate() {
+            let t_submap_lidar = submap.corrected().get(i).unwrap_or(&scan.t_submap_lidar);
+            let (now, expected) = (submap.t_map_submap() * t_submap_lidar, poses[scan.node as usize].0);
+            // A submap is told when a scan moved by a quarter of a voxel.
+            assert!(
+                now.translation_distance(&expected) < 0.26 * f64::from(mapper.atlas().voxel_size()),
+                "{}: {now} instead of {expected}",
+                scan.node
+            );
+        }
+    }
+
     let deformed = mapper.deformations();
     assert!(deformed.iter().any(|d| d.distance > 0.1), "{deformed:?}");
     let mut source = ReplayedScans(&town, &poses);
@@ -88,6 +102,7 @@ fn a_correction_moves_and_fuses_submaps_and_rebuilding_removes_deformation() {
         mapper.rebuild(d.submap, &mut source).unwrap();
     }
     assert!(mapper.deformed().is_empty() && mapper.deformations().iter().all(|d| d.distance < 1e-9));
+    assert!(mapper.atlas().submaps().iter().all(|submap| submap.corrected().is_empty()), "what was rebuilt is where it should be");
     let rebuilt = mean_height_error(mapper.atlas());
     println!("error {error:.3} m with drift, {elastic:.3} elastic, {rebuilt:.3} rebuilt; {submaps} -> {} submaps", mapper.atlas().submaps().len());
     assert!(rebuilt <= elastic * 1.02 && mapper.atlas().scan_count() == poses.len());

@@ -63,6 +63,11 @@ pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_ta
 /// Adds the scans of `source` to those of `target`.
 pub(crate) fn move_scans(target: &mut Submap, source: &Submap, t_target_source: &Pose) {
     let moved = source.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: t_target_source * s.t_submap_lidar });
+    if !(target.corrected.is_empty() && source.corrected.is_empty()) {
+        let as_integrated = target.scans.iter().skip(target.corrected.len()).map(|scan| scan.t_submap_lidar);
+        target.corrected.extend(as_integrated.collect::<Vec<_>>());
+        target.corrected.extend(source.corrected.iter().map(|pose| t_target_source * pose));
+    }
     target.scans.extend(moved);
     target.revision += 1;
 }

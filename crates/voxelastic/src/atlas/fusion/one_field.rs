@@ -4,14 +4,14 @@
 //! combined. A voxel's value depends on its own place in the map frame, and on how the submaps are bent onto each other. The field can be brought up to date: then only
 //! blocks that changed submaps reach are sampled again.
 
-use super::alignment::{Alignment, Displacement, PairAgreement};
+use super::alignment::{Alignment, Corrections, Displacement, PairAgreement};
 use super::colour::ColourPatch;
 use super::combine::{Agreement, BlockAgreement, combine};
 use super::placement::Placement;
 use super::sampled_block::SampledBlock;
 use super::tsdf::PatchBlock;
 use super::tsdf_sampling::{TargetBlock, TsdfSampling, displaced_target_blocks};
-use crate::atlas::{Atlas, SubmapId};
+use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{ObservationCount, TsdfField, Voxel};
 use crate::geometry::Pose;
@@ -44,6 +44,8 @@ struct Known {
     /// The submap, and whether it is being merged into another one.
     id: (SubmapId, bool),
     pose: Pose,
+    /// Where the last correction put its scans.
+    corrected: Vec<Pose>,
     displacement: Displacement,
     /// Time of the field's last scan, and the number of changes of any kind.
     clock: u32,
@@ -55,6 +57,7 @@ struct Known {
 /// A TSDF in the lattice of the map frame.
 struct Source<'a> {
     id: (SubmapId, bool),
+    submap: &'a Submap,
     field: &'a TsdfField,
     pose: Pose,
     revision: u64,
@@ -85,7 +88,10 @@ impl OneField {
     /// the correction before left the submaps.
     pub fn update(&mut self, atlas: &Atlas) -> Vec<u64> {
         let sources = sources(atlas);
-        let is_as_known = |(source, known): (&Source<'_>, &Known)| known.id == source.id && known.pose == source.pose && !source.was_merged(known);
+        let is_as_known = |(source, known): (&Source<'_>, &Known)| {
+            let is_there = known.id == source.id && known.pose == source.pose && known.corrected == source.submap.corrected;
+            is_there && !source.was_merged(known)
+        };
         let displacements: Vec<Displacement> = if sources.len() == self.known.len() && sources.iter().zip(&self.known).all(is_as_known) {
             self.known.iter().map(|known| known.displacement.clone()).collect()
         } else {
@@ -165,7 +171,8 @@ impl Atlas {
 
 /// The displacements that bring sources onto each other, and how they agree.
 fn align(sources: &[Source<'_>]) -> (Vec<Displacement>, Vec<PairAgreement>) {
-    let fields: Vec<(&TsdfField, Placement)> = sources.iter().map(|source| (source.field, source.placement)).collect();
+    let corrections = |source: &Source<'_>| Corrections::new(source.submap, &source.pose);
+    let fields: Vec<_> = sources.iter().map(|source| (source.field, source.placement, corrections(source))).collect();
     let Alignment { displacements, agreement } = Alignment::new(&fields);
     let id = |number: SubmapId| sources.get(number as usize).map_or(number, |source| source.id.0);
     (displacements, agreement.into_iter().map(|pair| PairAgreement { submaps: pair.submaps.map(id), ..pair }).collect())
@@ -179,6 +186,7 @@ fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
     let used = all.filter(|(submap, pose, _)| !submap.tsdf.is_empty() && is_finite(pose));
     used.map(|(submap, pose, is_merging)| Source {
         id: (submap.id, is_merging),
+        submap,
         field: &submap.tsdf,
         pose,
         revision: submap.revision,
@@ -197,7 +205,8 @@ impl<'a> Source<'a> {
     /// Adds the blocks of the map that changes of the source since `before` may have changed to `keys`; returns it as it is now.
     fn changes(&self, before: Option<Known>, displacement: Displacement, keys: &mut Vec<u64>) -> Known {
         let clock = self.field.change_log.clock;
-        let now = |blocks, displacement| Known { id: self.id, pose: self.pose, displacement, clock, revision: self.revision, blocks };
+        let corrected = self.submap.corrected.clone();
+        let now = |blocks, displacement| Known { id: self.id, pose: self.pose, corrected, displacement, clock, revision: self.revision, blocks };
         match before {
             Some(known) if known.pose == self.pose && known.displacement == displacement && !self.was_merged(&known) => {
                 if clock == known.clock {
@@ -283,7 +292,6 @@ impl Part {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::atlas::Submap;
     use crate::geometry::{Pose, Rigid};
     use crate::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
     use nalgebra::{Translation3, UnitQuaternion, Vector3};
@@ -385,6 +393,24 @@ mod tests {
                 let middle = 0.04 + 0.5 * shift;
                 assert!((end - middle - expected).abs() < 0.04, "{shift} m: {ends:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_correction_of_scans_moves_their_surface() {
+        let mut submap = sphere(0, turned(), [0.04, 0.03, 0.02], 2);
+        submap.add_scan(7, &Pose::translation(0.04, 0.03, 0.02));
+        let mut atlas = Atlas::from_submaps(VOXEL, vec![submap]);
+        let mut one = OneField::new(&atlas);
+        let before = ends(&one.field);
+        let corrected = turned().inv_mul(&Pose::translation(0.29, 0.03, 0.02));
+        for (corrected, shift) in [(vec![corrected], 2.5), (vec![], 0.0)] {
+            atlas.submap_mut(0).unwrap().corrected = corrected;
+            assert!(!one.update(&atlas).is_empty() && one.update(&atlas).is_empty());
+            for (now, before) in ends(&one.field).iter().zip(before) {
+                assert!((now - before - shift).abs() < 0.05, "{now} instead of {before} + {shift}");
+            }
+            assert_eq!(ends(&OneField::new(&atlas).field), ends(&one.field), "made anew");
         }
     }
 

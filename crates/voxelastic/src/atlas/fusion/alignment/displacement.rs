@@ -22,6 +22,11 @@ pub(super) fn cell_of(point: [f32; 3]) -> Cell {
     point.map(|c| floor((c - LOW) / EDGE))
 }
 
+/// The middle of a cell, finest voxels.
+pub(super) fn middle_of(cell: Cell) -> [f32; 3] {
+    cell.map(|c| (c as f32 + 0.5) * EDGE + LOW)
+}
+
 /// How much a field is moved at a place of the lattice that it is sampled in, finest voxels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(in crate::atlas::fusion) struct Displacement {

@@ -5,18 +5,22 @@
 //! [`Displacement`]: one vector per cell of 64 voxels, by least squares over pairs of places on the surfaces of two submaps. Of two surfaces both move
 //! half the way, so that the result is their mean along the normal; where only one direction is known, as on a floor, neighbouring cells decide on the others.
 //!
+//! Where a correction moved the scans of a submap relative to each other, the submap is bent as the scans moved first: its fields are those of the scans as they were.
+//!
 //! What is too far apart or does not match in most places is not pulled together: it is refused, and counted.
 
+mod corrections;
 mod displacement;
 mod pairs;
 mod solve;
 mod surface_points;
 
+pub(super) use corrections::Corrections;
 pub(super) use displacement::{CubeOffset, Displacement};
 
 use super::placement::Placement;
 use crate::field::tsdf::TsdfField;
-use displacement::{Cell, cell_of};
+use displacement::{Cell, cell_of, middle_of};
 use hashbrown::{HashMap, HashSet};
 pub use pairs::PairAgreement;
 use pairs::{Pairs, REACH};
@@ -35,25 +39,31 @@ pub(super) struct Alignment {
 }
 
 impl Alignment {
-    /// Aligns fields, each with its placement in the common lattice. The result does not depend on the number of threads.
-    pub fn new(fields: &[(&TsdfField, Placement)]) -> Self {
-        let cells: Vec<HashSet<Cell>> = fields.iter().map(|(field, placement)| cells_of(field, placement)).collect();
+    /// Aligns fields, each with its placement in the common lattice and the corrections of its scans. The result does not depend on the number of threads.
+    pub fn new(fields: &[(&TsdfField, Placement, Corrections)]) -> Self {
+        let expected: Vec<HashMap<Cell, [f32; 3]>> = fields
+            .iter()
+            .map(|(field, placement, corrections)| {
+                cells_of(field, placement).into_iter().map(|cell| (cell, corrections.at(middle_of(cell)))).collect()
+            })
+            .collect();
         let mut owners: HashMap<Cell, u32> = HashMap::new();
-        cells.iter().flatten().for_each(|cell| *owners.entry(*cell).or_default() += 1);
+        expected.iter().flat_map(HashMap::keys).for_each(|cell| *owners.entry(*cell).or_default() += 1);
+        let mut displacements: Vec<Displacement> =
+            expected.iter().map(|cells| Displacement::new(cells.iter().map(|(cell, vector)| (*cell, *vector)))).collect();
         if owners.values().all(|count| *count < 2) {
-            return Self { displacements: fields.iter().map(|_| Displacement::default()).collect(), agreement: Vec::new() };
+            return Self { displacements, agreement: Vec::new() };
         }
         let is_shared = |cell: &Cell| owners.get(cell).is_some_and(|count| *count > 1);
-        let points = fields.iter().enumerate().flat_map(|(i, (field, placement))| surface_points(field, placement, i as u32, is_shared)).collect();
+        let points = fields.iter().enumerate().flat_map(|(i, (field, placement, _))| surface_points(field, placement, i as u32, is_shared)).collect();
         let pairs = Pairs::new(points, fields.len());
-        let mut displacements: Vec<Displacement> = fields.iter().map(|_| Displacement::default()).collect();
-        let before = pairs.find(&displacements, ROUNDS[0]);
-        let mut terms = before.terms();
+        let before = pairs.find(&fields.iter().map(|_| Displacement::default()).collect::<Vec<_>>(), ROUNDS[0]);
+        let mut terms = pairs.find(&displacements, ROUNDS[0]).terms();
         for reach in &ROUNDS[1..] {
-            displacements = solve::displacements(&cells, &terms);
+            displacements = solve::displacements(&expected, &terms);
             terms = pairs.find(&displacements, *reach).terms();
         }
-        displacements = solve::displacements(&cells, &terms);
+        displacements = solve::displacements(&expected, &terms);
         let agreement = pairs.agreement(&before, &pairs.find(&displacements, REACH));
         Self { displacements, agreement }
     }

@@ -2,12 +2,12 @@
 
 use super::displacement::{Cell, Displacement};
 use super::pairs::Term;
-use hashbrown::{HashMap, HashSet};
+use hashbrown::HashMap;
 use nalgebra::{Matrix3, Vector3};
 
-/// Weight of the difference between neighbouring cells, beside that of one for pairs in every direction.
+/// Weight of the difference between neighbouring cells, beyond the expected one, beside that of one for pairs in every direction.
 pub(super) const SMOOTHNESS: f64 = 0.25;
-/// Weight of the displacements themselves: what nothing asks for is not moved, and of two fields each moves half the way.
+/// Weight of the difference from what is expected: what no pair asks for is moved as expected, and of two fields each moves half the way.
 pub(super) const REST: f64 = 0.01;
 /// Steps of conjugate gradients at most, and the residual at which they end.
 const STEPS: usize = 300;
@@ -22,17 +22,21 @@ struct Unknown {
     tied: Vec<(usize, Option<usize>)>,
 }
 
-/// The displacements of all fields, given the cells of each and what pairs of them ask for: those with the least sum of squares.
-pub(super) fn displacements(cells: &[HashSet<Cell>], terms: &[Term]) -> Vec<Displacement> {
-    let mut places: Vec<(Cell, usize)> = cells.iter().enumerate().flat_map(|(field, cells)| cells.iter().map(move |cell| (*cell, field))).collect();
+/// The displacements of all fields, given the cells of each, with the displacements that are expected there, and what pairs of them ask for: those with the least sum of
+/// squares.
+pub(super) fn displacements(expected: &[HashMap<Cell, [f32; 3]>], terms: &[Term]) -> Vec<Displacement> {
+    let mut places: Vec<(Cell, usize)> =
+        expected.iter().enumerate().flat_map(|(field, cells)| cells.keys().map(move |cell| (*cell, field))).collect();
     places.sort_unstable();
     let numbers: HashMap<(Cell, usize), usize> = places.iter().enumerate().map(|(i, place)| (*place, i)).collect();
-    let found = solve(&unknowns(&places, &numbers, terms), terms);
+    let expected_at = |(cell, field): &(Cell, usize)| Vector3::from(expected[*field].get(cell).copied().unwrap_or_default().map(f64::from));
+    let expected_there: Vec<Vector3<f64>> = places.iter().map(expected_at).collect();
+    let found = solve(&unknowns(&places, &numbers, &expected_there, terms), terms);
     let of = |field: usize| {
         let own = places.iter().zip(&found).filter(move |((_, owner), _)| *owner == field);
         Displacement::new(own.map(|((cell, _), vector)| (*cell, <[f32; 3]>::from(vector.map(|v| v as f32)))))
     };
-    (0..cells.len()).map(of).collect()
+    (0..expected.len()).map(of).collect()
 }
 
 /// Conjugate gradients, preconditioned by the matrices of single unknowns.
@@ -75,9 +79,14 @@ fn solve(unknowns: &[Unknown], terms: &[Term]) -> Vec<Vector3<f64>> {
     found
 }
 
-fn unknowns(places: &[(Cell, usize)], numbers: &HashMap<(Cell, usize), usize>, terms: &[Term]) -> Vec<Unknown> {
-    let alone = |_| Unknown { matrix: REST * Matrix3::identity(), inverse: Matrix3::identity(), right: Vector3::zeros(), tied: Vec::new() };
-    let mut unknowns: Vec<Unknown> = places.iter().map(alone).collect();
+fn unknowns(places: &[(Cell, usize)], numbers: &HashMap<(Cell, usize), usize>, expected: &[Vector3<f64>], terms: &[Term]) -> Vec<Unknown> {
+    let alone = |expected: &Vector3<f64>| Unknown {
+        matrix: REST * Matrix3::identity(),
+        inverse: Matrix3::identity(),
+        right: REST * expected,
+        tied: Vec::new(),
+    };
+    let mut unknowns: Vec<Unknown> = expected.iter().map(alone).collect();
     for (t, term) in terms.iter().enumerate() {
         let [Some(&a), Some(&b)] = term.fields.map(|field| numbers.get(&(term.cell, field))) else { continue };
         for (here, there, sign) in [(a, b, 1.0), (b, a, -1.0)] {
@@ -92,6 +101,7 @@ fn unknowns(places: &[(Cell, usize)], numbers: &HashMap<(Cell, usize), usize>, t
                 let near: Cell = std::array::from_fn(|l| cell[l] + if l == k { step } else { 0 });
                 if let Some(&other) = numbers.get(&(near, field)) {
                     unknowns[i].matrix += SMOOTHNESS * Matrix3::identity();
+                    unknowns[i].right += SMOOTHNESS * (expected[i] - expected[other]);
                     unknowns[i].tied.push((other, None));
                 }
             }

@@ -11,8 +11,8 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use proptest::prelude::*;
 
 /// The least squares of [`displacements`] as one dense system: the vectors of all cells and fields, by field and then cell.
-fn dense(cells: &[HashSet<Cell>], terms: &[Term]) -> Vec<((usize, Cell), Vector3<f64>)> {
-    let mut places: Vec<(usize, Cell)> = cells.iter().enumerate().flat_map(|(f, cells)| cells.iter().map(move |c| (f, *c))).collect();
+fn dense(expected: &[HashMap<Cell, [f32; 3]>], terms: &[Term]) -> Vec<((usize, Cell), Vector3<f64>)> {
+    let mut places: Vec<(usize, Cell)> = expected.iter().enumerate().flat_map(|(f, cells)| cells.keys().map(move |c| (f, *c))).collect();
     places.sort_unstable();
     let number = |field: usize, cell: Cell| places.binary_search(&(field, cell)).ok();
     let (mut matrix, mut right) = (DMatrix::<f64>::identity(3 * places.len(), 3 * places.len()) * REST, DVector::<f64>::zeros(3 * places.len()));
@@ -24,10 +24,17 @@ fn dense(cells: &[HashSet<Cell>], terms: &[Term]) -> Vec<((usize, Cell), Vector3
         }
     };
     for (i, &(field, cell)) in places.iter().enumerate() {
+        let of = |cell: &Cell| Vector3::from(expected[field][cell].map(f64::from));
+        let mut part = right.fixed_rows_mut::<3>(3 * i);
+        part += REST * of(&cell);
         for k in 0..3 {
             let next = std::array::from_fn(|l| cell[l] + i32::from(l == k));
             if let Some(j) = number(field, next) {
                 tie(i, j, SMOOTHNESS * Matrix3::identity());
+                for (n, sign) in [(i, 1.0), (j, -1.0)] {
+                    let mut part = right.fixed_rows_mut::<3>(3 * n);
+                    part += sign * SMOOTHNESS * (of(&cell) - of(&next));
+                }
             }
         }
     }
@@ -47,10 +54,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
     fn displacements_equal_those_of_dense_least_squares(
-        cells in prop::collection::vec(prop::collection::hash_set(prop::array::uniform3(0i32..4), 1..16), 2..4),
+        cells in prop::collection::vec(prop::collection::hash_map(prop::array::uniform3(0i32..4), prop::array::uniform3(-3f32..3.0), 1..16), 2..4),
         asked in prop::collection::vec((prop::array::uniform3(0i32..4), 0usize..3, 0usize..3, prop::array::uniform3(-1f64..1.0), -5f64..5.0), 1..30),
     ) {
-        let cells: Vec<HashSet<Cell>> = cells.into_iter().map(|cells| cells.into_iter().collect()).collect();
+        let cells: Vec<HashMap<Cell, [f32; 3]>> = cells.into_iter().map(|cells| cells.into_iter().collect()).collect();
         let terms: Vec<Term> = asked.into_iter().filter(|(_, a, b, ..)| a < b && *b < cells.len()).map(|(cell, a, b, normal, gap)| {
             let normal = (Vector3::from(normal) + Vector3::new(0.0, 0.0, 1e-3)).normalize();
             Term { cell, fields: [a, b], normals: normal * normal.transpose(), gap: gap * normal }
