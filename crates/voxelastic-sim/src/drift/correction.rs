@@ -26,30 +26,42 @@ const RESIDUAL_SIGMA: (f64, f64) = (0.02, 4e-4);
 /// The corrections of a simulation, in order.
 pub(crate) fn corrections(truth: &[Pose], loops: &[Edge], random: &Stream) -> Vec<Correction> {
     let travelled = path_lengths(truth);
-    let constant = Residual::new(random.fork(0), 0.95);
-    loops
-        .iter()
-        .filter(|edge| (edge.to as usize) < truth.len())
-        .map(|edge| {
-            // Each closure also changes the earlier poses a little.
-            let changing = Residual::new(random.fork(edge.to + 1), 0.3);
-            let poses = truth.iter().zip(&travelled).take(edge.to as usize + 1);
-            let poses = poses.map(|(pose, &s)| {
-                let (shift, turn) = (constant.at(s).0 + changing.at(s).0, constant.at(s).1 + changing.at(s).1);
-                Pose::from_parts(Translation3::from(pose.translation.vector + shift), UnitQuaternion::new(turn) * pose.rotation)
-            });
-            Correction { node: edge.to, poses: poses.collect() }
-        })
-        .collect()
+    let constant = Residual::constant(random);
+    let correction = |edge: &Edge| {
+        let nodes = edge.to as usize + 1;
+        let poses = corrected(&truth[..nodes], &travelled[..nodes], &constant, &Residual::changing(random, edge));
+        Correction { node: edge.to, poses }
+    };
+    loops.iter().filter(|edge| (edge.to as usize) < truth.len()).map(correction).collect()
+}
+
+/// The true poses with the errors that a correction leaves. Each closure also changes the earlier poses a little.
+pub(super) fn corrected(truth: &[Pose], travelled: &[f64], constant: &Residual, changing: &Residual) -> Vec<Pose> {
+    let correct = |(pose, &s): (&Pose, &f64)| {
+        let (shift, turn) = (constant.at(s).0 + changing.at(s).0, constant.at(s).1 + changing.at(s).1);
+        Pose::from_parts(Translation3::from(pose.translation.vector + shift), UnitQuaternion::new(turn) * pose.rotation)
+    };
+    truth.iter().zip(travelled).map(correct).collect()
 }
 
 /// A slowly varying error along the path that is zero at its start.
-struct Residual {
+#[derive(Clone, Debug)]
+pub(super) struct Residual {
     /// Amplitude, wavelength and phase of the waves on each axis.
     waves: [[(f64, f64, f64); 3]; 6],
 }
 
 impl Residual {
+    /// The error that all corrections share.
+    pub fn constant(random: &Stream) -> Self {
+        Self::new(random.fork(0), 0.95)
+    }
+
+    /// The error of the correction at a loop edge.
+    pub fn changing(random: &Stream, edge: &Edge) -> Self {
+        Self::new(random.fork(edge.to + 1), 0.3)
+    }
+
     fn new(mut random: Stream, share: f64) -> Self {
         let mut wave = |amplitude: f64| (amplitude * random.normal() * share, random.range(25.0, 90.0), random.range(0.0, TAU));
         // The difference of two sines of random phase has unit variance; three waves are added.

@@ -50,26 +50,37 @@ pub(crate) fn find(world: &World, truth: &[Pose], settings: &LoopSettings, rando
     let travelled = path_lengths(truth);
     let mut edges = Vec::new();
     let mut last = f64::NEG_INFINITY;
-    for (j, pose) in truth.iter().enumerate() {
+    for j in 0..truth.len() {
         if travelled[j] - last < settings.spacing {
             continue;
         }
-        let old = truth.iter().enumerate().take_while(|(i, _)| travelled[j] - travelled[*i] >= settings.least_path);
-        let near = old.map(|(i, p)| ((p.translation.vector - pose.translation.vector).norm(), i));
-        let nearest = near.filter(|&(d, i)| d < settings.radius && is_visible(world, pose, &truth[i])).min_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, i)) = nearest {
-            let noise = random_motion(&mut random.fork(j as u64), settings.sigma, settings.sigma_turn);
-            let (translation, rotation) = (settings.sigma.max(1e-4), settings.sigma_turn.max(1e-5));
-            edges.push(Edge {
-                from: i as NodeId,
-                to: j as NodeId,
-                t_from_to: truth[i].inv_mul(pose) * noise,
-                information: Some(information([translation, translation, translation, rotation, rotation, rotation])),
-            });
+        if let Some(i) = nearest_earlier(world, truth, &travelled, j, settings) {
+            edges.push(loop_edge(truth, (i, j), settings, random));
             last = travelled[j];
         }
     }
     edges
+}
+
+/// The nearest node within the radius of node `j`, in line of sight, and long before it along the path.
+pub(super) fn nearest_earlier(world: &World, truth: &[Pose], travelled: &[f64], j: usize, settings: &LoopSettings) -> Option<usize> {
+    let pose = &truth[j];
+    let old = truth.iter().enumerate().take_while(|(i, _)| travelled[j] - travelled[*i] >= settings.least_path);
+    let near = old.map(|(i, p)| ((p.translation.vector - pose.translation.vector).norm(), i));
+    let nearest = near.filter(|&(d, i)| d < settings.radius && is_visible(world, pose, &truth[i])).min_by(|a, b| a.0.total_cmp(&b.0));
+    nearest.map(|(_, i)| i)
+}
+
+/// The loop edge from node `i` to node `j` as it is measured.
+pub(super) fn loop_edge(truth: &[Pose], (i, j): (usize, usize), settings: &LoopSettings, random: &Stream) -> Edge {
+    let noise = random_motion(&mut random.fork(j as u64), settings.sigma, settings.sigma_turn);
+    let (translation, rotation) = (settings.sigma.max(1e-4), settings.sigma_turn.max(1e-5));
+    Edge {
+        from: i as NodeId,
+        to: j as NodeId,
+        t_from_to: truth[i].inv_mul(&truth[j]) * noise,
+        information: Some(information([translation, translation, translation, rotation, rotation, rotation])),
+    }
 }
 
 fn is_visible(world: &World, from: &Pose, to: &Pose) -> bool {

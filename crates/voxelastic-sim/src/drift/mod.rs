@@ -2,11 +2,13 @@
 
 mod correction;
 mod gaussian;
+mod live;
 mod loops;
 mod odometry;
 
 pub use correction::Correction;
 pub(crate) use correction::corrections;
+pub use live::{LiveSlam, Tracked};
 pub use loops::LoopSettings;
 pub(crate) use loops::find as find_loops;
 pub use odometry::mean_drift;

@@ -21,6 +21,7 @@ const SLOPE: (f64, f64) = (2e-3, 2e-3);
 const TILT: f64 = 2.5e-4;
 
 /// A first-order Gauss-Markov process of zero mean and unit variance with a correlation length of [`CORRELATION_LENGTH`].
+#[derive(Clone, Debug)]
 struct GaussMarkov {
     value: f64,
 }
@@ -55,27 +56,54 @@ pub(crate) fn drifting_odometry(truth: &[Pose], rate: f64, random: &Stream) -> V
     odometry
 }
 
-fn with_rates(truth: &[Pose], factor: f64, mut random: Stream) -> Vec<Pose> {
-    let random = &mut random;
-    let bias = [YAW.0 * random.normal(), SCALE.0 * random.normal(), SLOPE.0 * random.normal()];
-    let mut processes: [GaussMarkov; 5] = std::array::from_fn(|_| GaussMarkov::new(random));
-    let mut odometry: Vec<Pose> = truth.first().copied().into_iter().collect();
-    let (mut yaw, mut position) = (0.0, odometry.first().map_or(Vector3::zeros(), |p| p.translation.vector));
-    for pair in truth.windows(2) {
-        let step = pair[1].translation.vector - pair[0].translation.vector;
+/// Drift of an odometry, pose by pose.
+#[derive(Clone, Debug)]
+pub(super) struct OdometryDrift {
+    factor: f64,
+    random: Stream,
+    bias: [f64; 3],
+    processes: [GaussMarkov; 5],
+    yaw: f64,
+    position: Vector3<f64>,
+}
+
+impl OdometryDrift {
+    /// Drift of about `factor` metres in 100 m of straight path.
+    pub fn new(factor: f64, mut random: Stream) -> Self {
+        let bias = [YAW.0 * random.normal(), SCALE.0 * random.normal(), SLOPE.0 * random.normal()];
+        let processes = std::array::from_fn(|_| GaussMarkov::new(&mut random));
+        Self { factor, random, bias, processes, yaw: 0.0, position: Vector3::zeros() }
+    }
+
+    /// Starts at the true pose.
+    pub fn start(&mut self, truth: &Pose) {
+        self.position = truth.translation.vector;
+    }
+
+    /// The odometry's pose after a true motion.
+    pub fn step(&mut self, before: &Pose, after: &Pose) -> Pose {
+        let Self { factor, random, bias, processes, .. } = self;
+        let step = after.translation.vector - before.translation.vector;
         let metres = step.norm();
         let [yawing, scaling, sloping, rolling, pitching] = std::array::from_fn(|k| processes[k].step(metres, random));
-        let turn = factor * (bias[0] + YAW.1 * yawing) * metres;
-        let scale = factor * (bias[1] + SCALE.1 * scaling);
-        let slope = factor * (bias[2] + SLOPE.1 * sloping);
+        let turn = *factor * (bias[0] + YAW.1 * yawing) * metres;
+        let scale = *factor * (bias[1] + SCALE.1 * scaling);
+        let slope = *factor * (bias[2] + SLOPE.1 * sloping);
         let tilt = TILT * factor.min(1.0);
-        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw + 0.5 * turn);
-        position += heading * step * (1.0 + scale) + Vector3::z() * (slope * metres);
-        yaw += turn;
-        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw) * pair[1].rotation;
+        let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.yaw + 0.5 * turn);
+        self.position += heading * step * (1.0 + scale) + Vector3::z() * (slope * metres);
+        self.yaw += turn;
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.yaw) * after.rotation;
         let tilted = turned * UnitQuaternion::from_euler_angles(tilt * rolling, tilt * pitching, 0.0);
-        odometry.push(Pose::from_parts(Translation3::from(position), tilted));
+        Pose::from_parts(Translation3::from(self.position), tilted)
     }
+}
+
+fn with_rates(truth: &[Pose], factor: f64, random: Stream) -> Vec<Pose> {
+    let mut drift = OdometryDrift::new(factor, random);
+    let mut odometry: Vec<Pose> = truth.first().copied().into_iter().collect();
+    odometry.iter().for_each(|first| drift.start(first));
+    odometry.extend(truth.windows(2).map(|pair| drift.step(&pair[0], &pair[1])));
     odometry
 }
 

@@ -5,6 +5,7 @@ mod campus;
 mod facade;
 mod floor_plan;
 mod furniture;
+mod maze;
 mod mine;
 mod simple;
 mod street;
@@ -28,11 +29,12 @@ pub struct Scene {
 type Build = fn(&mut WorldBuilder) -> (Route, Carrier);
 
 /// Name, default number of scans and construction of each world.
-const SCENES: [(&str, usize, Build); 7] = [
+const SCENES: [(&str, usize, Build); 8] = [
     ("campus", 210, campus::build),
     ("mine", 210, mine::build),
     ("street", 400, street::build),
     ("tunnel", 400, tunnel::build),
+    ("maze", 20, maze::build),
     ("room", 20, simple::room),
     ("plane", 20, simple::plane),
     ("sphere", 20, simple::sphere),
@@ -40,7 +42,7 @@ const SCENES: [(&str, usize, Build); 7] = [
 
 /// Names of the worlds: `campus` (a college quad, a tunnel, a park and a 1 m doorway), `mine` (rooms and corridors hewn from
 /// rock), `street` (a block of houses), `tunnel` (300 m without
-/// features), and the small `room`, `plane` and `sphere` for tests.
+/// features), `maze` (corridors with dead ends, to explore), and the small `room`, `plane` and `sphere` for tests.
 pub fn names() -> impl Iterator<Item = &'static str> {
     SCENES.iter().map(|s| s.0)
 }
