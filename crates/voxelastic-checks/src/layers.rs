@@ -18,6 +18,7 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-slam", &["voxelastic"]),
     ("voxelastic-plan", &["voxelastic"]),
     ("voxelastic-esdf", &["voxelastic"]),
+    ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
     ("voxelastic-live", &["voxelastic", "voxelastic-io", "voxelastic-slam", "voxelastic-report"]),
     ("voxelastic-bench", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
@@ -32,6 +33,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-slam",
             "voxelastic-plan",
             "voxelastic-esdf",
+            "voxelastic-explore",
             "voxelastic-report",
             "voxelastic-live",
             "voxelastic-bench",
@@ -39,7 +41,16 @@ pub const CRATES: &[Layer] = &[
     ),
     (
         "voxelastic-python",
-        &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-slam", "voxelastic-plan", "voxelastic-cli"],
+        &[
+            "voxelastic",
+            "voxelastic-io",
+            "voxelastic-eval",
+            "voxelastic-sim",
+            "voxelastic-slam",
+            "voxelastic-plan",
+            "voxelastic-esdf",
+            "voxelastic-cli",
+        ],
     ),
 ];
 

@@ -35,8 +35,8 @@ mod watching;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, esdf, eval, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render, repair,
-    report, simulate, slice, view,
+    bench, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render,
+    repair, report, simulate, slice, view,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -87,6 +87,7 @@ enum Command {
     Report(report::ReportArgs),
     Plan(plan::PlanArgs),
     Esdf(esdf::EsdfArgs),
+    Explore(explore::ExploreArgs),
     Repair(repair::RepairArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
@@ -157,6 +158,7 @@ impl Command {
             Self::Report(args) => report::run(args),
             Self::Plan(args) => plan::run(args),
             Self::Esdf(args) => esdf::run(args),
+            Self::Explore(args) => explore::run(args, quiet),
             Self::Repair(args) => repair::run(args),
             Self::Heldout(args) => heldout::run(args, quiet),
             Self::Eval(args) => eval::run(args),

@@ -5,6 +5,7 @@ pub mod config;
 pub mod demo;
 pub mod esdf;
 pub mod eval;
+pub mod explore;
 pub mod export;
 pub mod heldout;
 pub mod info;

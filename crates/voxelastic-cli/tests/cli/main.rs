@@ -4,6 +4,7 @@ mod colours;
 mod corrections;
 mod damage;
 mod evaluation;
+mod exploration;
 mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;

@@ -1,0 +1,152 @@
+//! What happened on the way, and its summary.
+
+use super::args::ExploreArgs;
+use super::robot::SimulatedRobot;
+use super::truth::ReachableSpace;
+use serde::Serialize;
+use std::time::Duration;
+use voxelastic_explore::{Decision, Explorer, FrontierCluster, Purpose};
+
+/// What is known is compared with the world at this interval, seconds of the simulation.
+const INTERVAL: f64 = 10.0;
+
+/// How much was known when.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Moment {
+    time_s: f64,
+    distance_m: f64,
+    /// Share of the space that could be known.
+    known_share: f64,
+    /// Distance between where the robot was and where it believed to be.
+    error_m: f64,
+}
+
+/// Statistics of times, milliseconds.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Times {
+    pub median: f64,
+    pub p95: f64,
+    pub p99: f64,
+    pub most: f64,
+}
+
+impl Times {
+    fn of(times: impl Iterator<Item = Duration>) -> Self {
+        let mut sorted: Vec<f64> = times.map(|time| 1e3 * time.as_secs_f64()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| sorted.get((share * sorted.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or_default();
+        Self { median: at(0.5), p95: at(0.95), p99: at(0.99), most: at(1.0) }
+    }
+}
+
+/// The keys of `--json`.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    world: String,
+    seed: u64,
+    strategy: &'static str,
+    ground: bool,
+    drift_m_per_100_m: f64,
+    pub time_s: f64,
+    pub distance_m: f64,
+    /// Volume of the space that could be known, cubic metres.
+    pub reachable_m3: f64,
+    /// Share of it that is known at the end.
+    pub known_share: f64,
+    /// Distance travelled until nine tenths, and 95 %, of what is known at the end was known.
+    distance_to_90_percent_m: Option<f64>,
+    distance_to_95_percent_m: Option<f64>,
+    pub is_home: bool,
+    pub collisions: usize,
+    scans: usize,
+    loop_closures: usize,
+    submaps: usize,
+    plans: usize,
+    places: usize,
+    /// All decisions; those that planned a path; bringing the frontier up to date and clustering it.
+    pub decision_ms: Times,
+    plan_ms: Times,
+    frontier_ms: Times,
+    course: Vec<Moment>,
+}
+
+/// What happened so far.
+#[derive(Default)]
+pub struct Course {
+    pub moments: Vec<Moment>,
+    decisions: Vec<(Duration, Duration, bool)>,
+    pub frontier: Vec<FrontierCluster>,
+    last_purpose: Option<Purpose>,
+    is_home: bool,
+    places: usize,
+}
+
+impl Course {
+    /// Notes a decision.
+    pub fn record(&mut self, robot: &SimulatedRobot, explorer: &Explorer, decision: &Decision, truth: &ReachableSpace, is_last: bool) {
+        self.decisions.push((decision.time, decision.frontier_time, decision.is_new));
+        if self.last_purpose != Some(decision.purpose) {
+            self.last_purpose = Some(decision.purpose);
+            tracing::debug!("{:?} after {:.0} s", decision.purpose, robot.time());
+        }
+        let is_due = self.moments.last().is_none_or(|last| robot.time() >= last.time_s + INTERVAL);
+        if is_due || is_last {
+            let known_share = truth.known_share(&robot.atlas().query());
+            self.moments.push(Moment { time_s: robot.time(), distance_m: robot.distance(), known_share, error_m: robot.error() });
+        }
+        if is_last {
+            self.frontier.clone_from(&decision.frontier);
+            let (start, last) = (robot.start(), robot.track.last().copied().unwrap_or_default());
+            self.is_home = voxelastic_plan::distance(start, last) < 2.0 * explorer.settings().spacing;
+            self.places = explorer.places();
+        }
+    }
+
+    /// Share of the space known at the last comparison.
+    pub fn share(&self) -> f64 {
+        self.moments.last().map_or(0.0, |moment| moment.known_share)
+    }
+
+    /// Share of the space known, by time in seconds.
+    pub fn shares(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.moments.iter().map(|moment| (moment.time_s, moment.known_share))
+    }
+
+    fn distance_to(&self, share: f64) -> Option<f64> {
+        let least = share * self.share();
+        self.moments.iter().find(|moment| moment.known_share >= least).map(|moment| moment.distance_m)
+    }
+
+    /// The summary at the end.
+    pub fn summary(&self, args: &ExploreArgs, robot: &SimulatedRobot, truth: &ReachableSpace) -> Summary {
+        let strategy = match args.strategy {
+            super::args::Rule::Tour => "tour",
+            super::args::Rule::Nearest => "nearest",
+            super::args::Rule::NextBest => "next-best",
+        };
+        Summary {
+            world: args.world.clone(),
+            seed: args.seed,
+            strategy,
+            ground: args.ground,
+            drift_m_per_100_m: args.drift,
+            time_s: robot.time(),
+            distance_m: robot.distance(),
+            reachable_m3: truth.volume(),
+            known_share: self.share(),
+            distance_to_90_percent_m: self.distance_to(0.9),
+            distance_to_95_percent_m: self.distance_to(0.95),
+            is_home: self.is_home,
+            collisions: robot.collisions,
+            scans: robot.track.len(),
+            loop_closures: robot.closures,
+            submaps: robot.atlas().submaps().len(),
+            plans: self.decisions.iter().filter(|decision| decision.2).count(),
+            places: self.places,
+            decision_ms: Times::of(self.decisions.iter().map(|decision| decision.0)),
+            plan_ms: Times::of(self.decisions.iter().filter(|decision| decision.2).map(|decision| decision.0)),
+            frontier_ms: Times::of(self.decisions.iter().map(|decision| decision.1)),
+            course: self.moments.clone(),
+        }
+    }
+}

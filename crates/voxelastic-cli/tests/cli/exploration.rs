@@ -1,0 +1,100 @@
+//! The robot's own space, distance fields and exploration.
+
+use crate::{fails, json, room, works};
+use std::path::Path;
+
+const QUICK: &str = "--voxel-size 0.1 --max-range 20";
+
+fn mapped(dir: &Path, options: &str) {
+    works(dir, &format!("map room --overwrite {QUICK} {options}"));
+}
+
+#[test]
+fn a_robot_starts_where_the_sensor_was() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 3);
+    let [x, y, z] = room::pose(0).translation.vector.into();
+    let plan = |extra: &str| format!("plan room.vox --start {x},{y},{z} --goal 4,-1,1.2 --radius {extra} --time 0.2 -o path.json");
+    mapped(dir.path(), "--field occupancy --robot-radius 0");
+    fails(dir.path(), &plan("0.42"), 1, &["nearest obstacle or unknown space"]);
+    mapped(dir.path(), "--field occupancy");
+    works(dir.path(), &plan("0.42"));
+    mapped(dir.path(), "--field occupancy --min-range 0.3");
+    fails(dir.path(), &plan("0.42"), 1, &["nearest obstacle or unknown space"]);
+    let too_large = format!("map room --overwrite {QUICK} --voxel-size 0.01 --robot-radius 2");
+    fails(dir.path(), &too_large, 2, &["robot_radius = 2", "at most 128 voxels"]);
+}
+
+/// Shape and numbers of an array that NumPy would read.
+fn array(path: &Path) -> (String, Vec<f32>) {
+    let bytes = std::fs::read(path).unwrap();
+    assert_eq!(&bytes[..8], b"\x93NUMPY\x01\x00");
+    let header = usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let text = String::from_utf8(bytes[10..10 + header].to_vec()).unwrap();
+    assert!((10 + header).is_multiple_of(64) && text.ends_with('\n') && text.contains("'<f4'"), "{text}");
+    let numbers = bytes[10 + header..].as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    (text, numbers)
+}
+
+#[test]
+fn distances_are_written_as_arrays_clouds_and_pictures() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 20);
+    mapped(dir.path(), "--field both");
+    // Along x towards the wall at x = 9 m.
+    let summary = json(dir.path(), "esdf room.vox -o d.npy --bounds 7.0,0.5,1.25,8.8,0.6,1.35 --spacing 0.1 --json");
+    assert_eq!((summary["shape"].as_array().unwrap().len(), summary["points"].as_u64(), summary["surfaces"].as_bool()), (3, Some(18), Some(true)));
+    let (header, distances) = array(&dir.path().join("d.npy"));
+    assert!(header.contains("'shape': (1, 1, 18)"), "{header}");
+    for (i, distance) in distances.iter().enumerate() {
+        let x = 7.05 + 0.1 * i as f32;
+        // The ceiling is 1.3 m above.
+        let expected = (9.0 - x).min(1.3);
+        assert!((distance - expected).abs() < 0.06, "{distance} at x = {x}");
+    }
+    let cloud = json(dir.path(), "esdf room.vox -o d.ply --max-distance 0.5 --spacing 0.2 --json");
+    let bytes = std::fs::read(dir.path().join("d.ply")).unwrap();
+    let count = cloud["points"].as_u64().unwrap() as usize;
+    let header = String::from_utf8_lossy(&bytes[..400]).into_owned();
+    assert!(count > 1000 && header.contains(&format!("element vertex {count}\n")) && header.contains("property float gradient_x"), "{header}");
+    assert_eq!(bytes.len(), header.find("end_header\n").unwrap() + 11 + 31 * count);
+    works(dir.path(), "esdf room.vox -o d.png --to-unknown");
+    assert!(std::fs::read(dir.path().join("d.png")).unwrap().starts_with(b"\x89PNG"));
+    let threads = |n: u32| {
+        works(dir.path(), &format!("esdf room.vox -o t{n}.npy --spacing 0.2 --to-unknown --threads {n}"));
+        std::fs::read(dir.path().join(format!("t{n}.npy"))).unwrap()
+    };
+    assert!(threads(1) == threads(3));
+}
+
+#[test]
+fn impossible_distance_fields_have_a_remedy() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 3);
+    mapped(dir.path(), "");
+    works(dir.path(), "esdf room.vox -o d.png");
+    fails(dir.path(), "esdf room.vox -o d.png --to-unknown", 1, &["has no occupancy (its field is tsdf)", "--field both"]);
+    fails(dir.path(), "esdf room.vox -o d.txt", 2, &["d.txt", ".npy"]);
+    fails(dir.path(), "esdf room.vox -o d.npy --max-distance 5", 2, &["5 m", "at most 4.800 m"]);
+    fails(dir.path(), "esdf room.vox -o d.npy --spacing 0.001 --bounds -99,-99,-99,99,99,99", 2, &["--spacing", "--bounds"]);
+    fails(dir.path(), "esdf none.vox -o d.npy", 1, &["none.vox"]);
+}
+
+#[test]
+fn a_maze_is_explored_and_the_robot_comes_home() {
+    let dir = tempfile::tempdir().unwrap();
+    let explore = "explore maze --time 40 --columns 256 --max-range 15 --picture maze.png --json";
+    let run = json(dir.path(), &format!("{explore} --threads 2"));
+    assert_eq!((run["is_home"].as_bool(), run["collisions"].as_u64()), (Some(true), Some(0)), "{run}");
+    assert!(run["time_s"].as_f64().unwrap() <= 40.0 && run["distance_m"].as_f64().unwrap() > 20.0, "{run}");
+    let course = run["course"].as_array().unwrap();
+    let share = |moment: &serde_json::Value| moment["known_share"].as_f64().unwrap();
+    assert!(course.len() >= 3 && share(&course[course.len() - 1]) > 2.0 * share(&course[0]), "{run}");
+    assert_eq!(run["known_share"], course[course.len() - 1]["known_share"]);
+    assert!(std::fs::read(dir.path().join("maze.png")).unwrap().starts_with(b"\x89PNG"));
+    let again = json(dir.path(), &format!("{explore} --threads 1"));
+    assert_eq!(again["course"], run["course"], "the same again, with another number of threads");
+    fails(dir.path(), "explore maze --speed 0", 2, &["--speed"]);
+    fails(dir.path(), "explore maze --bounds 50,50,0,60,60,2", 2, &["does not fit at its start", "--bounds"]);
+    fails(dir.path(), "explore moon", 2, &["maze"]);
+}

@@ -1,0 +1,351 @@
+//! The explorer: decides after every scan whether to go on, where to go next, and when to go home.
+
+use crate::clusters::{FrontierCluster, Frontiers};
+use crate::leg::Leg;
+use crate::roadmap::{Roadmap, Ways};
+use crate::settings::{ExploreError, ExploreSettings, Strategy};
+use crate::tour;
+use crate::viewpoints::{Viewpoint, viewpoints};
+use std::time::{Duration, Instant};
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::query::AtlasQuery;
+use voxelastic_plan::{
+    Anchor, Effort, FlyingSpace, GroundSpace, Point, Request, Space, anchor_path, distance, length, recheck, resolve_anchors, shorten,
+};
+
+/// The roadmap is extended around the robot within this radius, metres.
+const EXTENDED: f64 = 25.0;
+/// Viewpoints of a tour.
+const STOPS: usize = 8;
+/// Worth falls to a third in this time, seconds.
+const HORIZON: f64 = 40.0;
+/// A target is given up when less than this share of the expected volume is left.
+const LEFT: f64 = 0.35;
+/// Decisions after which a path is planned anew although nothing is wrong with it.
+const PATIENCE: usize = 6;
+/// The way home takes up to this much longer than planned, and this many seconds.
+const RESERVE: (f64, f64) = (1.15, 10.0);
+/// Tries to find a path that is still free.
+const TRIES: usize = 6;
+/// Samples of the planner for the way home, and a limit of time that they are not to reach, so that the path is the same on every machine.
+const SEARCH: usize = 400;
+const SEARCH_TIME: Duration = Duration::from_secs(60);
+
+/// What the robot is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// It goes to see more.
+    Explore,
+    /// It goes home: nothing is left to see, or the time is up.
+    Return,
+    /// It is at home, or cannot move.
+    Done,
+}
+
+/// What to do next.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Decision {
+    /// What for.
+    pub purpose: Purpose,
+    /// The path from the robot on, map frame, metres; empty when it is done.
+    pub path: Vec<Point>,
+    /// Whether the path is new.
+    pub is_new: bool,
+    /// Clusters of the frontier in the box.
+    pub frontier: Vec<FrontierCluster>,
+    /// Viewpoints that were worth a visit, if the path is new.
+    pub viewpoints: usize,
+    /// Time to bring the frontier up to date and to cluster it.
+    pub frontier_time: Duration,
+    /// Time of the whole decision.
+    pub time: Duration,
+}
+
+/// Decides where a robot goes to explore. See the [crate documentation](crate).
+#[derive(Clone, Debug)]
+pub struct Explorer {
+    settings: ExploreSettings,
+    frontiers: Frontiers,
+    roadmap: Option<Roadmap>,
+    home: Option<(Point, Vec<Anchor>)>,
+    leg: Option<Leg>,
+    purpose: Purpose,
+    /// Places from which everything was seen that can be seen, and their anchors.
+    exhausted: Vec<(Point, Vec<Anchor>)>,
+    /// Poses of the submaps at the last decision.
+    poses: Vec<(SubmapId, Pose)>,
+    /// Decisions since the path was planned.
+    since_planned: usize,
+    /// Plans in a row that led nowhere.
+    stuck: usize,
+}
+
+/// What a decision is made of.
+struct Situation<'a, S> {
+    atlas: &'a Atlas,
+    map: &'a AtlasQuery<'a>,
+    space: &'a S,
+    robot: Point,
+    seconds_left: Option<f64>,
+}
+
+impl Explorer {
+    /// An explorer; its home is where it decides first.
+    ///
+    /// # Errors
+    /// Settings out of range.
+    pub fn new(settings: ExploreSettings) -> Result<Self, ExploreError> {
+        settings.check()?;
+        Ok(Self {
+            frontiers: Frontiers::new(settings.frontier),
+            settings,
+            roadmap: None,
+            home: None,
+            leg: None,
+            purpose: Purpose::Explore,
+            exhausted: Vec::new(),
+            poses: Vec::new(),
+            since_planned: 0,
+            stuck: 0,
+        })
+    }
+
+    /// Its settings.
+    pub fn settings(&self) -> &ExploreSettings {
+        &self.settings
+    }
+
+    /// Places of the roadmap.
+    pub fn places(&self) -> usize {
+        self.roadmap.as_ref().map_or(0, Roadmap::len)
+    }
+
+    /// Where the robot is after `metres` along its path, map frame; none if it has no path.
+    pub fn advance(&mut self, metres: f64) -> Option<Point> {
+        self.leg.as_mut()?.advance(metres)
+    }
+
+    /// Decides what to do at `robot` (map frame, metres). To be called after every scan, and after every correction. `seconds_left` is the time until the robot must be
+    /// at home.
+    ///
+    /// # Errors
+    /// [`ExploreError::NoOccupancy`], and [`ExploreError::Robot`] for wheels that the map has no room for.
+    pub fn decide(&mut self, atlas: &Atlas, robot: Point, seconds_left: Option<f64>) -> Result<Decision, ExploreError> {
+        let clock = Instant::now();
+        let map = atlas.query();
+        if map.is_empty() {
+            return Err(ExploreError::NoOccupancy);
+        }
+        self.frontiers.update(atlas);
+        let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
+        let frontier_time = clock.elapsed();
+        let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
+        let decided = if robot_type.ground.is_some() {
+            let space = &GroundSpace::new(&map, &robot_type, robot, bounds).map_err(ExploreError::Robot)?;
+            self.decide_in(&Situation { atlas, map: &map, space, robot, seconds_left }, &frontier)
+        } else {
+            let space = &FlyingSpace::new(&map, &robot_type, bounds);
+            self.decide_in(&Situation { atlas, map: &map, space, robot, seconds_left }, &frontier)
+        };
+        let (is_new, viewpoints) = decided;
+        let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());
+        Ok(Decision { purpose: self.purpose, path, is_new, frontier, viewpoints, frontier_time, time: clock.elapsed() })
+    }
+
+    /// Returns whether the path is new, and the number of viewpoints considered.
+    fn decide_in<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> (bool, usize) {
+        self.follow_map(now);
+        if self.is_at_home(now) && self.purpose != Purpose::Explore {
+            (self.purpose, self.leg) = (Purpose::Done, None);
+            return (false, 0);
+        }
+        self.since_planned += 1;
+        if !self.must_plan(now) {
+            return (false, 0);
+        }
+        self.since_planned = 0;
+        (true, self.plan(now, frontier))
+    }
+
+    /// Moves everything that is remembered with the map.
+    fn follow_map<S: Space>(&mut self, now: &Situation<'_, S>) {
+        let poses: Vec<(SubmapId, Pose)> = now.atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
+        let is_moved = self.poses.iter().any(|(id, pose)| poses.iter().any(|(other, now)| other == id && now != pose));
+        self.poses = poses;
+        let place = |place: Point| (place, anchor_path(now.atlas, &[place]));
+        let robot = now.robot;
+        self.home.get_or_insert_with(|| place(robot));
+        if is_moved {
+            // Places of the roadmap do not move, so it is grown again.
+            self.roadmap = None;
+            let remembered = self.home.iter_mut().chain(&mut self.exhausted);
+            for (place, anchors) in remembered {
+                if let Some(Some(moved)) = resolve_anchors(now.atlas, anchors).first() {
+                    *place = *moved;
+                }
+            }
+        }
+        if self.leg.as_mut().is_some_and(|leg| !leg.follow(now.atlas, robot, is_moved)) {
+            self.leg = None;
+        }
+    }
+
+    fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
+        self.home.as_ref().is_some_and(|(home, _)| now.space.metric(*home, now.robot) < self.settings.spacing)
+    }
+
+    /// Whether the path is done, blocked, not worth it, or old; or the time has come to go home.
+    fn must_plan<S: Space>(&mut self, now: &Situation<'_, S>) -> bool {
+        let Some(leg) = &self.leg else { return true };
+        let Some(end) = leg.end() else { return true };
+        if distance(end, now.robot) < 0.5 * self.settings.spacing {
+            if leg.volume.is_some() {
+                self.exhausted.push((end, anchor_path(now.atlas, &[end])));
+            }
+            return true;
+        }
+        if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {
+            let (a, b) = (leg.path[blocked.segment], leg.path[blocked.segment + 1]);
+            let at = blocked.at;
+            if let Some(roadmap) = &mut self.roadmap {
+                roadmap.block(at, if distance(at, b) < distance(at, a) { b } else { at });
+            }
+            return true;
+        }
+        match leg.volume {
+            None => false,
+            Some(_) if self.since_planned >= PATIENCE && self.settings.strategy != Strategy::Nearest => true,
+            Some(volume) => {
+                self.settings.view.unknown_volume(now.map, end, self.settings.bounds) < LEFT * volume || self.is_time_up(now, length(&leg.path))
+            }
+        }
+    }
+
+    /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.
+    fn is_time_up<S: Space>(&self, now: &Situation<'_, S>, ahead: f64) -> bool {
+        now.seconds_left.is_some_and(|left| (ahead + 2.0 * EXTENDED) / self.settings.speed > left || self.since_planned >= PATIENCE / 2)
+    }
+
+    /// Plans a path; returns the number of viewpoints considered.
+    fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
+        let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
+        roadmap.extend(now.space, now.robot, EXTENDED);
+        let mut count = 0;
+        self.leg = None;
+        for attempt in 0..TRIES {
+            let ways = roadmap.ways(now.space, now.robot);
+            let home = self.home.as_ref().map_or(now.robot, |home| home.0);
+            let ways_home = roadmap.ways(now.space, home);
+            let mut target = None;
+            if self.purpose == Purpose::Explore {
+                let mut worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
+                if worth.is_empty() && attempt == 0 {
+                    // What was not reachable may be by now.
+                    roadmap.extend(now.space, now.robot, f64::INFINITY);
+                    let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, home));
+                    worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
+                }
+                count = count.max(worth.len());
+                target = self.choose(now, &roadmap, worth);
+            }
+            let ways = roadmap.ways(now.space, now.robot);
+            let (node, volume) = match target {
+                Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
+                None => {
+                    self.purpose = Purpose::Return;
+                    let near = roadmap.near(home, 3.0 * self.settings.spacing);
+                    (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
+                }
+            };
+            let path = match node {
+                Some(node) => {
+                    let mut path = ways.path(&roadmap, node);
+                    if volume.is_none() && now.space.connects(roadmap.place(node), home) {
+                        path.push(home);
+                    }
+                    Leg::trace(now.space, &shorten(now.space, path, Effort::Quick))
+                }
+                None => match self.search_home(now, home) {
+                    Some(path) => path,
+                    None => break,
+                },
+            };
+            match recheck(now.space, now.map, &path).first() {
+                None => {
+                    self.leg = Some(Leg::new(now.atlas, path, volume));
+                    break;
+                }
+                Some(blocked) => roadmap.block(blocked.at, path[blocked.segment + 1]),
+            }
+        }
+        self.roadmap = Some(roadmap);
+        self.note_progress();
+        count
+    }
+
+    /// A path home by the planner, which finds narrow ways that the roadmap misses.
+    fn search_home<S: Space>(&self, now: &Situation<'_, S>, home: Point) -> Option<Vec<Point>> {
+        let request = Request {
+            bounds: Some(self.settings.bounds),
+            samples: Some(SEARCH),
+            time: SEARCH_TIME,
+            ..Request::new(now.robot, home, self.settings.robot)
+        };
+        voxelastic_plan::plan(now.map, &request).ok().map(|plan| plan.path)
+    }
+
+    /// Goes home after some plans that lead nowhere, and ends after some more: the robot is shut in. The map may show more after another scan.
+    fn note_progress(&mut self) {
+        let leads_on = self.leg.as_ref().is_some_and(|leg| length(&leg.path) > 0.3 * self.settings.spacing);
+        self.stuck = if leads_on { 0 } else { self.stuck + 1 };
+        if self.stuck >= PATIENCE {
+            self.stuck = 0;
+            self.purpose = if self.purpose == Purpose::Explore { Purpose::Return } else { Purpose::Done };
+        }
+    }
+
+    /// The viewpoints from which there is something to see, and from which the robot still gets home in time.
+    fn worthwhile<S: Space>(
+        &self,
+        now: &Situation<'_, S>,
+        (roadmap, ways): (&Roadmap, &Ways),
+        ways_home: &Ways,
+        frontier: &[FrontierCluster],
+    ) -> Vec<Viewpoint> {
+        let reach = self.settings.spacing * 1.6;
+        let seconds_left = now.seconds_left;
+        let is_excluded = |node: u32| {
+            let place = roadmap.place(node);
+            let home = ways_home.length(node);
+            let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
+            seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
+        };
+        viewpoints(now.map, (roadmap, ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
+    }
+
+    /// The next target.
+    fn choose<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, mut worth: Vec<Viewpoint>) -> Option<Viewpoint> {
+        let rate = |v: &Viewpoint| v.volume / (v.length / self.settings.speed + 1.0);
+        match self.settings.strategy {
+            Strategy::Nearest => worth.into_iter().min_by(|a, b| a.length.total_cmp(&b.length)),
+            Strategy::NextBest => worth.into_iter().max_by(|a, b| rate(a).total_cmp(&rate(b))),
+            Strategy::Tour => {
+                worth.sort_by(|a, b| rate(b).total_cmp(&rate(a)).then(a.node.cmp(&b.node)));
+                worth.truncate(STOPS);
+                let seconds = |metres: f64| metres / self.settings.speed;
+                let between: Vec<Vec<f64>> = worth
+                    .iter()
+                    .map(|from| {
+                        let ways = roadmap.ways(now.space, from.place);
+                        worth.iter().map(|to| seconds(ways.length(to.node))).collect()
+                    })
+                    .collect();
+                let volumes: Vec<f64> = worth.iter().map(|v| v.volume).collect();
+                let first: Vec<f64> = worth.iter().map(|v| seconds(v.length)).collect();
+                tour::order(&volumes, &first, &between, HORIZON).first().map(|best| worth[*best])
+            }
+        }
+    }
+}

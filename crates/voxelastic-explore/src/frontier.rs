@@ -1,0 +1,206 @@
+//! The frontier of a submap: where free space meets unknown space, by blocks, recomputed only where voxels changed their state.
+
+use hashbrown::{HashMap, HashSet};
+use voxelastic::field::occupancy::{BlockBits, OccupancyField};
+use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_coords, block_key};
+
+/// The frontier in one block: the faces of its free voxels towards unknown ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BlockFrontier {
+    /// Mean of the faces' centres, finest voxels of the submap.
+    pub position: [f32; 3],
+    /// Sum of the faces' normals, from free towards unknown space, voxel faces.
+    pub normal: [f32; 3],
+    /// Number of faces.
+    pub faces: u32,
+    /// Centre of an unknown voxel at one of the faces, finest voxels of the submap: what another submap may know.
+    pub probe: [f32; 3],
+}
+
+/// The frontier of one submap.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SubmapFrontier {
+    revision: Option<u64>,
+    pub blocks: HashMap<u64, BlockFrontier>,
+}
+
+impl SubmapFrontier {
+    /// Brings the frontier up to date with a field; returns how many blocks were looked at.
+    pub fn update(&mut self, field: &OccupancyField) -> usize {
+        let flips = self.revision.replace(field.revision()).and_then(|revision| field.changes_since(revision));
+        let mut changed: HashSet<[i32; 3]> = HashSet::new();
+        match flips {
+            Some(flips) => flips.for_each(|flip| add_with_neighbours(&mut changed, flip.key, u32::from(flip.level))),
+            None => {
+                self.blocks.clear();
+                field.tree().for_each(|key, level, octant| {
+                    // Frontier belongs to free space.
+                    if (octant.link == NONE || level == 0) && octant.payload.max != i8::MIN {
+                        add_with_neighbours(&mut changed, key, level);
+                    }
+                });
+            }
+        }
+        for block in &changed {
+            match block_frontier(field, *block) {
+                Some(frontier) => drop(self.blocks.insert(block_key(*block), frontier)),
+                None => drop(self.blocks.remove(&block_key(*block))),
+            }
+        }
+        changed.len()
+    }
+}
+
+/// Adds the blocks at the faces of an octant, on both sides: nothing changes within it, and nothing beyond.
+fn add_with_neighbours(blocks: &mut HashSet<[i32; 3]>, key: u64, level: u32) {
+    let (low, edge) = (block_coords(key), 1i32 << level);
+    for axis in 0..3 {
+        for depth in [-1, 0, edge - 1, edge] {
+            for i in 0..edge * edge {
+                let mut offset = [0; 3];
+                (offset[axis], offset[(axis + 1) % 3], offset[(axis + 2) % 3]) = (depth, i % edge, i / edge);
+                let block: [i32; 3] = std::array::from_fn(|k| low[k] + offset[k]);
+                if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
+                    blocks.insert(block);
+                }
+            }
+        }
+    }
+}
+
+/// The frontier in a block; none if there is none.
+pub(crate) fn block_frontier(field: &OccupancyField, block: [i32; 3]) -> Option<BlockFrontier> {
+    let states = field.block_states(block_key(block));
+    if states.free == [0; 8] {
+        return None;
+    }
+    let own = states.unknown();
+    let (mut faces, mut sum, mut normal, mut probe) = (0u32, [0u32; 3], [0i32; 3], None);
+    for axis in 0..3 {
+        for side in [-1i32, 1] {
+            let mut beside = block;
+            beside[axis] += side;
+            let next = field.block_states(block_key(beside)).unknown();
+            let found: BlockBits = {
+                let unknown = shifted(&own, &next, axis, side);
+                std::array::from_fn(|z| states.free[z] & unknown[z])
+            };
+            for (z, &word) in found.iter().enumerate().filter(|(_, word)| **word != 0) {
+                let mut bits = word;
+                while bits != 0 {
+                    let bit = bits.trailing_zeros();
+                    bits &= bits - 1;
+                    let c = [bit & 7, bit >> 3, z as u32];
+                    // Twice the coordinates of the face's centre.
+                    (0..3).for_each(|k| sum[k] += 2 * c[k] + 1);
+                    sum[axis] = sum[axis].wrapping_add_signed(side);
+                    faces += 1;
+                    normal[axis] += side;
+                    probe.get_or_insert_with(|| {
+                        let mut c = c.map(|v| v as f32 + 0.5);
+                        c[axis] += side as f32;
+                        c
+                    });
+                }
+            }
+        }
+    }
+    let corner = block.map(|c| (c * BLOCK_EDGE as i32) as f32);
+    let absolute = |local: [f32; 3]| std::array::from_fn(|k| corner[k] + local[k]);
+    probe.map(|probe| BlockFrontier {
+        position: absolute(sum.map(|c| c as f32 / (2 * faces) as f32)),
+        normal: normal.map(|c| c as f32),
+        faces,
+        probe: absolute(probe),
+    })
+}
+
+/// For each voxel of a block the bit of its neighbour along an axis, which may be in the `next` block.
+fn shifted(own: &BlockBits, next: &BlockBits, axis: usize, side: i32) -> BlockBits {
+    const LOWEST: u64 = 0x0101_0101_0101_0101;
+    const HIGHEST: u64 = LOWEST << 7;
+    std::array::from_fn(|z| match (axis, side) {
+        (0, 1) => own[z] >> 1 & !HIGHEST | next[z] << 7 & HIGHEST,
+        (0, _) => own[z] << 1 & !LOWEST | next[z] >> 7 & LOWEST,
+        (1, 1) => own[z] >> 8 | next[z] << 56,
+        (1, _) => own[z] << 8 | next[z] >> 56,
+        (_, 1) => own.get(z + 1).copied().unwrap_or(next[0]),
+        _ => z.checked_sub(1).map_or(next[7], |z| own[z]),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+    use voxelastic::field::occupancy::State;
+    use voxelastic::settings::FieldKind;
+    use voxelastic::{Settings, event::Event, mapper::Mapper};
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    /// Faces between free and unknown voxels, voxel by voxel, with their sums of positions and normals.
+    fn slow(field: &OccupancyField, block: [i32; 3]) -> (u32, [f64; 3], [i32; 3]) {
+        let (mut faces, mut sum, mut normal) = (0, [0.0; 3], [0; 3]);
+        for i in 0..512i32 {
+            let c: [i32; 3] = std::array::from_fn(|k| 8 * block[k] + (i >> (3 * k) & 7));
+            if field.state_at(c) != State::Free {
+                continue;
+            }
+            for axis in 0..3 {
+                for side in [-1, 1] {
+                    let mut other = c;
+                    other[axis] += side;
+                    if field.state_at(other) == State::Unknown {
+                        faces += 1;
+                        (0..3).for_each(|k| sum[k] += f64::from(c[k]) + 0.5);
+                        sum[axis] += 0.5 * f64::from(side);
+                        normal[axis] += side;
+                    }
+                }
+            }
+        }
+        (faces, sum, normal)
+    }
+
+    #[test]
+    fn the_frontier_is_that_of_all_voxels_after_every_scan() {
+        let settings =
+            Settings { voxel_size: 0.2, max_range: 15.0, field: FieldKind::Occupancy, lambda_odom: 1e4, min_overlap: 1.0, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        let simulated = |world: &str, scans| Simulation::new(SimOptions { scans: Some(scans), columns: Some(256), ..SimOptions::of(world) }).unwrap();
+        let (mut frontier, mut node, mut looked, mut whole) = (SubmapFrontier::default(), 0, 0, 0);
+        for (world, scans) in [("room", 2), ("plane", 6), ("room", 2)] {
+            for scan in simulated(world, scans).scans(PoseSource::Truth) {
+                mapper.handle(Event::Scan(voxelastic::event::Scan { node, ..scan })).unwrap();
+                node += 1;
+                let field = mapper.atlas().submaps()[0].occupancy();
+                looked += frontier.update(field);
+                assert_eq!(frontier.update(field), 0);
+                let mut anew = SubmapFrontier::default();
+                whole += anew.update(field);
+                let sorted = |frontier: &SubmapFrontier| {
+                    frontier.blocks.iter().map(|(k, b)| (*k, (b.faces, b.position, b.normal))).collect::<BTreeMap<_, _>>()
+                };
+                assert!(sorted(&frontier) == sorted(&anew), "scan {node}");
+            }
+        }
+        assert!(looked < whole, "{looked} blocks instead of {whole}");
+        let field = mapper.atlas().submaps()[0].occupancy();
+        let (mut with, mut total) = (0, 0);
+        let reach = 11;
+        for i in 0..(2 * reach + 1i32).pow(3) {
+            let n = 2 * reach + 1;
+            let block = [i % n - reach, i / n % n - reach, i / n / n - reach];
+            let (faces, sum, normal) = slow(field, block);
+            let found = frontier.blocks.get(&block_key(block));
+            assert_eq!(found.map_or(0, |found| found.faces), faces, "{block:?}");
+            total += faces;
+            let Some(found) = found else { continue };
+            with += 1;
+            assert_eq!(found.normal.map(|c| c as i32), normal);
+            assert!((0..3).all(|k| (f64::from(found.position[k]) - sum[k] / f64::from(faces)).abs() < 1e-3), "{found:?}");
+            assert_eq!(field.state_at(found.probe.map(|c| c.floor() as i32)), State::Unknown);
+        }
+        assert!(with > 300 && total > 10_000, "{with} blocks, {total} faces");
+    }
+}

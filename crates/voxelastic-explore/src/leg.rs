@@ -1,0 +1,71 @@
+//! The path that the robot is on, with waypoints that move with corrections of the map.
+
+use voxelastic::atlas::Atlas;
+use voxelastic_plan::{Anchor, Point, Space, anchor_path, between, distance, resolve_anchors};
+
+/// A path that the robot follows.
+#[derive(Clone, Debug)]
+pub(crate) struct Leg {
+    /// From the robot on.
+    pub path: Vec<Point>,
+    anchors: Vec<Anchor>,
+    /// Unknown volume expected at its end, cubic metres; none on the way home.
+    pub volume: Option<f64>,
+}
+
+impl Leg {
+    pub fn new(atlas: &Atlas, path: Vec<Point>, volume: Option<f64>) -> Self {
+        Self { anchors: anchor_path(atlas, &path), path, volume }
+    }
+
+    /// The straight motions of a path along which the robot really moves: on wheels they follow the floor.
+    pub fn trace<S: Space>(space: &S, path: &[Point]) -> Vec<Point> {
+        let mut traced: Vec<Point> = path.first().copied().into_iter().collect();
+        for segment in path.windows(2) {
+            let at = traced.last().copied().filter(|at| space.steer(*at, segment[1]).is_some());
+            if at.is_none() && traced.last() != Some(&segment[0]) {
+                traced.push(segment[0]);
+            }
+            space.trace(at.unwrap_or(segment[0]), segment[1], &mut traced);
+        }
+        traced
+    }
+
+    /// The last waypoint.
+    pub fn end(&self) -> Option<Point> {
+        self.path.last().copied()
+    }
+
+    /// Moves `metres` along the path; returns where that leads.
+    pub fn advance(&mut self, metres: f64) -> Option<Point> {
+        let mut left = metres;
+        while self.path.len() > 1 {
+            let length = distance(self.path[0], self.path[1]);
+            if left < length {
+                self.path[0] = between(self.path[0], self.path[1], left / length);
+                break;
+            }
+            left -= length;
+            self.path.remove(0);
+            if !self.anchors.is_empty() {
+                self.anchors.remove(0);
+            }
+        }
+        self.path.first().copied()
+    }
+
+    /// Moves the waypoints with the map, and begins at the robot; returns false if one of them is lost.
+    pub fn follow(&mut self, atlas: &Atlas, robot: Point, is_map_moved: bool) -> bool {
+        if is_map_moved {
+            let moved: Option<Vec<Point>> = resolve_anchors(atlas, &self.anchors).into_iter().collect();
+            match moved.filter(|moved| moved.len() == self.path.len()) {
+                Some(moved) => self.path = moved,
+                None => return false,
+            }
+        }
+        if let Some(first) = self.path.first_mut() {
+            *first = robot;
+        }
+        true
+    }
+}

@@ -1,0 +1,29 @@
+//! Exploration: where to go next to see what is not known yet, in an occupancy map that grows and bends.
+//!
+//! The caller moves the robot and maps what it sees; an [`Explorer`] decides after every scan. The data flow of a decision:
+//!
+//! 1. [`Frontiers`]: where free space meets unknown space, kept per submap as blocks change, checked against other submaps at the current poses, clustered.
+//! 2. A roadmap of places that the robot can reach, grown over free space by motions of [`voxelastic_plan`]'s spaces: it flies, or follows the floor.
+//! 3. Viewpoints: places of the roadmap that see a cluster. [`SensorView::unknown_volume`] says what the sensor would see there.
+//! 4. A tour over the best ones: as much volume as possible, as soon as possible. The first is the next target ([`Strategy`] has simpler rules to compare with).
+//! 5. The leg there is shortened and checked as a whole against the map.
+//!
+//! A path is kept until it is done, blocked, or no longer worth it. Waypoints are anchored to scans and move with corrections. The robot turns back when the time that is left
+//! just suffices to get home.
+//!
+//! All lengths are metres, all times seconds, all points in the map frame.
+
+mod clusters;
+mod explorer;
+mod frontier;
+mod gain;
+mod leg;
+mod roadmap;
+mod settings;
+mod tour;
+mod viewpoints;
+
+pub use clusters::{FrontierCluster, FrontierSettings, Frontiers};
+pub use explorer::{Decision, Explorer, Purpose};
+pub use gain::SensorView;
+pub use settings::{ExploreError, ExploreSettings, Strategy};

@@ -1,0 +1,205 @@
+//! A robot explores small rooms: everything, safely, and home in time; and what can go wrong.
+
+use voxelastic::atlas::Atlas;
+use voxelastic::event::{Event, Scan};
+use voxelastic::mapper::Mapper;
+use voxelastic::query::UnknownAs;
+use voxelastic::sensor::preset_with_columns;
+use voxelastic::settings::{FieldKind, RobotRadius, Settings};
+use voxelastic::{Pose, field::occupancy::State};
+use voxelastic_explore::{ExploreError, ExploreSettings, Explorer, FrontierSettings, Purpose, SensorView, Strategy};
+use voxelastic_plan::{Point, Robot, distance};
+use voxelastic_sim::random::Stream;
+use voxelastic_sim::sensor::{Lidar, LidarSettings};
+use voxelastic_sim::{World, WorldBuilder};
+
+const HOME: Point = [0.0, 0.0, 1.0];
+const RADIUS: f64 = 0.25;
+const BOUNDS: [Point; 2] = [[-3.0, -2.5, 0.3], [9.0, 2.5, 2.0]];
+
+/// Two rooms of 6 x 5 m with a door 1.6 m wide between them, at x = 3, which may be shut; or a closet around the start.
+fn rooms(is_shut: bool, is_closet: bool) -> World {
+    let mut b = WorldBuilder::new("rooms", 1);
+    b.ground(0.0, 0.3);
+    let mut wall = |a: [f64; 2], c: [f64; 2]| b.cuboid([a[0], a[1], -0.5], [c[0], c[1], 3.0], 0.5);
+    for y in [-3.5, 2.5] {
+        wall([-4.0, y], [10.0, y + 1.0]);
+    }
+    for x in [-4.0, 9.0] {
+        wall([x, -3.5], [x + 1.0, 3.5]);
+    }
+    wall([2.8, -2.5], [3.2, -0.8]);
+    wall([2.8, 0.8], [3.2, 2.5]);
+    if is_shut {
+        wall([2.8, -0.8], [3.2, 0.8]);
+    }
+    if is_closet {
+        [[-0.8, -0.8], [0.6, -0.8]].into_iter().for_each(|low| wall(low, [low[0] + 0.2, 0.8]));
+        [[-0.8, -0.8], [-0.8, 0.6]].into_iter().for_each(|low| wall(low, [0.8, low[1] + 0.2]));
+    }
+    b.cuboid([-4.0, -3.5, 2.6], [10.0, 3.5, 3.0], 0.7);
+    b.build().unwrap()
+}
+
+fn settings(strategy: Strategy) -> ExploreSettings {
+    let robot = Robot { radius: RADIUS + 0.1, unknown: UnknownAs::Blocked, ground: None };
+    ExploreSettings { strategy, least_volume: 1.0, ..ExploreSettings::new(robot, BOUNDS) }
+}
+
+/// A robot that is where it believes to be.
+struct Walker {
+    mapper: Mapper,
+    lidar: Lidar,
+    position: Point,
+    scans: u64,
+    travelled: f64,
+    /// Least true distance of its centre from a surface.
+    least: f64,
+}
+
+impl Walker {
+    fn new() -> Self {
+        let model = preset_with_columns("os0-32", 256).unwrap();
+        let robot_radius = RobotRadius::Metres(0.9);
+        let settings = Settings { voxel_size: 0.2, max_range: 15.0, field: FieldKind::Occupancy, robot_radius, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        mapper.set_sensor_model(model.clone());
+        Self { mapper, lidar: Lidar::new(model, LidarSettings::default()).unwrap(), position: HOME, scans: 0, travelled: 0.0, least: f64::INFINITY }
+    }
+
+    fn scan(&mut self, world: &World) {
+        let pose = Pose::translation(self.position[0], self.position[1], self.position[2]);
+        let cloud = self.lidar.scan(world, |_| pose, &Stream::new(self.scans, &[]));
+        self.mapper.handle(Event::Scan(Scan { node: self.scans, time: self.scans as f64, t_map_lidar: pose, cloud })).unwrap();
+        self.scans += 1;
+    }
+
+    /// Explores until it is done, at most `decisions` times; `world` by the number of the decision. Returns the purposes in order.
+    fn explore(&mut self, explorer: &mut Explorer, decisions: usize, seconds: Option<f64>, world: impl Fn(usize, Point) -> World) -> Vec<Purpose> {
+        let mut purposes = vec![Purpose::Explore];
+        for decision in 0..decisions {
+            let world = world(decision, self.position);
+            self.scan(&world);
+            let left = seconds.map(|seconds| seconds - self.travelled / explorer.settings().speed);
+            let decided = explorer.decide(self.mapper.atlas(), self.position, left).unwrap();
+            if purposes.last() != Some(&decided.purpose) {
+                purposes.push(decided.purpose);
+            }
+            if decided.purpose == Purpose::Done {
+                break;
+            }
+            for _ in 0..8 {
+                let Some(next) = explorer.advance(0.1) else { break };
+                self.travelled += distance(self.position, next);
+                self.position = next;
+                self.least = self.least.min(world.distance(next));
+            }
+        }
+        purposes
+    }
+
+    fn atlas(&self) -> &Atlas {
+        self.mapper.atlas()
+    }
+
+    /// Share of the free space of both rooms that is known to be free.
+    fn known(&self, world: &World) -> f64 {
+        let [low, high] = BOUNDS;
+        let axis = |k: usize| (0..((high[k] - low[k]) / 0.3) as usize).map(move |i| low[k] + 0.15 + 0.3 * i as f64);
+        let all: Vec<Point> =
+            axis(0).flat_map(|x| axis(1).flat_map(move |y| axis(2).map(move |z| [x, y, z]))).filter(|p| world.distance(*p) > 0.3).collect();
+        let states = self.atlas().query().states(&all);
+        states.iter().filter(|state| **state == State::Free).count() as f64 / all.len() as f64
+    }
+}
+
+#[test]
+fn every_strategy_sees_both_rooms_touches_nothing_and_comes_home() {
+    let world = rooms(false, false);
+    for strategy in [Strategy::Tour, Strategy::Nearest, Strategy::NextBest] {
+        let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(strategy)).unwrap());
+        let purposes = walker.explore(&mut explorer, 200, None, |_, _| world.clone());
+        assert_eq!(purposes, [Purpose::Explore, Purpose::Return, Purpose::Done], "{strategy:?} at {:?}", walker.position);
+        assert!(distance(walker.position, HOME) < 1.0, "{strategy:?}: {:?}", walker.position);
+        assert!(walker.least > RADIUS, "{strategy:?}: {} m from a wall", walker.least);
+        assert!(walker.known(&world) > 0.97, "{strategy:?}: {} known", walker.known(&world));
+        assert!(walker.travelled > 8.0 && walker.travelled < 120.0, "{strategy:?}: {} m", walker.travelled);
+    }
+}
+
+#[test]
+fn the_same_map_gives_the_same_way() {
+    let world = rooms(false, false);
+    let runs = [1, 3].map(|threads| {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
+            let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+            walker.explore(&mut explorer, 12, None, |_, _| world.clone());
+            (walker.position, walker.travelled)
+        })
+    });
+    assert_eq!(runs[0], runs[1]);
+}
+
+#[test]
+fn a_robot_with_little_time_turns_back() {
+    let world = rooms(false, false);
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let purposes = walker.explore(&mut explorer, 200, Some(17.0), |_, _| world.clone());
+    assert_eq!(purposes.last(), Some(&Purpose::Done));
+    assert!(distance(walker.position, HOME) < 1.0 && walker.travelled / 2.0 < 17.0, "{:?} after {} m", walker.position, walker.travelled);
+}
+
+#[test]
+fn a_closet_has_nothing_to_explore() {
+    let world = rooms(false, true);
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let purposes = walker.explore(&mut explorer, 60, None, |_, _| world.clone());
+    assert_eq!(purposes.last(), Some(&Purpose::Done));
+    assert!(walker.travelled < 3.0 && walker.least > 0.2, "{} m travelled, {} m from a wall", walker.travelled, walker.least);
+}
+
+#[test]
+fn a_door_that_shuts_behind_the_robot_is_found_shut() {
+    let shut_at = std::cell::Cell::new(None);
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let purposes = walker.explore(&mut explorer, 300, None, |decision, position| {
+        if position[0] > 4.2 && shut_at.get().is_none() {
+            shut_at.set(Some(decision));
+        }
+        rooms(shut_at.get().is_some(), false)
+    });
+    assert!(shut_at.get().is_some(), "it went through the door");
+    assert_eq!(purposes.last(), Some(&Purpose::Done), "it notices that there is no way");
+    assert!(walker.position[0] > 3.2 && walker.least > 0.2, "{:?}, {} m from a wall", walker.position, walker.least);
+}
+
+#[test]
+fn another_robot_goes_on_in_a_map_that_is_there() {
+    let world = rooms(false, false);
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    walker.explore(&mut explorer, 4, None, |_, _| world.clone());
+    let before = walker.known(&world);
+    let mut another = Explorer::new(settings(Strategy::Tour)).unwrap();
+    let home = walker.position;
+    let purposes = walker.explore(&mut another, 200, None, |_, _| world.clone());
+    assert_eq!(purposes.last(), Some(&Purpose::Done));
+    assert!(walker.known(&world) > before.max(0.97) && distance(walker.position, home) < 1.0);
+}
+
+#[test]
+fn impossible_settings_and_maps_without_occupancy_are_refused() {
+    let good = settings(Strategy::Tour);
+    let bad = [
+        ExploreSettings { speed: 0.0, ..good },
+        ExploreSettings { spacing: f64::NAN, ..good },
+        ExploreSettings { least_volume: -1.0, ..good },
+        ExploreSettings { bounds: [BOUNDS[1], BOUNDS[0]], ..good },
+        ExploreSettings { robot: Robot::flying(-1.0), ..good },
+        ExploreSettings { view: SensorView { range: 0.0, ..good.view }, ..good },
+    ];
+    for settings in bad {
+        assert!(Explorer::new(settings).is_err(), "{settings:?}");
+    }
+    let refused = Explorer::new(ExploreSettings { frontier: FrontierSettings::default(), ..good }).unwrap().decide(&Atlas::new(0.2), HOME, None);
+    assert!(matches!(refused, Err(ExploreError::NoOccupancy)));
+}
