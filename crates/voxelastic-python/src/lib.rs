@@ -44,5 +44,5 @@ mod _native {
     #[pymodule_export]
     use crate::simulation::{Simulation, world_names};
     #[pymodule_export]
-    use crate::space::{beam_directions, clearance, plan, ray_cast, slice};
+    use crate::space::{beam_directions, clearance, esdf, plan, ray_cast, slice};
 }

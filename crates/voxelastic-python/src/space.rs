@@ -13,6 +13,7 @@ use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, Axis, DistanceQuery, Ray, RayHit, SliceRequest, UnknownAs};
 use voxelastic::sensor::{SensorError, preset, preset_with_columns};
+use voxelastic_esdf::{Esdf, EsdfSample, EsdfSettings};
 use voxelastic_plan::{Request, Robot, Wheels};
 
 /// Rays and points between two looks for Ctrl-C.
@@ -87,6 +88,33 @@ pub fn clearance<'py>(
         py.check_signals()?;
     }
     Ok(PyArray1::from_vec(py, clearances))
+}
+
+/// Distances by the Euclidean distance field of the map, metres, and their gradients. Corrected by surfaces if distances are to obstacles only.
+#[pyfunction]
+pub fn esdf<'py>(
+    py: Python<'py>,
+    map: &Map,
+    points: PyReadonlyArray2<'py, f64>,
+    max_distance: f64,
+    unknown_blocks: bool,
+) -> PyResult<Bound<'py, PyTuple>> {
+    let points = arrays::rows(&points)?;
+    let (pool, atlas) = (job::shared_pool()?, map.atlas());
+    let settings = EsdfSettings { max_distance, unknown: unknown_as(unknown_blocks) };
+    let mut field = Esdf::new(settings, atlas.voxel_size()).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    job::run_short(py, || pool.install(|| field.update(atlas)))?;
+    let mut samples: Vec<EsdfSample> = Vec::with_capacity(points.len());
+    let query = field.query(atlas);
+    for points in points.chunks(AT_ONCE) {
+        let part =
+            job::run_short(py, || pool.install(|| if unknown_blocks { query.sample_many(points) } else { query.sample_many_to_surfaces(points) }))?;
+        samples.extend(part);
+        py.check_signals()?;
+    }
+    let distances: Vec<f32> = samples.iter().map(|sample| sample.distance).collect();
+    let gradients: Vec<[f32; 3]> = samples.iter().map(|sample| sample.gradient).collect();
+    (PyArray1::from_vec(py, distances), arrays::from_rows(py, gradients)?).into_pyobject(py)
 }
 
 /// States, or distances, of a cross-section, rows from the smallest coordinate on.

@@ -70,6 +70,19 @@ def test_a_depth_image_shows_the_wall_ahead(solid: vx.Map) -> None:
             solid.render_depth(pose, wrong, (4, 4))
 
 
+def test_distance_fields_have_distances_to_walls_and_gradients(solid: vx.Map) -> None:
+    points = np.column_stack([np.linspace(3.2, 3.7, 50), np.zeros(50), np.zeros(50)])
+    distances, gradients = solid.esdf(points)
+    assert distances.dtype == np.float32 and gradients.shape == (50, 3)
+    # From centres of voxels to centres of voxels.
+    assert np.abs(distances - (4 - points[:, 0])).max() < 0.15
+    assert (gradients[:, 0] < -0.9).all()
+    assert (solid.esdf(points, max_distance=0.5)[0] <= 0.5).all()
+    assert (solid.esdf([[100.0, 0, 0]], unknown_blocks=True)[0] == 0).all()
+    with pytest.raises(ValueError, match="48 voxels"):
+        solid.esdf(points, max_distance=1e6)
+
+
 def test_clearances_are_distances_to_walls(solid: vx.Map) -> None:
     # The wall at x = 4 is the nearest.
     points = np.random.default_rng(3).uniform([2.95, -1, -0.3], [3.85, 1, 0.3], (500, 3))

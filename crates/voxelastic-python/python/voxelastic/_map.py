@@ -396,6 +396,27 @@ class Map:
         self._needs_occupancy("clearance")
         return _native.clearance(self._inner, _arrays.doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
 
+    def esdf(self, points: ArrayLike, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Distances to the nearest obstacles and their gradients, by the Euclidean distance field of the whole map, which is computed first.
+
+        Distances are exact for the voxels of the map, from centre to centre. Where the map has surfaces and only obstacles count, they are corrected by them to a
+        fraction of a voxel.
+
+        Args:
+            points: N x 3 coordinates in the map frame, metres.
+            max_distance: The largest distance that is told apart, metres; at most 48 voxels.
+            unknown_blocks: Whether unknown space is an obstacle.
+
+        Returns:
+            N distances, metres, at most `max_distance`; N x 3 gradients, away from the obstacle, zero where none is nearer than `max_distance`.
+
+        Raises:
+            ValueError: `max_distance` is out of range, the array has another shape, or the map has no occupancy and unknown space is to be an obstacle.
+        """
+        if unknown_blocks:
+            self._needs_occupancy("esdf")
+        return _native.esdf(self._inner, _arrays.doubles(points, "points"), _positive(max_distance, "max_distance"), bool(unknown_blocks))
+
     def slice(
         self, axis: Literal["x", "y", "z"] = "z", at: float = 1.0, *, thickness: float = 0.0, pixel: float | None = None, of: Literal["state", "distance"] | None = None
     ) -> Slice:

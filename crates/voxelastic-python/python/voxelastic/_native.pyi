@@ -25,6 +25,7 @@ __all__ = [
     "complete_settings",
     "finish_tiles",
     "join_manifests",
+    "esdf",
     "mesh_distances",
     "optimise_graph",
     "plan",
@@ -56,6 +57,9 @@ def ray_cast(
 def beam_directions(sensor: str, columns: int | None) -> tuple[NDArray[np.float64], int]:
     """Directions of a sensor's beams, in the lidar frame, row by row, and the number of rows."""
 
+def esdf(
+    map: Map, points: NDArray[np.float64], max_distance: float, unknown_blocks: bool
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
 def clearance(map: Map, points: NDArray[np.float64], up_to: float, unknown_blocks: bool) -> NDArray[np.float64]:
     """Distances to the nearest obstacles, metres, `up_to` where there are none nearer."""
 
