@@ -2,6 +2,7 @@
 
 use crate::clusters::{FrontierCluster, Frontiers};
 use crate::leg::Leg;
+use crate::retreat;
 use crate::roadmap::{Roadmap, Ways};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
 use crate::tour;
@@ -9,6 +10,7 @@ use crate::viewpoints::{Viewpoint, viewpoints};
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
 use voxelastic_plan::{
     Anchor, Effort, FlyingSpace, GroundSpace, Point, Request, Space, anchor_path, distance, length, recheck, resolve_anchors, shorten,
@@ -28,6 +30,10 @@ const PATIENCE: usize = 6;
 const RESERVE: (f64, f64) = (1.15, 10.0);
 /// Tries to find a path that is still free.
 const TRIES: usize = 6;
+/// Plans in a row that led nowhere, after which the robot goes back along its track.
+const LOST_PATIENCE: usize = 2;
+/// While there is more to see, it goes back this far, in spacings of the roadmap.
+const RETREAT: f64 = 2.0;
 /// Samples of the planner for the way home, and a limit of time that they are not to reach, so that the path is the same on every machine.
 const SEARCH: usize = 400;
 const SEARCH_TIME: Duration = Duration::from_secs(60);
@@ -70,6 +76,8 @@ pub struct Explorer {
     frontiers: Frontiers,
     roadmap: Option<Roadmap>,
     home: Option<(Point, Vec<Anchor>)>,
+    /// The newest scan of the map at the first decision: later ones are the robot's track.
+    first_node: Option<NodeId>,
     leg: Option<Leg>,
     purpose: Purpose,
     /// Places from which everything was seen that can be seen, and their anchors.
@@ -103,6 +111,7 @@ impl Explorer {
             settings,
             roadmap: None,
             home: None,
+            first_node: None,
             leg: None,
             purpose: Purpose::Explore,
             exhausted: Vec::new(),
@@ -177,6 +186,7 @@ impl Explorer {
         let place = |place: Point| (place, anchor_path(now.atlas, &[place]));
         let robot = now.robot;
         self.home.get_or_insert_with(|| place(robot));
+        self.first_node = self.first_node.or_else(|| retreat::newest(now.atlas));
         if is_moved {
             // Places of the roadmap do not move, so it is grown again.
             self.roadmap = None;
@@ -205,6 +215,9 @@ impl Explorer {
                 self.exhausted.push((end, anchor_path(now.atlas, &[end])));
             }
             return true;
+        }
+        if leg.is_retreat {
+            return retreat::free_part(now.map, &leg.path, self.settings.robot.radius) < leg.path.len();
         }
         if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {
             let (a, b) = (leg.path[blocked.segment], leg.path[blocked.segment + 1]);
@@ -281,7 +294,7 @@ impl Explorer {
             }
         }
         self.roadmap = Some(roadmap);
-        self.note_progress();
+        self.note_progress(now);
         count
     }
 
@@ -296,13 +309,34 @@ impl Explorer {
         voxelastic_plan::plan(now.map, &request).ok().map(|plan| plan.path)
     }
 
-    /// Goes home after some plans that lead nowhere, and ends after some more: the robot is shut in. The map may show more after another scan.
-    fn note_progress(&mut self) {
+    /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
+    /// and then it ends: it is shut in. The map may show more after another scan.
+    fn note_progress<S: Space>(&mut self, now: &Situation<'_, S>) {
         let leads_on = self.leg.as_ref().is_some_and(|leg| length(&leg.path) > 0.3 * self.settings.spacing);
         self.stuck = if leads_on { 0 } else { self.stuck + 1 };
+        if self.stuck >= LOST_PATIENCE {
+            self.retreat(now);
+        }
         if self.stuck >= PATIENCE {
             self.stuck = 0;
             self.purpose = if self.purpose == Purpose::Explore { Purpose::Return } else { Purpose::Done };
+        }
+    }
+
+    /// A path back along the track, if there is one: home, or while there is more to see as far as the next plan needs.
+    fn retreat<S: Space>(&mut self, now: &Situation<'_, S>) {
+        let robot = self.settings.robot;
+        let Some(first) = self.first_node else { return };
+        let mut path = retreat::track(now.atlas, now.robot, first);
+        path.truncate(retreat::free_part(now.map, &path, robot.radius));
+        if self.purpose == Purpose::Explore {
+            retreat::cut(&mut path, RETREAT * self.settings.spacing);
+            self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot])));
+        }
+        if length(&path) > 0.5 * self.settings.spacing {
+            self.leg = Some(Leg { is_retreat: true, ..Leg::new(now.atlas, path, None) });
+            // The way home is as good as a plan.
+            self.stuck = if self.purpose == Purpose::Return { 0 } else { self.stuck };
         }
     }
 

@@ -11,11 +11,13 @@ pub(crate) struct Leg {
     anchors: Vec<Anchor>,
     /// Unknown volume expected at its end, cubic metres; none on the way home.
     pub volume: Option<f64>,
+    /// Whether it leads back along the robot's own track.
+    pub is_retreat: bool,
 }
 
 impl Leg {
     pub fn new(atlas: &Atlas, path: Vec<Point>, volume: Option<f64>) -> Self {
-        Self { anchors: anchor_path(atlas, &path), path, volume }
+        Self { anchors: anchor_path(atlas, &path), path, volume, is_retreat: false }
     }
 
     /// The straight motions of a path along which the robot really moves: on wheels they follow the floor.

@@ -18,6 +18,7 @@ mod explorer;
 mod frontier;
 mod gain;
 mod leg;
+mod retreat;
 mod roadmap;
 mod settings;
 mod tour;

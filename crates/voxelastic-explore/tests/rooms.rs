@@ -19,6 +19,11 @@ const BOUNDS: [Point; 2] = [[-3.0, -2.5, 0.3], [9.0, 2.5, 2.0]];
 
 /// Two rooms of 6 x 5 m with a door 1.6 m wide between them, at x = 3, which may be shut; or a closet around the start.
 fn rooms(is_shut: bool, is_closet: bool) -> World {
+    rooms_with(is_shut, is_closet, None)
+}
+
+/// The same with a pole at a place.
+fn rooms_with(is_shut: bool, is_closet: bool, pole: Option<Point>) -> World {
     let mut b = WorldBuilder::new("rooms", 1);
     b.ground(0.0, 0.3);
     let mut wall = |a: [f64; 2], c: [f64; 2]| b.cuboid([a[0], a[1], -0.5], [c[0], c[1], 3.0], 0.5);
@@ -36,6 +41,9 @@ fn rooms(is_shut: bool, is_closet: bool) -> World {
     if is_closet {
         [[-0.8, -0.8], [0.6, -0.8]].into_iter().for_each(|low| wall(low, [low[0] + 0.2, 0.8]));
         [[-0.8, -0.8], [-0.8, 0.6]].into_iter().for_each(|low| wall(low, [0.8, low[1] + 0.2]));
+    }
+    if let Some([x, y, _]) = pole {
+        b.cuboid([x - 0.1, y - 0.1, -0.5], [x + 0.1, y + 0.1, 3.0], 0.5);
     }
     b.cuboid([-4.0, -3.5, 2.6], [10.0, 3.5, 3.0], 0.7);
     b.build().unwrap()
@@ -171,6 +179,22 @@ fn a_door_that_shuts_behind_the_robot_is_found_shut() {
     assert!(shut_at.get().is_some(), "it went through the door");
     assert_eq!(purposes.last(), Some(&Purpose::Done), "it notices that there is no way");
     assert!(walker.position[0] > 3.2 && walker.least > 0.2, "{:?}, {} m from a wall", walker.position, walker.least);
+}
+
+#[test]
+fn a_robot_that_does_not_fit_where_it_stands_goes_back_along_its_track() {
+    let pole = std::cell::Cell::new(None);
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let purposes = walker.explore(&mut explorer, 300, None, |_, position| {
+        if position[0] > 4.2 && pole.get().is_none() {
+            // Farther ahead than the robot is wide, nearer than it needs.
+            pole.set(Some([position[0] + 0.42, position[1], 0.0]));
+        }
+        rooms_with(false, false, pole.get())
+    });
+    assert!(pole.get().is_some() && purposes.last() == Some(&Purpose::Done), "{purposes:?}");
+    assert!(distance(walker.position, HOME) < 1.0, "{:?}", walker.position);
+    assert!(walker.least > RADIUS, "{} m from a wall", walker.least);
 }
 
 #[test]
