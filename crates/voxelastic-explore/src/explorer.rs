@@ -334,7 +334,7 @@ impl Explorer {
             self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot])));
         }
         if length(&path) > 0.5 * self.settings.spacing {
-            self.leg = Some(Leg { is_retreat: true, ..Leg::new(now.atlas, path, None) });
+            self.leg = Some(Leg::back(now.atlas, path));
             // The way home is as good as a plan.
             self.stuck = if self.purpose == Purpose::Return { 0 } else { self.stuck };
         }

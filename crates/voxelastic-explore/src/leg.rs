@@ -20,6 +20,11 @@ impl Leg {
         Self { anchors: anchor_path(atlas, &path), path, volume, is_retreat: false }
     }
 
+    /// A way back along the robot's own track.
+    pub fn back(atlas: &Atlas, track: Vec<Point>) -> Self {
+        Self { is_retreat: true, ..Self::new(atlas, track, None) }
+    }
+
     /// The straight motions of a path along which the robot really moves: on wheels they follow the floor.
     pub fn trace<S: Space>(space: &S, path: &[Point]) -> Vec<Point> {
         let mut traced: Vec<Point> = path.first().copied().into_iter().collect();
