@@ -27,6 +27,11 @@ impl Corrections {
         Self { scans, voxel_size: f64::from(submap.voxel_size) }
     }
 
+    /// Whether nothing was corrected.
+    pub fn is_empty(&self) -> bool {
+        self.scans.is_empty()
+    }
+
     /// How much the surface at a point moved, both in finest voxels: the mean of what the scans say, those nearby first.
     pub fn at(&self, point: [f32; 3]) -> [f32; 3] {
         let point = Point3::from(point.map(|c| f64::from(c) * self.voxel_size));

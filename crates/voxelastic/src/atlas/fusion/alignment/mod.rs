@@ -7,6 +7,8 @@
 //!
 //! Where a correction moved the scans of a submap relative to each other, the submap is bent as the scans moved first: its fields are those of the scans as they were.
 //!
+//! Two fields whose scans nothing has corrected, and that do not come clearly nearer to each other, are not bent onto each other: what was paired there are different
+//! things that stand close together.
 //! What is too far apart or does not match in most places is not pulled together: it is refused, and counted.
 
 mod corrections;
@@ -23,11 +25,24 @@ use crate::field::tsdf::TsdfField;
 use displacement::{Cell, cell_of, middle_of};
 use hashbrown::{HashMap, HashSet};
 pub use pairs::PairAgreement;
-use pairs::{Pairs, REACH};
+use pairs::{Pairs, REACH, Term};
 use surface_points::surface_points;
 
 /// How far apart two places may be that are taken for the same surface, voxels: less in each round, once the displacements of the round before are known.
 const ROUNDS: [f32; 3] = [REACH, 3.0, 2.0];
+
+/// Displacements by all pairs but those of `refused` fields.
+fn bent(pairs: &Pairs, expected: &[HashMap<Cell, [f32; 3]>], from: &[Displacement], refused: &HashSet<[usize; 2]>) -> Vec<Displacement> {
+    let terms_of = |displacements: &[Displacement], reach: f32| {
+        let terms = pairs.find(displacements, reach).terms().into_iter();
+        terms.filter(|term| !refused.contains(&term.fields)).collect::<Vec<Term>>()
+    };
+    let mut terms = terms_of(from, ROUNDS[0]);
+    for reach in &ROUNDS[1..] {
+        terms = terms_of(&solve::displacements(expected, &terms), *reach);
+    }
+    solve::displacements(expected, &terms)
+}
 
 /// Displacements of fields that lie in one lattice, and how they agree.
 #[derive(Debug, Default)]
@@ -49,21 +64,21 @@ impl Alignment {
             .collect();
         let mut owners: HashMap<Cell, u32> = HashMap::new();
         expected.iter().flat_map(HashMap::keys).for_each(|cell| *owners.entry(*cell).or_default() += 1);
-        let mut displacements: Vec<Displacement> =
+        let as_expected: Vec<Displacement> =
             expected.iter().map(|cells| Displacement::new(cells.iter().map(|(cell, vector)| (*cell, *vector)))).collect();
         if owners.values().all(|count| *count < 2) {
-            return Self { displacements, agreement: Vec::new() };
+            return Self { displacements: as_expected, agreement: Vec::new() };
         }
         let is_shared = |cell: &Cell| owners.get(cell).is_some_and(|count| *count > 1);
         let points = fields.iter().enumerate().flat_map(|(i, (field, placement, _))| surface_points(field, placement, i as u32, is_shared)).collect();
         let pairs = Pairs::new(points, fields.len());
-        let before = pairs.find(&fields.iter().map(|_| Displacement::default()).collect::<Vec<_>>(), ROUNDS[0]);
-        let mut terms = pairs.find(&displacements, ROUNDS[0]).terms();
-        for reach in &ROUNDS[1..] {
-            displacements = solve::displacements(&expected, &terms);
-            terms = pairs.find(&displacements, *reach).terms();
-        }
-        displacements = solve::displacements(&expected, &terms);
+        let before = pairs.find(&fields.iter().map(|_| Displacement::default()).collect::<Vec<_>>(), REACH);
+        let all = bent(&pairs, &expected, &as_expected, &HashSet::new());
+        // Scans that were corrected have drifted; what is left of that is between their submaps.
+        let is_trusted = |fields_of: &[usize; 2]| fields_of.iter().all(|field| fields[*field].2.is_empty());
+        let mut refused = pairs.find(&as_expected, REACH).not_explained(&pairs.find(&all, REACH));
+        refused.retain(is_trusted);
+        let displacements = if refused.is_empty() { all } else { bent(&pairs, &expected, &as_expected, &refused) };
         let agreement = pairs.agreement(&before, &pairs.find(&displacements, REACH));
         Self { displacements, agreement }
     }

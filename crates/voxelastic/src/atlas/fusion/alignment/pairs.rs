@@ -4,7 +4,7 @@ use super::displacement::{Cell, Displacement, around, cell_of};
 use super::surface_points::SurfacePoint;
 use crate::atlas::SubmapId;
 use crate::octree::BLOCK_EDGE;
-use hashbrown::HashMap;
+use hashbrown::{HashMap, HashSet};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -19,6 +19,9 @@ const SAME_WAY: f32 = 0.85;
 /// Two fields are pulled together in a cell only if this share of the places of one of them, at least, has a partner: of two surfaces that are the same one,
 /// one may be seen in part, but hardly both.
 const MOST: f64 = 0.5;
+/// Bending two fields onto each other must leave at most this share of the mean distance of their pairs: 0.2 to 0.6 where submaps had drifted apart, 0.7 to 0.9 in a hall
+/// where they had not, whose surface became worse by it.
+const MOST_LEFT: f64 = 0.65;
 /// So many pairs in a cell weigh half as much as any number of them.
 const HALF_KNOWN: f64 = 4.0;
 
@@ -217,6 +220,14 @@ impl Found {
             .collect();
         terms.sort_unstable_by_key(|term| (term.cell, term.fields));
         terms
+    }
+
+    /// Pairs of fields, ascending, whose pairs here are hardly nearer to each other in `after`.
+    pub fn not_explained(&self, after: &Self) -> HashSet<[usize; 2]> {
+        let after = after.distances();
+        let mean = |(count, sum): (u64, f64)| sum / count.max(1) as f64;
+        let is_left = |fields: &[u32; 2], before| after.get(fields).is_some_and(|after| mean(*after) > MOST_LEFT * mean(before));
+        self.distances().into_iter().filter(|(fields, before)| is_left(fields, *before)).map(|(fields, _)| fields.map(|f| f as usize)).collect()
     }
 
     /// Number of pairs of two fields, and the sum of their distances.
