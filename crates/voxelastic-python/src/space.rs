@@ -100,7 +100,8 @@ pub fn esdf<'py>(
     unknown_blocks: bool,
 ) -> PyResult<Bound<'py, PyTuple>> {
     let points = arrays::rows(&points)?;
-    let (pool, atlas) = (job::shared_pool()?, map.atlas());
+    let (pool, content) = (job::shared_pool()?, map.content()?);
+    let atlas = &content.atlas;
     let settings = EsdfSettings { max_distance, unknown: unknown_as(unknown_blocks) };
     let mut field = Esdf::new(settings, atlas.voxel_size()).map_err(|error| PyValueError::new_err(error.to_string()))?;
     job::run_short(py, || pool.install(|| field.update(atlas)))?;
