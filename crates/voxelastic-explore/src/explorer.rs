@@ -32,7 +32,7 @@ const RESERVE: (f64, f64) = (1.15, 10.0);
 const TRIES: usize = 6;
 /// Plans in a row that led nowhere, after which the robot goes back along its track.
 const LOST_PATIENCE: usize = 2;
-/// While there is more to see, it goes back this far, in spacings of the roadmap.
+/// It goes back this far before it plans again, in spacings of the roadmap.
 const RETREAT: f64 = 2.0;
 /// Samples of the planner for the way home, and a limit of time that they are not to reach, so that the path is the same on every machine.
 const SEARCH: usize = 400;
@@ -323,21 +323,21 @@ impl Explorer {
         }
     }
 
-    /// A path back along the track, if there is one: home, or while there is more to see as far as the next plan needs.
+    /// A path back along the track, if there is one, as far as the next plan needs.
     fn retreat<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let robot = self.settings.robot;
         let Some(first) = self.first_node else { return };
         let mut path = retreat::track(now.atlas, now.robot, first);
-        path.truncate(retreat::free_part(now.map, &path, robot.radius));
-        if self.purpose == Purpose::Explore {
-            retreat::cut(&mut path, RETREAT * self.settings.spacing);
-            self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot])));
+        path.truncate(retreat::free_part(now.map, &path, self.settings.robot.radius));
+        retreat::cut(&mut path, RETREAT * self.settings.spacing);
+        if length(&path) <= 0.5 * self.settings.spacing {
+            return;
         }
-        if length(&path) > 0.5 * self.settings.spacing {
-            self.leg = Some(Leg::back(now.atlas, path));
-            // The way home is as good as a plan.
-            self.stuck = if self.purpose == Purpose::Return { 0 } else { self.stuck };
+        match self.purpose {
+            Purpose::Explore => self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot]))),
+            // The whole track leads home.
+            _ => self.stuck = 0,
         }
+        self.leg = Some(Leg::back(now.atlas, path));
     }
 
     /// The viewpoints from which there is something to see, and from which the robot still gets home in time.

@@ -43,9 +43,11 @@ fn explore(args: &ExploreArgs, quiet: bool) -> anyhow::Result<(Summary, bool)> {
     let mut robot = SimulatedRobot::new(args)?;
     let settings = args.settings(robot.start(), robot.world())?;
     let truth = ReachableSpace::new(robot.world(), robot.start(), settings.bounds);
-    if truth.cells() == 0 {
-        let message = format!("{}: the robot does not fit at its start {:?}", args.world, robot.start());
-        return Err(Failure::usage(message, "use another --seed, or larger --bounds").into());
+    let [low, high] = settings.bounds;
+    let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&robot.start()[k]));
+    if !is_inside || truth.cells() == 0 {
+        let message = format!("{}: the robot does not fit at its start {:?} into the box to explore", args.world, robot.start());
+        return Err(Failure::usage(message, "use another --seed, or --bounds around the start").into());
     }
     let mut explorer = Explorer::new(settings).map_err(|error| Failure::usage(error.to_string(), "see `voxelastic explore --help`"))?;
     let mut course = Course::default();

@@ -1,13 +1,13 @@
 //! Arguments of `voxelastic explore`.
 
-use crate::commands;
+use crate::commands::{self, slice::Corners};
 use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
-use voxelastic::geometry::Aabb;
 use voxelastic::query::UnknownAs;
 use voxelastic::sensor::{BeamModel, preset};
 use voxelastic_explore::{ExploreSettings, SensorView, Strategy};
+use voxelastic_io::Origin;
 use voxelastic_plan::{Point, Robot, Wheels};
 use voxelastic_sim::World;
 
@@ -66,7 +66,7 @@ pub struct ExploreArgs {
     pub spacing: f64,
     /// Box to explore: two corners in the map frame, metres [default: around the solids of the world, from 0.7 m below the start to 1 m above it]
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = commands::slice::corners, allow_hyphen_values = true)]
-    pub bounds: Option<Aabb>,
+    pub bounds: Option<Corners>,
     /// A picture to write: the map, the path, what is left of the frontier, and how much was known when
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
@@ -136,7 +136,10 @@ impl ExploreArgs {
     /// Settings of the explorer for a robot that starts at `start` in `world`.
     pub fn settings(&self, start: Point, world: &World) -> anyhow::Result<ExploreSettings> {
         let bounds = match (self.bounds, world.bounds()) {
-            (Some(bounds), _) => [bounds.min.map(f64::from), bounds.max.map(f64::from)],
+            (Some(corners), _) => {
+                let bounds = corners.local(Origin::default());
+                [bounds.min.map(f64::from), bounds.max.map(f64::from)]
+            }
             (None, Some((low, high))) => [[low[0], low[1], start[2] - 0.7], [high[0], high[1], start[2] + 1.0]],
             (None, None) => return Err(Failure::usage(format!("{} has no bounds", self.world), "give --bounds").into()),
         };
