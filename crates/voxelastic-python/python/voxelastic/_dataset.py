@@ -122,12 +122,23 @@ class _EdgeOfData(Edge):
     exact: Optional[NDArray[np.float64]] = None
     """x, y, z, qx, qy, qz, qw of the pose, unless it was replaced."""
 
+    def __reduce__(self) -> Any:
+        return Edge, tuple(self)
+
 
 class _PoseUpdateOfData(PoseUpdate):
     """Corrected poses as the data have them, to the last bit."""
 
     exact: Optional[list[NDArray[np.float64]]] = None
     """x, y, z, qx, qy, qz, qw of each pose, unless they were replaced."""
+
+    def __reduce__(self) -> Any:
+        return PoseUpdate, (dict(self.poses),)
+
+
+# For users there is one type of each.
+_EdgeOfData.__name__ = _EdgeOfData.__qualname__ = "Edge"
+_PoseUpdateOfData.__name__ = _PoseUpdateOfData.__qualname__ = "PoseUpdate"
 
 
 Event: TypeAlias = Union[Scan, Edge, PoseUpdate]

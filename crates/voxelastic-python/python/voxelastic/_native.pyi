@@ -59,7 +59,9 @@ def beam_directions(sensor: str, columns: int | None) -> tuple[NDArray[np.float6
 
 def esdf(
     map: Map, points: NDArray[np.float64], max_distance: float, unknown_blocks: bool
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Distances by the Euclidean distance field of the map, metres, and their gradients."""
+
 def clearance(map: Map, points: NDArray[np.float64], up_to: float, unknown_blocks: bool) -> NDArray[np.float64]:
     """Distances to the nearest obstacles, metres, `up_to` where there are none nearer."""
 
