@@ -19,6 +19,7 @@ mod input;
 mod interrupt;
 mod jumps;
 mod map_files;
+mod map_picture;
 mod mapping;
 mod meshing;
 mod odometry_log;

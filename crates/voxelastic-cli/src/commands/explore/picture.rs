@@ -2,22 +2,17 @@
 
 use super::course::Course;
 use super::robot::SimulatedRobot;
+use crate::map_picture;
 use anyhow::Context;
 use std::path::Path;
-use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{Axis, SliceRequest};
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_explore::ExploreSettings;
 
-const OCCUPIED: Rgb = [60, 62, 68];
-const FREE: Rgb = [255, 255, 255];
-const UNKNOWN: Rgb = [200, 203, 208];
 const FRONTIER: Rgb = [226, 112, 46];
 const HOME: Rgb = [30, 150, 60];
-/// Largest number of pixels along a side; larger pixels are used beyond.
-const MOST_PIXELS: f64 = 2400.0;
 
 /// Draws the picture.
 pub fn draw(file: &Path, robot: &SimulatedRobot, course: &Course, settings: &ExploreSettings) -> anyhow::Result<()> {
@@ -27,15 +22,9 @@ pub fn draw(file: &Path, robot: &SimulatedRobot, course: &Course, settings: &Exp
     let mut bounds = Aabb { min: low.map(|c| c as f32), max: high.map(|c| c as f32) };
     (0..2).for_each(|k| (bounds.min[k], bounds.max[k]) = (bounds.min[k].max(known.min[k]), bounds.max[k].min(known.max[k])));
     let start = robot.start();
-    let longest = f64::from(bounds.size()[0].max(bounds.size()[1]));
-    let slice = SliceRequest { axis: Axis::Z, at: start[2], thickness: 0.0, pixel: map.voxel_size().max(longest / MOST_PIXELS), bounds };
+    let slice = SliceRequest { axis: Axis::Z, at: start[2], thickness: 0.0, pixel: map_picture::pixel(map.voxel_size(), bounds.size()), bounds };
     let image = map.slice(&slice);
-    let colour = |state: &State| match state {
-        State::Occupied => OCCUPIED,
-        State::Free => FREE,
-        State::Unknown => UNKNOWN,
-    };
-    let cells: Vec<Rgb> = image.states.iter().map(colour).collect();
+    let cells = map_picture::cells(&image.states);
     let steps = robot.track.len().max(2) - 1;
     let lines = robot.track.windows(2).enumerate().map(|(i, ends)| Line {
         points: ends.iter().map(|p| [p[0], p[1]]).collect(),
@@ -44,15 +33,7 @@ pub fn draw(file: &Path, robot: &SimulatedRobot, course: &Course, settings: &Exp
     });
     let frontier = course.frontier.iter().map(|cluster| Dot { at: [cluster.centre[0], cluster.centre[1]], colour: FRONTIER, radius: 4.0 });
     let home = Dot { at: [start[0], start[1]], colour: HOME, radius: 8.0 };
-    let legend = [
-        (FREE, "free"),
-        (OCCUPIED, "occupied"),
-        (UNKNOWN, "unknown"),
-        (Ramp::Rainbow.at(0.0), "first"),
-        (Ramp::Rainbow.at(1.0), "last"),
-        (FRONTIER, "frontier left"),
-        (HOME, "home"),
-    ];
+    let legend = [(Ramp::Rainbow.at(0.0), "first"), (Ramp::Rainbow.at(1.0), "last"), (FRONTIER, "frontier left"), (HOME, "home")];
     let known = 100.0 * course.share();
     let half = course.shares().find(|(_, share)| *share >= 0.5 * course.share()).map_or(0.0, |(time, _)| time);
     let drawing = GridView {
@@ -62,7 +43,7 @@ pub fn draw(file: &Path, robot: &SimulatedRobot, course: &Course, settings: &Exp
         pixel: slice.pixel,
         size: [image.width, image.height],
         cells: &cells,
-        legend: legend.map(|(colour, text)| (colour, text.to_owned())).into(),
+        legend: map_picture::LEGEND.into_iter().chain(legend).map(|(colour, text)| (colour, text.to_owned())).collect(),
         lines: lines.collect(),
         dots: frontier.chain([home]).collect(),
     };

@@ -1,8 +1,8 @@
 //! Picture of a path and its search tree over a slice of the map.
 
+use crate::map_picture;
 use anyhow::Context;
 use std::path::Path;
-use voxelastic::field::occupancy::State;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, Axis, SliceRequest};
 use voxelastic_eval::colour::Rgb;
@@ -10,9 +10,6 @@ use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_io::Origin;
 use voxelastic_plan::{Plan, Point, Request};
 
-const OCCUPIED: Rgb = [60, 62, 68];
-const FREE: Rgb = [255, 255, 255];
-const UNKNOWN: Rgb = [200, 203, 208];
 const TREE: Rgb = [232, 120, 110];
 const PATH: Rgb = [28, 84, 200];
 const START: Rgb = [30, 150, 60];
@@ -21,19 +18,12 @@ const GOAL: Rgb = [205, 30, 40];
 const MARGIN: f32 = 3.0;
 /// A path with a larger height difference is drawn over a slice at its median height, metres.
 const FLAT: f64 = 1.0;
-/// Largest number of pixels along a side; larger pixels are used beyond.
-const MOST_PIXELS: f64 = 2400.0;
 
 /// Draws the picture, with the coordinates of the map frame: `origin` is that of the map.
 pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan, origin: Origin) -> anyhow::Result<()> {
     let slice = slice_request(map, request, plan);
     let image = map.slice(&slice);
-    let colour = |state: &State| match state {
-        State::Occupied => OCCUPIED,
-        State::Free => FREE,
-        State::Unknown => UNKNOWN,
-    };
-    let cells: Vec<Rgb> = image.states.iter().map(colour).collect();
+    let cells = map_picture::cells(&image.states);
     let flat = |p: &Point| {
         let [x, y, _] = origin.point_to_map(*p);
         [x, y]
@@ -46,7 +36,7 @@ pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan, o
     let at = slice.at + origin.coordinates()[2];
     let to = if slice.thickness > 0.0 { format!(" to {:.2}", at + slice.thickness) } else { String::new() };
     let title = format!("{:.1} m, radius {:.2} m, map at z = {at:.2}{to} m", plan.length, request.robot.radius);
-    let legend = [(FREE, "free"), (OCCUPIED, "occupied"), (UNKNOWN, "unknown"), (TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
+    let legend = [(TREE, "tree"), (PATH, "path"), (START, "start"), (GOAL, "goal")];
     let drawing = GridView {
         title,
         labels: ["x [m]", "y [m]"],
@@ -54,7 +44,7 @@ pub fn draw(file: &Path, map: &AtlasQuery<'_>, request: &Request, plan: &Plan, o
         pixel: slice.pixel,
         size: [image.width, image.height],
         cells: &cells,
-        legend: legend.map(|(colour, text)| (colour, text.to_owned())).into(),
+        legend: map_picture::LEGEND.into_iter().chain(legend).map(|(colour, text)| (colour, text.to_owned())).collect(),
         lines,
         dots,
     };
@@ -72,6 +62,5 @@ fn slice_request(map: &AtlasQuery<'_>, request: &Request, plan: &Plan) -> SliceR
     let (low, high) = (heights.first().copied().unwrap_or_default(), heights.last().copied().unwrap_or_default());
     let radius = request.robot.radius;
     let (at, thickness) = if high - low <= FLAT { (low - radius, high - low + 2.0 * radius) } else { (heights[heights.len() / 2], 0.0) };
-    let longest = f64::from(bounds.size()[0].max(bounds.size()[1]));
-    SliceRequest { axis: Axis::Z, at, thickness, pixel: map.voxel_size().max(longest / MOST_PIXELS), bounds }
+    SliceRequest { axis: Axis::Z, at, thickness, pixel: map_picture::pixel(map.voxel_size(), bounds.size()), bounds }
 }
