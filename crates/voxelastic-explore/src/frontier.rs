@@ -78,9 +78,9 @@ pub(crate) fn block_frontier(field: &OccupancyField, block: [i32; 3]) -> Option<
     let (mut faces, mut sum, mut normal, mut probe) = (0u32, [0u32; 3], [0i32; 3], None);
     for axis in 0..3 {
         for side in [-1i32, 1] {
-            let mut beside = block;
-            beside[axis] += side;
-            let next = field.block_states(block_key(beside)).unknown();
+            let mut neighbour = block;
+            neighbour[axis] += side;
+            let next = field.block_states(block_key(neighbour)).unknown();
             let found: BlockBits = {
                 let unknown = shifted(&own, &next, axis, side);
                 std::array::from_fn(|z| states.free[z] & unknown[z])

@@ -49,8 +49,8 @@ pub(crate) fn viewpoints(
     };
     // Near clusters are not always near by way, so more of them are looked at than are scored.
     let found: Vec<Option<u32>> = clusters.par_iter().take(2 * CLUSTERS).map(best).collect();
-    let mut seen = HashSet::new();
-    let mut nodes: Vec<u32> = found.into_iter().flatten().filter(|node| seen.insert(*node)).collect();
+    let mut taken = HashSet::new();
+    let mut nodes: Vec<u32> = found.into_iter().flatten().filter(|node| taken.insert(*node)).collect();
     nodes.sort_by(|a, b| ways.length(*a).total_cmp(&ways.length(*b)).then(a.cmp(b)));
     let score = |node: &u32| {
         let place = roadmap.place(*node);

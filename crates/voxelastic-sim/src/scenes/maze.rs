@@ -57,8 +57,8 @@ fn carve(b: &mut WorldBuilder) -> Walls {
     visited[0][0] = true;
     let mut stack = vec![[0usize; 2]];
     while let Some(&[x, y]) = stack.last() {
-        let beside = [(x + 1, y), (x.wrapping_sub(1), y), (x, y + 1), (x, y.wrapping_sub(1))];
-        let next: Vec<(usize, usize)> = beside.into_iter().filter(|(x, y)| *x < SIZE[0] && *y < SIZE[1] && !visited[*y][*x]).collect();
+        let neighbours = [(x + 1, y), (x.wrapping_sub(1), y), (x, y + 1), (x, y.wrapping_sub(1))];
+        let next: Vec<(usize, usize)> = neighbours.into_iter().filter(|(x, y)| *x < SIZE[0] && *y < SIZE[1] && !visited[*y][*x]).collect();
         if next.is_empty() {
             stack.pop();
             continue;

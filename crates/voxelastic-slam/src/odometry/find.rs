@@ -48,8 +48,8 @@ impl Surroundings<'_> {
         if let Some(found) = expected.as_ref().filter(|found| self.usual_score > 0.0 && self.is_usual(&found.registration)) {
             return Ok(found.clone());
         }
-        let witness = self.recent.witness(self.points, self.levels[0].size());
-        let judged = |found: Found| Found { contradiction: witness.as_ref().and_then(|witness| witness.contradiction(&found.t_map_lidar)), ..found };
+        let free_space = self.recent.compared(self.points, self.levels[0].size());
+        let judged = |found: Found| Found { contradiction: free_space.as_ref().and_then(|both| both.contradiction(&found.t_map_lidar)), ..found };
         let is_possible = |found: &Found| found.contradiction.is_none_or(|share| share <= MOST_CONTRADICTION);
         // Without a usual score, a pose that is possible is good enough.
         let first = expected.as_ref().filter(|found| self.usual_score == 0.0 && found.registration.is_converged).cloned().map(judged);

@@ -1,4 +1,4 @@
-//! The last scans, as witnesses of where space is free.
+//! The last scans, and where they observed space to be free.
 
 use crate::free_space::{FreeSpace, View};
 use serde::{Deserialize, Serialize};
@@ -47,7 +47,7 @@ impl RecentScans {
     }
 
     /// What these scans and a new one say about each other; `None` without any scan.
-    pub(super) fn witness<'a>(&self, points: &'a [[f32; 3]], voxel: f64) -> Option<Witness<'a>> {
+    pub(super) fn compared<'a>(&self, points: &'a [[f32; 3]], voxel: f64) -> Option<ComparedFreeSpace<'a>> {
         let anchor = self.scans.back()?.t_map_lidar;
         let in_anchor = |scan: &RecentScan| {
             let t_anchor_lidar = anchor.inv_mul(&scan.t_map_lidar);
@@ -58,7 +58,7 @@ impl RecentScans {
         let recent: Vec<Moved> = self.scans.iter().map(in_anchor).collect();
         let scan = View { origin: [0.0; 3], points };
         let free_of_recent = FreeSpace::new(&views(&recent), voxel as f32);
-        Some(Witness { anchor, recent, scan, free_of_recent, free_of_scan: FreeSpace::new(&[scan], voxel as f32) })
+        Some(ComparedFreeSpace { anchor, recent, scan, free_of_recent, free_of_scan: FreeSpace::new(&[scan], voxel as f32) })
     }
 }
 
@@ -67,7 +67,7 @@ fn views(scans: &[Moved]) -> Vec<View<'_>> {
 }
 
 /// The free space of the last scans and of a new one.
-pub(super) struct Witness<'a> {
+pub(super) struct ComparedFreeSpace<'a> {
     /// Pose of the frame of the last scans in the map.
     anchor: Pose,
     recent: Vec<Moved>,
@@ -76,7 +76,7 @@ pub(super) struct Witness<'a> {
     free_of_scan: FreeSpace,
 }
 
-impl Witness<'_> {
+impl ComparedFreeSpace<'_> {
     /// Share of the surfaces of the last scans or of the new one that lie in space that the other saw to be free, if the new one has this pose:
     /// the larger one; `None` if too little of the one is where the other saw anything.
     pub(super) fn contradiction(&self, t_map_lidar: &Pose) -> Option<f64> {
