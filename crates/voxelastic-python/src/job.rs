@@ -2,9 +2,10 @@
 
 use crate::errors;
 use pyo3::exceptions::PyRuntimeError;
-use pyo3::{PyResult, Python};
+use pyo3::{PyResult, Python, pyfunction};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -18,7 +19,23 @@ type OwnedPool = (u32, Arc<ThreadPool>);
 /// The pool for maps.
 static SHARED: Mutex<Option<OwnedPool>> = Mutex::new(None);
 
-/// The pool in which maps are opened, meshed and queried, with a thread per core. A process that was forked gets one of its own: threads are not forked.
+/// The share of this process in the machine, threads; 0 for one per core.
+static SHARE: AtomicUsize = AtomicUsize::new(0);
+
+/// Limits the threads of this process, for one of several on a machine: the shared pool, and pools made later that are not of a given size. 0 for one per core.
+#[pyfunction]
+pub fn use_threads(threads: usize) {
+    if SHARE.swap(threads, Ordering::Relaxed) != threads {
+        // The next call makes another one. Calls under way have that of before, which ends with the last of them.
+        let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+        if shared.as_ref().is_some_and(|(owner, _)| *owner == std::process::id()) {
+            *shared = None;
+        }
+    }
+}
+
+/// The pool in which maps are opened, meshed and queried, with a thread per core, or as many as [`use_threads`] says. A process that was forked gets one of its
+/// own: threads are not forked.
 pub fn shared_pool() -> PyResult<Arc<ThreadPool>> {
     let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
     let process = std::process::id();
@@ -31,8 +48,9 @@ pub fn shared_pool() -> PyResult<Arc<ThreadPool>> {
     Ok(pool)
 }
 
-/// A pool of `threads` threads, 0 for one per core.
+/// A pool of `threads` threads; 0 for one per core, or as many as [`use_threads`] says.
 pub fn new_pool(threads: usize) -> PyResult<ThreadPool> {
+    let threads = if threads == 0 { SHARE.load(Ordering::Relaxed) } else { threads };
     let built = ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("voxelastic {i}")).build();
     built.map_err(|error| PyRuntimeError::new_err(format!("cannot start {threads} threads: {error}; use fewer with `threads`")))
 }

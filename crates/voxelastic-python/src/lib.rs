@@ -36,6 +36,8 @@ mod _native {
         Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,
     };
     #[pymodule_export]
+    use crate::job::use_threads;
+    #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]
     use crate::mapper::Mapper;

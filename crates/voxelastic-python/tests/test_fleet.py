@@ -17,7 +17,8 @@ import voxelastic as vx
 
 pytest.importorskip("fsspec")
 from voxelastic import fleet
-from voxelastic.fleet import _store
+from voxelastic.fleet import _store, _worker
+from voxelastic.fleet._tasks import recorded
 
 SETTINGS = vx.Settings(voxel_size=0.3, max_range=25)
 
@@ -244,3 +245,37 @@ def test_the_command(drives: list[Path], tmp_path: Path, capsys: pytest.CaptureF
     assert main([str(tmp_path / "nothing"), "-o", str(tmp_path / "other"), "--workers", "0", "--quiet"]) == 1
     assert "nothing" in capsys.readouterr().err
     assert main([str(drives[0]), "-o", str(tmp_path), "--workers", "0", "--set", "voxel_size=no"]) == 2
+
+
+def test_memory_is_that_of_the_task(tmp_path: Path) -> None:
+    store = fleet.Store(str(tmp_path))
+
+    def work(megabytes: int) -> dict[str, Any]:
+        return {"sum": float(np.ones(megabytes * 125_000).sum())}
+
+    idle = recorded(store, "idle", "0", lambda: work(0))["peak_mb"]
+    work(300)
+    after, busy = (recorded(store, "task", str(megabytes), lambda: work(megabytes))["peak_mb"] for megabytes in (1, 200))
+    assert after < idle + 100 and busy > idle + 190, (idle, after, busy)
+
+
+def test_a_worker_uses_as_many_threads_as_it_has(tmp_path: Path) -> None:
+    def count() -> list[int]:
+        import os
+
+        import voxelastic as vx
+        from voxelastic import _native
+        from voxelastic.fleet import _worker
+
+        def threads() -> int:
+            names = [Path(f"/proc/self/task/{task}/comm").read_text() for task in os.listdir("/proc/self/task")]
+            return sum(name.startswith("voxelastic ") and name.split()[1].isdigit() for name in names)
+
+        _native.use_threads(_worker.threads())
+        simulation = vx.Simulation("mine", scans=2, sensor="vlp-16", columns=64)
+        simulation[0]
+        return [_worker.threads(), threads()]
+
+    with cluster(1) as local, local.get_client() as client:
+        assert client.submit(count).result() == [1, 1]
+    assert _worker.threads() == 0

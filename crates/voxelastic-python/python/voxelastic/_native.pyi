@@ -35,6 +35,7 @@ __all__ = [
     "slice",
     "trajectory_errors",
     "unpack_scans",
+    "use_threads",
     "verify_places",
     "world_names",
     "write_tiles",
@@ -42,6 +43,9 @@ __all__ = [
 
 def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
     """Runs the command and returns its exit code."""
+
+def use_threads(threads: int) -> None:
+    """Limits the threads of this process, for one of several on a machine; 0 for one per core."""
 
 def settings_table() -> list[tuple[str, str, str, str, bool, str]]:
     """All settings: key, kind, default, range with unit, whether it is a basic one, help. The kind is `float`, `int`, `str`, or the allowed words separated by `|`."""

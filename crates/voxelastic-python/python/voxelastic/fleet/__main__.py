@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from typing import Any
 
@@ -53,10 +54,18 @@ def client_of(given: argparse.Namespace) -> Any:
     Client, LocalCluster = module.Client, module.LocalCluster  # noqa: N806
     if given.scheduler is not None:
         return Client(given.scheduler) if "://" in given.scheduler else Client(scheduler_file=given.scheduler)
-    cluster = LocalCluster(n_workers=given.workers, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=40)
+    workers = given.workers or cores()
+    # One task at a time in each, with its share of the cores.
+    environment = {"RAYON_NUM_THREADS": os.environ.get("RAYON_NUM_THREADS", str(max(1, cores() // workers)))}
+    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, env=environment, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=40)
     if not given.quiet:
         print(f"dashboard: {cluster.dashboard_link}", file=sys.stderr)
     return Client(cluster)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def show(stage: str, done: int, all_: int) -> None:

@@ -35,7 +35,7 @@ class Stage:
     wall_seconds: float = 0.0
     seconds_by_worker: dict[str, float] = field(default_factory=dict)
     peak_mb: float = 0.0
-    """Largest peak memory of a worker after a task, MB."""
+    """Largest memory of a worker while it did a task, MB (elsewhere than on Linux: until then)."""
     most_bytes: int = 0
     """Most bytes of a task that pass through the scheduler: its arguments and its record."""
     all_bytes: int = 0

@@ -6,10 +6,7 @@ task that was done is not done again, by whomever."""
 from __future__ import annotations
 
 import json
-import os
-import resource
 import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +19,7 @@ from .._map import Map
 from .._mapper import Mapper
 from .._settings import Settings
 from ._store import Store, at_hand, digest, fingerprint
+from ._worker import Usage, threads
 
 VERSION = 1
 """Of what tasks write; another one makes everything anew."""
@@ -48,14 +46,9 @@ def recorded(store: Store, task: str, task_key: str, work: Callable[[], Record])
     record: Record | None = store.read_json(name)
     if record is not None:
         return record | {"is_new": False}
-    begun, cpu = time.time(), time.process_time()
-    record = work() | {
-        "seconds": round(time.time() - begun, 3),
-        "cpu_seconds": round(time.process_time() - cpu, 3),
-        "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
-        "worker": os.getpid(),
-        "began": round(begun, 3),
-    }
+    _native.use_threads(threads())
+    usage = Usage()
+    record = work() | usage.record()
     store.write_json(name, record)
     return record | {"is_new": True}
 
