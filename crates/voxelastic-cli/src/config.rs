@@ -22,7 +22,11 @@ pub struct SettingFlags {
 impl SettingFlags {
     /// The settings: flags override the file, the file overrides the defaults.
     pub fn resolve(&self) -> anyhow::Result<Settings> {
-        let mut settings = Settings::default();
+        self.resolve_over(Settings::default())
+    }
+
+    /// As [`resolve`](Self::resolve), with other settings instead of the defaults.
+    pub fn resolve_over(&self, mut settings: Settings) -> anyhow::Result<Settings> {
         if let Some(file) = &self.file {
             apply_file(&mut settings, file)?;
         }

@@ -17,6 +17,7 @@ mod elastic;
 mod failure;
 mod input;
 mod interrupt;
+mod joining;
 mod jumps;
 mod map_files;
 mod map_picture;
@@ -36,8 +37,8 @@ mod watching;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, mesh, odometry, optimize, plan, render,
-    repair, report, simulate, slice, view,
+    bench, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize, plan,
+    remove, render, repair, report, simulate, slice, view,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -89,6 +90,8 @@ enum Command {
     Plan(plan::PlanArgs),
     Esdf(esdf::EsdfArgs),
     Explore(explore::ExploreArgs),
+    Merge(merge::MergeArgs),
+    Remove(remove::RemoveArgs),
     Repair(repair::RepairArgs),
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
@@ -160,6 +163,8 @@ impl Command {
             Self::Plan(args) => plan::run(args),
             Self::Esdf(args) => esdf::run(args),
             Self::Explore(args) => explore::run(args, quiet),
+            Self::Merge(args) => merge::run(args),
+            Self::Remove(args) => remove::run(args),
             Self::Repair(args) => repair::run(args),
             Self::Heldout(args) => heldout::run(args, quiet),
             Self::Eval(args) => eval::run(args),

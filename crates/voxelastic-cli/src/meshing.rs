@@ -275,6 +275,11 @@ pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerA
     Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), pairs, crumbs: (!surface.keep_all).then_some(crumbs) })
 }
 
+/// The surfaces of all submaps on top of each other, in the map frame.
+pub fn surface_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Mesh> {
+    Ok(shells(atlas, voxel, surface)?.mesh)
+}
+
 /// Points on the surfaces of all submaps, in the map frame.
 pub fn surface_points(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<[f32; 3]>> {
     Ok(shells(atlas, voxel, surface)?.mesh.positions)

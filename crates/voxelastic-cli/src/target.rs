@@ -1,6 +1,7 @@
 //! Where the map is saved. A finished map stays in memory until a disk takes it.
 
 use crate::failure::{Failure, one_line};
+use crate::joining::Addition;
 use crate::mapping::Session;
 use crate::{interrupt, map_files, usage};
 use anyhow::Context;
@@ -44,6 +45,10 @@ pub struct Target {
     path: PathBuf,
     args: TargetArgs,
     elsewhere: bool,
+    /// Whether a session is added to the map that is there.
+    adds: bool,
+    /// Where the session lies in that map.
+    addition: Option<Box<Addition>>,
 }
 
 impl Target {
@@ -51,7 +56,37 @@ impl Target {
     pub fn create(path: &Path, args: TargetArgs) -> anyhow::Result<Self> {
         set_damaged_aside(path)?;
         let writer = MapWriter::create(path).context("cannot write the map there")?;
-        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), args, elsewhere: false })
+        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), args, elsewhere: false, adds: false, addition: None })
+    }
+
+    /// Opens a map to add a session to it, and locks it.
+    pub fn open(path: &Path, args: TargetArgs) -> anyhow::Result<Self> {
+        map_files::open(path)?;
+        let writer = MapWriter::open(path)?;
+        Ok(Self { writer: Some(writer), checkpoints: None, path: path.to_owned(), args, elsewhere: false, adds: true, addition: None })
+    }
+
+    /// The map that is there.
+    pub fn store(&self) -> anyhow::Result<&MapStore> {
+        Ok(self.writer()?.store())
+    }
+
+    /// Says where the session lies in the map that is there.
+    pub fn set_addition(&mut self, addition: Box<Addition>) {
+        self.addition = Some(addition);
+    }
+
+    /// Whether a run can go on from a checkpoint.
+    pub fn has_checkpoint(&self) -> bool {
+        self.checkpoints.as_ref().is_some_and(Checkpoints::has_any)
+    }
+
+    /// Saves the session as a map of its own, at the first name like `path` that is free.
+    pub fn save_apart(&mut self, session: &Session, details: &MapDetails, path: &Path) -> anyhow::Result<SaveReport> {
+        let (path, writer) = free_path(path, 1)?;
+        self.move_to(path, writer);
+        (self.elsewhere, self.adds) = (true, false);
+        self.save(session, details)
     }
 
     /// Where the map is, or will be, saved.
@@ -59,9 +94,9 @@ impl Target {
         &self.path
     }
 
-    /// Scans in the map that is there.
+    /// Scans in the map that the run replaces.
     pub fn scans(&self) -> usize {
-        self.writer.as_ref().map_or(0, scans_in)
+        self.writer.as_ref().filter(|_| !self.adds).map_or(0, scans_in)
     }
 
     fn writer(&self) -> anyhow::Result<&MapWriter> {
@@ -158,8 +193,14 @@ impl Target {
     }
 
     fn save_here(&mut self, session: &Session, details: &MapDetails) -> anyhow::Result<SaveReport> {
-        self.keep_better(session.scans())?;
+        if !self.adds {
+            self.keep_better(session.scans())?;
+        }
         let writer = self.writer.as_mut().context("the map was abandoned before it was saved")?;
+        if let Some(addition) = self.addition.as_ref().filter(|_| self.adds) {
+            let saved = session.pool().install(|| addition.save(writer, session.mapper().atlas()));
+            return saved.context("cannot add the session to the map, which is as it was before");
+        }
         save(writer, self.checkpoints.as_ref(), session, details)
     }
 
@@ -181,7 +222,7 @@ impl Target {
                 Ok((path, writer, report)) => {
                     tracing::warn!("{} could not be written: the map is saved as {}", self.path.display(), path.display());
                     self.move_to(path, writer);
-                    self.elsewhere = true;
+                    (self.elsewhere, self.adds) = (true, false);
                     return Ok(report);
                 }
                 Err(problem) => problems.push(problem),

@@ -189,6 +189,16 @@ pub enum Error {
         /// The identifier that was asked for.
         id: u32,
     },
+    /// The map has no such session.
+    #[error("{}: the map has no session {number}, but {known:?}", path.display())]
+    NoSuchSession {
+        /// The map directory.
+        path: PathBuf,
+        /// The number that was asked for.
+        number: u32,
+        /// Those that it has.
+        known: Vec<u32>,
+    },
     /// A decoder has a bug. It is the last item of the data: what comes after cannot be read.
     #[error("a decoder has a bug: {what}; what comes after cannot be read: please report it with the file")]
     Panicked {
@@ -224,6 +234,7 @@ impl Error {
             | Self::Newer { path, .. }
             | Self::UnknownSection { path, .. }
             | Self::NoSuchSubmap { path, .. }
+            | Self::NoSuchSession { path, .. }
             | Self::OutOfMemory { path, .. } => path,
             Self::Panicked { .. } => Path::new(""),
         }
@@ -251,6 +262,7 @@ impl Error {
             Self::Missing { .. } => Cow::Borrowed("restore the file from a backup, or open the map again if it was being saved meanwhile"),
             Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
             Self::Newer { .. } | Self::UnknownSection { .. } => Cow::Borrowed("update voxelastic"),
+            Self::NoSuchSession { .. } => Cow::Borrowed("`voxelastic info` lists them"),
             Self::NoSuchSubmap { .. } => Cow::Borrowed("choose one of the manifest's submaps"),
             Self::Panicked { .. } => Cow::Borrowed("please report it with the file"),
             Self::OutOfMemory { .. } => Cow::Borrowed("close other programs or use a larger machine"),

@@ -18,6 +18,8 @@ pub struct RunLog {
     pub format: u32,
     /// Program and version.
     pub generator: String,
+    /// The data, as they were named.
+    pub input: String,
     /// Threads of the mapper.
     pub threads: usize,
     /// From start to saved map, seconds.

@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`odometry`] | poses of scans from the scans alone |
 //! | [`loops`] | places that were visited before, found again from the scans alone |
+//! | [`join`] | where one map or session lies in another |
 //! | [`slam`] | raw scans in, the mapper's events out |
 //! | [`Corrector`] | loop closures and corrected poses, inserted into the events |
 //! | [`graph`] | pose graphs: optimisation of a whole graph, and live in a stream of events |
@@ -13,6 +14,7 @@ mod deskew;
 mod error;
 mod free_space;
 pub mod graph;
+pub mod join;
 pub mod loops;
 pub mod odometry;
 mod registration;

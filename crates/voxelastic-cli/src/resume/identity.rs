@@ -8,6 +8,10 @@ const FREE: [&str; 1] = ["threads"];
 /// Version of the states that this program writes.
 const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 1");
 
+/// Of the hash FNV-1a with 64 bits.
+const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
+
 /// Everything that decides about the bits of a map, in words, by what it is.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Identity(BTreeMap<String, String>);
@@ -24,6 +28,12 @@ impl Identity {
     pub fn with(mut self, key: &str, value: impl ToString) -> Self {
         self.0.insert(key.to_owned(), value.to_string());
         self
+    }
+
+    /// A number that hardly any other run has, as text.
+    pub fn digest(&self) -> Result<String, postcard::Error> {
+        let hash = |bytes: &[u8]| bytes.iter().fold(FNV_BASIS, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(FNV_PRIME));
+        Ok(format!("{:016x}", hash(&postcard::to_stdvec(&self.0)?)))
     }
 
     /// What differs between this run and the one `before`, in words.

@@ -19,6 +19,7 @@ mod report;
 #[cfg(unix)]
 mod resume;
 mod room;
+mod sessions;
 mod simulation;
 mod slam;
 

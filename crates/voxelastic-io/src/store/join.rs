@@ -41,6 +41,7 @@ pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_p
         }
     }
     let mut joined = joined.unwrap_or_default();
+    joined.sessions.clear();
     joined.submaps.retain(|entry| !only_posed || poses.contains_key(&entry.id));
     joined.submaps.sort_by_key(|entry| entry.id);
     if let Some(twice) = joined.submaps.windows(2).find(|pair| pair[0].id == pair[1].id) {

@@ -2,9 +2,11 @@
 
 use super::files::SubmapName;
 use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, pose_as_numbers, scan_entries};
+use super::sessions::SessionEntry;
 use super::submap_file::{Expected, Fields, Written};
 use serde::{Deserialize, Serialize};
 use voxelastic::atlas::{Submap, SubmapId, SubmapScan};
+use voxelastic::event::NodeId;
 use voxelastic::octree::SCALES;
 use voxelastic::{Pose, Settings};
 
@@ -13,11 +15,38 @@ use voxelastic::{Pose, Settings};
 pub struct Manifest {
     /// How the map was made.
     pub details: MapDetails,
+    /// The sessions that it was made of, by number; none for a map that is one session. [`all_sessions`](Self::all_sessions) has that one, too.
+    pub sessions: Vec<SessionEntry>,
     /// The submaps, ordered by id.
     pub submaps: Vec<SubmapEntry>,
 }
 
 impl Manifest {
+    /// The sessions of the map, by number. A map without a list of them is one session.
+    pub fn all_sessions(&self) -> Vec<SessionEntry> {
+        if !self.sessions.is_empty() || self.submaps.is_empty() {
+            return self.sessions.clone();
+        }
+        let of = |end: Option<&SubmapEntry>| end.map_or(0, |entry| entry.id);
+        vec![SessionEntry {
+            number: 1,
+            input: None,
+            added: None,
+            scans: self.submaps.iter().map(|entry| entry.scans.len()).sum(),
+            first_submap: of(self.submaps.first()),
+            last_submap: of(self.submaps.last()),
+            node_offset: 0,
+            t_map_session: None,
+            loop_edges: Vec::new(),
+            run: None,
+        }]
+    }
+
+    /// The first number that no node has.
+    pub fn next_node(&self) -> NodeId {
+        self.submaps.iter().flat_map(|entry| &entry.scans).map(|scan| scan.node).max().map_or(0, |last| last.saturating_add(1))
+    }
+
     /// Edge of the finest voxel as the settings in the manifest have it, metres; the default if they do not.
     ///
     /// # Errors

@@ -7,6 +7,7 @@ use super::FORMAT_VERSION;
 use super::files::SubmapName;
 use super::manifest::{Manifest, SubmapEntry};
 use super::piece::MapDetails;
+use super::sessions::{self, SessionEntry};
 use crate::{Error, Result};
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
@@ -23,15 +24,20 @@ struct Document {
     generator: String,
     settings: BTreeMap<String, String>,
     sensor: BTreeMap<String, String>,
+    #[serde(default)]
+    sessions: Vec<SessionEntry>,
     submaps: Vec<SubmapEntry>,
 }
 
-/// The text of `manifest`: one line per setting and per submap.
+/// The text of `manifest`: one line per setting, session and submap.
 pub(super) fn write(manifest: &Manifest) -> std::result::Result<String, serde_json::Error> {
     let before = format!("{START}{FORMAT_VERSION}{BEFORE_CRC}");
     let mut after = format!("\",\n\"generator\": {},\n", serde_json::to_string(&manifest.details.generator)?);
     after += &format!("\"settings\": {},\n", serde_json::to_string_pretty(&manifest.details.settings)?);
     after += &format!("\"sensor\": {},\n", serde_json::to_string_pretty(&manifest.details.sensor)?);
+    if !manifest.sessions.is_empty() {
+        after += &format!("\"sessions\": [{}],\n", lines(&manifest.sessions)?);
+    }
     after += &format!("\"submaps\": [{}]\n}}\n", lines(&manifest.submaps)?);
     let crc32 = checksum(before.as_bytes(), after.as_bytes());
     Ok(before + &crc32 + &after)
@@ -72,8 +78,9 @@ pub(super) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
     let document: Document =
         serde_json::from_slice(text).map_err(|e| Error::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;
     check(path, text, &document.submaps)?;
-    let Document { generator, settings, sensor, submaps } = document;
-    let manifest = Manifest { details: MapDetails { generator, settings, sensor }, submaps };
+    let Document { generator, settings, sensor, sessions, submaps } = document;
+    sessions::check(&sessions).map_err(|what| Error::damaged(path, "sessions", 0, what))?;
+    let manifest = Manifest { details: MapDetails { generator, settings, sensor }, sessions, submaps };
     manifest.voxel_size().map_err(|what| Error::damaged(path, "settings", 0, what))?;
     Ok(manifest)
 }

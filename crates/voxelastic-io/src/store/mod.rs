@@ -19,6 +19,8 @@
 //!
 //! [`Checkpoints`] write the map of a run that is under way, the run's state and a journal of what came, so that another process can go on with it.
 //!
+//! A map can be made of several sessions ([`SessionEntry`]), which are added to it and taken out again without a change to the others.
+//!
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
@@ -41,6 +43,8 @@ mod origin_section;
 mod piece;
 mod reader;
 mod repair;
+mod session_writer;
+mod sessions;
 mod submap_file;
 #[cfg(test)]
 mod tests;
@@ -55,6 +59,7 @@ pub use manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
 pub use piece::{MapDetails, ScanEntry};
 pub use reader::MapStore;
 pub use repair::{ManifestState, RepairReport, move_map, repair};
+pub use sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use writer::{MapWriter, SaveReport};
 
 /// Version of the map directory's format that this program writes, and the newest that it reads.

@@ -118,7 +118,7 @@ fn rebuild(dir: &Path, names: &[&String]) -> Result<RepairReport> {
     };
     let mut submaps: Vec<SubmapEntry> = best.into_values().map(|(_, entry)| entry).collect();
     remove_fused(&mut submaps);
-    let manifest = Manifest { details, submaps };
+    let manifest = Manifest { details, submaps, ..Manifest::default() };
     finish(dir, ManifestState::Rebuilt, &manifest, damage)
 }
 

@@ -7,6 +7,7 @@ use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
 use super::piece::{MapDetails, Piece, check_storable};
 use super::reader::MapStore;
+use super::sessions::SessionEntry;
 use super::submap_file::{self, Written};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -154,6 +155,17 @@ impl MapWriter {
         details: &MapDetails,
         before: impl FnOnce(&str) -> Result<()>,
     ) -> Result<SaveReport> {
+        self.commit_sessions(saved, details, Vec::new(), before)
+    }
+
+    /// As [`commit`](Self::commit), of a map of these sessions; none for a map that is one session.
+    pub(super) fn commit_sessions(
+        &mut self,
+        saved: Vec<(SubmapEntry, bool)>,
+        details: &MapDetails,
+        sessions: Vec<SessionEntry>,
+        before: impl FnOnce(&str) -> Result<()>,
+    ) -> Result<SaveReport> {
         let dir = self.store.dir();
         let mut report = SaveReport::default();
         for (entry, is_new) in &saved {
@@ -161,7 +173,8 @@ impl MapWriter {
             report.bytes_written += if *is_new { entry.bytes } else { 0 };
             *if *is_new { &mut report.written } else { &mut report.kept } += 1;
         }
-        let manifest = Manifest { details: details.clone(), submaps: saved.into_iter().map(|(entry, _)| entry).collect() };
+        let submaps = saved.into_iter().map(|(entry, _)| entry).collect();
+        let manifest = Manifest { details: details.clone(), sessions, submaps };
         let path = dir.join(MANIFEST);
         let text = manifest_text::write(&manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
         before(&text)?;
@@ -192,7 +205,7 @@ impl MapWriter {
     }
 
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
-    fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails, known: Option<KnownFile>) -> Result<(SubmapEntry, bool)> {
+    pub(super) fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails, known: Option<KnownFile>) -> Result<(SubmapEntry, bool)> {
         let submap = piece.submap;
         let name = known.as_ref().map_or_else(|| SubmapName { id: submap.id(), digest: submap_file::digest(submap) }, |known| known.name);
         let file = name.to_string();

@@ -17,9 +17,11 @@ mod plane_fft;
 mod settings;
 mod signature;
 mod verify;
+mod visible;
 
 pub use finder::{Closure, LoopFinder, Searches, Verdict};
 pub use localiser::{Localiser, LocaliserSettings, Located, Whereabouts};
 pub use place_book::{PlaceBook, PlaceDescriptors, PlacePair};
 pub use settings::LoopSettings;
 pub use verify::Fit;
+pub use visible::MapSurface;

@@ -5,12 +5,19 @@ use super::overlap::{Guess, best_guess};
 use super::place::{Keyframe, Place};
 use super::settings::LoopSettings;
 use super::signature::{Signature, SignatureMaker};
+use super::visible::{MapSurface, Visible};
+use crate::registration::automatic_voxel_size;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use voxelastic::event::{Edge, NodeId};
-use voxelastic::geometry::Pose;
+use voxelastic::geometry::{Pose, PoseExt};
 
-/// The places of a recording, in the order in which it passed them.
+/// Distance between the scans of a map's place, in voxels.
+const SCAN_SPACING: f64 = 3.0;
+/// A place of a map is left out if another one is nearer than this share of its length.
+const SAME_PLACE: f64 = 0.25;
+
+/// The places of a recording or of a map, in the order in which they were passed.
 #[derive(Clone, Debug)]
 pub struct PlaceBook {
     voxel: f64,
@@ -63,6 +70,52 @@ impl PlaceBook {
     /// The places of all events that a finder has taken, after its [`finish`](LoopFinder::finish); none before the first scan.
     pub fn of(finder: LoopFinder) -> Option<Self> {
         finder.into_places().map(|(voxel, places)| Self { voxel, places })
+    }
+
+    /// The places of a map: of what can be seen of its surface along the poses from which it was observed, in the order of its scans, in voxels of edge
+    /// `voxel`, metres. Places that were passed several times are there once.
+    pub fn of_map(surface: &MapSurface<'_>, path: &[(NodeId, Pose)], voxel: f64, settings: &LoopSettings) -> Self {
+        let length = settings.place_length * voxel;
+        let stations = stations(path, voxel, length);
+        let parts = parts(&stations, length);
+        let visible = Visible::new(surface, voxel);
+        let maker = SignatureMaker::new();
+        let place = |part: &std::ops::Range<usize>| {
+            let keyframes: Vec<Keyframe> =
+                stations[part.clone()].iter().map(|s| visible.keyframe((s.node, s.t_map_lidar), s.piece, s.path)).collect();
+            Place::new(&keyframes.iter().collect::<Vec<_>>(), voxel, &maker)
+        };
+        Self { voxel, places: parts.par_iter().filter_map(place).collect() }
+    }
+
+    /// The edge of the voxels in which places of a map are best compared, metres: as for a sensor with such a view.
+    pub fn voxel_for_map(surface: &MapSurface<'_>, path: &[(NodeId, Pose)]) -> f64 {
+        let coarse = Visible::new(surface, 0.5);
+        let step = path.len().div_ceil(8).max(1);
+        let mut sizes: Vec<f64> = path.iter().step_by(step).map(|(_, pose)| automatic_voxel_size(&coarse.scan(pose))).collect();
+        sizes.sort_by(f64::total_cmp);
+        sizes.get(sizes.len() / 2).copied().unwrap_or(0.5)
+    }
+
+    /// Of each place the node in whose frame it is, and that node's pose.
+    pub fn anchors(&self) -> impl Iterator<Item = (NodeId, Pose)> {
+        self.places.iter().map(|place| (place.node, place.t_map_anchor))
+    }
+
+    /// All nodes whose scans are in places, with their poses.
+    pub fn nodes(&self) -> impl Iterator<Item = (NodeId, Pose)> {
+        self.places.iter().flat_map(|place| place.scans.iter().map(|scan| (scan.node, place.t_map_anchor * scan.t_anchor_lidar)))
+    }
+
+    /// Registers places of `second` to places of this book from guesses, and judges the outcomes. A guess has the number of a place of this book, that of one of
+    /// `second`, and the pose of the second's [anchor](Self::anchors) in the frame of the first's.
+    pub fn verify_guesses(&self, second: &Self, guesses: &[(usize, usize, Pose)], settings: &LoopSettings) -> Vec<Closure> {
+        let verify = |(a, b, t_first_second): &(usize, usize, Pose)| {
+            let (a, b) = (self.places.get(*a)?, second.places.get(*b)?);
+            let b = Place { piece: usize::MAX, ..b.clone() };
+            Some(close(a, &b, &Guess { t_first_second: *t_first_second, correlation: 1.0 }, self.voxel, settings))
+        };
+        guesses.par_iter().filter_map(verify).collect()
     }
 
     /// Number of places.
@@ -147,6 +200,54 @@ impl PlaceBook {
         };
         Self { voxel, places: book.places.into_iter().filter_map(place).collect() }
     }
+}
+
+/// A pose from which a map was observed, at some distance from the one before.
+struct Station {
+    node: NodeId,
+    t_map_lidar: Pose,
+    piece: usize,
+    /// Length of the path up to here, metres.
+    path: f64,
+}
+
+/// Poses of a path, spaced as the scans of places are. A jump begins a new piece.
+fn stations(path: &[(NodeId, Pose)], voxel: f64, length: f64) -> Vec<Station> {
+    let mut all: Vec<Station> = Vec::new();
+    let (mut piece, mut travelled, mut before) = (0, 0.0, None::<Pose>);
+    for (node, t_map_lidar) in path {
+        let step = before.map_or(0.0, |before| before.translation_distance(t_map_lidar));
+        let jumps = step > 0.5 * length;
+        piece += usize::from(jumps);
+        travelled += if jumps { 0.0 } else { step };
+        before = Some(*t_map_lidar);
+        let is_far = all.last().is_none_or(|last| last.piece != piece || last.t_map_lidar.translation_distance(t_map_lidar) >= SCAN_SPACING * voxel);
+        if is_far {
+            all.push(Station { node: *node, t_map_lidar: *t_map_lidar, piece, path: travelled });
+        }
+    }
+    all
+}
+
+/// The stations of each place: those along `length` metres of path, one every half of it and one at the end of each piece.
+fn parts(stations: &[Station], length: f64) -> Vec<std::ops::Range<usize>> {
+    let mut parts: Vec<std::ops::Range<usize>> = Vec::new();
+    let middle = |part: &std::ops::Range<usize>| stations[part.start + part.len() / 2].t_map_lidar;
+    let mut due = 0.0;
+    for (end, station) in stations.iter().enumerate() {
+        let is_last = stations.get(end + 1).is_none_or(|next| next.piece != station.piece);
+        if station.path < due && !is_last {
+            continue;
+        }
+        due = station.path + 0.5 * length;
+        let is_of_it = |s: &Station| s.piece == station.piece && s.path >= station.path - length;
+        let begin = end - stations[..end].iter().rev().take_while(|s| is_of_it(s)).count();
+        let part = begin..end + 1;
+        if parts.iter().all(|other| middle(other).translation_distance(&middle(&part)) >= SAME_PLACE * length) {
+            parts.push(part);
+        }
+    }
+    parts
 }
 
 impl PlaceDescriptors {

@@ -1,6 +1,7 @@
 //! Description of a map.
 
 use super::rows::{Bounds, row};
+use crate::joining;
 use crate::map_files::{self, DamageArgs, damaged_part, settings_of};
 use crate::usage::megabytes;
 use nalgebra::Point3;
@@ -12,7 +13,7 @@ use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::Volumes;
 use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
-use voxelastic_io::store::{MapStore, SubmapEntry};
+use voxelastic_io::store::{MapStore, SessionEntry, SubmapEntry};
 use voxelastic_io::{Error, Origin};
 
 /// The keys of `--json`.
@@ -40,7 +41,29 @@ pub struct MapInfo {
     bounds_m: Option<Bounds>,
     /// Known space of all submaps; only with `--check`, and for maps with occupancy.
     known_m3: Option<KnownSpace>,
+    /// What the map was made of; a map that was made at once is one session.
+    sessions: Vec<SessionInfo>,
     submaps: Vec<SubmapInfo>,
+}
+
+#[derive(Debug, Serialize)]
+struct SessionInfo {
+    number: u32,
+    /// The data that it was mapped from, as it was named; `null` where nobody knows.
+    input: Option<String>,
+    /// When it was added, UTC; `null` for the session that the map began with.
+    added: Option<String>,
+    /// Scans and submaps that the map has of it.
+    scans: usize,
+    submaps: usize,
+    first_submap: SubmapId,
+    last_submap: SubmapId,
+    /// What was added to the numbers of its nodes.
+    node_offset: u64,
+    /// Where its own frame lies in the map: x y z qx qy qz qw; `null` for the session that the map began with.
+    t_map_session: Option<[f64; 7]>,
+    /// Loop edges to earlier sessions.
+    loop_edges: usize,
 }
 
 /// Cubic metres, overlaps of submaps counted each time.
@@ -118,8 +141,25 @@ pub fn describe(path: &Path, check: bool, damage: DamageArgs) -> anyhow::Result<
         path_bounds_m: Bounds::around(&path_bounds, origin),
         bounds_m: Bounds::around(&bounds, origin),
         known_m3,
+        sessions: joining::listed_sessions(&store).iter().map(|session| session_info(session, &manifest.submaps)).collect(),
         submaps: manifest.submaps.iter().map(|entry| submap_info(entry, origin)).collect(),
     })
+}
+
+fn session_info(session: &SessionEntry, submaps: &[SubmapEntry]) -> SessionInfo {
+    let own = || submaps.iter().filter(|entry| session.has(entry.id));
+    SessionInfo {
+        number: session.number,
+        input: session.input.clone(),
+        added: session.added.clone(),
+        scans: own().map(|entry| entry.scans.len()).sum(),
+        submaps: own().count(),
+        first_submap: session.first_submap,
+        last_submap: session.last_submap,
+        node_offset: session.node_offset,
+        t_map_session: session.t_map_session.map(|frame| joining::numbers(&frame.0)),
+        loop_edges: session.loop_edges.len(),
+    }
 }
 
 fn submap_info(entry: &SubmapEntry, origin: Origin) -> SubmapInfo {
@@ -198,6 +238,12 @@ pub fn table(info: &MapInfo) -> Vec<(String, String)> {
     rows.extend(info.sensor.values().map(|words| row("sensor", words)));
     let settings: Vec<String> = info.settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
     rows.push(row("settings", settings.join(", ")));
+    for s in &info.sessions {
+        let input = s.input.as_deref().unwrap_or("from data that is not known");
+        let added = s.added.as_ref().map_or_else(String::new, |when| format!(", added {when} with {} loop edges", s.loop_edges));
+        let text = format!("{input}: {} scans, submaps {} to {}{added}", s.scans, s.first_submap, s.last_submap);
+        rows.push(row(&format!("session {}", s.number), text));
+    }
     for s in &info.submaps {
         let [x, y, z] = s.root_m;
         let nodes = s.first_node.zip(s.last_node).map_or_else(String::new, |(a, b)| format!(" (nodes {a} to {b})"));

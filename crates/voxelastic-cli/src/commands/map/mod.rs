@@ -9,13 +9,14 @@ use crate::data::{DataArgs, HoldOut};
 use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::input::Input;
+use crate::joining::{self, AlignArgs, Outcome, SessionSummary, Sessions};
 use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
 use crate::reporting::{self, Subject};
 use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs};
 use crate::target::{self, Target, TargetArgs};
-use crate::{interrupt, meshing, output, usage};
+use crate::{interrupt, map_files, meshing, output, usage};
 use anyhow::Context;
 use clap::Args;
 use pipeline::{Pipeline, Selection, Tally};
@@ -43,6 +44,7 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
   voxelastic map hall --report                          also writes hall.html, for a browser
+  voxelastic map tuesday.bag --into hall.vox            go on with a saved map: adds a session to it
   voxelastic map DATA --config mapping.toml --json      settings from a file, results on stdout")]
 pub struct MapArgs {
     #[command(flatten)]
@@ -50,6 +52,11 @@ pub struct MapArgs {
     /// The map to write, a directory [default: the name of DATA with .vox, in the current directory]
     #[arg(short, long, value_name = "MAP.vox")]
     output: Option<PathBuf>,
+    /// Add the scans to this saved map, as a session of their own. Its settings are the defaults; a session whose place in it is not found is saved as a map of its own (exit code 3)
+    #[arg(long, value_name = "MAP.vox", conflicts_with_all = ["output", "report", "overwrite"])]
+    into: Option<PathBuf>,
+    #[command(flatten)]
+    align: AlignArgs,
     /// Estimate the poses from the scans, even if the data have some
     #[arg(long)]
     slam: bool,
@@ -111,6 +118,8 @@ struct Summary {
     odometry: Option<OdometrySummary>,
     /// Loop closures that were tried; `null` where none were looked for.
     closures: Option<ClosureSummary>,
+    /// Where the session lies in the map that it was added to; `null` without `--into`, and where that was not found.
+    session: Option<SessionSummary>,
     /// Checkpoints that were written.
     checkpoints: CheckpointSummary,
     /// Fields of the map: `tsdf`, `occupancy`, `both`.
@@ -161,17 +170,83 @@ impl MapArgs {
             .with("corrections", self.elastic.identity())
             .with("--hold-out", or_none(self.hold_out.map(|n| n.to_string())))
             .with("--max-scans", or_none(self.max_scans.map(|n| n.to_string())))
+            .with("--into", if self.into.is_some() { "a map" } else { "none" })
     }
+
+    /// The settings, and the directory of the map.
+    fn target(&self) -> anyhow::Result<(Settings, Target)> {
+        let Some(map) = &self.into else {
+            if self.align.align.is_some() {
+                return Err(Failure::usage("--align says where a session lies in a map", "name the map with --into").into());
+            }
+            let settings = self.settings.resolve()?;
+            return Ok((settings, Target::create(&target::path(self.output.as_deref(), self.data.path())?, self.target)?));
+        };
+        let base = map_files::settings_of(&map_files::open(map)?)?;
+        let settings = self.settings.resolve_over(base.clone())?;
+        joining::check_settings(map, &base, &settings, "leave them out of flags and file: those of the map are used")?;
+        Ok((settings, Target::open(map, self.target)?))
+    }
+
+    /// Saves the map; a session is added to the map that is there, or saved as a map of its own.
+    fn save(&self, session: &Session, target: &mut Target, run: String, tally: &Tally) -> anyhow::Result<Saved> {
+        let details = session.details();
+        if self.into.is_none() {
+            return Ok(Saved { report: target.save(session, &details)?, added: None, is_kept: false });
+        }
+        let map = target.path().to_owned();
+        let why = if tally.interrupted {
+            if target.has_checkpoint() {
+                tracing::warn!("interrupted: {} is as it was before; the same command goes on with the session and adds it", map.display());
+                return Ok(Saved { report: SaveReport::default(), added: None, is_kept: true });
+            }
+            "it was interrupted".to_owned()
+        } else {
+            let atlas = session.mapper().atlas();
+            let entries = vec![joining::new_session(atlas, self.data.path(), run)];
+            let sessions = Sessions { atlas, origin: session.origin(), entries, has_frame: tally.odometry.is_none() };
+            let store = target.store()?;
+            match session.pool().install(|| joining::place(store, sessions, self.align.align))? {
+                Outcome::Joined(addition, summary) => {
+                    target.set_addition(addition);
+                    let report = target.save(session, &details)?;
+                    if !target.is_elsewhere() {
+                        joining::log(&map, &summary);
+                    }
+                    return Ok(Saved { report, added: Some(summary).filter(|_| !target.is_elsewhere()), is_kept: false });
+                }
+                Outcome::Apart(why) => why,
+            }
+        };
+        let report = target.save_apart(session, &details, &target::path(None, self.data.path())?)?;
+        let (map, apart) = (map.display(), target.path().display());
+        tracing::warn!("the session is not added to {map}, which is as it was before: {why}");
+        tracing::warn!("it is saved as {apart}; `voxelastic merge {apart} --into {map} --align X,Y,Z,YAW` adds it where you say it lies");
+        Ok(Saved { report, added: None, is_kept: false })
+    }
+}
+
+/// What was saved, and where.
+struct Saved {
+    report: SaveReport,
+    /// Where the session lies in the map that it was added to.
+    added: Option<SessionSummary>,
+    /// Whether nothing was saved, but the run is kept to be gone on with.
+    is_kept: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
-    let settings = args.settings.resolve()?;
-    let output = target::path(args.output.as_deref(), args.data.path())?;
+    let (settings, mut target) = args.target()?;
     let selection = args.selection()?;
     let identity = args.identity(&settings, &selection.input);
-    let mut target = Target::create(&output, args.target)?;
+    let run = identity.digest().context("the run cannot be described")?;
+    if let Some(number) = args.into.as_ref().and(joining::session_of_run(target.store()?, &run)) {
+        let map = target.path().display();
+        let remedy = format!("`voxelastic remove {map} --session {number}` takes it out");
+        return Err(Failure::new(format!("session {number} of {map} is this run already: the same data and settings"), remedy).into());
+    }
     let unfinished = args.resume.find(&mut target, &identity)?;
     interrupt::install("finishing this scan and saving the map");
 
@@ -191,29 +266,33 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
     tally.rebuilt = args.elastic.finish(selection.input.clouds(), &mut session, quiet);
+    let saved = args.save(&session, &mut target, run, &tally)?;
     let details = session.details();
-    let saved = target.save(&session, &details)?;
     if !tally.interrupted {
         target.discard_checkpoints();
     }
     let output = target.path().to_owned();
-    let summary = Summary { checkpoints: keeper.summary(), ..summarise(&session, &tally, saved, &output, clock) };
+    let is_own_map = args.into.is_none() || target.is_elsewhere();
+    let summary = Summary { checkpoints: keeper.summary(), session: saved.added, ..summarise(&session, &tally, saved.report, &output, clock) };
     let log = RunLog {
         total_s: summary.total_s,
+        input: args.data.path().display().to_string(),
         interrupted: tally.interrupted,
         scans_skipped: tally.skipped,
         registrations: summary.odometry.as_ref().map(|odometry| odometry.registrations.clone()).unwrap_or_default(),
         closures: summary.closures.as_ref().map(ClosureSummary::for_report).unwrap_or_default(),
         ..session.log()
     };
-    target.log(&log);
+    if is_own_map {
+        target.log(&log);
+    }
     if let Some(odometry) = &summary.odometry {
         odometry.log(summary.threads);
     }
     if let Some(closures) = &summary.closures {
         closures.log();
     }
-    log_summary(&summary);
+    log_summary(&summary, saved.is_kept);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
@@ -249,6 +328,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         groups_apart: log.groups_apart,
         loops: log.loops,
         corrections: log.corrections,
+        session: None,
         checkpoints: CheckpointSummary::default(),
         submaps_rebuilt: tally.rebuilt,
         odometry: tally.odometry.clone(),
@@ -269,7 +349,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
 }
 
 /// Logs the results in three lines.
-fn log_summary(s: &Summary) {
+fn log_summary(s: &Summary, is_kept: bool) {
     let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
     let held_out = if s.scans_held_out > 0 { format!(", {} held out", s.scans_held_out) } else { String::new() };
     tracing::info!("{} scans{skipped}{held_out} in {:.1} s; {} submaps, {:.0} MB in memory", s.scans, s.total_s, s.submaps, s.map_mb);
@@ -277,5 +357,7 @@ fn log_summary(s: &Summary) {
     if let (Some(median), Some(p95)) = (spread.median, spread.p95) {
         tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
     }
-    tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
+    if !is_kept {
+        tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);
+    }
 }
