@@ -7,6 +7,7 @@ use crate::error::SlamError;
 use crate::graph::{Options, Problem, optimise, symmetric, upper_triangle};
 use crate::loops::{Closure, LoopSettings, PlaceBook, Verdict};
 use nalgebra::{Matrix6, Vector6};
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use voxelastic::event::{Edge, NodeId};
 use voxelastic::geometry::{Pose, PoseExt};
@@ -135,7 +136,10 @@ impl Join<'_> {
         let edges: Vec<Edge> = tried.iter().filter(|c| c.verdict == Verdict::Accepted).filter_map(|c| self.first.edge(c)).collect();
         self.tried.extend(tried);
         match self.consensus(&edges) {
-            Some((t_first_second, agreeing)) => self.extend(t_first_second, agreeing, FoundBy::Places),
+            Some((t_first_second, agreeing)) => {
+                let agreeing = agreeing.par_iter().map(|edge| self.first.fine_edge(self.second, edge)).collect();
+                self.extend(t_first_second, agreeing, FoundBy::Places)
+            }
             None => Ok(None),
         }
     }
@@ -185,8 +189,10 @@ impl Join<'_> {
             for closure in &mut closures {
                 self.limit(closure, &now);
             }
-            let found = guesses.iter().zip(&closures).filter(|(_, closure)| closure.verdict == Verdict::Accepted);
-            let found: Vec<(usize, Edge)> = found.filter_map(|((_, b, _), closure)| Some((*b, self.first.edge(closure)?))).collect();
+            let accepted = guesses.par_iter().zip(&closures).filter(|(_, closure)| closure.verdict == Verdict::Accepted);
+            let edge =
+                |((_, b, _), closure): (&(usize, usize, Pose), &Closure)| Some((*b, self.first.fine_edge(self.second, &self.first.edge(closure)?)));
+            let found: Vec<(usize, Edge)> = accepted.filter_map(edge).collect();
             self.tried.extend(closures);
             if found.is_empty() {
                 break;

@@ -78,6 +78,7 @@ pub enum Outcome {
 /// The surfaces of a map, and the nodes from which they were observed.
 struct View {
     surface: Mesh,
+    voxel: f32,
     path: Vec<(NodeId, Pose)>,
 }
 
@@ -91,11 +92,11 @@ impl View {
             }
         }
         path.sort_by_key(|(node, _)| *node);
-        Ok(Self { surface: surface_mesh(atlas, voxel, &SurfaceArgs::default())?, path })
+        Ok(Self { surface: surface_mesh(atlas, voxel, &SurfaceArgs::default())?, voxel, path })
     }
 
     fn surface(&self) -> MapSurface<'_> {
-        MapSurface { positions: &self.surface.positions, normals: &self.surface.normals }
+        MapSurface { positions: &self.surface.positions, normals: &self.surface.normals, voxel: self.voxel }
     }
 
     fn book(&self, voxel: f64, settings: &LoopSettings) -> PlaceBook {
@@ -103,6 +104,7 @@ impl View {
     }
 
     fn scaled(&mut self, scale: f64) {
+        self.voxel *= scale as f32;
         self.surface.positions.iter_mut().flatten().for_each(|c| *c *= scale as f32);
         self.path.iter_mut().for_each(|(_, pose)| pose.translation.vector *= scale);
     }

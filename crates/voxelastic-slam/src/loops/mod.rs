@@ -9,6 +9,7 @@
 mod align;
 mod density_image;
 mod finder;
+mod fine_surface;
 mod localiser;
 mod overlap;
 mod place;

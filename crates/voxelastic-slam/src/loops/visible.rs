@@ -24,6 +24,8 @@ pub struct MapSurface<'a> {
     pub positions: &'a [[f32; 3]],
     /// Normals, as many.
     pub normals: &'a [[f32; 3]],
+    /// Edge of the map's finest voxels, metres.
+    pub voxel: f32,
 }
 
 /// Means of the surface points in cells of one size.
@@ -177,7 +179,7 @@ mod tests {
                 }
             }
         }
-        let visible = Visible::new(&MapSurface { positions: &positions, normals: &normals }, 0.2);
+        let visible = Visible::new(&MapSurface { positions: &positions, normals: &normals, voxel: 0.05 }, 0.2);
         let pose = Pose::translation(1.0, 0.0, 1.0) * Pose::rotation(nalgebra::Vector3::new(0.0, 0.0, 0.5));
         let seen: Vec<[f32; 3]> = visible.scan(&pose).iter().map(|p| Rigid::from(&pose).apply(*p)).collect();
         let count = |is: &dyn Fn(&[f32; 3]) -> bool| seen.iter().filter(|p| is(p)).count();
