@@ -12,7 +12,7 @@ use voxelastic_live::ros::middleware::{Middleware, MiddlewareError, NodeOptions,
 #[command(next_help_heading = "ROS 2")]
 pub struct NetworkArgs {
     /// Be a node of ROS 2: publish the map, offer services, and take the scans from topics unless --from names a recording. Without a value over DDS, or over
-    /// what RMW_IMPLEMENTATION says
+    /// what RMW_IMPLEMENTATION says. Needs a program with the cargo feature `ros2`, or the wheel
     #[arg(long, value_enum, value_name = "dds|zenoh", num_args = 0..=1, require_equals = true, default_missing_value = "usual")]
     pub ros2: Option<Backend>,
     /// The domain [default: ROS_DOMAIN_ID, or 0]
@@ -61,6 +61,13 @@ impl Network {
     /// Joins the network, if one was asked for.
     pub fn join(args: &NetworkArgs, settings: &Settings) -> anyhow::Result<Option<Self>> {
         let Some(backend) = args.ros2 else { return Ok(None) };
+        if cfg!(not(feature = "ros2")) {
+            return Err(Failure::new(
+                "this program was built without ROS 2",
+                "install it with ROS 2: cargo install --path crates/voxelastic-cli --features ros2; the wheel for Python has it",
+            )
+            .into());
+        }
         let says = |name: &str, value: &str| std::env::var(name).is_ok_and(|text| text.eq_ignore_ascii_case(value));
         let domain = std::env::var("ROS_DOMAIN_ID").ok().and_then(|text| text.trim().parse().ok());
         let options = NodeOptions {
@@ -101,7 +108,7 @@ fn open(options: &NodeOptions, is_zenoh: bool) -> Result<Box<dyn Middleware>, Mi
 
 #[cfg(not(feature = "ros2"))]
 fn open(_: &NodeOptions, _: bool) -> Result<Box<dyn Middleware>, MiddlewareError> {
-    Err(MiddlewareError::new("cannot join a network", "this program was built without ROS 2 (cargo feature `ros2`)"))
+    Err(MiddlewareError::new("cannot join a network", "this program was built without ROS 2"))
 }
 
 /// The settings as parameters.
