@@ -40,6 +40,12 @@ pub enum SlamError {
         /// What is wrong.
         reason: &'static str,
     },
+    /// A vertical that is no direction, or has no standard deviation.
+    #[error("the vertical at node {node} is no measurement: directions must not be zero, and the standard deviation must be positive")]
+    BadVertical {
+        /// The node.
+        node: NodeId,
+    },
     /// More nodes than the solver can number.
     #[error("{nodes} nodes are more than the solver can number")]
     TooMany {

@@ -1,8 +1,9 @@
 //! Raw scans in, the mapper's events out.
 
-use crate::odometry::{ImuSample, Odometry, OdometryReport, OdometrySettings, OdometryState, Status};
+use crate::odometry::{ImuSample, MeasuredVertical, Odometry, OdometryReport, OdometrySettings, OdometryState, Status, VERTICAL_SIGMA};
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::event::{Edge, Event, NodeId, Scan, Vertical};
 use voxelastic::{Cloud, Pose};
 
 /// A scan without a pose.
@@ -27,8 +28,8 @@ pub struct Step {
     pub events: Vec<Event>,
 }
 
-/// Turns raw scans into the events of a registered cloud list (paper Sec. IV): scans with their poses by odometry, and an odometry edge from
-/// the scan before.
+/// Turns raw scans into the events of a registered cloud list (paper Sec. IV): scans with their poses by odometry, an odometry edge from
+/// the scan before, and where up is, where an inertial unit tells.
 ///
 /// ```
 /// use voxelastic::Cloud;
@@ -56,6 +57,8 @@ pub struct Step {
 pub struct Slam {
     odometry: Odometry,
     last: Option<Taken>,
+    /// Where up was measured to be since the last scan that was taken: measured and expected, map frame.
+    vertical: Option<[[f64; 3]; 2]>,
 }
 
 /// What a [`Slam`] knows between two scans; see [`Slam::state`].
@@ -65,6 +68,7 @@ pub struct Slam {
 pub struct SlamState {
     odometry: OdometryState,
     last: Option<Taken>,
+    vertical: Option<[[f64; 3]; 2]>,
 }
 
 /// The last scan that was taken.
@@ -79,17 +83,17 @@ struct Taken {
 impl Slam {
     /// One that has seen no scan.
     pub fn new(settings: OdometrySettings) -> Self {
-        Self { odometry: Odometry::new(settings), last: None }
+        Self { odometry: Odometry::new(settings), last: None, vertical: None }
     }
 
     /// What it knows.
     pub fn state(&self) -> SlamState {
-        SlamState { odometry: self.odometry.state(), last: self.last }
+        SlamState { odometry: self.odometry.state(), last: self.last, vertical: self.vertical }
     }
 
     /// One that goes on from `state`, with the settings of the one that it is of: it gives out the same events, bit for bit.
     pub fn resume(settings: OdometrySettings, state: SlamState) -> Self {
-        Self { odometry: Odometry::resume(settings, state.odometry), last: state.last }
+        Self { odometry: Odometry::resume(settings, state.odometry), last: state.last, vertical: state.vertical }
     }
 
     /// Adds a sample of an inertial measurement unit, as [`Odometry::add_imu`].
@@ -102,6 +106,7 @@ impl Slam {
         let RawScan { node, time, mut cloud, imu } = scan;
         imu.into_iter().for_each(|sample| self.odometry.add_imu(sample));
         let report = self.odometry.register(&cloud, Some(time));
+        self.vertical = report.vertical.map(|MeasuredVertical { measured, expected, .. }| [measured.into(), expected.into()]).or(self.vertical);
         if matches!(report.status, Status::Failed(_)) || !takes(&report.t_map_lidar) {
             return Step { report, events: Vec::new() };
         }
@@ -113,6 +118,10 @@ impl Slam {
             let t_from_to = before.t_map_lidar.inv_mul(&t_map_lidar);
             let information = Some(report.edge_information(t_from_to.translation.vector.norm()));
             events.push(Event::OdometryEdge(Edge { from: before.node, to: node, t_from_to, information }));
+        }
+        if let Some([measured, expected]) = self.vertical.take() {
+            let up_lidar = t_map_lidar.rotation.inverse() * Vector3::from(measured);
+            events.push(Event::Vertical(Vertical { node, up_lidar: up_lidar.into(), up_map: expected, sigma: VERTICAL_SIGMA }));
         }
         Step { report, events }
     }

@@ -8,9 +8,9 @@ mod numbers;
 
 use drive::{drive, information};
 use numbers::Numbers;
-use voxelastic::Pose;
-use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::event::{Edge, Event, NodeId, Scan, Vertical};
 use voxelastic::geometry::PoseExt;
+use voxelastic::{Cloud, Pose};
 use voxelastic_io::{PoseGraph, g2o};
 use voxelastic_slam::SlamError;
 use voxelastic_slam::graph::{LiveOptimiser, Options, Problem, optimise};
@@ -115,9 +115,8 @@ fn what_is_no_graph_is_refused_by_name() {
 #[test]
 fn a_stream_is_corrected_after_its_loops() {
     let mut live = LiveOptimiser::new(Options::default());
-    let scan = |node: NodeId, x: f64, y: f64| {
-        Event::Scan(Scan { node, time: 0.0, t_map_lidar: Pose::translation(x, y, 0.0), cloud: voxelastic::Cloud::default() })
-    };
+    let scan =
+        |node: NodeId, x: f64, y: f64| Event::Scan(Scan { node, time: 0.0, t_map_lidar: Pose::translation(x, y, 0.0), cloud: Cloud::default() });
     // Out and back on a line; the odometry drifts sideways by 1 cm a node, the loop says that the last node is the first.
     let mut out = Vec::new();
     for i in 0..41u64 {
@@ -257,4 +256,44 @@ fn edges_that_are_no_measurements_are_refused_and_the_stream_goes_on() {
     live.finish().unwrap();
     let found = live.poses()[0].1.inv_mul(&live.poses()[55].1);
     assert!(found.translation_distance(&t_from_to) < 0.05, "{found}");
+}
+
+/// A drive on level ground whose odometry climbs: it pitches up by a little from node to node. Poses and odometry edges.
+fn climbing(count: u64) -> (Vec<Pose>, Vec<Edge>) {
+    let step = Pose::translation(1.0, 0.0, 0.0) * Pose::rotation(nalgebra::Vector3::new(0.0, -0.0005, 0.0));
+    let mut poses = vec![Pose::identity()];
+    (1..count).for_each(|_| poses.push(poses[poses.len() - 1] * step));
+    let edge = |k: u64| Edge { from: k, to: k + 1, t_from_to: step, information: None };
+    (poses, (0..count - 1).map(edge).collect())
+}
+
+#[test]
+fn verticals_level_a_drive_without_closures() {
+    let (poses, edges) = climbing(200);
+    let after = |every: u64, tilted: bool| {
+        let mut live = LiveOptimiser::new(Options::default());
+        for (node, pose) in (0..).zip(&poses) {
+            live.handle(Event::Scan(Scan { node, time: node as f64, t_map_lidar: *pose, cloud: Cloud::default() })).unwrap();
+            if node > 0 {
+                live.handle(Event::OdometryEdge(edges[node as usize - 1].clone())).unwrap();
+            }
+            if node % every == every - 1 {
+                // One of them is that of a long acceleration.
+                let off = if tilted && node == 99 { 0.3 } else { 0.0 };
+                let up_lidar = nalgebra::Vector3::new(off, 0.0, 1.0).normalize().into();
+                live.handle(Event::Vertical(Vertical { node, up_lidar, up_map: [0.0, 0.0, 1.0], sigma: 0.006 })).unwrap();
+            }
+        }
+        live.finish().unwrap();
+        live.poses().iter().map(|(_, pose)| pose.translation.z.abs()).fold(0.0, f64::max)
+    };
+    let climbed = poses.last().unwrap().translation.z;
+    assert!(climbed > 9.0, "{climbed}");
+    let [levelled, disturbed] = [after(10, false), after(10, true)];
+    println!("{climbed:.2} m high by odometry, {levelled:.2} m with verticals, {disturbed:.2} m with one that is wrong");
+    assert!(levelled < 0.05 * climbed && disturbed < 0.1 * climbed, "{levelled} {disturbed}");
+    let bad = Event::Vertical(Vertical { node: 0, up_lidar: [0.0; 3], up_map: [0.0, 0.0, 1.0], sigma: 0.006 });
+    let mut live = LiveOptimiser::new(Options::default());
+    live.handle(Event::Scan(Scan { node: 0, time: 0.0, t_map_lidar: Pose::identity(), cloud: Cloud::default() })).unwrap();
+    assert_eq!(live.handle(bad).unwrap_err(), SlamError::BadVertical { node: 0 });
 }

@@ -99,12 +99,19 @@ fn walk(simulation: &Simulation, with_imu: bool) -> (Vec<OdometryReport>, f64) {
 #[test]
 fn a_shaken_sensor_is_tracked_with_its_inertial_unit() {
     let simulation = handheld("campus", 1, 120, 1.0);
+    let truth = simulation.ground_truth();
     let (reports, with) = walk(&simulation, true);
     let (_, without) = walk(&simulation, false);
     println!("{:.3} % of the path with the unit, {:.3} % without", 100.0 * with, 100.0 * without);
     assert!(reports.iter().skip(1).all(|r| r.status == Status::Tracked));
     assert!(with < 0.004, "{} %", 100.0 * with);
     assert!(with < 0.7 * without, "{with} {without}");
+    // Where up is in the lidar, against the truth, after ten seconds of shaking.
+    let up = |pose: &Pose| pose.rotation.inverse() * nalgebra::Vector3::z();
+    let off: Vec<f64> =
+        reports.iter().zip(truth).filter_map(|(r, t)| Some((r.t_map_lidar.rotation.inverse() * r.vertical?.measured).angle(&up(t)))).collect();
+    println!("verticals wrong by {off:.4?} radians");
+    assert!(!off.is_empty() && off.iter().all(|angle| *angle < 0.012), "{off:?}");
 }
 
 /// A scan seen by a sensor that is tilted by roll and pitch (degrees) more than it was; also the direction up in its frame.

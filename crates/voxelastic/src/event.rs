@@ -18,6 +18,8 @@ pub enum Event {
     LoopEdge(Edge),
     /// Corrected poses of nodes already seen.
     PoseUpdate(Vec<(NodeId, Pose)>),
+    /// Where up is at a node, by an inertial unit: for the optimiser of the pose graph; the mapper does not use it.
+    Vertical(Vertical),
 }
 
 /// A node of the pose graph with its cloud.
@@ -46,4 +48,17 @@ pub struct Edge {
     pub t_from_to: Pose,
     /// Information matrix, upper triangle row by row, order x y z roll pitch yaw (as in g2o); absent when unknown.
     pub information: Option<[f64; 21]>,
+}
+
+/// The direction against gravity at a node, measured by an inertial unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Vertical {
+    /// The node.
+    pub node: NodeId,
+    /// The direction in the lidar frame of the node, a unit vector.
+    pub up_lidar: [f64; 3],
+    /// The direction in the map frame, a unit vector.
+    pub up_map: [f64; 3],
+    /// Standard deviation of the measured one, radians.
+    pub sigma: f64,
 }

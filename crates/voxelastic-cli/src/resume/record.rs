@@ -1,7 +1,7 @@
 //! What a journal holds of an event: all but the points, which are in the input.
 
 use serde::{Deserialize, Serialize};
-use voxelastic::event::{Edge, Event, NodeId, Scan};
+use voxelastic::event::{Edge, Event, NodeId, Scan, Vertical};
 use voxelastic::geometry::stored::StoredPose;
 use voxelastic::{Cloud, Motion};
 
@@ -12,6 +12,7 @@ pub(super) enum Record {
     OdometryEdge(Edge),
     LoopEdge(Edge),
     PoseUpdate(Vec<(NodeId, StoredPose)>),
+    Vertical(Vertical),
 }
 
 impl Record {
@@ -25,6 +26,7 @@ impl Record {
             Event::OdometryEdge(edge) => Self::OdometryEdge(edge.clone()),
             Event::LoopEdge(edge) => Self::LoopEdge(edge.clone()),
             Event::PoseUpdate(poses) => Self::PoseUpdate(poses.iter().map(|(node, pose)| (*node, StoredPose(*pose))).collect()),
+            Event::Vertical(vertical) => Self::Vertical(*vertical),
             _ => return None,
         })
     }
@@ -36,6 +38,7 @@ impl Record {
             Self::OdometryEdge(edge) => Event::OdometryEdge(edge),
             Self::LoopEdge(edge) => Event::LoopEdge(edge),
             Self::PoseUpdate(poses) => Event::PoseUpdate(poses.into_iter().map(|(node, StoredPose(pose))| (node, pose)).collect()),
+            Self::Vertical(vertical) => Event::Vertical(vertical),
         }
     }
 

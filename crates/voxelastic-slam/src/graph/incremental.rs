@@ -9,6 +9,7 @@ use super::block_cholesky::{Structure, System};
 use super::information::usable_information;
 use super::lie::{exp, log, renormalised};
 use super::solve::{FIXED_SIGMA, Options};
+use super::vertical::VerticalFactor;
 use crate::SlamError;
 use nalgebra::{Matrix6, Vector6};
 use voxelastic::Pose;
@@ -49,6 +50,7 @@ pub struct Correction {
 pub(super) struct IncrementalGraph {
     poses: Vec<Pose>,
     edges: Vec<Between>,
+    verticals: Vec<VerticalFactor>,
     system: Option<System>,
 }
 
@@ -76,6 +78,11 @@ impl IncrementalGraph {
         self.edges.push(between(nodes, edge, options)?);
         self.system = None;
         Ok(self.edges.len() - 1)
+    }
+
+    /// Holds the roll and the pitch of a node.
+    pub(super) fn add_vertical(&mut self, factor: VerticalFactor) {
+        self.verticals.push(factor);
     }
 
     /// Puts an edge between the same nodes in the place of another.
@@ -203,6 +210,11 @@ impl IncrementalGraph {
             state.gradient[edge.nodes.1] += second;
             state.cost += at.cost;
         }
+        for factor in &self.verticals {
+            let share = factor.share(&poses[factor.node].rotation);
+            state.gradient[factor.node] += share.gradient;
+            state.cost += share.cost;
+        }
         for (node, pose) in anchors {
             let off = log(&pose.inv_mul(&poses[*node]));
             state.gradient[*node] += off / (FIXED_SIGMA * FIXED_SIGMA);
@@ -231,6 +243,9 @@ impl IncrementalGraph {
                 system.add(place, &linear.blocks[1]);
                 system.add_diagonal(b, &linear.blocks[2]);
             }
+        }
+        for factor in &self.verticals {
+            system.add_diagonal(factor.node, &factor.share(&self.poses[factor.node].rotation).block);
         }
         let fixed = Matrix6::identity() / (FIXED_SIGMA * FIXED_SIGMA);
         anchors.iter().for_each(|(node, _)| system.add_diagonal(*node, &fixed));

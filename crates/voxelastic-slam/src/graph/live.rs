@@ -4,6 +4,7 @@ use super::incremental::{Correction, IncrementalGraph};
 use super::information::usable_information;
 use super::lie::renormalised;
 use super::solve::Options;
+use super::vertical::VerticalFactor;
 use crate::SlamError;
 use std::collections::HashMap;
 use voxelastic::Pose;
@@ -133,6 +134,14 @@ impl LiveOptimiser {
                     }
                 }
                 Ok(vec![Event::PoseUpdate(poses)])
+            }
+            Event::Vertical(vertical) => {
+                if let Some(&node) = self.index_of.get(&vertical.node) {
+                    let factor = VerticalFactor::new(node, &vertical)?;
+                    self.is_stale |= factor.deviation(&self.nodes[node].1.rotation) > 1.0;
+                    self.graph.add_vertical(factor);
+                }
+                Ok(vec![Event::Vertical(vertical)])
             }
             other => Ok(vec![other]),
         }

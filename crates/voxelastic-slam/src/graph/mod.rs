@@ -23,6 +23,7 @@ mod information;
 mod lie;
 mod live;
 mod solve;
+mod vertical;
 
 pub use incremental::Correction;
 pub use information::default_information;

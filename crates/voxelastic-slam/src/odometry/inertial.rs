@@ -21,7 +21,7 @@ const HISTORY: f64 = 5.0;
 const STEP: f64 = 0.005;
 const MOST_STEPS: usize = 400;
 /// Standard gravity, metres per square second.
-const GRAVITY: f64 = 9.81;
+pub(super) const GRAVITY: f64 = 9.81;
 /// A unit that measures gravity to within this much and turns by no more than this is at rest: metres per square second, radians per second,
 /// both root mean square around their means.
 const REST: (f64, f64) = (0.15, 0.03);
@@ -197,6 +197,13 @@ impl Inertial {
             samples.extend(towards(end)?);
         }
         Motion::through(samples)
+    }
+
+    /// Sum of the specific force from one time to another, map frame, metres per second, where the lidar had this pose at the first.
+    pub(crate) fn impulse(&self, t_map_lidar: &Pose, from: f64, to: f64) -> Option<Vector3<f64>> {
+        let rest = self.force_at_rest?;
+        let mut state = State { position: Vector3::zeros(), velocity: Vector3::zeros(), rotation: t_map_lidar.rotation };
+        self.walk(from, to, &mut state).then(|| state.velocity + rest * (to - from))
     }
 
     /// Velocity at the end of a prediction from the scan at `from`, corrected by the pose that was measured; map frame.

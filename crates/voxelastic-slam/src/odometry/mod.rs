@@ -39,10 +39,13 @@ mod report;
 mod settings;
 mod state;
 mod tracker;
+mod vertical;
 
 pub use level::Level;
 pub use report::{Failure, OdometryReport, PhaseTimes, Status};
 pub use settings::OdometrySettings;
 pub use state::OdometryState;
 pub use tracker::Odometry;
+pub use vertical::MeasuredVertical;
+pub(crate) use vertical::SIGMA as VERTICAL_SIGMA;
 pub use voxelastic::motion::ImuSample;

@@ -1,6 +1,7 @@
 //! What the odometry says about a scan.
 
 use super::level::Level;
+use super::vertical::MeasuredVertical;
 use crate::graph::{default_information, upper_triangle};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use std::fmt::{self, Display};
@@ -40,6 +41,8 @@ pub struct OdometryReport {
     pub gap: Option<f64>,
     /// How the map frame was levelled.
     pub level: Level,
+    /// Where up is, by the inertial unit: once in some seconds.
+    pub vertical: Option<MeasuredVertical>,
     /// Whether every second scan comes from another place, for several scans in turn: those of two sensors in one stream.
     pub alternates: bool,
     /// Robust mean distance to the map's surfaces, metres.

@@ -6,6 +6,7 @@ use super::prediction::Predictor;
 use super::recent::RecentScans;
 use super::settings::OdometrySettings;
 use super::tracker::{Last, Odometry};
+use super::vertical::VerticalEstimator;
 use crate::registration::LocalMap;
 use nalgebra::UnitQuaternion;
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,7 @@ pub struct OdometryState {
     usual_returns: f64,
     alternation: Alternation,
     recent: RecentScans,
+    vertical: VerticalEstimator,
 }
 
 impl Odometry {
@@ -46,6 +48,7 @@ impl Odometry {
             usual_returns: self.usual_returns,
             alternation: self.alternation.clone(),
             recent: self.recent.clone(),
+            vertical: self.vertical.clone(),
         }
     }
 
@@ -55,9 +58,37 @@ impl Odometry {
         if let Some(finest) = state.levels.first() {
             odometry.scratch.scan_map = LocalMap::new(finest.size() * odometry.settings.source_spacing);
         }
-        let OdometryState { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent } =
-            state;
+        let OdometryState {
+            levels,
+            map_from_voxels,
+            predictor,
+            last,
+            piece,
+            scans,
+            failures,
+            score,
+            level,
+            usual_returns,
+            alternation,
+            recent,
+            vertical,
+        } = state;
         let map_from_voxels = UnitQuaternion::new_unchecked(map_from_voxels.into());
-        Self { levels, map_from_voxels, predictor, last, piece, scans, failures, score, level, usual_returns, alternation, recent, ..odometry }
+        Self {
+            levels,
+            map_from_voxels,
+            predictor,
+            last,
+            piece,
+            scans,
+            failures,
+            score,
+            level,
+            usual_returns,
+            alternation,
+            recent,
+            vertical,
+            ..odometry
+        }
     }
 }

@@ -7,6 +7,7 @@ use super::prediction::Predictor;
 use super::recent::RecentScans;
 use super::report::{Failure, OdometryReport, PhaseTimes, Status};
 use super::settings::OdometrySettings;
+use super::vertical::{Interval, MeasuredVertical, VerticalEstimator};
 use crate::deskew::returns;
 use crate::registration::{Downsampler, LocalMap, RegistrationSettings, Surfel, automatic_voxel_size, mean_radius};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3};
@@ -47,6 +48,7 @@ pub struct Odometry {
     pub(super) usual_returns: f64,
     pub(super) alternation: Alternation,
     pub(super) recent: RecentScans,
+    pub(super) vertical: VerticalEstimator,
     pub(super) scratch: Scratch,
 }
 
@@ -89,6 +91,7 @@ impl Odometry {
             usual_returns: 0.0,
             alternation: Alternation::default(),
             recent: RecentScans::default(),
+            vertical: VerticalEstimator::default(),
             scratch,
         }
     }
@@ -142,7 +145,7 @@ impl Odometry {
         let information = registration.information(&self.scratch.surfels, &self.levels[0]);
         times.register = clock.elapsed();
         let clock = Instant::now();
-        self.accept(&last, &prediction, &found, time, seconds);
+        let vertical = self.accept(&last, &prediction, &found, time, seconds);
         let is_keyframe = self.is_keyframe(&last, &found.t_map_lidar);
         self.insert(&found.t_map_lidar);
         times.update = clock.elapsed();
@@ -160,6 +163,7 @@ impl Odometry {
             score: registration.score,
             contradiction: found.contradiction,
             level: self.level,
+            vertical,
             alternates: self.alternation.is_sure(),
             gap,
             spread: registration.spread,
@@ -228,8 +232,8 @@ impl Odometry {
         }
     }
 
-    /// Takes over the outcome of a registration.
-    fn accept(&mut self, last: &Last, prediction: &Pose, found: &Found, time: Option<f64>, seconds: Option<f64>) {
+    /// Takes over the outcome of a registration. Returns where up is, if that is known anew.
+    fn accept(&mut self, last: &Last, prediction: &Pose, found: &Found, time: Option<f64>, seconds: Option<f64>) -> Option<MeasuredVertical> {
         self.failures = 0;
         let score = found.registration.score;
         self.score = if self.score == 0.0 { score } else { 0.8 * self.score + 0.2 * score };
@@ -237,10 +241,13 @@ impl Odometry {
         let moved = renormalised(last.t_map_lidar.inv_mul(&found.t_map_lidar));
         self.alternation.add(&moved);
         self.predictor.set_motion(moved, seconds);
-        if let Some((from, to)) = last.time.zip(time) {
-            self.predictor.inertial.correct(&last.t_map_lidar, &found.t_map_lidar, from, to);
-        }
         self.last = Some(Last { t_map_lidar: found.t_map_lidar, time, keyframe: last.keyframe });
+        let (from, to) = last.time.zip(time)?;
+        let inertial = &mut self.predictor.inertial;
+        let impulse = inertial.impulse(&last.t_map_lidar, from, to);
+        inertial.correct(&last.t_map_lidar, &found.t_map_lidar, from, to);
+        let moved = found.t_map_lidar.translation.vector - last.t_map_lidar.translation.vector;
+        self.vertical.add(&Interval { times: [from, to], impulse: impulse?, moved }, self.level)
     }
 
     /// Whether a pose is far enough from the last keyframe; it is then the last keyframe.
@@ -352,6 +359,7 @@ impl Odometry {
             score: 0.0,
             contradiction: None,
             level: self.level,
+            vertical: None,
             alternates: false,
             gap: None,
             spread: 0.0,

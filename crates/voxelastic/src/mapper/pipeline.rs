@@ -154,6 +154,7 @@ impl Mapper {
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
             Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
             Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),
+            Event::Vertical(_) => Ok(None),
         }
     }
 

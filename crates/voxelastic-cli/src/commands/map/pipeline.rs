@@ -104,7 +104,7 @@ impl<'a> Pipeline<'a> {
         }
         session.set_idle_task(|| self.events.idle_task());
         while let Some(event) = self.events.next() {
-            let is_scan = !matches!(event, Ok(Event::OdometryEdge(_) | Event::LoopEdge(_) | Event::PoseUpdate(_)));
+            let is_scan = matches!(event, Ok(Event::Scan(_)) | Err(_));
             let first = session.scans() == 0;
             self.take(event, session, keeper)?;
             if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
