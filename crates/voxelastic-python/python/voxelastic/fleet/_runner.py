@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from ._tasks import Record
 
 RETRIES = 2
-"""How often Dask tries a task again that failed; one whose worker died it tries again by itself."""
+"""How often a task is tried again that failed. One whose worker died counts as failed when Dask gives it up, by default with the fourth worker."""
+SCHEDULERS = 10
+"""How often a stage goes on with another scheduler, after one that was restarted."""
 
 
 @dataclass(frozen=True)
@@ -90,18 +92,63 @@ class Runner:
                 except Exception as error:  # It is named in the report.
                     yield task, _problem(error)
             return
+        yield from self._by_client(stage, tasks)
+
+    def _by_client(self, stage: str, tasks: Sequence[Task]) -> Iterator[tuple[Task, Record]]:
         import distributed
 
         # It has no types.
         as_completed: Any = distributed.as_completed
-        # Names that the dashboard shows, and by which the scheduler knows a task that is under way already.
-        futures = {
-            self.client.submit(task.function, *task.arguments, key=f"{stage}-{task.key}", retries=RETRIES): task for task in tasks
-        }
-        for future in as_completed(list(futures)):
-            failure = None if future.status == "finished" else future.exception()
-            yield futures[future], future.result() if failure is None else _problem(failure)
-            future.release()
+        left = {task.key: task for task in tasks}
+        deaths: dict[str, int] = dict.fromkeys(left, 0)
+        for attempt in range(1 + SCHEDULERS):
+            futures = self._submit(stage, left.values(), attempt)
+            for future in as_completed(list(futures)):
+                task, record = futures[future], _outcome(future)
+                if record is not None and record.pop("is_killed", False) and deaths[task.key] < RETRIES:
+                    deaths[task.key] += 1
+                elif record is not None:
+                    yield left.pop(task.key), record
+                future.release()
+            if not left:
+                return
+        raise ConnectionError(f"{stage}: the Dask scheduler was lost {1 + SCHEDULERS} times; what is done is in the store: run again to go on")
+
+    def _submit(self, stage: str, tasks: Iterable[Task], attempt: int) -> dict[Any, Task]:
+        """Tasks on their way, by their futures."""
+        self._wait_for_scheduler(stage)
+        # The scheduler would answer a name that it knows with what became of that.
+        again = f"-{attempt}" if attempt else ""
+        try:
+            # Names that the dashboard shows, and by which the scheduler knows a task that is under way already.
+            return {self.client.submit(task.function, *task.arguments, key=f"{stage}-{task.key}{again}", retries=RETRIES): task for task in tasks}
+        except Exception:  # Of a client that gave up just now.
+            self._wait_for_scheduler(stage)
+            raise
+
+    def _wait_for_scheduler(self, stage: str) -> None:
+        """Waits for a scheduler that does not answer. The client connects again by itself, or gives up."""
+        while self.client.status == "connecting":
+            time.sleep(0.1)
+        if self.client.status != "running":
+            raise ConnectionError(f"{stage}: the Dask scheduler does not answer any more; what is done is in the store: start it and run again to go on")
+
+
+def _outcome(future: Any) -> Record | None:
+    """The record of a task that is done; none if the scheduler does not know it any more, because it is another one. `is_killed` says that its workers died."""
+    import distributed
+
+    # They have no types.
+    cancelled: Any = distributed.CancelledError
+    killed: Any = distributed.scheduler.KilledWorker
+    try:
+        if future.status == "finished":
+            record: Record = future.result()
+            return record
+        failure = None if future.status in ("cancelled", "lost") else future.exception()
+        return None if failure is None else _problem(failure) | {"is_killed": isinstance(failure, killed)}
+    except (cancelled, OSError):  # While it was asked.
+        return None
 
 
 def _problem(error: BaseException) -> Record:
