@@ -7,7 +7,7 @@ use serde::Serialize;
 use voxelastic::atlas::fusion::{Agreement, PairAgreement};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
-use voxelastic::meshing::OneSurface;
+use voxelastic::meshing::{OneSurface, SurfaceTiles};
 use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 
@@ -278,6 +278,19 @@ pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerA
 /// The surfaces of all submaps on top of each other, in the map frame.
 pub fn surface_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Mesh> {
     Ok(shells(atlas, voxel, surface)?.mesh)
+}
+
+/// Whether the surface of the map can be made tile by tile: at full detail, one of all submaps, of their TSDFs.
+pub fn has_tiles(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> bool {
+    let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
+    surface.lod == 0 && !layers.shells && is_measured && !atlas.tsdfs().is_empty()
+}
+
+/// That surface. The atlas is dropped when its submaps are fused.
+pub fn surface_tiles(atlas: Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<SurfaceTiles<Atlas>> {
+    precision::check(&atlas, voxel)?;
+    let tiles = SurfaceTiles::new(atlas, surface.options());
+    if tiles.is_empty() { Err(surface.empty_error()) } else { Ok(tiles) }
 }
 
 /// Points on the surfaces of all submaps, in the map frame.

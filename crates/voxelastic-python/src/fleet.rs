@@ -11,10 +11,11 @@ use std::sync::{Mutex, PoisonError};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan as CoreScan};
 use voxelastic::geometry::PoseExt;
+use voxelastic::meshing::SurfaceTiles;
 use voxelastic::surface::MeshOptions;
-use voxelastic_io::KeyframeFilter;
 use voxelastic_io::store::join_manifests as join_texts;
-use voxelastic_io::tiles::{Cell, Part, TilesetWriter, split};
+use voxelastic_io::tiles::{Cell, Part, TilesetWriter, leaves};
+use voxelastic_io::{KeyframeFilter, Origin};
 use voxelastic_slam::graph::{Options, Problem, optimise as solve};
 use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, PlaceBook, PlaceDescriptors, PlacePair, Verdict};
 use voxelastic_slam::odometry::{OdometrySettings, Status};
@@ -52,13 +53,15 @@ struct State {
     corrected: HashMap<NodeId, Pose>,
     problems: Vec<String>,
     is_over: bool,
+    /// That of the first pose. Pieces and nodes count from it.
+    origin: Option<Origin>,
 }
 
 /// A piece: its scans as bytes, and how many there are.
 type Piece<'py> = (Bound<'py, PyBytes>, usize);
 
-/// Nodes with times and poses, odometry edges, loop edges, places, their descriptors, the size of their voxels, and what was wrong with scans.
-type Track<'py> = (Vec<(NodeId, f64, Numbers)>, Vec<EdgeRow>, Vec<EdgeRow>, Bound<'py, PyBytes>, Bound<'py, PyBytes>, f64, Vec<String>);
+/// Nodes with times and poses, odometry edges, loop edges, places, their descriptors, the size of their voxels, what was wrong with scans, and what poses count from.
+type Track<'py> = (Vec<(NodeId, f64, Numbers)>, Vec<EdgeRow>, Vec<EdgeRow>, Bound<'py, PyBytes>, Bound<'py, PyBytes>, f64, Vec<String>, [f64; 3]);
 
 #[pymethods]
 impl Splitter {
@@ -86,6 +89,7 @@ impl Splitter {
                 corrected: HashMap::new(),
                 problems: Vec::new(),
                 is_over: false,
+                origin: None,
             }),
         }
     }
@@ -132,6 +136,7 @@ impl Splitter {
             PyBytes::new(py, &descriptors),
             voxel,
             state.problems.clone(),
+            state.origin.unwrap_or_default().coordinates(),
         ))
     }
 }
@@ -141,6 +146,10 @@ impl State {
         match input {
             Input::Event(mut event) => {
                 rescale(&mut event, self.scale);
+                if let (None, Event::Scan(scan)) = (self.origin, &event) {
+                    self.origin = Some(Origin::near(&scan.t_map_lidar));
+                }
+                let event = self.origin.unwrap_or_default().event_to_local(event);
                 self.event(event, false);
             }
             Input::Raw(mut scan, keyframing) => {
@@ -308,11 +317,11 @@ pub fn optimise_graph(py: Python<'_>, nodes: Vec<(NodeId, Numbers)>, edges: Vec<
     Ok((solved.poses.iter().map(|(_, pose)| numbers(pose)).collect(), solved.is_converged))
 }
 
-/// The manifest of the map of the submaps of several maps: see `voxelastic_io::store::join_manifests`.
+/// The manifest of the map of the submaps of several maps, around `origin`: see `voxelastic_io::store::join_manifests`.
 #[pyfunction]
-pub fn join_manifests(py: Python<'_>, texts: Vec<String>, poses: BTreeMap<u32, Numbers>, only_posed: bool) -> PyResult<String> {
+pub fn join_manifests(py: Python<'_>, texts: Vec<String>, poses: BTreeMap<u32, Numbers>, only_posed: bool, origin: [f64; 3]) -> PyResult<String> {
     let poses = poses.iter().map(|(id, numbers)| (*id, pose(numbers))).collect();
-    join_texts(&texts, &poses, only_posed).map_err(|e| errors::file(py, &e))
+    join_texts(&texts, &poses, only_posed, Some(origin_at(origin)?)).map_err(|e| errors::file(py, &e))
 }
 
 /// The cells of tiles of a level that a box of the map frame touches: coordinates, in the order in which tiles are joined.
@@ -347,12 +356,18 @@ pub fn write_tiles<'py>(
     let region = Cell::new(level, coordinates).filter(|_| level > 0).ok_or_else(|| pyo3::exceptions::PyValueError::new_err("no such cell"))?;
     let write = move || -> voxelastic_io::Result<Option<(Vec<u8>, Vec<String>)>> {
         let voxel = f64::from(content.atlas.voxel_size());
-        let mut mesh = pool.install(|| content.atlas.mesh(&MeshOptions::default()));
-        colour_by_height(&mut mesh, heights);
+        let (low, high) = region.bounds(voxel);
         let mut writer = TilesetWriter::create(folder, voxel)?;
-        for (cell, mesh) in split(&mesh, voxel).into_iter().filter(|(cell, _)| cell.above(level) == region) {
-            pool.install(|| writer.leaf(cell, mesh))?;
-        }
+        pool.install(|| {
+            let surface = SurfaceTiles::within(&content.atlas, MeshOptions::default(), low, high);
+            leaves(&surface, voxel, |cell, mut mesh| {
+                if cell.above(level) == region {
+                    colour_by_height(&mut mesh, heights);
+                    writer.leaf(cell, mesh)?;
+                }
+                Ok(())
+            })
+        })?;
         let parts = pool.install(|| writer.parts(level))?;
         Ok(parts.first().map(|part| (part.to_bytes(), part.files().to_vec())))
     };
@@ -360,12 +375,13 @@ pub fn write_tiles<'py>(
     Ok(written.map(|(bytes, files)| (PyBytes::new(py, &bytes), files)))
 }
 
-/// Writes the upper levels of tiles, `tileset.json` and the page to a folder, from parts in the order of their cells. Returns the number of tiles written here.
+/// Writes the upper levels of tiles, `tileset.json` and the page to a folder, from parts in the order of their cells, of a map around `origin`. Returns the number of
+/// tiles written here.
 #[pyfunction]
-pub fn finish_tiles(py: Python<'_>, parts: Vec<PathBuf>, voxel: f64, folder: PathBuf, title: String) -> PyResult<usize> {
-    let pool = job::shared_pool()?;
+pub fn finish_tiles(py: Python<'_>, parts: Vec<PathBuf>, voxel: f64, folder: PathBuf, title: String, origin: [f64; 3]) -> PyResult<usize> {
+    let (pool, origin) = (job::shared_pool()?, origin_at(origin)?);
     let write = move || -> voxelastic_io::Result<usize> {
-        let mut writer = TilesetWriter::create(&folder, voxel)?;
+        let mut writer = TilesetWriter::create(&folder, voxel)?.with_origin(origin);
         for path in parts {
             let bytes = std::fs::read(&path).map_err(|e| voxelastic_io::Error::Io { path: path.clone(), doing: "read", source: e })?;
             let part = Part::from_bytes(&bytes, &path)?;
@@ -379,6 +395,10 @@ pub fn finish_tiles(py: Python<'_>, parts: Vec<PathBuf>, voxel: f64, folder: Pat
         Ok(report.map_or(0, |report| report.tiles))
     };
     job::run(py, write)?.map_err(|e| errors::file(py, &e))
+}
+
+fn origin_at(coordinates: [f64; 3]) -> PyResult<Origin> {
+    Origin::new(coordinates).ok_or_else(|| pyo3::exceptions::PyValueError::new_err("the origin is not finite"))
 }
 
 fn colour_by_height(mesh: &mut voxelastic::surface::Mesh, (low, high): (f32, f32)) {

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -184,23 +183,47 @@ def test_a_full_store_is_named_and_a_later_run_goes_on(
     assert {stage.name: stage.repeated for stage in again.stages}["integrate"] > 0
 
 
-def test_workers_that_are_killed_cost_a_task_each(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
-    killed: dict[str, int] = {}
+def test_workers_that_are_killed_in_any_stage_cost_a_task_each(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    from fleet_faults import STAGES, Faults
 
-    def kill(stage: str, done: int, all_: int) -> None:
-        # After the first task of each stage that has several, while the others run.
-        if stage in killed or all_ < 2 or done == all_:
-            return
-        busy = [address for address, tasks in client.processing().items() if tasks]
-        workers = [worker for worker in local.workers.values() if worker.worker_address in busy] or list(local.workers.values())
-        if workers[0].process is not None and workers[0].process.pid is not None:
-            killed[stage] = workers[0].process.pid
-            os.kill(killed[stage], signal.SIGKILL)
-
+    (tmp_path / "notes").mkdir()
+    faults = Faults(tmp_path / "notes", kill=STAGES)
     with cluster(2) as local, local.get_client() as client:
-        report = fleet.map(drives, tmp_path, client, settings=SETTINGS, tile_level=1, progress=kill)
-    assert {"probe", "split", "integrate", "tiles"} <= killed.keys() and content(tmp_path) == content(alone[0])
-    assert not any(stage.failed for stage in report.stages)
+        client.register_plugin(faults)
+        report = fleet.map(drives, tmp_path / "store", client, settings=SETTINGS, tile_level=1)
+    assert faults.killed() == sorted(STAGES) and not any(stage.failed for stage in report.stages)
+    assert content(tmp_path / "store") == content(alone[0])
+    assert sorted(record.rsplit("-", 1)[0] for record in faults.repeated()) == sorted(STAGES) and set(faults.repeated().values()) == {1}
+
+
+def test_a_scheduler_that_is_restarted_costs_the_tasks_under_way(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    distributed: Any = pytest.importorskip("distributed")
+    from fleet_faults import Cluster
+
+    restarted: list[str] = []
+
+    def restart(stage: str, done: int, all_: int) -> None:
+        if stage == "integrate" and not restarted:
+            restarted.append(stage)
+            local.restart()
+
+    with Cluster(2) as local, distributed.Client(local.address, timeout=60) as client:
+        report = fleet.map(drives, tmp_path, client, settings=SETTINGS, tile_level=1, progress=restart)
+    assert restarted and content(tmp_path) == content(alone[0])
+    integrated = next(stage for stage in report.stages if stage.name == "integrate")
+    assert integrated.failed == 0 and integrated.repeated <= 2, integrated
+
+
+def test_a_scheduler_that_stays_away_is_named(drives: list[Path], tmp_path: Path) -> None:
+    distributed: Any = pytest.importorskip("distributed")
+    from fleet_faults import Cluster
+
+    with Cluster(1) as local, distributed.Client(local.address, timeout=60) as client:
+        # How long it would try to connect again.
+        client._timeout = 1
+        local.stop()
+        with pytest.raises(ConnectionError, match="scheduler does not answer.*run again"):
+            fleet.map(drives, tmp_path, client, settings=SETTINGS, tile_level=1)
 
 
 def test_two_fleets_do_not_write_to_one_store(tmp_path: Path) -> None:
@@ -235,16 +258,26 @@ def test_an_object_store_is_a_store(drives: list[Path], alone: tuple[Path, fleet
         server.stop()
 
 
-def test_the_command(drives: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(world: vx.Simulation, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With drives in coordinates of a survey."""
     from voxelastic.fleet.__main__ import main
 
-    code = main([*map(str, drives), "-o", str(tmp_path), "--workers", "0", "--set", "voxel_size=0.3", "--set", "max_range=25", "--tile-level", "1", "--json"])
+    drives, store = [tmp_path / "monday", tmp_path / "tuesday"], tmp_path / "store"
+    write_drive(drives[0], world, 0, 50, frame(448_123, 5_411_987, 0.3))
+    write_drive(drives[1], world, 20, 70, frame(448_300, 5_411_900, 1.1))
+    code = main([*map(str, drives), "-o", str(store), "--workers", "0", "--set", "voxel_size=0.3", "--set", "max_range=25", "--tile-level", "1", "--json"])
     said = capsys.readouterr()
     report = json.loads(said.out)
     assert code == 0 and report["submaps"] > 0 and "tiles" in said.err
+    assert report["origin_m"] == [448_000, 5_412_000, 0]
+    with pytest.warns(UserWarning, match="add 448000 5412000 0 m"):
+        submaps = vx.Map.open(store / "map.vox").submaps
+    assert all(np.abs(submap.pose[:3, 3]).max() < 500 for submap in submaps)
+    root = json.loads((store / "tiles" / "tileset.json").read_text())["root"]
+    assert root["transform"][12:] == [448_000, 5_412_000, 0, 1] and np.abs(root["boundingVolume"]["box"][:3]).max() < 500
     assert main([str(tmp_path / "nothing"), "-o", str(tmp_path / "other"), "--workers", "0", "--quiet"]) == 1
     assert "nothing" in capsys.readouterr().err
-    assert main([str(drives[0]), "-o", str(tmp_path), "--workers", "0", "--set", "voxel_size=no"]) == 2
+    assert main([str(drives[0]), "-o", str(store), "--workers", "0", "--set", "voxel_size=no"]) == 2
 
 
 def test_memory_is_that_of_the_task(tmp_path: Path) -> None:

@@ -2,7 +2,7 @@
 
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
-use voxelastic::meshing::{FusedSurface, TileKey};
+use voxelastic::meshing::{FusedSurface, SurfaceTiles, TileKey};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -175,4 +175,60 @@ fn colours_of_several_submaps_reach_the_surface() {
     let mesh = atlas.mesh(&MeshOptions::default());
     let mixed = mesh.colours.iter().filter(|c| c[0].abs_diff(100) < 3 && c[1] == 0 && c[2].abs_diff(100) < 3).count();
     assert!(mesh.colours.len() == mesh.positions.len() && mixed * 10 > 8 * mesh.colours.len(), "{mixed} of {}", mesh.colours.len());
+}
+
+/// Triangles by the bits of their corners, in an order of their own.
+fn triangles<'a>(meshes: impl IntoIterator<Item = &'a Mesh>) -> Vec<[[u32; 3]; 3]> {
+    let of = |mesh: &Mesh| -> Vec<[[u32; 3]; 3]> {
+        let turned = |t: &[u32; 3]| {
+            let corners = t.map(|v| mesh.positions[v as usize].map(f32::to_bits));
+            let first = (0..3).min_by_key(|&i| corners[i]).unwrap();
+            [0, 1, 2].map(|k| corners[(first + k) % 3])
+        };
+        mesh.triangles.iter().map(turned).collect()
+    };
+    let mut all: Vec<_> = meshes.into_iter().flat_map(of).collect();
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn the_surface_tile_by_tile_is_the_whole_one() {
+    let drift = Pose::new(nalgebra::Vector3::new(0.15, 0.28, -0.2), nalgebra::Vector3::new(0.004, 0.0, 0.006));
+    let mut single = Atlas::from_submaps(VOXEL, vec![submap(0, &[0.0, 1.0])]);
+    single.submap_mut(0).unwrap().set_pose(drift);
+    for (atlas, keep_all) in [(two(drift), false), (two(drift), true), (single, false), (Atlas::new(VOXEL), false)] {
+        let options = MeshOptions { keep_all, ..MeshOptions::default() };
+        let whole = atlas.one_surface(&options);
+        let surface = SurfaceTiles::new(&atlas, options);
+        let meshes: Vec<Mesh> = surface.batches(surface.tiles()).into_iter().flat_map(|batch| surface.meshes(batch)).collect();
+        assert!(meshes.len() == surface.tiles().len() && (atlas.submaps().is_empty() || meshes.len() > 3));
+        assert!(triangles(&meshes) == triangles([&whole.mesh]) && surface.crumbs() == whole.crumbs);
+        assert_eq!((surface.triangles(), surface.is_empty()), (whole.mesh.triangles.len() as u64, whole.mesh.triangles.is_empty()));
+        for (tile, mesh) in surface.tiles().iter().zip(&meshes) {
+            let (low, high) = surface.bounds(*tile);
+            assert!(mesh.positions.iter().all(|p| (0..3).all(|k| low[k] < f64::from(p[k]) && f64::from(p[k]) < high[k])));
+            assert!(mesh == &surface.meshes(&[*tile])[0], "made alone");
+        }
+        let (low, high) = surface.height_range();
+        let between = whole.mesh.positions.iter().filter(|p| (low - VOXEL..=high + VOXEL).contains(&p[2])).count();
+        assert!(between as f64 >= 0.98 * whole.mesh.positions.len() as f64, "{low} {high}");
+    }
+}
+
+#[test]
+fn the_surface_in_a_box_is_that_of_the_whole_there() {
+    let drift = Pose::new(nalgebra::Vector3::new(0.15, 0.28, -0.2), nalgebra::Vector3::new(0.004, 0.0, 0.006));
+    let atlas = two(drift);
+    let whole = atlas.mesh(&MeshOptions::default());
+    for (low, high) in [([-2.0, -7.0, -4.0], [4.0, 1.0, 4.0]), ([11.0, -9.0, -9.0], [40.0, 9.0, 9.0])] {
+        let part = SurfaceTiles::within(&atlas, MeshOptions::default(), low, high);
+        let made = part.meshes(part.tiles());
+        let is_inside = |t: &[[u32; 3]; 3]| t.iter().all(|p| (0..3).all(|k| (low[k]..high[k]).contains(&f64::from(f32::from_bits(p[k])))));
+        let [here, expected] = [triangles(&made), triangles([&whole])].map(|all| all.into_iter().filter(is_inside).collect::<Vec<_>>());
+        assert!(expected.len() > 1000 && here == expected, "{} {}", here.len(), expected.len());
+        assert!(made.iter().map(|mesh| mesh.triangles.len()).sum::<usize>() < whole.triangles.len(), "elsewhere nothing is made");
+    }
+    let nowhere = SurfaceTiles::within(&atlas, MeshOptions::default(), [100.0; 3], [110.0; 3]);
+    assert!(nowhere.tiles().is_empty());
 }

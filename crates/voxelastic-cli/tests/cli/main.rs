@@ -22,6 +22,7 @@ mod room;
 mod sessions;
 mod simulation;
 mod slam;
+mod tiles;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -3,7 +3,7 @@
 use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
 use super::piece::pose_as_numbers;
-use crate::{Error, Result};
+use crate::{Error, Origin, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
 use voxelastic::Pose;
@@ -11,12 +11,12 @@ use voxelastic::atlas::SubmapId;
 
 /// The text of the manifest of a map that has the submaps of several others, from the texts of their manifests. Their files need only lie beside it: a
 /// file does not depend on where its submap lies. Submaps that `poses` names get these root poses (map frame); with `only_posed`, the others are left
-/// out. Settings and origin are those of the first map; poses count from its origin.
+/// out. Settings are those of the first map, and so is the origin from which poses count, unless another one is given.
 ///
 /// # Errors
 /// [`Error::Damaged`] and the like for a text that is no manifest, [`Error::Unwritable`] for two submaps with one number, other voxel sizes, and poses that are
 /// not finite.
-pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_posed: bool) -> Result<String> {
+pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_posed: bool, origin: Option<Origin>) -> Result<String> {
     let path = Path::new("manifest.json");
     let mut joined: Option<Manifest> = None;
     for text in texts {
@@ -42,6 +42,9 @@ pub fn join_manifests(texts: &[String], poses: &BTreeMap<SubmapId, Pose>, only_p
     }
     let mut joined = joined.unwrap_or_default();
     joined.sessions.clear();
+    if let Some(origin) = origin {
+        joined.details = joined.details.with_origin(origin);
+    }
     joined.submaps.retain(|entry| !only_posed || poses.contains_key(&entry.id));
     joined.submaps.sort_by_key(|entry| entry.id);
     if let Some(twice) = joined.submaps.windows(2).find(|pair| pair[0].id == pair[1].id) {

@@ -52,7 +52,7 @@ pub(super) fn exaggerates(file: &[u8]) -> Option<String> {
     if point > LARGEST_POINT {
         return Some(format!("points of {point} bytes"));
     }
-    packing.beyond(file, points + 8, chunks)
+    packing.beyond(file, points + 8, chunks, usize::try_from(table).ok()?)
 }
 
 /// What the decoder keeps for each byte of a point takes thousands of bytes, and nobody has points as large as this.
@@ -86,13 +86,13 @@ impl Packing {
     }
 
     /// The first layers that reach beyond the end of the file. The decoder would make room for them before it reads, and it goes from one
-    /// chunk to the next, whatever lies there, until it has all points that are claimed.
-    fn beyond(&self, file: &[u8], mut at: usize, chunks: usize) -> Option<String> {
+    /// chunk to the next, whatever lies there, until it has all points that are claimed. Files of COPC note a last chunk that is empty: it begins at the table.
+    fn beyond(&self, file: &[u8], mut at: usize, chunks: usize, table: usize) -> Option<String> {
         if self.layers == 0 {
             return None;
         }
         let (claimed, mut seen, mut chunk) = (points_claimed(file), 0u64, 0);
-        while seen < claimed || (self.chunk_size.is_none() && chunk < chunks) {
+        while seen < claimed || (self.chunk_size.is_none() && chunk < chunks && at != table) {
             let sizes = at.checked_add(self.point + 4)?;
             let begin = sizes.checked_add(4 * self.layers)?;
             let mut end = begin;

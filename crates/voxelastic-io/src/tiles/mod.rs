@@ -10,9 +10,11 @@
 //! **Files.** The name of a file holds a hash of its content: what did not change is not written again, and viewers never mix two versions. `tileset.json` is
 //! replaced last; then files that it no longer needs are removed. Below level 4 the tree is in files of its own, so that viewers load what they look at.
 //!
-//! [`TilesetWriter`] takes the leaves in the order of their [`Cell`]s and holds one path of the tree in memory.
+//! [`TilesetWriter`] takes the leaves in the order of their [`Cell`]s and holds one path of the tree in memory. [`leaves`] makes them of a map one by one, so that its
+//! whole surface is never in memory.
 
 mod cell;
+mod leaves;
 mod part;
 mod pyramid;
 mod split;
@@ -22,6 +24,7 @@ mod tileset;
 mod writer;
 
 pub use cell::Cell;
+pub use leaves::leaves;
 pub use part::Part;
 pub use split::split;
 pub use writer::{TilesetReport, TilesetWriter};

@@ -1,12 +1,17 @@
 //! Tiles read back from their files: whatever levels a viewer chooses, they make one surface without cracks.
 
 use super::*;
+use crate::{Error, Origin};
 use proptest::prelude::*;
 use serde_json::Value;
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::path::Path;
-use voxelastic::surface::Mesh;
+use voxelastic::atlas::Atlas;
+use voxelastic::event::{Event, Scan};
+use voxelastic::meshing::SurfaceTiles;
+use voxelastic::surface::{Mesh, MeshOptions};
+use voxelastic::{Cloud, Mapper, Pose, Settings};
 
 const VOXEL: f64 = 0.1;
 
@@ -44,6 +49,72 @@ fn write(folder: &Path, mesh: &Mesh) -> TilesetReport {
     let mut writer = TilesetWriter::create(folder, VOXEL).unwrap();
     split(mesh, VOXEL).into_iter().for_each(|(cell, mesh)| writer.leaf(cell, mesh).unwrap());
     writer.finish("a ball").unwrap().unwrap()
+}
+
+/// A hall of 24 x 12 x 6 m in several submaps, one of them turned a little.
+fn hall() -> Atlas {
+    let scan = |node: u64| {
+        let x = f64::from(node as u32) - 3.0;
+        let mut points = Vec::new();
+        for i in 0..30_000 {
+            let (elevation, azimuth) = ((f64::from(i / 600) - 24.5) * 0.028, f64::from(i % 600) * std::f64::consts::TAU / 600.0);
+            let d = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
+            let along = |side: f64, c: f64| if c.abs() < 1e-9 { f64::INFINITY } else { side / c.abs() };
+            let range = along(6.0, d[1]).min(along(3.0, d[2])).min(along(12.0 - x * d[0].signum(), d[0]));
+            points.push(d.map(|c| (c * range) as f32));
+        }
+        Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::translation(x, 0.0, 0.0), cloud: Cloud::from_points(points) })
+    };
+    let settings = Settings { voxel_size: VOXEL as f32, lambda_odom: 2.5, ..Settings::default() };
+    let mut mapper = Mapper::new(settings).unwrap();
+    (0..7).for_each(|node| {
+        mapper.handle(scan(node)).unwrap();
+    });
+    mapper.finish();
+    mapper.into_atlas()
+}
+
+#[test]
+fn leaves_of_a_map_are_those_of_its_whole_surface() {
+    let atlas = hall();
+    assert!(atlas.submaps().len() > 1);
+    // By cell, corners of triangles and normals there.
+    let corners = |mesh: &Mesh| -> BTreeSet<Vec<[u32; 3]>> {
+        let of = |t: &[u32; 3]| {
+            let corners = t.map(|v| mesh.positions[v as usize].map(f32::to_bits));
+            let first = (0..3).min_by_key(|i| corners[*i]).unwrap();
+            (0..3).map(|k| corners[(first + k) % 3]).collect()
+        };
+        mesh.triangles.iter().map(of).collect()
+    };
+    let whole = split(&atlas.mesh(&MeshOptions::default()), VOXEL);
+    let mut made = Vec::new();
+    leaves(&SurfaceTiles::new(&atlas, MeshOptions::default()), VOXEL, |cell, mesh| {
+        made.push((cell, mesh));
+        Ok(())
+    })
+    .unwrap();
+    assert!(made.len() == whole.len() && made.len() >= 8 && made.is_sorted_by_key(|(cell, _)| cell.order()));
+    for ((cell, mesh), (expected_cell, expected)) in made.iter().zip(&whole) {
+        assert_eq!((cell, mesh.triangles.len(), mesh.positions.len()), (expected_cell, expected.triangles.len(), expected.positions.len()));
+        assert!(corners(mesh) == corners(expected));
+    }
+    let error = Error::unwritable(Path::new("x"), "full".to_owned());
+    let mut error = Some(error);
+    assert!(leaves(&SurfaceTiles::new(&atlas, MeshOptions::default()), VOXEL, |_, _| Err(error.take().unwrap())).is_err());
+}
+
+#[test]
+fn the_origin_of_a_map_is_where_its_tiles_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let origin = Origin::new([448_000.0, 5_412_000.0, 0.0]).unwrap();
+    let mut writer = TilesetWriter::create(folder.path(), VOXEL).unwrap().with_origin(origin);
+    split(&ball([3.0, 2.0, 1.0], 2.0, 30), VOXEL).into_iter().for_each(|(cell, mesh)| writer.leaf(cell, mesh).unwrap());
+    writer.finish("far").unwrap().unwrap();
+    let root = &json(&folder.path().join("tileset.json"))["root"];
+    let columns = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [448_000.0, 5_412_000.0, 0.0, 1.0]];
+    assert_eq!(root["transform"], serde_json::json!(columns.concat()));
+    assert!((root["boundingVolume"]["box"][0].as_f64().unwrap() - 3.0).abs() < 0.5, "{root}");
 }
 
 fn json(path: &Path) -> Value {

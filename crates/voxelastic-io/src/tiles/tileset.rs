@@ -1,5 +1,6 @@
 //! The tree of tiles, and its form as JSON (3D Tiles 1.1, section 7).
 
+use crate::Origin;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -39,15 +40,21 @@ impl Node {
         tile
     }
 
-    /// A whole tree in a file of its own.
-    pub(super) fn tileset(&self, prefix: &str, extras: Value) -> String {
+    /// A whole tree in a file of its own, around `origin`.
+    pub(super) fn tileset(&self, prefix: &str, extras: Value, origin: Origin) -> String {
         // Above it, nothing is shown: the error of that is the size of the map.
         let size = (0..3).map(|k| self.max[k] - self.min[k]).fold(self.error, f64::max);
         let mut asset = json!({ "version": "1.1", "generator": "Voxelastic" });
         if !extras.is_null() {
             asset["extras"] = extras;
         }
-        json!({ "asset": asset, "geometricError": size, "root": self.json(prefix) }).to_string()
+        let mut root = self.json(prefix);
+        if !origin.is_zero() {
+            let [x, y, z] = origin.coordinates();
+            // By columns.
+            root["transform"] = json!([1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, x, y, z, 1.0]);
+        }
+        json!({ "asset": asset, "geometricError": size, "root": root }).to_string()
     }
 }
 

@@ -6,7 +6,7 @@ use super::tileset::{CONTENT, Node, around};
 use super::{Cell, STEPS_PER_VOXEL};
 use crate::file::write_atomically;
 use crate::mesh_io::{Lattice, MeshRef, tile_glb};
-use crate::{Error, Result};
+use crate::{Error, Origin, Result};
 use serde_json::json;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs;
@@ -27,6 +27,7 @@ const TILESET: &str = "tileset.json";
 pub struct TilesetWriter {
     folder: PathBuf,
     voxel: f64,
+    origin: Origin,
     /// Tiles whose parts are not all there, by level.
     open: BTreeMap<u8, Open>,
     last: Option<(u8, u64)>,
@@ -75,7 +76,14 @@ impl TilesetWriter {
                 return Err(Error::unwritable(folder, problem));
             }
         }
-        Ok(Self { folder: folder.to_owned(), voxel, open: BTreeMap::new(), last: None, report: TilesetReport::default() })
+        let origin = Origin::default();
+        Ok(Self { folder: folder.to_owned(), voxel, origin, open: BTreeMap::new(), last: None, report: TilesetReport::default() })
+    }
+
+    /// For a map with an origin: viewers place the tiles there (the `transform` of the root), in double precision.
+    #[must_use]
+    pub fn with_origin(self, origin: Origin) -> Self {
+        Self { origin, ..self }
     }
 
     /// Writes a tile of level 0: a mesh in the map frame, metres, with colours if it is to be coloured. One without triangles is left out.
@@ -136,7 +144,7 @@ impl TilesetWriter {
         weld(&mut open.mesh, &mut open.numbers, &part.mesh);
         let Part { cell, mut node, mut files, .. } = part;
         if cell.level > 0 && cell.level.is_multiple_of(LEVELS_PER_FILE) {
-            let text = node.tileset("", serde_json::Value::Null);
+            let text = node.tileset("", serde_json::Value::Null, Origin::default());
             let file = self.write(cell, "json", text.as_bytes())?;
             files.push(file.clone());
             node = Node { file, children: Vec::new(), ..node };
@@ -208,7 +216,7 @@ impl TilesetWriter {
     pub fn finish(mut self, title: &str) -> Result<Option<TilesetReport>> {
         let Some(root) = self.root()? else { return Ok(None) };
         let extras = json!({ "title": title, "voxel_m": self.voxel, "up": "z" });
-        let text = root.node.tileset(&format!("{CONTENT}/"), extras);
+        let text = root.node.tileset(&format!("{CONTENT}/"), extras, self.origin);
         write_atomically(&self.folder.join(TILESET), |w| w.write_all(text.as_bytes()))?;
         self.report.bytes += text.len() as u64;
         self.remove_others(&root.files);

@@ -361,8 +361,9 @@ class Splitter:
         bytes,
         float,
         list[str],
+        list[float],
     ]:
-        """After the last piece: nodes with times and poses, odometry edges, loop edges, places, their descriptors, the edge of their voxels, problems."""
+        """After the last piece: nodes with times and poses, odometry edges, loop edges, places, their descriptors, the edge of their voxels, problems, what poses count from."""
 
 def unpack_scans(piece: bytes) -> list[Scan]:
     """The scans of a piece, each with its pose."""
@@ -380,8 +381,8 @@ def optimise_graph(
 ) -> tuple[list[list[float]], bool]:
     """The new poses of the nodes of a pose graph, in order, and whether the optimisation converged."""
 
-def join_manifests(texts: Sequence[str], poses: Mapping[int, Sequence[float]], only_posed: bool) -> str:
-    """The manifest of the map that has the submaps of several maps, at these root poses; with `only_posed` no others."""
+def join_manifests(texts: Sequence[str], poses: Mapping[int, Sequence[float]], only_posed: bool, origin: Sequence[float]) -> str:
+    """The manifest of the map that has the submaps of several maps, at these root poses, which count from `origin`; with `only_posed` no others."""
 
 def cells_of_box(low: Sequence[float], high: Sequence[float], voxel: float, level: int) -> list[list[int]]:
     """The cells of tiles of a level that a box of the map frame touches, in the order in which tiles are joined."""
@@ -391,5 +392,5 @@ def write_tiles(
 ) -> tuple[bytes, list[str]] | None:
     """Writes the tiles of a map in one cell to a folder: what the next level is made of, and the names of the files; none without a surface there."""
 
-def finish_tiles(parts: Sequence[str | os.PathLike[str]], voxel: float, folder: str | os.PathLike[str], title: str) -> int:
-    """Writes the upper levels of tiles, the tileset and the page, from parts in the order of their cells. Returns the number of tiles written here."""
+def finish_tiles(parts: Sequence[str | os.PathLike[str]], voxel: float, folder: str | os.PathLike[str], title: str, origin: Sequence[float]) -> int:
+    """Writes the upper levels of tiles, the tileset and the page, from parts in the order of their cells, of a map around `origin`. Returns the number of tiles written here."""

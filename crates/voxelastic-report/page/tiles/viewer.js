@@ -9,9 +9,16 @@ const MOST_BYTES = 250e6;
 // Error of a tile on the screen, in pixels, at which finer ones replace it, for the slider's middle; a step of it halves or doubles that.
 const ERROR_PIXELS = 8;
 
+// Frames a second below which less is drawn, and above which more is drawn again: machines without a graphics card draw in software.
+const SLOW = 18;
+const FAST = 40;
+// The same in steps: how much larger the error on the screen may be, and how many pixels are drawn for each of the screen.
+const STEPS = [[1, 1], [1.5, 1], [2, 0.75], [3, 0.6], [4, 0.5], [6, 0.5]];
+
 const element = (id) => document.getElementById(id);
-const renderer = new WebGLRenderer({ antialias: true });
-renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+const renderer = new WebGLRenderer({ antialias: !isSoftware() });
+const pixelRatio = Math.min(devicePixelRatio, 2);
+renderer.setPixelRatio(pixelRatio);
 document.body.prepend(renderer.domElement);
 
 const scene = new Scene();
@@ -41,7 +48,7 @@ controls.minDistance = 0.5;
 controls.enableDamping = true;
 
 // What tests and curious people look at.
-const state = { ready: false, firstPictureMs: null, framesPerSecond: 0, frames: 0, shown: 0, bytes: 0, problems: [], tiles, camera, controls, renderer, home };
+const state = { ready: false, firstPictureMs: null, framesPerSecond: 0, adapts: true, step: 0, frames: 0, shown: 0, bytes: 0, problems: [], tiles, camera, controls, renderer, home };
 window.voxelastic = state;
 
 const problem = (what) => {
@@ -66,6 +73,26 @@ tiles.addEventListener('load-model', ({ scene: model }) => {
   state.changed = true;
 });
 tiles.addEventListener('tile-visibility-change', () => { state.changed = true; });
+
+// Whether the browser draws without a graphics card.
+function isSoftware() {
+  const context = document.createElement('canvas').getContext('webgl2');
+  const names = context?.getExtension('WEBGL_debug_renderer_info');
+  const name = names ? context.getParameter(names.UNMASKED_RENDERER_WEBGL) : '';
+  context?.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(name);
+}
+
+// Draws less where frames take long, and more again where they do not.
+function adapt() {
+  const step = Math.min(Math.max(state.step + (state.framesPerSecond < SLOW) - (state.framesPerSecond > FAST), 0), STEPS.length - 1);
+  if (step !== state.step) {
+    state.step = step;
+    renderer.setPixelRatio(pixelRatio * STEPS[step][1]);
+    resize();
+  }
+  tiles.errorTarget = ERROR_PIXELS * 2 ** (2 - element('detail').value) * STEPS[step][0];
+}
 
 // Shows the whole map, from the south and above.
 function home() {
@@ -92,7 +119,7 @@ function resize() {
 }
 addEventListener('resize', resize);
 element('home').addEventListener('click', home);
-element('detail').addEventListener('input', ({ target }) => { tiles.errorTarget = ERROR_PIXELS * 2 ** (2 - target.value); });
+element('detail').addEventListener('input', adapt);
 resize();
 
 let since = performance.now();
@@ -112,6 +139,7 @@ function frame(now) {
   if (now - since > 500) {
     state.framesPerSecond = (1000 * counted) / (now - since);
     [since, counted] = [now, 0];
+    if (state.shown > 0 && state.adapts) adapt();
     element('figures').textContent = `${state.shown} tiles shown, ${renderer.info.render.triangles.toLocaleString('en')} triangles, ` +
       `${(state.bytes / 1e6).toFixed(0)} MB loaded, ${state.framesPerSecond.toFixed(0)} frames a second`;
   }

@@ -2,7 +2,7 @@
 
 use crate::atlas::Atlas;
 use crate::atlas::fusion::{Agreement, OneField, PairAgreement};
-use crate::surface::{Crumbs, Mesh, MeshOptions, Seams, TileIndex, TileSurface, tile_surfaces};
+use crate::surface::{Crumbs, Mesh, MeshOptions, Seams, TileIndex, TileSeam, TileSurface, tile_surfaces};
 use std::collections::BTreeMap;
 
 /// log2 of the edge of a tile in blocks: 64 finest voxels.
@@ -87,7 +87,7 @@ impl FusedSurface {
     }
 
     fn seams(&self) -> Seams {
-        Seams::new(&self.tiles.values().map(|kept| &kept.surface).collect::<Vec<_>>(), self.options.keep_all)
+        Seams::new(&self.tiles.values().map(|kept| TileSeam::from(&kept.surface)).collect::<Vec<_>>(), self.options.keep_all)
     }
 
     /// The tiles that have a surface, ascending.

@@ -3,7 +3,9 @@
 mod atlas_mesh;
 mod fused_surface;
 mod mesh_cache;
+mod surface_tiles;
 
 pub use atlas_mesh::OneSurface;
 pub use fused_surface::{FusedSurface, TileKey};
 pub use mesh_cache::MeshCache;
+pub use surface_tiles::SurfaceTiles;

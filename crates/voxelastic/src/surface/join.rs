@@ -18,14 +18,34 @@ pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOption
     for batch in index.batches(&tiles) {
         surfaces.extend(tile_surfaces(field, voxel, options, &index, batch));
     }
-    let seams = Seams::new(&surfaces.iter().collect::<Vec<_>>(), options.keep_all);
+    let seams = Seams::new(&surfaces.iter().map(TileSeam::from).collect::<Vec<_>>(), options.keep_all);
     (seams.join(surfaces.into_iter(), voxel, options.lod), seams.crumbs)
+}
+
+/// What of a tile tells how it fits to others: a small part of it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TileSeam {
+    /// Vertices of other tiles that it uses, and their pieces.
+    foreign: Vec<(VertexKey, u32)>,
+    /// Own vertices that others may use, by name and number, and their pieces.
+    border: Vec<(VertexKey, u32, u32)>,
+    pieces: Vec<Evidence>,
+    /// Number of own vertices and of triangles.
+    sizes: [usize; 2],
+}
+
+impl From<&TileSurface> for TileSeam {
+    fn from(tile: &TileSurface) -> Self {
+        let foreign = tile.foreign.iter().copied().zip(tile.piece_of[tile.own()..].iter().copied()).collect();
+        let border = tile.border.iter().map(|&(key, v)| (key, v, tile.piece_of[v as usize])).collect();
+        Self { foreign, border, pieces: tile.pieces.clone(), sizes: [tile.own(), tile.mesh.triangles.len()] }
+    }
 }
 
 /// How tiles fit together.
 pub(crate) struct Seams {
-    /// By name, tile and number of the vertices at borders.
-    border: HashMap<VertexKey, (u32, u32)>,
+    /// By name, tile and number of the vertices at borders, and their pieces among all.
+    border: HashMap<VertexKey, (u32, u32, u32)>,
     /// By tile, whether each of its pieces stays.
     stays: Vec<Vec<bool>>,
     /// The pieces that do not.
@@ -36,23 +56,19 @@ pub(crate) struct Seams {
 
 impl Seams {
     /// Finds out how `tiles` fit together, which must be all tiles of a surface; with `keep_all` all pieces stay.
-    pub fn new(tiles: &[&TileSurface], keep_all: bool) -> Self {
+    pub fn new(tiles: &[TileSeam], keep_all: bool) -> Self {
         let mut border = HashMap::with_capacity(tiles.iter().map(|tile| tile.border.len()).sum());
-        for (number, tile) in tiles.iter().enumerate() {
-            border.extend(tile.border.iter().map(|&(key, v)| (key, (number as u32, v))));
-        }
         let (mut first, mut starts) = (0, Vec::with_capacity(tiles.len()));
-        for tile in tiles {
+        for (number, tile) in tiles.iter().enumerate() {
+            border.extend(tile.border.iter().map(|&(key, v, piece)| (key, (number as u32, v, first + piece))));
             starts.push(first);
             first += tile.pieces.len() as u32;
         }
         let mut roots: Vec<u32> = (0..first).collect();
-        for (number, tile) in tiles.iter().enumerate() {
-            for (key, copy) in tile.foreign.iter().zip(tile.own()..) {
-                if let Some(&(owner, v)) = border.get(key) {
-                    let here = starts[number] + tile.piece_of[copy];
-                    let there = starts[owner as usize] + tiles[owner as usize].piece_of[v as usize];
-                    let (a, b) = (root(&mut roots, here), root(&mut roots, there));
+        for (tile, start) in tiles.iter().zip(&starts) {
+            for (key, piece) in &tile.foreign {
+                if let Some(&(_, _, there)) = border.get(key) {
+                    let (a, b) = (root(&mut roots, start + piece), root(&mut roots, there));
                     roots[a.max(b) as usize] = a.min(b);
                 }
             }
@@ -70,13 +86,18 @@ impl Seams {
             let stays = |i: u32| keep_all || evidence[root(&mut roots, start + i) as usize].is_enough();
             (0..tile.pieces.len() as u32).map(stays).collect()
         });
-        let sizes = [tiles.iter().map(|tile| tile.own()).sum(), tiles.iter().map(|tile| tile.mesh.triangles.len()).sum()];
+        let sizes = [0, 1].map(|k| tiles.iter().map(|tile| tile.sizes[k]).sum());
         Self { stays: stays.collect(), sizes, border, crumbs }
     }
 
     /// Which pieces of tile `number` stay.
     pub fn stays(&self, number: usize) -> &[bool] {
         &self.stays[number]
+    }
+
+    /// Which pieces of each tile stay.
+    pub fn into_stays(self) -> Vec<Vec<bool>> {
+        self.stays
     }
 
     /// Joins the tiles that this was made of, in the same order, at a level of detail; finest voxels have edges of `voxel` metres.
@@ -131,7 +152,8 @@ impl Seams {
                     triangle[corner] = number;
                     continue;
                 }
-                let vertex = self.border.get(&tile.foreign[v as usize - own]).copied().unwrap_or_default();
+                let (owner, there, _) = self.border.get(&tile.foreign[v as usize - own]).copied().unwrap_or_default();
+                let vertex = (owner, there);
                 match numbers.get(&vertex) {
                     Some(&number) => triangle[corner] = number,
                     None => waiting.push((mesh.triangles.len(), corner, vertex)),

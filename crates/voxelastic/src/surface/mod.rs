@@ -31,7 +31,7 @@ mod vertices;
 
 pub use evidence::Crumbs;
 pub use extract::{MeshOptions, extract, extract_onto};
-pub(crate) use join::{Seams, extract_joined};
+pub(crate) use join::{Seams, TileSeam, extract_joined};
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};
 pub use simplify::simplify;

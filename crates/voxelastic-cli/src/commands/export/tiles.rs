@@ -1,7 +1,7 @@
 //! Export of the surface as 3D Tiles, with a page that streams them.
 
 use super::args::ExportArgs;
-use crate::meshing::map_mesh;
+use crate::meshing::{has_tiles, map_mesh, surface_tiles};
 use crate::progress::Progress;
 use crate::{map_files, output};
 use anyhow::Context;
@@ -9,7 +9,10 @@ use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
-use voxelastic_io::tiles::{TilesetWriter, split};
+use voxelastic::atlas::Atlas;
+use voxelastic::meshing::SurfaceTiles;
+use voxelastic_eval::colour::Ramp;
+use voxelastic_io::tiles::{TilesetWriter, leaves, split};
 use voxelastic_report::tiles_page;
 
 /// The keys of `--json`.
@@ -32,29 +35,20 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
     let clock = Instant::now();
     let folder = &args.output;
     // Before anything is computed: a folder that has something else is refused.
-    let mut writer = TilesetWriter::create(folder, f64::from(voxel_of(args)?)).context("cannot write tiles there")?;
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let writer = TilesetWriter::create(folder, f64::from(voxel_of(args)?)).context("cannot write tiles there")?;
+    let mut map = pool.install(|| map_files::load(&args.map, args.damage))?;
     let voxel = map.settings.voxel_size;
-    let mut whole = pool.install(|| map_mesh(&map.atlas, voxel, &args.surface, args.layers))?;
-    if let Some(colours) = whole.colours(whole.default_colour())? {
-        whole.mesh.colours = colours;
+    let mut writer = writer.with_origin(map.origin);
+    if has_tiles(&map.atlas, &args.surface, args.layers) {
+        let atlas = std::mem::replace(&mut map.atlas, Atlas::new(voxel));
+        pool.install(|| stream(surface_tiles(atlas, voxel, &args.surface)?, voxel, &mut writer, quiet))?;
+    } else {
+        pool.install(|| write_whole(args, &map.atlas, voxel, &mut writer, quiet))?;
     }
-    let leaves = split(&whole.mesh, f64::from(voxel));
-    drop(whole);
-    let mut progress = Progress::new("tiles", leaves.len() as u64, quiet);
-    for (cell, mesh) in leaves {
-        let triangles = mesh.triangles.len();
-        pool.install(|| writer.leaf(cell, mesh)).context("cannot write the tiles")?;
-        progress.step(|| format!("{triangles} triangles"));
-    }
-    drop(progress);
     let title = args.map.file_stem().map_or_else(|| "map".into(), |name| name.to_string_lossy());
     for (name, bytes) in tiles_page::FILES {
         let path = folder.join(name);
         voxelastic_files::write(&path, |file| file.write_all(bytes)).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    if !map.origin.is_zero() {
-        tracing::warn!("the tiles count from the map's origin: add {} m to their coordinates", map.origin);
     }
     let report = writer.finish(&title).context("cannot write the tiles")?.unwrap_or_default();
     tracing::info!(
@@ -77,6 +71,40 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
             files_kept: report.kept,
             seconds: clock.elapsed().as_secs_f64(),
         })?;
+    }
+    Ok(())
+}
+
+/// Writes a surface tile by tile.
+fn stream(surface: SurfaceTiles<Atlas>, voxel: f32, writer: &mut TilesetWriter, quiet: bool) -> anyhow::Result<()> {
+    let (low, high) = surface.height_range();
+    let (all, mut done) = (surface.triangles().max(1), 0);
+    let mut progress = Progress::new("tiles", None, quiet);
+    let written = leaves(&surface, f64::from(voxel), |cell, mut mesh| {
+        if mesh.colours.is_empty() {
+            mesh.colours = mesh.positions.iter().map(|p| Ramp::Land.at((p[2] - low) / (high - low))).collect();
+        }
+        done += mesh.triangles.len() as u64;
+        writer.leaf(cell, mesh)?;
+        progress.step(|| format!("{} % of the surface", 100 * done / all));
+        Ok(())
+    });
+    written.context("cannot write the tiles")
+}
+
+/// Writes a surface that is made as a whole.
+fn write_whole(args: &ExportArgs, atlas: &Atlas, voxel: f32, writer: &mut TilesetWriter, quiet: bool) -> anyhow::Result<()> {
+    let mut whole = map_mesh(atlas, voxel, &args.surface, args.layers)?;
+    if let Some(colours) = whole.colours(whole.default_colour())? {
+        whole.mesh.colours = colours;
+    }
+    let leaves = split(&whole.mesh, f64::from(voxel));
+    drop(whole);
+    let mut progress = Progress::new("tiles", leaves.len() as u64, quiet);
+    for (cell, mesh) in leaves {
+        let triangles = mesh.triangles.len();
+        writer.leaf(cell, mesh).context("cannot write the tiles")?;
+        progress.step(|| format!("{triangles} triangles"));
     }
     Ok(())
 }

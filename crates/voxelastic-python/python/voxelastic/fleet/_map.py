@@ -100,6 +100,9 @@ class _Fleet:
         closures = self._close(splits)
         solved = self._optimise(splits, closures)
         self._name_others(splits, solved)
+        # The map is in the frame of the first session of those that meet.
+        self.origin = next((list(one.record["origin"]) for one in splits if one.session["number"] in solved["joined"]), [0.0, 0.0, 0.0])
+        self.report.origin_m = self.origin
         submaps = self._integrate([one for one in splits if one.session["number"] in solved["joined"]])
         nodes = json.loads(self.store.read(solved["nodes"]))
         poses = self._settled({str(submap["id"]): nodes[str(submap["root"])] for submap in submaps})
@@ -265,9 +268,9 @@ class _Fleet:
 
     def _assemble(self, submaps: Sequence[Record], poses: dict[str, list[float]]) -> str:
         manifests = sorted({submap["manifest"] for submap in submaps if str(submap["id"]) in poses})
-        task_key = key("assemble", manifests, sorted(poses.items()))
+        task_key = key("assemble", manifests, sorted(poses.items()), self.origin)
         settled = self.store.keep("poses", json.dumps(poses).encode())
-        record = self._one("assemble", Task(task_key, assemble, (self.store, task_key, manifests, settled)))
+        record = self._one("assemble", Task(task_key, assemble, (self.store, task_key, manifests, settled, self.origin)))
         return str(record["manifest"])
 
     def _tiles(self, submaps: Sequence[Record], poses: dict[str, list[float]]) -> list[str]:
@@ -304,8 +307,8 @@ class _Fleet:
         parts = [record["part"] for record in records if record.get("part")]
         if not parts:
             return []
-        task_key = key("finish-tiles", parts, voxel, self.title)
-        upper = self._one("finish", Task(task_key, finish_tiles, (self.store, task_key, parts, voxel, self.title)))
+        task_key = key("finish-tiles", parts, voxel, self.title, self.origin)
+        upper = self._one("finish", Task(task_key, finish_tiles, (self.store, task_key, parts, voxel, self.title, self.origin)))
         return sorted({name for record in [*records, upper] for name in record.get("files", [])})
 
     def _save(self, sessions: Sequence[Record], solved: Record, poses: dict[str, list[float]], manifest: str, files: list[str]) -> None:

@@ -49,6 +49,8 @@ class FleetReport:
     """What was wrong with regions whose tiles could not be made."""
     node_poses: str = ""
     """Name of the file in the store with the corrected pose of each node: x, y, z, qx, qy, qz, qw."""
+    origin_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    """What these poses and the map's submaps count from, metres: not zero if the first session has coordinates of a survey, such as UTM."""
     stages: list[Stage] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:

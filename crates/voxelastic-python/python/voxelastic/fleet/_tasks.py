@@ -21,7 +21,7 @@ from .._settings import Settings
 from ._store import Store, at_hand, digest, fingerprint
 from ._worker import Usage, threads
 
-VERSION = 1
+VERSION = 2
 """Of what tasks write; another one makes everything anew."""
 FIRST_NODES = 1 << 32
 """Nodes of a session are numbered from its number times this."""
@@ -88,7 +88,7 @@ def split(store: Store, session: Record, task_key: str, metres: float, voxel: fl
             while (piece := splitter.next(events)) is not None:
                 content, scans = piece
                 pieces.append({"name": store.keep("pieces", content), "scans": scans})
-            nodes, odometry, loops, places, descriptors, _, problems = splitter.track()
+            nodes, odometry, loops, places, descriptors, _, problems, origin = splitter.track()
         if not pieces:
             raise ValueError(f"no scan can be used: {'; '.join(problems[:3]) or 'there is none'}")
         return {
@@ -96,6 +96,7 @@ def split(store: Store, session: Record, task_key: str, metres: float, voxel: fl
             "places": store.keep("places", places),
             "descriptors": store.keep("descriptors", descriptors),
             "track": store.keep("tracks", json.dumps({"nodes": nodes, "odometry": odometry, "loops": loops}).encode()),
+            "origin": origin,
             "nodes": len(nodes),
             "loops": len(loops),
             "skipped": len(problems),
@@ -169,13 +170,13 @@ def close(store: Store, task_key: str, first: Record, second: Record) -> Record:
     return recorded(store, "close", task_key, work)
 
 
-def assemble(store: Store, task_key: str, manifests: list[str], poses_file: str) -> Record:
-    """The manifest of the whole map: the submaps of all pieces, at their corrected poses."""
+def assemble(store: Store, task_key: str, manifests: list[str], poses_file: str, origin: list[float]) -> Record:
+    """The manifest of the whole map: the submaps of all pieces, at their corrected poses, which count from `origin`."""
 
     def work() -> Record:
         poses = {int(number): pose for number, pose in json.loads(store.read(poses_file)).items()}
         texts = [store.read(name).decode() for name in manifests]
-        text = _native.join_manifests(texts, poses, True)
+        text = _native.join_manifests(texts, poses, True, origin)
         return {"manifest": store.keep("manifests", text.encode()), "submaps": len(poses)}
 
     return recorded(store, "assemble", task_key, work)
@@ -189,7 +190,7 @@ def tiles(store: Store, task_key: str, region: Record) -> Record:
             path = Path(folder) / "region.vox"
             path.mkdir()
             poses = {int(number): pose for number, pose in region["poses"].items()}
-            text = _native.join_manifests([store.read(name).decode() for name in region["manifests"]], poses, True)
+            text = _native.join_manifests([store.read(name).decode() for name in region["manifests"]], poses, True, [0.0, 0.0, 0.0])
             (path / "manifest.json").write_text(text)
             for entry in json.loads(text)["submaps"]:
                 (path / entry["file"]).symlink_to(store.local(f"{MAP}/{entry['file']}", Path(folder)))
@@ -206,13 +207,13 @@ def tiles(store: Store, task_key: str, region: Record) -> Record:
     return recorded(store, "tiles", task_key, work)
 
 
-def finish_tiles(store: Store, task_key: str, parts: list[str], voxel: float, title: str) -> Record:
+def finish_tiles(store: Store, task_key: str, parts: list[str], voxel: float, title: str, origin: list[float]) -> Record:
     """The upper levels of the tiles, and the page."""
 
     def work() -> Record:
         with tempfile.TemporaryDirectory() as folder:
             target = Path(folder) / "tiles"
-            _native.finish_tiles([store.local(name, Path(folder)) for name in parts], voxel, target, title)
+            _native.finish_tiles([store.local(name, Path(folder)) for name in parts], voxel, target, title, origin)
             files = sorted(str(path.relative_to(target)) for path in target.rglob("*") if path.is_file())
             # What viewers begin with comes last.
             for name in sorted(files, key=lambda name: name == "tileset.json"):

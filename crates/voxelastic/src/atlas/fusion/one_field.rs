@@ -15,7 +15,7 @@ use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{ObservationCount, TsdfField, Voxel};
 use crate::geometry::Pose;
-use crate::octree::{Cursor, SCALES, voxels_at};
+use crate::octree::{Cursor, SCALES, block_coords, voxels_at};
 use hashbrown::HashMap;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -36,6 +36,8 @@ pub struct OneField {
     agreement: HashMap<u64, BlockAgreement>,
     /// What the field was made of.
     known: Vec<Known>,
+    /// Lowest and highest blocks to fuse, by their coordinates; all if there are none.
+    within: Option<[[i32; 3]; 2]>,
 }
 
 /// A TSDF that the field was made of, as it was then.
@@ -75,6 +77,13 @@ impl OneField {
         one
     }
 
+    /// The same, of the blocks from `low` to `high` alone, by their coordinates. They are what they are in the whole field.
+    pub fn within(atlas: &Atlas, low: [i32; 3], high: [i32; 3]) -> Self {
+        let mut one = Self { within: Some([low, high]), ..Self::default() };
+        one.update(atlas);
+        one
+    }
+
     /// How well the submaps agree where they overlap.
     pub fn agreement(&self) -> Agreement {
         let mut sum = Agreement::default();
@@ -104,7 +113,7 @@ impl OneField {
         let mut now: Vec<Known> = Vec::new();
         for (source, displacement) in sources.iter().zip(displacements) {
             let before = self.known.iter().position(|known| known.id == source.id).map(|i| self.known.swap_remove(i));
-            now.push(source.changes(before, displacement, &mut keys));
+            now.push(source.changes(before, displacement, self.within, &mut keys));
         }
         // Those that are gone.
         keys.extend(self.known.iter().flat_map(|known| known.blocks.iter().map(TargetBlock::key)));
@@ -203,7 +212,7 @@ impl<'a> Source<'a> {
     }
 
     /// Adds the blocks of the map that changes of the source since `before` may have changed to `keys`; returns it as it is now.
-    fn changes(&self, before: Option<Known>, displacement: Displacement, keys: &mut Vec<u64>) -> Known {
+    fn changes(&self, before: Option<Known>, displacement: Displacement, within: Option<[[i32; 3]; 2]>, keys: &mut Vec<u64>) -> Known {
         let clock = self.field.change_log.clock;
         let corrected = self.submap.corrected.clone();
         let now = |blocks, displacement| Known { id: self.id, pose: self.pose, corrected, displacement, clock, revision: self.revision, blocks };
@@ -214,14 +223,15 @@ impl<'a> Source<'a> {
                 }
                 // Of blocks that scans changed, the samples around change, too: those of blocks that touch them, and of one voxel beyond.
                 let changed: Vec<u32> = self.field.ids().filter(|id| self.field.block(*id).changed.wrapping_sub(known.clock) as i32 > 0).collect();
-                keys.extend(displaced_target_blocks(self.field, &self.placement, &displacement, &changed, SURROUNDINGS).iter().map(TargetBlock::key));
-                let blocks = self.reached(&displacement);
+                let changed = displaced_target_blocks(self.field, &self.placement, &displacement, &changed, SURROUNDINGS);
+                keys.extend(changed.iter().map(TargetBlock::key).filter(|key| is_within(*key, within)));
+                let blocks = self.reached(&displacement, within);
                 // A block that is new may change the scale of one that is not.
                 keys.extend(different(&known.blocks, &blocks));
                 now(blocks, displacement)
             }
             before => {
-                let blocks = self.reached(&displacement);
+                let blocks = self.reached(&displacement, within);
                 keys.extend(before.iter().flat_map(|known| known.blocks.iter()).chain(blocks.iter()).map(TargetBlock::key));
                 now(blocks, displacement)
             }
@@ -229,13 +239,20 @@ impl<'a> Source<'a> {
     }
 
     /// The blocks of the map that it reaches.
-    fn reached(&self, displacement: &Displacement) -> Arc<[TargetBlock]> {
-        displaced_target_blocks(self.field, &self.placement, displacement, &self.field.ids().collect::<Vec<_>>(), 0.0)
+    fn reached(&self, displacement: &Displacement, within: Option<[[i32; 3]; 2]>) -> Arc<[TargetBlock]> {
+        let all = displaced_target_blocks(self.field, &self.placement, displacement, &self.field.ids().collect::<Vec<_>>(), 0.0);
+        if within.is_none() { all } else { all.iter().filter(|block| is_within(block.key(), within)).copied().collect() }
     }
 
     fn sampling(&self, known: &Known) -> TsdfSampling<'a> {
         TsdfSampling::displaced(self.field, &self.placement, known.displacement.clone(), Arc::clone(&known.blocks))
     }
+}
+
+/// Whether a block is between the lowest and the highest that are asked for.
+fn is_within(key: u64, within: Option<[[i32; 3]; 2]>) -> bool {
+    let c = block_coords(key);
+    within.is_none_or(|[low, high]| (0..3).all(|k| low[k] <= c[k] && c[k] <= high[k]))
 }
 
 /// Voxels around a block of which the samples depend on the block: those of the coarsest scale.
