@@ -165,28 +165,23 @@ mod tests {
             positions.push(p);
             normals.push(n);
         };
-        for i in 0..400 {
-            for j in 0..80 {
-                let (u, v) = (0.05 * i as f32, 0.05 * j as f32);
-                // A floor of 20 x 4 m, a wall of 2 m across half of it at 10 m, seen from both sides, and one at its end.
-                add([u, v - 2.0, 0.0], [0.0, 0.0, 1.0]);
-                if i < 40 && v < 2.0 {
-                    add([10.0, v, u], [-1.0, 0.0, 0.0]);
-                    add([10.2, v, u], [1.0, 0.0, 0.0]);
-                }
-                if i < 80 {
-                    add([20.0, v - 2.0, u], [-1.0, 0.0, 0.0]);
-                }
-            }
+        let grid = |rows: u32, columns: u32| (0..rows).flat_map(move |i| (0..columns).map(move |j| (0.05 * i as f32, 0.05 * j as f32)));
+        // A floor of 20 x 4 m, a wall of 2 m across half of it at 10 m, seen from both sides, and one across all of it at 16 m.
+        grid(400, 80).for_each(|(u, v)| add([u, v - 2.0, 0.0], [0.0, 0.0, 1.0]));
+        for (u, v) in grid(40, 40) {
+            add([10.0, v, u], [-1.0, 0.0, 0.0]);
+            add([10.2, v, u], [1.0, 0.0, 0.0]);
         }
+        grid(80, 80).for_each(|(u, v)| add([16.0, v - 2.0, u], [-1.0, 0.0, 0.0]));
         let visible = Visible::new(&MapSurface { positions: &positions, normals: &normals, voxel: 0.05 }, 0.2);
         let pose = Pose::translation(1.0, 0.0, 1.0) * Pose::rotation(nalgebra::Vector3::new(0.0, 0.0, 0.5));
         let seen: Vec<[f32; 3]> = visible.scan(&pose).iter().map(|p| Rigid::from(&pose).apply(*p)).collect();
         let count = |is: &dyn Fn(&[f32; 3]) -> bool| seen.iter().filter(|p| is(p)).count();
-        assert!(count(&|p| p[2] < 0.05 && p[0] > 15.0 && p[1] < -0.5) > 50, "the floor beside the wall, far away");
+        assert!(count(&|p| p[2] < 0.05 && p[0] > 13.0 && p[1] < -0.5) > 50, "the floor beside the wall, far away");
         let of_wall = |low: f32, high: f32| count(&|p| p[2] > 0.3 && p[0] > low && p[0] < high);
         assert!(of_wall(9.9, 10.1) > 100 && of_wall(10.15, 10.25) == 0, "the side that faces the sensor: {}", of_wall(9.9, 10.1));
         assert_eq!(count(&|p| p[2] < 0.05 && p[0] > 11.0 && p[0] < 17.0 && p[1] > 0.5), 0, "the floor behind the wall");
-        assert!(count(&|p| p[0] > 19.9 && p[2] < 1.0 && p[1] > 0.5) == 0 && count(&|p| p[0] > 19.9 && p[2] > 3.2 && p[1] > 0.5) > 10);
+        let of_end = |low: f32, high: f32| count(&|p| p[0] > 15.9 && p[2] > low && p[2] < high && p[1] > 0.5);
+        assert!(of_end(-1.0, 1.0) == 0 && of_end(2.9, 5.0) > 10, "the wall at the end: {} low, {} high", of_end(-1.0, 1.0), of_end(2.9, 5.0));
     }
 }
