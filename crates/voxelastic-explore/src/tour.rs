@@ -1,6 +1,6 @@
 //! The order in which places are visited.
 
-/// An order of places that gathers much soon: the sum of what the places are worth, discounted by the time of arrival, is as large as insertion and reversals make it.
+/// An order of places that gathers much soon: the sum of what the places are worth, discounted by the time of arrival, is as large as insertion, moves of single places and reversals make it.
 /// `first[i]` is the time from the robot to place i, `between[i][j]` that from i to j, seconds; `horizon` is the time in which worth falls to a third.
 pub(crate) fn order(worth: &[f64], first: &[f64], between: &[Vec<f64>], horizon: f64) -> Vec<usize> {
     let value = |order: &[usize]| {
@@ -12,30 +12,44 @@ pub(crate) fn order(worth: &[f64], first: &[f64], between: &[Vec<f64>], horizon:
         }
         total
     };
-    let mut tour: Vec<usize> = Vec::new();
+    let better = |best: Vec<usize>, next: Vec<usize>| if value(&next) > value(&best) { next } else { best };
     let mut by_worth: Vec<usize> = (0..worth.len()).collect();
     by_worth.sort_by(|a, b| (worth[*b] / (first[*b] + 1.0)).total_cmp(&(worth[*a] / (first[*a] + 1.0))).then(a.cmp(b)));
-    for place in by_worth {
-        let inserted = (0..=tour.len()).map(|at| {
-            let mut tour = tour.clone();
-            tour.insert(at, place);
-            tour
-        });
-        tour = inserted.reduce(|best, next| if value(&next) > value(&best) { next } else { best }).unwrap_or_default();
-    }
-    loop {
-        let now = value(&tour);
-        let pairs = (0..tour.len()).flat_map(|i| (i + 1..tour.len()).map(move |j| (i, j)));
-        let reversed = pairs.map(|(i, j)| {
-            let mut tour = tour.clone();
-            tour[i..=j].reverse();
-            tour
-        });
-        match reversed.reduce(|best, next| if value(&next) > value(&best) { next } else { best }).filter(|best| value(best) > now + 1e-9) {
-            Some(better) => tour = better,
+    // What cannot be improved by small changes may still be poor, so that the search begins once with each place in front.
+    let begun = |first: usize| {
+        by_worth.iter().filter(|place| **place != first).fold(vec![first], |tour, place| {
+            let inserted = (1..=tour.len()).map(|at| {
+                let mut tour = tour.clone();
+                tour.insert(at, *place);
+                tour
+            });
+            inserted.reduce(better).unwrap_or_default()
+        })
+    };
+    let improved = |mut tour: Vec<usize>| loop {
+        match changed(&tour).into_iter().reduce(better).filter(|best| value(best) > value(&tour) + 1e-9) {
+            Some(best) => tour = best,
             None => return tour,
         }
-    }
+    };
+    by_worth.iter().map(|first| improved(begun(*first))).reduce(better).unwrap_or_default()
+}
+
+/// All orders that differ from one by the place of one element, or by a part that is turned round.
+fn changed(tour: &[usize]) -> Vec<Vec<usize>> {
+    let pairs = || (0..tour.len()).flat_map(|i| (0..tour.len()).map(move |j| (i, j)));
+    let reversed = pairs().filter(|(i, j)| i < j).map(|(i, j)| {
+        let mut tour = tour.to_vec();
+        tour[i..=j].reverse();
+        tour
+    });
+    let moved = pairs().filter(|(i, j)| i != j).map(|(i, j)| {
+        let mut tour = tour.to_vec();
+        let place = tour.remove(i);
+        tour.insert(j, place);
+        tour
+    });
+    reversed.chain(moved).collect()
 }
 
 #[cfg(test)]
