@@ -172,6 +172,39 @@ fn a_sensor_that_is_moved_while_it_is_off_is_lost_and_begins_a_new_piece() {
 }
 
 #[test]
+fn a_tunnel_without_features_is_said_to_be_degenerate_and_is_driven_through_straight() {
+    // 300 m of smooth walls: with 60 m of range, neither end is seen in its middle.
+    let (range, length) = (60.0, 300.0);
+    let drive = simulation("tunnel", SimOptions { scans: Some(85), spacing: 3.0, columns: Some(1024), ..SimOptions::default() });
+    let scans = taken(&drive, 0..85);
+    let mut settings = OdometrySettings::default();
+    settings.max_range = range;
+    let mut odometry = Odometry::new(settings);
+    let reports: Vec<OdometryReport> = scans.iter().map(|scan| odometry.register(&scan.cloud, Some(scan.time))).collect();
+    let to_truth = scans[0].truth * reports[0].t_map_lidar.inverse();
+    let (mut counts, mut worst) = ([[0; 2]; 2], [0.0_f64; 3]);
+    for (scan, report) in scans.iter().zip(&reports) {
+        let x = scan.truth.translation.x;
+        let is_degenerate = matches!(report.status, Status::Degenerate { .. });
+        if x < 0.0 {
+            counts[0][usize::from(is_degenerate)] += 1;
+        } else if x > range && x < length - range {
+            counts[1][usize::from(is_degenerate)] += 1;
+            let pose = to_truth * report.t_map_lidar;
+            let off = pose.translation.vector - scan.truth.translation.vector;
+            let turned = pose.rotation_distance(&scan.truth).to_degrees();
+            worst = [worst[0].max(off.x.abs()), worst[1].max(off.y.hypot(off.z)), worst[2].max(turned)];
+        }
+    }
+    let [[_, in_yard], [unsaid, said]] = counts;
+    let [along, sideways, turned] = worst;
+    println!("tunnel: {said} said, {unsaid} not, {in_yard} in the yard; {along:.2} m along, {sideways:.3} m sideways, {turned:.3} degrees");
+    // Far from both ends only the velocity before says how far it is.
+    assert!(unsaid * 8 < said && said >= 45 && in_yard == 0, "{counts:?}");
+    assert!(along < 50.0 && sideways < 0.1 && turned < 0.1, "{worst:?}");
+}
+
+#[test]
 fn a_recording_that_starts_in_motion_is_tracked() {
     // A car at 8 m/s from the first sweep on: 0.8 m in each sweep, of which nothing is known at first.
     let options = SimOptions {

@@ -69,7 +69,7 @@ impl FineSurface {
         }
         let (position, angle) = ((SIGMA.0 * size).powi(2), SIGMA.1.to_radians().powi(2));
         let submaps = Matrix6::from_diagonal(&Vector6::new(position, position, position, angle, angle, angle));
-        let registration = symmetric(&upper_triangle(&found.information(&points, &levels[0]))).cholesky()?.inverse();
+        let registration = symmetric(&upper_triangle(&found.information(&points, &levels))).cholesky()?.inverse();
         let information = Some(upper_triangle(&(submaps + registration).cholesky()?.inverse()));
         Some(Edge { t_from_to: found.t_map_lidar, information, ..edge.clone() })
     }

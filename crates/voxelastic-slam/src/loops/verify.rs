@@ -73,7 +73,7 @@ pub(crate) fn fit(first: &Place, second: &Place, guess: &Guess, voxel: f64, leas
         t_first_second: a.t_anchor_lidar.inv_mul(&(near.t_map_lidar * b.t_anchor_lidar)),
         degenerate: near.degenerate.len(),
         contradiction: there.zip(back).map(|(there, back)| there.max(back)),
-        information: Some(upper_triangle(&moved(&near.information(&points, &map[0]), &b.t_anchor_lidar))),
+        information: Some(upper_triangle(&moved(&near.information(&points, &map), &b.t_anchor_lidar))),
         ..unrefined
     })
 }

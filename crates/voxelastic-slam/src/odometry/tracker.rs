@@ -142,7 +142,7 @@ impl Odometry {
             found = Found { contradiction: found.contradiction, ..again };
         }
         let registration = &found.registration;
-        let information = registration.information(&self.scratch.surfels, &self.levels[0]);
+        let information = registration.information(&self.scratch.surfels, &self.levels);
         times.register = clock.elapsed();
         let clock = Instant::now();
         let vertical = self.accept(&last, &prediction, &found, time, seconds);

@@ -16,8 +16,9 @@ pub(crate) struct Solution {
 }
 
 impl Solution {
-    /// Solves in metres: rotations count by how far they move a point at `radius`. `None` if there is nothing to solve.
-    pub(crate) fn of(equations: &NormalEquations, radius: f64) -> Option<Self> {
+    /// Solves in metres: rotations count by how far they move a point at `radius`. Nothing moves along the unit directions in `fixed`. `None` if there is
+    /// nothing to solve.
+    pub(crate) fn of(equations: &NormalEquations, radius: f64, fixed: &[Vector6<f64>]) -> Option<Self> {
         if equations.weight.is_nan() || equations.weight <= 0.0 || !equations.information.iter().all(|v| v.is_finite()) {
             return None;
         }
@@ -34,6 +35,9 @@ impl Solution {
             } else {
                 degenerate.push(direction);
             }
+        }
+        for direction in fixed {
+            step -= direction * direction.dot(&step);
         }
         Some(Self { step: step.component_mul(&scale), degenerate })
     }

@@ -1,6 +1,7 @@
 //! How sure a registration is, from the distances that are left.
 
-use super::local_map::{LocalMap, Surfel};
+use super::larger_planes::Surfaces;
+use super::local_map::Surfel;
 use super::normal_equations::{Kernel, Matches, NormalEquations, for_each_match};
 use super::voxel_index::{VoxelIndex, key};
 use nalgebra::{Matrix6, Vector6};
@@ -22,7 +23,7 @@ const LEAST_PIECES: usize = 30;
 pub(super) fn information(
     points: &[Surfel],
     t_map_lidar: &Pose,
-    map: &LocalMap,
+    map: &impl Surfaces,
     kernel: &Kernel,
     equations: &NormalEquations,
 ) -> Option<Matrix6<f64>> {

@@ -178,6 +178,15 @@ impl LocalMap {
         best
     }
 
+    /// The surface in the voxel that a point lies in, and the point relative to its mean.
+    pub(super) fn at(&self, p: [f64; 3]) -> Option<([f32; 3], &Surface)> {
+        let scaled = p.map(|v| v / self.size);
+        let coordinates = scaled.map(|v| v.floor() as i32);
+        let surface = &self.surfaces[self.index.get(key(coordinates))? as usize];
+        let from_mean = |i: usize| ((scaled[i] - f64::from(coordinates[i]) - 0.5) * self.size) as f32 - surface.mean[i];
+        (surface.weight > 0.0).then(|| (std::array::from_fn(from_mean), surface))
+    }
+
     /// Removes voxels farther than `radius` from a point.
     pub(crate) fn prune(&mut self, centre: [f64; 3], radius: f64) {
         let limit = (radius / self.size).powi(2);

@@ -8,6 +8,7 @@ mod degeneracy;
 mod downsample;
 mod eigen;
 mod information;
+mod larger_planes;
 mod local_map;
 mod normal_equations;
 mod register;

@@ -1,6 +1,7 @@
 //! The normal equations of a registration: which surface each point belongs to, and what its distance says about the pose.
 
-use super::local_map::{LocalMap, Surfel};
+use super::larger_planes::Surfaces;
+use super::local_map::Surfel;
 use nalgebra::{Matrix6, Vector6};
 use rayon::prelude::*;
 use voxelastic::geometry::Pose;
@@ -41,7 +42,7 @@ impl NormalEquations {
     }
 
     /// Sums over points in the sensor's frame, at a pose of the sensor in the map.
-    pub(crate) fn of(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Kernel) -> Self {
+    pub(crate) fn of(points: &[Surfel], t_map_lidar: &Pose, map: &impl Surfaces, kernel: &Kernel) -> Self {
         let partial = |chunk: &[Surfel]| chunk_sums(chunk, t_map_lidar, map, kernel);
         let partials: Vec<Sums> = if points.len() <= CHUNK || rayon::current_num_threads() == 1 {
             points.chunks(CHUNK).map(partial).collect()
@@ -106,7 +107,7 @@ impl Sums {
     }
 }
 
-fn chunk_sums(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Kernel) -> Sums {
+fn chunk_sums(points: &[Surfel], t_map_lidar: &Pose, map: &impl Surfaces, kernel: &Kernel) -> Sums {
     let mut sums = Sums::default();
     for_each_match(points, t_map_lidar, map, kernel, &mut sums);
     sums
@@ -136,7 +137,7 @@ impl Matches for Sums {
 
 /// Finds the surface of each point, and what its distance says about the pose.
 #[inline(always)]
-pub(super) fn for_each_match(points: &[Surfel], t_map_lidar: &Pose, map: &LocalMap, kernel: &Kernel, matches: &mut impl Matches) {
+pub(super) fn for_each_match(points: &[Surfel], t_map_lidar: &Pose, map: &impl Surfaces, kernel: &Kernel, matches: &mut impl Matches) {
     let rotation = t_map_lidar.rotation.to_rotation_matrix();
     let translation = t_map_lidar.translation.vector;
     let (scale2, gate2) = (kernel.scale * kernel.scale, kernel.gate * kernel.gate);

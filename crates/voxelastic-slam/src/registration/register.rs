@@ -2,6 +2,7 @@
 
 use super::degeneracy::Solution;
 use super::information::information;
+use super::larger_planes::{LargerPlanes, Surfaces};
 use super::local_map::{LocalMap, RANGE_NOISE, Surfel};
 use super::normal_equations::{Kernel, NormalEquations};
 use nalgebra::{Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
@@ -15,6 +16,9 @@ const ELSEWHERE: (f64, f64) = (1.0, 0.2);
 
 /// Starts of a search that are refined.
 const REFINED: usize = 4;
+
+/// One point of this many is asked whether only lines of single beams hold the pose.
+const SPARSE: usize = 4;
 
 /// Settings of a registration.
 #[derive(Clone, Copy, Debug)]
@@ -43,17 +47,24 @@ pub(crate) struct Registration {
     pub(crate) spread: f64,
     pub(crate) iterations: usize,
     pub(crate) is_converged: bool,
+    /// Whether lines of single beams would have held the pose, and were taken for the planes on which they lie.
+    has_larger_planes: bool,
     /// At the end.
     equations: NormalEquations,
     kernel: Kernel,
 }
 
 impl Registration {
-    /// Information of the pose in the frame of the points (x y z roll pitch yaw), inverse square metres and radians, from the points and the finest level
-    /// that were registered.
-    pub(crate) fn information(&self, points: &[Surfel], finest: &LocalMap) -> Matrix6<f64> {
+    /// Information of the pose in the frame of the points (x y z roll pitch yaw), inverse square metres and radians, from the points and the levels that were
+    /// registered.
+    pub(crate) fn information(&self, points: &[Surfel], levels: &[LocalMap]) -> Matrix6<f64> {
         let independent = || self.equations.information / (self.spread * self.spread);
-        let along_map = information(points, &self.t_map_lidar, finest, &self.kernel, &self.equations).unwrap_or_else(independent);
+        let (pose, kernel, equations) = (&self.t_map_lidar, &self.kernel, &self.equations);
+        let along_map = match self.has_larger_planes {
+            false => information(points, pose, &levels[0], kernel, equations),
+            true => information(points, pose, &LargerPlanes::of(levels, 0), kernel, equations),
+        };
+        let along_map = along_map.unwrap_or_else(independent);
         let rotation = *self.t_map_lidar.rotation.to_rotation_matrix().matrix();
         let mut axes = Matrix6::zeros();
         axes.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
@@ -77,7 +88,7 @@ pub(crate) fn register(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sig
     let mut best: Option<Registration> = None;
     let mut iterations = 0;
     for first in 0..needed {
-        let Some(found) = descend(points, guess, &levels[..=first], sigma, settings) else { continue };
+        let Some(found) = descend(points, guess, levels, first, sigma, settings) else { continue };
         iterations += found.iterations;
         if best.as_ref().is_none_or(|best| found.score > best.score) {
             best = Some(found);
@@ -89,15 +100,16 @@ pub(crate) fn register(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sig
 /// The same from many starts, without an idea which is right: the coarsest level orders them, and the best few are refined.
 pub(crate) fn search(points: &[Surfel], starts: &[Pose], levels: &[LocalMap], settings: &RegistrationSettings) -> Vec<Registration> {
     let Some(coarsest) = levels.last() else { return Vec::new() };
+    let finer = levels.len().saturating_sub(2);
     let radius = mean_radius(points);
     let sparse: Vec<Surfel> = points.iter().step_by(1 << levels.len()).copied().collect();
     let size = coarsest.size();
     let schedule = Schedule { gate: 2.0 * size, first_scale: size, last_scale: 0.2 * size, convergence: 0.02 * size };
-    let aligned = starts.iter().filter_map(|start| align(&sparse, start, coarsest, radius, &schedule, settings));
+    let aligned = starts.iter().filter_map(|start| align(&sparse, start, coarsest, radius, &schedule, &[], settings));
     let mut scored: Vec<(f64, Pose)> = aligned.map(|a| (a.equations.fit, a.pose)).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.truncate(REFINED);
-    scored.iter().filter_map(|(_, pose)| descend(points, pose, &levels[..levels.len() - 1], 0.25 * size, settings)).collect()
+    scored.iter().filter_map(|(_, pose)| descend(points, pose, levels, finer, 0.25 * size, settings)).collect()
 }
 
 /// The outcomes of different poses, best score first; the first of equals.
@@ -116,22 +128,43 @@ fn is_elsewhere(a: &Pose, b: &Pose) -> bool {
     a.translation_distance(b) > ELSEWHERE.0 || a.rotation_distance(b) > ELSEWHERE.1
 }
 
-/// Aligns to each level, from the coarsest of these to the finest.
-fn descend(points: &[Surfel], guess: &Pose, levels: &[LocalMap], sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
+/// Aligns to the levels from `first` to the finest. If only lines of single beams hold the pose then, again with the planes on which these lie.
+fn descend(points: &[Surfel], guess: &Pose, levels: &[LocalMap], first: usize, sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
+    let found = descend_by(points, guess, levels.iter().take(first + 1), sigma, &[], settings)?;
+    let sparse: Vec<Surfel> = points.iter().step_by(SPARSE).copied().collect();
+    let with_planes = NormalEquations::of(&sparse, &found.t_map_lidar, &LargerPlanes::of(levels, 0), &found.kernel);
+    let held = Solution::of(&with_planes, mean_radius(points), &[])?;
+    if held.degenerate.len() <= found.degenerate.len() {
+        return Some(found);
+    }
+    let with_planes: Vec<LargerPlanes<'_>> = (0..=first).map(|k| LargerPlanes::of(levels, k)).collect();
+    let again = descend_by(points, guess, with_planes.iter(), sigma, &held.degenerate, settings)?;
+    Some(Registration { iterations: found.iterations + again.iterations, has_larger_planes: true, degenerate: held.degenerate, ..again })
+}
+
+/// Aligns to each level, from the coarsest of these to the finest; nothing moves along the unit directions in `fixed`.
+fn descend_by<'a, S: Surfaces + 'a>(
+    points: &[Surfel],
+    guess: &Pose,
+    levels: impl DoubleEndedIterator<Item = &'a S> + ExactSizeIterator + Clone,
+    sigma: f64,
+    fixed: &[Vector6<f64>],
+    settings: &RegistrationSettings,
+) -> Option<Registration> {
     let radius = mean_radius(points);
     let (mut pose, mut iterations) = (*guess, 0);
-    for (k, level) in levels.iter().enumerate().skip(1).rev() {
+    for (k, level) in levels.clone().enumerate().skip(1).rev() {
         let size = level.size();
         let sparse: Vec<Surfel> = points.iter().step_by(1 << k).copied().collect();
         let schedule = Schedule { gate: (3.0 * sigma).max(size), first_scale: sigma / 3.0, last_scale: 0.2 * size, convergence: 0.02 * size };
-        let aligned = align(&sparse, &pose, level, radius, &schedule, settings)?;
+        let aligned = align(&sparse, &pose, level, radius, &schedule, fixed, settings)?;
         (pose, iterations) = (aligned.pose, iterations + aligned.iterations);
     }
-    let finest = levels.first()?;
+    let finest = levels.into_iter().next()?;
     let scale = settings.least_scale;
     let schedule =
         Schedule { gate: (3.0 * sigma).max(finest.size()), first_scale: sigma / 3.0, last_scale: scale, convergence: settings.convergence };
-    let aligned = align(points, &pose, finest, radius, &schedule, settings)?;
+    let aligned = align(points, &pose, finest, radius, &schedule, fixed, settings)?;
     Some(summary(points.len(), aligned, iterations))
 }
 
@@ -153,7 +186,15 @@ struct Aligned {
     is_converged: bool,
 }
 
-fn align(points: &[Surfel], start: &Pose, level: &LocalMap, radius: f64, schedule: &Schedule, settings: &RegistrationSettings) -> Option<Aligned> {
+fn align(
+    points: &[Surfel],
+    start: &Pose,
+    level: &impl Surfaces,
+    radius: f64,
+    schedule: &Schedule,
+    fixed: &[Vector6<f64>],
+    settings: &RegistrationSettings,
+) -> Option<Aligned> {
     let mut kernel = Kernel { gate: schedule.gate, scale: schedule.first_scale.max(schedule.last_scale), point_weight: settings.point_weight };
     let mut pose = *start;
     for iterations in 1..=settings.max_iterations {
@@ -161,7 +202,7 @@ fn align(points: &[Surfel], start: &Pose, level: &LocalMap, radius: f64, schedul
         if equations.matched < LEAST_MATCHES {
             return None;
         }
-        let solution = Solution::of(&equations, radius)?;
+        let solution = Solution::of(&equations, radius, fixed)?;
         pose = stepped(&pose, &solution.step);
         let moved = solution.step.fixed_rows::<3>(0).norm() + radius * solution.step.fixed_rows::<3>(3).norm();
         let is_converged = kernel.scale <= schedule.last_scale && moved < schedule.convergence;
@@ -187,6 +228,7 @@ fn summary(points: usize, aligned: Aligned, coarse_iterations: usize) -> Registr
         spread: variance.sqrt(),
         iterations: iterations + coarse_iterations,
         is_converged,
+        has_larger_planes: false,
         equations,
         kernel,
     }
