@@ -87,7 +87,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     rest: f64,
     /// Cars and walkers that move through the world, parked cars that leave and gates that open; each point has a label then (labels/NNNNNN.label: 0 the
-    /// world, 1 what moves, 2 what moves at another time)
+    /// world, 1 what moves, 2 what stands and moves later, 3 what has moved and stands)
     #[arg(long, value_name = "N", default_value_t = 0)]
     traffic: usize,
     /// Samples per second of an inertial measurement unit with noise and biases, which is next to the sensor and turned by half a turn

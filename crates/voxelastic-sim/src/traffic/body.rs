@@ -73,11 +73,12 @@ impl Body {
 
     /// What points on it are labelled at a time in seconds.
     pub fn label(&self, time: f64) -> Label {
-        let moves = match &self.course {
-            Course::Along { departs, .. } => time >= *departs,
-            Course::Turning { times: [begin, end], .. } => (*begin..*end).contains(&time),
-        };
-        if moves { Label::Moving } else { Label::Resting }
+        match &self.course {
+            Course::Along { departs, .. } if time < *departs => Label::Resting,
+            Course::Turning { times: [begin, _], .. } if time < *begin => Label::Resting,
+            Course::Turning { times: [_, end], .. } if time >= *end => Label::Settled,
+            _ => Label::Moving,
+        }
     }
 }
 

@@ -9,6 +9,8 @@ pub enum Label {
     Static = 0,
     /// A body that moves at the time of the measurement.
     Moving = 1,
-    /// A body that stands, and moves at another time.
+    /// A body that stands, and moves later.
     Resting = 2,
+    /// A body that moved before, and stands from now on.
+    Settled = 3,
 }

@@ -18,7 +18,7 @@ use crate::atlas::{Atlas, SubmapId};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancySettings, Redundancy};
-use crate::sensor::{BeamModel, PreparedScan};
+use crate::sensor::BeamModel;
 use crate::settings::{Dynamic, SettingError, Settings};
 use std::time::{Duration, Instant};
 
@@ -104,7 +104,7 @@ impl Mapper {
     /// stored; more events may follow.
     pub fn finish(&mut self) {
         self.finish_fusions();
-        self.clean_submap();
+        self.clean_submaps();
         self.atlas.compact();
         if !std::mem::replace(&mut self.conflicts_resolved, true) {
             let hit = OccupancySettings::from(&self.settings).hit;
@@ -142,11 +142,11 @@ impl Mapper {
         &self.moving_points
     }
 
-    /// Removes surfaces of the submap that scans were integrated into last from places where nothing is before or after.
-    fn clean_submap(&mut self) {
-        let submap = self.moving.submap().and_then(|id| self.atlas.submap_mut(id));
-        if let (Some(submap), Some(frontend)) = (submap, &self.frontend) {
-            self.counts.voxels_removed += self.moving.clean(submap, frontend.model());
+    /// Removes surfaces from places where nothing is before or after.
+    fn clean_submaps(&mut self) {
+        let Some(frontend) = self.frontend.as_ref().filter(|_| self.settings.dynamic == Dynamic::Remove) else { return };
+        for submap in self.atlas.submaps_mut() {
+            self.counts.voxels_removed += self.moving.clean(submap, &self.clusters.graph, frontend.model());
         }
     }
 
@@ -157,21 +157,18 @@ impl Mapper {
             return Vec::new();
         }
         if self.moving.submap() != Some(id) {
-            if let Some(submap) = self.moving.submap().and_then(|old| self.atlas.submap_mut(old)) {
-                self.counts.voxels_removed += self.moving.clean(submap, prepared.model());
-            }
             let root = |id| self.clusters.graph.pose(self.clusters.assignments.root(id)?);
             let t_new_old = self.moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
             self.moving.enter(id, t_new_old.as_ref());
         }
-        let PreparedScan { returns, .. } = prepared.scan();
+        let returns = &prepared.scan().returns;
         let image = prepared.scan().view_from_one_pose(false).0;
-        let moves = self.moving.judge(t_submap_lidar, returns, image, prepared.model());
+        let moves = self.moving.judge(t_submap_lidar, prepared.scan(), prepared.model());
         let t_map_lidar = Rigid::from(&scan.t_map_lidar);
         let points = returns.points.iter().zip(&moves).take(returns.measured).filter(|(_, moves)| **moves);
         self.moving_points.extend(points.map(|(p, _)| t_map_lidar.apply(*p)));
         self.counts.moving_points += self.moving_points.len();
-        self.moving.remember(scan.node, t_submap_lidar, image, prepared.model());
+        self.moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), image, prepared.model());
         moves
     }
 
@@ -227,6 +224,7 @@ impl Mapper {
         let (new, scans) = rebuilder.rebuild(old, source)?;
         let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
         *old = new;
+        self.moving.forget(id);
         self.counts.rebuilds += 1;
         Ok(report)
     }

@@ -89,15 +89,12 @@ impl Rebuilder<'_> {
                 let mut moves = Vec::new();
                 if self.settings.dynamic == Dynamic::Remove {
                     let image = prepared.scan().view_from_one_pose(false).0;
-                    moves = moving.judge(&t_submap_lidar, &prepared.scan().returns, image, prepared.model());
-                    moving.remember(node, &t_submap_lidar, image, prepared.model());
+                    moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
+                    moving.remember(node, &t_submap_lidar, None, image, prepared.model());
                 }
                 self.integrators.integrate(&mut new, &t_submap_lidar, &prepared.without(&moves), self.settings, &Redundancy::default());
                 scans += 1;
             }
-        }
-        if let Some(frontend) = self.frontend {
-            moving.clean(&mut new, frontend.model());
         }
         new.tsdf.compact_all();
         Ok((new, scans))

@@ -6,7 +6,7 @@
 
 use super::background_fusion::FusionSchedule;
 use super::frontend::Frontend;
-use super::moving::MovingState;
+use super::moving::{Cells, MovingState};
 use super::pipeline::Mapper;
 use super::rebuild::ScanSource;
 use super::report::ElasticCounts;
@@ -113,13 +113,12 @@ impl Mapper {
             let frontend = Frontend::open(&mapper.settings, mapper.sensor_model.as_ref(), &cloud);
             mapper.frontend = Some(frontend.map_err(|error| cannot_read(Box::new(error)))?);
         }
-        mapper.moving = state.moving.detector();
-        for (node, t_submap_lidar) in state.moving.views() {
-            let cloud = scans.cloud(node).map_err(|source| ResumeError::Scan { node, source })?;
-            if let Some(frontend) = &mut mapper.frontend {
-                let prepared = frontend.prepare(&cloud);
-                mapper.moving.add_view(node, &t_submap_lidar, prepared.scan().view_from_one_pose(false).0, prepared.model());
-            }
+        if let Some(frontend) = &mut mapper.frontend {
+            let model = frontend.model().clone();
+            mapper.moving = state.moving.detector(&model, |node| -> Result<Cells, ResumeError> {
+                let cloud = scans.cloud(node).map_err(|source| ResumeError::Scan { node, source })?;
+                Ok(Cells::new(frontend.prepare(&cloud).scan().view_from_one_pose(false).0))
+            })?;
         }
         for (submap, counts) in state.observed {
             let other = ResumeError::OtherSubmap { submap };

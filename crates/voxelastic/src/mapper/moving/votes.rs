@@ -7,6 +7,8 @@ use super::view::Sight;
 pub(super) struct Votes {
     void: u16,
     seen: u16,
+    /// Times void, if it is not that it was missed.
+    sparse: u16,
     /// Times seen before it was void last.
     seen_before: u16,
     /// Times void since it was seen last.
@@ -18,6 +20,7 @@ impl Votes {
     pub fn add(&mut self, sight: Sight) {
         match sight {
             Sight::Unknown => {}
+            Sight::Sparse => self.sparse += 1,
             Sight::Seen => {
                 self.seen += 1;
                 self.void_since = 0;
@@ -31,11 +34,12 @@ impl Votes {
     }
 
     /// Whether a point that is measured there now is on something that moves: the place was void, hardly seen before that, and not seen often since, as what came
-    /// and stays is.
+    /// and stays is. Or it was never seen: not everything is missed twice.
     pub fn has_come(&self) -> bool {
         /// Times seen after which something stands.
         const STANDS: u16 = 8;
-        self.void >= 1 && 2 * self.seen_before < self.void && self.seen - self.seen_before < STANDS
+        let came = self.void >= 1 && 2 * self.seen_before < self.void && self.seen - self.seen_before < STANDS;
+        came || (self.seen == 0 && self.void + self.sparse >= 2)
     }
 
     /// Whether a point there that is beside points on something that moves may be on it, too: hardly any view saw it.
@@ -47,7 +51,12 @@ impl Votes {
     pub fn has_gone(&self) -> bool {
         let mostly = self.void >= 1 && 2 * self.void > self.seen;
         let lately = self.void_since >= 2 && 4 * self.void_since >= self.seen;
-        mostly || lately
+        mostly || lately || (self.seen == 0 && self.void + self.sparse >= 2)
+    }
+
+    /// Whether a surface there has gone, by views of later times: several are void and none saw anything.
+    pub fn is_gone_later(&self) -> bool {
+        self.void + self.sparse >= 2 && self.seen == 0
     }
 }
 
@@ -61,6 +70,7 @@ mod tests {
             votes.add(match c {
                 'v' => Sight::Void,
                 's' => Sight::Seen,
+                '.' => Sight::Sparse,
                 _ => Sight::Unknown,
             });
         });
@@ -80,6 +90,10 @@ mod tests {
             ("sssssssssssvv", false, false),
             ("ssss", false, false),
             ("vvssssssss", false, false),
+            (".", false, false),
+            ("..", true, true),
+            ("...s", false, false),
+            (".vs.", true, true),
         ] {
             assert_eq!((votes(sights).has_come(), votes(sights).has_gone()), (came, gone), "{sights}");
         }
