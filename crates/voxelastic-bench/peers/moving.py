@@ -9,7 +9,7 @@
 Needs numpy and scipy; open3d for the scores of the maps; dufomap for the peer (pip install dufomap). Prints the shares of static points kept (SA) and of
 points on things that move removed (DA), and AA, the root of their product. Online, a point is removed if it was set aside when it came; points on what
 stands and moves at another time do not count. Offline, it is removed if it is not within 10 cm of the clean surface, of those within 10 cm of the surface of
-everything; what stands at first and leaves counts as moving.
+everything; what stands at first and leaves counts as moving, what has come to rest does not count.
 """
 import sys
 import time
