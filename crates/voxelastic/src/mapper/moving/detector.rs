@@ -104,7 +104,7 @@ impl MovingDetector {
         // In staggered rows.
         let is_first = |&i: &usize| {
             let (row, column) = (returns.pixel[i] as usize / columns, returns.pixel[i] as usize % columns);
-            row < rows && row % STRIDE[0] == 0 && (column + row / STRIDE[0] % 2 * STRIDE[1] / 2) % STRIDE[1] == 0
+            row < rows && row.is_multiple_of(STRIDE[0]) && (column + row / STRIDE[0] % 2 * STRIDE[1] / 2).is_multiple_of(STRIDE[1])
         };
         let first: Vec<usize> = (0..returns.measured).filter(is_first).collect();
         let mut around = vec![false; rows * columns];

@@ -106,7 +106,7 @@ impl KeptScans {
         let poses: HashMap<NodeId, &Pose> = submap.scans.iter().map(|scan| (scan.node, &scan.t_submap_lidar)).collect();
         let own: Vec<(usize, &Pose)> = self.nodes().enumerate().filter_map(|(i, node)| Some((i, *poses.get(&node)?))).collect();
         let Some(&(last, _)) = own.last() else { return Chosen::default() };
-        let (mut beside, mut later): (Vec<(usize, Pose)>, Vec<(usize, Pose)>) = Default::default();
+        let (mut beside, mut later) = (Vec::new(), Vec::new());
         for (i, node) in self.nodes().enumerate() {
             // From the nearest scan of the submap on, poses follow the graph.
             let at = own.partition_point(|(j, _)| *j < i);

@@ -88,7 +88,7 @@ impl View {
         for (i, ((&pixel, &range), size)) in pixels.iter().zip(ranges.iter()).zip(sizes).enumerate() {
             let gaps = self.gaps.map(|gap| gap * range);
             if pixel < OUTSIDE && gaps[0].max(gaps[1]) <= LARGEST_GAP {
-                let sight = self.sight((pixel / columns) as usize, (pixel % columns >> self.shift) as usize, range);
+                let sight = self.sight((pixel / columns) as usize, ((pixel % columns) >> self.shift) as usize, range);
                 let is_missed = sight == Sight::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
                 tell(i, if is_missed { Sight::Sparse } else { sight });
             }

@@ -38,7 +38,7 @@ impl Neighbours {
         outputs.zip(points.par_chunks(CHUNK)).for_each(|((all, reach), points)| {
             for ((all, reach), point) in all.chunks_exact_mut(each.get()).zip(reach).zip(points) {
                 let mut found: Vec<(f32, u32)> =
-                    tree.query(point).nearest_n::<SquaredEuclidean<f32>>(each).execute().into_iter().map(|n| (n.distance, n.item as u32)).collect();
+                    tree.query(point).nearest_n::<SquaredEuclidean<f32>>(each).execute().into_iter().map(|n| (n.distance, n.item)).collect();
                 // Equal distances in the order of the points.
                 found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 all.iter_mut().zip(&found).for_each(|(to, from)| *to = from.1);
