@@ -21,6 +21,8 @@ pub struct Session {
     recorder: Recorder,
     /// Of the map; none before the first scan.
     origin: Option<Origin>,
+    /// Points on things that move, map frame, if they are wanted.
+    moving_points: Option<Vec<[f32; 3]>>,
 }
 
 /// Statistics of the time per scan, with preparation, without reading and decoding of files. Milliseconds.
@@ -38,13 +40,13 @@ impl Session {
     /// A session of `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::default(), origin: None }
+        Self { mapper, pool, clock, recorder: Recorder::default(), origin: None, moving_points: None }
     }
 
     /// A session that goes on with the log of an earlier process, and around the origin that it chose.
     pub fn resumed(mapper: Mapper, pool: rayon::ThreadPool, log: RunLog, origin: Origin) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::resumed(log), origin: Some(origin) }
+        Self { mapper, pool, clock, recorder: Recorder::resumed(log), origin: Some(origin), moving_points: None }
     }
 
     /// The event with the origin of the map taken off its poses. The first scan decides where that is.
@@ -69,6 +71,16 @@ impl Session {
     /// How the map is made, to be stored with it.
     pub fn details(&self) -> MapDetails {
         MapDetails::describe(self.mapper.settings(), self.mapper.sensor()).with_origin(self.origin())
+    }
+
+    /// Keeps the points on things that move, from now on.
+    pub fn keep_moving_points(&mut self) {
+        self.moving_points = Some(Vec::new());
+    }
+
+    /// The points on things that moved, each where it was: map frame, metres; none if they are not kept.
+    pub fn moving_points(&self) -> &[[f32; 3]] {
+        self.moving_points.as_deref().unwrap_or_default()
     }
 
     /// Begins a new map with another mapper; the log begins anew, too.
@@ -96,6 +108,9 @@ impl Session {
         let wall = clock.elapsed();
         if let Ok(report) = &done {
             let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
+            if let (Some(points), Some(_)) = (&mut self.moving_points, report) {
+                points.extend_from_slice(self.mapper.moving_points());
+            }
             self.recorder.record(&summary, &Outcome { report: report.as_ref(), wall, cpu }, &self.mapper);
         }
         done

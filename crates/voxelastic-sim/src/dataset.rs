@@ -2,7 +2,8 @@
 //!
 //! | file | what |
 //! | --- | --- |
-//! | `scans/NNNNNN.pcd` | the cloud of node N: organised, `x y z intensity time ring`, no return is NaN |
+//! | `scans/NNNNNN.pcd` | the cloud of node N: organised, `x y z intensity time ring`, no return is NaN; of a sensor whose beams never repeat, and thinned ones: unorganised, without rings |
+//! | `labels/NNNNNN.label` | a [`Label`](crate::traffic::Label) of each of its points as a `u32`, little-endian, as in SemanticKITTI; if anything moves |
 //! | `poses.tum` | the drifting odometry, the default poses of the folder |
 //! | `poses@NNNNNN.txt` | TUM, the poses of the nodes 0 to N as corrected when a loop closed at node N |
 //! | `groundtruth.tum` | the true poses |
@@ -30,6 +31,9 @@ pub const WORLD_FILE: &str = "world.toml";
 /// Name of the recording in a folder with one.
 pub const RECORDING_FILE: &str = "recording.mcap";
 
+/// Name of the folder with the labels of the points.
+pub const LABEL_FOLDER: &str = "labels";
+
 /// Version of the world file.
 const FORMAT: u32 = 1;
 
@@ -56,14 +60,23 @@ impl Simulation {
         let scans = dir.join("scans");
         refuse_occupied(dir)?;
         fs::create_dir_all(&scans).map_err(SimError::file(&scans))?;
+        let labels = (self.options().traffic > 0).then(|| dir.join(LABEL_FOLDER));
+        if let Some(labels) = &labels {
+            fs::create_dir_all(labels).map_err(SimError::file(labels))?;
+        }
         let mut written = 0;
         // A batch for all threads: some encode and write while others cast.
         let batch = 2 * rayon::current_num_threads();
         while written < self.len() {
             let end = (written + batch).min(self.len());
             (written..end).into_par_iter().try_for_each(|k| {
-                let cloud = self.cloud(k).unwrap_or_default();
-                pcd::write(scans.join(format!("{k:06}.pcd")), &cloud)
+                let (cloud, of_points) = self.labelled_cloud(k).unwrap_or_default();
+                if let Some(labels) = &labels {
+                    let path = labels.join(format!("{k:06}.label"));
+                    let bytes: Vec<u8> = of_points.iter().flat_map(|&label| u32::from(label).to_le_bytes()).collect();
+                    fs::write(&path, bytes).map_err(SimError::file(&path))?;
+                }
+                pcd::write(scans.join(format!("{k:06}.pcd")), &cloud).map_err(SimError::from)
             })?;
             written = end;
             if progress(written, self.len()).is_break() {

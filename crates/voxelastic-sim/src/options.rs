@@ -3,7 +3,7 @@
 use crate::drift::LoopSettings;
 use crate::imu::ImuSettings;
 use crate::route::Carrier;
-use crate::sensor::LidarSettings;
+use crate::sensor::{LidarSettings, Pattern};
 use crate::{Scene, SimError};
 use serde::{Deserialize, Serialize};
 
@@ -17,11 +17,14 @@ pub struct SimOptions {
     pub world: String,
     /// Seed of all random numbers: furniture of the world, noise and drift.
     pub seed: u64,
-    /// Name of the sensor, see [`voxelastic::sensor::preset_names`].
+    /// Name of the sensor, see [`voxelastic::sensor::preset_names`] and [`Pattern::names`](crate::sensor::Pattern::names).
     pub sensor: String,
-    /// Columns per revolution; that of the sensor preset if absent.
+    /// Columns per revolution; that of the sensor preset if absent. Sensors whose beams never repeat have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub columns: Option<usize>,
+    /// Thins clouds: the returns in each cube of this edge are replaced by their mean, as SLAM systems do; metres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub thin: Option<f64>,
     /// Number of scans; that of the world ([`crate::Scene::default_scans`]) if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scans: Option<usize>,
@@ -57,6 +60,7 @@ impl Default for SimOptions {
             seed: 1,
             sensor: "os1-64".into(),
             columns: None,
+            thin: None,
             scans: None,
             spacing: 2.0,
             rate: None,
@@ -117,6 +121,12 @@ impl SimOptions {
         }
         if let Some(scans) = self.scans.filter(|n| !(1..=MAX_SCANS).contains(n)) {
             return bad("scans", scans as f64, "from 1 to 10000000");
+        }
+        if let Some(cell) = self.thin.filter(|cell| !(0.01..=10.0).contains(cell)) {
+            return bad("thin", cell, "from 0.01 to 10 metres");
+        }
+        if let Some(columns) = self.columns.filter(|_| Pattern::named(&self.sensor).is_some()) {
+            return bad("columns", columns as f64, "absent: the beams of this sensor never repeat");
         }
         if !(0.0..=50.0).contains(&self.drift) {
             return bad("drift", self.drift, "from 0 to 50 metres in 100 m");

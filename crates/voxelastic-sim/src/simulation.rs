@@ -4,8 +4,8 @@ use crate::drift::{self, Correction};
 use crate::imu::Imu;
 use crate::options::SimOptions;
 use crate::random::Stream;
-use crate::sensor::Lidar;
-use crate::traffic::Traffic;
+use crate::sensor::{Lidar, Pattern, thin};
+use crate::traffic::{Surroundings, Traffic};
 use crate::{Scene, SimError, SurfacePoint, World};
 use hashbrown::HashSet;
 use rayon::prelude::*;
@@ -53,11 +53,11 @@ impl Simulation {
     pub fn new(options: SimOptions) -> Result<Self, SimError> {
         options.check()?;
         let scene = options.scene()?;
-        let model = match options.columns {
-            Some(columns) => preset_with_columns(&options.sensor, columns),
-            None => preset(&options.sensor),
-        }?;
-        let lidar = Lidar::new(model, options.lidar)?;
+        let lidar = match (Pattern::named(&options.sensor), options.columns) {
+            (Some(pattern), _) => Lidar::of_pattern(pattern, options.lidar)?,
+            (None, Some(columns)) => Lidar::new(preset_with_columns(&options.sensor, columns)?, options.lidar)?,
+            (None, None) => Lidar::new(preset(&options.sensor)?, options.lidar)?,
+        };
         let step = options.rate.map_or(options.spacing / scene.trajectory.carrier.speed, |rate| 1.0 / rate);
         let times: Vec<f64> = (0..options.scans.unwrap_or(scene.default_scans)).map(|k| k as f64 * step).collect();
         let truth: Vec<Pose> = times.iter().map(|&t| scene.trajectory.pose(t)).collect();
@@ -144,10 +144,21 @@ impl Simulation {
 
     /// The cloud of node `k`, lidar frame; `None` beyond the last. Deterministic for any number of threads.
     pub fn cloud(&self, k: usize) -> Option<Cloud> {
+        self.labelled_cloud(k).map(|(cloud, _)| cloud)
+    }
+
+    /// As [`cloud`](Self::cloud), with the [`Label`](crate::traffic::Label) of each point, as a number. Where clouds are thinned, a cube with points of several
+    /// labels has the largest.
+    pub fn labelled_cloud(&self, k: usize) -> Option<(Cloud, Vec<u8>)> {
         let time = *self.times.get(k)?;
         let trajectory = &self.scene.trajectory;
         let world = self.traffic.within(&self.scene.world, time);
-        Some(self.lidar.scan(world, |offset| trajectory.pose(time + offset), &self.noise.fork(k as u64)))
+        let (cloud, mut labels) = self.lidar.labelled_scan(world, |offset| trajectory.pose(time + offset), &self.noise.fork(k as u64));
+        let cloud = match self.options.thin {
+            Some(cell) => thin(&cloud, &mut labels, cell),
+            None => cloud,
+        };
+        Some((cloud, labels))
     }
 
     /// The inertial measurement unit, if there is one.
@@ -197,7 +208,8 @@ impl Simulation {
         let rows = self.lidar.model().rows();
         for &time in &self.times {
             let pose_at = |offset| self.scene.trajectory.pose(time + offset);
-            let columns = self.lidar.true_points(&self.scene.world, pose_at, max_range);
+            let around = Surroundings { time, ..Surroundings::from(&self.scene.world) };
+            let columns = self.lidar.true_points(&around, pose_at, max_range);
             // Neighbours in a column often share a cube: drop them before the lookup in the set.
             let downsampled: Vec<Vec<([i32; 3], SurfacePoint)>> = columns
                 .par_chunks(rows)

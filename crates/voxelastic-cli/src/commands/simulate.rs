@@ -40,6 +40,8 @@ use voxelastic_sim::{SimError, SimOptions, Simulation};
   voxelastic simulate street -o street --laps 3 --spacing 1 --moving
   voxelastic simulate mine -o mine --sensor os0-128 --columns 512 --drift 2 --seed 7
   voxelastic simulate campus -o walk --carrier handheld --rest 3 --moving --rate 10 --scans 600 --imu 100 --bag
+  voxelastic simulate campus -o livox --sensor avia --spacing 0.5 --scans 400
+  voxelastic simulate street -o thin --thin 0.3         as SLAM systems keep their clouds
   voxelastic simulate room -o room --scans 10 --columns 256 --noise 0")]
 pub struct SimulateArgs {
     /// The world
@@ -60,12 +62,15 @@ pub struct SimulateArgs {
     /// Scans per second, instead of a distance between them
     #[arg(long, value_name = "HZ", conflicts_with = "spacing")]
     rate: Option<f64>,
-    /// The sensor, one of those of `voxelastic map --sensor`
+    /// The sensor, one of those of `voxelastic map --sensor`, or avia or mid-360 (Livox), whose beams never repeat
     #[arg(long, value_name = "NAME", default_value = "os1-64")]
     sensor: String,
     /// Columns per revolution [default: that of the sensor, 1024 for os1-64]
     #[arg(long, value_name = "N")]
     columns: Option<usize>,
+    /// Thin the clouds as SLAM systems do: one point, the mean, in each cube of this edge, metres
+    #[arg(long, value_name = "M")]
+    thin: Option<f64>,
     /// Maximum range, metres
     #[arg(long, value_name = "M", default_value_t = 120.0)]
     max_range: f64,
@@ -81,7 +86,8 @@ pub struct SimulateArgs {
     /// Seconds for which the sensor stands still at first
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     rest: f64,
-    /// Cars and walkers that move through the world
+    /// Cars and walkers that move through the world, parked cars that leave and gates that open; each point has a label then (labels/NNNNNN.label: 0 the
+    /// world, 1 what moves, 2 what stands and moves later, 3 what has moved and stands)
     #[arg(long, value_name = "N", default_value_t = 0)]
     traffic: usize,
     /// Samples per second of an inertial measurement unit with noise and biases, which is next to the sensor and turned by half a turn
@@ -188,6 +194,7 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         seed: args.seed,
         sensor: args.sensor.clone(),
         columns: args.columns,
+        thin: args.thin,
         scans: args.scans,
         spacing: args.spacing,
         rate: args.rate,

@@ -15,8 +15,10 @@ const COLUMNS: usize = 180;
 /// Half of the street's length, width and height, metres.
 const HALF: [f64; 3] = [40.0, 6.0, 4.0];
 
-/// A scan in a street closed on all sides.
-fn scan(t_map_lidar: &Pose) -> Cloud {
+/// The scan of `node` in a street closed on all sides, in which a ball comes along.
+fn scan(node: NodeId) -> Cloud {
+    let t_map_lidar = &pose(node);
+    let ball = nalgebra::Vector3::new(t_map_lidar.translation.x + 5.0 - 1.3 * (node % 9) as f64, 3.0, 0.0);
     let ray = |k: usize| {
         let (row, column) = (k / COLUMNS, k % COLUMNS);
         let elevation = (20.0 - 40.0 * row as f64 / (ROWS - 1) as f64).to_radians();
@@ -25,6 +27,9 @@ fn scan(t_map_lidar: &Pose) -> Cloud {
         let (from, direction) = (t_map_lidar.translation.vector, t_map_lidar.rotation * local);
         let wall = |k: usize| (HALF[k].copysign(direction[k]) - from[k]) / direction[k];
         let range = (0..3).map(wall).fold(f64::INFINITY, f64::min);
+        let (along, square) = ((ball - from).dot(&direction), (ball - from).norm_squared());
+        let inside = 1.0 - (square - along * along);
+        let range = if along > 0.0 && inside > 0.0 { along - inside.sqrt() } else { range };
         (local * range).map(|c| c as f32).into()
     };
     let points: Vec<[f32; 3]> = (0..ROWS * COLUMNS).map(ray).collect();
@@ -48,7 +53,7 @@ fn drifted(node: NodeId) -> Pose {
 fn events() -> Vec<Event> {
     let mut events = Vec::new();
     for node in 0..130 {
-        events.push(Event::Scan(Scan { node, time: node as f64, t_map_lidar: drifted(node), cloud: scan(&pose(node)) }));
+        events.push(Event::Scan(Scan { node, time: node as f64, t_map_lidar: drifted(node), cloud: scan(node) }));
         if node > 0 {
             let t_from_to = drifted(node - 1).inv_mul(&drifted(node));
             events.push(Event::OdometryEdge(Edge { from: node - 1, to: node, t_from_to, information: None }));
@@ -66,13 +71,14 @@ struct Scans;
 
 impl ScanSource for Scans {
     fn cloud(&mut self, node: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
-        Ok(scan(&pose(node)))
+        Ok(scan(node))
     }
 }
 
 fn settings() -> Settings {
     let mut settings = Settings { voxel_size: 0.25, max_range: 20.0, lambda_odom: 12.0, lambda_cluster: 8.0, ..Settings::default() };
     settings.set("field", "both").unwrap();
+    settings.set("dynamic", "remove").unwrap();
     settings
 }
 
@@ -104,7 +110,9 @@ fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value
         stored += 1;
     }
     mapper.finish();
-    let fusions = mapper.elastic_counts().fusions;
+    let counts = mapper.elastic_counts();
+    assert!(counts.moving_points > 100, "{counts:?}");
+    let fusions = counts.fusions;
     (mapper.into_atlas(), [stored, with_fusions_due, fusions])
 }
 
@@ -118,12 +126,15 @@ fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
         println!("every {every} events: stored {stored} times, {due} times with fusions due, {fusions} fusions");
         assert!(stored > 1 && due > 0);
         assert!(same_atlas(&whole, &resumed), "every {every} events");
-    } // What is stored beside the fields makes a difference.
+    }
+    // What is stored beside the fields makes a difference.
     let no_observations = |state: &mut serde_json::Value| {
         let counts = state["observed"].as_array_mut().unwrap().iter_mut().flat_map(|submap| submap[1].as_array_mut().unwrap());
         counts.for_each(|count| *count = 0.into());
     };
     let no_fusions = |state: &mut serde_json::Value| state["fusions"]["queue"] = serde_json::json!([]);
+    let no_views = |state: &mut serde_json::Value| state["moving"]["views"] = serde_json::json!([]);
     assert!(!same_atlas(&whole, &mapped(&events, 40, no_observations).0), "observation counts");
+    assert!(!same_atlas(&whole, &mapped(&events, 40, no_views).0), "scans to find what moves");
     assert!(!same_atlas(&whole, &mapped(&events, 40, no_fusions).0), "fusions that are due");
 }

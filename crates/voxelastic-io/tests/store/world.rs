@@ -66,11 +66,7 @@ impl Walk {
         let normals = vec![[0.0; 3]; points.len()];
         let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: origin };
         let intensities = if self.has_intensity { &intensities[..] } else { &[] };
-        self.integrator.integrate(
-            field,
-            &pose,
-            &ReturnsView { points: &points, normals: &normals, intensities, origins: &[], smallest_angle: 6.4 / columns as f32 },
-        );
+        self.integrator.integrate(field, &pose, &ReturnsView { intensities, ..ReturnsView::of_points(&points, &normals, 6.4 / columns as f32) });
     }
 }
 

@@ -1,6 +1,7 @@
 //! A world with what moves in it.
 
 use super::body::{Body, Traffic};
+use super::label::Label;
 use crate::solid::Vec3;
 use crate::{Ray, World};
 
@@ -37,6 +38,8 @@ pub(crate) struct BodyPose<'a> {
     /// Middle of a ball around it, world frame, and its squared radius.
     middle: Vec3,
     square: f64,
+    /// What its points are labelled.
+    pub label: Label,
 }
 
 impl<'a> Surroundings<'a> {
@@ -48,7 +51,8 @@ impl<'a> Surroundings<'a> {
             let corner = Vec3::new(low[0].abs().max(high[0].abs()), low[1].abs().max(high[1].abs()), 0.5 * (high[2] - low[2]));
             let middle = Vec3::new(position[0], position[1], 0.5 * (low[2] + high[2]));
             let (sin, cos) = heading.sin_cos();
-            Some(BodyPose { shape: &body.shape, position, cos, sin, middle, square: corner.norm_squared() })
+            let label = body.label(self.time + offset);
+            Some(BodyPose { shape: &body.shape, position, cos, sin, middle, square: corner.norm_squared(), label })
         };
         self.traffic.iter().filter_map(pose).collect()
     }

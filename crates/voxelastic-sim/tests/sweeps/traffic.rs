@@ -7,7 +7,7 @@ use voxelastic::sensor::preset_with_columns;
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::route::Route;
 use voxelastic_sim::sensor::{Lidar, LidarSettings, Noise};
-use voxelastic_sim::traffic::{Body, Traffic};
+use voxelastic_sim::traffic::{Body, Course, Label, Traffic};
 use voxelastic_sim::{Scene, WorldBuilder};
 
 fn lidar(moving: bool) -> Lidar {
@@ -19,7 +19,8 @@ fn lidar(moving: bool) -> Lidar {
 fn ball() -> Body {
     let mut b = WorldBuilder::new("ball", 1);
     b.sphere([0.0, 0.0, 1.0], 1.0, 0.5);
-    Body { shape: Arc::new(b.build().unwrap()), route: Route::rounded(&[], 40.0), left: 30.0, start: 0.0, speed: 10.0 }
+    let course = Course::Along { route: Route::rounded(&[], 40.0), left: 30.0, start: 0.0, speed: 10.0, departs: 0.0 };
+    Body { shape: Arc::new(b.build().unwrap()), course }
 }
 
 #[test]
@@ -57,4 +58,32 @@ fn a_body_hides_the_world_and_without_bodies_nothing_changes() {
     assert!(pairs().filter(|(a, b)| range(b) < range(a) - 0.5).count() > 50);
     let again = Traffic::along(&scene, 10, 1).unwrap();
     assert!(traffic.bodies.iter().zip(&again.bodies).all(|(a, b)| a.at(7.0) == b.at(7.0)));
+}
+
+#[test]
+fn points_are_labelled_by_what_they_are_on() {
+    let scene = Scene::named("street", 1).unwrap();
+    let traffic = Traffic::along(&scene, 12, 1).unwrap();
+    let label = |k: usize, time: f64| traffic.bodies[k].label(time);
+    // The fifth stands and leaves, the sixth turns and stands again.
+    assert_eq!([label(4, 0.0), label(4, 60.0), label(5, 0.0), label(5, 60.0), label(0, 0.0)], {
+        use Label::{Moving, Resting, Settled};
+        [Resting, Moving, Resting, Settled, Moving]
+    });
+    let (_, closed) = traffic.bodies[5].at(0.0);
+    let (_, open) = traffic.bodies[5].at(60.0);
+    assert!((open - closed - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
+    let pose = scene.trajectory.pose(0.0);
+    let lidar = lidar(false);
+    let (among, labels) = lidar.labelled_scan(traffic.within(&scene.world, 0.0), |_| pose, &Stream::new(4, &[]));
+    let alone = lidar.scan(&scene.world, |_| pose, &Stream::new(4, &[]));
+    let range = |p: &[f32; 3]| p.iter().map(|v| v * v).sum::<f32>().sqrt();
+    let mut counts = [0; 4];
+    for ((a, b), label) in alone.points.iter().zip(&among.points).zip(&labels) {
+        counts[usize::from(*label)] += usize::from(b[0].is_finite());
+        let is_hidden = b[0].is_finite() && (!a[0].is_finite() || range(b) < range(a) - 1e-3);
+        assert!(*label == 0 || is_hidden, "a labelled point is nearer than the world");
+        assert!(*label != 0 || !is_hidden, "a point before the world is labelled");
+    }
+    assert!(counts[..3].iter().all(|&count| count > 5), "{counts:?}");
 }

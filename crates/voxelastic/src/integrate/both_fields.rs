@@ -49,20 +49,27 @@ impl FieldIntegrators {
         let ScanInput { t_submap_lidar, image, fills_gaps: fill, .. } = *scan;
         let smallest_angle = scan.returns.smallest_angle;
         let Some(tsdf) = tsdf else {
-            let stats = occupancy.as_mut().map(|occupancy| occupancy.integrate(fields.occupancy, &t_submap_lidar, image, &scan.returns, fill));
+            let measured = scan.returns.measured_only();
+            let stats = occupancy.as_mut().map(|occupancy| occupancy.integrate(fields.occupancy, &t_submap_lidar, image, &measured, fill));
             return (None, stats);
         };
         let clock = Instant::now();
         let returns = scan.returns.first(MAX_RAYS);
         let tsdf_scan = tsdf.scan(&t_submap_lidar, &returns);
         let measured = occupancy.as_mut().map(|occupancy| occupancy.rays_to_build(smallest_angle));
-        build_rays(&returns, &tsdf_scan.frame, Some(tsdf.rays_to_build(smallest_angle)), measured);
+        let surface = Some(tsdf.rays_to_build(smallest_angle));
+        if returns.measured == returns.points.len() {
+            build_rays(&returns, &tsdf_scan.frame, surface, measured);
+        } else {
+            build_rays(&returns, &tsdf_scan.frame, surface, None);
+            build_rays(&returns.measured_only(), &tsdf_scan.frame, None, measured);
+        }
         let transform = clock.elapsed();
         let mut tsdf_stats = tsdf.integrate_rays(fields.tsdf, &tsdf_scan, redundancy);
         tsdf_stats.phases.transform = transform;
         if !scan.colours.is_empty() {
             let settings = tsdf.settings();
-            integrate_colours(fields.tsdf, &t_submap_lidar, &returns, scan.colours, settings.voxel_size, settings.max_range);
+            integrate_colours(fields.tsdf, &t_submap_lidar, &returns.measured_only(), scan.colours, settings.voxel_size, settings.max_range);
         }
         let occupancy_scan = OccupancyScan { t_submap_lidar, image, fill, smallest_angle, returns: None };
         let occupancy_stats = occupancy.as_mut().map(|occupancy| occupancy.integrate_scan(fields.occupancy, &occupancy_scan));

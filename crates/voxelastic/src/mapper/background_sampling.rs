@@ -149,7 +149,7 @@ mod tests {
         let points: Vec<[f32; 3]> = (0..600 * 600).map(|i| [(i % 600) as f32 * 0.1 - 30.0, (i / 600) as f32 * 0.1 - 30.0, -2.0]).collect();
         let normals = vec![[0.0, 0.0, 1.0]; points.len()];
         let identity = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
-        let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.003 };
+        let returns = ReturnsView::of_points(&points, &normals, 0.003);
         let mut submap = Submap::new(0, 0.1, Pose::identity());
         TsdfIntegrator::new(TsdfSettings { voxel_size: 0.1, ..TsdfSettings::default() }).integrate(&mut submap.tsdf, &identity, &returns);
         Arc::new(submap)

@@ -1,8 +1,12 @@
 //! The way from a cloud to a prepared scan: the sensor, the returns, their intensities on a common scale, and their colours.
 
 use crate::Cloud;
-use crate::sensor::{BeamModel, CloudLayout, LazyScan, PreparedScan, RangeLimits, ScanPreprocessor, SensorError, detect, layout_for, preset};
+use crate::integrate::ReturnsView;
+use crate::sensor::{
+    BeamModel, CloudLayout, LazyScan, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect, layout_for, preset,
+};
 use crate::settings::Settings;
+use std::borrow::Cow;
 
 /// Prepares the scans of one sensor.
 #[derive(Debug)]
@@ -36,7 +40,8 @@ impl Frontend {
             (found.model, found.layout, found.description)
         };
         let intensity_scale = first.intensity.as_deref().and_then(scale_of);
-        let (preprocessor, has_tsdf) = (ScanPreprocessor::new(model, layout, limits), settings.field.has_tsdf());
+        let (mut preprocessor, has_tsdf) = (ScanPreprocessor::new(model, layout, limits), settings.field.has_tsdf());
+        preprocessor.fill_between(settings.voxel_size);
         Ok(Self { preprocessor, has_tsdf, description, intensity_scale, intensities: Vec::new(), colours: Vec::new() })
     }
 
@@ -46,16 +51,16 @@ impl Frontend {
         let Self { preprocessor, has_tsdf, intensity_scale, intensities, colours, .. } = self;
         let scan = preprocessor.prepare_lazily(cloud);
         let source = &scan.scan().returns.source;
-        intensities.clear();
-        if let (Some(scale), Some(intensity)) = (*intensity_scale, &cloud.intensity) {
-            intensities.extend(source.iter().map(|&i| (intensity[i as usize] * scale).clamp(1.0, 255.0) as u8));
-        }
         colours.clear();
         // A colour field that was never filled is all black.
         if let Some(all) = cloud.colours.as_ref().filter(|colours| colours.iter().any(|c| *c != [0; 3])) {
             colours.extend(source.iter().map(|&i| all[i as usize]));
         }
-        FrontendScan { scan, has_tsdf: *has_tsdf, fills_gaps, intensities, colours }
+        intensities.clear();
+        let intensity = intensity_scale.zip(cloud.intensity.as_deref());
+        let mut prepared = FrontendScan { scan, has_tsdf: *has_tsdf, fills_gaps, intensity, intensities, colours };
+        prepared.add_intensities();
+        prepared
     }
 
     /// A description of the sensor in words.
@@ -67,6 +72,11 @@ impl Frontend {
     pub fn model(&self) -> &BeamModel {
         self.preprocessor.model()
     }
+
+    /// How its clouds are laid out.
+    pub fn layout(&self) -> &CloudLayout {
+        self.preprocessor.layout()
+    }
 }
 
 /// A scan that a [`Frontend`] has prepared.
@@ -75,7 +85,9 @@ pub struct FrontendScan<'a> {
     scan: LazyScan<'a>,
     has_tsdf: bool,
     fills_gaps: bool,
-    intensities: &'a [u8],
+    /// Intensities of the cloud, and the factor that brings them to the common scale.
+    intensity: Option<(f32, &'a [f32])>,
+    intensities: &'a mut Vec<u8>,
     colours: &'a [[u8; 3]],
 }
 
@@ -87,7 +99,18 @@ impl FrontendScan<'_> {
 
     /// Fits the planes, unless that has been done, and returns the scan with them.
     pub fn fit_planes(&mut self) -> &PreparedScan {
-        self.scan.fit_planes()
+        self.scan.fit_planes();
+        // Points may have been added.
+        self.add_intensities();
+        self.scan.scan()
+    }
+
+    /// Adds the intensities of returns that have none yet.
+    fn add_intensities(&mut self) {
+        if let Some((scale, intensity)) = self.intensity {
+            let source = self.scan.scan().returns.source.iter().skip(self.intensities.len());
+            self.intensities.extend(source.map(|&i| (intensity[i as usize] * scale).clamp(1.0, 255.0) as u8));
+        }
     }
 
     /// Fits the planes if the map has a TSDF; occupancy does not use them.
@@ -99,10 +122,10 @@ impl FrontendScan<'_> {
 
     /// Intensity of each return, 1 to 255; empty when the scan has none.
     pub fn intensities(&self) -> &[u8] {
-        self.intensities
+        &self.intensities[..]
     }
 
-    /// Colour of each return, sRGB; empty when the scan has none.
+    /// Colour of each measured return, sRGB; empty when the scan has none.
     pub fn colours(&self) -> &[[u8; 3]] {
         self.colours
     }
@@ -116,6 +139,74 @@ impl FrontendScan<'_> {
     pub fn fills_gaps(&self) -> bool {
         self.fills_gaps
     }
+}
+
+/// A prepared scan without the returns that were set aside.
+pub(super) struct KeptScan<'a> {
+    model: &'a BeamModel,
+    image: (&'a RangeImage, bool),
+    smallest_angle: f32,
+    points: Cow<'a, [[f32; 3]]>,
+    normals: Cow<'a, [[f32; 3]]>,
+    intensities: Cow<'a, [u8]>,
+    spacing: Cow<'a, [f32]>,
+    origins: Cow<'a, [[f32; 3]]>,
+    colours: Cow<'a, [[u8; 3]]>,
+    measured: usize,
+}
+
+impl FrontendScan<'_> {
+    /// The scan without the returns of which `drops` is true; all of it if that is empty.
+    pub(super) fn without<'a>(&'a self, drops: &[bool]) -> KeptScan<'a> {
+        let Returns { points, normals, spacing, origins, measured, .. } = &self.scan().returns;
+        KeptScan {
+            model: self.model(),
+            image: self.scan().view_from_one_pose(self.fills_gaps),
+            smallest_angle: self.scan().returns.smallest_angle,
+            points: kept(points, drops),
+            normals: kept(normals, drops),
+            intensities: kept(&self.intensities[..], drops),
+            spacing: kept(spacing, drops),
+            origins: kept(origins, drops),
+            colours: kept(self.colours, drops),
+            measured: measured - drops.iter().take(*measured).filter(|drops| **drops).count(),
+        }
+    }
+}
+
+impl KeptScan<'_> {
+    /// The sensor.
+    pub(super) fn model(&self) -> &BeamModel {
+        self.model
+    }
+
+    /// The range image as seen from the pose of the scan, with what was set aside, and whether single empty pixels of it are artefacts of projection.
+    pub(super) fn image(&self) -> (&RangeImage, bool) {
+        self.image
+    }
+
+    /// The returns.
+    pub(super) fn returns(&self) -> ReturnsView<'_> {
+        ReturnsView {
+            points: &self.points,
+            normals: &self.normals,
+            intensities: &self.intensities,
+            spacing: &self.spacing,
+            measured: self.measured,
+            origins: &self.origins,
+            smallest_angle: self.smallest_angle,
+        }
+    }
+
+    /// Colour of each measured return, sRGB; empty when the scan has none.
+    pub(super) fn colours(&self) -> &[[u8; 3]] {
+        &self.colours
+    }
+}
+
+/// The entries of `all` that are not dropped.
+fn kept<'a, T: Copy>(all: &'a [T], drops: &[bool]) -> Cow<'a, [T]> {
+    if drops.is_empty() { Cow::Borrowed(all) } else { all.iter().zip(drops).filter(|(_, drops)| !**drops).map(|(value, _)| *value).collect() }
 }
 
 /// Factor that brings all but the brightest fiftieth of the returns below 255; none when all are dark.

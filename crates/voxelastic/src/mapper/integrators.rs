@@ -1,12 +1,12 @@
 //! The integrators of both fields and their settings.
 
-use super::frontend::FrontendScan;
+use super::frontend::KeptScan;
 use crate::atlas::Submap;
 use crate::atlas::fusion::FusionSettings;
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{
-    FieldIntegrators, FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, ReturnsView, ScanInput, TsdfIntegrator,
-    TsdfSettings, TsdfStats,
+    FieldIntegrators, FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, ScanInput, TsdfIntegrator, TsdfSettings,
+    TsdfStats,
 };
 use crate::settings::{NoReturn, Settings};
 
@@ -59,16 +59,15 @@ impl Integrators {
         &mut self,
         submap: &mut Submap,
         t_submap_lidar: &Pose,
-        scan: &FrontendScan<'_>,
+        scan: &KeptScan<'_>,
         settings: &Settings,
         redundancy: &Redundancy<'_>,
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         if settings.field.has_occupancy() {
             self.fields.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(settings.into(), scan.model()));
         }
-        let (image, fills_gaps) = scan.scan().view_from_one_pose(scan.fills_gaps());
-        let returns = ReturnsView { intensities: scan.intensities(), ..ReturnsView::new(&scan.scan().returns) };
-        let input = ScanInput { t_submap_lidar: Rigid::from(t_submap_lidar), returns, colours: scan.colours(), image, fills_gaps };
+        let (image, fills_gaps) = scan.image();
+        let input = ScanInput { t_submap_lidar: Rigid::from(t_submap_lidar), returns: scan.returns(), colours: scan.colours(), image, fills_gaps };
         self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy)
     }
 }

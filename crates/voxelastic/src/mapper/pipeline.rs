@@ -8,6 +8,7 @@ use super::error::MapError;
 use super::frontend::{Frontend, FrontendScan};
 use super::idle::{IdleTask, keep_threads_awake};
 use super::integrators::Integrators;
+use super::moving::MovingDetector;
 use super::rebuild::{RebuildError, RebuildReport, Rebuilder, ScanSource};
 use super::report::{Assignment, ElasticCounts, ScanReport};
 use super::revisit::RevisitDetector;
@@ -18,7 +19,7 @@ use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancySettings, Redundancy};
 use crate::sensor::BeamModel;
-use crate::settings::{SettingError, Settings};
+use crate::settings::{Dynamic, SettingError, Settings};
 use std::time::{Duration, Instant};
 
 /// Turns a stream of events into an [`Atlas`].
@@ -33,6 +34,9 @@ pub struct Mapper {
     pub(super) sensor_model: Option<BeamModel>,
     pub(super) integrators: Integrators,
     pub(super) revisits: RevisitDetector,
+    pub(super) moving: MovingDetector,
+    /// Points of the last scan that were set aside, map frame, metres.
+    moving_points: Vec<[f32; 3]>,
     idle_task: Option<IdleTask>,
     /// The node whose cloud showed which sensor it is.
     pub(super) first_node: Option<NodeId>,
@@ -58,6 +62,8 @@ impl Mapper {
             sensor_model: None,
             integrators: Integrators::new(&settings),
             revisits: RevisitDetector::new(&settings),
+            moving: MovingDetector::default(),
+            moving_points: Vec::new(),
             idle_task: None,
             first_node: None,
             last_node: None,
@@ -94,10 +100,11 @@ impl Mapper {
         self.atlas
     }
 
-    /// Completes all fusions, compacts the submaps and [resolves conflicts](resolve_conflicts) between them. To be called before the map is
+    /// Completes all fusions, removes what moved, compacts the submaps and [resolves conflicts](resolve_conflicts) between them. To be called before the map is
     /// stored; more events may follow.
     pub fn finish(&mut self) {
         self.finish_fusions();
+        self.clean_submaps();
         self.atlas.compact();
         if !std::mem::replace(&mut self.conflicts_resolved, true) {
             let hit = OccupancySettings::from(&self.settings).hit;
@@ -115,6 +122,11 @@ impl Mapper {
         self.frontend.as_ref().map(Frontend::description)
     }
 
+    /// How the clouds of the sensor are laid out, see [`CloudLayout::name`](crate::sensor::CloudLayout::name); none before the first scan.
+    pub fn sensor_layout(&self) -> Option<&'static str> {
+        self.frontend.as_ref().map(|frontend| frontend.layout().name())
+    }
+
     /// Counts of submap assignments, fusions and corrections so far.
     pub fn elastic_counts(&self) -> ElasticCounts {
         ElasticCounts {
@@ -123,6 +135,41 @@ impl Mapper {
             size_limited_groups: self.clusters.size_limited_groups(),
             ..self.counts
         }
+    }
+
+    /// Points of the last scan that were set aside because they are on something that moves: map frame, at the scan's pose, metres.
+    pub fn moving_points(&self) -> &[[f32; 3]] {
+        &self.moving_points
+    }
+
+    /// Removes surfaces from places where nothing is before or after.
+    fn clean_submaps(&mut self) {
+        let Some(frontend) = self.frontend.as_ref().filter(|_| self.settings.dynamic == Dynamic::Remove) else { return };
+        for submap in self.atlas.submaps_mut() {
+            self.counts.voxels_removed += self.moving.clean(submap, &self.clusters.graph, frontend.model());
+        }
+    }
+
+    /// Finds the returns of a scan into submap `id` that are on something that moves, a flag each; empty if none is.
+    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, prepared: &FrontendScan<'_>) -> Vec<bool> {
+        self.moving_points.clear();
+        if self.settings.dynamic == Dynamic::Keep {
+            return Vec::new();
+        }
+        if self.moving.submap() != Some(id) {
+            let root = |id| self.clusters.graph.pose(self.clusters.assignments.root(id)?);
+            let t_new_old = self.moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
+            self.moving.enter(id, t_new_old.as_ref());
+        }
+        let returns = &prepared.scan().returns;
+        let image = prepared.scan().view_from_one_pose(false).0;
+        let moves = self.moving.judge(t_submap_lidar, prepared.scan(), prepared.model());
+        let t_map_lidar = Rigid::from(&scan.t_map_lidar);
+        let points = returns.points.iter().zip(&moves).take(returns.measured).filter(|(_, moves)| **moves);
+        self.moving_points.extend(points.map(|(p, _)| t_map_lidar.apply(*p)));
+        self.counts.moving_points += self.moving_points.len();
+        self.moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), image, prepared.model());
+        moves
     }
 
     /// Number of nodes and links of the pose graph.
@@ -177,6 +224,7 @@ impl Mapper {
         let (new, scans) = rebuilder.rebuild(old, source)?;
         let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
         *old = new;
+        self.moving.forget(id);
         self.counts.rebuilds += 1;
         Ok(report)
     }
@@ -246,7 +294,6 @@ impl Mapper {
         let clock = Instant::now();
         let (id, assignment) = assign(&mut self.clusters, &mut self.atlas, scan, prepared, self.settings.min_overlap);
         let revisited = self.revisits.revisited_submaps(&self.clusters, node, &scan.t_map_lidar);
-        let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.
         let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
@@ -260,15 +307,20 @@ impl Mapper {
             || self.atlas.compact_others(id),
         );
         let prepare = prepare + planes;
+        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
+        let clock = Instant::now();
+        let moves = self.find_moving(id, scan, &t_submap_lidar, prepared);
+        let prepare = prepare + clock.elapsed();
+        let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
         let Some((submap, others)) = self.atlas.with_neighbours(id, &revisited) else { return Err(MapError::LostSubmap { node, submap: id }) };
         self.clusters.assignments.add(node, id);
-        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
         let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
         let redundancy = Redundancy { before, elsewhere };
         submap.add_scan_at(node, t_submap_lidar);
-        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, prepared, &self.settings, &redundancy);
+        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, &prepared.without(&moves), &self.settings, &redundancy);
         let is_new_submap = assignment == Assignment::NewSubmap;
         self.counts.count(assignment);
-        Ok(ScanReport { node, submap: id, is_new_submap, assignment, counts, prepare, elastic, tsdf, occupancy })
+        let moving = self.moving_points.len();
+        Ok(ScanReport { node, submap: id, is_new_submap, assignment, moving, counts, prepare, elastic, tsdf, occupancy })
     }
 }

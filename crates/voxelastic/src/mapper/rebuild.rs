@@ -2,13 +2,14 @@
 
 use super::frontend::Frontend;
 use super::integrators::Integrators;
+use super::moving::MovingDetector;
 use crate::Cloud;
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
 use crate::integrate::Redundancy;
 use crate::sensor::BeamModel;
-use crate::settings::Settings;
+use crate::settings::{Dynamic, Settings};
 
 /// Reads the clouds of scans that were mapped before.
 pub trait ScanSource {
@@ -68,7 +69,8 @@ impl Rebuilder<'_> {
         let id = old.id;
         let root = old.root_node().and_then(|root| self.graph.pose(root)).copied().unwrap_or(old.t_map_submap);
         let mut new = Submap { revision: old.revision + 1, ..Submap::new(id, old.voxel_size, root) };
-        let mut scans = 0;
+        let (mut scans, mut moving) = (0, MovingDetector::default());
+        moving.enter(id, None);
         for scan in &old.scans {
             let node = scan.node;
             let cloud = source.cloud(node).map_err(|source| RebuildError::Scan { submap: id, node, source })?;
@@ -84,7 +86,13 @@ impl Rebuilder<'_> {
             let mut prepared = frontend.prepare(&cloud);
             prepared.fit_planes_for_map();
             if !prepared.scan().returns.is_empty() {
-                self.integrators.integrate(&mut new, &t_submap_lidar, &prepared, self.settings, &Redundancy::default());
+                let mut moves = Vec::new();
+                if self.settings.dynamic == Dynamic::Remove {
+                    let image = prepared.scan().view_from_one_pose(false).0;
+                    moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
+                    moving.remember(node, &t_submap_lidar, None, image, prepared.model());
+                }
+                self.integrators.integrate(&mut new, &t_submap_lidar, &prepared.without(&moves), self.settings, &Redundancy::default());
                 scans += 1;
             }
         }

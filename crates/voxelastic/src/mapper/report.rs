@@ -50,6 +50,10 @@ pub struct ElasticCounts {
     pub edges_replaced: usize,
     /// Finest voxels occupied by a single hit that conflict resolution freed.
     pub voxels_freed: usize,
+    /// Points that were set aside because they are on something that moves.
+    pub moving_points: usize,
+    /// TSDF voxels removed because nothing is there before or after.
+    pub voxels_removed: usize,
 }
 
 impl ElasticCounts {
@@ -75,6 +79,8 @@ pub struct ScanReport {
     pub is_new_submap: bool,
     /// How that submap was chosen.
     pub assignment: Assignment,
+    /// Number of usable points that were set aside because they are on something that moves; see [`Dynamic`](crate::settings::Dynamic).
+    pub moving: usize,
     /// Number of points by what was done with them.
     pub counts: Counts,
     /// Wall time for the range image and the local planes.

@@ -6,6 +6,7 @@
 
 use super::background_fusion::FusionSchedule;
 use super::frontend::Frontend;
+use super::moving::{Cells, MovingState};
 use super::pipeline::Mapper;
 use super::rebuild::ScanSource;
 use super::report::ElasticCounts;
@@ -28,6 +29,7 @@ pub struct MapperState {
     size_limited: Vec<(Vec<SubmapId>, [NodeId; 2])>,
     fusions: FusionSchedule,
     revisit: Option<RevisitState>,
+    moving: MovingState,
     first_node: Option<NodeId>,
     last_node: Option<NodeId>,
     counts: ElasticCounts,
@@ -48,6 +50,14 @@ pub enum ResumeError {
     OtherSubmap {
         /// The submap.
         submap: SubmapId,
+    },
+    /// A scan with which the next ones are compared could not be read again.
+    #[error("the scan of node {node}, with which the next scans are compared to find what moves, cannot be read again")]
+    Scan {
+        /// Its node.
+        node: NodeId,
+        /// The cause.
+        source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// The scan that showed which sensor it is could not be read again.
     #[error("the scan of node {node}, which shows what sensor it is, cannot be read again")]
@@ -73,6 +83,7 @@ impl Mapper {
             size_limited: self.clusters.size_limited.iter().map(|(submaps, ends)| (submaps.clone(), *ends)).collect(),
             fusions,
             revisit: self.revisits.state(&self.atlas),
+            moving: self.moving.state(),
             first_node: self.frontend.as_ref().and(self.first_node),
             last_node: self.last_node,
             counts: self.counts,
@@ -82,7 +93,8 @@ impl Mapper {
     }
 
     /// A mapper that goes on from `state`, with the settings and the sensor model of the one that the state was taken of. `atlas` has the
-    /// submaps that this one had then, as a map stores them; `scans` reads the first scan again, to recognise the sensor.
+    /// submaps that this one had then, as a map stores them; `scans` reads the first scan again, to recognise the sensor, and where things that move are removed
+    /// the scans with which the next ones are compared.
     ///
     /// # Errors
     /// [`ResumeError`].
@@ -100,6 +112,13 @@ impl Mapper {
             let cloud = scans.cloud(node).map_err(cannot_read)?;
             let frontend = Frontend::open(&mapper.settings, mapper.sensor_model.as_ref(), &cloud);
             mapper.frontend = Some(frontend.map_err(|error| cannot_read(Box::new(error)))?);
+        }
+        if let Some(frontend) = &mut mapper.frontend {
+            let model = frontend.model().clone();
+            mapper.moving = state.moving.detector(&model, |node| -> Result<Cells, ResumeError> {
+                let cloud = scans.cloud(node).map_err(|source| ResumeError::Scan { node, source })?;
+                Ok(Cells::new(frontend.prepare(&cloud).scan().view_from_one_pose(false).0))
+            })?;
         }
         for (submap, counts) in state.observed {
             let other = ResumeError::OtherSubmap { submap };

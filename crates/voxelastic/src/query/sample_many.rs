@@ -314,7 +314,7 @@ mod tests {
                 })
                 .collect();
             let normals = points.iter().map(|p| Vector3::new(-0.21 * (0.7 * p[0]).cos(), 0.0, 1.0).normalize().into()).collect::<Vec<[f32; 3]>>();
-            let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.06 };
+            let returns = ReturnsView::of_points(&points, &normals, 0.06);
             let id = atlas.spawn(t_map_submap);
             let sensor = Rigid::from(&Pose::identity());
             TsdfIntegrator::new(TsdfSettings { voxel_size: 0.1, ..TsdfSettings::default() }).integrate(

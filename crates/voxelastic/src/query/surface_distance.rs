@@ -158,7 +158,7 @@ mod tests {
         // The sensor is above the plane.
         let sensor = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0, 0.0, 8.0] };
         let seen: Vec<[f32; 3]> = points.iter().map(|p| [p[0], p[1], p[2] - 8.0]).collect();
-        let returns = ReturnsView { points: &seen, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.003 };
+        let returns = ReturnsView::of_points(&seen, &normals, 0.003);
         let mut atlas = Atlas::new(0.1);
         let id = atlas.spawn(t_map_submap);
         let settings = TsdfSettings { voxel_size: 0.1, ..TsdfSettings::default() };

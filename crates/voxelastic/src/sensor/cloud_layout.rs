@@ -20,6 +20,9 @@ pub enum CloudLayout {
     },
     /// Nothing is known: points are projected into the nearest pixel.
     Projected,
+    /// No image fits, because beams never repeat or the cloud was thinned: every return is used, planes come from the nearest points in space, and an image
+    /// of the directions in which there are returns serves free space only.
+    Scattered,
 }
 
 /// The pixels of an organised cloud in the range image.
@@ -34,6 +37,17 @@ pub struct Grid {
 }
 
 impl CloudLayout {
+    /// Its name in figures: `grid`, `rings`, `ring order`, `projected` or `scattered`.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Grid(_) => "grid",
+            Self::Rings { .. } => "rings",
+            Self::RingOrder { .. } => "ring order",
+            Self::Projected => "projected",
+            Self::Scattered => "scattered",
+        }
+    }
+
     /// An organised cloud in the order of the pixels of `model`.
     pub fn grid_of(model: &BeamModel) -> Self {
         let rows = model.rows();
@@ -65,6 +79,7 @@ impl std::fmt::Display for CloudLayout {
             Self::Rings { .. } => write!(f, "rows from the ring channel, columns from the azimuth"),
             Self::RingOrder { .. } => write!(f, "rows from the order of the points (a ring ends where the azimuth wraps), columns from the azimuth"),
             Self::Projected => write!(f, "unorganised, projected into the nearest pixel"),
+            Self::Scattered => write!(f, "no image fits the points: every return is used, planes are from the nearest points in space"),
         }
     }
 }

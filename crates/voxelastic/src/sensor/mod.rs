@@ -2,7 +2,7 @@
 //!
 //! A [`BeamModel`] gives the direction of each pixel. It comes from a [`preset`], from tables, or is measured from the clouds by [`detect`], which also finds how
 //! the points are laid out ([`CloudLayout`]). A [`ScanPreprocessor`] turns each cloud into a [`PreparedScan`]: the [`RangeImage`], and the [`Returns`] with a
-//! local plane each, which are the input of the integrators.
+//! local plane each, which are the input of the integrators. Where no image fits the points, planes come from the nearest points in space ([`scattered`]).
 //!
 //! A *beam* is a direction in which the sensor measures; a *return* is a measured point.
 
@@ -19,6 +19,7 @@ mod range_image;
 mod range_limits;
 mod returns;
 mod row_lookup;
+mod scattered;
 
 pub use beam_model::{BeamModel, BeamTables, Projection};
 pub use cloud_layout::{CloudLayout, Grid};
@@ -28,6 +29,7 @@ pub use normals::NormalSettings;
 pub use prepared_scan::{Counts, PreparedScan};
 pub use preprocess::{LazyScan, ScanPreprocessor};
 pub use presets::{names as preset_names, preset, preset_with_columns};
+pub(crate) use project::{OUTSIDE, PROJECT_CHUNK, project_chunk};
 pub use range_image::{NO_POINT, RangeImage};
 pub use range_limits::RangeLimits;
 pub use returns::Returns;

@@ -7,6 +7,7 @@ use super::prepared_scan::{Counts, PreparedScan};
 use super::project::{BEYOND, NO_RETURN, OUTSIDE, Projector, TOO_NEAR, project};
 use super::range_image::{NO_POINT, RangeImage};
 use super::range_limits::RangeLimits;
+use super::scattered::ScatteredFitter;
 use crate::Cloud;
 use rayon::prelude::*;
 
@@ -19,7 +20,7 @@ pub struct ScanPreprocessor {
     model: BeamModel,
     limits: RangeLimits,
     projector: Projector,
-    fitter: PlaneFitter,
+    fitter: Fitter,
     scan: PreparedScan,
     /// Pixel and range of each point of the cloud; the codes of [`crate::sensor::project`] where a point has no pixel.
     pixels: Vec<u32>,
@@ -40,7 +41,10 @@ impl ScanPreprocessor {
 
     /// As [`ScanPreprocessor::new`], with settings for the plane fit.
     pub fn with_normals(model: BeamModel, layout: CloudLayout, limits: RangeLimits, normals: NormalSettings) -> Self {
-        let fitter = PlaneFitter::new(&model, normals);
+        let fitter = match layout {
+            CloudLayout::Scattered => Fitter::Space(ScatteredFitter::new(normals)),
+            _ => Fitter::Image(Box::new(PlaneFitter::new(&model, normals))),
+        };
         let projector = Projector::new(layout, &model);
         Self {
             model,
@@ -53,6 +57,15 @@ impl ScanPreprocessor {
             ends: Vec::new(),
             moved: Vec::new(),
             origins: Vec::new(),
+        }
+    }
+
+    /// Adds points at most `step` metres apart between returns of scattered clouds that lie on one plane, when planes are fitted; see [`Returns::measured`].
+    ///
+    /// [`Returns::measured`]: super::Returns::measured
+    pub fn fill_between(&mut self, step: f32) {
+        if let Fitter::Space(fitter) = &mut self.fitter {
+            fitter.set_step(step);
         }
     }
 
@@ -104,6 +117,8 @@ impl ScanPreprocessor {
         gather_into(&self.ranges, &returns.source, &mut returns.ranges);
         returns.normals.clear();
         returns.roughness.clear();
+        returns.spacing.clear();
+        returns.measured = returns.points.len();
         let old = single_view.take();
         self.scan.single_view = has_moved.then(|| self.project_moved(old));
     }
@@ -157,6 +172,8 @@ impl ScanPreprocessor {
     /// Fills image and returns from a cloud in any order, by a counting sort by pixel.
     fn fill_sorted(&mut self) {
         let PreparedScan { image, returns, counts, .. } = &mut self.scan;
+        // Of scattered clouds, returns outside of the image are used, too: they come last.
+        let (uses_all, mut without_pixel) = (matches!(self.fitter, Fitter::Space(_)), 0);
         self.ends.clear();
         self.ends.resize(image.ranges.len() + 1, 0);
         for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
@@ -172,6 +189,11 @@ impl ScanPreprocessor {
                         image.ranges[at] = f32::INFINITY;
                     }
                 }
+            } else if pixel == OUTSIDE && uses_all && range.is_finite() {
+                counts.usable += 1;
+                without_pixel += 1;
+            } else if pixel == OUTSIDE && uses_all {
+                counts.beyond_max += 1;
             } else {
                 count(counts, pixel);
             }
@@ -194,8 +216,24 @@ impl ScanPreprocessor {
                 *slot += 1;
             }
         }
-        counts.hidden = counts.usable - image.points.iter().filter(|&&p| p != NO_POINT).count();
+        if without_pixel > 0 {
+            let first = counts.usable - without_pixel;
+            let outside = (0u32..).zip(&self.pixels).zip(&self.ranges).filter(|((_, pixel), range)| **pixel == OUTSIDE && range.is_finite());
+            for (slot, ((i, _), _)) in (first..).zip(outside) {
+                (returns.source[slot], returns.pixel[slot]) = (i, OUTSIDE);
+            }
+        }
+        counts.hidden = counts.usable - without_pixel - image.points.iter().filter(|&&p| p != NO_POINT).count();
     }
+}
+
+/// Where the planes come from.
+#[derive(Clone, Debug)]
+enum Fitter {
+    /// From neighbours in the image.
+    Image(Box<PlaneFitter>),
+    /// From neighbours in space.
+    Space(ScatteredFitter),
 }
 
 /// A scan whose planes are fitted on demand.
@@ -223,7 +261,10 @@ impl LazyScan<'_> {
         if returns.normals.len() < returns.len() {
             let points = if single_view.is_some() { &*moved } else { &self.cloud.points };
             let times = self.cloud.time.as_deref().filter(|times| times.len() == self.cloud.len());
-            fitter.fit(points, times, image, returns);
+            match fitter {
+                Fitter::Image(fitter) => fitter.fit(points, times, image, returns),
+                Fitter::Space(fitter) => fitter.fit(returns),
+            }
         }
         &self.preprocessor.scan
     }

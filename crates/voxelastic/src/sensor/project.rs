@@ -18,6 +18,8 @@ pub(crate) const NO_RETURN: u32 = u32::MAX - 1;
 
 /// Points of one kernel call; their angles stay in the first-level cache.
 const CHUNK: usize = 512;
+/// Most points of [`project_chunk`].
+pub(crate) const PROJECT_CHUNK: usize = CHUNK;
 
 /// Finds the pixels of points in the way that a layout allows.
 #[derive(Clone, Debug)]
@@ -40,7 +42,7 @@ impl Projector {
                 grid.shift_of_ring.resize(grid.row_of_ring.len(), 0);
             }
             CloudLayout::Rings { row_of_ring } | CloudLayout::RingOrder { row_of_ring } => clip(row_of_ring),
-            CloudLayout::Projected => {}
+            CloudLayout::Projected | CloudLayout::Scattered => {}
         }
         Self { layout, map: Vec::new(), map_size: (0, 0), rows: Vec::new() }
     }
@@ -90,7 +92,7 @@ impl Projector {
                     return false;
                 }
             }
-            CloudLayout::Projected => {}
+            CloudLayout::Projected | CloudLayout::Scattered => {}
         }
         project(points, None, model, limits, pixels, ranges);
         false
@@ -180,6 +182,11 @@ pub(crate) fn project(points: &[[f32; 3]], rows: Option<&[u16]>, model: &BeamMod
         let rows = rows.map(|rows| &rows[i * CHUNK..i * CHUNK + points.len()]);
         dispatch(Project { points, rows, model, limits, pixels, ranges });
     });
+}
+
+/// Projects up to [`PROJECT_CHUNK`] points, at any range, on the calling thread: the pixel of each, or [`OUTSIDE`] or a larger code, and its range.
+pub(crate) fn project_chunk(points: &[[f32; 3]], model: &BeamModel, pixels: &mut [u32], ranges: &mut [f32]) {
+    dispatch(Project { points, rows: None, model, limits: RangeLimits { near: 0.0, max: f32::MAX }, pixels, ranges });
 }
 
 struct Project<'a> {

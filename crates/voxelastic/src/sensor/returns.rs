@@ -1,7 +1,7 @@
 //! The usable returns of a scan.
 
 /// The usable returns of one scan, one entry a return in all vectors: pixel by pixel (row-major), and within a pixel in the order of the cloud. Returns whose
-/// pixel shows a nearer one are included.
+/// pixel shows a nearer one are included. Of [scattered](crate::sensor::CloudLayout::Scattered) clouds, points between returns may follow them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Returns {
     /// The measured points, lidar frame at the cloud's time stamp, metres.
@@ -16,14 +16,18 @@ pub struct Returns {
     pub origins: Vec<[f32; 3]>,
     /// Index of each point in the cloud.
     pub source: Vec<u32>,
-    /// Pixel of the range image (row * columns + column) that each point falls into.
+    /// Pixel of the range image (row * columns + column) that each point falls into; a larger number for points of scattered clouds that have none.
     pub pixel: Vec<u32>,
+    /// Distance between returns around each point, metres, of scattered clouds; else empty. Empty until planes are fitted.
+    pub spacing: Vec<f32>,
+    /// Number of points that were measured; those after them lie between returns on one plane, and are for surfaces only.
+    pub measured: usize,
     /// Smallest angle between adjacent beams, radians.
     pub smallest_angle: f32,
 }
 
 impl Returns {
-    /// Number of usable returns.
+    /// Number of usable returns, and points between them.
     pub fn len(&self) -> usize {
         self.points.len()
     }

@@ -18,7 +18,7 @@ mod error;
 mod value;
 
 pub use error::SettingError;
-pub use value::{Allowed, FieldKind, NoReturn, RobotRadius};
+pub use value::{Allowed, Dynamic, FieldKind, NoReturn, RobotRadius};
 
 use crate::sensor::{preset, preset_names};
 use Allowed::{Between, OneOf, Text};
@@ -170,6 +170,8 @@ settings! {
         "Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
+    dynamic: Dynamic = Dynamic::Keep, "", OneOf(&["keep", "remove"]), Advanced,
+        "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,

@@ -61,6 +61,36 @@ impl Value for String {
     }
 }
 
+/// What becomes of things that move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Dynamic {
+    /// They are mapped as everything else, and leave traces.
+    #[default]
+    Keep,
+    /// Their points are set aside, and what they left is removed at the end.
+    Remove,
+}
+
+impl Value for Dynamic {
+    fn parse(text: &str) -> Option<Self> {
+        match text {
+            "keep" => Some(Self::Keep),
+            "remove" => Some(Self::Remove),
+            _ => None,
+        }
+    }
+    fn text(&self) -> String {
+        match self {
+            Self::Keep => "keep",
+            Self::Remove => "remove",
+        }
+        .to_owned()
+    }
+    fn is_within(&self, _: &Allowed) -> bool {
+        true
+    }
+}
+
 /// What a map stores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FieldKind {

@@ -5,6 +5,7 @@ mod bad_input;
 mod correction;
 mod fusion;
 mod laps;
+mod moving;
 #[allow(dead_code)]
 #[path = "../common/room.rs"]
 mod room;

@@ -9,4 +9,5 @@ mod models;
 mod motion;
 mod normals;
 mod preparing;
+mod scattered;
 mod scene;

@@ -26,7 +26,7 @@ fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> T
     let mut integrator = TsdfIntegrator::new(settings.clone());
     let to_field = Rigid::from(&t_map_field.inverse());
     for (pose, points, normals) in &scans.scans {
-        let returns = ReturnsView { points, normals, intensities: &[], origins: &[], smallest_angle: scans.smallest_angle };
+        let returns = ReturnsView::of_points(points, normals, scans.smallest_angle);
         let rotation = std::array::from_fn(|i| std::array::from_fn(|k| (0..3).map(|j| to_field.rotation[i][j] * pose.rotation[j][k]).sum()));
         let pose_in_field = Rigid { rotation, translation: to_field.apply(pose.translation) };
         integrator.integrate(&mut field, &pose_in_field, &returns);
@@ -119,7 +119,7 @@ fn points_without_colour_leave_colours_unchanged() {
     let mut field = colour_field(&scans, &settings(0.08), &Pose::identity());
     let before = extract(&field, 0.08, &MeshOptions::default());
     let (pose, points, normals) = &scans.scans[0];
-    let returns = ReturnsView { points, normals, intensities: &[], origins: &[], smallest_angle: scans.smallest_angle };
+    let returns = ReturnsView::of_points(points, normals, scans.smallest_angle);
     integrate_colours(&mut field, pose, &returns, &vec![[0; 3]; points.len()], 0.08, 60.0);
     integrate_colours(&mut field, pose, &returns, &vec![[9; 3]; points.len()], 0.08, 0.01);
     assert!(extract(&field, 0.08, &MeshOptions::default()) == before, "black is no colour, and returns beyond the range are skipped");
@@ -135,7 +135,7 @@ fn intensities_do_not_darken_where_a_block_becomes_coarser() {
         let points: Vec<[f32; 3]> =
             (0..200 * 200).map(|i| [1.0, (i % 200) as f32 / 200.0 - 0.5, (i / 200) as f32 / 200.0 - 0.5].map(|c| c * at)).collect();
         let (normals, intensities) = (vec![[-1.0, 0.0, 0.0]; points.len()], vec![200; points.len()]);
-        let returns = ReturnsView { points: &points, normals: &normals, intensities: &intensities, origins: &[], smallest_angle: 0.01 };
+        let returns = ReturnsView { intensities: &intensities, ..ReturnsView::of_points(&points, &normals, 0.01) };
         integrator.integrate(&mut field, &Rigid { translation: [x, 0.0, 0.0], ..STILL }, &returns);
         let seen = extract(&field, 0.05, &MeshOptions { lod: 3, ..MeshOptions::default() }).intensities;
         assert!(!seen.is_empty() && seen.iter().all(|s| s.abs_diff(200) <= 1), "{:?} from {at} m", seen.iter().min());

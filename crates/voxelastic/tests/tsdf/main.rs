@@ -37,7 +37,7 @@ fn integrate(scans: &Scans, settings: &TsdfSettings) -> TsdfField {
     let mut field = TsdfField::default();
     let mut integrator = TsdfIntegrator::new(settings.clone());
     for (pose, points, normals) in &scans.scans {
-        let returns = ReturnsView { points, normals, intensities: &[], origins: &[], smallest_angle: scans.smallest_angle };
+        let returns = ReturnsView::of_points(points, normals, scans.smallest_angle);
         integrator.integrate(&mut field, pose, &returns);
     }
     field
@@ -160,11 +160,7 @@ fn a_block_observed_from_far_and_then_from_near_keeps_its_detail() {
     for x in [5.0, 0.0, -8.0, -12.0, -12.0, -8.0, 0.0, 5.0, 5.0, 5.0f32] {
         let (points, normals) = wall(8.0 - x);
         let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [x, 0.0, 0.0] };
-        let stats = integrator.integrate(
-            &mut field,
-            &pose,
-            &ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.012 },
-        );
+        let stats = integrator.integrate(&mut field, &pose, &ReturnsView::of_points(&points, &normals, 0.012));
         assert!(stats.blocks > 0);
         scales.push(field.block(field.find(voxelastic::octree::block_key([20, 0, 0])).expect("the wall's block")).scale);
     }

@@ -23,7 +23,8 @@ use pipeline::{Pipeline, Selection, Tally};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use voxelastic::settings::Settings;
+use voxelastic::settings::{Dynamic, Settings};
+use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::store::SaveReport;
 use voxelastic_report::{Correction, LoopEdge, RunLog};
 
@@ -43,6 +44,7 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
   voxelastic map drive.bag                              with the poses in it; without any, by odometry
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
+  voxelastic map drive.bag --dynamic remove --dynamic-points moving.ply
   voxelastic map hall --report                          also writes hall.html, for a browser
   voxelastic map tuesday.bag --into hall.vox            go on with a saved map: adds a session to it
   voxelastic map DATA --config mapping.toml --json      settings from a file, results on stdout")]
@@ -74,6 +76,9 @@ pub struct MapArgs {
     /// Write a report on the map and the run, an HTML page [default name: that of the map with .html, in the current directory]
     #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
     report: Option<Option<PathBuf>>,
+    /// With --dynamic remove: write the points on things that move as a cloud (PLY, map frame)
+    #[arg(long, value_name = "FILE.ply")]
+    dynamic_points: Option<PathBuf>,
     /// Print the results as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -104,6 +109,10 @@ struct Summary {
     fusions: usize,
     /// Finest voxels that a single scan had marked as occupied and that other submaps observed as free.
     voxels_freed: usize,
+    /// Points set aside because they are on things that move.
+    moving_points: usize,
+    /// TSDF voxels removed because nothing is there before or after.
+    voxels_removed: usize,
     /// Root poses moved by corrections.
     submap_moves: usize,
     /// Groups of submaps joined by loop edges that are not merged, because the result would be too large.
@@ -130,6 +139,8 @@ struct Summary {
     max_range_m: f32,
     /// The sensor model, in words.
     sensor: String,
+    /// How the clouds are laid out: `grid`, `rings`, `ring order`, `projected` or `scattered`.
+    sensor_layout: &'static str,
     /// Threads of the mapper.
     threads: usize,
     #[serde(flatten)]
@@ -239,6 +250,9 @@ struct Saved {
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let (settings, mut target) = args.target()?;
+    if args.dynamic_points.is_some() && settings.dynamic == Dynamic::Keep {
+        return Err(Failure::usage("--dynamic-points: nothing is set aside with --dynamic keep", "add --dynamic remove").into());
+    }
     let selection = args.selection()?;
     let identity = args.identity(&settings, &selection.input);
     let run = identity.digest().context("the run cannot be described")?;
@@ -254,6 +268,14 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
         return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
     };
+    if args.dynamic_points.is_some() {
+        if session.scans() > 0 {
+            tracing::warn!(
+                "--dynamic-points: points that were set aside before the run was killed are not in the file; --restart maps from the beginning"
+            );
+        }
+        session.keep_moving_points();
+    }
     let mut keeper = Keeper::new(args.resume.checkpoints(), identity, pipeline.corrector(), selection.input.is_raw(), session.scans());
     pipeline.run(&mut session, &mut target, &mut keeper, quiet)?;
     let mut tally = pipeline.finish(&mut session);
@@ -293,6 +315,9 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         closures.log();
     }
     log_summary(&summary, saved.is_kept);
+    if let Some(path) = &args.dynamic_points {
+        write_moving_points(path, &session).with_context(|| format!("the map is saved as {}, but not the points on what moves", output.display()))?;
+    }
     // A page that cannot be written is an error, but the map is there, and its summary, too.
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
@@ -312,6 +337,14 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     })
 }
 
+/// Writes the points that were set aside because they are on something that moves.
+fn write_moving_points(path: &Path, session: &Session) -> anyhow::Result<()> {
+    let positions = session.moving_points();
+    write_ply(path, &MeshRef { positions, origin: session.origin().coordinates(), ..MeshRef::default() })?;
+    tracing::info!("{} points on what moves in {}", positions.len(), path.display());
+    Ok(())
+}
+
 fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
     let (mapper, log) = (session.mapper(), session.log());
     let (settings, atlas) = (mapper.settings(), mapper.atlas());
@@ -324,6 +357,8 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         submaps: atlas.submaps().len(),
         fusions: log.fusions,
         voxels_freed: mapper.elastic_counts().voxels_freed,
+        moving_points: mapper.elastic_counts().moving_points,
+        voxels_removed: mapper.elastic_counts().voxels_removed,
         submap_moves: log.submap_moves,
         groups_apart: log.groups_apart,
         loops: log.loops,
@@ -337,6 +372,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,
         sensor: mapper.sensor().unwrap_or_default().to_owned(),
+        sensor_layout: mapper.sensor_layout().unwrap_or_default(),
         threads: session.threads(),
         times: session.times(),
         mapping_s: tally.mapping_s,
@@ -356,6 +392,9 @@ fn log_summary(s: &Summary, is_kept: bool) {
     let spread = &s.times.integrate_ms;
     if let (Some(median), Some(p95)) = (spread.median, spread.p95) {
         tracing::info!("integration: median {median:.1} ms, 95 % within {p95:.1} ms a scan, {} threads", s.threads);
+    }
+    if s.moving_points + s.voxels_removed > 0 {
+        tracing::info!("moving: {} points set aside, {} voxels removed where nothing is before or after", s.moving_points, s.voxels_removed);
     }
     if !is_kept {
         tracing::info!("saved {} ({:.1} MB)", s.output.display(), s.file_mb);

@@ -73,7 +73,7 @@ fn noise_has_the_requested_sigma() -> Outcome {
 #[test]
 fn weak_returns_are_lost_and_edges_have_mixed_pixels() -> Outcome {
     let noise = Noise::default();
-    let sample = |range, cosine, albedo| Sample { range, cosine, albedo };
+    let sample = |range, cosine, albedo| Sample { range, cosine, albedo, label: Label::Static };
     assert!(noise.detection_probability(&sample(100.0, 1.0, 0.8)) > 0.98 && noise.detection_probability(&sample(120.0, 1.0, 0.8)) < 0.51);
     assert!(noise.detection_probability(&sample(60.0, 1.0, 0.1)) < 0.01 && noise.detection_probability(&sample(20.0, 0.2, 0.1)) > 0.98);
     // There are some points between surfaces, but few.

@@ -339,7 +339,7 @@ mod tests {
             points.push(of(d * radius));
             normals.push(of(-d));
         }
-        let returns = ReturnsView { points: &points, normals: &normals, intensities: &[], origins: &[], smallest_angle: 0.01 };
+        let returns = ReturnsView::of_points(&points, &normals, 0.01);
         let mut submap = Submap::new(id, VOXEL, t_map_submap);
         let mut integrator = TsdfIntegrator::new(TsdfSettings { voxel_size: VOXEL, ..TsdfSettings::default() });
         (0..times).for_each(|_| {

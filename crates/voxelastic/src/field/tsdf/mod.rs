@@ -11,6 +11,7 @@ pub(crate) mod colour;
 mod field;
 mod observation_count;
 pub mod propagate;
+mod remove;
 pub(crate) mod resolve;
 pub(crate) mod storage;
 mod voxel;

@@ -14,6 +14,8 @@ pub struct ScaleRule {
     finer_margin: f32,
     /// A block becomes coarser only beyond the start of the next scale times this.
     hysteresis: f32,
+    /// Width of the cone at a distance of one metre.
+    width_per_metre: f32,
 }
 
 impl ScaleRule {
@@ -25,7 +27,20 @@ impl ScaleRule {
             let edge = voxel * (2 << i) as f32;
             if i + 1 > max_scale { f32::INFINITY } else { 3f32.sqrt() * edge / width_per_metre }
         });
-        Self { starts, finer_margin: 4.0 * voxel, hysteresis: hysteresis.max(1.0) }
+        Self { starts, finer_margin: 4.0 * voxel, hysteresis: hysteresis.max(1.0), width_per_metre }
+    }
+
+    /// The scale that fits between returns that are `spacing` metres apart, with points between them.
+    #[inline(always)]
+    pub fn fitting_between(&self, spacing: f32) -> usize {
+        /// With points between the returns, voxels may be so much smaller; with more of them, nothing is gained (docs/experiments/scattered-clouds.md).
+        const FINER: f32 = 4.0;
+        self.fitting(spacing / (FINER * self.width_per_metre))
+    }
+
+    /// The least distance at which `scale` fits, metres.
+    pub fn start(&self, scale: usize) -> f32 {
+        scale.checked_sub(1).and_then(|i| self.starts.get(i)).copied().unwrap_or(0.0)
     }
 
     /// The scale that fits at `distance` metres.

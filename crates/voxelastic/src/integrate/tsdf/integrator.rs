@@ -29,6 +29,9 @@ const LEAST_SLOPE: f32 = 0.4;
 /// How much farther in front of the surface existing voxels are updated than new ones are created, voxels. Farther voxels may belong to another surface.
 const ERODE_MARGIN: f32 = 0.5;
 
+/// Weight of a scattered return: there are fewer of them than of a dense scan, and a surface that few saw must not count as crumbs.
+const SCATTERED_WEIGHT: u8 = 4;
+
 thread_local! {
     /// Scratch memory of a thread, kept from scan to scan.
     static LANE_BUFFERS: RefCell<Box<LaneBuffers>> = RefCell::new(Box::new(LaneBuffers::new()));
@@ -79,6 +82,8 @@ pub(crate) struct TsdfRays {
     /// Smallest angle between adjacent beams, radians.
     pub smallest_angle: f32,
     pub has_intensity: bool,
+    /// Whether the rays have scales of their own, which decide on those of blocks; else the distance to the sensor does.
+    pub has_spacing: bool,
 }
 
 impl TsdfIntegrator {
@@ -122,7 +127,12 @@ impl TsdfIntegrator {
     /// What [`integrate_rays`](Self::integrate_rays) needs besides the rays of `returns`.
     pub(crate) fn scan(&self, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>) -> TsdfRays {
         let frame = RayFrame { t_submap_lidar: *t_submap_lidar, voxel: self.settings.voxel_size, max_range: self.settings.max_range };
-        TsdfRays { frame, smallest_angle: returns.smallest_angle, has_intensity: !returns.intensities.is_empty() }
+        TsdfRays {
+            frame,
+            smallest_angle: returns.smallest_angle,
+            has_intensity: !returns.intensities.is_empty(),
+            has_spacing: !returns.spacing.is_empty(),
+        }
     }
 
     /// The rays of the next scan, to be filled by [`build_rays`].
@@ -141,12 +151,15 @@ impl TsdfIntegrator {
     pub(crate) fn integrate_rays(&mut self, field: &mut TsdfField, scan: &TsdfRays, redundancy: &Redundancy<'_>) -> TsdfStats {
         let rule = self.scale_rule(scan.smallest_angle);
         let reach = self.reach().min(MAX_REACH);
+        if scan.has_spacing {
+            self.rays.iter_mut().for_each(|ray| ray.count = ray.count.saturating_mul(SCATTERED_WEIGHT));
+        }
         let clock = Instant::now();
         let position = scan.frame.t_submap_lidar.translation;
         self.selection.select(&self.rays, position.map(|c| c / self.settings.voxel_size), reach);
         let selected = Instant::now();
 
-        let new_blocks = self.allocate(field, &rule, position, scan.has_intensity, redundancy);
+        let new_blocks = self.allocate(field, &rule, scan, redundancy);
         let allocated = Instant::now();
 
         let changes: Vec<u32> = self.runs.iter().filter(|r| r.change != ScaleChange::None).map(|r| r.block).collect();
@@ -171,12 +184,23 @@ impl TsdfIntegrator {
         ((self.settings.max_range / self.settings.voxel_size + band) / BLOCK_EDGE as f32).ceil() as u32 + 2
     }
 
-    /// Finds or creates every selected block and moves it towards the scale that fits; returns how many are new. `sensor` is the position of the sensor,
-    /// metres.
-    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, sensor: [f32; 3], has_intensity: bool, redundancy: &Redundancy<'_>) -> usize {
-        let block_edge = BLOCK_EDGE as f32 * self.settings.voxel_size;
+    /// Finds or creates every selected block and moves it towards the scale that fits; returns how many are new.
+    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, scan: &TsdfRays, redundancy: &Redundancy<'_>) -> usize {
+        let (block_edge, sensor, has_intensity) =
+            (BLOCK_EDGE as f32 * self.settings.voxel_size, scan.frame.t_submap_lidar.translation, scan.has_intensity);
         field.tree.grow_over(self.selection.blocks.iter().map(|run| run.key));
-        let scales = self.find(field, rule, redundancy, |coords| distance_to_block(coords, block_edge, sensor));
+        let scales = if scan.has_spacing {
+            // The mean of the rays' scales, rounded.
+            let scale_of = |run: &BlockRays| {
+                let all = &self.selection.records[run.start as usize..run.end as usize];
+                let sum: usize = all.iter().map(|&record| self.rays[ray_of(record)].scale as usize).sum();
+                (2 * sum + all.len()) / (2 * all.len()).max(1)
+            };
+            let distances: Vec<f32> = self.selection.blocks.iter().map(|run| rule.start(scale_of(run))).collect();
+            self.find(field, rule, redundancy, |i, _| distances[i])
+        } else {
+            self.find(field, rule, redundancy, |_, coords| distance_to_block(coords, block_edge, sensor))
+        };
         let mut cursor = Cursor::new(&field.tree);
         let mut new_blocks = 0;
         for ((run, &BlockRays { key, .. }), scale) in self.runs.iter_mut().zip(&self.selection.blocks).zip(scales) {
@@ -197,7 +221,13 @@ impl TsdfIntegrator {
 
     /// Finds the selected blocks that exist, in parallel, and decides on their scale changes; returns the scale that fits each block. Runs are left without rays
     /// where nothing is to be done: no ray creates voxels in a missing block, or all rays are redundant.
-    fn find(&mut self, field: &TsdfField, rule: &ScaleRule, redundancy: &Redundancy<'_>, distance: impl Fn([i32; 3]) -> f32 + Sync) -> Vec<u8> {
+    fn find(
+        &mut self,
+        field: &TsdfField,
+        rule: &ScaleRule,
+        redundancy: &Redundancy<'_>,
+        distance: impl Fn(usize, [i32; 3]) -> f32 + Sync,
+    ) -> Vec<u8> {
         /// Few enough for an even load on all threads, many enough that a cursor seldom starts at the root.
         const BLOCKS_PER_TASK: usize = 1024;
         let Self { selection: Selection { blocks, records, .. }, rays, runs, settings } = self;
@@ -205,7 +235,7 @@ impl TsdfIntegrator {
         runs.clear();
         runs.resize(blocks.len(), BlockRun { block: NONE, start: 0, end: 0, change: ScaleChange::None, octant_mask: ALL_OCTANTS });
         let tasks = (runs.par_chunks_mut(BLOCKS_PER_TASK), scales.par_chunks_mut(BLOCKS_PER_TASK), blocks.par_chunks(BLOCKS_PER_TASK));
-        tasks.into_par_iter().for_each(|(runs, scales, blocks)| {
+        tasks.into_par_iter().enumerate().for_each(|(task, (runs, scales, blocks))| {
             let (mut cursor, mut others) = (Cursor::new(&field.tree), redundancy.other_fields(settings.voxel_size));
             // Blocks are prefetched long before they are read: few of them are in a cache.
             for (run, &BlockRays { key, start, end }) in runs.iter_mut().zip(blocks) {
@@ -215,9 +245,9 @@ impl TsdfIntegrator {
                     prefetch_item(&raw const field.blocks[id]);
                 }
             }
-            for ((run, scale), &BlockRays { key, start, end }) in runs.iter_mut().zip(scales).zip(blocks) {
+            for (((run, scale), &BlockRays { key, start, end }), i) in runs.iter_mut().zip(scales).zip(blocks).zip(task * BLOCKS_PER_TASK..) {
                 let coords = block_coords(key);
-                let distance = distance(coords);
+                let distance = distance(i, coords);
                 *scale = rule.fitting(distance) as u8;
                 let corner = coords.map(|c| (c * BLOCK_EDGE as i32) as f32);
                 let own_rays = records[start as usize..end as usize].iter().map(|&record| &rays[ray_of(record)]);
@@ -319,7 +349,7 @@ mod tests {
                 let normals = vec![[0.0; 3]; points.len()];
                 let intensities: Vec<u8> = (0..points.len()).map(|p| (1 + (7 * p + i) % 255) as u8).collect();
                 let intensities = if has_intensity { &intensities[..] } else { &[] };
-                let returns = ReturnsView { points: &points, normals: &normals, intensities, origins: &[], smallest_angle: 0.01 };
+                let returns = ReturnsView { intensities, ..ReturnsView::of_points(&points, &normals, 0.01) };
                 integrator.integrate(&mut hot, &t_submap_lidar, &returns);
                 integrator.integrate(&mut cold, &t_submap_lidar, &returns);
                 if hands_pages_on {

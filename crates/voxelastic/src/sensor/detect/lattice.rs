@@ -10,14 +10,11 @@ use crate::sensor::error::SensorError;
 const SLICE: f32 = 0.0015;
 /// Usual numbers of rows.
 const USUAL_ROWS: [usize; 9] = [16, 20, 32, 40, 64, 80, 96, 128, 192];
-/// If fewer than this share of the columns between neighbouring returns of a row have a return, the cloud was thinned: nothing of the sensor's lattice is left, and
-/// larger pixels are needed for an image.
+/// If fewer than this share of the columns between neighbouring returns of a row have a return, the cloud was thinned: nothing of the sensor's lattice is left.
 const LEAST_CONTINUOUS: f32 = 0.5;
-/// Share of the larger pixels that should have a return.
-const WELL_FILLED: f32 = 0.5;
 
-/// The model that fits the returns of `clouds` best.
-pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
+/// The model that fits the returns of `clouds` best; none if the clouds were thinned.
+pub(super) fn recognise(clouds: &[&Cloud]) -> Result<Option<BeamModel>, SensorError> {
     let scans: Vec<Vec<Direction>> = clouds.iter().map(|c| c.points.iter().filter_map(Direction::of).collect()).collect();
     let mut elevations: Vec<f32> = scans.iter().flatten().map(|r| r.elevation).collect();
     // Squares of coordinates below 1e-23 m vanish, so there may be returns and no directions.
@@ -34,19 +31,15 @@ pub(super) fn recognise(clouds: &[&Cloud]) -> Result<BeamModel, SensorError> {
     let step = column_step(&scans, top - bottom).ok_or(SensorError::NoSpread)?;
     let gap = row_gap(&scans, step).unwrap_or(3.0 * step).min(top - bottom);
     let rows = usual_rows((top - bottom) / gap + 1.0);
-    let returns = elevations.len() as f32 / clouds.len() as f32;
     let columns = columns_of(step);
     if continuity(&scans, step) < LEAST_CONTINUOUS {
-        let coarser = (WELL_FILLED * (rows * columns) as f32 / returns).sqrt().max(1.0);
-        let rows = ((rows as f32 / coarser).round() as usize).max(4);
-        let columns = ((columns as f32 / coarser).round() as usize).max(64);
-        return even(rows, columns, top, bottom, "thinned cloud");
+        return Ok(None);
     }
     let peaks = peaks(&scans, gap, top, bottom);
     let fits = peaks.len().abs_diff(rows) * 10 <= rows;
     let model = if fits { uneven(peaks, columns, [0.0; 2]) } else { None };
     let model = model.map_or_else(|| even(rows, columns, top, bottom, "unorganised cloud"), Ok)?;
-    Ok(with_origin(&model, &scans).unwrap_or(model))
+    Ok(Some(with_origin(&model, &scans).unwrap_or(model)))
 }
 
 /// The model with the origin of its beams, if the returns of its rows have a common one.

@@ -2,9 +2,10 @@
 //!
 //! The methods are tried in the order of how much they need: an organised cloud is the sensor's grid ([`grid`]); a ring channel, or points that come ring by ring,
 //! give the rows ([`rings`]); otherwise rows and columns are estimated from the angles between neighbouring points ([`lattice`]). The model is then tested on the
-//! clouds and described in words.
+//! clouds and described in words. If that last one fits badly, no image fits, and pixels are as large as the beams are far apart ([`density`]).
 
 mod angles;
+mod density;
 mod grid;
 mod lattice;
 mod rings;
@@ -19,6 +20,8 @@ use crate::sensor::range_limits::RangeLimits;
 
 /// Least returns for a recognition.
 const LEAST_RETURNS: usize = 200;
+/// With fewer returns that have a pixel of their own in the best image, no image fits.
+const LEAST_SHOWN: f32 = 0.75;
 /// Most points that are used; more would not change the result.
 const MOST_POINTS: usize = 2_000_000;
 
@@ -65,13 +68,27 @@ pub fn detect(clouds: &[&Cloud]) -> Result<Detected, SensorError> {
     };
     let few: Vec<&Cloud> = clouds.iter().copied().take_while(is_wanted).collect();
     let found = grid::recognise(&few).or_else(|| rings::recognise_field(&few)).or_else(|| rings::recognise_order(&few));
-    let (model, layout) = match found {
-        Some(found) => found,
-        None => (lattice::recognise(&few)?, CloudLayout::Projected),
+    if let Some((model, layout)) = found {
+        return Ok(Detected::new(model, layout, &few, describe));
+    }
+    let of_lattice = lattice::recognise(&few)?.map(|model| Detected::new(model, CloudLayout::Projected, &few, describe));
+    let why = match of_lattice {
+        Some(found) if found.fit.shown >= LEAST_SHOWN => return Ok(found),
+        Some(Detected { fit, .. }) => format!("in the best image, {:.0} % of the returns would have a pixel of their own", 100.0 * fit.shown),
+        None => "the cloud was thinned".to_owned(),
     };
-    let fit = Fit::of(&model, &layout, &few);
-    let description = describe(&model, &layout, &fit);
-    Ok(Detected { model, layout, description, fit })
+    let describe = |model: &BeamModel, layout: &CloudLayout, _: &Fit| {
+        format!("unorganised, beams about {:.1} degrees apart; {layout} ({why})", model.smallest_angle().to_degrees())
+    };
+    Ok(Detected::new(density::recognise(&few)?, CloudLayout::Scattered, &few, describe))
+}
+
+impl Detected {
+    fn new(model: BeamModel, layout: CloudLayout, clouds: &[&Cloud], describe: impl Fn(&BeamModel, &CloudLayout, &Fit) -> String) -> Self {
+        let fit = Fit::of(&model, &layout, clouds);
+        let description = describe(&model, &layout, &fit);
+        Self { model, layout, description, fit }
+    }
 }
 
 /// The layout of clouds of a known sensor: the model's grid, or rings, if that agrees with the model's angles, else projected.

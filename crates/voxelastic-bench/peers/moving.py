@@ -1,0 +1,127 @@
+"""Scores of the removal of moving things, beside DUFOMap, on a simulated folder with labels.
+
+    voxelastic simulate street -o street --traffic 24 --rate 10 --scans 150 --drift 0
+    voxelastic map street -o all.vox --poses groundtruth
+    voxelastic map street -o clean.vox --poses groundtruth --dynamic remove --dynamic-points moving.ply
+    voxelastic mesh all.vox -o all.ply && voxelastic mesh clean.vox -o clean.ply
+    python3 moving.py street moving.ply [all.ply clean.ply]
+
+Needs numpy and scipy; open3d for the scores of the maps; dufomap for the peer (pip install dufomap). Prints the shares of static points kept (SA) and of
+points on things that move removed (DA), and AA, the root of their product. Online, a point is removed if it was set aside when it came; points on what
+stands and moves at another time do not count. Offline, it is removed if it is not within 10 cm of the clean surface, of those within 10 cm of the surface of
+everything; what stands at first and leaves counts as moving, what has come to rest does not count.
+"""
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+NEAR, FAR = 1.0, 60.0
+
+
+def read_pcd(path):
+    data = path.read_bytes()
+    at = data.index(b"DATA binary")
+    head = {line.split()[0]: line.split()[1:] for line in data[:at].decode().splitlines() if line and line[0] != "#"}
+    kinds = {("F", "4"): "<f4", ("U", "4"): "<u4", ("U", "2"): "<u2", ("U", "1"): "u1"}
+    fields = np.dtype([(n, kinds[k, s]) for n, s, k in zip(head["FIELDS"], head["SIZE"], head["TYPE"])])
+    cloud = np.frombuffer(data[data.index(b"\n", at) + 1 :], fields, count=int(head["POINTS"][0]))
+    return np.stack([cloud["x"], cloud["y"], cloud["z"]], 1)
+
+
+def rotation(x, y, z, w):
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def scans(folder):
+    """Points in the lidar frame, labels and pose of each scan."""
+    poses = np.loadtxt(folder / "groundtruth.tum")
+    for k, (path, row) in enumerate(zip(sorted((folder / "scans").glob("*.pcd")), poses)):
+        points = read_pcd(path)
+        labels = np.fromfile(folder / "labels" / f"{path.stem}.label", "<u4")
+        ranges = np.linalg.norm(points, axis=1)
+        kept = np.isfinite(ranges) & (ranges > NEAR) & (ranges < FAR)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation(*row[4:]), row[1:4]
+        yield points[kept], labels[kept], pose
+
+
+def in_map(points, pose):
+    return points.astype(float) @ pose[:3, :3].T + pose[:3, 3]
+
+
+def vertices(path):
+    """Points of a binary PLY whose vertices begin with x y z as floats."""
+    data = path.read_bytes()
+    head = data[: data.index(b"end_header\n")].decode().splitlines()
+    count, sizes = 0, {"float": 4, "uchar": 1, "int": 4, "uint": 4, "double": 8}
+    size, is_vertex = 0, False
+    for line in head:
+        words = line.split()
+        if words[0] == "element":
+            is_vertex = words[1] == "vertex"
+            count = int(words[2]) if is_vertex else count
+        elif words[0] == "property" and is_vertex:
+            size += sizes[words[1]]
+    raw = np.frombuffer(data[data.index(b"end_header\n") + 11 :], "u1", count=count * size).reshape(count, size)
+    return raw[:, :12].copy().view("<f4").astype(float)
+
+
+def score(name, removed, labels, moving):
+    static = ~removed[labels == 0]
+    dynamic = removed[np.isin(labels, moving)]
+    sa, da = 100 * static.mean(), 100 * dynamic.mean()
+    print(f"{name:28s} SA {sa:6.2f}  DA {da:6.2f}  AA {np.sqrt(sa * da):6.2f} %   ({len(static)} static, {len(dynamic)} moving points)", flush=True)
+
+
+def main():
+    folder, set_aside, *meshes = map(Path, sys.argv[1:])
+    all_scans = list(scans(folder))
+    labels = np.concatenate([scan[1] for scan in all_scans])
+    points = np.concatenate([in_map(scan[0], scan[2]) for scan in all_scans])
+
+    from scipy.spatial import cKDTree
+
+    removed = vertices(set_aside)
+    near = cKDTree(removed).query(points, distance_upper_bound=2e-3)[0] < 2e-3 if len(removed) else np.zeros(len(points), bool)
+    score("Voxelastic, online", near, labels, [1])
+    if meshes:
+        import open3d as o3d
+
+        def distances(path):
+            scene = o3d.t.geometry.RaycastingScene()
+            scene.add_triangles(o3d.t.io.read_triangle_mesh(str(path)))
+            parts = np.array_split(points.astype(np.float32), max(1, len(points) // 200_000))
+            return np.concatenate([scene.compute_distance(o3d.core.Tensor(part)).numpy() for part in parts])
+
+        mapped = distances(meshes[0]) < 0.1
+        gone = distances(meshes[1]) > 0.1
+        score("Voxelastic, offline", gone[mapped], labels[mapped], [1, 2])
+    try:
+        from dufomap import dufomap
+    except ImportError:
+        print("DUFOMap is left out: this Python has no dufomap (pip install dufomap)")
+        return
+    peer = dufomap(0.1, 0.2, 1, num_threads=1)
+    online, seconds = [], 0.0
+    for cloud, _, pose in all_scans:
+        clock = time.process_time()
+        peer.run(cloud, pose, cloud_transform=True)
+        online.append(peer.segment(cloud, pose, cloud_transform=True) > 0)
+        seconds += time.process_time() - clock
+    score("DUFOMap, online", np.concatenate(online), labels, [1])
+    peer.oncePropagateCluster(if_propagate=True, if_cluster=False)
+    offline = np.concatenate([peer.segment(cloud, pose, cloud_transform=True) > 0 for cloud, _, pose in all_scans])
+    score("DUFOMap, offline", offline, labels, [1, 2])
+    print(f"DUFOMap: {1e3 * seconds / len(all_scans):.0f} ms of processor time a scan")
+
+
+if __name__ == "__main__":
+    main()

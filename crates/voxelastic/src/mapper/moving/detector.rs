@@ -1,0 +1,273 @@
+//! Finds points on what moves, and removes what it left.
+
+use super::cells::Cells;
+use super::kept::KeptScans;
+use super::view::{Care, Scratch, Sight, View, extent};
+use super::votes::Votes;
+use crate::atlas::graph::PoseGraph;
+use crate::atlas::{Submap, SubmapId};
+use crate::event::NodeId;
+use crate::geometry::stored::StoredPose;
+use crate::geometry::{Pose, PoseExt, Rigid};
+use crate::sensor::{BeamModel, PROJECT_CHUNK, PreparedScan, RangeImage, Returns};
+use hashbrown::HashSet;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
+
+/// A scan is kept as a view if it was taken this far from the last one, metres and radians, or this many scans later.
+const APART: f64 = 0.4;
+const TURNED: f64 = 0.1;
+const LATER: usize = 5;
+/// Of so many rows and columns, one return is judged first, by few views; those around it only if it moves.
+const STRIDE: [usize; 2] = [2, 4];
+/// What moves grows over returns of which so many neighbours in the image, at most two pixels and this far away in range, move; so many times.
+const LEAST_BESIDE: u8 = 3;
+const BESIDE: f32 = 0.4;
+const GROWTH: usize = 8;
+/// It does not grow over an edge at which it stands on, or before, the plane of the return beside: by more than this, metres, and this part of the distance.
+const BEFORE: [f32; 2] = [0.03, 0.15];
+/// Ages of the views with which a scan is compared, counted in views.
+const AGES: [usize; 6] = [1, 2, 3, 5, 9, 17];
+const FIRST_AGES: [usize; 3] = [3, 9, 17];
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch::default());
+}
+
+/// Finds points on what moves.
+#[derive(Debug, Default)]
+pub(in crate::mapper) struct MovingDetector {
+    /// The submap that scans are integrated into, and what they saw in it, in order.
+    submap: Option<SubmapId>,
+    views: Vec<View>,
+    /// Scans since the last view.
+    scans: usize,
+    /// What is kept to the end.
+    kept: KeptScans,
+}
+
+/// The views of a [`MovingDetector`], to make them again from their scans.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(in crate::mapper) struct MovingState {
+    submap: Option<SubmapId>,
+    views: Vec<StoredView>,
+    scans: usize,
+    kept: Vec<NodeId>,
+    kept_last: Option<StoredPose>,
+    kept_since: usize,
+}
+
+/// The scan of a view.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct StoredView {
+    node: NodeId,
+    #[serde(with = "crate::geometry::stored")]
+    t_submap_lidar: Pose,
+}
+
+impl MovingDetector {
+    /// The submap that scans were integrated into last.
+    pub fn submap(&self) -> Option<SubmapId> {
+        self.submap
+    }
+
+    /// The next scan is integrated into `submap`, whose pose in the one before is known as `t_new_old`: the last views are taken along. Otherwise all are
+    /// forgotten.
+    pub fn enter(&mut self, submap: SubmapId, t_new_old: Option<&Pose>) {
+        self.submap = Some(submap);
+        let views = std::mem::take(&mut self.views);
+        if let Some(t_new_old) = t_new_old {
+            let first = views.len().saturating_sub(AGES[AGES.len() - 1]);
+            self.views.extend(views.into_iter().skip(first).map(|view| view.moved(t_new_old)));
+        }
+    }
+
+    /// Which returns are on something that moves, by the views before; empty if none is.
+    pub fn judge(&self, t_submap_lidar: &Pose, scan: &PreparedScan, model: &BeamModel) -> Vec<bool> {
+        let PreparedScan { image, returns, .. } = scan;
+        if self.views.is_empty() || returns.measured == 0 {
+            return Vec::new();
+        }
+        let (rows, columns) = (image.rows, image.columns);
+        let pose = Rigid::from(t_submap_lidar);
+        let votes = |ages: &[usize], which: &[usize]| {
+            // Those that are too old for the first scans are replaced by the oldest.
+            let mut ages: Vec<usize> = ages.iter().map(|&age| age.min(self.views.len())).collect();
+            ages.dedup();
+            let views: Vec<&View> = ages.iter().rev().map(|age| &self.views[self.views.len() - age]).collect();
+            votes_of(&views, model, which.len(), |i| {
+                let (place, pixel) = (pose.apply(returns.points[which[i]]), returns.pixel[which[i]] as usize);
+                (place, if pixel < image.ranges.len() { extent(image, model, pixel) } else { [0.0; 2] })
+            })
+        };
+        // In staggered rows.
+        let is_first = |&i: &usize| {
+            let (row, column) = (returns.pixel[i] as usize / columns, returns.pixel[i] as usize % columns);
+            row < rows && row.is_multiple_of(STRIDE[0]) && (column + row / STRIDE[0] % 2 * STRIDE[1] / 2).is_multiple_of(STRIDE[1])
+        };
+        let first: Vec<usize> = (0..returns.measured).filter(is_first).collect();
+        let mut around = vec![false; rows * columns];
+        let mut any = false;
+        for (&i, _) in first.iter().zip(votes(&FIRST_AGES, &first)).filter(|(_, votes)| votes.has_come()) {
+            any = true;
+            let (row, column) = (returns.pixel[i] as usize / columns, returns.pixel[i] as usize % columns);
+            for r in row.saturating_sub(STRIDE[0])..(row + STRIDE[0] + 1).min(rows) {
+                (column + columns - STRIDE[1]..=column + columns + STRIDE[1]).for_each(|c| around[r * columns + c % columns] = true);
+            }
+        }
+        if !any {
+            return Vec::new();
+        }
+        let mut moves = vec![false; returns.len()];
+        let is_around = |&i: &usize| around.get(returns.pixel[i] as usize).is_some_and(|around| *around);
+        let dense: Vec<usize> = (0..returns.measured).filter(is_around).collect();
+        for (&i, votes) in dense.iter().zip(votes(&AGES, &dense)) {
+            moves[i] = votes.has_come();
+        }
+        grow(&mut moves, returns, image, |which| votes(&AGES, which).iter().map(Votes::may_join).collect());
+        // Points between returns are as the return that they are nearest to.
+        let sources: HashSet<u32> = (0..returns.measured).filter(|&i| moves[i]).map(|i| returns.source[i]).collect();
+        (returns.measured..returns.len()).for_each(|i| moves[i] = sources.contains(&returns.source[i]));
+        moves
+    }
+
+    /// Keeps what a scan saw, if it is apart from the last one kept.
+    ///
+    /// Scans whose surfaces are integrated at a pose in the map are kept to the end.
+    pub fn remember(&mut self, node: NodeId, t_submap_lidar: &Pose, t_map_lidar: Option<&Pose>, image: &RangeImage, model: &BeamModel) {
+        self.scans += 1;
+        let is_apart = self.views.last().is_none_or(|last| {
+            let (a, b) = (&last.t_submap_lidar, t_submap_lidar);
+            a.translation_distance(b) >= APART || a.rotation_distance(b) >= TURNED || self.scans >= LATER
+        });
+        let is_kept = t_map_lidar.is_some_and(|pose| self.kept.wants(pose));
+        if !(is_apart || is_kept) {
+            return;
+        }
+        let cells = Cells::new(image);
+        if is_apart {
+            if self.views.len() == AGES[AGES.len() - 1] {
+                self.views.remove(0);
+            }
+            self.views.push(View::new(node, t_submap_lidar, &cells, model, Care::NEAR));
+            self.scans = 0;
+        }
+        if is_kept {
+            self.kept.push(node, cells);
+        }
+    }
+
+    /// Removes surfaces of `submap` from places where nothing is before or after. Returns the number of voxels removed.
+    pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel) -> usize {
+        self.kept.clean(submap, graph, model)
+    }
+
+    /// The submap is made anew, and has to be cleaned again.
+    pub fn forget(&mut self, submap: SubmapId) {
+        self.kept.forget(submap);
+    }
+
+    /// What is needed to go on later.
+    pub fn state(&self) -> MovingState {
+        let of_view = |view: &View| StoredView { node: view.node, t_submap_lidar: view.t_submap_lidar };
+        let (kept_last, kept_since) = self.kept.place();
+        MovingState {
+            submap: self.submap,
+            views: self.views.iter().map(of_view).collect(),
+            scans: self.scans,
+            kept: self.kept.nodes().collect(),
+            kept_last: kept_last.map(StoredPose),
+            kept_since,
+        }
+    }
+}
+
+impl MovingState {
+    /// A detector in this state; `cells` reads the scan of a node again.
+    ///
+    /// # Errors
+    /// Those of `cells`.
+    pub fn detector<E>(&self, model: &BeamModel, mut cells: impl FnMut(NodeId) -> Result<Cells, E>) -> Result<MovingDetector, E> {
+        let (mut views, mut kept) = (Vec::new(), KeptScans::at((self.kept_last.map(|pose| pose.0), self.kept_since)));
+        for view in &self.views {
+            views.push(View::new(view.node, &view.t_submap_lidar, &cells(view.node)?, model, Care::NEAR));
+        }
+        for &node in &self.kept {
+            kept.push(node, cells(node)?);
+        }
+        Ok(MovingDetector { submap: self.submap, views, scans: self.scans, kept })
+    }
+}
+
+/// Adds to the returns that move those beside them that may join: lower parts near the ground, and parts of which the views know nothing. Pieces of a thing
+/// are convex where they meet, mostly; where it meets the ground that it stands on, or a wall behind it, is a hollow, and growth ends there.
+fn grow(moves: &mut [bool], returns: &Returns, image: &RangeImage, may_join: impl Fn(&[usize]) -> Vec<bool>) {
+    const NONE: u32 = u32::MAX;
+    let (rows, columns) = (image.rows as isize, image.columns as isize);
+    let mut at_pixel = vec![NONE; image.ranges.len()];
+    for (i, &pixel) in (0u32..).zip(&returns.pixel[..returns.measured]) {
+        if let Some(at) = at_pixel.get_mut(pixel as usize) {
+            *at = i;
+        }
+    }
+    let mut beside = vec![0u8; moves.len()];
+    let mut last: Vec<usize> = (0..returns.measured).filter(|&i| moves[i] && (returns.pixel[i] as usize) < at_pixel.len()).collect();
+    for _ in 0..GROWTH {
+        let mut candidates = Vec::new();
+        for &i in &last {
+            let (row, column) = (returns.pixel[i] as isize / columns, returns.pixel[i] as isize % columns);
+            for r in (row - 2).max(0)..(row + 3).min(rows) {
+                for c in column - 2..column + 3 {
+                    let at = at_pixel[(r * columns + c.rem_euclid(columns)) as usize];
+                    let j = at as usize;
+                    if at != NONE && !moves[j] && (returns.ranges[j] - returns.ranges[i]).abs() < BESIDE && !is_before(returns, i, j) {
+                        beside[j] = beside[j].saturating_add(1);
+                        if beside[j] == LEAST_BESIDE {
+                            candidates.push(j);
+                        }
+                    }
+                }
+            }
+        }
+        let joins = may_join(&candidates);
+        last = candidates.into_iter().zip(joins).filter(|(_, joins)| *joins).map(|(j, _)| j).collect();
+        if last.is_empty() {
+            break;
+        }
+        last.iter().for_each(|&j| moves[j] = true);
+    }
+}
+
+/// Whether return `i` is in front of the plane at return `j`, if there is one.
+fn is_before(returns: &Returns, i: usize, j: usize) -> bool {
+    let (p, q) = (returns.points[i], returns.points[j]);
+    let way: [f32; 3] = std::array::from_fn(|k| p[k] - q[k]);
+    let dot = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f32>();
+    returns.normals.get(j).is_some_and(|&normal| dot(way, normal) > BEFORE[0] + BEFORE[1] * dot(way, way).sqrt())
+}
+
+/// What `views`, oldest first, tell of `count` places, submap frame, metres, on things of a width and height, metres.
+fn votes_of(views: &[&View], model: &BeamModel, count: usize, place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync) -> Vec<Votes> {
+    let mut votes = vec![Votes::default(); count];
+    votes.par_chunks_mut(PROJECT_CHUNK).enumerate().for_each(|(chunk, votes)| {
+        let first = chunk * PROJECT_CHUNK;
+        let (places, sizes): (Vec<[f32; 3]>, Vec<[f32; 2]>) = (first..first + votes.len()).map(&place).unzip();
+        votes.copy_from_slice(&votes_of_few(views, model, &places, &sizes));
+    });
+    votes
+}
+
+/// As [`votes_of`], on the calling thread.
+pub(super) fn votes_of_few(views: &[&View], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
+    let mut votes = vec![Votes::default(); places.len()];
+    SCRATCH.with_borrow_mut(|scratch| {
+        for view in views {
+            let chunks = places.chunks(PROJECT_CHUNK).zip(sizes.chunks(PROJECT_CHUNK)).zip(votes.chunks_mut(PROJECT_CHUNK));
+            for ((places, sizes), votes) in chunks {
+                view.look(model, places, sizes, scratch, |i, sight: Sight| votes[i].add(sight));
+            }
+        }
+    });
+    votes
+}

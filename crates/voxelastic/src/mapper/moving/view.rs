@@ -1,0 +1,208 @@
+//! What a scan saw from its pose.
+
+use super::cells::Cells;
+use super::windows::{LEVELS, Windows};
+use crate::event::NodeId;
+use crate::geometry::{Pose, Rigid};
+use crate::sensor::{BeamModel, OUTSIDE, RangeImage, project_chunk};
+
+/// A place is judged only where beams are at most this far apart, metres.
+const LARGEST_GAP: f32 = 0.4;
+
+/// How far poses may be wrong, and with them places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Care {
+    /// Least width of a cell of the windows, metres.
+    least_cell: f32,
+    /// Margin in depth, metres, and the part of it that grows with the range.
+    margin: [f32; 2],
+}
+
+impl Care {
+    /// For scans just before or after.
+    pub const NEAR: Self = Self { least_cell: 0.05, margin: [0.1, 0.004] };
+    /// For scans of another time, between which the graph may be wrong.
+    pub const FAR: Self = Self { least_cell: 0.3, margin: [0.4, 0.01] };
+}
+
+/// What a view tells of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sight {
+    /// Hidden, out of view, too far, or at an edge.
+    Unknown,
+    /// A return is there.
+    Seen,
+    /// All beams around it passed beyond, and a thing as large as the one there would have been hit.
+    Void,
+    /// All beams around it passed beyond, but so far apart that they may have missed it.
+    Sparse,
+}
+
+/// What a scan saw.
+#[derive(Clone, Debug)]
+pub(super) struct View {
+    /// The scan's node and its pose in the submap.
+    pub node: NodeId,
+    pub t_submap_lidar: Pose,
+    t_lidar_submap: Rigid,
+    windows: Windows,
+    /// A cell is so many pixels wide, as a power of two.
+    shift: u32,
+    care: Care,
+    /// Width of a cell, radians.
+    cell: f32,
+    /// Angles between beams along rows and columns, radians.
+    gaps: [f32; 2],
+}
+
+impl View {
+    /// What the scan of `node` saw, of which `cells` are as seen from the pose `t_submap_lidar`.
+    pub fn new(node: NodeId, t_submap_lidar: &Pose, cells: &Cells, model: &BeamModel, care: Care) -> Self {
+        Self {
+            node,
+            t_submap_lidar: *t_submap_lidar,
+            t_lidar_submap: Rigid::from(&t_submap_lidar.inverse()),
+            windows: Windows::new(cells),
+            shift: cells.shift,
+            care,
+            cell: model.azimuth_step() * (1 << cells.shift) as f32,
+            gaps: gaps_of(model),
+        }
+    }
+
+    /// The same view in another submap.
+    pub fn moved(self, t_new_old: &Pose) -> Self {
+        let t_submap_lidar = t_new_old * self.t_submap_lidar;
+        Self { t_submap_lidar, t_lidar_submap: Rigid::from(&t_submap_lidar.inverse()), ..self }
+    }
+
+    /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres, on things of these widths and heights, metres.
+    pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Sight)) {
+        let Scratch { points, pixels, ranges } = scratch;
+        points.clear();
+        points.extend(places.iter().map(|p| self.t_lidar_submap.apply(*p)));
+        pixels.resize(places.len(), 0);
+        ranges.resize(places.len(), 0.0);
+        project_chunk(points, model, pixels, ranges);
+        let columns = model.columns() as u32;
+        for (i, ((&pixel, &range), size)) in pixels.iter().zip(ranges.iter()).zip(sizes).enumerate() {
+            let gaps = self.gaps.map(|gap| gap * range);
+            if pixel < OUTSIDE && gaps[0].max(gaps[1]) <= LARGEST_GAP {
+                let sight = self.sight((pixel / columns) as usize, ((pixel % columns) >> self.shift) as usize, range);
+                let is_missed = sight == Sight::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
+                tell(i, if is_missed { Sight::Sparse } else { sight });
+            }
+        }
+    }
+
+    fn sight(&self, row: usize, column: usize, range: f32) -> Sight {
+        let margin = self.care.margin[0] + self.care.margin[1] * range;
+        let Some(depths) = self.windows.around(row, column) else { return Sight::Unknown };
+        if depths.iter().any(|depth| (depth - range).abs() <= margin) {
+            return Sight::Seen;
+        }
+        // The level whose cells are wide enough at this range.
+        let wanted = self.care.least_cell / (self.cell * range).max(1e-6);
+        let level = (wanted.max(1.0).log2().ceil() as usize).min(LEVELS - 1);
+        match self.windows.nearest(level, row, column) {
+            Some(near) if near > range + margin => Sight::Void,
+            _ => Sight::Unknown,
+        }
+    }
+}
+
+/// Angles between beams along rows and columns, radians.
+fn gaps_of(model: &BeamModel) -> [f32; 2] {
+    [model.azimuth_step(), (model.elevations()[0] - model.elevations()[model.rows() - 1]) / (model.rows().max(2) - 1) as f32]
+}
+
+/// Width and height of the piece of surface that is seen in a pixel, metres: from there to where the range jumps, over a few pixels only. A piece that is seen in
+/// one pixel may be narrower than it, so half a pixel is taken off.
+pub(super) fn extent(image: &RangeImage, model: &BeamModel, pixel: usize) -> [f32; 2] {
+    /// Pixels to either side.
+    const MOST: isize = 4;
+    /// Larger differences of the ranges of neighbours are jumps, metres.
+    const JUMP: f32 = 0.4;
+    let (rows, columns) = (image.rows as isize, image.columns as isize);
+    let (row, column) = (pixel as isize / columns, pixel as isize % columns);
+    let length = |steps: [isize; 2]| -> f32 {
+        let mut last = image.ranges[pixel];
+        let goes_on = |&k: &isize| {
+            let (r, c) = (row + k * steps[0], (column + k * steps[1]).rem_euclid(columns));
+            let range = if (0..rows).contains(&r) { image.ranges[(r * columns + c) as usize] } else { 0.0 };
+            let goes_on = range > 0.0 && (range - last).abs() < JUMP;
+            last = range;
+            goes_on
+        };
+        (1..=MOST).take_while(goes_on).count() as f32
+    };
+    let range = image.ranges[pixel];
+    let [across, down] = gaps_of(model);
+    [(length([0, 1]) + length([0, -1]) + 0.5) * across * range, (length([1, 0]) + length([-1, 0]) + 0.5) * down * range]
+}
+
+/// Scratch memory of [`View::look`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    points: Vec<[f32; 3]>,
+    pixels: Vec<u32>,
+    ranges: Vec<f32>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A view along x of a wall 10 m away, with a pole 4 m ahead.
+    fn view() -> (View, BeamModel) {
+        let model = BeamModel::even(32, 720, 0.2, -0.2).unwrap();
+        let mut image = RangeImage { rows: 32, columns: 720, ranges: vec![10.0; 32 * 720], points: vec![0; 32 * 720] };
+        for row in 0..32 {
+            image.ranges[row * 720 + 2] = 4.0;
+            image.ranges[row * 720 + 300] = 0.0;
+        }
+        (View::new(7, &Pose::identity(), &Cells::new(&image), &model, Care::NEAR), model)
+    }
+
+    fn look(place: [f32; 3]) -> Sight {
+        let (view, model) = view();
+        let mut told = Sight::Unknown;
+        view.look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, sight| told = sight);
+        let mut of_thin = Sight::Unknown;
+        view.look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, sight| of_thin = sight);
+        assert_eq!(of_thin, if told == Sight::Void { Sight::Sparse } else { told });
+        told
+    }
+
+    #[test]
+    fn pieces_of_surface_are_as_large_as_they_are_seen() {
+        let model = BeamModel::even(32, 720, 0.2, -0.2).unwrap();
+        let mut image = RangeImage { rows: 32, columns: 720, ranges: vec![10.0; 32 * 720], points: vec![0; 32 * 720] };
+        for (row, column) in (10..14).flat_map(|row| [719, 0, 1].map(|column| (row, column))) {
+            image.ranges[row * 720 + column] = 5.0;
+        }
+        let (across, down) = (std::f32::consts::TAU / 720.0, 0.4 / 31.0);
+        let close = |a: [f32; 2], b: [f32; 2]| (a[0] - b[0]).abs() + (a[1] - b[1]).abs() < 1e-4;
+        for (row, column) in [(10, 719), (12, 0), (13, 1)] {
+            let size = extent(&image, &model, row * 720 + column);
+            assert!(close(size, [2.5 * across * 5.0, 3.5 * down * 5.0]), "{size:?}");
+        }
+        assert!(close(extent(&image, &model, 20 * 720 + 300), [8.5 * across * 10.0, 8.5 * down * 10.0]));
+        assert!(close(extent(&image, &model, 31 * 720 + 300), [8.5 * across * 10.0, 4.5 * down * 10.0]));
+    }
+
+    #[test]
+    fn places_before_a_wall_are_void_but_not_beside_a_pole_or_near_the_wall() {
+        assert_eq!(look([0.0, 6.0, 0.0]), Sight::Void);
+        assert_eq!(look([0.0, 10.0, 0.0]), Sight::Seen);
+        assert_eq!(look([0.0, 9.9, 0.1]), Sight::Seen);
+        assert_eq!(look([0.0, 11.0, 0.0]), Sight::Unknown, "behind the wall");
+        assert_eq!(look([4.0, 4.0 * 0.0175, 0.0]), Sight::Seen, "the pole");
+        assert_eq!(look([6.0, 6.0 * 0.0175, 0.0]), Sight::Unknown, "behind the pole");
+        assert_eq!(look([5.0, 5.0 * 0.035, 0.0]), Sight::Unknown, "beside the pole, behind it");
+        assert_eq!(look([3.0, 0.05, 0.0]), Sight::Void, "before the pole");
+        assert_eq!(look([0.0, 6.0, 5.0]), Sight::Unknown, "above the field of view");
+        let at_hole = (2.0 * std::f32::consts::PI * 300.0 / 720.0).sin_cos();
+        assert_eq!(look([6.0 * at_hole.1, 6.0 * at_hole.0, 0.0]), Sight::Void, "one beam without return");
+    }
+}

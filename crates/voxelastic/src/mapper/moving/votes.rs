@@ -1,0 +1,101 @@
+//! What several views together tell of a place.
+
+use super::view::Sight;
+
+/// Counts of what views tell of a place, in the order of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Votes {
+    void: u16,
+    seen: u16,
+    /// Times void, if it is not that it was missed.
+    sparse: u16,
+    /// Times seen before it was void last.
+    seen_before: u16,
+    /// Times void since it was seen last.
+    void_since: u16,
+}
+
+impl Votes {
+    /// Adds what the next view tells.
+    pub fn add(&mut self, sight: Sight) {
+        match sight {
+            Sight::Unknown => {}
+            Sight::Sparse => self.sparse += 1,
+            Sight::Seen => {
+                self.seen += 1;
+                self.void_since = 0;
+            }
+            Sight::Void => {
+                self.void += 1;
+                self.void_since += 1;
+                self.seen_before = self.seen;
+            }
+        }
+    }
+
+    /// Whether a point that is measured there now is on something that moves: the place was void, hardly seen before that, and not seen often since, as what came
+    /// and stays is. Or it was never seen: not everything is missed twice.
+    pub fn has_come(&self) -> bool {
+        /// Times seen after which something stands.
+        const STANDS: u16 = 8;
+        let came = self.void >= 1 && 2 * self.seen_before < self.void && self.seen - self.seen_before < STANDS;
+        came || (self.seen == 0 && self.void + self.sparse >= 2)
+    }
+
+    /// Whether a point there that is beside points on something that moves may be on it, too: hardly any view saw it.
+    pub fn may_join(&self) -> bool {
+        self.seen <= 1
+    }
+
+    /// Whether a surface there does not belong in the map: the place is void in many views, or in the last ones.
+    pub fn has_gone(&self) -> bool {
+        let mostly = self.void >= 1 && 2 * self.void > self.seen;
+        let lately = self.void_since >= 2 && 4 * self.void_since >= self.seen;
+        mostly || lately || (self.seen == 0 && self.void + self.sparse >= 2)
+    }
+
+    /// Whether a surface there has gone, by views of later times: several are void and none saw anything.
+    pub fn is_gone_later(&self) -> bool {
+        self.void + self.sparse >= 2 && self.seen == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn votes(sights: &str) -> Votes {
+        let mut votes = Votes::default();
+        sights.chars().for_each(|c| {
+            votes.add(match c {
+                'v' => Sight::Void,
+                's' => Sight::Seen,
+                '.' => Sight::Sparse,
+                _ => Sight::Unknown,
+            });
+        });
+        votes
+    }
+
+    #[test]
+    fn what_came_and_what_went() {
+        for (sights, came, gone) in [
+            ("", false, false),
+            ("v", true, true),
+            ("vvs", true, true),
+            ("?vss", true, false),
+            ("ssssv", false, false),
+            ("sssvv", false, true),
+            ("vvvsvvv", true, true),
+            ("sssssssssssvv", false, false),
+            ("ssss", false, false),
+            ("vvssssssss", false, false),
+            (".", false, false),
+            ("..", true, true),
+            ("...s", false, false),
+            (".vs.", true, true),
+        ] {
+            assert_eq!((votes(sights).has_come(), votes(sights).has_gone()), (came, gone), "{sights}");
+        }
+    }
+}
