@@ -2,18 +2,16 @@
 
 use super::cells::Cells;
 use super::kept::KeptScans;
-use super::view::{Care, Scratch, Sight, View, extent};
-use super::votes::Votes;
+use super::view::{Care, View, extent};
+use super::votes::{Votes, votes_of};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
 use crate::geometry::stored::StoredPose;
 use crate::geometry::{Pose, PoseExt, Rigid};
-use crate::sensor::{BeamModel, PROJECT_CHUNK, PreparedScan, RangeImage, Returns};
+use crate::sensor::{BeamModel, PreparedScan, RangeImage, Returns};
 use hashbrown::HashSet;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::cell::RefCell;
 
 /// A scan is kept as a view if it was taken this far from the last one, metres and radians, or this many scans later.
 const APART: f64 = 0.4;
@@ -30,10 +28,6 @@ const BEFORE: [f32; 2] = [0.03, 0.15];
 /// Ages of the views with which a scan is compared, counted in views.
 const AGES: [usize; 6] = [1, 2, 3, 5, 9, 17];
 const FIRST_AGES: [usize; 3] = [3, 9, 17];
-
-thread_local! {
-    static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch::default());
-}
 
 /// Finds points on what moves.
 #[derive(Debug, Default)]
@@ -245,29 +239,4 @@ fn is_before(returns: &Returns, i: usize, j: usize) -> bool {
     let way: [f32; 3] = std::array::from_fn(|k| p[k] - q[k]);
     let dot = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f32>();
     returns.normals.get(j).is_some_and(|&normal| dot(way, normal) > BEFORE[0] + BEFORE[1] * dot(way, way).sqrt())
-}
-
-/// What `views`, oldest first, tell of `count` places, submap frame, metres, on things of a width and height, metres.
-fn votes_of(views: &[&View], model: &BeamModel, count: usize, place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync) -> Vec<Votes> {
-    let mut votes = vec![Votes::default(); count];
-    votes.par_chunks_mut(PROJECT_CHUNK).enumerate().for_each(|(chunk, votes)| {
-        let first = chunk * PROJECT_CHUNK;
-        let (places, sizes): (Vec<[f32; 3]>, Vec<[f32; 2]>) = (first..first + votes.len()).map(&place).unzip();
-        votes.copy_from_slice(&votes_of_few(views, model, &places, &sizes));
-    });
-    votes
-}
-
-/// As [`votes_of`], on the calling thread.
-pub(super) fn votes_of_few(views: &[&View], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
-    let mut votes = vec![Votes::default(); places.len()];
-    SCRATCH.with_borrow_mut(|scratch| {
-        for view in views {
-            let chunks = places.chunks(PROJECT_CHUNK).zip(sizes.chunks(PROJECT_CHUNK)).zip(votes.chunks_mut(PROJECT_CHUNK));
-            for ((places, sizes), votes) in chunks {
-                view.look(model, places, sizes, scratch, |i, sight: Sight| votes[i].add(sight));
-            }
-        }
-    });
-    votes
 }

@@ -4,9 +4,8 @@
 //! the surface lies a part of the graph that may be wrong, so they only tell with wide margins, and only if none of them saw anything there.
 
 use super::cells::Cells;
-use super::detector::votes_of_few;
 use super::view::{Care, View};
-use super::votes::Votes;
+use super::votes::{Votes, votes_of_few};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;

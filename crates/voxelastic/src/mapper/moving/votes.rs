@@ -1,6 +1,13 @@
 //! What several views together tell of a place.
 
-use super::view::Sight;
+use super::view::{Scratch, Sight, View};
+use crate::sensor::{BeamModel, PROJECT_CHUNK};
+use rayon::prelude::*;
+use std::cell::RefCell;
+
+thread_local! {
+    static SCRATCH: RefCell<Scratch> = RefCell::new(Scratch::default());
+}
 
 /// Counts of what views tell of a place, in the order of time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -58,6 +65,31 @@ impl Votes {
     pub fn is_gone_later(&self) -> bool {
         self.void + self.sparse >= 2 && self.seen == 0
     }
+}
+
+/// What `views`, oldest first, tell of `count` places, submap frame, metres, on things of a width and height, metres.
+pub(super) fn votes_of(views: &[&View], model: &BeamModel, count: usize, place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync) -> Vec<Votes> {
+    let mut votes = vec![Votes::default(); count];
+    votes.par_chunks_mut(PROJECT_CHUNK).enumerate().for_each(|(chunk, votes)| {
+        let first = chunk * PROJECT_CHUNK;
+        let (places, sizes): (Vec<[f32; 3]>, Vec<[f32; 2]>) = (first..first + votes.len()).map(&place).unzip();
+        votes.copy_from_slice(&votes_of_few(views, model, &places, &sizes));
+    });
+    votes
+}
+
+/// As [`votes_of`], on the calling thread.
+pub(super) fn votes_of_few(views: &[&View], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
+    let mut votes = vec![Votes::default(); places.len()];
+    SCRATCH.with_borrow_mut(|scratch| {
+        for view in views {
+            let chunks = places.chunks(PROJECT_CHUNK).zip(sizes.chunks(PROJECT_CHUNK)).zip(votes.chunks_mut(PROJECT_CHUNK));
+            for ((places, sizes), votes) in chunks {
+                view.look(model, places, sizes, scratch, |i, sight: Sight| votes[i].add(sight));
+            }
+        }
+    });
+    votes
 }
 
 #[cfg(test)]
