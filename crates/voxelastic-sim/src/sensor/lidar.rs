@@ -214,7 +214,7 @@ impl Lidar {
 
     /// Simulates a scan: an organised cloud of rows x columns in the pixels of the beam model, with intensity, ring and time. Each point is in the lidar
     /// frame at the time of its firing, as sensors report it; beams without return are NaN. The noise depends on `random` only, not on the
-    /// number of threads. `world` is a [`World`], or one with [`Traffic`](crate::traffic::Traffic) in it. Where beams never repeat, the cloud is unorganised:
+    /// number of threads. `world` is a [`World`](crate::World), or one with [`Traffic`](crate::traffic::Traffic) in it. Where beams never repeat, the cloud is unorganised:
     /// the returns in the order of firing.
     pub fn scan<'a>(&self, world: impl Into<Surroundings<'a>>, pose_at: impl Fn(f64) -> Pose + Sync, random: &Stream) -> Cloud {
         self.labelled_scan(world, pose_at, random).0

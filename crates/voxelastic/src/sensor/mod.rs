@@ -2,7 +2,7 @@
 //!
 //! A [`BeamModel`] gives the direction of each pixel. It comes from a [`preset`], from tables, or is measured from the clouds by [`detect`], which also finds how
 //! the points are laid out ([`CloudLayout`]). A [`ScanPreprocessor`] turns each cloud into a [`PreparedScan`]: the [`RangeImage`], and the [`Returns`] with a
-//! local plane each, which are the input of the integrators. Where no image fits the points, planes come from the nearest points in space ([`scattered`]).
+//! local plane each, which are the input of the integrators. Where no image fits the points, planes come from the nearest points in space (`scattered`).
 //!
 //! A *beam* is a direction in which the sensor measures; a *return* is a measured point.
 
