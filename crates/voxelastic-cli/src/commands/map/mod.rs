@@ -44,7 +44,7 @@ use voxelastic_report::{Correction, LoopEdge, RunLog};
   voxelastic map drive.bag                              with the poses in it; without any, by odometry
   voxelastic map drive.bag --poses slam.tum             poses of another program, matched by time
   voxelastic map DATA --t-base-lidar \"0 0 1.7 0 0 0 1\"   the poses in the files are those of the vehicle
-  voxelastic map drive.bag --dynamic remove --dynamic-points moving.ply
+  voxelastic map drive.bag --dynamic=remove --dynamic-points moving.ply
   voxelastic map hall --report                          also writes hall.html, for a browser
   voxelastic map tuesday.bag --into hall.vox            go on with a saved map: adds a session to it
   voxelastic map DATA --config mapping.toml --json      settings from a file, results on stdout")]
@@ -76,7 +76,7 @@ pub struct MapArgs {
     /// Write a report on the map and the run, an HTML page [default name: that of the map with .html, in the current directory]
     #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
     report: Option<Option<PathBuf>>,
-    /// With --dynamic remove: write the points on things that move as a cloud (PLY, map frame)
+    /// With --dynamic=remove: write the points on things that move as a cloud (PLY, map frame)
     #[arg(long, value_name = "FILE.ply")]
     dynamic_points: Option<PathBuf>,
     /// Print the results as one JSON object on stdout
