@@ -37,6 +37,7 @@ class SettingArguments(TypedDict, total=False):
     truncation_behind: float
     max_weight: float
     max_scale: int
+    dynamic: Literal["keep", "remove"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
     scale_hysteresis: float
@@ -117,6 +118,10 @@ class Settings:
     max_scale: int = 3
     """Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution. Allowed: 0 to
     3.
+    """
+    dynamic: Literal["keep", "remove"] = "keep"
+    """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set
+    aside, and surfaces in space that is free before or after are removed at the end). Allowed: keep | remove.
     """
     no_return: Literal["unknown", "free"] = "unknown"
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for
