@@ -34,9 +34,9 @@ impl Surfaces for LocalMap {
 /// A level of the local map whose lines are taken for the planes on which they lie.
 #[derive(Clone, Copy)]
 pub(crate) struct LargerPlanes<'a> {
-    pub(crate) level: &'a LocalMap,
+    level: &'a LocalMap,
     /// Levels of larger voxels, from fine to coarse.
-    pub(crate) larger: &'a [LocalMap],
+    larger: &'a [LocalMap],
 }
 
 impl<'a> LargerPlanes<'a> {

@@ -131,6 +131,9 @@ fn is_elsewhere(a: &Pose, b: &Pose) -> bool {
 /// Aligns to the levels from `first` to the finest. If only lines of single beams hold the pose then, again with the planes on which these lie.
 fn descend(points: &[Surfel], guess: &Pose, levels: &[LocalMap], first: usize, sigma: f64, settings: &RegistrationSettings) -> Option<Registration> {
     let found = descend_by(points, guess, levels.iter().take(first + 1), sigma, &[], settings)?;
+    if levels.len() == 1 {
+        return Some(found);
+    }
     let sparse: Vec<Surfel> = points.iter().step_by(SPARSE).copied().collect();
     let with_planes = NormalEquations::of(&sparse, &found.t_map_lidar, &LargerPlanes::of(levels, 0), &found.kernel);
     let held = Solution::of(&with_planes, mean_radius(points), &[])?;

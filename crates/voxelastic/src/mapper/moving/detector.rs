@@ -20,10 +20,10 @@ const LATER: usize = 5;
 /// Of so many rows and columns, one return is judged first, by few views; those around it only if it moves.
 const STRIDE: [usize; 2] = [2, 4];
 /// What moves grows over returns of which so many neighbours in the image, at most two pixels and this far away in range, move; so many times.
-const LEAST_BESIDE: u8 = 3;
-const BESIDE: f32 = 0.4;
+const LEAST_NEIGHBOURS: u8 = 3;
+const NEIGHBOUR_RANGE: f32 = 0.4;
 const GROWTH: usize = 8;
-/// It does not grow over an edge at which it stands on, or before, the plane of the return beside: by more than this, metres, and this part of the distance.
+/// It does not grow over an edge at which it stands on, or before, the plane of the neighbouring return: by more than this, metres, and this part of the distance.
 const BEFORE: [f32; 2] = [0.03, 0.15];
 /// Ages of the views with which a scan is compared, counted in views.
 const AGES: [usize; 6] = [1, 2, 3, 5, 9, 17];
@@ -194,7 +194,7 @@ impl MovingState {
     }
 }
 
-/// Adds to the returns that move those beside them that may join: lower parts near the ground, and parts of which the views know nothing. Pieces of a thing
+/// Adds to the returns that move their neighbours that may join: lower parts near the ground, and parts of which the views know nothing. Pieces of a thing
 /// are convex where they meet, mostly; where it meets the ground that it stands on, or a wall behind it, is a hollow, and growth ends there.
 fn grow(moves: &mut [bool], returns: &Returns, image: &RangeImage, may_join: impl Fn(&[usize]) -> Vec<bool>) {
     const NONE: u32 = u32::MAX;
@@ -205,7 +205,7 @@ fn grow(moves: &mut [bool], returns: &Returns, image: &RangeImage, may_join: imp
             *at = i;
         }
     }
-    let mut beside = vec![0u8; moves.len()];
+    let mut moving_neighbours = vec![0u8; moves.len()];
     let mut last: Vec<usize> = (0..returns.measured).filter(|&i| moves[i] && (returns.pixel[i] as usize) < at_pixel.len()).collect();
     for _ in 0..GROWTH {
         let mut candidates = Vec::new();
@@ -215,9 +215,9 @@ fn grow(moves: &mut [bool], returns: &Returns, image: &RangeImage, may_join: imp
                 for c in column - 2..column + 3 {
                     let at = at_pixel[(r * columns + c.rem_euclid(columns)) as usize];
                     let j = at as usize;
-                    if at != NONE && !moves[j] && (returns.ranges[j] - returns.ranges[i]).abs() < BESIDE && !is_before(returns, i, j) {
-                        beside[j] = beside[j].saturating_add(1);
-                        if beside[j] == LEAST_BESIDE {
+                    if at != NONE && !moves[j] && (returns.ranges[j] - returns.ranges[i]).abs() < NEIGHBOUR_RANGE && !is_before(returns, i, j) {
+                        moving_neighbours[j] = moving_neighbours[j].saturating_add(1);
+                        if moving_neighbours[j] == LEAST_NEIGHBOURS {
                             candidates.push(j);
                         }
                     }

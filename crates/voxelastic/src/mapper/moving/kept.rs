@@ -18,8 +18,8 @@ use std::collections::{BTreeMap, HashMap};
 const APART: f64 = 3.0;
 const LATER: usize = 10;
 /// Scans just before and after those of a submap that tell of its surfaces as well.
-const BESIDE: usize = 5;
-/// Most scans of the submap and beside them, and of later times, by which its surfaces are judged.
+const SAME_TIME: usize = 5;
+/// Most scans of the submap and of its time, and of later times, by which its surfaces are judged.
 const MOST: usize = 24;
 const MOST_LATER: usize = 12;
 /// Thinner things may be missed between beams, metres.
@@ -77,21 +77,21 @@ impl KeptScans {
     /// Removes surfaces of `submap` from places where nothing is before or after. Returns the number of voxels removed.
     pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel) -> usize {
         let chosen = self.choose(submap, graph);
-        let key = (submap.scans.len(), chosen.beside.iter().chain(&chosen.later).map(|(i, _)| self.scans[*i].0).collect());
-        if self.cleaned.get(&submap.id) == Some(&key) || chosen.beside.len() + chosen.later.len() < 3 {
+        let key = (submap.scans.len(), chosen.same_time.iter().chain(&chosen.later).map(|(i, _)| self.scans[*i].0).collect());
+        if self.cleaned.get(&submap.id) == Some(&key) || chosen.same_time.len() + chosen.later.len() < 3 {
             return 0;
         }
         let views = |chosen: &[(usize, Pose)], care: Care| -> Vec<View> {
             let view = |(i, pose): &(usize, Pose)| View::new(self.scans[*i].0, pose, &self.scans[*i].1, model, care);
             chosen.par_iter().map(view).collect()
         };
-        let (beside, later) = (views(&chosen.beside, Care::NEAR), views(&chosen.later, Care::FAR));
-        let (beside, later): (Vec<&View>, Vec<&View>) = (beside.iter().collect(), later.iter().collect());
+        let (same_time, later) = (views(&chosen.same_time, Care::NEAR), views(&chosen.later, Care::FAR));
+        let (same_time, later): (Vec<&View>, Vec<&View>) = (same_time.iter().collect(), later.iter().collect());
         let voxel = submap.voxel_size;
         let is_gone = |centres: &[[f32; 3]]| -> Vec<bool> {
             let places: Vec<[f32; 3]> = centres.iter().map(|c| c.map(|c| c * voxel)).collect();
             let sizes = vec![[THIN; 2]; places.len()];
-            let now = votes_of_few(&beside, model, &places, &sizes);
+            let now = votes_of_few(&same_time, model, &places, &sizes);
             let then = votes_of_few(&later, model, &places, &sizes);
             now.iter().zip(&then).map(|(now, then)| Votes::has_gone(now) || Votes::is_gone_later(then)).collect()
         };
@@ -105,19 +105,19 @@ impl KeptScans {
         let poses: HashMap<NodeId, &Pose> = submap.scans.iter().map(|scan| (scan.node, &scan.t_submap_lidar)).collect();
         let own: Vec<(usize, &Pose)> = self.nodes().enumerate().filter_map(|(i, node)| Some((i, *poses.get(&node)?))).collect();
         let Some(&(last, _)) = own.last() else { return Chosen::default() };
-        let (mut beside, mut later) = (Vec::new(), Vec::new());
+        let (mut same_time, mut later) = (Vec::new(), Vec::new());
         for (i, node) in self.nodes().enumerate() {
             // From the nearest scan of the submap on, poses follow the graph.
             let at = own.partition_point(|(j, _)| *j < i);
             let nearest = own[at.saturating_sub(1)..(at + 1).min(own.len())].iter().min_by_key(|(j, _)| j.abs_diff(i));
             let Some(&(j, t_submap_own)) = nearest else { continue };
             if i == j {
-                beside.push((i, *t_submap_own));
+                same_time.push((i, *t_submap_own));
                 continue;
             }
             let (Some(own_pose), Some(pose)) = (graph.pose(self.scans[j].0), graph.pose(node)) else { continue };
-            if i.abs_diff(j) <= BESIDE {
-                beside.push((i, t_submap_own * own_pose.inv_mul(pose)));
+            if i.abs_diff(j) <= SAME_TIME {
+                same_time.push((i, t_submap_own * own_pose.inv_mul(pose)));
             } else if i > last {
                 let t_submap_lidar = submap.t_map_submap.inv_mul(pose);
                 if own.iter().any(|(_, own)| own.translation_distance(&t_submap_lidar) <= IN_SIGHT) {
@@ -125,13 +125,13 @@ impl KeptScans {
                 }
             }
         }
-        Chosen { beside: thinned(beside, MOST), later: thinned(later, MOST_LATER) }
+        Chosen { same_time: thinned(same_time, MOST), later: thinned(later, MOST_LATER) }
     }
 }
 
 #[derive(Debug, Default)]
 struct Chosen {
-    beside: Vec<(usize, Pose)>,
+    same_time: Vec<(usize, Pose)>,
     later: Vec<(usize, Pose)>,
 }
 

@@ -27,7 +27,7 @@ impl Care {
 
 /// What a view tells of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Sight {
+pub(super) enum Observation {
     /// Hidden, out of view, too far, or at an edge.
     Unknown,
     /// A return is there.
@@ -77,7 +77,7 @@ impl View {
     }
 
     /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres, on things of these widths and heights, metres.
-    pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Sight)) {
+    pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Observation)) {
         let Scratch { points, pixels, ranges } = scratch;
         points.clear();
         points.extend(places.iter().map(|p| self.t_lidar_submap.apply(*p)));
@@ -88,25 +88,25 @@ impl View {
         for (i, ((&pixel, &range), size)) in pixels.iter().zip(ranges.iter()).zip(sizes).enumerate() {
             let gaps = self.gaps.map(|gap| gap * range);
             if pixel < OUTSIDE && gaps[0].max(gaps[1]) <= LARGEST_GAP {
-                let sight = self.sight((pixel / columns) as usize, ((pixel % columns) >> self.shift) as usize, range);
-                let is_missed = sight == Sight::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
-                tell(i, if is_missed { Sight::Sparse } else { sight });
+                let observation = self.observation((pixel / columns) as usize, ((pixel % columns) >> self.shift) as usize, range);
+                let is_missed = observation == Observation::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
+                tell(i, if is_missed { Observation::Sparse } else { observation });
             }
         }
     }
 
-    fn sight(&self, row: usize, column: usize, range: f32) -> Sight {
+    fn observation(&self, row: usize, column: usize, range: f32) -> Observation {
         let margin = self.care.margin[0] + self.care.margin[1] * range;
-        let Some(depths) = self.windows.around(row, column) else { return Sight::Unknown };
+        let Some(depths) = self.windows.around(row, column) else { return Observation::Unknown };
         if depths.iter().any(|depth| (depth - range).abs() <= margin) {
-            return Sight::Seen;
+            return Observation::Seen;
         }
         // The level whose cells are wide enough at this range.
         let wanted = self.care.least_cell / (self.cell * range).max(1e-6);
         let level = (wanted.max(1.0).log2().ceil() as usize).min(LEVELS - 1);
         match self.windows.nearest(level, row, column) {
-            Some(near) if near > range + margin => Sight::Void,
-            _ => Sight::Unknown,
+            Some(near) if near > range + margin => Observation::Void,
+            _ => Observation::Unknown,
         }
     }
 }
@@ -164,14 +164,14 @@ mod tests {
         (View::new(7, &Pose::identity(), &Cells::new(&image), &model, Care::NEAR), model)
     }
 
-    fn look(place: [f32; 3]) -> Sight {
+    fn look(place: [f32; 3]) -> Observation {
         let (view, model) = view();
-        let mut told = Sight::Unknown;
-        view.look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, sight| told = sight);
-        let mut of_thin = Sight::Unknown;
-        view.look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, sight| of_thin = sight);
-        assert_eq!(of_thin, if told == Sight::Void { Sight::Sparse } else { told });
-        told
+        let mut observed = Observation::Unknown;
+        view.look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
+        let mut of_thin = Observation::Unknown;
+        view.look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, observation| of_thin = observation);
+        assert_eq!(of_thin, if observed == Observation::Void { Observation::Sparse } else { observed });
+        observed
     }
 
     #[test]
@@ -193,16 +193,16 @@ mod tests {
 
     #[test]
     fn places_before_a_wall_are_void_but_not_beside_a_pole_or_near_the_wall() {
-        assert_eq!(look([0.0, 6.0, 0.0]), Sight::Void);
-        assert_eq!(look([0.0, 10.0, 0.0]), Sight::Seen);
-        assert_eq!(look([0.0, 9.9, 0.1]), Sight::Seen);
-        assert_eq!(look([0.0, 11.0, 0.0]), Sight::Unknown, "behind the wall");
-        assert_eq!(look([4.0, 4.0 * 0.0175, 0.0]), Sight::Seen, "the pole");
-        assert_eq!(look([6.0, 6.0 * 0.0175, 0.0]), Sight::Unknown, "behind the pole");
-        assert_eq!(look([5.0, 5.0 * 0.035, 0.0]), Sight::Unknown, "beside the pole, behind it");
-        assert_eq!(look([3.0, 0.05, 0.0]), Sight::Void, "before the pole");
-        assert_eq!(look([0.0, 6.0, 5.0]), Sight::Unknown, "above the field of view");
+        assert_eq!(look([0.0, 6.0, 0.0]), Observation::Void);
+        assert_eq!(look([0.0, 10.0, 0.0]), Observation::Seen);
+        assert_eq!(look([0.0, 9.9, 0.1]), Observation::Seen);
+        assert_eq!(look([0.0, 11.0, 0.0]), Observation::Unknown, "behind the wall");
+        assert_eq!(look([4.0, 4.0 * 0.0175, 0.0]), Observation::Seen, "the pole");
+        assert_eq!(look([6.0, 6.0 * 0.0175, 0.0]), Observation::Unknown, "behind the pole");
+        assert_eq!(look([5.0, 5.0 * 0.035, 0.0]), Observation::Unknown, "beside the pole, behind it");
+        assert_eq!(look([3.0, 0.05, 0.0]), Observation::Void, "before the pole");
+        assert_eq!(look([0.0, 6.0, 5.0]), Observation::Unknown, "above the field of view");
         let at_hole = (2.0 * std::f32::consts::PI * 300.0 / 720.0).sin_cos();
-        assert_eq!(look([6.0 * at_hole.1, 6.0 * at_hole.0, 0.0]), Sight::Void, "one beam without return");
+        assert_eq!(look([6.0 * at_hole.1, 6.0 * at_hole.0, 0.0]), Observation::Void, "one beam without return");
     }
 }

@@ -1,6 +1,6 @@
 //! What several views together tell of a place.
 
-use super::view::{Scratch, Sight, View};
+use super::view::{Observation, Scratch, View};
 use crate::sensor::{BeamModel, PROJECT_CHUNK};
 use rayon::prelude::*;
 use std::cell::RefCell;
@@ -24,15 +24,15 @@ pub(super) struct Votes {
 
 impl Votes {
     /// Adds what the next view tells.
-    pub fn add(&mut self, sight: Sight) {
-        match sight {
-            Sight::Unknown => {}
-            Sight::Sparse => self.sparse += 1,
-            Sight::Seen => {
+    pub fn add(&mut self, observation: Observation) {
+        match observation {
+            Observation::Unknown => {}
+            Observation::Sparse => self.sparse += 1,
+            Observation::Seen => {
                 self.seen += 1;
                 self.void_since = 0;
             }
-            Sight::Void => {
+            Observation::Void => {
                 self.void += 1;
                 self.void_since += 1;
                 self.seen_before = self.seen;
@@ -85,7 +85,7 @@ pub(super) fn votes_of_few(views: &[&View], model: &BeamModel, places: &[[f32; 3
         for view in views {
             let chunks = places.chunks(PROJECT_CHUNK).zip(sizes.chunks(PROJECT_CHUNK)).zip(votes.chunks_mut(PROJECT_CHUNK));
             for ((places, sizes), votes) in chunks {
-                view.look(model, places, sizes, scratch, |i, sight: Sight| votes[i].add(sight));
+                view.look(model, places, sizes, scratch, |i, observation: Observation| votes[i].add(observation));
             }
         }
     });
@@ -96,14 +96,14 @@ pub(super) fn votes_of_few(views: &[&View], model: &BeamModel, places: &[[f32; 3
 mod tests {
     use super::*;
 
-    fn votes(sights: &str) -> Votes {
+    fn votes(observations: &str) -> Votes {
         let mut votes = Votes::default();
-        sights.chars().for_each(|c| {
+        observations.chars().for_each(|c| {
             votes.add(match c {
-                'v' => Sight::Void,
-                's' => Sight::Seen,
-                '.' => Sight::Sparse,
-                _ => Sight::Unknown,
+                'v' => Observation::Void,
+                's' => Observation::Seen,
+                '.' => Observation::Sparse,
+                _ => Observation::Unknown,
             });
         });
         votes
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn what_came_and_what_went() {
-        for (sights, came, gone) in [
+        for (observations, came, gone) in [
             ("", false, false),
             ("v", true, true),
             ("vvs", true, true),
@@ -127,7 +127,7 @@ mod tests {
             ("...s", false, false),
             (".vs.", true, true),
         ] {
-            assert_eq!((votes(sights).has_come(), votes(sights).has_gone()), (came, gone), "{sights}");
+            assert_eq!((votes(observations).has_come(), votes(observations).has_gone()), (came, gone), "{observations}");
         }
     }
 }
