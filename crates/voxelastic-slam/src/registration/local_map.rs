@@ -1,8 +1,8 @@
 //! The local map: voxels with running statistics of the points in them, and the plane or the spread that follows from these.
 
-use super::eigen::smallest;
 use super::voxel_index::{VoxelIndex, key};
 use serde::{Deserialize, Serialize};
+use voxelastic::geometry::smallest_eigenvector;
 
 /// A voxel with this many points takes no more: the map stays where it was first measured, and does not follow the drift.
 const FULL: f32 = 60.0;
@@ -222,7 +222,7 @@ fn surface(moments: &Moments, size: f64) -> Surface {
     let mean = moments.sum.map(|v| f64::from(v) / n);
     let product = |k: usize, i: usize, j: usize| f64::from(moments.squares[k]) / n - mean[i] * mean[j];
     let covariance = [product(0, 0, 0), product(1, 0, 1), product(2, 0, 2), product(3, 1, 1), product(4, 1, 2), product(5, 2, 2)];
-    let (values, normal) = smallest(covariance);
+    let (values, normal) = smallest_eigenvector(covariance);
     let noise = RANGE_NOISE * RANGE_NOISE;
     let mean = mean.map(|v| v as f32);
     let is_wide = values[1] > (LEAST_WIDTH * size).powi(2);

@@ -6,7 +6,6 @@
 
 mod degeneracy;
 mod downsample;
-mod eigen;
 mod information;
 mod larger_planes;
 mod local_map;

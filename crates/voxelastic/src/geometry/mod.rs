@@ -4,9 +4,11 @@
 //! transform as a single-precision matrix, [`Rigid`]. Lengths are in metres, angles in radians.
 
 pub mod aabb;
+mod eigen;
 pub mod morton;
 pub mod pose;
 pub mod stored;
 
 pub use aabb::Aabb;
+pub use eigen::smallest_eigenvector;
 pub use pose::{Pose, PoseExt, Rigid};

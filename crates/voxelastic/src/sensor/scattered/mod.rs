@@ -5,7 +5,6 @@
 //! surface between them is known as well as the plane: [`between`] adds points there, for surfaces only.
 
 mod between;
-mod eigen;
 mod neighbours;
 mod planes;
 

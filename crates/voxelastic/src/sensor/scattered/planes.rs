@@ -1,8 +1,8 @@
 //! A local plane for every scattered return, and the distance between returns around it.
 
 use super::between::add_between;
-use super::eigen::smallest;
 use super::neighbours::Neighbours;
+use crate::geometry::smallest_eigenvector;
 use crate::sensor::normals::NormalSettings;
 use crate::sensor::returns::Returns;
 use rayon::prelude::*;
@@ -44,7 +44,8 @@ impl Plane {
         for [x, y, z] in neighbours.iter().map(offset).map(|p| -> [f64; 3] { std::array::from_fn(|k| p[k] - mean[k]) }) {
             [x * x, x * y, x * z, y * y, y * z, z * z].into_iter().zip(&mut covariance).for_each(|(v, sum)| *sum += v);
         }
-        let (values, normal) = smallest(&covariance)?;
+        let (values, normal) = smallest_eigenvector(covariance);
+        let normal = normal?;
         Some(Self {
             centre: std::array::from_fn(|k| (origin[k] + mean[k]) as f32),
             normal: normal.map(|c| c as f32),

@@ -2,7 +2,7 @@
 
 /// Eigenvalues in ascending order and the unit eigenvector of the smallest, of the matrix `xx xy xz yy yz zz`.
 /// The vector is `None` where the two smallest eigenvalues are (nearly) the same.
-pub(crate) fn smallest([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> ([f64; 3], Option<[f64; 3]>) {
+pub fn smallest_eigenvector([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> ([f64; 3], Option<[f64; 3]>) {
     let mean = (xx + yy + zz) / 3.0;
     let off = xy * xy + xz * xz + yz * yz;
     let (dx, dy, dz) = (xx - mean, yy - mean, zz - mean);
@@ -48,7 +48,7 @@ mod tests {
         for _ in 0..1000 {
             let a = Matrix3::from_fn(|_, _| random());
             let m = a * a.transpose();
-            let (values, vector) = smallest([m.m11, m.m12, m.m13, m.m22, m.m23, m.m33]);
+            let (values, vector) = smallest_eigenvector([m.m11, m.m12, m.m13, m.m22, m.m23, m.m33]);
             let mut reference: Vec<f64> = SymmetricEigen::new(m).eigenvalues.iter().copied().collect();
             reference.sort_by(f64::total_cmp);
             for (value, reference) in values.iter().zip(&reference) {
@@ -57,6 +57,6 @@ mod tests {
             let v = nalgebra::Vector3::from(vector.unwrap());
             assert!((m * v - v * values[0]).norm() < 1e-5);
         }
-        assert!(smallest([2.0, 0.0, 0.0, 2.0, 0.0, 2.0]).1.is_none());
+        assert!(smallest_eigenvector([2.0, 0.0, 0.0, 2.0, 0.0, 2.0]).1.is_none());
     }
 }
