@@ -99,11 +99,25 @@ class Faults(dask.WorkerPlugin):  # type: ignore[misc]
         return {record: count - 1 for record, count in Counter(self.noted("attempts")).items() if count > 1}
 
 
-class Cluster:
-    """A scheduler and workers as `dask scheduler` and `dask worker` start them, each a process of its own."""
+NOTES = "VOXELASTIC_FLEET_NOTES"
+"""Variable of the environment with the folder where workers of a [`Cluster`] note what happened."""
 
-    def __init__(self, workers: int) -> None:
-        self.workers, self.running = workers, list[subprocess.Popen[bytes]]()
+
+def dask_setup(worker: Any) -> None:
+    """What Dask calls in each worker that loads this file when it starts."""
+    Faults(Path(os.environ[NOTES])).setup(worker)
+
+
+class Cluster:
+    """A scheduler and workers as `dask scheduler` and `dask worker` start them, each a process of its own.
+
+    Args:
+        workers: How many workers.
+        notes: Folder where they note what happened, for [`Faults`].
+    """
+
+    def __init__(self, workers: int, notes: Path | None = None) -> None:
+        self.workers, self.notes, self.running = workers, notes, list[subprocess.Popen[bytes]]()
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -113,11 +127,13 @@ class Cluster:
         """Starts all of them."""
         self._start("scheduler", "--port", str(self.port))
         for _ in range(self.workers):
-            self._start("worker", self.address, "--nthreads", "1", "--local-directory", tempfile.gettempdir())
+            preload = () if self.notes is None else ("--preload", __file__)
+            self._start("worker", self.address, "--nthreads", "1", "--local-directory", tempfile.gettempdir(), *preload)
 
     def _start(self, what: str, *arguments: str) -> None:
         command = [sys.executable, "-m", f"distributed.cli.dask_{what}", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
-        self.running.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+        environment = os.environ if self.notes is None else os.environ | {NOTES: str(self.notes)}
+        self.running.append(subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL))
 
     def restart(self) -> None:
         """Kills the scheduler (-9), of which the workers end, too; and starts all of them again, as a supervisor of services does."""

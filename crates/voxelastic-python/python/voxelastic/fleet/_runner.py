@@ -103,13 +103,15 @@ class Runner:
         deaths: dict[str, int] = dict.fromkeys(left, 0)
         for attempt in range(1 + SCHEDULERS):
             futures = self._submit(stage, left.values(), attempt)
-            for future in as_completed(list(futures)):
-                task, record = futures[future], _outcome(future)
-                if record is not None and record.pop("is_killed", False) and deaths[task.key] < RETRIES:
-                    deaths[task.key] += 1
-                elif record is not None:
-                    yield left.pop(task.key), record
-                future.release()
+            for done in as_completed(list(futures)).batches():
+                # All that is done is fetched before anybody is told of it: a scheduler that is lost meanwhile does not take it along.
+                for future, record in [(future, _outcome(future)) for future in done]:
+                    task = futures[future]
+                    if record is not None and record.pop("is_killed", False) and deaths[task.key] < RETRIES:
+                        deaths[task.key] += 1
+                    elif record is not None:
+                        yield left.pop(task.key), record
+                    future.release()
             if not left:
                 return
         raise ConnectionError(f"{stage}: the Dask scheduler was lost {1 + SCHEDULERS} times; what is done is in the store: run again to go on")
