@@ -23,7 +23,7 @@ ORDER = [
     *("Mapper", "ScanReport", "Map", "Mesh", "Query", "State", "RayHits", "Slice", "Path", "Submap", "Blocks", "Dataset", "Scan", "Edge", "PoseUpdate"),
     *("Odometry", "OdometryReport", "Trajectory", "Localiser", "Location", "Simulation", "TrajectoryErrors", "Settings"),
 ]
-FUNCTIONS = ["odometry", "evaluate", "trajectory_errors"]
+FUNCTIONS = ["odometry", "evaluate", "trajectory_errors", "limit_memory"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError"]
 ALIASES = ["Pose", "Event", "Surface", "Progress"]
 

@@ -61,14 +61,15 @@ pub const EXAMPLE_DEPENDENCIES: &[(&str, &str)] =
 /// Rooms of the crate `voxelastic`.
 pub const ROOMS: &[Layer] = &[
     ("simd", &[]),
+    ("memory", &[]),
     ("geometry", &["simd"]),
     ("motion", &["geometry"]),
     ("cloud", &["geometry", "motion"]),
     ("event", &["geometry", "cloud"]),
     ("sensor", &["simd", "geometry", "motion", "cloud"]),
-    ("settings", &["sensor"]),
-    ("octree", &["simd", "geometry"]),
-    ("field", &["simd", "geometry", "octree"]),
+    ("settings", &["memory", "sensor"]),
+    ("octree", &["simd", "memory", "geometry"]),
+    ("field", &["simd", "memory", "geometry", "octree"]),
     ("integrate", &["simd", "geometry", "sensor", "octree", "field"]),
     ("surface", &["simd", "geometry", "octree", "field"]),
     ("atlas", &["simd", "geometry", "event", "octree", "field"]),
@@ -82,6 +83,8 @@ pub const ROOMS: &[Layer] = &[
 pub const UNSAFE_FILES: &[(&str, &str)] = &[
     ("voxelastic", "field/occupancy/writer.rs"),
     ("voxelastic", "field/tsdf/writer.rs"),
+    ("voxelastic", "memory/allocator.rs"),
+    ("voxelastic", "memory/region.rs"),
     ("voxelastic", "octree/disjoint_mut.rs"),
     ("voxelastic", "octree/prefetch.rs"),
     ("voxelastic", "octree/slab.rs"),

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
+use voxelastic::memory::{self, MemorySize};
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Error, Origin};
@@ -20,19 +21,33 @@ pub struct LoadedMap {
     pub damaged: usize,
 }
 
-/// What to do about damage, of commands that read a map.
+/// How commands that read a map load it.
 #[derive(Clone, Copy, Debug, Default, Args)]
-pub struct DamageArgs {
+pub struct LoadArgs {
     /// Leave out submaps whose files are damaged or missing, and count them, instead of failing
     #[arg(long)]
     pub skip_damaged: bool,
+    /// Memory that the program may have, such as 500MB: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp
+    #[arg(long, value_name = "SIZE", default_value = "none", hide_default_value = true)]
+    pub memory: MemorySize,
+}
+
+impl LoadArgs {
+    /// Sets the memory budget.
+    fn limit_memory(self) -> anyhow::Result<()> {
+        match self.memory {
+            MemorySize(0) => Ok(()),
+            MemorySize(bytes) => memory::limit(bytes, None).map_err(|error| Failure::new(format!("--memory: {error}"), "").into()),
+        }
+    }
 }
 
 /// Loads a map.
-pub fn load(path: &Path, damage: DamageArgs) -> anyhow::Result<LoadedMap> {
+pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
+    args.limit_memory()?;
     let store = open(path)?;
     let (settings, origin) = (settings_of(&store)?, origin_of(&store)?);
-    let (atlas, damaged) = if damage.skip_damaged {
+    let (atlas, damaged) = if args.skip_damaged {
         let (atlas, found) = store.load_undamaged().map_err(damaged_whole)?;
         found.iter().for_each(|error| tracing::warn!("left out: {error}"));
         warn_of(&store, found.len());

@@ -5,10 +5,12 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::{PyResult, Python, pyfunction};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use voxelastic::memory::MemorySize;
 
 /// Time between two looks for Ctrl-C.
 const TICK: Duration = Duration::from_millis(50);
@@ -32,6 +34,14 @@ pub fn use_threads(threads: usize) {
             *shared = None;
         }
     }
+}
+
+/// Limits the memory of this process to `size`, see [`voxelastic::memory::limit`].
+#[pyfunction]
+pub fn limit_memory(py: Python<'_>, size: &str, folder: Option<PathBuf>) -> PyResult<()> {
+    let refused = |why: String| errors::Kind::Setting.exception(py, why);
+    let MemorySize(bytes) = size.parse().map_err(|error| refused(format!("{size}: {error}")))?;
+    voxelastic::memory::limit(bytes, folder.as_deref()).map_err(|error| refused(error.to_string()))
 }
 
 /// The pool in which maps are opened, meshed and queried, with a thread per core, or as many as [`use_threads`] says. A process that was forked gets one of its

@@ -36,7 +36,7 @@ mod _native {
         Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,
     };
     #[pymodule_export]
-    use crate::job::use_threads;
+    use crate::job::{limit_memory, use_threads};
     #[pymodule_export]
     use crate::map::Map;
     #[pymodule_export]

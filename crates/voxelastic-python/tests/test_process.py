@@ -219,3 +219,23 @@ def test_many_calls_leak_nothing(room: vx.Map, scans: list[Scan]) -> None:
     before = resident_megabytes()
     calls(20_000)
     assert resident_megabytes() - before < 20
+
+
+def test_a_memory_budget_changes_no_result(saved: Path, tmp_path: Path) -> None:
+    script = """
+        import sys, voxelastic as vx
+        vx.limit_memory(sys.argv[1])
+        map = vx.Map.open(sys.argv[2])
+        mapper = vx.Mapper(voxel_size=0.2, memory=sys.argv[1])
+        for scan in vx.Simulation("room", scans=4, columns=128):
+            mapper.integrate(scan.points, scan.pose)
+        print(map.mesh().vertices.tobytes().hex()[-4000:], mapper.finish().mesh().vertices.tobytes().hex()[-4000:])
+        try:
+            vx.limit_memory("much")
+        except vx.SettingError as error:
+            assert "500MB" in str(error), error
+    """
+    free, limited = (python(script, size, saved) for size in ("none", "300MB"))
+    (out, err), (expected, _) = limited.communicate(timeout=300), free.communicate(timeout=300)
+    assert limited.returncode == 0, err
+    assert out == expected and len(out) > 1000

@@ -44,6 +44,7 @@
 //! | [`octree`] | cubes of space and keys | Sec. III-A |
 //! | [`surface`] | meshes | |
 //! | [`query`] | state, distance, collision, rays, slices | |
+//! | [`memory`] | a budget for maps larger than memory | |
 //! | [`geometry`] | rigid transforms, boxes, Morton keys | |
 //!
 //! # Conventions
@@ -60,6 +61,7 @@ pub mod field;
 pub mod geometry;
 pub mod integrate;
 pub mod mapper;
+pub mod memory;
 pub mod meshing;
 pub mod motion;
 pub mod octree;

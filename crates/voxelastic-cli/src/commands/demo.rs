@@ -6,7 +6,7 @@ use super::eval::truth::{Limits, Truth};
 use super::eval::{EvalArgs, Field, Summary, measure_against};
 use super::render;
 use crate::failure::{self, Failure};
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::mapping::Session;
 use crate::meshing::{SurfaceArgs, pool};
 use crate::progress::Progress;
@@ -219,7 +219,7 @@ fn largest_drift(simulation: &Simulation) -> f64 {
 
 /// Writes the page on the elastic map.
 fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summary; 2]) -> anyhow::Result<()> {
-    let loaded = map_files::load(map, DamageArgs::default())?;
+    let loaded = map_files::load(map, LoadArgs::default())?;
     let details = MapDetails::describe(&loaded.settings, None);
     let surface = SurfaceArgs::default();
     let subject = Subject { atlas: &loaded.atlas, settings: &loaded.settings, details: &details, run: Some(log.clone()), surface: &surface };

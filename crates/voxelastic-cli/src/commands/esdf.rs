@@ -5,7 +5,7 @@ mod write;
 
 use crate::commands::slice::Corners;
 use crate::failure::{self, Failure};
-use crate::map_files::{self, DamageArgs, LoadedMap};
+use crate::map_files::{self, LoadArgs, LoadedMap};
 use crate::{commands, meshing, output};
 use anyhow::Context;
 use clap::Args;
@@ -32,7 +32,7 @@ pub struct EsdfArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// The file to write: an array, a cloud or a picture, by its ending
     #[arg(short, long, value_name = "FILE.npy|ply|png")]
     output: PathBuf,
@@ -98,7 +98,7 @@ struct Summary<'a> {
 pub fn run(args: &EsdfArgs) -> anyhow::Result<u8> {
     let format = args.format()?;
     meshing::pool(args.threads)?.install(|| {
-        let map = map_files::load(&args.map, args.damage)?;
+        let map = map_files::load(&args.map, args.load)?;
         args.write(format, &map)
     })
 }

@@ -2,7 +2,7 @@
 
 use crate::data::{DataArgs, HoldOut};
 use crate::failure::{self, Failure, one_line};
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
 use crate::progress::Progress;
 use crate::{interrupt, map_files, output};
@@ -28,7 +28,7 @@ pub struct HeldoutArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     #[command(flatten)]
     data: DataArgs,
     /// The N that the map was built with: every Nth scan is measured
@@ -65,7 +65,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
     args.hold_out.keep_held_out(&mut held);
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
     let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;

@@ -8,7 +8,7 @@ mod rows;
 
 use crate::data::DataArgs;
 use crate::failure::{self, Failure};
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::{map_files, output};
 use clap::Args;
 
@@ -27,7 +27,7 @@ pub struct InfoArgs {
     #[arg(long)]
     check: bool,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// Print one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -46,7 +46,7 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<u8> {
         let info = cloud::describe(path)?;
         print(args, &info, cloud::table)?;
     } else if map_files::is_map(path) || map_files::has_submap_files(path) || map_files::is_unfinished(path) {
-        let info = map::describe(path, args.check, args.damage)?;
+        let info = map::describe(path, args.check, args.load)?;
         print(args, &info, map::table)?;
     } else {
         let info = dataset::describe(&args.data)?;

@@ -2,7 +2,7 @@
 
 use crate::data::HoldOut;
 use crate::failure::{self, Failure, one_line};
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::meshing::{SurfaceArgs, surface_points};
 use crate::progress::Progress;
 use crate::raw_data::RawDataArgs;
@@ -35,7 +35,7 @@ pub struct LocalizeArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     #[command(flatten)]
     data: RawDataArgs,
     /// The poses to write, in the map frame (TUM), of the scans whose place is certain [default: none, only figures]
@@ -136,7 +136,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let scans = args.data.open()?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let mut truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let points = pool.install(|| surface_points(&map.atlas, map.settings.voxel_size, &args.surface))?;
     let viewpoints = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar)).collect();
     let (submaps_damaged, origin) = (map.damaged, map.origin);

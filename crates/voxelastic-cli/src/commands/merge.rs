@@ -2,7 +2,7 @@
 
 use crate::failure::{self, Failure};
 use crate::joining::{self, AlignArgs, Outcome, SessionSummary, Sessions};
-use crate::map_files::{self, DamageArgs};
+use crate::map_files::{self, LoadArgs};
 use crate::{meshing, output};
 use anyhow::Context;
 use clap::Args;
@@ -60,7 +60,7 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<u8> {
     let mut writer = MapWriter::open(into)?;
     let settings = map_files::settings_of(writer.store())?;
     let entries = joining::listed_sessions(&map_files::open(more)?);
-    let added = pool.install(|| map_files::load(more, DamageArgs::default()))?;
+    let added = pool.install(|| map_files::load(more, LoadArgs::default()))?;
     joining::check_settings(into, &settings, &added.settings, "map one of them again with the settings of the other")?;
     let sessions = Sessions { atlas: &added.atlas, origin: added.origin, entries, has_frame: true };
     let outcome = pool.install(|| joining::place(writer.store(), sessions, args.align.align))?;

@@ -1,7 +1,7 @@
 //! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
 use crate::failure::Failure;
-use crate::map_files::{self, DamageArgs};
+use crate::map_files::{self, LoadArgs};
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::{failure, output};
 use anyhow::Context;
@@ -30,7 +30,7 @@ pub struct MeshArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// The mesh to write; the extension selects the format: .ply (binary) or .glb
     #[arg(short, long, value_name = "FILE.ply|.glb")]
     output: PathBuf,
@@ -79,7 +79,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let format = format_of(&args.output)?;
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let load_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     let (meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {

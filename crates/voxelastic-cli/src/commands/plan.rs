@@ -31,7 +31,7 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map, args.damage)?;
+    let map = map_files::load(&args.map, args.load)?;
     let query = map.atlas.query();
     if let Some(file) = &args.recheck {
         return recheck::run(args, file, &map, &query);

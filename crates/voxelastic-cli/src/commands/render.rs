@@ -1,7 +1,7 @@
 //! `voxelastic render`: draws a picture of a map or a mesh.
 
 use crate::failure::Failure;
-use crate::map_files::{self, DamageArgs};
+use crate::map_files::{self, LoadArgs};
 use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
@@ -30,7 +30,7 @@ pub struct RenderArgs {
     #[arg(value_name = "MAP.vox|MESH.ply")]
     input: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
@@ -164,7 +164,7 @@ fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
 
 fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if args.input.is_dir() || map_files::is_map(&args.input) {
-        let map = map_files::load(&args.input, args.damage)?;
+        let map = map_files::load(&args.input, args.load)?;
         let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap() * t).translation.vector.into();
         let mut path: Vec<(u64, [f64; 3])> =
             map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();

@@ -3,7 +3,7 @@
 use super::eval::truth::{Limits, Truth};
 use super::plan::file::StoredPath;
 use crate::failure;
-use crate::map_files::{self, DamageArgs};
+use crate::map_files::{self, LoadArgs};
 use crate::meshing::SurfaceArgs;
 use crate::output;
 use crate::reporting::{self, Subject};
@@ -27,7 +27,7 @@ pub struct ReportArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// The page to write [default: the name of the map with .html, in the current directory]
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
@@ -80,7 +80,7 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
 }
 
 fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map, args.damage)?;
+    let map = map_files::load(&args.map, args.load)?;
     let store = map_files::open(&args.map)?;
     let run = reporting::run_log(&store);
     if run.is_none() {

@@ -1,7 +1,7 @@
 //! `voxelastic slice`: draws a slice of a map.
 
 use crate::failure::{self, Failure};
-use crate::map_files::{self, DamageArgs, LoadedMap};
+use crate::map_files::{self, LoadArgs, LoadedMap};
 use crate::{meshing, output};
 use anyhow::Context;
 use clap::Args;
@@ -33,7 +33,7 @@ pub struct SliceArgs {
     #[arg(value_name = "MAP.vox")]
     map: PathBuf,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
     /// The picture to write
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
@@ -115,7 +115,7 @@ struct Summary<'a> {
 pub fn run(args: &SliceArgs) -> anyhow::Result<u8> {
     let pool = meshing::pool(args.threads)?;
     pool.install(|| {
-        let map = map_files::load(&args.map, args.damage)?;
+        let map = map_files::load(&args.map, args.load)?;
         let occupancy = map.atlas.query();
         if !occupancy.is_empty() {
             let request = args.request(occupancy.bounds(), &map);

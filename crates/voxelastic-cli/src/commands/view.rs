@@ -2,7 +2,7 @@
 
 use crate::commands::live;
 use crate::failure::Failure;
-use crate::map_files::{self, DamageArgs, is_map};
+use crate::map_files::{self, LoadArgs, is_map};
 use crate::watching::{ADDRESS, DetailArgs, Figures, Watch};
 use crate::{interrupt, meshing, usage};
 use clap::Args;
@@ -32,13 +32,13 @@ pub struct ViewArgs {
     #[command(flatten)]
     detail: DetailArgs,
     #[command(flatten)]
-    damage: DamageArgs,
+    load: LoadArgs,
 }
 
 /// Runs the command.
 pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
     if !is_map(&args.thing) {
-        if args.damage.skip_damaged {
+        if args.load.skip_damaged {
             return Err(Failure::usage(format!("{} is not a map, and --skip-damaged is for maps", args.thing.display()), "leave it out").into());
         }
         return live::watch(&args.thing, args.rate, args.address, args.detail, quiet);
@@ -48,7 +48,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     let pool = meshing::pool(0)?;
     let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
-    let map = pool.install(|| map_files::load(&args.thing, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.thing, args.load))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, false, None);
     let figures = Figures {

@@ -10,7 +10,7 @@ pub use addition::Addition;
 pub use frame::{Frame, numbers};
 
 use crate::failure::Failure;
-use crate::map_files::{self, DamageArgs};
+use crate::map_files::{self, LoadArgs};
 use crate::meshing::{SurfaceArgs, surface_mesh};
 use clap::Args;
 use serde::Serialize;
@@ -133,7 +133,7 @@ pub fn session_of_run(store: &MapStore, run: &str) -> Option<u32> {
 /// When the map cannot be read, or one of the two has no surface.
 pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>) -> anyhow::Result<Outcome> {
     let map = store.dir().to_owned();
-    let base = map_files::load(&map, DamageArgs::default())?;
+    let base = map_files::load(&map, LoadArgs::default())?;
     let voxel_size = base.settings.voxel_size;
     let base_origin = base.origin;
     let first = View::of(&base.atlas, voxel_size)?;

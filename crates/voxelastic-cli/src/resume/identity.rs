@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use voxelastic::settings::Settings;
 
 /// Settings that do not change the map.
-const FREE: [&str; 1] = ["threads"];
+const FREE: [&str; 2] = ["memory", "threads"];
 /// Version of the states that this program writes.
 const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 1");
 

@@ -9,6 +9,8 @@ mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
 mod live;
+#[cfg(target_os = "linux")]
+mod memory;
 mod misc;
 mod occupancy;
 mod origin;

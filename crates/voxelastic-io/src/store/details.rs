@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use voxelastic::settings::{SettingError, Settings};
 
 /// Settings that do not change the map and are not stored, so that equal maps are equal files.
-const NOT_STORED: [&str; 1] = ["threads"];
+const NOT_STORED: [&str; 2] = ["memory", "threads"];
 
 /// The entry of the settings that has the origin of a map that is far from zero.
 const ORIGIN: &str = "origin";

@@ -25,6 +25,7 @@ from ._estimation import Localiser, Location, Odometry, OdometryReport, Trajecto
 from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
 from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
 from ._mapper import Mapper, ScanReport
+from ._memory import limit_memory
 from ._mesh import Mesh
 from ._progress import Progress
 from ._settings import SettingArguments, Settings
@@ -68,6 +69,7 @@ __all__ = [
     "TrajectoryErrors",
     "__version__",
     "evaluate",
+    "limit_memory",
     "odometry",
     "trajectory_errors",
 ]

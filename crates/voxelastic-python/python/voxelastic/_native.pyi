@@ -26,6 +26,7 @@ __all__ = [
     "finish_tiles",
     "join_manifests",
     "esdf",
+    "limit_memory",
     "mesh_distances",
     "optimise_graph",
     "plan",
@@ -46,6 +47,9 @@ def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None
 
 def use_threads(threads: int) -> None:
     """Limits the threads of this process, for one of several on a machine; 0 for one per core."""
+
+def limit_memory(size: str, folder: str | os.PathLike[str] | None) -> None:
+    """Limits the memory of this process to a size as text; `none` removes the limit."""
 
 def settings_table() -> list[tuple[str, str, str, str, bool, str]]:
     """All settings: key, kind, default, range with unit, whether it is a basic one, help. The kind is `float`, `int`, `str`, or the allowed words separated by `|`."""

@@ -23,6 +23,7 @@ class SettingArguments(TypedDict, total=False):
     sensor: str
     lambda_odom: float
     threads: int
+    memory: str
     lambda_cluster: float
     loop_tolerance: float
     loop_angle_tolerance: float
@@ -71,6 +72,10 @@ class Settings:
     """Distance travelled from a submap's root pose after which the next submap is started. Allowed: 0.1 to 100000 m."""
     threads: int = 0
     """Number of threads; 0 for all cores. The map does not depend on it. Allowed: 0 to 1024."""
+    memory: str = "none"
+    """Memory that the program may have: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp. The map does not depend on
+    it. Allowed: a size such as 500MB or 2GB | none.
+    """
     lambda_cluster: float = 15.0
     """Distance along the pose graph from a loop edge's nodes within which submaps are fused. No node of a submap is ever farther than
     lambda_odom + lambda_cluster from its root. Allowed: 0 to 100000 m.

@@ -51,9 +51,10 @@ impl Mapper {
     /// A mapper with an empty atlas; [`builder`](Self::builder) has more options.
     ///
     /// # Errors
-    /// Settings out of range, or that contradict each other.
+    /// Settings out of range, or that contradict each other, or a memory budget that cannot be kept.
     pub fn new(settings: Settings) -> Result<Self, SettingError> {
         settings.validate()?;
+        settings.limit_memory()?;
         Ok(Self {
             atlas: Atlas::new(settings.voxel_size),
             clusters: Clusters::new(&settings),

@@ -2,15 +2,16 @@
 #![allow(unsafe_code)]
 
 use super::Pool;
+use crate::memory::PageVec;
 use std::marker::PhantomData;
 use std::sync::OnceLock;
 
 /// Pages that are allocated while others are written to, each when it is first needed.
-pub(crate) type PendingPages<T> = [OnceLock<Vec<T>>];
+pub(crate) type PendingPages<T> = [OnceLock<PageVec<T>>];
 
 /// A pool borrowed for writing to disjoint items; the pool itself can neither grow nor be read meanwhile.
 pub(crate) struct DisjointMut<'a, T> {
-    pages: *mut Vec<T>,
+    pages: *mut PageVec<T>,
     page_count: usize,
     /// The pages that follow those.
     pending: &'a PendingPages<T>,
@@ -30,13 +31,13 @@ impl<'a, T> DisjointMut<'a, T> {
     }
 
     /// Borrows pages that are laid out as a pool's, and those that may follow them.
-    pub fn over(pages: &'a mut [Vec<T>], pending: &'a mut PendingPages<T>) -> Self {
+    pub fn over(pages: &'a mut [PageVec<T>], pending: &'a mut PendingPages<T>) -> Self {
         Self { pages: pages.as_mut_ptr(), page_count: pages.len(), pending, pool: PhantomData }
     }
 
     /// Page number `page`, if it is allocated.
     #[inline(always)]
-    fn page(&self, page: usize) -> Option<&Vec<T>> {
+    fn page(&self, page: usize) -> Option<&PageVec<T>> {
         if page >= self.page_count {
             return self.pending_page(page);
         }
@@ -47,12 +48,12 @@ impl<'a, T> DisjointMut<'a, T> {
 
     #[cold]
     #[inline(never)]
-    fn pending_page(&self, page: usize) -> Option<&Vec<T>> {
+    fn pending_page(&self, page: usize) -> Option<&PageVec<T>> {
         self.pending.get(page - self.page_count)?.get()
     }
 
     /// Allocates the page of item `index` with `make` unless it exists.
-    pub fn ensure_page(&self, index: u32, make: impl Fn() -> Vec<T>) {
+    pub fn ensure_page(&self, index: u32, make: impl Fn() -> PageVec<T>) {
         let (page, _) = Pool::<T>::page_and_offset(index);
         if let Some(pending) = page.checked_sub(self.page_count) {
             self.pending[pending].get_or_init(make);

@@ -1,6 +1,7 @@
 //! A paged arena with `u32` handles: growing never moves items, and memory grows by a page, not by doubling.
 
 use super::NONE;
+use crate::memory::{FieldMemory, PageVec};
 
 /// Target size of a page, bytes.
 const PAGE_BYTES: usize = 1 << 16;
@@ -8,7 +9,7 @@ const PAGE_BYTES: usize = 1 << 16;
 /// Items of one type in pages, addressed by index; freed slots are reused, the last freed first.
 #[derive(Clone, Debug)]
 pub(crate) struct Pool<T> {
-    pages: Vec<Vec<T>>,
+    pages: Vec<PageVec<T>>,
     free: Vec<u32>,
     len: u32,
 }
@@ -46,7 +47,7 @@ impl<T> Pool<T> {
         assert!(index < NONE, "pool is full");
         let (page, _) = Self::page_and_offset(index);
         if page == self.pages.len() {
-            self.pages.push(Vec::with_capacity(Self::PAGE));
+            self.pages.push(PageVec::with_capacity_in(Self::PAGE, FieldMemory));
         }
         self.pages[page].push(item);
         self.len += 1;
@@ -71,10 +72,10 @@ impl<T> Pool<T> {
 
     /// Memory held, bytes: pages and free list.
     pub fn bytes(&self) -> usize {
-        self.pages.len() * Self::PAGE * size_of::<T>() + self.pages.capacity() * size_of::<Vec<T>>() + self.free.capacity() * 4
+        self.pages.len() * Self::PAGE * size_of::<T>() + self.pages.capacity() * size_of::<PageVec<T>>() + self.free.capacity() * 4
     }
 
-    pub(super) fn pages_mut(&mut self) -> &mut [Vec<T>] {
+    pub(super) fn pages_mut(&mut self) -> &mut [PageVec<T>] {
         &mut self.pages
     }
 }

@@ -5,6 +5,7 @@
 //! [adopts](Slab::adopt_pages) them.
 
 use super::{DisjointMut, NONE, Pool, prefetch_item};
+use crate::memory::{PageVec, zeroed_working_page};
 use bytemuck::Zeroable;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -14,10 +15,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 #[derive(Debug)]
 pub(crate) struct Slab<T> {
     /// Each of [`Slab::PAGE`] items.
-    pages: Vec<Vec<T>>,
+    pages: Vec<PageVec<T>>,
     /// The pages that an allocator may need. They are allocated on first use: it seldom needs them all, and zeroing memory that the system
     /// allocator recycles has a cost even if it stays unused.
-    pending: Vec<OnceLock<Vec<T>>>,
+    pending: Vec<OnceLock<PageVec<T>>>,
     /// Free slots below `len`.
     free: Vec<u32>,
     /// By slot; [`NONE`] for free slots.
@@ -91,7 +92,7 @@ impl<T: Zeroable> Slab<T> {
     }
 
     /// Moves the pages behind the last item in use to the end of `pages`.
-    pub fn release_pages(&mut self, pages: &mut Vec<Vec<T>>) {
+    pub fn release_pages(&mut self, pages: &mut Vec<PageVec<T>>) {
         let free = |owner: &mut AtomicU32| *owner.get_mut() == NONE;
         while self.len > 0 && free(&mut self.owners[self.len as usize - 1]) {
             self.len -= 1;
@@ -107,7 +108,7 @@ impl<T: Zeroable> Slab<T> {
     }
 
     /// Takes over [released](Self::release_pages) pages until there is room for `spare` further items; drops the others.
-    pub fn adopt_pages(&mut self, pages: Vec<Vec<T>>, spare: usize) {
+    pub fn adopt_pages(&mut self, pages: Vec<PageVec<T>>, spare: usize) {
         let limit = (self.len as usize + spare).div_ceil(Self::PAGE);
         let wanted = limit.saturating_sub(self.pages.len());
         self.pages.extend(pages.into_iter().take(wanted));
@@ -182,7 +183,7 @@ impl<'a, T: Zeroable> SlabAllocator<'a, T> {
     fn ensure_pages(&self, first: u32) {
         let last = slot(self.free, self.fresh, first + BATCH - 1);
         if last >= self.fresh {
-            let make = || bytemuck::zeroed_vec(Slab::<T>::PAGE);
+            let make = || zeroed_working_page(Slab::<T>::PAGE);
             let first = slot(self.free, self.fresh, first).clamp(self.fresh, last);
             (first..last).step_by(Slab::<T>::PAGE).chain([last]).for_each(|slot| self.items.ensure_page(slot, make));
         }

@@ -20,6 +20,7 @@ mod value;
 pub use error::SettingError;
 pub use value::{Allowed, Dynamic, FieldKind, NoReturn, RobotRadius};
 
+use crate::memory::{self, MemoryError, MemorySize};
 use crate::sensor::{preset, preset_names};
 use Allowed::{Between, OneOf, Text};
 use std::sync::LazyLock;
@@ -142,6 +143,8 @@ settings! {
         "Distance travelled from a submap's root pose after which the next submap is started.";
     threads: usize = 0, "", Between(0.0, 1024.0), Basic,
         "Number of threads; 0 for all cores. The map does not depend on it.";
+    memory: MemorySize = MemorySize(0), "", Text("a size such as 500MB or 2GB | none"), Basic,
+        "Memory that the program may have: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp. The map does not depend on it.";
     lambda_cluster: f64 = 15.0, "m", Between(0.0, 100_000.0), Advanced,
         "Distance along the pose graph from a loop edge's nodes within which submaps are fused. No node of a submap is ever farther than lambda_odom + lambda_cluster from its root.";
     loop_tolerance: f64 = 3.0, "voxels", Between(0.1, 100.0), Advanced,
@@ -216,6 +219,21 @@ impl Settings {
     /// All (key, value as text) pairs in the order of [`table`].
     pub fn pairs(&self) -> Vec<(&'static str, String)> {
         table().iter().filter_map(|s| Some((s.key, self.get(s.key)?))).collect()
+    }
+
+    /// Sets the [memory budget](memory::limit) of the process, if there is one.
+    ///
+    /// # Errors
+    /// [`SettingError::Contradiction`] if there is no place for what is beyond it.
+    pub fn limit_memory(&self) -> Result<(), SettingError> {
+        match self.memory {
+            MemorySize(0) => Ok(()),
+            MemorySize(bytes) => {
+                let refused =
+                    |error: MemoryError| SettingError::Contradiction { key: "memory", value: self.memory.to_string(), reason: error.to_string() };
+                memory::limit(bytes, None).map_err(refused)
+            }
+        }
     }
 
     /// Checks every range, and the settings against each other. Settings that were filled field by field need it.

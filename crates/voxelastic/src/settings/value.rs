@@ -1,5 +1,6 @@
 //! The types of values that settings have, and how they are read from and written as text.
 
+use crate::memory::MemorySize;
 use Allowed::{Between, OneOf};
 use std::fmt;
 
@@ -180,6 +181,18 @@ impl Value for RobotRadius {
             Self::Auto => true,
             Self::Metres(radius) => (0.0..=Self::MOST).contains(radius),
         }
+    }
+}
+
+impl Value for MemorySize {
+    fn parse(text: &str) -> Option<Self> {
+        text.parse().ok()
+    }
+    fn text(&self) -> String {
+        self.to_string()
+    }
+    fn is_within(&self, _: &Allowed) -> bool {
+        true
     }
 }
 

@@ -1,7 +1,7 @@
 //! Arguments of `voxelastic eval`.
 
 use super::truth::Limits;
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::meshing::SurfaceArgs;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -32,7 +32,7 @@ pub struct EvalArgs {
     #[arg(value_name = "MAP.vox|MESH|CLOUD")]
     pub map: PathBuf,
     #[command(flatten)]
-    pub damage: DamageArgs,
+    pub load: LoadArgs,
     /// The truth: a cloud, a mesh, a simulated folder or its world.toml, or a folder with ground truth poses
     #[arg(long, value_name = "CLOUD|MESH|DIR|world.toml")]
     pub truth: PathBuf,
@@ -90,7 +90,7 @@ impl EvalArgs {
     /// The arguments of `eval MAP --truth TRUTH`.
     pub fn of(map: &Path, truth: &Path) -> Self {
         Self {
-            damage: DamageArgs::default(),
+            load: LoadArgs::default(),
             map: map.to_owned(),
             truth: truth.to_owned(),
             poses: None,

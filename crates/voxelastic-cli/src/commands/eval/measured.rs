@@ -26,7 +26,7 @@ impl Measured {
             return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path").into());
         }
         if path.is_dir() {
-            let map = map_files::load(path, args.damage)?;
+            let map = map_files::load(path, args.load)?;
             if !map.origin.is_zero() {
                 let what = format!("{}: the map has an origin ({} m), and truths are compared in single precision", path.display(), map.origin);
                 let remedy = "measure it with held-out scans (`voxelastic heldout`), or map and measure with an offset taken off poses and truth";
@@ -35,7 +35,7 @@ impl Measured {
             return Ok(Self::Map(Box::new(map)));
         }
         if args.field.is_some() || args.no_fuse {
-            let what = format!("{}: this is this is not a map, so it has no fields and no submaps", path.display());
+            let what = format!("{}: this is not a map, so it has no fields and no submaps", path.display());
             return Err(Failure::usage(what, "leave out --field and --no-fuse").into());
         }
         Ok(Self::File(Surface::read(path)?))

@@ -1,6 +1,6 @@
 //! Arguments of `voxelastic export`.
 
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ pub struct ExportArgs {
     #[arg(value_name = "MAP.vox")]
     pub map: PathBuf,
     #[command(flatten)]
-    pub damage: DamageArgs,
+    pub load: LoadArgs,
     /// The file to write; the extension selects the format: a cloud as .ply, .pcd, .las, .laz, .copc.laz or .e57, an OctoMap as .bt (states) or .ot
     /// (log-odds). A folder, which ends with a slash, gets tiles
     #[arg(short, long, value_name = "FILE|FOLDER/")]

@@ -57,7 +57,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let voxel = map.settings.voxel_size;
     let mut parts = Vec::new();
     let all = if format == Format::E57 {

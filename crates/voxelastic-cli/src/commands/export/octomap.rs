@@ -29,7 +29,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.damage))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let query = map.atlas.query();
     if query.is_empty() {
         let remedy = "map the data again with --field occupancy or --field both";

@@ -2,7 +2,7 @@
 
 use super::rows::{Bounds, row};
 use crate::joining;
-use crate::map_files::{self, DamageArgs, damaged_part, settings_of};
+use crate::map_files::{self, LoadArgs, damaged_part, settings_of};
 use crate::usage::megabytes;
 use nalgebra::Point3;
 use serde::Serialize;
@@ -97,11 +97,11 @@ impl fmt::Display for KnownSpace {
 }
 
 /// Describes a map; `check` reads and verifies all of it.
-pub fn describe(path: &Path, check: bool, damage: DamageArgs) -> anyhow::Result<MapInfo> {
+pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapInfo> {
     let store = map_files::open(path)?;
     let mut damaged = 0;
     let mut count = |error| {
-        if !damage.skip_damaged {
+        if !args.skip_damaged {
             return Err(damaged_part(path, error));
         }
         tracing::warn!("damaged: {error}");

@@ -264,6 +264,8 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let unfinished = args.resume.find(&mut target, &identity)?;
     interrupt::install("finishing this scan and saving the map");
 
+    // Before what was mapped of a run that did not end is read.
+    settings.limit_memory()?;
     let pool = meshing::pool(settings.threads)?;
     let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
         return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());

@@ -3,7 +3,7 @@
 use crate::commands;
 use crate::commands::slice::Corners;
 use crate::failure::Failure;
-use crate::map_files::DamageArgs;
+use crate::map_files::LoadArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -26,7 +26,7 @@ pub struct PlanArgs {
     #[arg(value_name = "MAP.vox")]
     pub map: PathBuf,
     #[command(flatten)]
-    pub damage: DamageArgs,
+    pub load: LoadArgs,
     /// Start of the robot centre, map frame, metres
     #[arg(long, value_name = "X,Y,Z", value_parser = commands::render::point, allow_hyphen_values = true, required_unless_present = "recheck")]
     pub start: Option<[f64; 3]>,

@@ -5,6 +5,7 @@ use super::brick_codec::EncodedBrick;
 use crate::field::tsdf::block::{block_and_brick, owner};
 use crate::field::tsdf::brick::{Brick, BrickHandle};
 use crate::field::tsdf::field::TsdfField;
+use crate::memory::{PageVec, is_tight};
 use crate::octree::{Slab, prefetch_item};
 use crate::simd::{Kernel, dispatch};
 use rayon::prelude::*;
@@ -12,6 +13,8 @@ use std::collections::VecDeque;
 
 /// Number of scans after which a block that none of them changed is compressed.
 const RECENT_CHANGES: usize = 8;
+/// The same where memory is short.
+const RECENT_CHANGES_IF_TIGHT: usize = 1;
 /// Largest number of blocks compressed after one scan: the work is not urgent, so it is spread over scans.
 const MAX_BLOCKS_PER_SCAN: usize = 2048;
 /// Number of bricks that are encoded before their slots are freed.
@@ -24,7 +27,7 @@ const TYPICAL_WORDS: usize = 24;
 const AHEAD: usize = 4;
 
 /// Pages of bricks, released by one field and adopted by another.
-pub(crate) type BrickPages = Vec<Vec<Brick>>;
+pub(crate) type BrickPages = Vec<PageVec<Brick>>;
 
 impl TsdfField {
     /// Records that a scan has changed blocks `ids`, and compresses the blocks that none of the last scans changed.
@@ -33,8 +36,8 @@ impl TsdfField {
         let clock = self.change_log.clock;
         ids.iter().for_each(|&id| self.blocks[id].changed = clock);
         self.change_log.changes.push_back((clock, ids));
-        let mut budget = MAX_BLOCKS_PER_SCAN;
-        while self.change_log.changes.len() > RECENT_CHANGES && budget > 0 {
+        let (recent, mut budget) = if is_tight() { (RECENT_CHANGES_IF_TIGHT, usize::MAX) } else { (RECENT_CHANGES, MAX_BLOCKS_PER_SCAN) };
+        while self.change_log.changes.len() > recent && budget > 0 {
             let Some((clock, mut ids)) = self.change_log.changes.pop_front() else { return };
             ids.retain(|&id| self.blocks[id].changed == clock);
             if ids.len() > budget {

@@ -5,6 +5,7 @@
 
 use super::brick_codec::{BrickView, MAX_WORDS};
 use crate::field::tsdf::brick::BrickHandle;
+use crate::memory::{PageBox, zeroed_page};
 use crate::octree::prefetch;
 
 /// The slot sizes of the classes are multiples of this many words.
@@ -25,7 +26,7 @@ pub(crate) struct CompressedStore {
 /// Bricks of similar length. A slot is the owner in one word, then the encoded brick.
 #[derive(Clone, Debug, Default)]
 struct SizeClass {
-    pages: Vec<Box<[u32]>>,
+    pages: Vec<PageBox<u32>>,
     len: usize,
 }
 
@@ -75,7 +76,7 @@ impl CompressedStore {
         let index = class.len;
         assert!(index < BrickHandle::MAX as usize >> CLASS_BITS, "too many compressed bricks in one field");
         if index == class.pages.len() * PER_PAGE {
-            class.pages.push(vec![0; PER_PAGE * stride].into_boxed_slice());
+            class.pages.push(zeroed_page(PER_PAGE * stride).into_boxed_slice());
         }
         class.len += 1;
         let slot = class.slot_mut(index, stride);
@@ -128,8 +129,9 @@ impl CompressedStore {
 
     /// Memory held, bytes, including the overhead of the system allocator.
     pub fn bytes(&self) -> usize {
-        let of =
-            |(i, class): (usize, &SizeClass)| class.pages.len() * (16 + 4 * PER_PAGE * stride(i)) + class.pages.capacity() * size_of::<Box<[u32]>>();
+        let of = |(i, class): (usize, &SizeClass)| {
+            class.pages.len() * (16 + 4 * PER_PAGE * stride(i)) + class.pages.capacity() * size_of::<PageBox<u32>>()
+        };
         self.classes.iter().enumerate().map(of).sum()
     }
 }

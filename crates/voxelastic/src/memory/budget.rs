@@ -1,0 +1,149 @@
+//! The budget of the process, and the thread that keeps it.
+
+use super::region::{Region, is_in_memory, resident_bytes};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+/// The file of the budget; there is one in a process.
+static REGION: OnceLock<Region> = OnceLock::new();
+/// The budget, bytes; 0 if there is none.
+static BUDGET: AtomicU64 = AtomicU64::new(0);
+/// Whether the budget is used up by what is not in the file.
+static IS_TIGHT: AtomicBool = AtomicBool::new(false);
+
+/// Memory is given back when less than this share of the budget is left, until that share is left twice.
+const LEFT: f64 = 0.06;
+/// The thread looks again before the process can have taken what is left, if it takes no more than this, bytes a second. What the system has of
+/// the file comes back sixteen pages at a time, which is faster than memory is filled.
+const FASTEST_GROWTH: f64 = 20e9;
+/// The thread looks at least and at most this often.
+const LOOKS: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
+
+/// Why there can be no budget.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MemoryError {
+    /// No file could be made.
+    #[error("{}: cannot make a file for what is beyond the memory budget", folder.display())]
+    File {
+        /// The folder.
+        folder: PathBuf,
+        /// The cause.
+        source: io::Error,
+    },
+    /// The folder is in memory itself.
+    #[error("{}: is in memory, not on a disk: TMPDIR names a folder for what is beyond the memory budget", folder.display())]
+    InMemory {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// The system does not say how much memory the process has.
+    #[error("a memory budget needs Linux")]
+    Unsupported,
+}
+
+/// Limits the resident memory of the process to `bytes` and about a tenth, as far as it is memory of maps; 0 removes the limit. Maps, or parts of them, that are made
+/// from now on are kept in a file in `folder` (none: `TMPDIR`, or `/var/tmp`) that can become as large as they are, see the
+/// [module](self). The file of the first call serves all later ones. A process that is forked off must not change maps that its parent has.
+///
+/// # Errors
+/// [`MemoryError`]; there is no new limit then.
+pub fn limit(bytes: u64, folder: Option<&Path>) -> Result<(), MemoryError> {
+    if bytes > 0 {
+        open_region(folder)?;
+    }
+    BUDGET.store(bytes, Ordering::Relaxed);
+    IS_TIGHT.store(false, Ordering::Relaxed);
+    Ok(())
+}
+
+/// The [limit](limit) of the process, bytes; 0 if there is none.
+pub fn budget() -> u64 {
+    BUDGET.load(Ordering::Relaxed)
+}
+
+/// Whether memory that is not in the file should become less, though that takes time.
+pub(crate) fn is_tight() -> bool {
+    IS_TIGHT.load(Ordering::Relaxed)
+}
+
+/// Makes the file and starts the thread, once.
+fn open_region(folder: Option<&Path>) -> Result<(), MemoryError> {
+    static OPENING: Mutex<()> = Mutex::new(());
+    let _one_at_a_time = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
+    if REGION.get().is_some() {
+        return Ok(());
+    }
+    resident_bytes().ok_or(MemoryError::Unsupported)?;
+    let from_system = || std::env::var_os("TMPDIR").filter(|folder| !folder.is_empty()).map_or_else(|| PathBuf::from("/var/tmp"), PathBuf::from);
+    let folder = folder.map_or_else(from_system, Path::to_owned);
+    if is_in_memory(&folder) {
+        return Err(MemoryError::InMemory { folder });
+    }
+    let cannot = |source| MemoryError::File { folder: folder.clone(), source };
+    let region = Region::new(&folder).map_err(cannot)?;
+    let region = REGION.get_or_init(|| region);
+    let started = std::thread::Builder::new().name("memory budget".into()).spawn(move || keep(region));
+    started.map(drop).map_err(cannot)
+}
+
+/// Where new pages come from: none without a budget.
+#[inline]
+pub(super) fn region() -> Option<&'static Region> {
+    if budget() == 0 { None } else { REGION.get() }
+}
+
+/// Where pages may have come from.
+#[inline]
+pub(super) fn any_region() -> Option<&'static Region> {
+    REGION.get()
+}
+
+/// Keeps the process within its budget, for ever.
+fn keep(region: &Region) {
+    let (mut next, mut warned_of_disk, mut warned_of_rest) = (0, false, false);
+    loop {
+        let budget = budget();
+        let left = if budget == 0 { f64::INFINITY } else { give_back(region, budget, &mut next) };
+        if left < 0.0 && !warned_of_rest {
+            let beyond = -left / 1e6;
+            tracing::warn!("the memory budget is exceeded by {beyond:.0} MB: what is in use at one time is more");
+            warned_of_rest = true;
+        }
+        if region.disk().1 && !warned_of_disk {
+            tracing::warn!("no room on the disk for what is beyond the memory budget: new parts of the map stay in memory");
+            warned_of_disk = true;
+        }
+        // What cannot be given back is not asked for again and again: everything would be read from the file again each time.
+        let pause = if left < 0.0 { LOOKS[1] } else { Duration::try_from_secs_f64(left / FASTEST_GROWTH).unwrap_or(LOOKS[1]) };
+        std::thread::sleep(pause.clamp(LOOKS[0], LOOKS[1]));
+    }
+}
+
+/// Gives memory of `region` back, beginning with chunk `next`, if it has to be. Returns what is left of the budget, bytes, negative if it is
+/// exceeded nevertheless.
+fn give_back(region: &Region, budget: u64, next: &mut usize) -> f64 {
+    let left = || resident_bytes().map_or(f64::INFINITY, |bytes| budget as f64 - bytes as f64);
+    let reserve = LEFT * budget as f64;
+    let mut now = left();
+    if now > reserve {
+        if now > 3.0 * reserve {
+            IS_TIGHT.store(false, Ordering::Relaxed);
+        }
+        return now;
+    }
+    for _ in 0..region.chunks() {
+        *next = if *next < region.chunks() { *next } else { 0 };
+        region.release(*next);
+        *next += 1;
+        now = left();
+        if now > 2.0 * reserve {
+            return now;
+        }
+    }
+    IS_TIGHT.store(true, Ordering::Relaxed);
+    now
+}

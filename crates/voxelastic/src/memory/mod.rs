@@ -1,0 +1,20 @@
+//! A budget for the memory of the process: maps may be larger than it.
+//!
+//! The voxels of all maps are nearly all of the memory of a large map, and most of them belong to places where the sensor is not. Under a
+//! [budget](limit) they are kept in a file that is mapped into memory. Whenever the process has more memory than the budget, a thread gives
+//! the memory of parts of the file back to the system, the parts that were allocated first to begin with: the content stays in the file, of
+//! which the system keeps what it has room for, and what is used again comes back by itself. So nothing else changes, neither how fields
+//! are read and written nor any bit of a map. Bricks that are not compressed stay in memory: they are what the last scans changed, fewer scans where the budget is tight. The file has no name and is gone with the process, also with a killed one.
+//!
+//! Poses, boxes, the pose graph, place signatures and whatever else is not voxels stay where they are.
+
+mod allocator;
+mod budget;
+#[cfg_attr(not(target_os = "linux"), path = "no_region.rs")]
+mod region;
+mod size;
+
+pub(crate) use allocator::{FieldMemory, PageBox, PageVec, zeroed_page, zeroed_working_page};
+pub(crate) use budget::is_tight;
+pub use budget::{MemoryError, budget, limit};
+pub use size::MemorySize;
