@@ -148,6 +148,44 @@ def test_sessions_that_cannot_be_used_are_named_and_the_rest_goes_on(drives: lis
     assert [session.state for session in scaled.sessions] == 3 * ["joined"], str(scaled)
 
 
+def write_raw(path: Path, clouds: list[np.ndarray[Any, Any]]) -> None:
+    """Scans as a folder of a session without poses."""
+    (path / "scans").mkdir(parents=True)
+    for k, cloud in enumerate(clouds):
+        kept = cloud[np.isfinite(cloud).all(axis=1)]
+        np.hstack([kept, np.zeros((len(kept), 1), np.float32)]).astype(np.float32).tofile(path / "scans" / f"{k:06d}.bin")
+
+
+def test_what_no_closure_holds_after_odometry_was_lost_is_left_out(world: vx.Simulation, drives: list[Path], tmp_path: Path) -> None:
+    """A session without poses that is carried to another world and back while it is off."""
+    mine = vx.Simulation("mine", scans=30, sensor="vlp-16", columns=500, max_range=60, spacing=0.5)
+    campus = {k: world[k].points.reshape(-1, 3) for k in (*range(5, 30), *range(55, 80))}
+    visits = [[campus[k] for k in range(5, 30)], [mine[k].points.reshape(-1, 3) for k in range(30)], [campus[k] for k in range(55, 80)]]
+    write_raw(tmp_path / "carried", [cloud for visit in visits for cloud in visit])
+    sessions, store = [*drives, tmp_path / "carried"], tmp_path / "store"
+    report = fleet.map(sessions, store, settings=SETTINGS, tile_level=1)
+    carried = report.sessions[2]
+    assert [session.state for session in report.sessions] == ["joined", "joined", "joined in part"], str(report)
+    assert carried.lost >= 2 and 0 < carried.pieces_left_out < carried.pieces, carried
+    assert "not in the map" in (carried.problem or "") and "carried" in str(report)
+    assert "joined in part" in (store / "fleet.html").read_text()
+    # What is in the map is where it was; nothing of the mine is.
+    times = {node: time for track in (store / "tracks").iterdir() for node, time, _ in json.loads(track.read_text())["nodes"]}
+    nodes = {int(node): np.array(pose) for node, pose in json.loads((store / report.node_poses).read_text()).items()}
+    route = [*range(5, 30), *(30 * [-1]), *range(55, 80)]
+    placed = {round(10 * times[node]): pose for node, pose in nodes.items() if node >> 32 == 2}
+    assert len(placed) == carried.scans - carried.scans_left_out
+    assert any(k < 25 for k in placed) and any(k >= 55 for k in placed) and not any(25 <= k < 55 for k in placed), sorted(placed)
+    off = [float(np.linalg.norm(pose[:3] - world.true_poses[route[k], :3, 3])) for k, pose in placed.items()]
+    assert max(off) < 0.5, f"{max(off):.2f} m"
+    opened = vx.Map.open(store / "map.vox")
+    assert len(opened.submaps) == report.submaps
+    third = [submap for submap in opened.submaps if submap.id >> 16 == 2]
+    assert len(third) == carried.pieces - carried.pieces_left_out
+    again = fleet.map(sessions, store, settings=SETTINGS, tile_level=1)
+    assert again.sessions[2] == carried and all(stage.repeated == stage.tasks for stage in again.stages)
+
+
 def test_a_store_that_fails_now_and_then_changes_nothing(
     alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
