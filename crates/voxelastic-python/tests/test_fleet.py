@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -202,23 +203,72 @@ def test_a_store_that_fails_now_and_then_changes_nothing(
     assert content(tmp_path) == content(alone[0]) and failures
 
 
-def test_a_full_store_is_named_and_a_later_run_goes_on(
+PLACES = (
+    *("/records/probe-", "/pieces/", "/places/", "/descriptors/", "/tracks/", "/records/split-", "/closures/", "/records/close-", "/poses/", "/records/optimise-"),
+    *(".vxs", "/parts/", "/records/integrate-", "/manifests/", "/records/assemble-", "/tiles/content/", "/regions/", "/records/tiles-", "/tiles/tileset.json"),
+    *("/records/finish-tiles-", "/map.vox/manifest.json", "/fleet.html", "/fleet.json"),
+)
+"""All that a fleet writes, in the order in which it does."""
+
+
+def what_is_wrong(drives: list[Path], store: Path) -> str | None:
+    """What a run says that is wrong; none if nothing is."""
+    try:
+        report = fleet.map(drives, store, settings=SETTINGS, tile_level=1)
+    except fleet.StoreError as error:
+        return str(error)
+    except OSError as error:
+        assert str(store) in str(error)
+        return str(error)
+    problems = [session.problem for session in report.sessions if session.problem] + report.regions_failed
+    assert all(session.state in ("joined", "incomplete") for session in report.sessions), str(report)
+    return "; ".join(problems) or None
+
+
+def test_a_store_that_is_full_in_any_stage_is_named_and_later_runs_go_on(
     alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put = _store._put
+    written: dict[str, bytes] = {}
+    for place in PLACES:
 
-    def full(fs: Any, path: str, written: bytes) -> None:
-        if "/tiles/" in path:
-            raise OSError(28, "No space left on device")
-        put(fs, path, written)
+        def full(fs: Any, path: str, content: bytes, place: str = place) -> None:
+            if place in path:
+                raise OSError(28, "No space left on device")
+            put(fs, path, content)
+            written[path] = content
 
-    monkeypatch.setattr(_store, "_put", full)
-    report = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
-    assert any("No space left" in problem for problem in report.regions_failed), report.regions_failed
+        monkeypatch.setattr(_store, "_put", full)
+        said = what_is_wrong(drives, tmp_path)
+        assert said is not None and "No space left" in said and str(tmp_path) in said and place.strip("/") in said, f"{place}: {said}"
+        assert not list(tmp_path.rglob("*.tmp"))
+        # What was written is there still, as it was.
+        kept = {path: content for path, content in written.items() if not path.endswith(("fleet.json", "fleet.html", "manifest.json"))}
+        assert all(Path(path).read_bytes() == content for path, content in kept.items() if "/tiles/" not in path), place
     monkeypatch.undo()
-    again = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
+    assert what_is_wrong(drives, tmp_path) is None
     assert content(tmp_path) == content(alone[0])
-    assert {stage.name: stage.repeated for stage in again.stages}["integrate"] > 0
+
+
+def test_a_disk_that_is_too_small_is_named_and_enlarged(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    """A file system of a fixed size, larger with every run."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.name != "posix" or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", disk], capture_output=True).returncode != 0:
+        pytest.skip("only root can mount a small disk")
+    try:
+        failed = []
+        for megabytes in (1, 2, 4, 8, 16, 32, 64, 128, 256):
+            subprocess.run(["mount", "-o", f"remount,size={megabytes}m", disk], check=True)
+            said = what_is_wrong(drives, disk)
+            if said is None:
+                break
+            assert "No space left" in said and str(disk) in said, said
+            failed.append(megabytes)
+        assert len(failed) >= 3 and said is None, failed
+        assert content(disk) == content(alone[0])
+    finally:
+        subprocess.run(["umount", disk], check=True)
 
 
 def test_workers_that_are_killed_in_any_stage_cost_a_task_each(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from .._settings import Settings
 from ._graph import Track, consensus, matrix, optimise
 from ._report import FleetReport, SessionReport
 from ._runner import Runner, Task
-from ._store import Store
+from ._store import Store, StoreError
 from ._tasks import FIRST_NODES, FIRST_SUBMAPS, MAP, SUBMAPS_OF_PIECE, TILES, Record, assemble, close, finish_tiles, integrate, key, probe, split, tiles
 
 STATE = "fleet.json"
@@ -140,6 +140,7 @@ class _Fleet:
     def _split(self, sessions: Sequence[Record]) -> list[_Split]:
         probed = self.runner.run("probe", [Task(key("probe-session", session), probe, (self.store, session)) for session in sessions])
         readable = []
+        _raise_if_of_store(probed)
         for session, record in zip(sessions, probed):
             if "problem" in record:
                 self._refuse(session["number"], "unreadable", record["problem"])
@@ -152,6 +153,7 @@ class _Fleet:
         self.probed = {session["number"]: record for session, record in readable}
         records = self.runner.run("split", [self._split_task(session) for session, _ in readable])
         splits = []
+        _raise_if_of_store(records)
         for (session, _), record in zip(readable, records):
             if "problem" in record:
                 self._refuse(session["number"], "unreadable", record["problem"])
@@ -311,8 +313,12 @@ class _Fleet:
             cells = _native.cells_of_box(corners.min(axis=0).tolist(), corners.max(axis=0).tolist(), voxel, self.tile_level)
             for coordinates in cells:
                 regions.setdefault(tuple(coordinates), []).append(submap)
-        # Colours are those of the first map, or all tiles would have to be made again.
-        heights = self.state.setdefault("heights", [float(np.floor(heights[0])), float(np.ceil(heights[1]))])
+        if not regions:
+            return []
+        heights = [float(np.floor(heights[0])), float(np.ceil(heights[1]))]
+        # Colours are those of the first map that lacks nothing, or all tiles would have to be made again.
+        is_whole = all(session.state != "incomplete" for session in self.report.sessions)
+        heights = self.state.setdefault("heights", heights) if is_whole else self.state.get("heights", heights)
         tasks = []
         for cell, inside in sorted(regions.items(), key=lambda item: _morton(item[0])):
             region = {
@@ -346,6 +352,13 @@ class _Fleet:
         self.store.replace(STATE, json.dumps(self.state, sort_keys=True, indent=1).encode(), self.state_hash)
         for name in sorted(set(old) - set(files)):
             self.store.remove(f"{TILES}/content/{name}")
+
+
+def _raise_if_of_store(records: Iterable[Record]) -> None:
+    """A store that cannot be written is no fault of the sessions."""
+    for record in records:
+        if record.get("is_of_store"):
+            raise StoreError(record["problem"].removeprefix("StoreError: "))
 
 
 def _times(number: int) -> str:
