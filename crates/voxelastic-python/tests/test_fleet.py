@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import shutil
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +149,44 @@ def test_sessions_that_cannot_be_used_are_named_and_the_rest_goes_on(drives: lis
     assert [session.state for session in scaled.sessions] == 3 * ["joined"], str(scaled)
 
 
+def write_raw(path: Path, clouds: list[np.ndarray[Any, Any]]) -> None:
+    """Scans as a folder of a session without poses."""
+    (path / "scans").mkdir(parents=True)
+    for k, cloud in enumerate(clouds):
+        kept = cloud[np.isfinite(cloud).all(axis=1)]
+        np.hstack([kept, np.zeros((len(kept), 1), np.float32)]).astype(np.float32).tofile(path / "scans" / f"{k:06d}.bin")
+
+
+def test_what_no_closure_holds_after_odometry_was_lost_is_left_out(world: vx.Simulation, drives: list[Path], tmp_path: Path) -> None:
+    """A session without poses that is carried to another world and back while it is off."""
+    mine = vx.Simulation("mine", scans=30, sensor="vlp-16", columns=500, max_range=60, spacing=0.5)
+    campus = {k: world[k].points.reshape(-1, 3) for k in (*range(5, 30), *range(55, 80))}
+    visits = [[campus[k] for k in range(5, 30)], [mine[k].points.reshape(-1, 3) for k in range(30)], [campus[k] for k in range(55, 80)]]
+    write_raw(tmp_path / "carried", [cloud for visit in visits for cloud in visit])
+    sessions, store = [*drives, tmp_path / "carried"], tmp_path / "store"
+    report = fleet.map(sessions, store, settings=SETTINGS, tile_level=1)
+    carried = report.sessions[2]
+    assert [session.state for session in report.sessions] == ["joined", "joined", "joined in part"], str(report)
+    assert carried.lost >= 2 and 0 < carried.pieces_left_out < carried.pieces, carried
+    assert "not in the map" in (carried.problem or "") and "carried" in str(report)
+    assert "joined in part" in (store / "fleet.html").read_text()
+    # What is in the map is where it was; nothing of the mine is.
+    times = {node: time for track in (store / "tracks").iterdir() for node, time, _ in json.loads(track.read_text())["nodes"]}
+    nodes = {int(node): np.array(pose) for node, pose in json.loads((store / report.node_poses).read_text()).items()}
+    route = [*range(5, 30), *(30 * [-1]), *range(55, 80)]
+    placed = {round(10 * times[node]): pose for node, pose in nodes.items() if node >> 32 == 2}
+    assert len(placed) == carried.scans - carried.scans_left_out
+    assert any(k < 25 for k in placed) and any(k >= 55 for k in placed) and not any(25 <= k < 55 for k in placed), sorted(placed)
+    off = [float(np.linalg.norm(pose[:3] - world.true_poses[route[k], :3, 3])) for k, pose in placed.items()]
+    assert max(off) < 0.5, f"{max(off):.2f} m"
+    opened = vx.Map.open(store / "map.vox")
+    assert len(opened.submaps) == report.submaps
+    third = [submap for submap in opened.submaps if submap.id >> 16 == 2]
+    assert len(third) == carried.pieces - carried.pieces_left_out
+    again = fleet.map(sessions, store, settings=SETTINGS, tile_level=1)
+    assert again.sessions[2] == carried and all(stage.repeated == stage.tasks for stage in again.stages)
+
+
 def test_a_store_that_fails_now_and_then_changes_nothing(
     alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,23 +203,72 @@ def test_a_store_that_fails_now_and_then_changes_nothing(
     assert content(tmp_path) == content(alone[0]) and failures
 
 
-def test_a_full_store_is_named_and_a_later_run_goes_on(
+PLACES = (
+    *("/records/probe-", "/pieces/", "/places/", "/descriptors/", "/tracks/", "/records/split-", "/closures/", "/records/close-", "/poses/", "/records/optimise-"),
+    *(".vxs", "/parts/", "/records/integrate-", "/manifests/", "/records/assemble-", "/tiles/content/", "/regions/", "/records/tiles-", "/tiles/tileset.json"),
+    *("/records/finish-tiles-", "/map.vox/manifest.json", "/fleet.html", "/fleet.json"),
+)
+"""All that a fleet writes, in the order in which it does."""
+
+
+def what_is_wrong(drives: list[Path], store: Path) -> str | None:
+    """What a run says that is wrong; none if nothing is."""
+    try:
+        report = fleet.map(drives, store, settings=SETTINGS, tile_level=1)
+    except fleet.StoreError as error:
+        return str(error)
+    except OSError as error:
+        assert str(store) in str(error)
+        return str(error)
+    problems = [session.problem for session in report.sessions if session.problem] + report.regions_failed
+    assert all(session.state in ("joined", "incomplete") for session in report.sessions), str(report)
+    return "; ".join(problems) or None
+
+
+def test_a_store_that_is_full_in_any_stage_is_named_and_later_runs_go_on(
     alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put = _store._put
+    written: dict[str, bytes] = {}
+    for place in PLACES:
 
-    def full(fs: Any, path: str, written: bytes) -> None:
-        if "/tiles/" in path:
-            raise OSError(28, "No space left on device")
-        put(fs, path, written)
+        def full(fs: Any, path: str, content: bytes, place: str = place) -> None:
+            if place in path:
+                raise OSError(28, "No space left on device")
+            put(fs, path, content)
+            written[path] = content
 
-    monkeypatch.setattr(_store, "_put", full)
-    report = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
-    assert any("No space left" in problem for problem in report.regions_failed), report.regions_failed
+        monkeypatch.setattr(_store, "_put", full)
+        said = what_is_wrong(drives, tmp_path)
+        assert said is not None and "No space left" in said and str(tmp_path) in said and place.strip("/") in said, f"{place}: {said}"
+        assert not list(tmp_path.rglob("*.tmp"))
+        # What was written is there still, as it was.
+        kept = {path: content for path, content in written.items() if not path.endswith(("fleet.json", "fleet.html", "manifest.json"))}
+        assert all(Path(path).read_bytes() == content for path, content in kept.items() if "/tiles/" not in path), place
     monkeypatch.undo()
-    again = fleet.map(drives, tmp_path, settings=SETTINGS, tile_level=1)
+    assert what_is_wrong(drives, tmp_path) is None
     assert content(tmp_path) == content(alone[0])
-    assert {stage.name: stage.repeated for stage in again.stages}["integrate"] > 0
+
+
+def test_a_disk_that_is_too_small_is_named_and_enlarged(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:
+    """A file system of a fixed size, larger with every run."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if os.name != "posix" or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", disk], capture_output=True).returncode != 0:
+        pytest.skip("only root can mount a small disk")
+    try:
+        failed = []
+        for megabytes in (1, 2, 4, 8, 16, 32, 64, 128, 256):
+            subprocess.run(["mount", "-o", f"remount,size={megabytes}m", disk], check=True)
+            said = what_is_wrong(drives, disk)
+            if said is None:
+                break
+            assert "No space left" in said and str(disk) in said, said
+            failed.append(megabytes)
+        assert len(failed) >= 3 and said is None, failed
+        assert content(disk) == content(alone[0])
+    finally:
+        subprocess.run(["umount", disk], check=True)
 
 
 def test_workers_that_are_killed_in_any_stage_cost_a_task_each(alone: tuple[Path, fleet.FleetReport], drives: list[Path], tmp_path: Path) -> None:

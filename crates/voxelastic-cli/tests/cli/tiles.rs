@@ -5,12 +5,13 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::mpsc::{Receiver, channel};
 use tempfile::TempDir;
 use voxelastic::Pose;
 use voxelastic_io::poses;
 use voxelastic_io::survey::las;
-use voxelastic_testing::Browser;
+use voxelastic_testing::{Browser, Need, skip};
 
 /// As UTM has it.
 const THERE: [f64; 3] = [448_123.25, 5_411_987.5, 312.0];
@@ -29,6 +30,39 @@ fn mapped(place: [f64; 3]) -> TempDir {
 /// Whether a place is in the room, give or take some voxels.
 fn is_there(place: [f64; 3]) -> bool {
     (0..3).all(|k| (room::MIN[k] - 0.1..=room::MAX[k] + 0.1).contains(&(place[k] - THERE[k])))
+}
+
+/// What Khronos' validator and the rules of 3D Tiles say of a folder of tiles; none, after noting the skip, where the validator cannot be had.
+fn validate(tiles: &Path) -> Option<(bool, serde_json::Value)> {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../voxelastic-report/page/tiles/validate.sh");
+    let reason = match Command::new("bash").arg(script).arg(tiles).output() {
+        Ok(said) if said.status.code() != Some(2) && !said.stdout.is_empty() => {
+            return Some((said.status.success(), serde_json::from_slice(&said.stdout).unwrap()));
+        }
+        Ok(said) => String::from_utf8_lossy(&said.stderr).trim().to_owned(),
+        Err(error) => error.to_string(),
+    };
+    skip(Need::System, &format!("the validator of glTF cannot be had: {reason}"));
+    None
+}
+
+#[test]
+fn a_validator_finds_nothing_wrong_with_tiles() {
+    let dir = mapped(THERE);
+    works(dir.path(), "export room.vox -o tiles/");
+    let tiles = dir.path().join("tiles");
+    let Some((is_valid, said)) = validate(&tiles) else { return };
+    assert!(is_valid && said["wrong"] == 0 && said["glb"].as_u64().unwrap() > 4, "{said}");
+    // And it does look.
+    let root = fs::read_to_string(tiles.join("tileset.json")).unwrap();
+    fs::write(tiles.join("tileset.json"), root.replacen("\"refine\":\"REPLACE\"", "\"refine\":\"replace\"", 1)).unwrap();
+    let glb =
+        fs::read_dir(tiles.join("content")).unwrap().map(|entry| entry.unwrap().path()).find(|path| path.extension().is_some_and(|e| e == "glb"));
+    let mut bytes = fs::read(glb.as_ref().unwrap()).unwrap();
+    bytes.truncate(bytes.len() - 4);
+    fs::write(glb.unwrap(), bytes).unwrap();
+    let (is_valid, said) = validate(&tiles).unwrap();
+    assert!(!is_valid && said["wrong"].as_u64().unwrap() >= 2, "{said}");
 }
 
 const COPC: &str = r#"

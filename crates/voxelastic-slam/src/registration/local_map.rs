@@ -1,6 +1,6 @@
 //! The local map: voxels with running statistics of the points in them, and the plane or the spread that follows from these.
 
-use super::voxel_index::{VoxelIndex, key};
+use super::block_index::{ABSENT, BlockIndex};
 use serde::{Deserialize, Serialize};
 use voxelastic::geometry::smallest_eigenvector;
 
@@ -63,7 +63,7 @@ pub(crate) struct Surfel {
 #[serde(from = "StoredMap", into = "StoredMap")]
 pub(crate) struct LocalMap {
     size: f64,
-    index: VoxelIndex,
+    index: BlockIndex,
     moments: Vec<Moments>,
     surfaces: Vec<Surface>,
     changed: Vec<u32>,
@@ -94,7 +94,7 @@ impl From<StoredMap> for LocalMap {
 impl LocalMap {
     /// An empty map of voxels of edge `size`, metres.
     pub(crate) fn new(size: f64) -> Self {
-        Self { size, index: VoxelIndex::default(), moments: Vec::new(), surfaces: Vec::new(), changed: Vec::new() }
+        Self { size, index: BlockIndex::default(), moments: Vec::new(), surfaces: Vec::new(), changed: Vec::new() }
     }
 
     /// Removes all voxels and keeps the memory.
@@ -124,8 +124,8 @@ impl LocalMap {
         let per_metre = 1.0 / self.size;
         for p in points {
             let scaled = p.map(|v| v * per_metre);
-            let coordinates = scaled.map(|v| v.floor() as i32);
-            let (position, is_new) = self.index.get_or_insert(key(coordinates), self.moments.len() as u32);
+            let coordinates = scaled.map(floor);
+            let (position, is_new) = self.index.get_or_insert(coordinates, self.moments.len() as u32);
             if is_new {
                 self.moments.push(Moments { coordinates, count: 0.0, computed: 0.0, sum: [0.0; 3], squares: [0.0; 6] });
                 self.surfaces.push(Surface::NONE);
@@ -156,22 +156,28 @@ impl LocalMap {
     #[inline]
     pub(crate) fn nearest(&self, p: [f64; 3], normal: [f32; 3]) -> Option<([f32; 3], &Surface)> {
         let scaled = p.map(|v| v / self.size - 0.5);
-        let base = scaled.map(|v| v.floor() as i32);
+        let base = scaled.map(floor);
         // Relative to the centre of the voxel at `base`.
         let local: [f32; 3] = std::array::from_fn(|i| ((scaled[i] - f64::from(base[i])) * self.size) as f32);
         let size = self.size as f32;
         let mut best: Option<([f32; 3], &Surface)> = None;
+        let has_normal = normal != [0.0; 3];
         let mut best_distance = f32::INFINITY;
-        for corner in 0..8 {
+        for (corner, position) in self.index.corners(base).into_iter().enumerate() {
+            if position == ABSENT {
+                continue;
+            }
             let step = [corner & 1, corner >> 1 & 1, corner >> 2];
-            let Some(position) = self.index.get(key([base[0] + step[0], base[1] + step[1], base[2] + step[2]])) else { continue };
             let surface = &self.surfaces[position as usize];
             let d: [f32; 3] = std::array::from_fn(|i| local[i] - step[i] as f32 * size - surface.mean[i]);
             let distance = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            if surface.weight <= 0.0 || distance >= best_distance {
+                continue;
+            }
             let n = surface.normal;
             let cosine = n[0] * normal[0] + n[1] * normal[1] + n[2] * normal[2];
-            let is_other = cosine.abs() < LEAST_COSINE && normal != [0.0; 3] && surface.is_plane();
-            if surface.weight > 0.0 && distance < best_distance && !is_other {
+            let is_other = cosine.abs() < LEAST_COSINE && has_normal && surface.is_plane();
+            if !is_other {
                 (best, best_distance) = (Some((d, surface)), distance);
             }
         }
@@ -181,8 +187,8 @@ impl LocalMap {
     /// The surface in the voxel that a point lies in, and the point relative to its mean.
     pub(super) fn at(&self, p: [f64; 3]) -> Option<([f32; 3], &Surface)> {
         let scaled = p.map(|v| v / self.size);
-        let coordinates = scaled.map(|v| v.floor() as i32);
-        let surface = &self.surfaces[self.index.get(key(coordinates))? as usize];
+        let coordinates = scaled.map(floor);
+        let surface = &self.surfaces[self.index.get(coordinates)? as usize];
         let from_mean = |i: usize| ((scaled[i] - f64::from(coordinates[i]) - 0.5) * self.size) as f32 - surface.mean[i];
         (surface.weight > 0.0).then(|| (std::array::from_fn(from_mean), surface))
     }
@@ -206,11 +212,18 @@ impl LocalMap {
     }
 
     fn make_index(&mut self) {
-        self.index = VoxelIndex::with_capacity(self.moments.len() * 2);
+        self.index.clear();
         for (position, moments) in self.moments.iter().enumerate() {
-            self.index.get_or_insert(key(moments.coordinates), position as u32);
+            self.index.get_or_insert(moments.coordinates, position as u32);
         }
     }
+}
+
+/// `v.floor() as i32`, without a call where the processor may have no instruction for it.
+#[inline(always)]
+fn floor(v: f64) -> i32 {
+    let towards_zero = v as i32;
+    towards_zero.saturating_sub(i32::from(v < f64::from(towards_zero)))
 }
 
 /// The surface that follows from a voxel's points.
@@ -230,5 +243,20 @@ fn surface(moments: &Moments, size: f64) -> Surface {
     match normal.filter(|_| moments.count >= LEAST_FOR_PLANE && is_wide && is_flat) {
         Some(normal) => Surface { mean, weight: (noise / (noise + values[0].max(0.0))) as f32, normal: normal.map(|v| v as f32) },
         None => Surface { mean, weight: (noise / (noise + (values[0] + values[1] + values[2]).max(0.0))) as f32, normal: [0.0; 3] },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::floor;
+
+    #[test]
+    fn floor_is_that_of_the_library() {
+        let random = (0..1000u32).map(|k| f64::from(k.wrapping_mul(2_654_435_761)) / 1e6 - 2000.0);
+        let special =
+            [0.0, -0.0, -1.0, 1.0, -1e-300, 0.999, -2_147_483_648.0, -2_147_483_648.5, 1e300, -1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
+        for v in random.chain(special) {
+            assert_eq!(floor(v), v.floor() as i32, "{v}");
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! Gauss-Newton moves the pose under a robust kernel that narrows; distances count to planes along their normals and to other surfaces in
 //! all directions. Directions in which the surfaces hold nothing keep the guess.
 
+mod block_index;
 mod degeneracy;
 mod downsample;
 mod information;

@@ -103,7 +103,7 @@ def main(arguments_: list[str] | None = None) -> int:
             if client.cluster is not None:
                 client.cluster.close()
     print(json.dumps(report.as_json(), indent=1) if given.json else report)
-    return 0 if len(report.joined) == len(report.sessions) else 3
+    return 0 if all(session.state == "joined" for session in report.sessions) else 3
 
 
 if __name__ == "__main__":

@@ -56,35 +56,74 @@ class Track:
         steps = [0.0] + [float(np.linalg.norm(poses[b][:3, 3] - poses[a][:3, 3])) for a, b in zip(nodes, nodes[1:])]
         return cls(nodes, poses, dict(zip(nodes, np.cumsum(steps))), stored["odometry"], stored["loops"])
 
+    def parts(self) -> list[Track]:
+        """Itself, or where odometry was lost the parts in between: how these lie to each other only closures can say."""
+        linked = {frozenset(edge[:2]) for edge in self.odometry}
+        parts: list[list[int]] = []
+        for last, node in zip([None, *self.nodes], self.nodes):
+            if last is None or frozenset((last, node)) not in linked:
+                parts.append([])
+            parts[-1].append(node)
+        if len(parts) == 1:
+            return [self]
+        part_of = {node: k for k, part in enumerate(parts) for node in part}
 
-def join(tracks: dict[int, Track], closures: dict[tuple[int, int], list[Any]]) -> tuple[dict[int, Matrix], list[tuple[int, int, list[Any]]]]:
-    """The frames of the sessions that meet, by number, in that of the first one of the largest group; and for each pair that was joined the closures that agree.
+        def inside(edges: list[Any], k: int) -> list[Any]:
+            return [edge for edge in edges if part_of[edge[0]] == k and part_of[edge[1]] == k]
 
-    Sessions are joined one after the other, by the pair that most closures agree on.
+        return [
+            Track(part, {n: self.poses[n] for n in part}, {n: self.path[n] for n in part}, inside(self.odometry, k), inside(self.loops, k))
+            for k, part in enumerate(parts)
+        ]
+
+
+Part = tuple[int, int]
+"""A session by its number, and a part of it by its place."""
+
+
+def parted(tracks: dict[int, Track], closures: Iterable[Any]) -> tuple[dict[Part, Track], dict[tuple[Part, Part], list[Any]]]:
+    """The parts of sessions between which odometry was lost, and the closures between two parts each, of different sessions or of one."""
+    parts = {(number, k): part for number, track in tracks.items() for k, part in enumerate(track.parts())}
+    part_of = {node: name for name, part in parts.items() for node in part.nodes}
+    between: dict[tuple[Part, Part], list[Any]] = {}
+    for edge in [*closures, *(edge for track in tracks.values() for edge in track.loops)]:
+        a, b = part_of[edge[0]], part_of[edge[1]]
+        if a != b:
+            between.setdefault((a, b), []).append(edge)
+    return parts, between
+
+
+def join(tracks: dict[Part, Track], closures: dict[tuple[Part, Part], list[Any]]) -> tuple[dict[Part, Matrix], list[Any]]:
+    """The frames of the parts that meet, in that of the first one of the largest group, which is that of most sessions and then of most nodes; and the
+    closures that agree.
+
+    Parts are joined one after the other, by the pair that most closures agree on.
     """
-    agreed: dict[tuple[int, int], tuple[list[Any], Matrix]] = {}
+    agreed: dict[tuple[Part, Part], tuple[list[Any], Matrix]] = {}
     for (a, b), edges in sorted(closures.items()):
         if (found := consensus(tracks[a], tracks[b], edges)) is not None:
             agreed[a, b] = found
-    best: tuple[dict[int, Matrix], list[tuple[int, int, list[Any]]]] = ({}, [])
+    best: tuple[dict[Part, Matrix], list[Any]] = ({}, [])
+
+    def size(frames: dict[Part, Matrix]) -> tuple[int, int]:
+        return len({number for number, _ in frames}), sum(len(tracks[part].nodes) for part in frames)
+
     left = sorted(tracks)
     while left:
-        frames, used = {left[0]: np.eye(4)}, []
+        frames = {left[0]: np.eye(4)}
         while True:
-            outgoing = [(len(edges), -a, -b) for (a, b), (edges, _) in agreed.items() if (a in frames) != (b in frames)]
+            outgoing = [(-len(edges), a, b) for (a, b), (edges, _) in agreed.items() if (a in frames) != (b in frames)]
             if not outgoing:
                 break
-            _, a, b = max(outgoing)
-            a, b = -a, -b
+            _, a, b = min(outgoing)
             t_a_b = agreed[a, b][1]
             if a in frames:
                 frames[b] = frames[a] @ t_a_b
             else:
                 frames[a] = frames[b] @ np.linalg.inv(t_a_b)
-        used = [(a, b, edges) for (a, b), (edges, _) in sorted(agreed.items()) if a in frames and b in frames]
-        left = [number for number in left if number not in frames]
-        if len(frames) > len(best[0]):
-            best = (frames, used)
+        left = [part for part in left if part not in frames]
+        if size(frames) > size(best[0]):
+            best = (frames, [edge for (a, b), (edges, _) in sorted(agreed.items()) if a in frames and b in frames for edge in edges])
     return best
 
 
@@ -112,7 +151,8 @@ def consensus(a: Track, b: Track, edges: list[Any]) -> tuple[list[Any], Matrix] 
 
 
 def optimise(store: Store, task_key: str, tracks: dict[str, str], closures: dict[str, str]) -> Record:
-    """One graph of all sessions that meet: corrected poses of all their nodes, in the frame of the first of them.
+    """One graph of all sessions that meet: corrected poses of all their nodes, in the frame of the first of them. Where odometry was lost, what no closures hold has
+    no pose.
 
     Args:
         tracks: Names of the tracks by the number of the session.
@@ -121,17 +161,17 @@ def optimise(store: Store, task_key: str, tracks: dict[str, str], closures: dict
 
     def work() -> Record:
         all_tracks = {int(number): Track.read(store, name) for number, name in sorted(tracks.items(), key=lambda item: int(item[0]))}
-        proposed = {tuple(int(n) for n in pair.split("-")): json.loads(store.read(name)) for pair, name in closures.items()}
-        frames, used = join(all_tracks, {(a, b): edges for (a, b), edges in proposed.items()})
-        joined = sorted(frames)
+        proposed = [edge for _, name in sorted(closures.items()) for edge in json.loads(store.read(name))]
+        parts, links = parted(all_tracks, proposed)
+        frames, used = join(parts, links)
         nodes, start = [], []
-        for number in joined:
-            for node in all_tracks[number].nodes:
+        for part in sorted(frames):
+            for node in parts[part].nodes:
                 nodes.append(node)
-                start.append(numbers(frames[number] @ all_tracks[number].poses[node]))
-        own = [tuple(edge) for number in joined for edge in all_tracks[number].odometry + all_tracks[number].loops]
-        between = [tuple(edge) for _, _, edges in used for edge in edges]
-        fixed = [all_tracks[joined[0]].nodes[0]] if joined else []
+                start.append(numbers(frames[part] @ parts[part].poses[node]))
+        own = [tuple(edge) for part in sorted(frames) for edge in parts[part].odometry + parts[part].loops]
+        between = [tuple(edge) for edge in used]
+        fixed = nodes[:1]
         outvoted: list[Any] = []
         solved, is_converged = _solve(nodes, start, own + between, fixed)
         for _ in range(4):
@@ -141,17 +181,32 @@ def optimise(store: Store, task_key: str, tracks: dict[str, str], closures: dict
             outvoted += [edge for edge in between if edge not in kept]
             between = kept
             solved, is_converged = _solve(nodes, start, own + between, fixed)
-        pairs = [(edge[0] // FIRST_NODES, edge[1] // FIRST_NODES) for edge in between]
+        held = _held({part: parts[part] for part in frames}, between)
+        solved = {node: solved[node] for part in held for node in parts[part].nodes}
+        pairs = [(edge[0] // FIRST_NODES, edge[1] // FIRST_NODES) for edge in between if edge[0] in solved]
+        pairs = [(a, b) for a, b in pairs if a != b]
         return {
             "nodes": store.keep("poses", json.dumps(solved).encode()),
-            "joined": joined,
-            "closures": len(between),
+            "joined": sorted({number for number, _ in held}),
+            "lost": {str(number): len(track.parts()) - 1 for number, track in all_tracks.items() if len(track.parts()) > 1},
+            "left_out": sorted({number for number, _ in held} & {number for number, _ in set(parts) - set(held)}),
+            "closures": len(pairs),
             "outvoted": len(outvoted),
             "pairs": [[a, b, pairs.count((a, b))] for a, b in sorted(set(pairs))],
             "is_converged": is_converged,
         }
 
     return recorded(store, "optimise", task_key, work)
+
+
+def _held(parts: dict[Part, Track], closures: list[Any]) -> list[Part]:
+    """The parts that closures still hold, some of which may have been outvoted."""
+    part_of = {node: name for name, part in parts.items() for node in part.nodes}
+    links = [(part_of[edge[0]], part_of[edge[1]]) for edge in closures]
+    held = set(sorted(parts)[:1])
+    while more := {part for link in links if (link[0] in held) != (link[1] in held) for part in link} - held:
+        held |= more
+    return sorted(held)
 
 
 def _solve(nodes: list[int], start: list[list[float]], edges: list[Any], fixed: list[int]) -> tuple[dict[int, list[float]], bool]:

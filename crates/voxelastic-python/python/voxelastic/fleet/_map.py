@@ -16,8 +16,8 @@ from .._settings import Settings
 from ._graph import Track, consensus, matrix, optimise
 from ._report import FleetReport, SessionReport
 from ._runner import Runner, Task
-from ._store import Store
-from ._tasks import FIRST_SUBMAPS, MAP, SUBMAPS_OF_PIECE, TILES, Record, assemble, close, finish_tiles, integrate, key, probe, split, tiles
+from ._store import Store, StoreError
+from ._tasks import FIRST_NODES, FIRST_SUBMAPS, MAP, SUBMAPS_OF_PIECE, TILES, Record, assemble, close, finish_tiles, integrate, key, probe, split, tiles
 
 STATE = "fleet.json"
 HELD = (0.02, np.deg2rad(0.1))
@@ -103,8 +103,8 @@ class _Fleet:
         # The map is in the frame of the first session of those that meet.
         self.origin = next((list(one.record["origin"]) for one in splits if one.session["number"] in solved["joined"]), [0.0, 0.0, 0.0])
         self.report.origin_m = self.origin
-        submaps = self._integrate([one for one in splits if one.session["number"] in solved["joined"]])
         nodes = json.loads(self.store.read(solved["nodes"]))
+        submaps = self._integrate(self._held(splits, nodes))
         poses = self._settled({str(submap["id"]): nodes[str(submap["root"])] for submap in submaps})
         manifest = self._assemble(submaps, poses)
         files = self._tiles(submaps, poses)
@@ -140,6 +140,7 @@ class _Fleet:
     def _split(self, sessions: Sequence[Record]) -> list[_Split]:
         probed = self.runner.run("probe", [Task(key("probe-session", session), probe, (self.store, session)) for session in sessions])
         readable = []
+        _raise_if_of_store(probed)
         for session, record in zip(sessions, probed):
             if "problem" in record:
                 self._refuse(session["number"], "unreadable", record["problem"])
@@ -152,6 +153,7 @@ class _Fleet:
         self.probed = {session["number"]: record for session, record in readable}
         records = self.runner.run("split", [self._split_task(session) for session, _ in readable])
         splits = []
+        _raise_if_of_store(records)
         for (session, _), record in zip(readable, records):
             if "problem" in record:
                 self._refuse(session["number"], "unreadable", record["problem"])
@@ -187,16 +189,37 @@ class _Fleet:
         task_key = key("close", sides)
         return Task(task_key, close, (self.store, task_key, *sides))
 
-    def _integrate(self, splits: Sequence[_Split]) -> list[Record]:
+    def _held(self, splits: Sequence[_Split], nodes: Record) -> list[tuple[_Split, int]]:
+        """The pieces that have poses, each with its number in its session. Says which have none, of sessions that others are joined with."""
+        held = []
+        for one in splits:
+            session = next(session for session in self.report.sessions if session.number == one.session["number"])
+            node = one.session["number"] * FIRST_NODES
+            for number, piece in enumerate(one.record["pieces"]):
+                if str(node) in nodes:
+                    held.append((one, number))
+                elif session.state == "joined in part":
+                    session.pieces_left_out += 1
+                    session.scans_left_out += piece["scans"]
+                # A piece ends where odometry is lost.
+                node += piece["scans"]
+            if session.pieces_left_out:
+                session.problem = (
+                    f"its odometry was lost {_times(session.lost)}; {session.pieces_left_out} of its {session.pieces} pieces ({session.scans_left_out} of "
+                    f"{session.scans} scans) are not in the map, since no two closures hold them: give it poses, or scans that are nearer to each other"
+                )
+        return held
+
+    def _integrate(self, pieces: Sequence[tuple[_Split, int]]) -> list[Record]:
         """The submaps, each with the name of the manifest that has it, by number."""
         settings = self.settings.as_text()
         tasks, sources = [], []
-        for one in splits:
-            for number, piece in enumerate(one.record["pieces"]):
-                first = one.session["number"] * FIRST_SUBMAPS + number * SUBMAPS_OF_PIECE
-                task_key = key("integrate", piece["name"], first, settings)
-                tasks.append(Task(task_key, integrate, (self.store, task_key, piece["name"], first, settings)))
-                sources.append(one.session)
+        for one, number in pieces:
+            piece = one.record["pieces"][number]
+            first = one.session["number"] * FIRST_SUBMAPS + number * SUBMAPS_OF_PIECE
+            task_key = key("integrate", piece["name"], first, settings)
+            tasks.append(Task(task_key, integrate, (self.store, task_key, piece["name"], first, settings)))
+            sources.append(one.session)
         submaps = []
         for session, record in zip(sources, self.runner.run("integrate", tasks)):
             if "problem" in record:
@@ -207,7 +230,7 @@ class _Fleet:
 
     def _optimise(self, splits: Sequence[_Split], closures: dict[str, str]) -> Record:
         tracks = {str(one.session["number"]): str(one.record["track"]) for one in splits}
-        task_key = key("optimise", sorted(tracks.items()), sorted(closures.items()))
+        task_key = key("optimise", "parts", sorted(tracks.items()), sorted(closures.items()))
         return self._one("optimise", Task(task_key, optimise, (self.store, task_key, tracks, closures)))
 
     def _name_others(self, splits: Sequence[_Split], solved: Record) -> None:
@@ -215,7 +238,8 @@ class _Fleet:
         joined = [one for one in splits if one.session["number"] in solved["joined"]]
         for session in self.report.sessions:
             if session.number in solved["joined"]:
-                session.state = session.state or "joined"
+                session.lost = solved["lost"].get(str(session.number), 0)
+                session.state = session.state or ("joined in part" if session.number in solved["left_out"] else "joined")
         for one in splits:
             number = one.session["number"]
             if number in solved["joined"]:
@@ -289,8 +313,12 @@ class _Fleet:
             cells = _native.cells_of_box(corners.min(axis=0).tolist(), corners.max(axis=0).tolist(), voxel, self.tile_level)
             for coordinates in cells:
                 regions.setdefault(tuple(coordinates), []).append(submap)
-        # Colours are those of the first map, or all tiles would have to be made again.
-        heights = self.state.setdefault("heights", [float(np.floor(heights[0])), float(np.ceil(heights[1]))])
+        if not regions:
+            return []
+        heights = [float(np.floor(heights[0])), float(np.ceil(heights[1]))]
+        # Colours are those of the first map that lacks nothing, or all tiles would have to be made again.
+        is_whole = all(session.state != "incomplete" for session in self.report.sessions)
+        heights = self.state.setdefault("heights", heights) if is_whole else self.state.get("heights", heights)
         tasks = []
         for cell, inside in sorted(regions.items(), key=lambda item: _morton(item[0])):
             region = {
@@ -324,6 +352,17 @@ class _Fleet:
         self.store.replace(STATE, json.dumps(self.state, sort_keys=True, indent=1).encode(), self.state_hash)
         for name in sorted(set(old) - set(files)):
             self.store.remove(f"{TILES}/content/{name}")
+
+
+def _raise_if_of_store(records: Iterable[Record]) -> None:
+    """A store that cannot be written is no fault of the sessions."""
+    for record in records:
+        if record.get("is_of_store"):
+            raise StoreError(record["problem"].removeprefix("StoreError: "))
+
+
+def _times(number: int) -> str:
+    return "once" if number == 1 else f"{number} times"
 
 
 def _morton(cell: tuple[int, ...]) -> int:

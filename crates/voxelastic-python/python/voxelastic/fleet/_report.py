@@ -16,13 +16,20 @@ class SessionReport:
     name: str
     number: int
     state: str = ""
-    """`joined`, `unreadable`, `incomplete` (a piece of it could not be mapped), `meets no other`, or `in another scale`."""
+    """`joined`, `joined in part` (its odometry was lost, and some of it no closures hold: that is not in the map), `unreadable`, `incomplete` (a piece of it could not be
+    mapped), `meets no other`, or `in another scale`."""
     problem: str | None = None
     """What is wrong with it, and what to do."""
     scans: int = 0
     pieces: int = 0
     skipped: int = 0
     """Scans that could not be used."""
+    lost: int = 0
+    """How often its odometry was lost. What lies in between is joined by closures only."""
+    pieces_left_out: int = 0
+    """Pieces that no two closures hold after that: they are not in the map."""
+    scans_left_out: int = 0
+    """Scans of these."""
 
 
 @dataclass
@@ -59,8 +66,8 @@ class FleetReport:
 
     @property
     def joined(self) -> list[SessionReport]:
-        """The sessions that are in the map."""
-        return [session for session in self.sessions if session.state in ("joined", "incomplete")]
+        """The sessions that are in the map, as a whole or in part."""
+        return [session for session in self.sessions if session.state in ("joined", "joined in part", "incomplete")]
 
     def __str__(self) -> str:
         lines = [
@@ -74,8 +81,8 @@ class FleetReport:
     def html(self) -> str:
         """The report as a page."""
         names = {session.number: session.name for session in self.sessions}
-        rows = [[s.name, s.state, s.scans, s.pieces, s.skipped, s.problem or ""] for s in self.sessions]
-        sessions = _table(["session", "state", "scans", "pieces", "skipped", "what is wrong"], rows)
+        rows = [[s.name, s.state, s.scans, s.pieces, s.skipped, s.lost, s.pieces_left_out, s.problem or ""] for s in self.sessions]
+        sessions = _table(["session", "state", "scans", "pieces", "skipped", "odometry lost", "pieces left out", "what is wrong"], rows)
         pairs = _table(["session", "session", "closures"], [[names.get(a, a), names.get(b, b), n] for a, b, n in self.pairs])
         longest = max([stage.wall_seconds for stage in self.stages] + [1e-9])
         stages = _table(

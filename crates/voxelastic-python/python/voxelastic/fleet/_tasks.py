@@ -18,7 +18,7 @@ from .._dataset import Dataset
 from .._map import Map
 from .._mapper import Mapper
 from .._settings import Settings
-from ._store import Store, at_hand, digest, fingerprint
+from ._store import Store, StoreError, at_hand, digest, fingerprint
 from ._worker import Usage, threads
 
 VERSION = 2
@@ -72,7 +72,12 @@ def probe(store: Store, session: Record) -> Record:
 
         return recorded(store, "probe", key("probe", files, session["open"]), work)
     except Exception as error:  # Whatever is wrong with one session, the others go on.
-        return {"problem": f"{type(error).__name__}: {error}"}
+        return _refused(error)
+
+
+def _refused(error: Exception) -> Record:
+    """What is wrong with a session, or with the store."""
+    return {"problem": f"{type(error).__name__}: {error}", "is_of_store": isinstance(error, StoreError)}
 
 
 def split(store: Store, session: Record, task_key: str, metres: float, voxel: float) -> Record:
@@ -106,7 +111,7 @@ def split(store: Store, session: Record, task_key: str, metres: float, voxel: fl
     try:
         return recorded(store, "split", task_key, work)
     except Exception as error:
-        return {"problem": f"{type(error).__name__}: {error}"}
+        return _refused(error)
 
 
 def integrate(store: Store, task_key: str, piece: str, first_submap: int, settings: dict[str, str]) -> Record:
