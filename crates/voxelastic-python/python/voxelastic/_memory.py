@@ -16,8 +16,8 @@ def limit_memory(size: Union[int, str], folder: Optional[Union[str, os.PathLike[
         folder: where the file is for what is beyond it. It needs a disk with room for all maps; by default it is `TMPDIR`, or `/var/tmp`. The folder of the
             first call serves all later ones.
 
-    Maps that are made or opened from then on are kept in a file without a name, of which only so much is in memory as the budget allows: what was used
-    longest ago leaves, and comes back when it is asked for. No result depends on it. `Mapper(memory="500MB")` sets it as well.
+    Maps that are made or opened from then on are kept in a file without a name, of which only so much is in memory as the budget allows: what was made
+    first leaves first, and comes back when it is asked for. No result depends on it. `Mapper(memory="500MB")` sets it as well.
 
     Raises:
         SettingError: the text is not a size, or the folder cannot be used.

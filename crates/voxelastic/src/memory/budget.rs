@@ -114,7 +114,7 @@ fn keep(region: &Region) {
             warned_of_rest = true;
         }
         if region.disk().1 && !warned_of_disk {
-            tracing::warn!("no room on the disk for what is beyond the memory budget: new parts of the map stay in memory");
+            tracing::warn!("no room can be reserved on the disk for what is beyond the memory budget: new parts of the map stay in memory");
             warned_of_disk = true;
         }
         // What cannot be given back is not asked for again and again: everything would be read from the file again each time.

@@ -108,8 +108,11 @@ impl Region {
         false
     }
 
-    /// Takes `memory` back, which was allocated for `layout`.
+    /// Takes `memory` back, which was allocated for `layout`. In a process that was forked off nothing happens: another thread may have had the lock.
     pub fn free(&self, memory: NonNull<u8>, layout: Layout) {
+        if self.process != std::process::id() {
+            return;
+        }
         self.used().free.entry(layout.size().next_multiple_of(ALIGN)).or_default().push(memory);
     }
 
