@@ -21,6 +21,9 @@ const LEFT: f64 = 0.06;
 const FASTEST_GROWTH: f64 = 20e9;
 /// The thread looks at least and at most this often.
 const LOOKS: [Duration; 2] = [Duration::from_micros(500), Duration::from_millis(20)];
+/// Time between two looks while the budget is exceeded: what cannot be given back is not asked for all the time, because what is in use comes back
+/// at once.
+const PAUSE_IF_EXCEEDED: Duration = Duration::from_millis(4);
 
 /// Why there can be no budget.
 #[derive(Debug, thiserror::Error)]
@@ -47,7 +50,7 @@ pub enum MemoryError {
 
 /// Limits the resident memory of the process to `bytes` and about a tenth, as far as it is memory of maps; 0 removes the limit. Maps, or parts of them, that are made
 /// from now on are kept in a file in `folder` (none: `TMPDIR`, or `/var/tmp`) that can become as large as they are, see the
-/// [module](self). The file of the first call serves all later ones. A process that is forked off must not change maps that its parent has.
+/// [module](super). The file of the first call serves all later ones. A process that is forked off must not change maps that its parent has.
 ///
 /// # Errors
 /// [`MemoryError`]; there is no new limit then.
@@ -117,9 +120,8 @@ fn keep(region: &Region) {
             tracing::warn!("no room can be reserved on the disk for what is beyond the memory budget: new parts of the map stay in memory");
             warned_of_disk = true;
         }
-        // What cannot be given back is not asked for again and again: everything would be read from the file again each time.
-        let pause = if left < 0.0 { LOOKS[1] } else { Duration::try_from_secs_f64(left / FASTEST_GROWTH).unwrap_or(LOOKS[1]) };
-        std::thread::sleep(pause.clamp(LOOKS[0], LOOKS[1]));
+        let until_used = Duration::try_from_secs_f64(left / FASTEST_GROWTH).unwrap_or(LOOKS[1]);
+        std::thread::sleep(if left < 0.0 { PAUSE_IF_EXCEEDED } else { until_used.clamp(LOOKS[0], LOOKS[1]) });
     }
 }
 
@@ -135,9 +137,13 @@ fn give_back(region: &Region, budget: u64, next: &mut usize) -> f64 {
         }
         return now;
     }
+    if is_tight() {
+        region.release(0..region.chunks());
+        return left();
+    }
     for _ in 0..region.chunks() {
         *next = if *next < region.chunks() { *next } else { 0 };
-        region.release(*next);
+        region.release(*next..*next + 1);
         *next += 1;
         now = left();
         if now > 2.0 * reserve {

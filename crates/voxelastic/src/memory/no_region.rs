@@ -2,6 +2,7 @@
 
 use std::alloc::Layout;
 use std::io;
+use std::ops::Range;
 use std::path::Path;
 use std::ptr::NonNull;
 
@@ -34,7 +35,7 @@ impl Region {
         match *self {}
     }
 
-    pub fn release(&self, _: usize) {
+    pub fn release(&self, _: Range<usize>) {
         match *self {}
     }
 }

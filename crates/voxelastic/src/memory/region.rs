@@ -5,6 +5,7 @@ use std::alloc::Layout;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io;
+use std::ops::Range;
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -132,11 +133,13 @@ impl Region {
         (used.on_disk as u64, used.is_full)
     }
 
-    /// Gives the memory of chunk `chunk` back to the system. Its content stays in the file, and comes back when it is used.
-    pub fn release(&self, chunk: usize) {
-        if chunk < self.capacity / CHUNK {
+    /// Gives the memory of `chunks` back to the system. Their content stays in the file, and comes back when it is used.
+    pub fn release(&self, chunks: Range<usize>) {
+        let (first, count) = (chunks.start, chunks.len());
+        if count > 0 && chunks.end <= self.capacity / CHUNK {
             // SAFETY: within the mapping, which is shared: nothing is lost.
-            let released = unsafe { rustix::mm::madvise(self.start.add(chunk * CHUNK).as_ptr().cast(), CHUNK, rustix::mm::Advice::LinuxDontNeed) };
+            let released =
+                unsafe { rustix::mm::madvise(self.start.add(first * CHUNK).as_ptr().cast(), count * CHUNK, rustix::mm::Advice::LinuxDontNeed) };
             debug_assert!(released.is_ok(), "{released:?}");
         }
     }
@@ -217,7 +220,7 @@ mod tests {
                         region.free(piece.memory.cast(), piece.layout);
                     }
                     Step::Free { .. } => {}
-                    Step::Release => (0..region.chunks()).for_each(|chunk| region.release(chunk)),
+                    Step::Release => region.release(0..region.chunks()),
                 }
             }
             for piece in &mut pieces {
@@ -238,7 +241,7 @@ mod tests {
         piece.bytes().fill(7);
         // Other tests of this process take memory meanwhile, but not nearly as much.
         let before = resident_bytes().unwrap();
-        (0..region.chunks()).for_each(|chunk| region.release(chunk));
+        region.release(0..region.chunks());
         let after = resident_bytes().unwrap();
         assert!(before > after + SIZE as u64 / 2, "{before} to {after} bytes");
         assert!(piece.bytes().iter().all(|&byte| byte == 7));
