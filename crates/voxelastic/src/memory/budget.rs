@@ -48,9 +48,11 @@ pub enum MemoryError {
     Unsupported,
 }
 
-/// Limits the resident memory of the process to `bytes` and about a tenth, as far as it is memory of maps; 0 removes the limit. Maps, or parts of them, that are made
-/// from now on are kept in a file in `folder` (none: `TMPDIR`, or `/var/tmp`) that can become as large as they are, see the
-/// [module](super). The file of the first call serves all later ones. A process that is forked off must not change maps that its parent has.
+/// Limits the resident memory of the process to `bytes` and about a tenth, as far as it is memory of maps; 0 removes the limit.
+///
+/// Maps, or parts of them, that are made from now on are kept in a file in `folder` (none: `TMPDIR`, or `/var/tmp`) that can become as large as
+/// they are, see the [module](super). The file of the first call serves all later ones. A process that is forked off must not change maps that
+/// its parent has.
 ///
 /// # Errors
 /// [`MemoryError`]; there is no new limit then.

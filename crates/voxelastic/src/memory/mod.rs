@@ -4,7 +4,8 @@
 //! [budget](limit) they are kept in a file that is mapped into memory. Whenever the process has more memory than the budget, a thread gives
 //! the memory of parts of the file back to the system, the parts that were allocated first to begin with: the content stays in the file, of
 //! which the system keeps what it has room for, and what is used again comes back by itself. So nothing else changes, neither how fields
-//! are read and written nor any bit of a map. Bricks that are not compressed stay in memory: they are what the last scans changed, fewer scans where the budget is tight. The file has no name and is gone with the process, also with a killed one.
+//! are read and written nor any bit of a map. Bricks that are not compressed stay in memory: they are what the last scans changed, fewer scans
+//! where the budget is tight. The file has no name and is gone with the process, also with a killed one.
 //!
 //! Poses, boxes, the pose graph, place signatures and whatever else is not voxels stay where they are.
 
