@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
-use voxelastic::memory::{self, MemorySize};
+use voxelastic::memory::MemorySize;
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Error, Origin};
@@ -34,11 +34,8 @@ pub struct LoadArgs {
 
 impl LoadArgs {
     /// Sets the memory budget.
-    fn limit_memory(self) -> anyhow::Result<()> {
-        match self.memory {
-            MemorySize(0) => Ok(()),
-            MemorySize(bytes) => memory::limit(bytes, None).map_err(|error| Failure::new(format!("--memory: {error}"), "").into()),
-        }
+    pub fn limit_memory(self) -> anyhow::Result<()> {
+        self.memory.set_budget().map_err(|error| Failure::new(format!("--memory: {error}"), "").into())
     }
 }
 

@@ -48,7 +48,7 @@ pub struct Mapper {
 }
 
 impl Mapper {
-    /// A mapper with an empty atlas; [`builder`](Self::builder) has more options.
+    /// A mapper with an empty atlas; [`builder`](Self::builder) has more options. A memory budget among the settings becomes that of the process.
     ///
     /// # Errors
     /// Settings out of range, or that contradict each other, or a memory budget that cannot be kept.

@@ -72,7 +72,7 @@ pub fn budget() -> u64 {
 
 /// Whether memory that is not in the file should become less, though that takes time.
 pub(crate) fn is_tight() -> bool {
-    IS_TIGHT.load(Ordering::Relaxed)
+    budget() > 0 && IS_TIGHT.load(Ordering::Relaxed)
 }
 
 /// Makes the file and starts the thread, once.
@@ -118,7 +118,7 @@ fn keep(region: &Region) {
             tracing::warn!("the memory budget is exceeded by {beyond:.0} MB: what is in use at one time is more");
             warned_of_rest = true;
         }
-        if region.disk().1 && !warned_of_disk {
+        if region.is_full() && !warned_of_disk {
             tracing::warn!("no room can be reserved on the disk for what is beyond the memory budget: new parts of the map stay in memory");
             warned_of_disk = true;
         }

@@ -31,7 +31,7 @@ impl Region {
         match *self {}
     }
 
-    pub fn disk(&self) -> (u64, bool) {
+    pub fn is_full(&self) -> bool {
         match *self {}
     }
 

@@ -16,6 +16,10 @@ const CHUNK: usize = 8 << 20;
 const ALIGN: usize = 64;
 /// Disk that is left to others, bytes.
 const LEFT_FREE: u64 = 64 << 20;
+/// Largest size of a region, bytes: a small part of the addresses that a process has.
+const MOST: usize = 1 << 42;
+/// Signals that may interrupt the growth of the file before it counts as full.
+const MOST_INTERRUPTIONS: usize = 10;
 
 /// The file in memory.
 #[derive(Debug)]
@@ -52,7 +56,11 @@ impl Region {
         let file = tempfile::tempfile_in(folder)?;
         let disk = rustix::fs::fstatvfs(&file)?;
         let room = (disk.f_bavail * disk.f_frsize).saturating_sub(LEFT_FREE);
-        let capacity = usize::try_from(room).unwrap_or(usize::MAX).min(1 << 42) / CHUNK * CHUNK;
+        Self::over(file, usize::try_from(room).unwrap_or(usize::MAX).min(MOST) / CHUNK * CHUNK)
+    }
+
+    /// A region over an empty file that may grow to `capacity` bytes, whole chunks.
+    fn over(file: File, capacity: usize) -> io::Result<Self> {
         if capacity == 0 {
             return Err(io::ErrorKind::StorageFull.into());
         }
@@ -99,8 +107,7 @@ impl Region {
 
     /// Gets disk for `bytes` more bytes behind the first `on_disk` ones; whether there is as much.
     fn grow(&self, on_disk: usize, bytes: usize) -> bool {
-        let mut tries = 0..10;
-        while tries.next().is_some() {
+        for _ in 0..MOST_INTERRUPTIONS {
             match rustix::fs::fallocate(&self.file, rustix::fs::FallocateFlags::KEEP_SIZE, on_disk as u64, bytes as u64) {
                 Err(rustix::io::Errno::INTR) => {}
                 grown => return grown.is_ok(),
@@ -127,10 +134,9 @@ impl Region {
         self.used().end.div_ceil(CHUNK)
     }
 
-    /// Bytes of disk in use, and whether the disk was full.
-    pub fn disk(&self) -> (u64, bool) {
-        let used = self.used();
-        (used.on_disk as u64, used.is_full)
+    /// Whether the disk was full.
+    pub fn is_full(&self) -> bool {
+        self.used().is_full
     }
 
     /// Gives the memory of `chunks` back to the system. Their content stays in the file, and comes back when it is used.
@@ -229,6 +235,37 @@ mod tests {
             }
             prop_assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "the file has no name");
         }
+    }
+
+    #[test]
+    fn a_region_without_room_refuses_and_keeps_what_it_has() {
+        let region = Region::over(tempfile::tempfile().unwrap(), 2 * CHUNK).unwrap();
+        let layout = Layout::from_size_align(CHUNK / 2, 64).unwrap();
+        let mut pieces: Vec<Piece> = (1..=4).map(|byte| Piece { memory: region.allocate(layout).unwrap().0, layout, byte }).collect();
+        for piece in &mut pieces {
+            let byte = piece.byte;
+            piece.bytes().fill(byte);
+        }
+        assert!(region.allocate(layout).is_none() && !region.is_full());
+        region.free(pieces.swap_remove(1).memory.cast(), layout);
+        assert!(region.allocate(layout).is_some_and(|(_, is_zero)| !is_zero) && region.allocate(layout).is_none());
+        for piece in &mut pieces {
+            let byte = piece.byte;
+            assert!(piece.bytes().iter().all(|&b| b == byte));
+        }
+    }
+
+    #[test]
+    fn a_region_whose_file_cannot_grow_is_full() {
+        let region = Region::over(tempfile::tempfile().unwrap(), 4 * CHUNK).unwrap();
+        let layout = Layout::from_size_align(CHUNK, 64).unwrap();
+        let mut piece = Piece { memory: region.allocate(layout).unwrap().0, layout, byte: 3 };
+        piece.bytes().fill(3);
+        // A file that is open for reading only gets no disk either.
+        let read_only = File::open("/proc/self/exe").unwrap();
+        let region = Region { file: read_only, ..region };
+        assert!(region.allocate(layout).is_none() && region.is_full());
+        assert!(piece.bytes().iter().all(|&b| b == 3));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Sizes of memory as people write them.
 
+use super::MemoryError;
 use std::fmt;
 use std::str::FromStr;
 
@@ -13,6 +14,16 @@ use std::str::FromStr;
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct MemorySize(pub u64);
+
+impl MemorySize {
+    /// Makes this size the [budget](super::limit) of the process, with its file in the default folder; `none` leaves the budget as it is.
+    ///
+    /// # Errors
+    /// [`MemoryError`]; the budget is then as it was.
+    pub fn set_budget(self) -> Result<(), MemoryError> {
+        if self.0 == 0 { Ok(()) } else { super::limit(self.0, None) }
+    }
+}
 
 /// Units and their bytes. The longer of two with one end comes first.
 const UNITS: [(&str, u64); 10] = [

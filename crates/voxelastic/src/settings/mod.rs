@@ -20,7 +20,7 @@ mod value;
 pub use error::SettingError;
 pub use value::{Allowed, Dynamic, FieldKind, NoReturn, RobotRadius};
 
-use crate::memory::{self, MemoryError, MemorySize};
+use crate::memory::{MemoryError, MemorySize};
 use crate::sensor::{preset, preset_names};
 use Allowed::{Between, OneOf, Text};
 use std::sync::LazyLock;
@@ -221,19 +221,13 @@ impl Settings {
         table().iter().filter_map(|s| Some((s.key, self.get(s.key)?))).collect()
     }
 
-    /// Sets the [memory budget](memory::limit) of the process, if there is one.
+    /// Sets the [memory budget](crate::memory::limit) of the process, if there is one.
     ///
     /// # Errors
     /// [`SettingError::Contradiction`] if there is no place for what is beyond it.
     pub fn limit_memory(&self) -> Result<(), SettingError> {
-        match self.memory {
-            MemorySize(0) => Ok(()),
-            MemorySize(bytes) => {
-                let refused =
-                    |error: MemoryError| SettingError::Contradiction { key: "memory", value: self.memory.to_string(), reason: error.to_string() };
-                memory::limit(bytes, None).map_err(refused)
-            }
-        }
+        let refused = |error: MemoryError| SettingError::Contradiction { key: "memory", value: self.memory.to_string(), reason: error.to_string() };
+        self.memory.set_budget().map_err(refused)
     }
 
     /// Checks every range, and the settings against each other. Settings that were filled field by field need it.

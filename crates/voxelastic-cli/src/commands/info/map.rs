@@ -98,6 +98,7 @@ impl fmt::Display for KnownSpace {
 
 /// Describes a map; `check` reads and verifies all of it.
 pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapInfo> {
+    args.limit_memory()?;
     let store = map_files::open(path)?;
     let mut damaged = 0;
     let mut count = |error| {
