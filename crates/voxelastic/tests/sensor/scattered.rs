@@ -62,3 +62,17 @@ fn the_result_does_not_depend_on_the_number_of_threads() {
     };
     assert!(prepared(1) == prepared(5));
 }
+
+#[test]
+fn a_thinned_cloud_is_told_from_an_image_by_returns_without_neighbours() {
+    for (thin, is_scattered) in [(0.1, false), (0.3, true), (0.4, true)] {
+        let simulation = Simulation::new(SimOptions { thin: Some(thin), scans: Some(5), spacing: 4.0, ..SimOptions::of("campus") }).unwrap();
+        for k in 0..5 {
+            let cloud = simulation.scan(k, PoseSource::Truth).unwrap().cloud;
+            let found = detect(&[&cloud]).unwrap();
+            println!("{thin} m, scan {k}: {}", found.description);
+            assert_eq!(found.layout == CloudLayout::Scattered, is_scattered, "{thin} m, scan {k}: {}", found.description);
+            assert!(is_scattered || found.fit.alone < 0.15, "{thin} m, scan {k}: {:?}", found.fit);
+        }
+    }
+}

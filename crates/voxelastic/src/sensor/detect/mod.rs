@@ -22,6 +22,8 @@ use crate::sensor::range_limits::RangeLimits;
 const LEAST_RETURNS: usize = 200;
 /// With fewer returns that have a pixel of their own in the best image, no image fits.
 const LEAST_SHOWN: f32 = 0.75;
+/// With more returns that stand alone in the best image, the cloud was thinned, and no image fits: a beam's neighbours on the same ring mostly return, too.
+const MOST_ALONE: f32 = 0.3;
 /// Most points that are used; more would not change the result.
 const MOST_POINTS: usize = 2_000_000;
 
@@ -49,6 +51,8 @@ pub struct Fit {
     pub filled: f32,
     /// Share of the empty pixels whose left and right neighbours show returns: artefacts of projection, or dropouts.
     pub gaps: f32,
+    /// Share of the pixels with a return whose left and right neighbours show none: in clouds that were thinned.
+    pub alone: f32,
 }
 
 /// Recognises the sensor that took `clouds`. One cloud is enough, a few from different places are better.
@@ -73,7 +77,10 @@ pub fn detect(clouds: &[&Cloud]) -> Result<Detected, SensorError> {
     }
     let of_lattice = lattice::recognise(&few)?.map(|model| Detected::new(model, CloudLayout::Projected, &few, describe));
     let why = match of_lattice {
-        Some(found) if found.fit.shown >= LEAST_SHOWN => return Ok(found),
+        Some(found) if found.fit.shown >= LEAST_SHOWN && found.fit.alone <= MOST_ALONE => return Ok(found),
+        Some(Detected { fit, .. }) if fit.alone > MOST_ALONE => {
+            format!("in the best image, {:.0} % of the returns would have no neighbour beside them: the cloud was thinned", 100.0 * fit.alone)
+        }
         Some(Detected { fit, .. }) => format!("in the best image, {:.0} % of the returns would have a pixel of their own", 100.0 * fit.shown),
         None => "the cloud was thinned".to_owned(),
     };
@@ -134,36 +141,58 @@ fn agreement(model: &BeamModel, layout: &CloudLayout, cloud: &Cloud) -> f32 {
 impl Fit {
     fn of(model: &BeamModel, layout: &CloudLayout, clouds: &[&Cloud]) -> Self {
         let mut preprocessor = ScanPreprocessor::new(model.clone(), layout.clone(), RangeLimits { near: 0.0, max: f32::MAX });
-        let (mut usable, mut hidden, mut outside, mut filled, mut gaps, mut empty) = (0, 0, 0, 0, 0, 0);
+        let (mut usable, mut hidden, mut outside, mut empty, mut seen) = (0, 0, 0, 0, Neighbours::default());
         for cloud in clouds.iter().take(5) {
             let scan = preprocessor.prepare(cloud);
             usable += scan.counts.usable;
             hidden += scan.counts.hidden;
             outside += scan.counts.outside;
-            let (f, g) = filled_and_gaps(scan);
-            filled += f;
-            gaps += g;
-            empty += scan.image.ranges.len() - f;
+            let of_scan = Neighbours::of(scan);
+            seen.add(&of_scan);
+            empty += scan.image.ranges.len() - of_scan.filled;
         }
         let share = |part: usize, whole: usize| part as f32 / whole.max(1) as f32;
         Self {
             shown: share(usable - hidden, usable + outside),
             outside: share(outside, usable + outside),
-            filled: share(filled, filled + empty),
-            gaps: share(gaps, empty),
+            filled: share(seen.filled, seen.filled + empty),
+            gaps: share(seen.gaps, empty),
+            alone: share(seen.alone, seen.filled),
         }
     }
 }
 
-/// Pixels with a return, and empty ones between two with a return.
-fn filled_and_gaps(scan: &PreparedScan) -> (usize, usize) {
-    let columns = scan.image.columns;
-    scan.image.ranges.chunks_exact(columns).fold((0, 0), |(filled, gaps), row| {
-        let seen = |c: usize| row[c % columns] > 0.0;
-        let f = (0..columns).filter(|&c| seen(c)).count();
-        let g = (0..columns).filter(|&c| !seen(c) && seen(c + 1) && seen(c + columns - 1)).count();
-        (filled + f, gaps + g)
-    })
+/// Numbers of pixels by what they and their neighbours to the left and right show.
+#[derive(Clone, Copy, Debug, Default)]
+struct Neighbours {
+    /// With a return.
+    filled: usize,
+    /// With a return between two without.
+    alone: usize,
+    /// Without a return between two with one.
+    gaps: usize,
+}
+
+impl Neighbours {
+    fn of(scan: &PreparedScan) -> Self {
+        let columns = scan.image.columns;
+        let mut counts = Self::default();
+        for row in scan.image.ranges.chunks_exact(columns) {
+            for c in 0..columns {
+                let [left, here, right] = [c + columns - 1, c, c + 1].map(|c| row[c % columns] > 0.0);
+                counts.filled += usize::from(here);
+                counts.alone += usize::from(here && !left && !right);
+                counts.gaps += usize::from(!here && left && right);
+            }
+        }
+        counts
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.filled += other.filled;
+        self.alone += other.alone;
+        self.gaps += other.gaps;
+    }
 }
 
 fn describe(model: &BeamModel, layout: &CloudLayout, fit: &Fit) -> String {
