@@ -2,18 +2,20 @@
 
 use crate::clusters::{FrontierCluster, Frontiers};
 use crate::leg::Leg;
+use crate::near_returns::NearReturns;
 use crate::retreat;
 use crate::roadmap::{Roadmap, Ways};
+use crate::robot_space::{Clear, RobotSpace};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
 use crate::tour;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use std::time::{Duration, Instant};
-use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
+use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{
-    Anchor, Effort, FlyingSpace, GroundSpace, Point, Request, Space, anchor_path, distance, length, recheck, resolve_anchors, shorten,
+    Anchor, Effort, FlyingSpace, GroundSpace, Point, Robot, Space, anchor_path, distance, length, recheck, resolve_anchors, shorten,
 };
 
 /// The roadmap is extended around the robot within this radius, metres.
@@ -34,9 +36,8 @@ const TRIES: usize = 6;
 const LOST_PATIENCE: usize = 2;
 /// It goes back this far before it plans again, in spacings of the roadmap.
 const RETREAT: f64 = 2.0;
-/// Samples of the planner for the way home, and a limit of time that they are not to reach, so that the path is the same on every machine.
-const SEARCH: usize = 400;
-const SEARCH_TIME: Duration = Duration::from_secs(60);
+/// After more ways back in a row it goes home: it cannot get where there is more to see.
+const MOST_RETREATS: u32 = 4;
 
 /// What the robot is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +80,8 @@ pub struct Explorer {
     /// The newest scan of the map at the first decision: later ones are the robot's track.
     first_node: Option<NodeId>,
     leg: Option<Leg>,
+    /// Of the last scan.
+    returns: NearReturns,
     purpose: Purpose,
     /// Places from which everything was seen that can be seen, and their anchors.
     exhausted: Vec<(Point, Vec<Anchor>)>,
@@ -88,12 +91,15 @@ pub struct Explorer {
     since_planned: usize,
     /// Plans in a row that led nowhere.
     stuck: usize,
+    /// Ways back along the track since it last got where it wanted to.
+    retreats: u32,
 }
 
 /// What a decision is made of.
 struct Situation<'a, S> {
     atlas: &'a Atlas,
     map: &'a AtlasQuery<'a>,
+    returns: &'a NearReturns,
     space: &'a S,
     robot: Point,
     seconds_left: Option<f64>,
@@ -113,11 +119,13 @@ impl Explorer {
             home: None,
             first_node: None,
             leg: None,
+            returns: NearReturns::default(),
             purpose: Purpose::Explore,
             exhausted: Vec::new(),
             poses: Vec::new(),
             since_planned: 0,
             stuck: 0,
+            retreats: 0,
         })
     }
 
@@ -136,6 +144,12 @@ impl Explorer {
         self.leg.as_mut()?.advance(metres)
     }
 
+    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns also where the map does not show them yet. To be called before
+    /// [`decide`](Self::decide), with the pose as corrections left it. Without it the map alone decides.
+    pub fn see(&mut self, t_map_lidar: &Pose, cloud: &Cloud) {
+        self.returns = NearReturns::new(t_map_lidar, cloud);
+    }
+
     /// Decides what to do at `robot` (map frame, metres). To be called after every scan, and after every correction. `seconds_left` is the time until the robot must be
     /// at home.
     ///
@@ -151,13 +165,25 @@ impl Explorer {
         let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
         let frontier_time = clock.elapsed();
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
+        let newest = retreat::newest_submap(atlas);
+        let newest = AtlasQuery::of_submaps(atlas, |submap| Some(submap) == newest);
+        let body = Robot { radius: self.settings.body(), ..robot_type };
+        let returns = std::mem::take(&mut self.returns);
         let decided = if robot_type.ground.is_some() {
-            let space = &GroundSpace::new(&map, &robot_type, robot, bounds).map_err(ExploreError::Robot)?;
-            self.decide_in(&Situation { atlas, map: &map, space, robot, seconds_left }, &frontier)
+            let on = |robot_type: &Robot| {
+                let on = |map| GroundSpace::new(map, robot_type, robot, bounds).map_err(ExploreError::Robot);
+                Ok(Clear::new([on(&map)?, on(&newest)?], &returns, robot_type.radius))
+            };
+            let space = &RobotSpace::new(on(&robot_type)?, on(&body)?, robot);
+            self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
         } else {
-            let space = &FlyingSpace::new(&map, &robot_type, bounds);
-            self.decide_in(&Situation { atlas, map: &map, space, robot, seconds_left }, &frontier)
+            let bounds = shrunk(bounds, robot_type.radius);
+            let on =
+                |robot_type: &Robot| Clear::new([&map, &newest].map(|map| FlyingSpace::new(map, robot_type, bounds)), &returns, robot_type.radius);
+            let space = &RobotSpace::new(on(&robot_type), on(&body), robot);
+            self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
         };
+        self.returns = returns;
         let (is_new, viewpoints) = decided;
         let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());
         Ok(Decision { purpose: self.purpose, path, is_new, frontier, viewpoints, frontier_time, time: clock.elapsed() })
@@ -212,12 +238,13 @@ impl Explorer {
         let Some(end) = leg.end() else { return true };
         if distance(end, now.robot) < 0.5 * self.settings.spacing {
             if leg.volume.is_some() {
+                self.retreats = 0;
                 self.exhausted.push((end, anchor_path(now.atlas, &[end])));
             }
             return true;
         }
         if leg.is_retreat {
-            return retreat::free_part(now.map, &leg.path, self.settings.robot.radius) < leg.path.len();
+            return retreat::free_part(now.map, now.returns, &leg.path, self.settings.body()) < leg.path.len();
         }
         if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {
             let (a, b) = (leg.path[blocked.segment], leg.path[blocked.segment + 1]);
@@ -251,6 +278,10 @@ impl Explorer {
             let ways = roadmap.ways(now.space, now.robot);
             let home = self.home.as_ref().map_or(now.robot, |home| home.0);
             let ways_home = roadmap.ways(now.space, home);
+            if self.purpose == Purpose::Explore && !ways.lead_anywhere() {
+                // It stands where it does not fit, which says nothing about what is left to see.
+                break;
+            }
             let mut target = None;
             if self.purpose == Purpose::Explore {
                 let mut worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
@@ -272,19 +303,12 @@ impl Explorer {
                     (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
                 }
             };
-            let path = match node {
-                Some(node) => {
-                    let mut path = ways.path(&roadmap, node);
-                    if volume.is_none() && now.space.connects(roadmap.place(node), home) {
-                        path.push(home);
-                    }
-                    Leg::trace(now.space, &shorten(now.space, path, Effort::Quick))
-                }
-                None => match self.search_home(now, home) {
-                    Some(path) => path,
-                    None => break,
-                },
-            };
+            let Some(node) = node else { break };
+            let mut path = ways.path(&roadmap, node);
+            if volume.is_none() && now.space.connects(roadmap.place(node), home) {
+                path.push(home);
+            }
+            let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
             match recheck(now.space, now.map, &path).first() {
                 None => {
                     self.leg = Some(Leg::new(now.atlas, path, volume));
@@ -296,17 +320,6 @@ impl Explorer {
         self.roadmap = Some(roadmap);
         self.note_progress(now);
         count
-    }
-
-    /// A path home by the planner, which finds narrow ways that the roadmap misses.
-    fn search_home<S: Space>(&self, now: &Situation<'_, S>, home: Point) -> Option<Vec<Point>> {
-        let request = Request {
-            bounds: Some(self.settings.bounds),
-            samples: Some(SEARCH),
-            time: SEARCH_TIME,
-            ..Request::new(now.robot, home, self.settings.robot)
-        };
-        voxelastic_plan::plan(now.map, &request).ok().map(|plan| plan.path)
     }
 
     /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
@@ -327,8 +340,9 @@ impl Explorer {
     fn retreat<S: Space>(&mut self, now: &Situation<'_, S>) {
         let Some(first) = self.first_node else { return };
         let mut path = retreat::track(now.atlas, now.robot, first);
-        path.truncate(retreat::free_part(now.map, &path, self.settings.robot.radius));
-        retreat::cut(&mut path, RETREAT * self.settings.spacing);
+        path.truncate(retreat::free_part(now.map, now.returns, &path, self.settings.body()));
+        // Each way back is twice as long as the one before, so that it ends somewhere else, and at last at home.
+        retreat::cut(&mut path, RETREAT * self.settings.spacing * 2f64.powi(self.retreats.min(20) as i32));
         if length(&path) <= 0.5 * self.settings.spacing {
             return;
         }
@@ -336,6 +350,10 @@ impl Explorer {
             Purpose::Explore => self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot]))),
             // The whole track leads home.
             _ => self.stuck = 0,
+        }
+        self.retreats += 1;
+        if self.retreats > MOST_RETREATS {
+            self.purpose = Purpose::Return;
         }
         self.leg = Some(Leg::back(now.atlas, path));
     }
@@ -350,9 +368,11 @@ impl Explorer {
     ) -> Vec<Viewpoint> {
         let reach = self.settings.spacing * 1.6;
         let seconds_left = now.seconds_left;
+        // Where no way home is known, the robot comes back to where it is and goes home along its track.
+        let track = self.first_node.map_or(f64::INFINITY, |first| length(&retreat::track(now.atlas, now.robot, first)));
         let is_excluded = |node: u32| {
             let place = roadmap.place(node);
-            let home = ways_home.length(node);
+            let home = ways_home.length(node).min(ways.length(node) + track);
             let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
             seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
         };
@@ -382,4 +402,10 @@ impl Explorer {
             }
         }
     }
+}
+
+/// The box in which the centre of a ball may be that stays in the box with the corners `low` and `high`; the middle along an axis where it has no room.
+fn shrunk([low, high]: [Point; 2], radius: f64) -> [Point; 2] {
+    let room = |k: usize| (0.5 * (high[k] - low[k])).min(radius);
+    [std::array::from_fn(|k| low[k] + room(k)), std::array::from_fn(|k| high[k] - room(k))]
 }

@@ -1,19 +1,26 @@
 //! The way back along the robot's own track, for a robot that stands where the map has no way: it has come from there.
 
+use crate::near_returns::NearReturns;
 use std::collections::HashMap;
-use voxelastic::atlas::Atlas;
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::event::NodeId;
 use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
 use voxelastic_plan::{Point, between, distance};
 
 /// Places of the track in one cell of this size are one place, metres.
 const CELL: f64 = 0.5;
-/// Share of the robot's radius that must be free of obstacles: where it was, it fitted.
-const FREE_SHARE: f64 = 0.6;
+/// Share of the body's radius that must be free of obstacles in the map, whose voxels reach into where it fitted.
+const SLIM: f64 = 0.8;
 
 /// The newest scan of a map.
 pub(crate) fn newest(atlas: &Atlas) -> Option<NodeId> {
     atlas.submaps().iter().flat_map(|submap| submap.scans()).map(|scan| scan.node).max()
+}
+
+/// The submap of the newest scan.
+pub(crate) fn newest_submap(atlas: &Atlas) -> Option<SubmapId> {
+    let newest = |submap: &Submap| submap.scans().iter().map(|scan| scan.node).max();
+    atlas.submaps().iter().max_by_key(|submap| newest(submap)).map(Submap::id)
 }
 
 /// From the robot back to where it was when scan `first` came, without the loops between.
@@ -41,9 +48,17 @@ pub(crate) fn track(atlas: &Atlas, robot: Point, first: NodeId) -> Vec<Point> {
     path
 }
 
-/// How many waypoints of a path can be reached without touching what was observed to be occupied.
-pub(crate) fn free_part(map: &AtlasQuery<'_>, path: &[Point], radius: f64) -> usize {
-    let is_free = |segment: &[Point]| map.is_free(&Capsule { from: segment[0], to: segment[1], radius: FREE_SHARE * radius }.into(), UnknownAs::Free);
+/// How many waypoints of its track the body of a robot reaches: it has been there, so only what the last scan sees there now is in its way. Without a scan, what the map
+/// says to be occupied.
+pub(crate) fn free_part(map: &AtlasQuery<'_>, returns: &NearReturns, path: &[Point], body: f64) -> usize {
+    let is_free = |segment: &[Point]| {
+        if returns.is_empty() {
+            let slim = Capsule { from: segment[0], to: segment[1], radius: SLIM * body };
+            map.is_free(&slim.into(), UnknownAs::Free)
+        } else {
+            returns.are_clear_of(segment[0], segment[1], body)
+        }
+    };
     path.windows(2).take_while(|segment| is_free(segment)).count() + 1
 }
 
@@ -86,8 +101,11 @@ mod tests {
         let mut short = back.clone();
         cut(&mut short, 2.0);
         assert!(short.len() == 3 && (distance(short[1], short[2]) - 1.2).abs() < 1e-9);
-        assert_eq!(free_part(&mapper.atlas().query(), &back, 0.3), 3);
+        let map = mapper.atlas().query();
+        assert_eq!(free_part(&map, &NearReturns::default(), &back, 0.25), 3);
         let into_wall = [[9.0, -5.0, 1.0], [9.5, -5.0, 1.0], [11.0, -5.0, 1.0]];
-        assert_eq!(free_part(&mapper.atlas().query(), &into_wall, 0.3), 2);
+        assert_eq!(free_part(&map, &NearReturns::default(), &into_wall, 0.25), 2);
+        let seen = NearReturns::new(&voxelastic::Pose::translation(0.3, -3.7, 1.0), &Cloud::from_points(vec![[0.0, 0.2, 0.24]]));
+        assert_eq!([free_part(&map, &seen, &back, 0.25), free_part(&map, &seen, &back, 0.2), free_part(&map, &seen, &into_wall, 0.25)], [1, 3, 3]);
     }
 }

@@ -10,8 +10,8 @@ use voxelastic_plan::{Point, Space, distance};
 pub(crate) const NOBODY: u32 = u32::MAX;
 /// Most nodes near the robot that it is joined to.
 const JOINED: usize = 8;
-/// How far beside a place of the lattice a node may be, in spacings.
-const ASIDE: f64 = 0.33;
+/// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found.
+const ASIDE: [f64; 6] = [-0.33, 0.33, -0.17, 0.17, -0.45, 0.45];
 /// Steps to neighbours on the lattice; those of wheels come first.
 const STEPS: [[i32; 3]; 10] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]];
 
@@ -129,7 +129,7 @@ impl Roadmap {
             [0, _, 0] => 0,
             _ => return None,
         };
-        [-ASIDE, ASIDE].into_iter().find_map(|aside| {
+        ASIDE.into_iter().find_map(|aside| {
             let mut to = to;
             to[across] += aside * self.spacing;
             space.steer(place, to)
@@ -199,6 +199,11 @@ impl Ways {
     /// Length of the way to a node, metres; infinite if there is none.
     pub fn length(&self, node: u32) -> f64 {
         self.lengths[node as usize]
+    }
+
+    /// Whether any node can be reached.
+    pub fn lead_anywhere(&self) -> bool {
+        self.lengths.iter().any(|length| length.is_finite())
     }
 
     /// The way to a node, from the start.

@@ -21,9 +21,11 @@ pub enum Strategy {
 pub struct ExploreSettings {
     /// The robot. Its radius should include a margin for what the map does not resolve.
     pub robot: Robot,
+    /// The part of the radius that is margin and not body, metres. A robot that stands where it does not fit, as after a correction of the map, may use it up to get out.
+    pub margin: f64,
     /// Speed, metres per second.
     pub speed: f64,
-    /// Corners of the box to explore, map frame, metres: the robot stays in it, and nothing outside counts.
+    /// Corners of the box to explore, map frame, metres: the robot stays in it (with its whole ball when it flies, with its centre on wheels), and nothing outside counts.
     pub bounds: [Point; 2],
     /// What the sensor sees.
     pub view: SensorView,
@@ -38,10 +40,11 @@ pub struct ExploreSettings {
 }
 
 impl ExploreSettings {
-    /// Settings for a robot that explores a box at 2 m/s.
+    /// Settings for a robot that explores a box at 2 m/s; a quarter of its radius is margin.
     pub fn new(robot: Robot, bounds: [Point; 2]) -> Self {
         Self {
             robot,
+            margin: 0.25 * robot.radius,
             speed: 2.0,
             bounds,
             view: SensorView::default(),
@@ -50,6 +53,11 @@ impl ExploreSettings {
             least_volume: 4.0,
             spacing: if robot.ground.is_some() { 0.45 } else { 0.6 },
         }
+    }
+
+    /// Radius of the robot's body: without the margin, metres.
+    pub fn body(&self) -> f64 {
+        self.robot.radius - self.margin
     }
 
     /// Checks all numbers.
@@ -65,6 +73,9 @@ impl ExploreSettings {
         }
         if !(0.0..=1e9).contains(&self.least_volume) {
             return Err(ExploreError::Setting { setting: "least_volume", value: self.least_volume, must: "must be 0 to 1e9" });
+        }
+        if !(0.0..self.robot.radius).contains(&self.margin) {
+            return Err(ExploreError::Setting { setting: "margin", value: self.margin, must: "must be at least 0 and less than the robot's radius" });
         }
         let [low, high] = self.bounds;
         match (0..3).find(|&k| (high[k] - low[k]).is_nan() || high[k] <= low[k]) {

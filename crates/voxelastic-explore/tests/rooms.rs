@@ -6,7 +6,7 @@ use voxelastic::mapper::Mapper;
 use voxelastic::query::UnknownAs;
 use voxelastic::sensor::preset_with_columns;
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
-use voxelastic::{Pose, field::occupancy::State};
+use voxelastic::{Cloud, Pose, field::occupancy::State};
 use voxelastic_explore::{ExploreError, ExploreSettings, Explorer, FrontierSettings, Purpose, SensorView, Strategy};
 use voxelastic_plan::{Point, Robot, distance};
 use voxelastic_sim::random::Stream;
@@ -75,11 +75,13 @@ impl Walker {
         Self { mapper, lidar: Lidar::new(model, LidarSettings::default()).unwrap(), position: HOME, scans: 0, travelled: 0.0, least: f64::INFINITY }
     }
 
-    fn scan(&mut self, world: &World) {
+    /// Returns the scan and where it was taken.
+    fn scan(&mut self, world: &World) -> (Pose, Cloud) {
         let pose = Pose::translation(self.position[0], self.position[1], self.position[2]);
         let cloud = self.lidar.scan(world, |_| pose, &Stream::new(self.scans, &[]));
-        self.mapper.handle(Event::Scan(Scan { node: self.scans, time: self.scans as f64, t_map_lidar: pose, cloud })).unwrap();
+        self.mapper.handle(Event::Scan(Scan { node: self.scans, time: self.scans as f64, t_map_lidar: pose, cloud: cloud.clone() })).unwrap();
         self.scans += 1;
+        (pose, cloud)
     }
 
     /// Explores until it is done, at most `decisions` times; `world` by the number of the decision. Returns the purposes in order.
@@ -87,7 +89,8 @@ impl Walker {
         let mut purposes = vec![Purpose::Explore];
         for decision in 0..decisions {
             let world = world(decision, self.position);
-            self.scan(&world);
+            let (pose, cloud) = self.scan(&world);
+            explorer.see(&pose, &cloud);
             let left = seconds.map(|seconds| seconds - self.travelled / explorer.settings().speed);
             let decided = explorer.decide(self.mapper.atlas(), self.position, left).unwrap();
             if purposes.last() != Some(&decided.purpose) {

@@ -55,6 +55,8 @@ fn explore(args: &ExploreArgs, quiet: bool) -> anyhow::Result<(Summary, bool)> {
     let mut last_second = 0;
     robot.scan()?;
     loop {
+        let (t_map_lidar, cloud) = robot.last_scan();
+        explorer.see(t_map_lidar, cloud);
         let decision = explorer.decide(robot.atlas(), robot.position(), Some(args.time - robot.time()))?;
         let is_done = decision.purpose == Purpose::Done || interrupt::requested() || robot.time() > 1.5 * args.time;
         course.record(&robot, &explorer, &decision, &truth, is_done);

@@ -5,7 +5,7 @@ use super::point_order::{Cells, FEW};
 use super::ray_cast::{Ray, RayHit};
 use super::shape::{Shape, moved};
 use super::{CellSummary, FieldQuery, FrontierPoint, UnknownAs};
-use crate::atlas::{Atlas, Submap};
+use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::field::occupancy::{State, UNKNOWN, log_odds, state_of};
 use crate::geometry::{Aabb, Pose};
 use crate::octree::BLOCK_EDGE;
@@ -99,6 +99,12 @@ impl Submap {
 impl<'a> AtlasQuery<'a> {
     /// Queries on `atlas`, the same as [`Atlas::query`].
     pub fn new(atlas: &'a Atlas) -> Self {
+        Self::of_submaps(atlas, |_| true)
+    }
+
+    /// Queries on the submaps of `atlas` that `is_included` names, as if there were no others: for instance the newest one alone, which drift since an older one does not
+    /// contradict.
+    pub fn of_submaps(atlas: &'a Atlas, is_included: impl Fn(SubmapId) -> bool) -> Self {
         let part = |(submap, t_map_submap): (&'a Submap, Pose)| {
             let query = submap.query();
             let bounds = query.bounds();
@@ -113,7 +119,8 @@ impl<'a> AtlasQuery<'a> {
         };
         let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
         let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap));
-        Self { voxel_size: f64::from(atlas.voxel_size()), parts: submaps.chain(merging).filter_map(part).collect() }
+        let included = submaps.chain(merging).filter(|(submap, _)| is_included(submap.id()));
+        Self { voxel_size: f64::from(atlas.voxel_size()), parts: included.filter_map(part).collect() }
     }
 
     /// Edge of the finest voxel, metres.

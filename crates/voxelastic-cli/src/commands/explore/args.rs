@@ -56,7 +56,7 @@ pub struct ExploreArgs {
     #[arg(long, value_name = "N", default_value_t = 512)]
     pub columns: usize,
     /// Edge of the finest voxel, metres
-    #[arg(long, value_name = "M", default_value_t = 0.2, value_parser = voxel)]
+    #[arg(long, value_name = "M", default_value_t = 0.1, value_parser = voxel)]
     pub voxel_size: f32,
     /// Largest range that is mapped, metres
     #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = range)]
@@ -153,6 +153,6 @@ impl ExploreArgs {
             Rule::Nearest => Strategy::Nearest,
             Rule::NextBest => Strategy::NextBest,
         };
-        Ok(ExploreSettings { speed: self.speed, view, strategy, ..ExploreSettings::new(robot, bounds) })
+        Ok(ExploreSettings { margin: MARGIN, speed: self.speed, view, strategy, ..ExploreSettings::new(robot, bounds) })
     }
 }

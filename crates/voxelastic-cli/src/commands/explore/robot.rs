@@ -9,7 +9,7 @@ use voxelastic::event::{Event, Scan};
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::{BeamModel, preset_with_columns};
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
-use voxelastic::{Pose, geometry::PoseExt};
+use voxelastic::{Cloud, Pose, geometry::PoseExt};
 use voxelastic_explore::Explorer;
 use voxelastic_plan::Point;
 use voxelastic_sim::drift::{LiveSlam, LoopSettings};
@@ -35,6 +35,8 @@ pub struct SimulatedRobot {
     noise: Stream,
     slam: LiveSlam,
     mapper: Mapper,
+    /// Lidar frame.
+    last_scan: Cloud,
     /// Where the robot is, and where it believes to be.
     truth: Pose,
     believed: Pose,
@@ -68,6 +70,7 @@ impl SimulatedRobot {
             noise: Stream::new(args.seed, &[0xe8]),
             slam: LiveSlam::new(args.drift, LoopSettings::default(), args.seed),
             mapper,
+            last_scan: Cloud::default(),
             truth: start,
             believed: start,
             track: Vec::new(),
@@ -97,6 +100,11 @@ impl SimulatedRobot {
         self.track.first().copied().unwrap_or_else(|| self.truth.translation.vector.into())
     }
 
+    /// The last scan, and where it believes that it took it.
+    pub fn last_scan(&self) -> (&Pose, &Cloud) {
+        (&self.believed, &self.last_scan)
+    }
+
     /// Where it believes to be, map frame.
     pub fn position(&self) -> Point {
         self.believed.translation.vector.into()
@@ -123,6 +131,7 @@ impl SimulatedRobot {
         self.track.push(truth.translation.vector.into());
         let tracked = self.slam.step(&self.scene.world, truth);
         let cloud = self.lidar.scan(&self.scene.world, |_| truth, &self.noise.fork(tracked.node));
+        self.last_scan.clone_from(&cloud);
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
         map(&mut self.mapper, Event::Scan(scan))?;
@@ -170,7 +179,10 @@ impl SimulatedRobot {
         // Each motion is a product with the last one, so rounding would grow.
         self.truth = Pose::from_parts(truth.translation, UnitQuaternion::new_normalize(truth.rotation.into_inner()));
         let is_touching = self.scene.world.distance(self.truth.translation.vector.into()) < self.radius;
-        self.collisions += usize::from(is_touching && !self.is_touching);
+        if is_touching && !self.is_touching {
+            self.collisions += 1;
+            tracing::debug!("touches something at {:.2?}, where it believes to be at {next:.2?}", self.truth.translation.vector.as_slice());
+        }
         self.is_touching = is_touching;
     }
 }

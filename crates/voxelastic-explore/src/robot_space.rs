@@ -1,0 +1,176 @@
+//! Where the robot can be in a map that drift bends: the whole map's space, that of the newest submap, what the last scan saw, and a way out for a robot that stands where
+//! it does not fit.
+
+use crate::near_returns::NearReturns;
+use voxelastic_plan::{Point, Space, distance};
+
+/// The way out is at most this long, metres.
+const LONGEST: f64 = 2.0;
+
+/// The space of a robot in the whole map and in its newest submap.
+///
+/// Until a loop closes, walls that an older submap saw may stand in a doorway as it is seen now. So a motion is free if the whole map says so, or the newest submap by
+/// itself: it saw the place last. In both it keeps clear of the last scan's returns. And a robot that a correction, or a wall seen late, leaves where it does not fit may
+/// use up its margin for a motion to where it does.
+#[derive(Clone, Debug)]
+pub(crate) struct RobotSpace<'a, S> {
+    wide: Clear<'a, S>,
+    /// Of the body without its margin; none if the robot fits where it stands.
+    narrow: Option<Clear<'a, S>>,
+    start: Point,
+}
+
+/// The spaces of a ball in the whole map and in the newest submap, without what the last scan's returns block.
+#[derive(Clone, Debug)]
+pub(crate) struct Clear<'a, S> {
+    whole: S,
+    newest: S,
+    returns: &'a NearReturns,
+    /// Of the ball, metres.
+    radius: f64,
+}
+
+impl<'a, S: Space> Clear<'a, S> {
+    pub fn new([whole, newest]: [S; 2], returns: &'a NearReturns, radius: f64) -> Self {
+        Self { whole, newest, returns, radius }
+    }
+
+    fn either<T>(&self, ask: impl Fn(&S) -> Option<T>) -> Option<T> {
+        ask(&self.whole).or_else(|| ask(&self.newest))
+    }
+
+    fn steer(&self, from: Point, to: Point) -> Option<Point> {
+        self.either(|space| space.steer(from, to).filter(|arrived| self.returns.are_clear_of(from, *arrived, self.radius)))
+    }
+
+    fn state_at(&self, p: Point) -> Option<Point> {
+        self.either(|space| space.state_at(p).filter(|state| self.returns.are_clear_of(*state, *state, self.radius)))
+    }
+
+    fn is_segment_free(&self, from: Point, to: Point) -> bool {
+        self.returns.are_clear_of(from, to, self.radius) && (self.whole.is_segment_free(from, to) || self.newest.is_segment_free(from, to))
+    }
+}
+
+impl<'a, S: Space> RobotSpace<'a, S> {
+    /// The space of a robot at `start`, with its margin and without.
+    pub fn new(wide: Clear<'a, S>, narrow: Clear<'a, S>, start: Point) -> Self {
+        let fits = wide.state_at(start).is_some();
+        Self { wide, narrow: (!fits).then_some(narrow), start }
+    }
+
+    /// The space without the margin, for a motion from the start.
+    fn out(&self, from: Point, to: Point) -> Option<&Clear<'a, S>> {
+        self.narrow.as_ref().filter(|_| distance(from, self.start) < 1e-6 && distance(from, to) <= LONGEST)
+    }
+}
+
+impl<S: Space> Space for RobotSpace<'_, S> {
+    fn steer(&self, from: Point, to: Point) -> Option<Point> {
+        let out = || self.out(from, to)?.steer(from, to).filter(|arrived| self.wide.state_at(*arrived).is_some());
+        self.wide.steer(from, to).or_else(out)
+    }
+
+    fn state_at(&self, p: Point) -> Option<Point> {
+        self.wide.state_at(p).or_else(|| self.out(p, p)?.state_at(p))
+    }
+
+    fn project(&self, p: Point) -> Option<Point> {
+        self.wide.either(|space| space.project(p))
+    }
+
+    fn bounds(&self) -> [Point; 2] {
+        self.wide.whole.bounds()
+    }
+
+    fn is_same(&self, a: Point, b: Point) -> bool {
+        self.wide.whole.is_same(a, b)
+    }
+
+    fn max_step(&self) -> f64 {
+        self.wide.whole.max_step()
+    }
+
+    fn dimensions(&self) -> usize {
+        self.wide.whole.dimensions()
+    }
+
+    fn trace(&self, from: Point, to: Point, path: &mut Vec<Point>) {
+        let by = if self.wide.whole.steer(from, to).is_some() { &self.wide.whole } else { &self.wide.newest };
+        by.trace(from, to, path);
+    }
+
+    fn is_reversible(&self, from: Point, arrived: Point) -> bool {
+        self.wide.whole.is_reversible(from, arrived) || self.wide.newest.is_reversible(from, arrived)
+    }
+
+    fn is_segment_free(&self, from: Point, to: Point) -> bool {
+        let out = || self.out(from, to).is_some_and(|narrow| narrow.is_segment_free(from, to) && self.wide.state_at(to).is_some());
+        self.wide.is_segment_free(from, to) || out()
+    }
+
+    fn neighbour_state(&self, from: Point, to: Point) -> Option<Point> {
+        self.wide.either(|space| space.neighbour_state(from, to))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic_plan::between;
+
+    /// Everything is free but a ball of this radius around the origin, and what is outside of a box of 10 m.
+    #[derive(Clone, Debug)]
+    struct Around(f64);
+
+    impl Space for Around {
+        fn steer(&self, from: Point, to: Point) -> Option<Point> {
+            (0..=100).all(|i| distance(between(from, to, f64::from(i) / 100.0), [0.0; 3]) > self.0).then_some(to)
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            (distance(p, [0.0; 3]) > self.0).then_some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-5.0; 3], [5.0; 3]]
+        }
+    }
+
+    /// A robot at `start`; the pole looks wider in the whole map than in the newest submap, and half a metre less for the body.
+    fn robot(start: Point, returns: &NearReturns) -> RobotSpace<'_, Around> {
+        let clear = |less: f64, radius| Clear::new([Around(2.0 - less), Around(1.0 - less)], returns, radius);
+        RobotSpace::new(clear(0.0, 0.4), clear(0.5, 0.3), start)
+    }
+
+    #[test]
+    fn the_newest_submap_opens_what_older_ones_block() {
+        let returns = NearReturns::default();
+        let space = robot([3.0, 0.0, 0.0], &returns);
+        assert!(space.connects([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]) && space.is_segment_free([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]));
+        assert!(!space.connects([-3.0, 0.5, 0.0], [3.0, 0.5, 0.0]) && !space.is_segment_free([-3.0, 0.5, 0.0], [3.0, 0.5, 0.0]));
+    }
+
+    #[test]
+    fn only_a_robot_that_does_not_fit_uses_up_its_margin_and_only_to_where_it_fits() {
+        let returns = NearReturns::default();
+        let (inside, outside) = ([0.8, 0.0, 0.0], [1.6, 0.0, 0.0]);
+        let space = robot(inside, &returns);
+        assert!(space.connects(inside, outside) && space.is_segment_free(inside, outside) && space.state_at(inside).is_some());
+        assert!(!space.connects(inside, [0.9, 0.0, 0.0]), "it does not fit there either");
+        assert!(!space.connects(inside, [4.0, 0.0, 0.0]), "too far");
+        assert!(!space.connects([0.8, 0.1, 0.0], outside), "not from elsewhere");
+        let space = robot([3.0, 0.0, 0.0], &returns);
+        assert!(!space.connects(inside, outside) && space.state_at(inside).is_none());
+    }
+
+    #[test]
+    fn the_last_scan_blocks_what_the_map_has_free() {
+        let wall = voxelastic::Cloud::from_points((0..400).map(|k| [3.0, (k % 20) as f32 * 0.1 - 1.0, (k / 20) as f32 * 0.1 - 1.0]).collect());
+        let returns = NearReturns::new(&voxelastic::Pose::translation(0.5, 0.0, 0.0), &wall);
+        let space = robot([2.5, 0.0, 0.0], &returns);
+        assert!(space.connects([2.5, 0.0, 0.0], [3.0, 0.0, 0.0]) && !space.connects([2.5, 0.0, 0.0], [3.3, 0.0, 0.0]));
+        assert!(space.state_at([3.3, 0.0, 0.0]).is_none() && !space.is_segment_free([2.5, 0.0, 0.0], [4.5, 0.0, 0.0]));
+        assert!(space.connects([2.5, 2.0, 0.0], [4.5, 2.0, 0.0]));
+    }
+}
