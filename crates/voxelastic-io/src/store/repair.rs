@@ -173,7 +173,11 @@ fn finish(dir: &Path, state: ManifestState, manifest: &Manifest, damage: Vec<Err
         let path = dir.join(MANIFEST);
         if state == ManifestState::Rebuilt && path.is_file() {
             let aside = aside(&path);
-            failpoint::check("copy", &aside).and_then(|()| fs::copy(&path, &aside)).map_err(Error::on_io("write", &aside))?;
+            failpoint::check("copy", &aside).and_then(|()| fs::copy(&path, &aside)).map_err(|source| {
+                // Half of a copy is of no use to anybody.
+                let _ = fs::remove_file(&aside);
+                Error::on_io("write", &aside)(source)
+            })?;
             set_aside.push(aside);
         }
         let text = manifest_text::write(manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;
