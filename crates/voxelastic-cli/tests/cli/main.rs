@@ -14,6 +14,8 @@ mod memory;
 mod misc;
 mod occupancy;
 mod origin;
+#[cfg(target_os = "linux")]
+mod out_of_memory;
 mod planning;
 mod recordings;
 mod reliability;
