@@ -24,7 +24,8 @@ impl MapWriter {
             if self.store().entry(moved.id()).is_some() {
                 return Err(Error::unwritable(&dir, format!("it has a submap {} already", moved.id())));
             }
-            let piece = Piece { submap: &moved, t_map_submap: moved.t_map_submap() };
+            let session = sessions.iter().find(|session| session.has(moved.id()) && session.t_map_session.is_some());
+            let piece = Piece { submap: &moved, t_map_submap: moved.t_map_submap(), session };
             check_storable(&piece, &dir)?;
             self.save_piece(&piece, &details, None).map(|(entry, _)| entry)
         };

@@ -278,9 +278,9 @@ pub(super) fn remove_unfinished(dir: &Path) {
 /// Everything that the map of `atlas` is made of, ordered by id. A submap that is being fused into another one is still the
 /// only place where its part of the map is.
 fn pieces(atlas: &Atlas) -> Vec<Piece<'_>> {
-    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap() };
+    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap(), session: None };
     let mut pieces: Vec<Piece<'_>> = atlas.submaps().iter().map(of_submap).collect();
-    pieces.extend(atlas.merging().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap }));
+    pieces.extend(atlas.merging().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap, session: None }));
     pieces.sort_by_key(|piece| piece.submap.id());
     pieces
 }
