@@ -28,7 +28,7 @@ pub(super) struct Origin {
     pub travelled: f64,
     /// The scans in the order in which they were integrated.
     pub scans: Vec<ScanEntry>,
-    /// The session that it was added to a map with, but for its loop edges; absent for those that the map began with.
+    /// The session that it was added to a map with, but for its time and loop edges; absent for those that the map began with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub session: Option<SessionEntry>,
 }
@@ -62,7 +62,8 @@ pub(super) fn digest(submap: &Submap) -> u64 {
 pub(super) fn write(piece: &Piece<'_>, details: &MapDetails, out: &mut impl Write) -> io::Result<()> {
     let MapDetails { generator, settings, sensor } = details.clone();
     let (t_map_submap, travelled, scans) = (piece.t_map_submap, piece.submap.travelled(), scan_entries(piece.submap));
-    let session = piece.session.map(|session| SessionEntry { loop_edges: Vec::new(), ..session.clone() });
+    // Without the time: the same scans make the same file.
+    let session = piece.session.map(|session| SessionEntry { added: None, loop_edges: Vec::new(), ..session.clone() });
     let origin = Origin { generator, settings, sensor, t_map_submap, travelled, scans, session };
     out.write_all(&serde_json::to_vec(&origin)?)
 }

@@ -27,7 +27,7 @@ fn the_manifest_comes_back_from_the_submap_files() {
     assert!(same_atlas(&store.load_atlas().unwrap(), &atlas));
 }
 
-/// Files of a session that was added say so; loop edges between sessions are in the manifest alone.
+/// Files of a session that was added say so; their times and loop edges are in the manifest alone.
 #[test]
 fn sessions_come_back_with_the_manifest() {
     let dir = tempfile::tempdir().unwrap();
@@ -38,6 +38,7 @@ fn sessions_come_back_with_the_manifest() {
     let second = SessionEntry {
         number: 2,
         input: Some("second".to_owned()),
+        added: Some("2026-11-25T06:00:00Z".to_owned()),
         scans: more.scan_count(),
         first_submap: 3,
         last_submap: 4,
@@ -52,7 +53,7 @@ fn sessions_come_back_with_the_manifest() {
     fs::remove_file(dir.path().join("manifest.json")).unwrap();
     assert_eq!(repair(dir.path()).unwrap().submaps, 5);
     let found = MapStore::open(dir.path()).unwrap().manifest().all_sessions();
-    assert_eq!(found, [before[0].clone(), SessionEntry { loop_edges: Vec::new(), ..second }]);
+    assert_eq!(found, [before[0].clone(), SessionEntry { added: None, loop_edges: Vec::new(), ..second }]);
     // So the session can still be taken out.
     MapWriter::open(dir.path()).unwrap().remove_session(2).unwrap();
     let store = MapStore::open(dir.path()).unwrap();
