@@ -1,5 +1,8 @@
 //! Tests of the binary `voxelastic`: `feature` has what works, `misc` has errors and their messages.
 
+// Figures, for those who run the tests with `--nocapture`.
+#![allow(clippy::print_stdout)]
+
 mod colours;
 mod corrections;
 mod damage;

@@ -132,7 +132,6 @@ fn a_session_that_drifted_is_named() {
         let done = run(at, &format!("map {name} --into map.vox --json"));
         assert_eq!(done.code, Some(0), "{name}: {}", done.err);
         let bent = serde_json::from_str::<Value>(&done.out).unwrap()["session"]["bent_m"].as_f64().unwrap();
-        println!("{name}: bent by {bent:.2} m");
         assert_eq!((bent > 1.0, done.err.contains("it drifted") && done.err.contains("--loops")), (drifts, drifts), "{bent} m: {}", done.err);
         works(at, "remove map.vox --session 2");
     }
