@@ -50,7 +50,7 @@ pub fn write<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Resu
     failpoint::check("create", &path)?;
     let (temporary, file) = temporary(&path, name)?;
     let written = fill_up(file, fill).and_then(|(value, file)| {
-        failpoint::check("write", &path)?;
+        failpoint::check("write", &path).inspect_err(|_| drop(file.metadata().and_then(|m| file.set_len(m.len() / 2))))?;
         // Elsewhere an open file cannot be renamed. Here it stays open, and with that locked, until it has its name.
         let _open = cfg!(unix).then_some(file);
         failpoint::check("rename", &path)?;
@@ -58,7 +58,7 @@ pub fn write<T>(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Resu
     });
     if written.is_err() {
         // The first error is the one to report; a temporary file that cannot be removed is only litter.
-        let _ = fs::remove_file(&temporary);
+        let _ = failpoint::check("remove", &temporary).and_then(|()| fs::remove_file(&temporary));
     }
     written
 }

@@ -1,4 +1,4 @@
-//! Every operation on files fails in turn: the error names a file, the map or checkpoint of before is there, or the new one, and what follows works.
+//! Every operation on files fails in turn, writes with half of their bytes written; alone, and with all that follow, as if the process was killed there. The error names a file, the map or checkpoint of before is there, or the new one, and what follows works.
 #![allow(clippy::print_stdout)]
 
 #[path = "store/world.rs"]
@@ -9,11 +9,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
-use voxelastic::atlas::Atlas;
+use voxelastic::atlas::{Atlas, Submap};
 use voxelastic_files::failpoint::{self, Failed};
 use voxelastic_io::Result;
-use voxelastic_io::store::{Checkpoints, MapStore, MapWriter, repair};
-use world::{details, made_up_atlas, made_up_field, same_atlas};
+use voxelastic_io::store::{Checkpoints, MapStore, MapWriter, SessionEntry, StoredFrame, repair};
+use world::{details, made_up_atlas, made_up_field, same_atlas, same_submap};
 
 /// The atlas after so many steps: each changes a submap and moves another.
 fn atlas(steps: u64) -> Atlas {
@@ -25,6 +25,9 @@ fn atlas(steps: u64) -> Atlas {
     atlas
 }
 
+/// Begins the name of the folder where all that follows fails.
+const KILLED: &str = "killed-";
+
 /// Does `act` after `prepare` again and again, each time with the next operation failing, until none is left; first once, then with all that follow. `then`
 /// looks at the outcome. `what` names it in the log.
 fn each_fails<P, T>(what: &str, prepare: impl Fn(&Path) -> P, act: impl Fn(&mut P) -> Result<T>, mut then: impl FnMut(&Path, P, Result<T>)) {
@@ -32,7 +35,7 @@ fn each_fails<P, T>(what: &str, prepare: impl Fn(&Path) -> P, act: impl Fn(&mut 
     for lasts in [false, true] {
         for after in 0.. {
             assert!(after < 500, "{what}: it never ends");
-            let dir = tempfile::tempdir().unwrap();
+            let dir = tempfile::Builder::new().prefix(if lasts { KILLED } else { "" }).tempdir().unwrap();
             let path = dir.path().join("a.vox");
             let mut prepared = prepare(&path);
             failpoint::arm(after, lasts);
@@ -82,6 +85,7 @@ fn whatever_fails_no_map_is_lost() {
     let [old, new, newer] = [2, 4, 5].map(atlas);
     saving(&old, &new);
     checkpoints(&old, &new, &newer);
+    sessions(&old);
     reading(&new);
     repairing(&old);
     writing_another_file();
@@ -111,6 +115,89 @@ fn saving(old: &Atlas, new: &Atlas) {
         create_and_save(&mut again).unwrap();
         assert!(same_atlas(&map_at(path), new) && orphans(path).is_empty());
     });
+}
+
+/// What was added to a map as a session: submaps behind those of the map.
+fn added(submap: &Submap, map: &Atlas) -> Submap {
+    submap.clone().with_id(submap.id() + map.submaps().len() as u32)
+}
+
+/// The sessions of a map with a second one.
+fn two_sessions(map: &Atlas, more: &Atlas) -> Vec<SessionEntry> {
+    let session = |number: u32, atlas: &Atlas, first: usize| SessionEntry {
+        number,
+        input: None,
+        added: None,
+        scans: atlas.scan_count(),
+        first_submap: first as u32,
+        last_submap: (first + atlas.submaps().len()) as u32 - 1,
+        node_offset: 0,
+        t_map_session: (number > 1).then_some(StoredFrame(Pose::identity())),
+        loop_edges: Vec::new(),
+        run: None,
+    };
+    vec![session(1, map, 0), session(2, more, map.submaps().len())]
+}
+
+/// Sessions are added to a map, and taken out, as `map --into`, `merge` and `remove` do it.
+fn sessions(map: &Atlas) {
+    let more = made_up_atlas(9, 2, 20);
+    let is_whole = |path: &Path, sessions: usize| {
+        let found = map_at(path);
+        let submaps = map.submaps().len() + if sessions == 2 { more.submaps().len() } else { 0 };
+        let of_first = map.submaps().iter().all(|submap| found.submap(submap.id()).is_some_and(|there| same_submap(submap, there)));
+        let of_second = |submap: &Submap| found.submap(added(submap, map).id()).is_some_and(|there| same_submap(&added(submap, map), there));
+        let count = MapStore::open(path).unwrap().manifest().all_sessions().len();
+        count == sessions && found.submaps().len() == submaps && of_first && (sessions == 1 || more.submaps().iter().all(of_second))
+    };
+    let log = |path: &Path| MapStore::open(path).unwrap().run_log().unwrap();
+    let one = |path: &Path| {
+        let mut writer = saved(path, map);
+        writer.write_run_log("of the first").unwrap();
+        writer
+    };
+    let add = |writer: &mut MapWriter| writer.add_session(&more, |submap| added(submap, map), two_sessions(map, &more));
+    let (mut kept, mut joined) = (0, 0);
+    each_fails("a session into a map", one, add, |path, mut writer, outcome| {
+        let is_new = is_whole(path, 2);
+        assert!(is_new || is_whole(path, 1) && outcome.is_err());
+        assert_eq!(log(path).as_deref(), Some("of the first"));
+        (kept, joined) = (kept + usize::from(!is_new), joined + usize::from(is_new));
+        if !is_new {
+            // It works afterwards, in this process, and what failed leaves nothing behind.
+            add(&mut writer).unwrap();
+        } else {
+            drop(writer);
+            MapWriter::open(path).unwrap().save(&map_at(path), &details("again")).unwrap();
+            assert!(orphans(path).is_empty());
+            return;
+        }
+        assert!(is_whole(path, 2) && orphans(path) == ["run.json"]);
+    });
+    println!("the map was the one before {kept} times, and had the session {joined} times");
+    assert!(kept > 15 && joined > 2);
+    let two = |path: &Path| {
+        let mut writer = one(path);
+        add(&mut writer).unwrap();
+        writer
+    };
+    for number in [2, 1] {
+        let remove = |writer: &mut MapWriter| writer.remove_session(number);
+        each_fails("a session out of a map", two, remove, |path, writer, outcome| {
+            drop(writer);
+            let left = MapStore::open(path).unwrap().manifest().all_sessions().len();
+            assert!(left == 1 || is_whole(path, 2) && outcome.is_err());
+            if left == 2 {
+                MapWriter::open(path).unwrap().remove_session(number).unwrap();
+            }
+            let found = map_at(path);
+            assert_eq!(found.submaps().len(), if number == 2 { map } else { &more }.submaps().len());
+            assert!(number == 1 || is_whole(path, 1) && log(path).as_deref() == Some("of the first"));
+            // What could not be removed then goes with the next save.
+            MapWriter::open(path).unwrap().save(&found, &details("again")).unwrap();
+            assert!(same_atlas(&map_at(path), &found) && orphans(path).is_empty());
+        });
+    }
 }
 
 /// A run that has one checkpoint, and a record since.
@@ -212,9 +299,14 @@ fn writing_another_file() {
         fs::read(dir.path().join("a.vox")).unwrap()
     };
     each_fails("another file", before, write, |path, mut again, outcome| {
-        let found = fs::read(path).unwrap();
+        let (found, outcome_is_err) = (fs::read(path).unwrap(), outcome.is_err());
         assert!(found == if outcome.is_ok() { whole.clone() } else { b"before".to_vec() });
         write(&mut again).unwrap();
-        assert!(fs::read(path).unwrap() == whole && fs::read_dir(path.parent().unwrap()).unwrap().count() == 1);
+        assert!(fs::read(path).unwrap() == whole);
+        // What a killed process left goes when another process writes there, which a test of the crate of files shows.
+        let folder = path.parent().unwrap();
+        let is_killed = folder.file_name().unwrap().to_str().unwrap().starts_with(KILLED) && outcome_is_err;
+        let litter = fs::read_dir(folder).unwrap().count() - 1;
+        assert!(litter == 0 || is_killed && litter == 1, "{litter} files");
     });
 }

@@ -14,6 +14,7 @@ use crate::map_files::{self, LoadArgs};
 use crate::meshing::{SurfaceArgs, surface_mesh};
 use clap::Args;
 use serde::Serialize;
+use std::collections::HashMap;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
@@ -28,6 +29,9 @@ use voxelastic_slam::loops::{LoopSettings, MapSurface, PlaceBook, Verdict};
 
 /// Lengths that people have taken for metres: one of them in metres, and what they are.
 const UNITS: [(f64, &str); 5] = [(0.3048, "feet"), (0.0254, "inches"), (0.01, "centimetres"), (0.001, "millimetres"), (1000.0, "kilometres")];
+
+/// A session that is bent by more than this to fit is one that drifted, metres.
+const MOST_BENT_M: f64 = 1.0;
 
 /// Arguments about where a session lies in a map.
 #[derive(Clone, Copy, Debug, Args)]
@@ -65,6 +69,8 @@ pub struct SessionSummary {
     /// Closures that were tried, and those refused because surfaces would be in space that the other has observed to be free.
     pub closures_tried: usize,
     pub free_space: usize,
+    /// By how much its shape was bent to fit, at most, metres: the drift that it came with.
+    pub bent_m: f64,
 }
 
 /// Where a session lies.
@@ -176,6 +182,7 @@ pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>) -> any
         loop_edges: joined.edges.len(),
         closures_tried: attempt.tried.len(),
         free_space: attempt.count(Verdict::FreeSpace),
+        bent_m: bent(&joined, &second.path),
     };
     let sessions = before.into_iter().chain(new).collect();
     Ok(Outcome::Joined(Box::new(Addition::new(offsets, joined, sessions, voxel_size)), summary))
@@ -191,6 +198,15 @@ pub fn listed_sessions(store: &MapStore) -> Vec<SessionEntry> {
     all
 }
 
+/// How far the corrected poses of a session are from where it would lie as a rigid whole, at most, metres. Its frame is put at its first pose, from where
+/// drift counts.
+fn bent(joined: &Joined, path: &[(NodeId, Pose)]) -> f64 {
+    let corrected: HashMap<NodeId, Pose> = joined.poses.iter().copied().collect();
+    let both = path.iter().filter_map(|(node, pose)| Some((pose, corrected.get(node)?)));
+    let Some(t_map_session) = both.clone().next().map(|(pose, now)| now * pose.inverse()) else { return 0.0 };
+    both.map(|(pose, now)| ((t_map_session * pose).translation.vector - now.translation.vector).norm()).fold(0.0, f64::max)
+}
+
 /// Says what was added.
 pub fn log(map: &Path, summary: &SessionSummary) {
     let words = match summary.by {
@@ -199,7 +215,15 @@ pub fn log(map: &Path, summary: &SessionSummary) {
         _ => "in the frame of the map",
     };
     let numbers: Vec<String> = summary.numbers.iter().map(u32::to_string).collect();
-    tracing::info!("session {} of {}: {words}, {} loop edges to the sessions before", numbers.join(", "), map.display(), summary.loop_edges);
+    let (numbers, map) = (numbers.join(", "), map.display());
+    tracing::info!("session {numbers} of {map}: {words}, {} loop edges to the sessions before", summary.loop_edges);
+    if summary.bent_m > MOST_BENT_M {
+        tracing::warn!(
+            "session {numbers} was bent by up to {:.1} m to fit: it drifted, so {map} may show places twice where it met neither itself nor an earlier \
+             session; map it with loop closures (--loops) before it is added",
+            summary.bent_m
+        );
+    }
 }
 
 fn why_apart(map: &Path, attempt: &Attempt, mut second: View, first: &PlaceBook, settings: &LoopSettings) -> anyhow::Result<String> {

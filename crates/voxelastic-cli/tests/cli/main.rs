@@ -1,5 +1,8 @@
 //! Tests of the binary `voxelastic`: `feature` has what works, `misc` has errors and their messages.
 
+// Figures, for those who run the tests with `--nocapture`.
+#![allow(clippy::print_stdout)]
+
 mod colours;
 mod corrections;
 mod damage;
@@ -14,6 +17,8 @@ mod memory;
 mod misc;
 mod occupancy;
 mod origin;
+#[cfg(target_os = "linux")]
+mod out_of_memory;
 mod planning;
 mod recordings;
 mod reliability;

@@ -120,6 +120,24 @@ fn a_second_drive_is_found_in_the_map_of_the_first_and_taken_out_without_a_trace
 }
 
 #[test]
+fn a_session_that_drifted_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let at = dir.path();
+    let made = json(at, "simulate street -o street --laps 2 --spacing 3 --columns 256 --drift 2 --loop-radius 0 --json -q");
+    let scans = made["scans"].as_u64().unwrap() as usize;
+    drive(at, "first", 0..scans / 2, "groundtruth.tum", &Pose::identity(), 1.0);
+    works(at, &format!("map first -o map.vox {COARSE}"));
+    for (name, poses, drifts) in [("true", "groundtruth.tum", false), ("drifting", "poses.tum", true)] {
+        drive(at, name, scans / 2..scans, poses, &Pose::identity(), 1.0);
+        let done = run(at, &format!("map {name} --into map.vox --json"));
+        assert_eq!(done.code, Some(0), "{name}: {}", done.err);
+        let bent = serde_json::from_str::<Value>(&done.out).unwrap()["session"]["bent_m"].as_f64().unwrap();
+        assert_eq!((bent > 1.0, done.err.contains("it drifted") && done.err.contains("--loops")), (drifts, drifts), "{bent} m: {}", done.err);
+        works(at, "remove map.vox --session 2");
+    }
+}
+
+#[test]
 fn drives_in_one_frame_are_joined_by_it_and_those_that_never_meet_are_not() {
     let dir = tempfile::tempdir().unwrap();
     let at = dir.path();

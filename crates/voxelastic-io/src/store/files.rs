@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 use voxelastic::atlas::SubmapId;
-use voxelastic_files::failpoint;
+use voxelastic_files::failpoint::{self, Writes};
 
 /// Name of the manifest.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -79,7 +79,7 @@ pub(super) fn is_disposable(name: &str) -> bool {
 }
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.
-pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut File) -> io::Result<T>) -> Result<T> {
+pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut Writes<'_>) -> io::Result<T>) -> Result<T> {
     let (path, temporary) = (dir.join(name), dir.join(temporary(name)));
     let write = || {
         // What a killed writer left is removed and not opened: where others may write, it could be a link to a file elsewhere.
@@ -89,10 +89,8 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
             return Err(error);
         }
         failpoint::check("create", &path)?;
-        let mut file = File::options().write(true).create_new(true).open(&temporary)?;
+        let mut file = Writes::new(File::options().write(true).create_new(true).open(&temporary)?, &path);
         let value = fill(&mut file)?;
-        failpoint::check("write", &path)?;
-        failpoint::check("make durable", &path)?;
         file.sync_all()?;
         drop(file);
         failpoint::check("rename", &path)?;
@@ -101,7 +99,7 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
     };
     write().map_err(|source| {
         // The half-written file only takes space, often the very space that ran out; the error to report is the first.
-        let _ = fs::remove_file(&temporary);
+        let _ = failpoint::check("remove", &temporary).and_then(|()| fs::remove_file(&temporary));
         Error::on_io("write", &path)(source)
     })
 }

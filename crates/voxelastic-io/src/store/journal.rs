@@ -8,7 +8,7 @@ use crate::{Error, Result};
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use voxelastic_files::failpoint;
+use voxelastic_files::failpoint::{self, Writes};
 
 const MAGIC: [u8; 8] = *b"\x89VXJNL\r\n";
 /// Bytes before the content of a record.
@@ -79,11 +79,11 @@ impl Journal {
         }
         let write = || {
             failpoint::check("open", &self.path)?;
-            let mut file = File::options().write(true).create(true).truncate(false).open(&self.path)?;
+            let file = File::options().write(true).create(true).truncate(false).open(&self.path)?;
             file.set_len(self.length)?;
+            let mut file = Writes::new(file, &self.path);
             file.seek(SeekFrom::End(0))?;
             file.write_all(&self.pending)?;
-            failpoint::check("write", &self.path)?;
             file.sync_all()
         };
         write().map_err(Error::on_io("write", &self.path))

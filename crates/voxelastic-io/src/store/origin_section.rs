@@ -4,6 +4,7 @@
 
 use super::frames::Section;
 use super::piece::{MapDetails, Piece, ScanEntry, pose_as_numbers, scan_entries};
+use super::sessions::SessionEntry;
 use crate::Result;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -27,6 +28,9 @@ pub(super) struct Origin {
     pub travelled: f64,
     /// The scans in the order in which they were integrated.
     pub scans: Vec<ScanEntry>,
+    /// The session that it was added to a map with, but for its time and loop edges; absent for those that the map began with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub session: Option<SessionEntry>,
 }
 
 impl Origin {
@@ -58,7 +62,9 @@ pub(super) fn digest(submap: &Submap) -> u64 {
 pub(super) fn write(piece: &Piece<'_>, details: &MapDetails, out: &mut impl Write) -> io::Result<()> {
     let MapDetails { generator, settings, sensor } = details.clone();
     let (t_map_submap, travelled, scans) = (piece.t_map_submap, piece.submap.travelled(), scan_entries(piece.submap));
-    let origin = Origin { generator, settings, sensor, t_map_submap, travelled, scans };
+    // Without the time: the same scans make the same file.
+    let session = piece.session.map(|session| SessionEntry { added: None, loop_edges: Vec::new(), ..session.clone() });
+    let origin = Origin { generator, settings, sensor, t_map_submap, travelled, scans, session };
     out.write_all(&serde_json::to_vec(&origin)?)
 }
 

@@ -1,5 +1,6 @@
 //! What is stored of a submap beside its fields: how the map was made, poses and scans.
 
+use super::sessions::SessionEntry;
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,6 +35,8 @@ pub struct ScanEntry {
 pub(super) struct Piece<'a> {
     pub submap: &'a Submap,
     pub t_map_submap: Pose,
+    /// The session that it was added with; none for those that the map began with.
+    pub session: Option<&'a SessionEntry>,
 }
 
 /// The scans that `submap` was made from.

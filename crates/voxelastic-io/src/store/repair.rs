@@ -6,6 +6,7 @@ use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
 use super::piece::{MapDetails, Piece};
 use super::reader::MapStore;
+use super::sessions::SessionEntry;
 use super::submap_file::{self, Found};
 use crate::{Error, Result};
 use rayon::prelude::*;
@@ -95,17 +96,21 @@ fn drop_damaged(store: &MapStore) -> Result<RepairReport> {
 fn rebuild(dir: &Path, names: &[&String]) -> Result<RepairReport> {
     let read = |name: &&String| (dir.join(name.as_str()), submap_file::read_alone(&dir.join(name.as_str())));
     let found: Vec<(PathBuf, Result<Found>)> = names.par_iter().map(read).collect();
+    let mut session_of = BTreeMap::new();
     let (mut damage, mut best, mut newest) = (Vec::new(), BTreeMap::<SubmapId, (Rank, SubmapEntry)>::new(), None);
     for (path, found) in found {
         match found.and_then(|found| entry_of(&path, found)) {
-            Ok((rank, entry, details)) => {
+            Ok((rank, entry, details, session)) => {
                 if newest.as_ref().is_none_or(|(other, _)| *other < rank.written) {
                     newest = Some((rank.written, details));
                 }
                 match best.get(&entry.id) {
                     // A save that was killed leaves two files of a submap: both are whole, the later has more in it.
                     Some((other, _)) if *other > rank => {}
-                    _ => drop(best.insert(entry.id, (rank, entry))),
+                    _ => {
+                        session_of.insert(entry.id, session);
+                        best.insert(entry.id, (rank, entry));
+                    }
                 }
             }
             Err(error) if is_damage(&error) => damage.push(error),
@@ -118,8 +123,26 @@ fn rebuild(dir: &Path, names: &[&String]) -> Result<RepairReport> {
     };
     let mut submaps: Vec<SubmapEntry> = best.into_values().map(|(_, entry)| entry).collect();
     remove_fused(&mut submaps);
-    let manifest = Manifest { details, submaps, ..Manifest::default() };
+    let sessions = sessions(&submaps, session_of);
+    let manifest = Manifest { details, sessions, submaps };
     finish(dir, ManifestState::Rebuilt, &manifest, damage)
+}
+
+/// The sessions of a map of these submaps, as their files have it; none if it began with all of them.
+fn sessions(submaps: &[SubmapEntry], mut session_of: BTreeMap<SubmapId, Option<SessionEntry>>) -> Vec<SessionEntry> {
+    let mut sessions = BTreeMap::new();
+    let mut began_with = Vec::new();
+    for entry in submaps {
+        match session_of.remove(&entry.id).flatten() {
+            Some(session) => drop(sessions.entry(session.number).or_insert(session)),
+            None => began_with.push(entry.clone()),
+        }
+    }
+    if sessions.is_empty() {
+        return Vec::new();
+    }
+    let first = Manifest { submaps: began_with, ..Manifest::default() };
+    first.all_sessions().into_iter().chain(sessions.into_values()).collect()
 }
 
 /// Removes submaps whose scans are all in a larger one: they were fused into it, and a save that was killed left their files.
@@ -145,8 +168,8 @@ struct Rank {
     written: SystemTime,
 }
 
-/// The entry of a file in the manifest, and how its map was made.
-fn entry_of(path: &Path, found: Found) -> Result<(Rank, SubmapEntry, MapDetails)> {
+/// The entry of a file in the manifest, how its map was made, and the session that it was added with.
+fn entry_of(path: &Path, found: Found) -> Result<(Rank, SubmapEntry, MapDetails, Option<SessionEntry>)> {
     let name = path.file_name().and_then(|name| SubmapName::parse(&name.to_string_lossy())).filter(|name| name.id == found.id);
     let name = name.ok_or_else(|| Error::damaged(path, "header", 12, format!("it is submap {}, its name says otherwise", found.id)))?;
     let without = || Error::damaged(path, "section table", 0, "it was written in a format that does not say where the submap lies");
@@ -157,8 +180,8 @@ fn entry_of(path: &Path, found: Found) -> Result<(Rank, SubmapEntry, MapDetails)
     let written = fs::metadata(path).and_then(|m| m.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
     let rank = Rank { scans: origin.scans.len(), written };
     let submap = origin.submap(found.id, voxel_size, found.fields.tsdf, found.fields.occupancy);
-    let piece = Piece { submap: &submap, t_map_submap: origin.t_map_submap };
-    Ok((rank, SubmapEntry::new(&piece, name, found.written), details))
+    let piece = Piece { submap: &submap, t_map_submap: origin.t_map_submap, session: None };
+    Ok((rank, SubmapEntry::new(&piece, name, found.written), details, origin.session))
 }
 
 /// Whether an error says that a file is not what was written, and not that it cannot be read now.
@@ -173,7 +196,11 @@ fn finish(dir: &Path, state: ManifestState, manifest: &Manifest, damage: Vec<Err
         let path = dir.join(MANIFEST);
         if state == ManifestState::Rebuilt && path.is_file() {
             let aside = aside(&path);
-            failpoint::check("copy", &aside).and_then(|()| fs::copy(&path, &aside)).map_err(Error::on_io("write", &aside))?;
+            failpoint::check("copy", &aside).and_then(|()| fs::copy(&path, &aside)).map_err(|source| {
+                // Half of a copy is of no use to anybody.
+                let _ = fs::remove_file(&aside);
+                Error::on_io("write", &aside)(source)
+            })?;
             set_aside.push(aside);
         }
         let text = manifest_text::write(manifest).map_err(|e| Error::on_io("write", &path)(e.into()))?;

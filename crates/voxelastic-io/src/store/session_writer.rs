@@ -1,10 +1,10 @@
 //! Adding sessions to a saved map, and taking them out again.
 
-use super::files::{self, RUN_LOG};
+use super::files;
 use super::manifest::SubmapEntry;
 use super::piece::{Piece, check_storable};
 use super::sessions::SessionEntry;
-use super::writer::{MapWriter, SaveReport, names, remove_unfinished};
+use super::writer::{MapWriter, RunLogFate, SaveReport, names, remove_unfinished};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use voxelastic::atlas::{Atlas, Submap};
@@ -24,7 +24,8 @@ impl MapWriter {
             if self.store().entry(moved.id()).is_some() {
                 return Err(Error::unwritable(&dir, format!("it has a submap {} already", moved.id())));
             }
-            let piece = Piece { submap: &moved, t_map_submap: moved.t_map_submap() };
+            let session = sessions.iter().find(|session| session.has(moved.id()) && session.t_map_session.is_some());
+            let piece = Piece { submap: &moved, t_map_submap: moved.t_map_submap(), session };
             check_storable(&piece, &dir)?;
             self.save_piece(&piece, &details, None).map(|(entry, _)| entry)
         };
@@ -66,15 +67,9 @@ impl MapWriter {
     fn replace(&mut self, entries: Vec<(SubmapEntry, bool)>, sessions: Vec<SessionEntry>, keeps_log: bool) -> Result<SaveReport> {
         let dir = self.store().dir().to_owned();
         let details = self.store().manifest().details.clone();
-        // The log goes before the manifest is replaced, and so comes back after.
-        let log = if keeps_log { self.store().run_log().unwrap_or_default() } else { None };
-        let mut report = self.commit_sessions(entries, &details, listed(sessions), |_| Ok(()))?;
+        let log = if keeps_log { RunLogFate::Kept } else { RunLogFate::Removed };
+        let mut report = self.commit_sessions(entries, &details, listed(sessions), log, |_| Ok(()))?;
         files::sync_dir(&dir)?;
-        if let Some(text) = log
-            && let Err(error) = self.write_run_log(&text)
-        {
-            tracing::warn!(path = %dir.join(RUN_LOG).display(), %error, "the log of the first run is lost");
-        }
         report.removed = files::remove_others(&dir, |name| names(self.store(), name))?;
         Ok(report)
     }

@@ -14,7 +14,6 @@ use super::piece::{MapDetails, Piece};
 use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
 use crate::{Error, Result};
 use crc32fast::Hasher;
-use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 use voxelastic::atlas::{Submap, SubmapId};
@@ -175,7 +174,7 @@ impl<W: Write> Write for Tally<W> {
 }
 
 /// Writes a submap of a map with `details` to a new file. Sections stream; the head is put before them at the end.
-pub(super) fn write(file: &mut File, piece: &Piece<'_>, details: &MapDetails) -> io::Result<Written> {
+pub(super) fn write(file: &mut (impl Write + Seek + Send), piece: &Piece<'_>, details: &MapDetails) -> io::Result<Written> {
     let submap = piece.submap;
     let mut offset = head_length(kinds(submap).count()) as u64;
     file.write_all(&vec![0; offset as usize])?;

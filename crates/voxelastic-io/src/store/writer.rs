@@ -16,6 +16,7 @@ use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use voxelastic::atlas::Atlas;
+use voxelastic_files::failpoint;
 
 /// The one writer of a map directory, from when it is made until it is dropped.
 #[derive(Debug)]
@@ -24,6 +25,15 @@ pub struct MapWriter {
     /// Names of submap files that this writer wrote or found whole.
     whole: Mutex<HashSet<String>>,
     _lock: Lock,
+}
+
+/// What becomes of the log of the run when the manifest is replaced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum RunLogFate {
+    /// It tells of what stays.
+    Kept,
+    /// It is that of another map.
+    Removed,
 }
 
 /// What a save did.
@@ -155,7 +165,7 @@ impl MapWriter {
         details: &MapDetails,
         before: impl FnOnce(&str) -> Result<()>,
     ) -> Result<SaveReport> {
-        self.commit_sessions(saved, details, Vec::new(), before)
+        self.commit_sessions(saved, details, Vec::new(), RunLogFate::Removed, before)
     }
 
     /// As [`commit`](Self::commit), of a map of these sessions; none for a map that is one session.
@@ -164,6 +174,7 @@ impl MapWriter {
         saved: Vec<(SubmapEntry, bool)>,
         details: &MapDetails,
         sessions: Vec<SessionEntry>,
+        log: RunLogFate,
         before: impl FnOnce(&str) -> Result<()>,
     ) -> Result<SaveReport> {
         let dir = self.store.dir();
@@ -181,9 +192,15 @@ impl MapWriter {
         files::write_atomically(dir, MANIFEST, |file| {
             file.write_all(text.as_bytes())?;
             file.sync_all()?;
+            if log == RunLogFate::Kept {
+                return Ok(());
+            }
             // The log of an earlier run is not that of this map. It goes when nothing but the rename is left to do.
-            match std::fs::remove_file(dir.join(RUN_LOG)) {
-                Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
+            let run_log = dir.join(RUN_LOG);
+            match failpoint::check("remove", &run_log).and_then(|()| std::fs::remove_file(&run_log)) {
+                Err(error) if error.kind() != ErrorKind::NotFound => {
+                    Err(std::io::Error::new(error.kind(), format!("{} cannot be removed: {error}", run_log.display())))
+                }
                 _ => Ok(()),
             }
         })?;
@@ -261,9 +278,9 @@ pub(super) fn remove_unfinished(dir: &Path) {
 /// Everything that the map of `atlas` is made of, ordered by id. A submap that is being fused into another one is still the
 /// only place where its part of the map is.
 fn pieces(atlas: &Atlas) -> Vec<Piece<'_>> {
-    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap() };
+    let of_submap = |submap| Piece { submap, t_map_submap: submap.t_map_submap(), session: None };
     let mut pieces: Vec<Piece<'_>> = atlas.submaps().iter().map(of_submap).collect();
-    pieces.extend(atlas.merging().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap }));
+    pieces.extend(atlas.merging().map(|r| Piece { submap: r.submap, t_map_submap: r.t_map_submap, session: None }));
     pieces.sort_by_key(|piece| piece.submap.id());
     pieces
 }

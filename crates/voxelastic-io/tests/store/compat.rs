@@ -3,10 +3,11 @@
 //! After a change of the format, write the next one with
 //! `VOXELASTIC_WRITE_FIXTURE=1 cargo test -p voxelastic-io --test store compat` and keep those before.
 
-use crate::world::{details, made_up_atlas, made_up_atlas_of, same_atlas};
+use crate::world::{details, made_up_atlas, made_up_atlas_of, same_atlas, same_submap};
 use std::path::{Path, PathBuf};
-use voxelastic::atlas::Atlas;
-use voxelastic_io::store::{FORMAT_VERSION, MapDetails, MapStore, MapWriter};
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, Submap};
+use voxelastic_io::store::{FORMAT_VERSION, MapDetails, MapStore, MapWriter, SessionEntry, StoredFrame};
 
 fn fixture(version: u32) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/fixtures/map-v{version}"))
@@ -26,6 +27,49 @@ fn compat_every_version_is_read() {
         let store = MapStore::open(fixture(version)).unwrap();
         assert_eq!(store.manifest().details, details, "version {version}");
         assert!(same_atlas(&store.load_atlas().unwrap(), atlas), "version {version}");
+    }
+}
+
+/// A map of every version takes a session, which goes again; what was there is read as before, and so is what is left without it.
+#[test]
+fn compat_every_version_takes_sessions() {
+    let more = made_up_atlas(31, 2, 4);
+    for version in 1..=FORMAT_VERSION {
+        let dir = tempfile::tempdir().unwrap();
+        for entry in std::fs::read_dir(fixture(version)).unwrap() {
+            let entry = entry.unwrap();
+            std::fs::copy(entry.path(), dir.path().join(entry.file_name())).unwrap();
+        }
+        let before = MapStore::open(dir.path()).unwrap();
+        let (old, details) = (before.load_atlas().unwrap(), before.manifest().details.clone());
+        let first = before.manifest().all_sessions().remove(0);
+        let placed = |submap: &Submap| submap.clone().with_id(submap.id() + first.last_submap + 1);
+        let second = SessionEntry {
+            number: 2,
+            scans: more.scan_count(),
+            first_submap: first.last_submap + 1,
+            last_submap: first.last_submap + more.submaps().len() as u32,
+            t_map_session: Some(StoredFrame(Pose::identity())),
+            ..first.clone()
+        };
+        let parts = |with_first: bool, with_second: bool| {
+            let store = MapStore::open(dir.path()).unwrap();
+            assert!(store.check().is_empty() && store.manifest().details == details, "version {version}");
+            let found = store.load_atlas().unwrap();
+            let first = old.submaps().iter().filter(|_| with_first).cloned();
+            let expected: Vec<Submap> = first.chain(more.submaps().iter().filter(|_| with_second).map(placed)).collect();
+            assert_eq!(found.submaps().len(), expected.len(), "version {version}");
+            assert!(found.submaps().iter().zip(&expected).all(|(a, b)| same_submap(a, b)), "version {version}");
+        };
+        let add = || MapWriter::open(dir.path()).unwrap().add_session(&more, placed, vec![first.clone(), second.clone()]).unwrap();
+        add();
+        parts(true, true);
+        MapWriter::open(dir.path()).unwrap().remove_session(2).unwrap();
+        parts(true, false);
+        assert_eq!(MapStore::open(dir.path()).unwrap().manifest().submaps, before.manifest().submaps, "version {version}");
+        add();
+        MapWriter::open(dir.path()).unwrap().remove_session(1).unwrap();
+        parts(false, true);
     }
 }
 

@@ -3,8 +3,10 @@
 use crate::world::{details, made_up_atlas, same_atlas};
 use std::fs;
 use std::path::Path;
+use voxelastic::Pose;
+use voxelastic::atlas::Submap;
 use voxelastic_io::Error;
-use voxelastic_io::store::{ManifestState, MapStore, MapWriter, repair};
+use voxelastic_io::store::{ManifestState, MapStore, MapWriter, SessionEntry, StoredEdge, StoredFrame, repair};
 
 fn saved(dir: &Path, seed: u64, submaps: usize) -> voxelastic::atlas::Atlas {
     let atlas = made_up_atlas(seed, submaps, 20);
@@ -23,6 +25,39 @@ fn the_manifest_comes_back_from_the_submap_files() {
     let store = MapStore::open(dir.path()).unwrap();
     assert_eq!(store.manifest().details, before.details);
     assert!(same_atlas(&store.load_atlas().unwrap(), &atlas));
+}
+
+/// Files of a session that was added say so; their times and loop edges are in the manifest alone.
+#[test]
+fn sessions_come_back_with_the_manifest() {
+    let dir = tempfile::tempdir().unwrap();
+    let map = saved(dir.path(), 1, 3);
+    let more = made_up_atlas(9, 2, 20);
+    let before = MapStore::open(dir.path()).unwrap().manifest().all_sessions();
+    let edge = StoredEdge { from: 1, to: 2, t_from_to: Pose::identity(), information: Vec::new() };
+    let second = SessionEntry {
+        number: 2,
+        input: Some("second".to_owned()),
+        added: Some("2026-11-25T06:00:00Z".to_owned()),
+        scans: more.scan_count(),
+        first_submap: 3,
+        last_submap: 4,
+        node_offset: 7,
+        t_map_session: Some(StoredFrame(Pose::translation(1.0, 2.0, 3.0))),
+        loop_edges: vec![edge],
+        ..before[0].clone()
+    };
+    let sessions = vec![before[0].clone(), second.clone()];
+    let placed = |submap: &Submap| submap.clone().with_id(submap.id() + 3);
+    MapWriter::open(dir.path()).unwrap().add_session(&more, placed, sessions).unwrap();
+    fs::remove_file(dir.path().join("manifest.json")).unwrap();
+    assert_eq!(repair(dir.path()).unwrap().submaps, 5);
+    let found = MapStore::open(dir.path()).unwrap().manifest().all_sessions();
+    assert_eq!(found, [before[0].clone(), SessionEntry { added: None, loop_edges: Vec::new(), ..second }]);
+    // So the session can still be taken out.
+    MapWriter::open(dir.path()).unwrap().remove_session(2).unwrap();
+    let store = MapStore::open(dir.path()).unwrap();
+    assert!(same_atlas(&store.load_atlas().unwrap(), &map) && store.manifest().sessions.is_empty());
 }
 
 #[test]

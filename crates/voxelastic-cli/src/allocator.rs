@@ -1,0 +1,71 @@
+//! The memory of the process: the system's, and what is said when there is no more.
+//!
+//! Rust ends a program that gets no memory with a line of its own and SIGABRT, and lets nobody add to that on stable versions but the allocator.
+#![allow(unsafe_code)]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+
+/// A larger request may be refused although there is memory, and some of those who make one have an answer to that: for a length in a damaged file,
+/// for one.
+const LARGE: usize = 256 << 20;
+/// Exit code of a command that failed.
+#[cfg(target_os = "linux")]
+const FAILED: i32 = 1;
+
+const MESSAGE: &[u8] = b"error: out of memory: the system gives no more
+  Maps saved before are not affected. `map` keeps what it had at its last checkpoint: the same command goes on from there.
+  remedy: --memory 500MB, or whatever there is, keeps most of the map in a file; larger voxels (--voxel-size) and a shorter range (--max-range) need less;
+          a limit of the shell (ulimit -v) or of a container may be too low
+";
+
+/// The system's allocator.
+pub struct Allocator;
+
+// SAFETY: all memory is the system's, which gets the layouts as they are.
+unsafe impl GlobalAlloc for Allocator {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: the caller's promise about the layout is passed on.
+        checked(unsafe { System.alloc(layout) }, layout.size())
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        // SAFETY: as above.
+        checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        // SAFETY: as above, and the memory is the system's.
+        checked(unsafe { System.realloc(memory, layout, size) }, size)
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[inline]
+fn checked(memory: *mut u8, size: usize) -> *mut u8 {
+    if memory.is_null() && size < LARGE {
+        end();
+    }
+    memory
+}
+
+/// Ends the process with a message, without a request for memory and without anything that others do at the end of it.
+#[cold]
+fn end() -> ! {
+    #[cfg(target_os = "linux")]
+    {
+        // Where nobody reads it, there is nobody to tell.
+        let _ = nix::unistd::write(std::io::stderr(), MESSAGE);
+        // SAFETY: it only ends the process.
+        unsafe { nix::libc::_exit(FAILED) }
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        use std::io::Write;
+        let _ = std::io::stderr().write_all(MESSAGE);
+        std::process::abort()
+    }
+}
