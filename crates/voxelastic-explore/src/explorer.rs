@@ -91,6 +91,8 @@ pub struct Explorer {
     since_planned: usize,
     /// Plans in a row that led nowhere.
     stuck: usize,
+    /// Length of the way home by the last plan, metres.
+    way_home: f64,
     /// Ways back along the track since it last got where it wanted to.
     retreats: u32,
 }
@@ -125,6 +127,7 @@ impl Explorer {
             poses: Vec::new(),
             since_planned: 0,
             stuck: 0,
+            way_home: f64::INFINITY,
             retreats: 0,
         })
     }
@@ -197,6 +200,11 @@ impl Explorer {
             return (false, 0);
         }
         self.since_planned += 1;
+        if self.purpose == Purpose::Explore && self.must_go_home(now) {
+            self.purpose = Purpose::Return;
+            // A way back along the track leads home already.
+            self.leg.take_if(|leg| !leg.is_retreat);
+        }
         if !self.must_plan(now) {
             return (false, 0);
         }
@@ -230,6 +238,17 @@ impl Explorer {
 
     fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
         self.home.as_ref().is_some_and(|(home, _)| now.space.metric(*home, now.robot) < self.settings.spacing)
+    }
+
+    /// Whether the time just suffices for the way home: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven.
+    fn must_go_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
+        let home = self.track_home(now).min(2.0 * self.way_home);
+        now.seconds_left.is_some_and(|left| home / self.settings.speed * RESERVE.0 + RESERVE.1 > left)
+    }
+
+    /// Length of the way home along the track, metres.
+    fn track_home<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
+        self.first_node.map_or(f64::INFINITY, |first| length(&retreat::track(now.atlas, now.robot, first)))
     }
 
     /// Whether the path is done, blocked, not worth it, or old; or the time has come to go home.
@@ -278,6 +297,8 @@ impl Explorer {
             let ways = roadmap.ways(now.space, now.robot);
             let home = self.home.as_ref().map_or(now.robot, |home| home.0);
             let ways_home = roadmap.ways(now.space, home);
+            let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
+            self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
             if self.purpose == Purpose::Explore && !ways.lead_anywhere() {
                 // It stands where it does not fit, which says nothing about what is left to see.
                 break;
@@ -369,7 +390,7 @@ impl Explorer {
         let reach = self.settings.spacing * 1.6;
         let seconds_left = now.seconds_left;
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
-        let track = self.first_node.map_or(f64::INFINITY, |first| length(&retreat::track(now.atlas, now.robot, first)));
+        let track = self.track_home(now);
         let is_excluded = |node: u32| {
             let place = roadmap.place(node);
             let home = ways_home.length(node).min(ways.length(node) + track);
