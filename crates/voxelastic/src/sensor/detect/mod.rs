@@ -23,7 +23,7 @@ const LEAST_RETURNS: usize = 200;
 /// With fewer returns that have a pixel of their own in the best image, no image fits.
 const LEAST_SHOWN: f32 = 0.75;
 /// With more returns that stand alone in the best image, the cloud was thinned, and no image fits: a beam's neighbours on the same ring mostly return, too.
-const MOST_ALONE: f32 = 0.2;
+const MOST_ALONE: f32 = 0.3;
 /// Most points that are used; more would not change the result.
 const MOST_POINTS: usize = 2_000_000;
 
