@@ -169,6 +169,21 @@ proptest! {
     }
 
     #[test]
+    fn some_submaps_answer_as_if_there_were_no_others(
+        fields in fields(3), mask in 0u32..8, shapes in prop::collection::vec(shape(), 6), points in prop::collection::vec(prop::array::uniform3(-4.0..4.0f64), 50), unknown in policy()
+    ) {
+        let atlas = atlas(fields.clone());
+        let some = AtlasQuery::of_submaps(&atlas, |id| mask >> id & 1 == 1);
+        let included: Vec<_> = (0..).zip(&fields).filter(|(id, _)| mask >> id & 1 == 1).map(|(_, field)| field.clone()).collect();
+        for p in points {
+            prop_assert_eq!(some.state(p), slow_state(&included, p));
+        }
+        for shape in &shapes {
+            prop_assert_eq!(some.is_free(shape, unknown), slow_is_free(&included, shape, unknown), "{:?}", shape);
+        }
+    }
+
+    #[test]
     fn the_same_grid_gives_the_same_states(seed in any::<u64>(), rare in 3u64..300, states_only in any::<bool>(), double in any::<bool>()) {
         let field = random_field(seed, rare);
         let fields = vec![(field.clone(), Pose::identity())];
