@@ -102,3 +102,11 @@ fn a_maze_is_explored_and_the_robot_comes_home() {
     fails(dir.path(), "explore maze --bounds 50,50,0,60,60,2", 2, &["does not fit at its start", "--bounds"]);
     fails(dir.path(), "explore moon", 2, &["maze"]);
 }
+
+#[test]
+fn a_robot_on_wheels_leaves_its_start_and_comes_home() {
+    let dir = tempfile::tempdir().unwrap();
+    let run = json(dir.path(), "explore maze --ground --time 60 --columns 256 --max-range 15 --json");
+    assert_eq!((run["is_home"].as_bool(), run["collisions"].as_u64()), (Some(true), Some(0)), "{run}");
+    assert!(run["time_s"].as_f64().unwrap() <= 60.0 && run["distance_m"].as_f64().unwrap() > 20.0, "{run}");
+}

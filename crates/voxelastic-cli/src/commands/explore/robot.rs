@@ -21,10 +21,11 @@ use voxelastic_sim::{Scene, World};
 const CHECKED: f64 = 0.1;
 
 /// Radius within which space is free because the robot is there, metres: farther away the sensor's field of view is high enough for it. On wheels it must not
-/// reach below the floor.
+/// reach below the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
 fn own_radius(args: &ExploreArgs, model: &BeamModel, height: f64) -> f32 {
     let (low, high) = elevations(model);
-    let needed = (args.radius + MARGIN + f64::from(args.voxel_size)) / (-low).min(high).clamp(0.1, 1.5).sin();
+    let voxels = if args.ground { 2.0 } else { 1.0 };
+    let needed = (args.radius + MARGIN + voxels * f64::from(args.voxel_size)) / (-low).min(high).clamp(0.1, 1.5).sin();
     (if args.ground { needed.min(height - 0.1) } else { needed }).clamp(0.0, 5.0) as f32
 }
 
