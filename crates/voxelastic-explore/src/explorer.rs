@@ -1,13 +1,13 @@
 //! The explorer: decides after every scan whether to go on, where to go next, and when to go home.
 
+use crate::choice::choose;
 use crate::clusters::{FrontierCluster, Frontiers};
 use crate::leg::Leg;
 use crate::near_returns::NearReturns;
 use crate::retreat;
 use crate::roadmap::{Roadmap, Ways};
-use crate::robot_space::{Clear, RobotSpace};
+use crate::robot_space::{Clear, RobotSpace, newest_submap};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
-use crate::tour;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::{Atlas, SubmapId};
@@ -15,15 +15,11 @@ use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{
-    Anchor, Effort, FlyingSpace, GroundSpace, Point, Robot, Space, anchor_path, distance, length, recheck, resolve_anchors, shorten,
+    Anchor, Effort, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors, shorten,
 };
 
 /// The roadmap is extended around the robot within this radius, metres.
 const EXTENDED: f64 = 25.0;
-/// Viewpoints of a tour.
-const STOPS: usize = 8;
-/// Worth falls to a third in this time, seconds.
-const HORIZON: f64 = 40.0;
 /// A target is given up when less than this share of the expected volume is left.
 const LEFT: f64 = 0.35;
 /// Decisions after which a path is planned anew although nothing is wrong with it.
@@ -168,22 +164,23 @@ impl Explorer {
         let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
         let frontier_time = clock.elapsed();
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
-        let newest = retreat::newest_submap(atlas);
+        let newest = newest_submap(atlas);
         let newest = AtlasQuery::of_submaps(atlas, |submap| Some(submap) == newest);
-        let body = Robot { radius: self.settings.body(), ..robot_type };
+        let body = self.settings.body();
         let returns = std::mem::take(&mut self.returns);
-        let decided = if robot_type.ground.is_some() {
-            let on = |robot_type: &Robot| {
-                let on = |map| GroundSpace::new(map, robot_type, robot, bounds).map_err(ExploreError::Robot);
-                Ok(Clear::new([on(&map)?, on(&newest)?], &returns, robot_type.radius))
-            };
-            let space = &RobotSpace::new(on(&robot_type)?, on(&body)?, robot);
+        let decided = if let Some(wheels) = robot_type.ground {
+            let on = |map, robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
+            // The whole map tells the height above the floor, for all of them.
+            let whole = on(&map, robot_type)?;
+            let ground = Some(Wheels { height: Some(whole.height()), ..wheels });
+            let of_body = |map| on(map, Robot { radius: body, ground, ..robot_type });
+            let wide = Clear::new([whole, on(&newest, Robot { ground, ..robot_type })?], &returns, robot_type.radius);
+            let space = &RobotSpace::new(wide, Clear::new([of_body(&map)?, of_body(&newest)?], &returns, body), robot);
             self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
         } else {
             let bounds = shrunk(bounds, robot_type.radius);
-            let on =
-                |robot_type: &Robot| Clear::new([&map, &newest].map(|map| FlyingSpace::new(map, robot_type, bounds)), &returns, robot_type.radius);
-            let space = &RobotSpace::new(on(&robot_type), on(&body), robot);
+            let on = |radius| Clear::new([&map, &newest].map(|map| FlyingSpace::new(map, &Robot { radius, ..robot_type }, bounds)), &returns, radius);
+            let space = &RobotSpace::new(on(robot_type.radius), on(body), robot);
             self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
         };
         self.returns = returns;
@@ -201,7 +198,7 @@ impl Explorer {
         }
         self.since_planned += 1;
         if self.purpose == Purpose::Explore && self.must_go_home(now) {
-            self.purpose = Purpose::Return;
+            self.turn_back();
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
         }
@@ -242,8 +239,8 @@ impl Explorer {
 
     /// Whether the time just suffices for the way home: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven.
     fn must_go_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
-        let home = self.track_home(now).min(2.0 * self.way_home);
-        now.seconds_left.is_some_and(|left| home / self.settings.speed * RESERVE.0 + RESERVE.1 > left)
+        let is_too_long = |left: f64, home: f64| home / self.settings.speed * RESERVE.0 + RESERVE.1 > left;
+        now.seconds_left.is_some_and(|left| is_too_long(left, 2.0 * self.way_home) && is_too_long(left, self.track_home(now)))
     }
 
     /// Length of the way home along the track, metres.
@@ -313,13 +310,13 @@ impl Explorer {
                     worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
                 }
                 count = count.max(worth.len());
-                target = self.choose(now, &roadmap, worth);
+                target = choose(&self.settings, now.space, &roadmap, worth);
             }
             let ways = roadmap.ways(now.space, now.robot);
             let (node, volume) = match target {
                 Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
                 None => {
-                    self.purpose = Purpose::Return;
+                    self.turn_back();
                     let near = roadmap.near(home, 3.0 * self.settings.spacing);
                     (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
                 }
@@ -351,9 +348,17 @@ impl Explorer {
         if self.stuck >= LOST_PATIENCE {
             self.retreat(now);
         }
-        if self.stuck >= PATIENCE {
-            self.stuck = 0;
-            self.purpose = if self.purpose == Purpose::Explore { Purpose::Return } else { Purpose::Done };
+        match self.purpose {
+            Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(),
+            Purpose::Return if self.stuck >= PATIENCE => self.purpose = Purpose::Done,
+            _ => {}
+        }
+    }
+
+    /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
+    fn turn_back(&mut self) {
+        if self.purpose == Purpose::Explore {
+            (self.purpose, self.stuck) = (Purpose::Return, 0);
         }
     }
 
@@ -374,7 +379,7 @@ impl Explorer {
         }
         self.retreats += 1;
         if self.retreats > MOST_RETREATS {
-            self.purpose = Purpose::Return;
+            self.turn_back();
         }
         self.leg = Some(Leg::back(now.atlas, path));
     }
@@ -398,30 +403,6 @@ impl Explorer {
             seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
         };
         viewpoints(now.map, (roadmap, ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
-    }
-
-    /// The next target.
-    fn choose<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, mut worth: Vec<Viewpoint>) -> Option<Viewpoint> {
-        let rate = |v: &Viewpoint| v.volume / (v.length / self.settings.speed + 1.0);
-        match self.settings.strategy {
-            Strategy::Nearest => worth.into_iter().min_by(|a, b| a.length.total_cmp(&b.length)),
-            Strategy::NextBest => worth.into_iter().max_by(|a, b| rate(a).total_cmp(&rate(b))),
-            Strategy::Tour => {
-                worth.sort_by(|a, b| rate(b).total_cmp(&rate(a)).then(a.node.cmp(&b.node)));
-                worth.truncate(STOPS);
-                let seconds = |metres: f64| metres / self.settings.speed;
-                let between: Vec<Vec<f64>> = worth
-                    .iter()
-                    .map(|from| {
-                        let ways = roadmap.ways(now.space, from.place);
-                        worth.iter().map(|to| seconds(ways.length(to.node))).collect()
-                    })
-                    .collect();
-                let volumes: Vec<f64> = worth.iter().map(|v| v.volume).collect();
-                let first: Vec<f64> = worth.iter().map(|v| seconds(v.length)).collect();
-                tour::order(&volumes, &first, &between, HORIZON).first().map(|best| worth[*best])
-            }
-        }
     }
 }
 

@@ -13,6 +13,7 @@
 //!
 //! All lengths are metres, all times seconds, all points in the map frame.
 
+mod choice;
 mod clusters;
 mod explorer;
 mod frontier;

@@ -2,7 +2,7 @@
 
 use crate::near_returns::NearReturns;
 use std::collections::HashMap;
-use voxelastic::atlas::{Atlas, Submap, SubmapId};
+use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
 use voxelastic_plan::{Point, between, distance};
@@ -15,12 +15,6 @@ const SLIM: f64 = 0.8;
 /// The newest scan of a map.
 pub(crate) fn newest(atlas: &Atlas) -> Option<NodeId> {
     atlas.submaps().iter().flat_map(|submap| submap.scans()).map(|scan| scan.node).max()
-}
-
-/// The submap of the newest scan.
-pub(crate) fn newest_submap(atlas: &Atlas) -> Option<SubmapId> {
-    let newest = |submap: &Submap| submap.scans().iter().map(|scan| scan.node).max();
-    atlas.submaps().iter().max_by_key(|submap| newest(submap)).map(Submap::id)
 }
 
 /// From the robot back to where it was when scan `first` came, without the loops between.

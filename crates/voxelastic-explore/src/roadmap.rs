@@ -10,7 +10,8 @@ use voxelastic_plan::{Point, Space, distance};
 pub(crate) const NOBODY: u32 = u32::MAX;
 /// Most nodes near the robot that it is joined to.
 const JOINED: usize = 8;
-/// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found.
+/// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found. Less than half, or
+/// it would lie at the neighbour's key, and the place of the lattice would stay empty and be tried for ever.
 const ASIDE: [f64; 6] = [-0.33, 0.33, -0.17, 0.17, -0.45, 0.45];
 /// Steps to neighbours on the lattice; those of wheels come first.
 const STEPS: [[i32; 3]; 10] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]];

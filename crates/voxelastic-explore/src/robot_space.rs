@@ -2,10 +2,17 @@
 //! it does not fit.
 
 use crate::near_returns::NearReturns;
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic_plan::{Point, Space, distance};
 
 /// The way out is at most this long, metres.
 const LONGEST: f64 = 2.0;
+
+/// The submap of the newest scan.
+pub(crate) fn newest_submap(atlas: &Atlas) -> Option<SubmapId> {
+    let newest = |submap: &Submap| submap.scans().iter().map(|scan| scan.node).max();
+    atlas.submaps().iter().max_by_key(|submap| newest(submap)).map(Submap::id)
+}
 
 /// The space of a robot in the whole map and in its newest submap.
 ///

@@ -219,6 +219,8 @@ fn impossible_settings_and_maps_without_occupancy_are_refused() {
     let bad = [
         ExploreSettings { speed: 0.0, ..good },
         ExploreSettings { spacing: f64::NAN, ..good },
+        ExploreSettings { margin: good.robot.radius, ..good },
+        ExploreSettings { margin: -0.1, ..good },
         ExploreSettings { least_volume: -1.0, ..good },
         ExploreSettings { bounds: [BOUNDS[1], BOUNDS[0]], ..good },
         ExploreSettings { robot: Robot::flying(-1.0), ..good },
