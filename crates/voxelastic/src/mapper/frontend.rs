@@ -3,7 +3,8 @@
 use crate::Cloud;
 use crate::integrate::ReturnsView;
 use crate::sensor::{
-    BeamModel, CloudLayout, LazyScan, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect, layout_for, preset,
+    BeamModel, CloudLayout, LazyScan, PatchWeights, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect,
+    layout_for, preset,
 };
 use crate::settings::Settings;
 use std::borrow::Cow;
@@ -113,11 +114,19 @@ impl FrontendScan<'_> {
         }
     }
 
-    /// Fits the planes if the map has a TSDF; occupancy does not use them.
-    pub fn fit_planes_for_map(&mut self) {
+    /// Fits the planes that the map needs: of returns with a weight other than 0, if it has a TSDF; occupancy does not use them.
+    pub(super) fn fit_planes_for_map(&mut self, weights: Option<&PatchWeights>) {
         if self.has_tsdf {
-            self.fit_planes();
+            self.scan.fit_planes_of(weights);
+            // Points may have been added.
+            self.add_intensities();
         }
+    }
+
+    /// Number of rows and columns of the image that the returns are in; `None` if not all are in one.
+    pub(super) fn image_size(&self) -> Option<(usize, usize)> {
+        let image = &self.scan.scan().image;
+        self.scan.has_image().then_some((image.rows, image.columns))
     }
 
     /// Intensity of each return, 1 to 255; empty when the scan has none.
@@ -145,31 +154,68 @@ impl FrontendScan<'_> {
 pub(super) struct KeptScan<'a> {
     model: &'a BeamModel,
     image: (&'a RangeImage, bool),
-    smallest_angle: f32,
+    returns: KeptReturns<'a>,
+    /// Those for the TSDF, if they are others.
+    surface: Option<KeptReturns<'a>>,
+    colours: Cow<'a, [[u8; 3]]>,
+}
+
+/// Some of the returns of a scan.
+struct KeptReturns<'a> {
     points: Cow<'a, [[f32; 3]]>,
     normals: Cow<'a, [[f32; 3]]>,
     intensities: Cow<'a, [u8]>,
+    weights: Vec<u8>,
     spacing: Cow<'a, [f32]>,
     origins: Cow<'a, [[f32; 3]]>,
-    colours: Cow<'a, [[u8; 3]]>,
     measured: usize,
+    smallest_angle: f32,
 }
 
 impl FrontendScan<'_> {
-    /// The scan without the returns of which `drops` is true; all of it if that is empty.
-    pub(super) fn without<'a>(&'a self, drops: &[bool]) -> KeptScan<'a> {
-        let Returns { points, normals, spacing, origins, measured, .. } = &self.scan().returns;
+    /// The scan without the returns of which `drops` is true, all of it if that is empty; surfaces take those with a weight other than 0.
+    pub(super) fn without<'a>(&'a self, drops: &[bool], weights: Option<&PatchWeights>) -> KeptScan<'a> {
         KeptScan {
             model: self.model(),
             image: self.scan().view_from_one_pose(self.fills_gaps),
-            smallest_angle: self.scan().returns.smallest_angle,
+            returns: self.kept(drops, Vec::new()),
+            surface: weights.map(|weights| {
+                let is_dropped = |i: usize| drops.get(i).is_some_and(|drops| *drops);
+                let of = |(i, &pixel): (usize, &u32)| if is_dropped(i) { 0 } else { weights.of(pixel as usize) };
+                let all: Vec<u8> = self.scan().returns.pixel.iter().enumerate().map(of).collect();
+                let drops: Vec<bool> = all.iter().map(|weight| *weight == 0).collect();
+                self.kept(&drops, all.into_iter().filter(|weight| *weight != 0).collect())
+            }),
+            colours: kept(self.colours, drops),
+        }
+    }
+
+    fn kept<'a>(&'a self, drops: &[bool], weights: Vec<u8>) -> KeptReturns<'a> {
+        let Returns { points, normals, spacing, origins, measured, smallest_angle, .. } = &self.scan().returns;
+        KeptReturns {
             points: kept(points, drops),
             normals: kept(normals, drops),
             intensities: kept(&self.intensities[..], drops),
+            weights,
             spacing: kept(spacing, drops),
             origins: kept(origins, drops),
-            colours: kept(self.colours, drops),
             measured: measured - drops.iter().take(*measured).filter(|drops| **drops).count(),
+            smallest_angle: *smallest_angle,
+        }
+    }
+}
+
+impl KeptReturns<'_> {
+    fn view(&self) -> ReturnsView<'_> {
+        ReturnsView {
+            points: &self.points,
+            normals: &self.normals,
+            intensities: &self.intensities,
+            weights: &self.weights,
+            spacing: &self.spacing,
+            measured: self.measured,
+            origins: &self.origins,
+            smallest_angle: self.smallest_angle,
         }
     }
 }
@@ -187,15 +233,12 @@ impl KeptScan<'_> {
 
     /// The returns.
     pub(super) fn returns(&self) -> ReturnsView<'_> {
-        ReturnsView {
-            points: &self.points,
-            normals: &self.normals,
-            intensities: &self.intensities,
-            spacing: &self.spacing,
-            measured: self.measured,
-            origins: &self.origins,
-            smallest_angle: self.smallest_angle,
-        }
+        self.returns.view()
+    }
+
+    /// Those for the TSDF, if they are others.
+    pub(super) fn surface(&self) -> Option<ReturnsView<'_>> {
+        self.surface.as_ref().map(KeptReturns::view)
     }
 
     /// Colour of each measured return, sRGB; empty when the scan has none.

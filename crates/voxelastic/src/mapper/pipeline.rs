@@ -298,17 +298,20 @@ impl Mapper {
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.
         let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
+        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
+        let clock = Instant::now();
+        let weights = self.atlas.submap(id).and_then(|submap| self.integrators.patch_weights(submap, &t_submap_lidar, prepared, &self.settings));
+        let prepare = prepare + clock.elapsed();
         // Other submaps are compacted while the planes are fitted: the two are independent.
         let (planes, ()) = rayon::join(
             || {
                 let clock = Instant::now();
-                prepared.fit_planes_for_map();
+                prepared.fit_planes_for_map(weights.as_ref());
                 clock.elapsed()
             },
             || self.atlas.compact_others(id),
         );
         let prepare = prepare + planes;
-        let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
         let clock = Instant::now();
         let moves = self.find_moving(id, scan, &t_submap_lidar, prepared);
         let prepare = prepare + clock.elapsed();
@@ -318,7 +321,8 @@ impl Mapper {
         let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
         let redundancy = Redundancy { before, elsewhere };
         submap.add_scan_at(node, t_submap_lidar);
-        let (tsdf, occupancy) = self.integrators.integrate(submap, &t_submap_lidar, &prepared.without(&moves), &self.settings, &redundancy);
+        let (tsdf, occupancy) =
+            self.integrators.integrate(submap, &t_submap_lidar, &prepared.without(&moves, weights.as_ref()), &self.settings, &redundancy);
         let is_new_submap = assignment == Assignment::NewSubmap;
         self.counts.count(assignment);
         let moving = self.moving_points.len();

@@ -75,7 +75,6 @@ impl Rebuilder<'_> {
             let node = scan.node;
             let cloud = source.cloud(node).map_err(|source| RebuildError::Scan { submap: id, node, source })?;
             let t_submap_lidar = self.graph.pose(node).map_or(scan.t_submap_lidar, |pose| root.inv_mul(pose));
-            new.add_scan_at(node, t_submap_lidar);
             let frontend = match self.frontend {
                 Some(frontend) => frontend,
                 None => match Frontend::open(self.settings, self.sensor_model, &cloud) {
@@ -84,7 +83,9 @@ impl Rebuilder<'_> {
                 },
             };
             let mut prepared = frontend.prepare(&cloud);
-            prepared.fit_planes_for_map();
+            let weights = self.integrators.patch_weights(&new, &t_submap_lidar, &prepared, self.settings);
+            new.add_scan_at(node, t_submap_lidar);
+            prepared.fit_planes_for_map(weights.as_ref());
             if !prepared.scan().returns.is_empty() {
                 let mut moves = Vec::new();
                 if self.settings.dynamic == Dynamic::Remove {
@@ -92,7 +93,13 @@ impl Rebuilder<'_> {
                     moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
                     moving.remember(node, &t_submap_lidar, None, image, prepared.model());
                 }
-                self.integrators.integrate(&mut new, &t_submap_lidar, &prepared.without(&moves), self.settings, &Redundancy::default());
+                self.integrators.integrate(
+                    &mut new,
+                    &t_submap_lidar,
+                    &prepared.without(&moves, weights.as_ref()),
+                    self.settings,
+                    &Redundancy::default(),
+                );
                 scans += 1;
             }
         }

@@ -4,6 +4,7 @@
 mod bad_input;
 mod correction;
 mod fusion;
+mod known_surfaces;
 mod laps;
 mod moving;
 #[allow(dead_code)]

@@ -21,7 +21,7 @@ impl TsdfField {
             }
         }
         let changed = ids.into_iter().zip(changed).filter(|(_, changed)| *changed).map(|(id, _)| id).collect();
-        self.record_changes(changed);
+        self.record_changes(changed, 1);
         removed
     }
 

@@ -24,10 +24,10 @@ pub(crate) fn bundle(rays: &mut [Ray], limit: f32, width: f32) -> usize {
         if first.range > limit {
             continue;
         }
-        let mut bundle = first;
+        let (mut bundle, mut members) = (first, 1u8);
         let mut intensities = u32::from(first.intensity);
         let criterion = BundleCriterion::new(&first, width);
-        while let Some(next) = rays.get(from).filter(|next| bundle.count < MAX_COUNT && next.range <= limit && criterion.accepts(next)) {
+        while let Some(next) = rays.get(from).filter(|next| members < MAX_COUNT && next.range <= limit && criterion.accepts(next)) {
             for k in 0..3 {
                 bundle.point[k] += next.point[k];
                 bundle.direction[k] += next.direction[k];
@@ -35,14 +35,15 @@ pub(crate) fn bundle(rays: &mut [Ray], limit: f32, width: f32) -> usize {
             }
             bundle.range += next.range;
             intensities += u32::from(next.intensity);
-            bundle.count += 1;
+            members += 1;
             from += 1;
         }
-        if bundle.count > 1 {
-            let share = 1.0 / f32::from(bundle.count);
+        if members > 1 {
+            let share = 1.0 / f32::from(members);
             bundle.point = bundle.point.map(|c| c * share);
             bundle.range *= share;
-            bundle.intensity = (intensities / u32::from(bundle.count)) as u8;
+            bundle.intensity = (intensities / u32::from(members)) as u8;
+            bundle.count = first.count.saturating_mul(members);
             (bundle.direction, bundle.normal) = (unit(bundle.direction), unit(bundle.normal));
         }
         rays[kept] = bundle;
@@ -73,7 +74,7 @@ impl<'a> BundleCriterion<'a> {
         let Self { first, max_distance_squared, max_offset_squared } = *self;
         let offset = [0, 1, 2].map(|k| next.point[k] - first.point[k]);
         let is_near = (dot(offset, offset) < max_distance_squared) & (dot(offset, first.normal).powi(2) < max_offset_squared);
-        next.has_plane & (next.scale == first.scale) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
+        next.has_plane & (next.scale == first.scale) & (next.count == first.count) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
     }
 }
 
@@ -118,13 +119,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bundles_are_narrow_and_flat_and_contain_every_ray_once(rays in row(), width in 0f32..1.5, limit in 40f32..60.0) {
+        fn bundles_are_narrow_and_flat_and_contain_every_ray_once(rays in row(), weight in 1u8..9, width in 0f32..1.5, limit in 40f32..60.0) {
+            let rays: Vec<Ray> = rays.into_iter().map(|ray| Ray { count: weight, ..ray }).collect();
             let mut bundled = rays.clone();
             let kept = bundle(&mut bundled, limit, width);
             let near: Vec<&Ray> = rays.iter().filter(|ray| ray.range <= limit).collect();
             let mut remaining = &near[..];
             for bundle in &bundled[..kept] {
-                let (members, after) = remaining.split_at(bundle.count.into());
+                let (members, after) = remaining.split_at((bundle.count / weight).into());
                 remaining = after;
                 let first = members[0];
                 if members.len() == 1 {

@@ -84,6 +84,8 @@ pub(crate) struct TsdfRays {
     pub has_intensity: bool,
     /// Whether the rays have scales of their own, which decide on those of blocks; else the distance to the sensor does.
     pub has_spacing: bool,
+    /// Mean number of scans that take turns at its returns, rounded up.
+    pub sharing: usize,
 }
 
 impl TsdfIntegrator {
@@ -132,6 +134,7 @@ impl TsdfIntegrator {
             smallest_angle: returns.smallest_angle,
             has_intensity: !returns.intensities.is_empty(),
             has_spacing: !returns.spacing.is_empty(),
+            sharing: returns.weights.iter().map(|weight| usize::from(*weight)).sum::<usize>().div_ceil(returns.weights.len().max(1)).max(1),
         }
     }
 
@@ -166,7 +169,7 @@ impl TsdfIntegrator {
         let ids: Vec<u32> = self.runs.iter().map(|run| run.block).collect();
         self.update(field, &ids);
         changes.iter().for_each(|&id| field.release_coarser(id));
-        field.record_changes(ids);
+        field.record_changes(ids, scan.sharing);
         let updated = Instant::now();
 
         TsdfStats {

@@ -109,23 +109,24 @@ impl Moments {
     };
 }
 
-/// The row sums of one strip of columns, for both widths; narrow ones are computed when needed.
+/// The row sums of one strip of columns, for both widths; computed when needed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     wide: Vec<Moments>,
     narrow: Vec<Moments>,
+    has_wide: Vec<bool>,
     has_narrow: Vec<bool>,
 }
 
 impl Scratch {
-    /// Computes the row sums of the strip that starts at `first_column`.
-    pub(super) fn start(&mut self, grid: &Grid, rule: &WindowRule, first_column: usize) {
-        self.wide.resize(grid.rows, Moments::ZERO);
-        self.narrow.resize(grid.rows, Moments::ZERO);
-        self.has_narrow.clear();
-        self.has_narrow.resize(grid.rows, false);
-        for (row, sums) in self.wide.iter_mut().enumerate() {
-            sum_row(grid, rule, Width::Wide, (row, first_column), sums);
+    /// Begins a strip of an image with so many rows.
+    pub(super) fn start(&mut self, rows: usize) {
+        for sums in [&mut self.wide, &mut self.narrow] {
+            sums.resize(rows, Moments::ZERO);
+        }
+        for has in [&mut self.has_wide, &mut self.has_narrow] {
+            has.clear();
+            has.resize(rows, false);
         }
     }
 
@@ -137,15 +138,15 @@ impl Scratch {
         width: Width,
         (row, first_column): (usize, usize),
     ) -> ColumnSums<'a> {
-        if width == Width::Narrow {
-            let reach = MAX_REACH[1].div_ceil(2);
-            for near in row.saturating_sub(reach)..(row + reach + 1).min(grid.rows) {
-                if !std::mem::replace(&mut self.has_narrow[near], true) {
-                    sum_row(grid, rule, width, (near, first_column), &mut self.narrow[near]);
-                }
+        let (rows, has, reach) = match width {
+            Width::Wide => (&mut self.wide, &mut self.has_wide, MAX_REACH[1]),
+            Width::Narrow => (&mut self.narrow, &mut self.has_narrow, MAX_REACH[1].div_ceil(2)),
+        };
+        for near in row.saturating_sub(reach)..(row + reach + 1).min(grid.rows) {
+            if !std::mem::replace(&mut has[near], true) {
+                sum_row(grid, rule, width, (near, first_column), &mut rows[near]);
             }
         }
-        let rows = if width == Width::Wide { &self.wide } else { &self.narrow };
         ColumnSums { rows, grid, rule, width, row, first_column }
     }
 }
@@ -384,7 +385,7 @@ mod tests {
             let rule = WindowRule::new(&model, 0.2);
             let settings = NormalSettings::default();
             let mut scratch = Scratch::default();
-            scratch.start(&grid, &rule, first * STRIP);
+            scratch.start(grid.rows);
             for row in 0..grid.rows {
                 let mut planes = [PlaneRow::NONE; 2];
                 let windows = scratch.window(&grid, &rule, Width::Wide, (row, first * STRIP));

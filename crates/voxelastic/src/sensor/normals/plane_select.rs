@@ -3,6 +3,7 @@
 use super::covariance::{Width, WindowRule};
 use super::grid::Grid;
 use super::plane::{Plane, Planes};
+use crate::sensor::patch_weights::PatchWeights;
 use crate::sensor::range_image::RangeImage;
 use crate::sensor::returns::Returns;
 use crate::simd::larger;
@@ -12,8 +13,8 @@ use rayon::prelude::*;
 const CHUNK: usize = 4096;
 
 /// Gives every return the plane of its pixel, or, where that is rejected or does not contain the return, the best fitting plane of the pixels around: at an edge
-/// or a crease the windows of the neighbours on one side contain one surface only.
-pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, returns: &mut Returns) {
+/// or a crease the windows of the neighbours on one side contain one surface only. Returns of weight 0 get none.
+pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weights: Option<&PatchWeights>, returns: &mut Returns) {
     let PlaneSearch { planes, grid, .. } = *search;
     let count = returns.points.len();
     returns.normals.resize(count, [0.0; 3]);
@@ -25,6 +26,10 @@ pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, return
         let mut row = Row::of(pixels[first] as usize, grid.columns);
         for (i, (normal, roughness)) in normals.iter_mut().zip(roughness).enumerate() {
             let pixel = pixels[first + i] as usize;
+            if weights.is_some_and(|weights| weights.of(pixel) == 0) {
+                (*normal, *roughness) = ([0.0; 3], 0.0);
+                continue;
+            }
             if pixel >= row.end {
                 row = Row::of(pixel, grid.columns);
             }

@@ -30,13 +30,13 @@ const AHEAD: usize = 4;
 pub(crate) type BrickPages = Vec<PageVec<Brick>>;
 
 impl TsdfField {
-    /// Records that a scan has changed blocks `ids`, and compresses the blocks that none of the last scans changed.
-    pub(crate) fn record_changes(&mut self, ids: Vec<u32>) {
+    /// Records that a scan has changed blocks `ids`, and compresses the blocks that none of the last scans changed: more of them where `sharing` scans take turns.
+    pub(crate) fn record_changes(&mut self, ids: Vec<u32>, sharing: usize) {
         self.change_log.clock = self.change_log.clock.wrapping_add(1);
         let clock = self.change_log.clock;
         ids.iter().for_each(|&id| self.blocks[id].changed = clock);
         self.change_log.changes.push_back((clock, ids));
-        let (recent, mut budget) = if is_tight() { (RECENT_CHANGES_IF_TIGHT, usize::MAX) } else { (RECENT_CHANGES, MAX_BLOCKS_PER_SCAN) };
+        let (recent, mut budget) = if is_tight() { (RECENT_CHANGES_IF_TIGHT, usize::MAX) } else { (RECENT_CHANGES * sharing, MAX_BLOCKS_PER_SCAN) };
         while self.change_log.changes.len() > recent && budget > 0 {
             let Some((clock, mut ids)) = self.change_log.changes.pop_front() else { return };
             ids.retain(|&id| self.blocks[id].changed == clock);
