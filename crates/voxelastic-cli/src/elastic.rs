@@ -52,13 +52,18 @@ impl ElasticArgs {
     /// The stage between the source and the mapper; `is_raw` if the poses are estimated. `known` are the outcomes of its first searches for
     /// loop closures, if an earlier process has searched.
     pub fn corrector(self, is_raw: bool, known: Option<Searches>) -> Corrector {
+        self.corrector_with(is_raw, known, LoopSettings::default())
+    }
+
+    /// As [`corrector`](Self::corrector), with settings of the search for loop closures.
+    pub fn corrector_with(self, is_raw: bool, known: Option<Searches>, loops: LoopSettings) -> Corrector {
         let finds_loops = self.loops || is_raw && !self.no_loops;
         let optimiser = (self.optimize || finds_loops).then(|| LiveOptimiser::new(Options::default()));
         let mut corrector = Corrector::default();
         if let Some(optimiser) = optimiser {
             corrector = corrector.with_optimiser(if is_raw { optimiser.with_pieces() } else { optimiser });
         }
-        if finds_loops { corrector.with_finder(LoopFinder::new(LoopSettings::default()).with_searches(known.unwrap_or_default())) } else { corrector }
+        if finds_loops { corrector.with_finder(LoopFinder::new(loops).with_searches(known.unwrap_or_default())) } else { corrector }
     }
 
     /// Ends the run: completes fusions, rebuilds submaps if requested and not interrupted, and resolves conflicts between submaps. Returns

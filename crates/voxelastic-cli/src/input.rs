@@ -1,11 +1,13 @@
 //! The input of `voxelastic map`: scans with poses, or raw scans whose poses are estimated.
 
+mod positions;
 mod raw_input;
 
 use crate::data::{DataArgs, HoldOut};
 use crate::failure::{self, Failure};
 use crate::interrupt;
 use crate::odometry_log::OdometrySummary;
+pub use positions::Positions;
 use raw_input::RawEvents;
 pub use raw_input::{OdometryStage, RawInput, StageState};
 use serde::{Deserialize, Serialize};
@@ -125,20 +127,17 @@ impl Input {
     /// # Errors
     /// When the threads cannot be started.
     pub fn events_from(&self, threads: usize, state: InputState) -> anyhow::Result<Option<InputEvents>> {
-        let items = state.position.items_to_skip();
-        if items > 0 {
-            tracing::info!("reading the recording again up to where the run was");
-        }
-        let skip = |events: &mut dyn FnMut() -> bool| (0..items).all(|_| !interrupt::requested() && events());
+        let Some(position) = state.position else { return self.events(threads).map(Some) };
+        let items = items_to_skip(&position);
         let (events, is_there) = match self {
             Self::Registered(source) => {
-                let mut events = source.events_from(state.position);
-                let is_there = skip(&mut || events.next().is_some());
+                let mut events = source.events_from(position);
+                let is_there = skip(items, || events.next().is_some());
                 (InputEvents::Registered(Box::new(events)), is_there)
             }
             Self::Raw(raw) => {
-                let mut events = raw.events_from(threads, &state.position, state.stage)?;
-                let is_there = skip(&mut || events.skip_scan());
+                let mut events = raw.events_from(threads, &position, state.stage)?;
+                let is_there = skip(items, || events.skip_scan());
                 (InputEvents::Raw(Box::new(events)), is_there)
             }
         };
@@ -160,20 +159,36 @@ impl Input {
         }
     }
 
-    /// What came to the robot that recorded the data, in order: scans with poses and edges, or raw scans. Sets `broken` if a decoder panics.
-    pub fn incoming(&self, broken: Arc<AtomicBool>) -> Box<dyn Iterator<Item = Incoming> + Send> {
+    /// What came to the robot that recorded the data, in order: scans with poses and edges, or raw scans; after those up to a position, if an earlier process
+    /// has taken them. `positions` are told where it is. Sets `broken` if a decoder panics. None if the user interrupts the reading of what was taken.
+    pub fn incoming(&self, from: Option<ReadPosition>, positions: Positions, broken: Arc<AtomicBool>) -> Option<IncomingInputs> {
         let unusable = move |problem: anyhow::Error| {
             broken.fetch_or(failure::is_bug_of_decoder(&problem), Ordering::Relaxed);
             Incoming::Unusable(failure::one_line(&problem))
         };
+        let items = from.as_ref().map_or(0, items_to_skip);
         match self {
             Self::Registered(source) => {
-                Box::new(source.events().map(move |event| event.map_or_else(|problem| unusable(problem.into()), Incoming::Event)))
+                let mut events = from.map_or_else(|| source.events(), |from| source.events_from(from));
+                skip(items, || events.next().is_some()).then_some(())?;
+                Some(Box::new(std::iter::from_fn(move || {
+                    let event = events.next()?;
+                    positions.add(events.read_position());
+                    Some(event.map_or_else(|problem| unusable(problem.into()), Incoming::Event))
+                })))
             }
-            Self::Raw(raw) => Box::new(raw.raw_scans().map(move |scan| match scan.map(raw_input::raw_scan) {
-                Ok((scan, name)) => Incoming::RawScan(scan, name),
-                Err(problem) => unusable(problem.into()),
-            })),
+            Self::Raw(raw) => {
+                let mut scans = raw.raw_scans(from.as_ref());
+                skip(items, || scans.next().is_some()).then_some(())?;
+                Some(Box::new(std::iter::from_fn(move || {
+                    let scan = scans.next()?;
+                    positions.add(Some(scans.read_position()));
+                    Some(match scan.map(raw_input::raw_scan) {
+                        Ok((scan, name)) => Incoming::RawScan(scan, name),
+                        Err(problem) => unusable(problem.into()),
+                    })
+                })))
+            }
         }
     }
 
@@ -197,12 +212,30 @@ impl Input {
     }
 }
 
+/// What came to a robot, in order.
+pub type IncomingInputs = Box<dyn Iterator<Item = Incoming> + Send>;
+
 /// Where the reading of an [`Input`] is, between two scans.
 #[derive(Serialize, Deserialize)]
 pub struct InputState {
-    position: ReadPosition,
+    /// None where what came does not come again.
+    pub position: Option<ReadPosition>,
     /// Of the odometry, if there is one.
-    stage: Option<StageState>,
+    pub stage: Option<StageState>,
+}
+
+/// Items of a recording to be read again. Says so, if there are some.
+fn items_to_skip(position: &ReadPosition) -> usize {
+    let items = position.items_to_skip();
+    if items > 0 {
+        tracing::info!("reading the recording again up to where the run was");
+    }
+    items
+}
+
+/// Skips so many items; whether there were so many, and no interrupt came.
+fn skip(items: usize, mut next: impl FnMut() -> bool) -> bool {
+    (0..items).all(|_| !interrupt::requested() && next())
 }
 
 /// Iterator over the events of an [`Input`].
@@ -225,8 +258,8 @@ impl InputEvents {
     /// Where it is; none between the events of one scan.
     pub fn state(&self) -> Option<InputState> {
         match self {
-            Self::Registered(events) => Some(InputState { position: events.read_position()?, stage: None }),
-            Self::Raw(events) => events.state().map(|(position, stage)| InputState { position, stage: Some(stage) }),
+            Self::Registered(events) => Some(InputState { position: Some(events.read_position()?), stage: None }),
+            Self::Raw(events) => events.state().map(|(position, stage)| InputState { position: Some(position), stage: Some(stage) }),
         }
     }
 

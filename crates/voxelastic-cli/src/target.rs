@@ -123,6 +123,7 @@ impl Target {
         if !Checkpoints::is_there(self.writer()?) {
             return Ok(());
         }
+        self.checkpoints = None;
         let aside = free_name(&self.path, "unfinished");
         Checkpoints::move_to(self.writer()?, &aside).context("cannot set the run aside that did not end")?;
         tracing::warn!("{} has a run that did not end: what it had mapped is the map {} now", self.path.display(), aside.display());

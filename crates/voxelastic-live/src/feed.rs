@@ -35,11 +35,23 @@ pub struct FeedCounts {
     pub waiting: usize,
 }
 
+/// When an input came, and after what.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Arrival {
+    /// When it came.
+    pub at: Instant,
+    /// Inputs that the transport had given out with it, those left out among them.
+    pub number: u64,
+    /// Scans left out so far. If the input is a scan, these came before it.
+    pub left_out: usize,
+}
+
 /// What [`Feed::next`] returns.
 #[derive(Debug)]
 pub enum Next {
     /// An input, and when it came.
-    Incoming(Box<Incoming>, Instant),
+    Incoming(Box<Incoming>, Arrival),
     /// Nothing came in the time given.
     Nothing,
     /// The transport has ended, and nothing waits.
@@ -62,7 +74,10 @@ struct Shared {
 
 #[derive(Debug, Default)]
 struct Queue {
-    waiting: VecDeque<(Box<Incoming>, Instant)>,
+    /// Each with when it came and its number.
+    waiting: VecDeque<(Box<Incoming>, Instant, u64)>,
+    /// Inputs that came.
+    came: u64,
     counts: FeedCounts,
     stopped: bool,
     ended: bool,
@@ -85,10 +100,10 @@ impl Feed {
         let until = Instant::now() + patience;
         let mut queue = self.shared.lock();
         loop {
-            if let Some((input, at)) = queue.waiting.pop_front() {
+            if let Some((input, at, number)) = queue.waiting.pop_front() {
                 queue.counts.waiting -= usize::from(input.time().is_some());
                 self.shared.taken.notify_all();
-                return Next::Incoming(input, at);
+                return Next::Incoming(input, Arrival { at, number, left_out: queue.counts.left_out });
             }
             if queue.ended {
                 return Next::End;
@@ -164,14 +179,16 @@ impl Shared {
             queue.counts.scans += 1;
             if queue.counts.waiting >= WAITING_SCANS {
                 // There are few scans, but edges may be between them.
-                let oldest = queue.waiting.iter().position(|(input, _)| input.time().is_some());
+                let oldest = queue.waiting.iter().position(|(input, ..)| input.time().is_some());
                 oldest.and_then(|oldest| queue.waiting.remove(oldest));
                 queue.counts.left_out += 1;
             } else {
                 queue.counts.waiting += 1;
             }
         }
-        queue.waiting.push_back((Box::new(input), at));
+        queue.came += 1;
+        let number = queue.came;
+        queue.waiting.push_back((Box::new(input), at, number));
         self.came.notify_one();
         true
     }
@@ -201,8 +218,12 @@ mod tests {
         let (mut scans, mut edges) = (Vec::new(), Vec::new());
         loop {
             match feed.next(Duration::from_secs(10)) {
-                Next::Incoming(incoming, _) => match *incoming {
-                    Incoming::Event(Event::Scan(scan)) => scans.push(scan.node),
+                Next::Incoming(incoming, arrival) => match *incoming {
+                    Incoming::Event(Event::Scan(scan)) => {
+                        assert_eq!(arrival.number, 2 * scan.node + 1);
+                        assert_eq!(arrival.left_out, scan.node as usize - scans.len(), "those left out are older");
+                        scans.push(scan.node);
+                    }
                     Incoming::Event(Event::OdometryEdge(edge)) => edges.push(edge.from),
                     other => panic!("{other:?}"),
                 },

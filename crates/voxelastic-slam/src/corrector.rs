@@ -79,6 +79,16 @@ impl Corrector {
         self.finder.as_ref().map(LoopFinder::searches)
     }
 
+    /// What is used of the points of the last scan to find closures, lidar frame, metres: one that takes a scan of these points alone does the same.
+    pub fn last_points(&self) -> Option<&[[f32; 3]]> {
+        self.finder.as_ref().and_then(LoopFinder::last_points)
+    }
+
+    /// The edge of the voxels in which closures are looked for, metres, once a scan has come.
+    pub fn voxel_size(&self) -> Option<f64> {
+        self.finder.as_ref().and_then(LoopFinder::voxel_size)
+    }
+
     /// Whether it passes on what comes, and nothing else.
     pub fn is_idle(&self) -> bool {
         self.finder.is_none() && self.optimiser.is_none()

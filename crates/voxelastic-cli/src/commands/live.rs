@@ -1,12 +1,17 @@
 //! `voxelastic live`: maps scans as they come.
 
+mod beginning;
 mod network;
 mod node;
 mod offers;
 mod ouster_address;
+mod place;
 pub mod rate;
+mod returning;
 mod service;
 mod source;
+#[cfg(test)]
+mod tests;
 
 use crate::closure_summary::ClosureSummary;
 use crate::config::SettingFlags;
@@ -15,10 +20,11 @@ use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
 use crate::mapping::{Session, TimeSummary};
 use crate::odometry_log::OdometrySummary;
-use crate::resume::{CheckpointEvery, CheckpointSummary, Identity, Keeper};
+use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
 use crate::target::{self, Target, TargetArgs};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
 use crate::{interrupt, meshing, output, usage};
+use beginning::Begun;
 use clap::{Args, FromArgMatches};
 use network::{Network, NetworkArgs};
 use node::{Node, OnNetwork, Requests, Tally};
@@ -35,6 +41,7 @@ use std::sync::mpsc::channel;
 use std::time::Instant;
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::BeamModel;
+use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::store::SaveReport;
 use voxelastic_live::feed::{Feed, FeedCounts};
@@ -51,7 +58,9 @@ use voxelastic_slam::Corrector;
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
 /// Ctrl-C or a termination request ends the input; what has come is mapped and the map is saved. While it maps, it keeps what it has in the folder
-/// `unfinished` of the map, a map itself, in case the process is killed; the next run sets that aside under another name.
+/// `unfinished` of the map, a map itself, when no scan waits: the same command goes on after the process was killed or the power failed. A recording goes on from
+/// where it was. Scans of a robot, which may have moved meanwhile, are found in the map first, by their poses or by the places that they show; if twenty
+/// are not, a new map begins, and that of before is set aside under another name.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic live --from drive.mcap                     as it was recorded, with the poses in it; writes drive.mcap.vox
@@ -89,10 +98,8 @@ pub struct LiveArgs {
     slam: bool,
     #[command(flatten)]
     target: TargetArgs,
-    /// When to keep what is mapped so far, in case the process is killed: auto (when no scan waits, and so that it takes at most a fiftieth of the
-    /// time), off, a number of scans, or seconds (30s)
-    #[arg(long, value_name = "auto|off|N|SECONDSs", default_value = "auto")]
-    checkpoints: CheckpointEvery,
+    #[command(flatten)]
+    resume: ResumeArgs,
     /// Print statistics as one JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -113,7 +120,9 @@ struct Summary {
     output: PathBuf,
     /// Scans integrated.
     scans: usize,
-    /// Scans that came.
+    /// Of these, scans that an earlier process had mapped, with whose run this one has gone on.
+    scans_resumed: usize,
+    /// Scans that came, with those that came to an earlier process.
     scans_came: usize,
     /// Scans that were left out, because newer ones came before they could be mapped.
     scans_left_out: usize,
@@ -168,6 +177,9 @@ struct Summary {
 /// What came of a run, beside the session.
 struct Run {
     tally: Tally,
+    /// Scans that an earlier process had mapped, and that came to it and were left out there.
+    resumed: usize,
+    before: [usize; 2],
     counts: FeedCounts,
     late_ms: f64,
     messages_lost: usize,
@@ -183,7 +195,7 @@ pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage("submaps cannot be rebuilt: the scans of a robot are not kept".to_owned(), remedy).into());
     }
     let output = target::path(args.output.as_deref(), args.name())?;
-    play(args, Some(&output), quiet)
+    play(args, Some(&output), quiet, |network, recording, threads| args.source(network, recording, threads))
 }
 
 /// Maps `data` with the usual settings, for the viewer at `address` only.
@@ -192,7 +204,7 @@ pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: Detai
     let mut args = LiveArgs::from_arg_matches(&command.try_get_matches_from(["live".as_ref(), "--from".as_ref(), data.as_os_str()])?)?;
     args.rate = rate.unwrap_or(args.rate);
     (args.view, args.detail) = (Some(address), detail);
-    play(&args, None, quiet)
+    play(&args, None, quiet, |network, recording, threads| args.source(network, recording, threads))
 }
 
 impl LiveArgs {
@@ -211,6 +223,19 @@ impl LiveArgs {
         Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
     }
 
+    /// What decides about the bits of the map; for the topics of a robot, what must not change.
+    fn identity(&self, settings: &Settings, source: &Source) -> Identity {
+        let path = self.from.as_deref().unwrap_or(Path::new(if self.ouster.is_some() { "ouster" } else { "topics" }));
+        let data = source.recorded().map_or_else(|| path.display().to_string(), |input| format!("{:016x}", input.fingerprint()));
+        Identity::new(settings)
+            .with("command", "live")
+            .with("data", data)
+            .with("reading", DataArgs::at(path, &self.reading).identity())
+            .with("poses by odometry", source.odometry.is_some())
+            .with("corrections", self.elastic.identity())
+            .with("poses in the frame of a network", self.network.ros2.is_some() || self.network.foxglove.is_some())
+    }
+
     /// Where scans come from; none if an interrupt came before they did.
     fn source(&self, network: Option<&mut Network>, recording: Option<&InputRecording>, threads: usize) -> anyhow::Result<Option<Source>> {
         match (&self.from, &self.ouster, network) {
@@ -222,8 +247,13 @@ impl LiveArgs {
     }
 }
 
-/// Maps what comes, and saves the map if there is an `output`.
-fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u8> {
+/// Maps what comes from the source that `open` opens, and saves the map if there is an `output`.
+fn play(
+    args: &LiveArgs,
+    output: Option<&Path>,
+    quiet: bool,
+    open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
+) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let settings = args.settings.resolve()?;
     let pool = meshing::pool(settings.threads)?;
@@ -237,31 +267,47 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     let mut network = Network::join(&args.network, &settings)?;
     let nothing = |what: &str| Failure::new(format!("{}: {what}; no map was written", args.name().display()), "");
     let recording = args.network.record.as_deref().map(InputRecording::begin).transpose()?;
-    let Some(source) = args.source(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
+    let Some(source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
         return Err(nothing("interrupted before the topics were there").into());
     };
     let mut target = output.map(|output| Target::create(output, args.target)).transpose()?;
-    target.as_mut().map_or(Ok(()), Target::set_unfinished_aside)?;
-    let mut keeper = Keeper::of_maps(args.checkpoints, Identity::new(&settings).with("command", "live"));
-    let (is_raw, sensor) = (source.odometry.is_some(), source.sensor.clone());
-    let mut session = Session::new(new_mapper(sensor.clone())?, pool);
+    let identity = args.identity(&settings, &source);
+    let found = target.as_mut().map(|target| args.resume.find_or_set_aside(target, &identity)).transpose()?.flatten();
+    let is_recorded = source.recorded().is_some();
+    let mut unfinished = found.map(|found| if is_recorded { found } else { found.for_other_scans() });
+    let (is_raw, sensor, frames) = (source.odometry.is_some(), source.sensor.clone(), source.frames.clone());
+    let Some((transport, odometry, source)) = source.start(unfinished.as_mut().and_then(|found| found.input.take())) else {
+        return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
+    };
+    let resumed = unfinished.as_ref().map_or(0, Unfinished::scans);
+    let begun = Begun::new(args.elastic, unfinished, &source, is_raw, (new_mapper(sensor.clone())?, sensor.clone()), pool)?;
+    let Begun { mut session, corrector, jumps, skipped, place } = begun;
+    let before = place.before;
+    let mut keeper = Keeper::new(args.resume.checkpoints(), identity, &corrector, is_raw, session.scans());
+    if !is_recorded {
+        keeper = keeper.of_passing_scans(&corrector);
+    }
     let (sender, pending) = channel();
     let desk = Desk::new(sender);
     let watch = match args.view {
         Some(address) => Some(Watch::start(args.name(), address, args.detail, args.control(&desk)?)?),
         None => None,
     };
-    let frames = source.frames.clone();
     let offers = Offers::announce(&args.network, network.as_mut(), &desk)?;
     let on_network = offers.map(|offers| OnNetwork { node: args.network.node.clone(), offers, frames });
-    let (transport, odometry, source) = source.start();
     let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
     let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw, None))) };
     let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, keeper: &mut keeper, renew: &renew };
-    let node = Node::new(args.elastic.corrector(is_raw, None), odometry, watch, on_network);
+    let mut node = Node::new(corrector, odometry, watch, on_network).at(place, jumps, skipped);
+    if resumed > 0 {
+        node.show_before(&session);
+    }
     let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
     tally.skipped += source.without_pose();
+    if tally.homeless > 0 {
+        tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.homeless);
+    }
     let played_s = clock.elapsed().as_secs_f64();
     if session.scans() == 0 {
         let what = if interrupt::requested() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" };
@@ -269,13 +315,25 @@ fn play(args: &LiveArgs, output: Option<&Path>, quiet: bool) -> anyhow::Result<u
     }
     args.elastic.finish(source.clouds(), &mut session, quiet);
     let late_ms = source.late().as_secs_f64() * 1e3;
-    let run = Run { tally, counts: feed.counts(), late_ms, messages_lost: source.lost(), checkpoints: keeper.summary(), played_s, start: clock };
+    let run = Run {
+        tally,
+        resumed,
+        before,
+        counts: feed.counts(),
+        late_ms,
+        messages_lost: source.lost(),
+        checkpoints: keeper.summary(),
+        played_s,
+        start: clock,
+    };
     if let Some(target) = &mut target {
         save(target, &session, &run, args.json)?;
-        target.discard_checkpoints();
     }
     // Nothing but an interrupt ends a robot's topics.
     let ended = run.tally.interrupted && args.from.is_some();
+    if let Some(target) = target.as_mut().filter(|_| !ended) {
+        target.discard_checkpoints();
+    }
     if let Some(mut watch) = watch.filter(|_| !run.tally.interrupted) {
         watch.publisher.note(session.mapper(), None);
         let figures = node::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
@@ -310,8 +368,9 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
     Summary {
         output: output.to_owned(),
         scans: session.scans(),
-        scans_came: run.counts.scans,
-        scans_left_out: run.counts.left_out,
+        scans_resumed: run.resumed,
+        scans_came: run.before[0] + run.counts.scans,
+        scans_left_out: run.before[1] + run.counts.left_out,
         scans_skipped: run.tally.skipped,
         interrupted: run.tally.interrupted,
         submaps: atlas.submaps().len(),
@@ -341,8 +400,9 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
 /// Logs the results in a few lines.
 fn log_summary(s: &Summary) {
     let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
+    let resumed = if s.scans_resumed > 0 { format!(", {} of them by an earlier process,", s.scans_resumed) } else { String::new() };
     tracing::info!(
-        "{} of {} scans mapped{skipped} in {:.1} s; {} submaps, {:.0} MB in memory",
+        "{} of {} scans mapped{skipped}{resumed} in {:.1} s; {} submaps, {:.0} MB in memory",
         s.scans,
         s.scans_came,
         s.played_s,

@@ -75,7 +75,7 @@ impl RawInput {
     pub(super) fn events_from(&self, threads: usize, position: &ReadPosition, state: Option<StageState>) -> anyhow::Result<RawEvents> {
         let mut stage = self.stage(threads)?;
         if let Some(state) = state {
-            stage.resume(self.settings.clone(), state);
+            stage.resume(state);
         }
         Ok(RawEvents { scans: self.scans.iter_from(position), stage, ready: VecDeque::new() })
     }
@@ -88,9 +88,9 @@ impl RawInput {
         self.motions.lock().unwrap_or_else(PoisonError::into_inner).extend(motions);
     }
 
-    /// The raw scans.
-    pub(super) fn raw_scans(&self) -> TimedScans {
-        self.scans.iter()
+    /// The raw scans, or those from a position on.
+    pub(super) fn raw_scans(&self, from: Option<&ReadPosition>) -> TimedScans {
+        from.map_or_else(|| self.scans.iter(), |from| self.scans.iter_from(from))
     }
 
     /// The stage that registers raw scans in order.
@@ -107,6 +107,7 @@ impl RawInput {
 /// Registers raw scans, in a thread pool of its own.
 pub struct OdometryStage {
     slam: Slam,
+    settings: OdometrySettings,
     pool: rayon::ThreadPool,
     clock: PoolClock,
     keyframes: KeyframeFilter,
@@ -135,7 +136,8 @@ impl OdometryStage {
         let pool = meshing::pool(threads)?;
         let clock = PoolClock::new(&pool);
         Ok(Self {
-            slam: Slam::new(settings),
+            slam: Slam::new(settings.clone()),
+            settings,
             pool,
             clock,
             keyframes: KeyframeFilter::new(keyframing),
@@ -169,13 +171,18 @@ impl OdometryStage {
         }
     }
 
-    /// Goes on with what the stage of another process knew.
-    fn resume(&mut self, settings: OdometrySettings, state: StageState) {
-        self.slam = Slam::resume(settings, state.slam);
+    /// Goes on with what the stage of another process knew, and the scans after those that it has seen.
+    pub fn resume(&mut self, state: StageState) {
+        self.slam = Slam::resume(self.settings.clone(), state.slam);
         if let Some((_, count)) = &self.hold_out {
             count.store(state.held_out, Ordering::Relaxed);
         }
         (self.keyframes, self.selected, self.left, self.log) = (state.keyframes, state.selected, state.left, state.log);
+    }
+
+    /// Goes on with the figures of another process, from scans of another time.
+    pub fn resume_log(&mut self, state: StageState) {
+        self.log = state.log;
     }
 
     /// The figures so far.

@@ -27,6 +27,8 @@ pub struct Keeper {
     /// What came since the last checkpoint, for the journal.
     records: Option<Vec<Vec<u8>>>,
     with_motions: bool,
+    /// Whether the points by which loop closures are found are kept, as scans do not come again.
+    with_points: bool,
     /// When the last checkpoint was complete, how long it took (zero before the first), and how many scans it had.
     last: (Instant, Duration, usize),
     /// Until when none is tried, as the disk has refused one.
@@ -54,6 +56,8 @@ pub struct Stages<'a> {
     pub jumps: &'a Jumps,
     /// Scans that could not be used.
     pub skipped: usize,
+    /// Scans that came, and those that were left out, while they came.
+    pub came: [usize; 2],
 }
 
 impl Keeper {
@@ -62,24 +66,39 @@ impl Keeper {
     pub fn new(every: CheckpointEvery, identity: Identity, corrector: &Corrector, is_raw: bool, scans: usize) -> Self {
         let records = (every != CheckpointEvery::Off && (is_raw || !corrector.is_idle())).then(Vec::new);
         let last = (Instant::now(), Duration::ZERO, scans);
-        Self { every, identity, records, with_motions: is_raw, last, paused: None, count: 0, took: Duration::ZERO }
+        Self { every, identity, records, with_motions: is_raw, with_points: false, last, paused: None, count: 0, took: Duration::ZERO }
     }
 
-    /// Of a run whose input does not come again: its checkpoints are maps, and no run goes on with them.
-    pub fn of_maps(every: CheckpointEvery, identity: Identity) -> Self {
-        Self::new(every, identity, &Corrector::default(), false, 0)
+    /// Of a run whose input does not come again.
+    #[must_use]
+    pub fn of_passing_scans(self, corrector: &Corrector) -> Self {
+        let records = self.records.filter(|_| !corrector.is_idle());
+        Self { records, with_motions: false, with_points: true, ..self }
     }
 
     /// Begins again, with a new map.
     pub fn restart(&mut self) {
         (self.last, self.paused) = ((Instant::now(), Duration::ZERO, 0), None);
+        self.records.iter_mut().for_each(Vec::clear);
     }
 
-    /// Notes an event of the input, before anything is done with it.
+    /// Notes an event of the input.
     pub fn note(&mut self, event: &Event) {
-        if let Some(records) = &mut self.records {
-            records.extend(Record::of(event, self.with_motions).and_then(|record| record.bytes().ok()));
-        }
+        let record = self.record_of(event);
+        self.add(record, None);
+    }
+
+    /// What the journal is to have of an event of the input; none where it is not needed.
+    pub fn record_of(&self, event: &Event) -> Option<Record> {
+        self.records.as_ref().and_then(|_| Record::of(event, self.with_motions))
+    }
+
+    /// Adds to the journal, of a scan that comes only once with what the search for loop closures of `corrector`, which has taken it, uses of its points.
+    pub fn add(&mut self, record: Option<Record>, corrector: Option<&Corrector>) {
+        let (Some(record), Some(records)) = (record, &mut self.records) else { return };
+        let points = corrector.filter(|_| self.with_points && record.node().is_some()).and_then(Corrector::last_points);
+        let record = points.into_iter().fold(record, Record::with_points);
+        records.extend(record.bytes().ok());
     }
 
     /// Writes a checkpoint if one is due. One that cannot be written does not end the run.
@@ -89,11 +108,11 @@ impl Keeper {
         }
     }
 
-    /// Writes the map alone if that is due. By default it is due when no scan waits, as those that come meanwhile may be left out.
-    pub fn keep_map(&mut self, target: &mut Target, session: &Session, scans_wait: bool) {
+    /// Writes a checkpoint if one is due. By default it is due when no scan waits, as those that come meanwhile may be left out.
+    pub fn keep_between_scans(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>, scans_wait: bool) {
         let waits = scans_wait && self.every == CheckpointEvery::Auto && self.last.0.elapsed() < LONGEST_WAIT;
-        if !waits && self.is_due(session) {
-            self.write(target, session, || Ok(Some(Vec::new())));
+        if !waits {
+            self.keep(target, session, stages);
         }
     }
 
@@ -150,9 +169,11 @@ fn state(session: &Session, stages: &Stages<'_>) -> anyhow::Result<Option<Vec<u8
         input,
         jumps: stages.jumps.clone(),
         skipped: stages.skipped,
+        came: stages.came,
         log: session.log().to_json()?,
         origin: session.origin().coordinates(),
         searches: stages.corrector.searches(),
+        loop_voxel_m: stages.corrector.voxel_size(),
         mapper,
     };
     postcard::to_stdvec(&state).context("the state of the run cannot be stored").map(Some)

@@ -1,14 +1,14 @@
-//! What a journal holds of an event: all but the points, which are in the input.
+//! What a journal holds of an event: all but the points, if they can be read again.
 
 use serde::{Deserialize, Serialize};
 use voxelastic::event::{Edge, Event, NodeId, Scan, Vertical};
 use voxelastic::geometry::stored::StoredPose;
 use voxelastic::{Cloud, Motion};
 
-/// An event without points.
+/// An event without points, or with those that the search for loop closures uses, if the input does not come again.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) enum Record {
-    Scan { node: NodeId, time: f64, t_map_lidar: StoredPose, motion: Option<Motion> },
+pub enum Record {
+    Scan { node: NodeId, time: f64, t_map_lidar: StoredPose, motion: Option<Motion>, points: Option<Vec<[f32; 3]>> },
     OdometryEdge(Edge),
     LoopEdge(Edge),
     PoseUpdate(Vec<(NodeId, StoredPose)>),
@@ -21,7 +21,7 @@ impl Record {
         Some(match event {
             Event::Scan(scan) => {
                 let motion = scan.cloud.motion.clone().filter(|_| with_motion);
-                Self::Scan { node: scan.node, time: scan.time, t_map_lidar: StoredPose(scan.t_map_lidar), motion }
+                Self::Scan { node: scan.node, time: scan.time, t_map_lidar: StoredPose(scan.t_map_lidar), motion, points: None }
             }
             Event::OdometryEdge(edge) => Self::OdometryEdge(edge.clone()),
             Event::LoopEdge(edge) => Self::LoopEdge(edge.clone()),
@@ -40,6 +40,19 @@ impl Record {
             Self::PoseUpdate(poses) => Event::PoseUpdate(poses.into_iter().map(|(node, StoredPose(pose))| (node, pose)).collect()),
             Self::Vertical(vertical) => Event::Vertical(vertical),
         }
+    }
+
+    /// The scan with these points.
+    pub(super) fn with_points(mut self, kept: &[[f32; 3]]) -> Self {
+        if let Self::Scan { points, .. } = &mut self {
+            *points = Some(kept.to_vec());
+        }
+        self
+    }
+
+    /// The points of a scan, once, if they are kept.
+    pub(super) fn take_points(&mut self) -> Option<Cloud> {
+        if let Self::Scan { points, .. } = self { points.take().map(Cloud::from_points) } else { None }
     }
 
     /// The node of a scan.

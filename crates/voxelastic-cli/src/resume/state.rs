@@ -12,9 +12,13 @@ pub(super) struct RunState {
     pub(super) input: InputState,
     pub(super) jumps: Jumps,
     pub(super) skipped: usize,
+    /// Scans that came, and those that were left out, while they came.
+    pub(super) came: [usize; 2],
     /// The log of the run, as JSON.
     pub(super) log: String,
     pub(super) origin: [f64; 3],
     pub(super) searches: Option<Searches>,
+    /// The edge of the voxels in which loop closures are looked for.
+    pub(super) loop_voxel_m: Option<f64>,
     pub(super) mapper: MapperState,
 }

@@ -95,24 +95,79 @@ fn killed_live(dir: &Path) {
     child.wait().unwrap();
 }
 
+/// What `live` says at its end, as JSON, and its log.
+fn lived(dir: &Path, arguments: &str) -> (serde_json::Value, String) {
+    let done = run(dir, &format!("live --from room {arguments} --json"));
+    assert_eq!(done.code, Some(0), "{}", done.err);
+    (serde_json::from_str(&done.out).unwrap(), done.err)
+}
+
+#[cfg(unix)]
 #[test]
-fn what_a_killed_process_has_mapped_is_a_map() {
+fn a_killed_process_is_gone_on_with() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 12);
+    works(dir.path(), &format!("map room -o offline.vox {QUICK}"));
+    // At the same speed, at another one, and as fast as possible.
+    for rate in ["0.5", "20", "max"] {
+        killed_live(dir.path());
+        let scans = json(dir.path(), "info room.vox/unfinished --check --json")["scans"].as_u64().unwrap();
+        fails(dir.path(), &format!("map room {QUICK} --resume"), 1, &["another run", "command was live"]);
+        let (live, log) = lived(dir.path(), &format!("--rate {rate} {QUICK}"));
+        assert!(scans >= 1 && log.contains(&format!("{scans} scans are mapped")), "{log}");
+        assert_eq!([&live["scans"], &live["scans_came"], &live["scans_left_out"]], [12, 12, 0], "{live}");
+        assert_eq!(live["scans_resumed"], scans, "{live}");
+        // But for the memory of fields, which has depended on their growth.
+        let [offline, resumed] = ["offline.vox", "room.vox"].map(|map| crate::resume::content(&dir.path().join(map)));
+        assert!(offline == resumed, "the files of the two maps differ");
+        assert!(!dir.path().join("room.vox/unfinished").exists());
+        std::fs::remove_dir_all(dir.path().join("room.vox")).unwrap();
+    }
+}
+
+#[test]
+fn a_killed_process_that_is_not_gone_on_with_leaves_a_map() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 12);
     for aside in ["room-unfinished.vox", "room-unfinished-2.vox"] {
         killed_live(dir.path());
-        let scans = json(dir.path(), "info room.vox/unfinished --check --json")["scans"].as_u64();
-        assert!(scans >= Some(1), "{scans:?}");
-        fails(dir.path(), &format!("map room {QUICK} --resume"), 1, &["another run", "command was live"]);
-        let done = run(dir.path(), &format!("live --from room --rate max {QUICK} --checkpoints 3 --json"));
-        assert!(done.code == Some(0) && done.err.contains(&format!("the map {aside}")), "{}", done.err);
-        let live: serde_json::Value = serde_json::from_str(&done.out).unwrap();
-        assert_eq!((&live["scans"], &live["checkpoints"]["count"]), (&12.into(), &4.into()), "{live}");
+        let scans = json(dir.path(), "info room.vox/unfinished --json")["scans"].as_u64();
+        fails(dir.path(), "live --from room --voxel-size 0.2 --resume", 1, &["voxel_size was 0.1 and is 0.2"]);
+        let (live, log) = lived(dir.path(), "--rate max --voxel-size 0.2 --max-range 12 --checkpoints 3");
+        assert!(log.contains(&format!("the map {aside}")), "{log}");
+        assert_eq!([&live["scans"], &live["scans_resumed"], &live["checkpoints"]["count"]], [12, 0, 4], "{live}");
         assert_eq!(json(dir.path(), &format!("info {aside} --check --json"))["scans"].as_u64(), scans);
-        works(dir.path(), &format!("map room -o offline.vox --overwrite {QUICK}"));
-        assert_same(dir.path(), "offline.vox", "room.vox");
         std::fs::remove_dir_all(dir.path().join("room.vox")).unwrap();
     }
+    // Nothing is left if that is asked for.
+    killed_live(dir.path());
+    assert_eq!(lived(dir.path(), &format!("--rate max {QUICK} --restart")).0["scans_resumed"], 0);
+    assert!(!dir.path().join("room-unfinished-3.vox").exists() && !dir.path().join("room.vox/unfinished").exists());
+    fails(dir.path(), &format!("live --from room {QUICK} --resume"), 1, &["no run that did not end"]);
+    fails(dir.path(), "live --from room --resume --restart", 2, &["--restart"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_was_ended_goes_on_too() {
+    use rustix::process::{Pid, Signal, kill_process};
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 12);
+    works(dir.path(), &format!("map room -o offline.vox {QUICK}"));
+    let arguments = format!("live --from room --rate 1 {QUICK} --checkpoints 1");
+    let mut child = voxelastic(dir.path()).args(arguments.split_whitespace()).stderr(std::process::Stdio::null()).spawn().unwrap();
+    while !dir.path().join("room.vox/unfinished/manifest.json").exists() {
+        assert!(child.try_wait().unwrap().is_none());
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    kill_process(Pid::from_child(&child), Signal::TERM).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let saved = json(dir.path(), "info room.vox --json")["scans"].as_u64();
+    let (live, _) = lived(dir.path(), &format!("--rate max {QUICK}"));
+    assert_eq!((live["scans_resumed"].as_u64(), live["scans"].as_u64()), (saved, Some(12)), "{live}");
+    // Of a submap whose fields are the same the file of the map that is there is kept, so poses in it may be those of before.
+    let of = |map: &str| json(dir.path(), &format!("info {map} --check --json"))["submaps"].clone();
+    assert_eq!(of("room.vox").as_array().unwrap().len(), of("offline.vox").as_array().unwrap().len());
 }
 
 #[test]

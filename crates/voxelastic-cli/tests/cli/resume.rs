@@ -20,7 +20,7 @@ impl Numbers {
 }
 
 /// The files of a map, without what depends on the process: times, and the size of fields in memory.
-fn content(map: &Path) -> BTreeMap<String, Vec<u8>> {
+pub fn content(map: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     for entry in fs::read_dir(map).unwrap() {
         let path = entry.unwrap().path();
@@ -66,10 +66,10 @@ fn map_with_kills(dir: &Path, arguments: &str, takes: Duration, numbers: &mut Nu
     kills
 }
 
-/// Maps as a whole and with kills, and compares.
+/// Maps as a whole and with kills (`map DATA`, or `live --from DATA --rate max`), and compares.
 fn compare(dir: &Path, arguments: &str, rounds: usize, numbers: &mut Numbers) -> usize {
     let clock = Instant::now();
-    works(dir, &format!("map {arguments} -o whole.vox"));
+    works(dir, &format!("{arguments} -o whole.vox"));
     let takes = clock.elapsed();
     let whole = content(&dir.join("whole.vox"));
     // A map over another one is not compared: a larger one is kept, and of a submap whose fields are the same, the file is.
@@ -77,13 +77,13 @@ fn compare(dir: &Path, arguments: &str, rounds: usize, numbers: &mut Numbers) ->
     let mut kills = 0;
     for round in 0..rounds {
         let map = dir.join("killed.vox");
-        kills += map_with_kills(dir, &format!("map {arguments} --checkpoints 2 -o killed.vox"), takes, numbers);
+        kills += map_with_kills(dir, &format!("{arguments} --checkpoints 2 -o killed.vox"), takes, numbers);
         let killed = content(&map);
         assert_eq!(whole.keys().collect::<Vec<_>>(), killed.keys().collect::<Vec<_>>(), "{arguments}, round {round}");
         assert!(whole == killed, "{arguments}, round {round}, after {kills} kills");
         fs::remove_dir_all(map).unwrap();
     }
-    println!("map {arguments}: {kills} kills in {rounds} rounds");
+    println!("{arguments}: {kills} kills in {rounds} rounds");
     kills
 }
 
@@ -109,7 +109,7 @@ fn a_map_after_kills_is_that_of_a_run_without() {
     simulated(dir.path());
     let mut numbers = Numbers(5);
     // With corrections as they were known at the time, then with poses by odometry that are optimised, then with closures from the scans.
-    let settings = "street --voxel-size 0.4 --max-range 20";
+    let settings = "map street --voxel-size 0.4 --max-range 20";
     let mut kills = compare(dir.path(), &format!("{settings} --field both"), 1, &mut numbers);
     kills += compare(dir.path(), &format!("{settings} --optimize --rebuild-deformed"), 1, &mut numbers);
     kills += compare(dir.path(), &format!("{settings} --loops"), 1, &mut numbers);
@@ -117,8 +117,26 @@ fn a_map_after_kills_is_that_of_a_run_without() {
     room::write(&dir.path().join("room"), 40);
     fs::remove_file(dir.path().join("room/poses.tum")).unwrap();
     fs::write(dir.path().join("room/scans/000007.pcd"), "no cloud").unwrap();
-    kills += compare(dir.path(), "room --voxel-size 0.05 --hold-out 9", 1, &mut numbers);
-    kills += compare(dir.path(), "room --voxel-size 0.05 --no-loops", 1, &mut numbers);
+    kills += compare(dir.path(), "map room --voxel-size 0.05 --hold-out 9", 1, &mut numbers);
+    kills += compare(dir.path(), "map room --voxel-size 0.05 --no-loops", 1, &mut numbers);
+    assert!(kills >= 4, "{kills} kills");
+}
+
+#[test]
+fn a_recording_that_is_played_goes_on_after_kills_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    simulated(dir);
+    let mut numbers = Numbers(9);
+    let settings = "--voxel-size 0.4 --max-range 20 --rate max";
+    let mut kills = compare(dir, &format!("live --from street {settings} --field both"), 1, &mut numbers);
+    kills += compare(dir, &format!("live --from street {settings} --loops"), 1, &mut numbers);
+    room::write(&dir.join("room"), 40);
+    fs::write(dir.join("room/scans/000007.pcd"), "no cloud").unwrap();
+    kills += compare(dir, "live --from room --rate max --voxel-size 0.05 --slam", 1, &mut numbers);
+    // Sweeps in one file, with an inertial unit.
+    works(dir, "simulate room -o walk --moving --rate 10 --imu 100 --columns 128 --carrier handheld --rest 1 --scans 30 --bag");
+    kills += compare(dir, "live --from walk/recording.mcap --rate max --voxel-size 0.1 --every scan --slam", 1, &mut numbers);
     assert!(kills >= 4, "{kills} kills");
 }
 
@@ -132,14 +150,21 @@ fn a_thousand_kills() {
     fs::remove_file(dir.join("room/poses.tum")).unwrap();
     let most: usize = std::env::var("VOXELASTIC_KILLS").ok().and_then(|n| n.parse().ok()).unwrap_or(1000);
     let mut numbers = Numbers(std::env::var("PROPTEST_RNG_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(7));
-    let settings = "street --voxel-size 0.3 --max-range 30";
+    let settings = "map street --voxel-size 0.3 --max-range 30";
     let mut maps = ["", "--field both", "--optimize", "--loops"].map(|flags| format!("{settings} {flags}")).to_vec();
     // Sweeps with an inertial unit, of which the motions are known to the run alone.
     works(dir, "simulate room -o walk --moving --rate 10 --imu 100 --columns 128 --carrier handheld --rest 1 --scans 80 --bag");
-    let without_poses = ["room --voxel-size 0.05", "room --voxel-size 0.05 --no-loops", "walk/recording.mcap --voxel-size 0.1 --every scan"];
+    let without_poses =
+        ["map room --voxel-size 0.05", "map room --voxel-size 0.05 --no-loops", "map walk/recording.mcap --voxel-size 0.1 --every scan"];
     maps.extend(without_poses.map(str::to_owned));
+    // The same, played.
+    let played: Vec<String> = maps.iter().map(|map| format!("{} --rate max", map.replacen("map ", "live --from ", 1))).collect();
+    maps.extend(played);
+    if let Ok(which) = std::env::var("VOXELASTIC_KILLED") {
+        maps.retain(|map| map.starts_with(&which));
+    }
     let (mut kills, mut tries) = (0, 0);
-    works(dir, &format!("map {settings} -o made.vox"));
+    works(dir, &format!("{settings} -o made.vox"));
     // Outputs are there wholly or not at all: that of before, or the new one.
     for (command, file) in [("mesh made.vox -o", "m.ply"), ("export made.vox -o", "m.las"), ("render made.vox -o", "m.png")] {
         let clock = Instant::now();

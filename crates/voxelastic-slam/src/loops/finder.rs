@@ -154,6 +154,17 @@ impl LoopFinder {
         found
     }
 
+    /// The points of the last scan, thinned and as from one pose, lidar frame, metres; none if it had no returns. A finder with the same
+    /// [voxel size](LoopSettings::voxel_size) that takes a scan of these points does what this one does.
+    pub fn last_points(&self) -> Option<&[[f32; 3]]> {
+        self.pending.as_ref().map(|pending| &pending.points[..])
+    }
+
+    /// The edge of the voxels that it uses, metres; none before the first scan.
+    pub fn voxel_size(&self) -> Option<f64> {
+        self.voxel
+    }
+
     /// All closures that were tried, in order.
     pub fn closures(&self) -> &[Closure] {
         &self.closures

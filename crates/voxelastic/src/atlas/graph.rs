@@ -149,6 +149,12 @@ impl PoseGraph {
         self.nodes.contains_key(&node)
     }
 
+    /// A number above those of all nodes, also of those that edges wait for.
+    pub fn next_node(&self) -> NodeId {
+        let waiting = self.waiting.values().flatten().flat_map(|(_, edge)| [edge.from, edge.to]);
+        self.nodes.keys().copied().chain(waiting).max().map_or(0, |last| last.saturating_add(1))
+    }
+
     /// Current pose of the lidar at `node` in the map frame.
     pub fn pose(&self, node: NodeId) -> Option<&Pose> {
         self.nodes.get(&node).map(|n| &n.t_map_lidar)
@@ -383,6 +389,7 @@ mod tests {
         let mut graph = PoseGraph::new(AGREEMENT);
         assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(0, 1, 2.0)), Ok(EdgeOutcome::Waiting));
         assert_eq!(graph.add_edge(LinkKind::Loop, &edge(2, 0, -5.0)), Ok(EdgeOutcome::Waiting));
+        assert_eq!(graph.next_node(), 3);
         graph.add_node(0, &at(0.0));
         graph.add_node(1, &at(2.5));
         graph.assume_odometry(0, 1);

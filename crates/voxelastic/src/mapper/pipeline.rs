@@ -173,6 +173,11 @@ impl Mapper {
         moves
     }
 
+    /// Current pose of the lidar at a node, map frame; none if the node is not known.
+    pub fn pose(&self, node: NodeId) -> Option<Pose> {
+        self.clusters.graph.pose(node).copied()
+    }
+
     /// Number of nodes and links of the pose graph.
     pub fn graph_counts(&self) -> GraphCounts {
         self.clusters.graph.counts()

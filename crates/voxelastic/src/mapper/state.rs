@@ -38,6 +38,25 @@ pub struct MapperState {
     observed: Vec<(SubmapId, Vec<u8>)>,
 }
 
+impl MapperState {
+    /// The state for scans that come later and from elsewhere, where those before cannot be read again: the sensor is recognised from the next scan,
+    /// what moves is looked for from there on, and no revisit is in progress.
+    #[must_use]
+    pub fn for_other_scans(self) -> Self {
+        Self { first_node: None, revisit: None, moving: MovingState::default(), ..self }
+    }
+
+    /// The node that came last.
+    pub fn last_node(&self) -> Option<NodeId> {
+        self.last_node
+    }
+
+    /// A number that no node of the state has or waits for, and none above it.
+    pub fn next_node(&self) -> NodeId {
+        self.graph.next_node()
+    }
+}
+
 /// Why a mapper cannot go on from a state.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

@@ -1,17 +1,20 @@
 //! The loop between the feed and the mapper.
 
 use super::offers::Offers;
+use super::place::Place;
+use super::returning::{Found, Whereabouts, numbered, placed};
 use super::service::Service;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
 use crate::failure::one_line;
-use crate::input::OdometryStage;
+use crate::input::{InputState, OdometryStage};
 use crate::interrupt;
 use crate::jumps::Jumps;
 use crate::mapping::Session;
 use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
-use crate::resume::Keeper;
+use crate::resume::{Keeper, Stages};
+use crate::target::Target;
 use crate::usage;
 use crate::watching::{Figures, Watch};
 use std::sync::mpsc::Receiver;
@@ -43,6 +46,8 @@ pub struct Tally {
     pub interrupted: bool,
     /// Scans that were ignored, because mapping was paused.
     pub paused: usize,
+    /// Scans whose place in the map of before was not found until the end.
+    pub homeless: usize,
     /// Scans that had been left out when figures were published last.
     left_out: usize,
     /// From the coming of each scan to the end of its integration, milliseconds.
@@ -90,6 +95,7 @@ pub struct Node {
     network: Option<OnNetwork>,
     /// The last pose of the odometry, if poses are estimated.
     odometry_pose: Option<(NodeId, f64, Pose)>,
+    place: Place,
     is_paused: bool,
     last_step: Instant,
     tally: Tally,
@@ -114,12 +120,33 @@ impl Node {
             corrector,
             odometry,
             jumps: Jumps::default(),
+            place: Place::default(),
             watch,
             network,
             odometry_pose: None,
             is_paused: false,
             last_step: Instant::now(),
             tally: Tally::default(),
+        }
+    }
+
+    /// The node goes on from where another process was.
+    #[must_use]
+    pub fn at(self, place: Place, jumps: Jumps, skipped: usize) -> Self {
+        let tally = Tally { skipped, ..self.tally };
+        Self { place, jumps, tally, ..self }
+    }
+
+    /// What viewers and others are to know of the map of before.
+    pub fn show_before(&mut self, session: &Session) {
+        if let Some(watch) = &mut self.watch {
+            session.log().loops.iter().for_each(|edge| watch.publisher.add_loop(edge.from, edge.to));
+            watch.publisher.note(session.mapper(), None);
+        }
+        if let Some(network) = &mut self.network {
+            let scans = session.log().scans;
+            scans.node.iter().zip(&scans.time_s).for_each(|(node, time)| network.offers.outputs.add_scan(*node, *time));
+            network.offers.outputs.note(session.mapper(), None);
         }
     }
 
@@ -131,10 +158,11 @@ impl Node {
             // Surfaces for viewers are made when nothing waits, and now and then.
             let has_work = self.show(session, feed.counts().waiting > 0);
             match feed.next(if has_work { Duration::ZERO } else { LOOK }) {
-                Next::Incoming(incoming, came) => {
+                Next::Incoming(incoming, arrival) => {
                     let is_scan = incoming.time().is_some();
                     let first = session.scans() == 0;
-                    self.take(*incoming, came, session);
+                    self.place.note(&arrival, is_scan);
+                    self.take(*incoming, arrival.at, session, &mut requests);
                     if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
                         tracing::info!("sensor: {sensor}");
                     }
@@ -148,7 +176,7 @@ impl Node {
             }
             self.answer(session, &mut requests);
             if let Some(target) = requests.service.target.as_deref_mut() {
-                requests.keeper.keep_map(target, session, feed.counts().waiting > 0);
+                requests.keeper.keep_between_scans(target, session, &self.stages(), feed.counts().waiting > 0);
             }
             self.show_figures(feed, session);
             if interrupt::requested() && !std::mem::replace(&mut self.tally.interrupted, true) {
@@ -156,7 +184,17 @@ impl Node {
             }
         }
         drop(progress);
+        if let Some(target) = requests.service.target.as_deref_mut().filter(|_| self.tally.interrupted && self.place.is_recorded()) {
+            // The map will have what came until now, and so has this.
+            requests.keeper.keep_now(target, session, &self.stages());
+        }
         self.finish(session)
+    }
+
+    fn stages(&self) -> Stages<'_> {
+        let Self { place, odometry, .. } = self;
+        let input = || place.position().map(|position| InputState { position, stage: odometry.as_ref().map(OdometryStage::state) });
+        Stages { input: Box::new(input), corrector: &self.corrector, jumps: &self.jumps, skipped: self.tally.skipped, came: place.came() }
     }
 
     /// Shows and publishes some of what changed; false if nothing is due.
@@ -188,43 +226,53 @@ impl Node {
         }
     }
 
-    /// Begins a new map.
+    /// Drops the map and begins a new one.
     fn reset(&mut self, session: &mut Session, requests: &mut Requests<'_>) -> anyhow::Result<String> {
-        let (scans, (mapper, corrector)) = (session.scans(), (requests.renew)()?);
+        let scans = session.scans();
         if let Some(target) = requests.service.target.as_deref_mut() {
             target.discard_checkpoints();
         }
+        self.begin_anew(session, requests)?;
+        tracing::warn!("on request: the map of {scans} scans is dropped and a new one begins");
+        Ok(format!("the map of {scans} scans was dropped"))
+    }
+
+    /// Begins a new map.
+    fn begin_anew(&mut self, session: &mut Session, requests: &mut Requests<'_>) -> anyhow::Result<()> {
+        let (mapper, corrector) = (requests.renew)()?;
         requests.keeper.restart();
         session.restart(mapper);
-        (self.corrector, self.jumps) = (corrector, Jumps::default());
+        (self.corrector, self.jumps, self.place.returning) = (corrector, Jumps::default(), None);
         if let Some(watch) = &mut self.watch {
             watch.publisher.reset();
         }
         if let Some(network) = &mut self.network {
             network.offers.outputs.reset();
         }
-        tracing::warn!("on request: the map of {scans} scans is dropped and a new one begins");
-        Ok(format!("the map of {scans} scans was dropped"))
+        Ok(())
     }
 
-    fn take(&mut self, incoming: Incoming, came: Instant, session: &mut Session) {
+    fn take(&mut self, incoming: Incoming, came: Instant, session: &mut Session, requests: &mut Requests<'_>) {
         let before = session.scans();
         if self.is_paused && incoming.time().is_some() {
             self.tally.paused += 1;
             return;
         }
         match incoming {
-            Incoming::Event(event) => self.map(event, session),
-            Incoming::RawScan(scan, name) => match self.odometry.as_mut().map(|odometry| odometry.take(scan, &name)) {
-                Some(Ok(events)) => events.into_iter().for_each(|event| {
-                    if let Event::Scan(scan) = &event {
-                        self.odometry_pose = Some((scan.node, scan.time, scan.t_map_lidar));
-                    }
-                    self.map(event, session);
-                }),
-                Some(Err(problem)) => self.skip(&problem),
-                None => self.skip(&format!("scan {name} has no pose")),
-            },
+            Incoming::Event(event) => self.arrange(numbered(event, self.place.first_node), session, requests),
+            Incoming::RawScan(mut scan, name) => {
+                scan.node += self.place.first_node;
+                match self.odometry.as_mut().map(|odometry| odometry.take(scan, &name)) {
+                    Some(Ok(events)) => events.into_iter().for_each(|event| {
+                        if let Event::Scan(scan) = &event {
+                            self.odometry_pose = Some((scan.node, scan.time, scan.t_map_lidar));
+                        }
+                        self.arrange(event, session, requests);
+                    }),
+                    Some(Err(problem)) => self.skip(&problem),
+                    None => self.skip(&format!("scan {name} has no pose")),
+                }
+            }
             Incoming::Unusable(problem) => self.skip(&problem),
             _ => {}
         }
@@ -236,10 +284,47 @@ impl Node {
         }
     }
 
-    fn map(&mut self, event: Event, session: &mut Session) {
+    /// Maps an event where it belongs in the map of before, once that is known.
+    fn arrange(&mut self, event: Event, session: &mut Session, requests: &mut Requests<'_>) {
         // Others on the network get poses and surfaces in the frame in which poses came.
         let event = if self.network.is_some() { event } else { session.localised(event) };
-        match corrected(&mut self.corrector, session, |corrector| corrector.take(event)) {
+        let Some(returning) = &mut self.place.returning else {
+            let event = match &self.place.t_map_frame {
+                Some(t_map_frame) => placed(event, t_map_frame),
+                None => event,
+            };
+            return self.map(event, session, requests.keeper);
+        };
+        let Some(found) = returning.take(event, session) else { return };
+        self.place.returning = None;
+        let held = match found {
+            Found::InFrame(held) => held,
+            Found::At(found) => {
+                let Whereabouts { t_map_frame, edge, held } = *found;
+                self.place.t_map_frame = Some(t_map_frame);
+                // From here on poses come in the frame of the map, corrected as it is.
+                let last = self.place.last_node.and_then(|node| Some((node, session.mapper().pose(node)?)));
+                last.into_iter().for_each(|last| self.map(Event::PoseUpdate(vec![last]), session, requests.keeper));
+                edge.into_iter().for_each(|edge| self.map(Event::LoopEdge(edge), session, requests.keeper));
+                held.into_iter().map(|event| placed(event, &t_map_frame)).collect()
+            }
+            Found::Nowhere(why, held) => {
+                tracing::warn!("the scans are not where the map of before is, so a new one begins: {why}");
+                let aside = requests.service.target.as_deref_mut().map_or(Ok(()), Target::set_unfinished_aside);
+                if let Err(problem) = aside.and_then(|()| self.begin_anew(session, requests)) {
+                    return self.skip(&one_line(&problem));
+                }
+                held
+            }
+        };
+        held.into_iter().for_each(|event| self.map(event, session, requests.keeper));
+    }
+
+    fn map(&mut self, event: Event, session: &mut Session, keeper: &mut Keeper) {
+        let record = keeper.record_of(&event);
+        let done = corrected(&mut self.corrector, session, |corrector| corrector.take(event));
+        keeper.add(record, Some(&self.corrector));
+        match done {
             Ok(events) => events.into_iter().for_each(|event| {
                 if let Err(problem) = self.jumps.check(&event).map_err(anyhow::Error::from).and_then(|()| self.tell(event, session)) {
                     self.skip(&one_line(&problem));
@@ -289,7 +374,8 @@ impl Node {
             return Some(OdometryLink { odom: "odom".to_owned(), t_odom_lidar, node, time, base: frames.base() });
         }
         let reported = frames.reported()?;
-        Some(OdometryLink { odom: frames.odom()?, t_odom_lidar: reported.t_odom_lidar, node: reported.node, time: reported.time, base: None })
+        let node = reported.node + self.place.first_node;
+        Some(OdometryLink { odom: frames.odom()?, t_odom_lidar: reported.t_odom_lidar, node, time: reported.time, base: None })
     }
 
     fn show_figures(&mut self, feed: &Feed, session: &Session) {
@@ -312,6 +398,7 @@ impl Node {
 
     fn finish(mut self, session: &mut Session) -> (Tally, Option<Watch>) {
         self.tally.odometry = self.odometry.as_ref().map(OdometryStage::summary);
+        self.tally.homeless = self.place.returning.as_ref().map_or(0, |returning| returning.scans());
         let last = corrected(&mut self.corrector, session, Corrector::finish).map_err(anyhow::Error::from);
         let last = last.and_then(|events| events.into_iter().try_for_each(|event| self.tell(event, session)));
         if let Some(network) = &mut self.network {

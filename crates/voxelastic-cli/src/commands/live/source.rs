@@ -7,7 +7,7 @@ use super::rate::Rate;
 use crate::data::{DataArgs, ReadingArgs};
 use crate::elastic::ElasticArgs;
 use crate::failure::Failure;
-use crate::input::{Input, OdometryStage};
+use crate::input::{Input, InputState, OdometryStage, Positions};
 use crate::interrupt;
 use std::error::Error;
 use std::net::SocketAddr;
@@ -28,19 +28,22 @@ use voxelastic_live::transport::Transport;
 
 /// Scans as they come, and what is known about them.
 pub struct Source {
-    transport: Box<dyn Transport>,
-    overload: Overload,
+    scans: Scans,
     /// Estimates poses, if they come without.
     pub odometry: Option<OdometryStage>,
     /// The sensor's own tables of beams, if known.
     pub sensor: Option<BeamModel>,
-    /// The recording, if it is one.
-    recording: Option<Input>,
-    lateness: Lateness,
     /// The frames of topics.
     pub frames: Option<LiveFrames>,
     lost: Lost,
-    is_broken: Arc<AtomicBool>,
+}
+
+/// What delivers scans.
+enum Scans {
+    /// A recording that is played.
+    Recorded(Box<Input>, Rate),
+    /// A robot, whose scans do not come again.
+    Passing(Box<dyn Transport>),
 }
 
 impl Source {
@@ -48,18 +51,12 @@ impl Source {
     pub fn recording(data: &DataArgs, rate: Rate, slam: bool, elastic: ElasticArgs, threads: usize) -> anyhow::Result<Self> {
         let input = Input::open(data, false, slam, elastic.pose_kind())?;
         input.description().lines().for_each(|line| tracing::info!("{line}"));
-        let is_broken = Arc::new(AtomicBool::new(false));
-        let replay = Replay::new(input.incoming(Arc::clone(&is_broken)), rate.factor());
         Ok(Self {
-            lateness: replay.lateness(),
-            transport: Box::new(replay),
-            overload: if rate.factor().is_some() { Overload::NewestWin } else { Overload::Wait },
             odometry: input.odometry(threads)?,
             sensor: input.sensor(),
-            recording: Some(input),
+            scans: Scans::Recorded(Box::new(input), rate),
             frames: None,
             lost: Lost::default(),
-            is_broken,
         })
     }
 
@@ -84,17 +81,9 @@ impl Source {
         let tap = |topic: &LiveTopic| recording.map(|recording| recording.tap(topic)).transpose();
         let input = TopicInput::subscribe(network.middleware(), topics, is_raw, &options, &tap)
             .map_err(|problem| Failure::new(problem.to_string(), "check the network and the names of the topics"))?;
-        Ok(Some(Self {
-            frames: Some(input.frames()),
-            lost: input.lost(),
-            transport: Box::new(input),
-            overload: Overload::NewestWin,
-            odometry: if is_raw { Some(OdometryStage::of_recording(&options, threads)?) } else { None },
-            sensor: None,
-            recording: None,
-            lateness: Lateness::default(),
-            is_broken: Arc::default(),
-        }))
+        let odometry = if is_raw { Some(OdometryStage::of_recording(&options, threads)?) } else { None };
+        let (frames, lost) = (Some(input.frames()), input.lost());
+        Ok(Some(Self { frames, lost, ..Self::passing(Box::new(input), odometry, None) }))
     }
 
     /// An Ouster sensor, whose packets come here. Poses are estimated.
@@ -112,23 +101,44 @@ impl Source {
             )
         })?;
         tracing::info!("listening at the UDP ports {port} and {}", port.saturating_add(1));
-        Ok(Self {
-            lost: Lost::of(input.lost()),
-            transport: Box::new(input),
-            overload: Overload::NewestWin,
-            odometry: Some(OdometryStage::of_recording(&options, threads)?),
-            sensor,
-            recording: None,
-            lateness: Lateness::default(),
-            frames: None,
-            is_broken: Arc::default(),
-        })
+        let odometry = Some(OdometryStage::of_recording(&options, threads)?);
+        Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, sensor) })
     }
 
-    /// What delivers scans, what estimates their poses, and what remains to be known about them meanwhile.
-    pub fn start(self) -> (Box<dyn Transport>, Option<OdometryStage>, Started) {
-        let Self { overload, recording, lateness, frames, lost, is_broken, .. } = self;
-        (self.transport, self.odometry, Started { overload, recording, lateness, frames, lost, is_broken })
+    /// What comes once. Poses are estimated if there is an `odometry`.
+    pub fn passing(transport: Box<dyn Transport>, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
+        Self { scans: Scans::Passing(transport), odometry, sensor, frames: None, lost: Lost::default() }
+    }
+
+    /// The recording, if it is one: its scans can be read again.
+    pub fn recorded(&self) -> Option<&Input> {
+        if let Scans::Recorded(input, _) = &self.scans { Some(input) } else { None }
+    }
+
+    /// What delivers scans, what estimates their poses, and what remains to be known about them meanwhile; goes on from where an earlier process was. None
+    /// if an interrupt came before a recording was read up to there.
+    pub fn start(self, from: Option<InputState>) -> Option<(Box<dyn Transport>, Option<OdometryStage>, Started)> {
+        let Self { scans, mut odometry, frames, lost, .. } = self;
+        let is_broken = Arc::new(AtomicBool::new(false));
+        let (from, stage) = from.map_or((None, None), |from| (from.position, from.stage));
+        if let Some((odometry, stage)) = odometry.as_mut().zip(stage) {
+            // Those who carry a sensor on do not wait.
+            if matches!(scans, Scans::Recorded(..)) { odometry.resume(stage) } else { odometry.resume_log(stage) }
+        }
+        let (transport, started): (Box<dyn Transport>, Started) = match scans {
+            Scans::Recorded(input, rate) => {
+                let positions = Positions::default();
+                let replay = Replay::new(input.incoming(from, positions.clone(), Arc::clone(&is_broken))?, rate.factor());
+                let overload = if rate.factor().is_some() { Overload::NewestWin } else { Overload::Wait };
+                let lateness = replay.lateness();
+                (Box::new(replay), Started { overload, recording: Some((*input, positions)), lateness, frames, lost, is_broken })
+            }
+            Scans::Passing(transport) => {
+                let (overload, lateness) = (Overload::NewestWin, Lateness::default());
+                (transport, Started { overload, recording: None, lateness, frames, lost, is_broken })
+            }
+        };
+        Some((transport, odometry, started))
     }
 }
 
@@ -136,7 +146,7 @@ impl Source {
 pub struct Started {
     /// What happens when they come too fast.
     pub overload: Overload,
-    recording: Option<Input>,
+    recording: Option<(Input, Positions)>,
     lateness: Lateness,
     frames: Option<LiveFrames>,
     lost: Lost,
@@ -157,13 +167,23 @@ impl Started {
 
     /// Clouds without a pose.
     pub fn without_pose(&self) -> usize {
-        let of_recording = self.recording.as_ref().map_or(0, Input::without_pose);
+        let of_recording = self.recorded().map_or(0, Input::without_pose);
         of_recording + self.frames.as_ref().map_or(0, LiveFrames::without_pose)
     }
 
     /// Reads clouds again, which is possible for recordings only.
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
-        self.recording.as_ref().map_or_else(|| Box::new(Gone) as Box<dyn ScanSource + Send>, Input::clouds)
+        self.recorded().map_or_else(|| Box::new(Gone) as Box<dyn ScanSource + Send>, Input::clouds)
+    }
+
+    /// The recording, if it is one.
+    pub fn recorded(&self) -> Option<&Input> {
+        self.recording.as_ref().map(|(input, _)| input)
+    }
+
+    /// Where the reading of a recording was after each item.
+    pub fn positions(&self) -> Option<Positions> {
+        self.recording.as_ref().map(|(_, positions)| positions.clone())
     }
 }
 

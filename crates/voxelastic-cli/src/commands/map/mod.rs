@@ -14,7 +14,7 @@ use crate::mapping::{Session, TimeSummary};
 use crate::meshing::SurfaceArgs;
 use crate::odometry_log::OdometrySummary;
 use crate::reporting::{self, Subject};
-use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs};
+use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
 use crate::target::{self, Target, TargetArgs};
 use crate::{interrupt, map_files, meshing, output, usage};
 use anyhow::Context;
@@ -97,6 +97,8 @@ struct Summary {
     output: PathBuf,
     /// Scans integrated.
     scans: usize,
+    /// Of these, scans that an earlier process had mapped, with whose run this one has gone on.
+    scans_resumed: usize,
     /// Scans that could not be used.
     scans_skipped: usize,
     /// Scans left out with `--hold-out`.
@@ -261,11 +263,12 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
         let remedy = format!("`voxelastic remove {map} --session {number}` takes it out");
         return Err(Failure::new(format!("session {number} of {map} is this run already: the same data and settings"), remedy).into());
     }
-    let unfinished = args.resume.find(&mut target, &identity)?;
-    interrupt::install("finishing this scan and saving the map");
-
     // Before what was mapped of a run that did not end is read.
     settings.limit_memory()?;
+    let unfinished = args.resume.find(&mut target, &identity)?;
+    let resumed = unfinished.as_ref().map_or(0, Unfinished::scans);
+    interrupt::install("finishing this scan and saving the map");
+
     let pool = meshing::pool(settings.threads)?;
     let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
         return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
@@ -297,7 +300,12 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     let output = target.path().to_owned();
     let is_own_map = args.into.is_none() || target.is_elsewhere();
-    let summary = Summary { checkpoints: keeper.summary(), session: saved.added, ..summarise(&session, &tally, saved.report, &output, clock) };
+    let summary = Summary {
+        scans_resumed: resumed,
+        checkpoints: keeper.summary(),
+        session: saved.added,
+        ..summarise(&session, &tally, saved.report, &output, clock)
+    };
     let log = RunLog {
         total_s: summary.total_s,
         input: args.data.path().display().to_string(),
@@ -353,6 +361,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
     Summary {
         output: output.to_owned(),
         scans: session.scans(),
+        scans_resumed: 0,
         scans_skipped: tally.skipped,
         scans_held_out: tally.held_out,
         interrupted: tally.interrupted,

@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use voxelastic::event::Event;
-use voxelastic::mapper::{Mapper, ResumeError};
+use voxelastic::mapper::Mapper;
 use voxelastic::settings::Settings;
 use voxelastic_slam::Corrector;
 
@@ -77,17 +77,9 @@ impl<'a> Pipeline<'a> {
         // Of a recording, clouds can be read again only once it was played.
         let Some(events) = unfinished.input.take().map(|state| input.events_from(threads, state)).transpose()?.flatten() else { return Ok(None) };
         input.know_motions(unfinished.motions());
-        let mut clouds = input.clouds();
-        pool.install(|| unfinished.bring_up(&mut corrector, clouds.as_mut()))?;
-        let Unfinished { jumps, skipped, log, origin, mapper, atlas, .. } = unfinished;
-        let model = input.sensor();
-        let resumed = pool.install(|| Mapper::resume(settings.clone(), model, mapper, atlas, clouds.as_mut()));
-        let mapper = resumed.map_err(|error| match error {
-            ResumeError::Settings(error) => wrong_settings(&error),
-            other => Failure::new(format!("cannot go on with the run that did not end: {other}"), "--restart maps from the beginning"),
-        })?;
-        let tally = Tally { skipped, ..Tally::default() };
-        Ok(Some((Self { selection, events, corrector, jumps, tally, clock }, Session::resumed(mapper, pool, log, origin))))
+        let (jumps, tally) = (unfinished.jumps.clone(), Tally { skipped: unfinished.skipped, ..Tally::default() });
+        let session = unfinished.session(settings, input.sensor(), input.clouds().as_mut(), &mut corrector, pool)?;
+        Ok(Some((Self { selection, events, corrector, jumps, tally, clock }, session)))
     }
 
     /// Loop closures and optimisation.
@@ -149,7 +141,8 @@ impl<'a> Pipeline<'a> {
     }
 
     fn stages(&self) -> Stages<'_> {
-        Stages { input: Box::new(|| self.events.state()), corrector: &self.corrector, jumps: &self.jumps, skipped: self.tally.skipped }
+        let input = Box::new(|| self.events.state());
+        Stages { input, corrector: &self.corrector, jumps: &self.jumps, skipped: self.tally.skipped, came: [0; 2] }
     }
 
     /// Passes the last corrections to the mapper. Returns the counts.

@@ -42,7 +42,7 @@ pub(in crate::mapper) struct MovingDetector {
 }
 
 /// The views of a [`MovingDetector`], to make them again from their scans.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(in crate::mapper) struct MovingState {
     submap: Option<SubmapId>,
     views: Vec<StoredView>,
