@@ -106,7 +106,7 @@ pub use clouds::CloudFormat;
 pub use dataset::Dataset;
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;
-pub use options::{OpenOptions, PoseKind};
+pub use options::{OpenOptions, PoseKind, SensorTopic};
 pub use origin::Origin;
 pub use poses::{PoseFormat, Trajectory};
 pub use read_ahead::IdleStep;

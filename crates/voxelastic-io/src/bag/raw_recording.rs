@@ -7,7 +7,7 @@ use super::topics::{choose_clouds, choose_imu};
 use crate::motion::ImuMount;
 use crate::ouster::{self, CaptureStream};
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
-use crate::{OpenOptions, Result};
+use crate::{Error, OpenOptions, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -53,6 +53,11 @@ impl RawRecording {
             return Ok(Self { path: path.into(), metadata: Some(metadata), open, count: None, description, t_lidar_imu, log });
         }
         let (files, summary) = summarise(path)?;
+        if let [second, ..] = options.more_sensors.as_slice() {
+            let problem = format!("poses are estimated from the scans of one sensor, not of {} besides", second.topic);
+            let remedy = "estimate them first (`voxelastic odometry DATA --cloud-topic FIRST -o first.tum`), then map both with --poses first.tum";
+            return Err(Error::dataset(path, problem, remedy));
+        }
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
         let count = summary.count(&clouds).and_then(|n| usize::try_from(n).ok());
         let described = describe_bag(files.clone(), &summary, options)?;
@@ -60,7 +65,7 @@ impl RawRecording {
         let imu = choose_imu(&summary, path, &clouds, options)?;
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
-        let topics = StreamTopics { clouds, imu, ..StreamTopics::default() };
+        let topics = StreamTopics { clouds: vec![clouds], imu, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
         Ok(Self { path: path.into(), metadata: None, open, count, description, t_lidar_imu, log })
     }

@@ -9,7 +9,9 @@ use super::topics::{ChosenTopics, choose};
 use crate::fingerprint::Fingerprint;
 use crate::motion::PoseTrack;
 use crate::ouster::{self, CaptureStream};
-use crate::playback::{CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, read_track};
+use crate::playback::{
+    CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts, read_track,
+};
 use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::scan_list::{KeyframeFilter, Keyframing, ScanEdges, ScanEntry};
 use crate::{Error, OpenOptions, Result};
@@ -75,6 +77,13 @@ impl Recording {
             description.set_topics(&chosen);
             (Input::Bag(chosen), description)
         };
+        if let (Input::Bag(ChosenTopics { clouds, .. }), Some(graph)) = (&input, &options.graph)
+            && clouds.len() > 1
+            && graph.is_file()
+        {
+            let remedy = "map one of them with the graph (--cloud-topic), or give the corrected trajectory with --poses instead of the graph";
+            return Err(Error::dataset(graph, format!("a graph has nodes of one sensor, but {} are mapped", clouds.join(" and ")), remedy));
+        }
         let given = options.poses.as_deref().map(read_track).transpose()?;
         let (corrections_folder, graph) = match &options.graph {
             Some(folder) if folder.is_dir() => (Some(folder), None),
@@ -198,10 +207,14 @@ impl Recording {
             (None, Input::Bag(ChosenTopics { poses: Some((_, TopicRole::Transforms)), .. })) => PoseSource::Transforms,
             (None, _) => PoseSource::Topic { track: PoseTrack::default(), child: String::new() },
         };
+        let mounts = match &self.input {
+            Input::Bag(chosen) => chosen.mounts(&self.options),
+            Input::Capture(_) => SensorMounts::one(self.options.t_base_lidar),
+        };
         PlayerOptions {
             path: self.path.clone(),
             poses,
-            t_base_lidar: self.options.t_base_lidar,
+            mounts,
             keyframes: KeyframeFilter::new(self.description.keyframing),
             selection: self.selection.clone(),
             nodes: self.nodes.clone(),

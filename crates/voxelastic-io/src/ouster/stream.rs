@@ -57,5 +57,5 @@ pub(super) fn message(scan: StampedCloud, time: f64, path: &Path) -> CloudMessag
         let points = scan.cloud.len();
         if has_return { Ok(scan) } else { Err(Error::NoReturn { path, points }) }
     });
-    CloudMessage { time, frame: "os_sensor".into(), has_times: true, bytes, decode }
+    CloudMessage { time, frame: "os_sensor".into(), sensor: 0, has_times: true, bytes, decode }
 }

@@ -6,6 +6,7 @@ mod damage;
 mod drive;
 mod harm;
 mod ouster;
+mod two_sensors;
 mod written;
 
 use std::path::{Path, PathBuf};
