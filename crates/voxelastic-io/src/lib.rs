@@ -68,6 +68,7 @@
 
 pub mod bag;
 pub mod bin;
+mod capture;
 pub mod clouds;
 pub mod dataset;
 mod dumps;

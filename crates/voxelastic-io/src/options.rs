@@ -54,7 +54,7 @@ pub struct OpenOptions {
     pub imu_topic: Option<String>,
     /// Whether samples of an inertial measurement unit are read, where no poses are used.
     pub use_imu: bool,
-    /// The sensor's metadata of a capture, where it is not found by its name.
+    /// The sensor's metadata of a capture, or the angles of its beams, where they are not found by their name.
     pub metadata: Option<PathBuf>,
     /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
     pub deskew: bool,

@@ -6,6 +6,7 @@ mod damage;
 mod drive;
 mod harm;
 mod ouster;
+mod packets;
 mod two_sensors;
 mod written;
 
