@@ -214,6 +214,18 @@ impl Hesai {
     }
 }
 
+/// The angles of a Pandar40P as its manual has them: a third of a degree apart from 2 degrees above the horizon to 6 below, rounded to hundredths.
+fn pandar40p(channel: usize) -> [f64; 2] {
+    const OUTER: [f64; 15] = [15.0, 11.0, 8.0, 5.0, 3.0, -7.0, -8.0, -9.0, -10.0, -11.0, -12.0, -13.0, -14.0, -19.0, -25.0];
+    let hundredths = |degrees: f64| (degrees * 100.0).round() / 100.0;
+    match channel {
+        0..5 => [OUTER[channel], -1.042],
+        5 => [2.0, -1.042],
+        6..30 => [hundredths((11.0 - channel as f64) / 3.0), [3.125, -5.208, -1.042][(channel - 6) % 3]],
+        _ => [OUTER[channel - 25], -1.042],
+    }
+}
+
 /// The angles of a piece, in the order of its channels.
 fn tilted(channel: usize) -> [f64; 2] {
     [15.0 - channel as f64 * 0.97, 0.3 * ((channel % 3) as f64 - 1.0)]
@@ -257,7 +269,8 @@ fn walls_of_a_room_are_where_they_are() {
     }
     let even: fn(usize) -> [f64; 2] = |channel| [15.0 - channel as f64, 0.0];
     let even_16: fn(usize) -> [f64; 2] = |channel| [15.0 - 2.0 * channel as f64, 0.0];
-    for (name, sensor, per_turn, angles) in [("xt-32", XT_32, 64_000, even), ("xt-16", XT_16, 32_000, even_16)] {
+    let sensors = [("xt-32", XT_32, 64_000, even), ("xt-16", XT_16, 32_000, even_16), ("pandar40p", PANDAR_40P, 72_000, pandar40p)];
+    for (name, sensor, per_turn, angles) in sensors {
         for mode in [0x37, 0x39] {
             check_room(&sensor.room(3.0, mode, angles), &dir.path().join(format!("{name}-{mode:x}.pcap")), 3, per_turn, 0.004);
         }
