@@ -145,13 +145,35 @@ def ouster(folder, captures):
             (folder / f"{capture.stem}-{metadata.stem}").write_bytes(metadata.read_bytes() + b"\0" + capture.read_bytes()[:60_000])
 
 
+def packets(folder):
+    """A table of angles, if any, a zero byte, and a capture: packets of a Velodyne VLP-16, a Hesai PandarXT-32 and a Pandar40P."""
+    measured = b"\x00\x10\x20"
+    blocks = [b"\xff\xee" + (1000 * k).to_bytes(2, "little") + 32 * measured for k in range(12)]
+    velodyne = b"".join(blocks) + (60_000_000).to_bytes(4, "little") + b"\x39\x22"
+    blocks = [(1000 * k).to_bytes(2, "little") + 32 * (measured + b"\0") for k in range(8)]
+    tail = bytes(10) + bytes([0x37, 0, 0, 123, 11, 14, 22, 25, 0]) + bytes(4) + b"\x42" + bytes(4)
+    xt = b"\xee\xff\x06\x01\0\0\x20\x08\0\x04\x01\x01" + b"".join(blocks) + tail
+    blocks = [b"\xff\xee" + (1000 * k).to_bytes(2, "little") + 40 * measured for k in range(10)]
+    pandar = b"".join(blocks) + bytes(14) + bytes([0x37, 0x42, 23, 11, 14, 22, 25, 0]) + bytes(4)
+    angles = "Channel,Elevation,Azimuth\n" + "".join(f"{k + 1},{15 - k},0.5\n" for k in range(32))
+    for name, table, packet in (("velodyne", "", velodyne), ("xt", angles, xt), ("pandar", "", pandar)):
+        capture = b"".join(n.to_bytes(4, "little") for n in (0xA1B2C3D4, 0x00040002, 0, 0, 65535, 1))
+        for k in range(3):
+            udp = len(packet) + 8
+            ip = b"\x45\0" + (udp + 20).to_bytes(2, "big") + bytes([0, 0, 0, 0, 64, 17, 0, 0, 192, 168, 1, 201, 255, 255, 255, 255])
+            frame = bytes(12) + b"\x08\0" + ip + b"\x09\x40\x09\x40" + udp.to_bytes(2, "big") + b"\0\0" + packet
+            capture += b"".join(n.to_bytes(4, "little") for n in (1_700_000_000, 1000 * k, len(frame), len(frame))) + frame
+        (folder / name).write_bytes(table.encode() + b"\0" + capture)
+
+
 def main():
     folder = Path(sys.argv[1])
     data = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    for target in ("ros1", "mcap", "sqlite", "message", "las", "e57", "pcd", "ply", "poses", "bin", "ouster", "dumps"):
+    for target in ("ros1", "mcap", "sqlite", "message", "las", "e57", "pcd", "ply", "poses", "bin", "ouster", "packets", "dumps"):
         (folder / target).mkdir(parents=True, exist_ok=True)
     texts(folder)
     dumps(folder / "dumps")
+    packets(folder / "packets")
     if data:
         real(folder, data)
     for write, where in ((las, folder / "las"), (e57, folder / "e57"), (open3d, folder), (recordings, folder)):

@@ -1,5 +1,6 @@
 //! The input: a folder of scans and poses, or a recording, and the selection of its scans.
 
+use crate::failure::Failure;
 use clap::Args;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use std::path::{Path, PathBuf};
@@ -7,13 +8,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Pose;
 use voxelastic_io::source::{self, Source};
-use voxelastic_io::{Keyframing, OpenOptions, PoseKind};
+use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorTopic};
 
 /// Arguments that select and describe the input.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct DataArgs {
-    /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, an Ouster .pcap
+    /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, a .pcap of an Ouster, Velodyne or Hesai sensor
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
     #[command(flatten)]
@@ -31,15 +32,16 @@ pub struct ReadingArgs {
     /// trajectories, each named by the time from which it holds (poses@SECONDS.tum)
     #[arg(long, value_name = "FILE.g2o")]
     graph: Option<PathBuf>,
-    /// Pose of the lidar in the vehicle frame, where the poses in the files are those of the vehicle
+    /// Pose of the lidar in the vehicle frame, where the poses in the files are those of the vehicle; for several sensors one for each --cloud-topic
     #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = pose, allow_hyphen_values = true)]
-    t_base_lidar: Option<Pose>,
+    t_base_lidar: Vec<Pose>,
     /// Interval between the scans used: scan (all), a number (every Nth), a distance (2m) or a time (0.5s) [default: scan; for recordings 2m]
     #[arg(long, value_name = "scan|N|METRESm|SECONDSs")]
     every: Option<Keyframing>,
-    /// The topic of the clouds in a recording, if there are several
+    /// The topic of the clouds in a recording, if there are several; given more than once, the sensors are mapped together. Poses that do not say whose they are
+    /// are those of the first
     #[arg(long, value_name = "TOPIC")]
-    cloud_topic: Option<String>,
+    cloud_topic: Vec<String>,
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
@@ -52,8 +54,8 @@ pub struct ReadingArgs {
     /// Without poses: do not use the inertial measurement unit of the data
     #[arg(long, hide_short_help = true)]
     no_imu: bool,
-    /// The sensor metadata (.json) of an Ouster capture, if it is not found by name
-    #[arg(long, value_name = "FILE.json", hide_short_help = true)]
+    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai, if they are not found by name
+    #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
     /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
     #[arg(long)]
@@ -86,7 +88,7 @@ impl DataArgs {
             ("--graph", self.reading.graph.is_some()),
             ("--pose-topic", self.reading.pose_topic.is_some()),
             ("--correction-topic", self.reading.correction_topic.is_some()),
-            ("--t-base-lidar", self.reading.t_base_lidar.is_some()),
+            ("--t-base-lidar", !self.reading.t_base_lidar.is_empty()),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
     }
@@ -97,10 +99,11 @@ impl DataArgs {
             poses: self.reading.poses.clone(),
             pose_kind: PoseKind::default(),
             graph: self.reading.graph.clone(),
-            t_base_lidar: self.reading.t_base_lidar,
+            t_base_lidar: self.reading.t_base_lidar.first().copied(),
             strict,
             keyframing: self.reading.every,
-            cloud_topic: self.reading.cloud_topic.clone(),
+            cloud_topic: self.reading.cloud_topic.first().cloned(),
+            more_sensors: self.more_sensors(),
             pose_topic: self.reading.pose_topic.clone(),
             correction_topic: self.reading.correction_topic.clone(),
             imu_topic: self.reading.imu_topic.clone(),
@@ -109,6 +112,26 @@ impl DataArgs {
             deskew: !self.reading.no_deskew,
             time_tolerance_s: self.reading.time_tolerance,
         }
+    }
+
+    /// The sensors after the first.
+    fn more_sensors(&self) -> Vec<SensorTopic> {
+        let ReadingArgs { cloud_topic, t_base_lidar, .. } = &self.reading;
+        let sensor = |(k, topic): (usize, &String)| SensorTopic { topic: topic.clone(), t_base_lidar: t_base_lidar.get(k).copied() };
+        cloud_topic.iter().enumerate().skip(1).map(sensor).collect()
+    }
+
+    /// Refuses poses of sensors that are not named.
+    ///
+    /// # Errors
+    /// A usage error.
+    pub fn check(&self) -> Result<(), Failure> {
+        let (topics, poses) = (self.reading.cloud_topic.len(), self.reading.t_base_lidar.len());
+        if poses > 1 && poses != topics {
+            let problem = format!("{poses} x --t-base-lidar, but {topics} x --cloud-topic");
+            return Err(Failure::usage(problem, "give one pose for each topic of clouds, in their order"));
+        }
+        Ok(())
     }
 
     /// Opens the folder or recording; `strict` makes scans without a pose an error.
@@ -160,7 +183,8 @@ impl HoldOut {
     }
 }
 
-fn pose(text: &str) -> Result<Pose, String> {
+/// A pose as seven numbers.
+pub fn pose(text: &str) -> Result<Pose, String> {
     let wrong = || "must be seven numbers: x y z qx qy qz qw (metres, unit quaternion)".to_owned();
     let numbers: Option<Vec<f64>> =
         text.split([' ', ',']).filter(|word| !word.is_empty()).map(|n| n.parse().ok().filter(|v: &f64| v.is_finite())).collect();

@@ -32,6 +32,7 @@ pub enum Input {
 impl Input {
     /// Opens the data: with its poses, or raw if it has none or `slam` asks for that.
     pub fn open(data: &DataArgs, strict: bool, slam: bool, pose_kind: PoseKind) -> anyhow::Result<Self> {
+        data.check()?;
         let named = data.names_poses();
         if slam && let Some(flag) = named {
             return Err(Failure::usage(format!("--slam estimates the poses, so {flag} has no meaning with it"), "do without one of the two").into());

@@ -68,6 +68,7 @@
 
 pub mod bag;
 pub mod bin;
+mod capture;
 pub mod clouds;
 pub mod dataset;
 mod dumps;
@@ -106,7 +107,7 @@ pub use clouds::CloudFormat;
 pub use dataset::Dataset;
 pub use error::{Error, Position, Result};
 pub use graph::PoseGraph;
-pub use options::{OpenOptions, PoseKind};
+pub use options::{OpenOptions, PoseKind, SensorTopic};
 pub use origin::Origin;
 pub use poses::{PoseFormat, Trajectory};
 pub use read_ahead::IdleStep;

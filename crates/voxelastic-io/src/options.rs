@@ -15,6 +15,15 @@ pub enum PoseKind {
     Odometry,
 }
 
+/// A further sensor of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorTopic {
+    /// The topic of its clouds.
+    pub topic: String,
+    /// Its pose in the base frame. If absent, fixed transforms of the recording have to say where it is beside the first sensor.
+    pub t_base_lidar: Option<Pose>,
+}
+
 /// How to open a folder or a recording. The default fits most data.
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
@@ -33,8 +42,10 @@ pub struct OpenOptions {
     pub strict: bool,
     /// Which scans to take; by default all of a folder, and of a recording one every 2 m.
     pub keyframing: Option<Keyframing>,
-    /// The topic of a recording that holds the clouds.
+    /// The topic of a recording that holds the clouds, those of the first sensor if there are several.
     pub cloud_topic: Option<String>,
+    /// Further sensors of a recording, which are mapped together with the one of `cloud_topic`.
+    pub more_sensors: Vec<SensorTopic>,
     /// The topic of a recording that holds the poses.
     pub pose_topic: Option<String>,
     /// The topic of a recording whose paths are corrected poses of the scans so far, in the clock of the scans.
@@ -43,7 +54,7 @@ pub struct OpenOptions {
     pub imu_topic: Option<String>,
     /// Whether samples of an inertial measurement unit are read, where no poses are used.
     pub use_imu: bool,
-    /// The sensor's metadata of a capture, where it is not found by its name.
+    /// The sensor's metadata of a capture, or the angles of its beams, where they are not found by their name.
     pub metadata: Option<PathBuf>,
     /// Whether clouds whose points have times get the lidar's motion, so that they are corrected for the motion during the sweep.
     pub deskew: bool,
@@ -61,6 +72,7 @@ impl Default for OpenOptions {
             strict: false,
             keyframing: None,
             cloud_topic: None,
+            more_sensors: Vec::new(),
             pose_topic: None,
             correction_topic: None,
             imu_topic: None,

@@ -70,6 +70,7 @@ impl Mapper {
             ring: arrays::numbers(ring)?,
             time: arrays::numbers(times)?,
             motion: motion.as_ref().map(motion_through).transpose()?,
+            sensor: 0,
         };
         let input = match pose {
             Some(pose) => Input::Event(Event::Scan(Scan { node, time, t_map_lidar: arrays::pose(&pose)?, cloud })),

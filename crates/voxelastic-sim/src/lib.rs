@@ -42,7 +42,7 @@ pub mod traffic;
 pub mod world;
 
 pub use error::SimError;
-pub use options::SimOptions;
+pub use options::{SecondLidar, SimOptions};
 pub use scenes::Scene;
 pub use simulation::{PoseSource, Simulation};
 pub use world::{Hit, Ray, SurfacePoint, World, WorldBuilder};

@@ -5,7 +5,44 @@ use crate::imu::ImuSettings;
 use crate::route::Carrier;
 use crate::sensor::{LidarSettings, Pattern};
 use crate::{Scene, SimError};
+use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
+use voxelastic::Pose;
+
+/// A second sensor on the same carrier.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SecondLidar {
+    /// Name of the sensor, as [`SimOptions::sensor`].
+    pub sensor: String,
+    /// Columns per revolution; that of the sensor preset if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub columns: Option<usize>,
+    /// Its place in the frame of the first, metres.
+    pub position: [f64; 3],
+    /// How it is turned there, a unit quaternion, x y z w.
+    pub rotation: [f64; 4],
+}
+
+impl SecondLidar {
+    /// Its pose in the frame of the first.
+    pub fn t_lidar_second(&self) -> Pose {
+        let ([x, y, z], [qx, qy, qz, qw]) = (self.position, self.rotation);
+        Pose::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(Quaternion::new(qw, qx, qy, qz)))
+    }
+
+    fn check(&self) -> Result<(), SimError> {
+        let far = self.position.iter().fold(0.0f64, |far, v| if v.is_finite() { far.max(v.abs()) } else { f64::INFINITY });
+        if far > 100.0 {
+            return Err(SimError::Setting { setting: "second lidar", value: far, allowed: "at most 100 metres from the first" });
+        }
+        let norm = self.rotation.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if (norm - 1.0).is_nan() || (norm - 1.0).abs() > 1e-2 {
+            return Err(SimError::Setting { setting: "second lidar", value: norm, allowed: "turned by a unit quaternion" });
+        }
+        Ok(())
+    }
+}
 
 /// Options of a simulation: the same options give the same scans, bit for bit on one machine.
 ///
@@ -51,6 +88,9 @@ pub struct SimOptions {
     /// The inertial measurement unit, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imu: Option<ImuSettings>,
+    /// A second sensor, whose clouds only a recording has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub second: Option<SecondLidar>,
 }
 
 impl Default for SimOptions {
@@ -71,6 +111,7 @@ impl Default for SimOptions {
             lidar: LidarSettings::default(),
             loops: LoopSettings::default(),
             imu: None,
+            second: None,
         }
     }
 }
@@ -139,6 +180,9 @@ impl SimOptions {
         }
         if self.traffic > MAX_TRAFFIC {
             return bad("traffic", self.traffic as f64, "from 0 to 1000");
+        }
+        if let Some(second) = &self.second {
+            second.check()?;
         }
         if let Some(imu) = &self.imu {
             imu.check()?;

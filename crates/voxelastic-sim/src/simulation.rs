@@ -4,7 +4,7 @@ use crate::drift::{self, Correction};
 use crate::imu::Imu;
 use crate::options::SimOptions;
 use crate::random::Stream;
-use crate::sensor::{Lidar, Pattern, thin};
+use crate::sensor::{Lidar, LidarSettings, Pattern, thin};
 use crate::traffic::{Surroundings, Traffic};
 use crate::{Scene, SimError, SurfacePoint, World};
 use hashbrown::HashSet;
@@ -25,6 +25,16 @@ pub enum PoseSource {
     Online,
 }
 
+/// The second sensor.
+#[derive(Clone, Debug)]
+struct Second {
+    lidar: Lidar,
+    t_lidar_second: Pose,
+    /// Its sweeps begin so much later than those of the first, seconds.
+    delay: f64,
+    noise: Stream,
+}
+
 /// A simulation. Poses and edges are computed at construction; scans on demand, in any order.
 ///
 /// The map frame is the world frame: with true poses, [`World::distance`] applies to the map directly.
@@ -33,6 +43,7 @@ pub struct Simulation {
     options: SimOptions,
     scene: Scene,
     lidar: Lidar,
+    second: Option<Second>,
     times: Vec<f64>,
     truth: Vec<Pose>,
     odometry: Vec<Pose>,
@@ -53,11 +64,7 @@ impl Simulation {
     pub fn new(options: SimOptions) -> Result<Self, SimError> {
         options.check()?;
         let scene = options.scene()?;
-        let lidar = match (Pattern::named(&options.sensor), options.columns) {
-            (Some(pattern), _) => Lidar::of_pattern(pattern, options.lidar)?,
-            (None, Some(columns)) => Lidar::new(preset_with_columns(&options.sensor, columns)?, options.lidar)?,
-            (None, None) => Lidar::new(preset(&options.sensor)?, options.lidar)?,
-        };
+        let lidar = lidar(&options.sensor, options.columns, options.lidar)?;
         let step = options.rate.map_or(options.spacing / scene.trajectory.carrier.speed, |rate| 1.0 / rate);
         let times: Vec<f64> = (0..options.scans.unwrap_or(scene.default_scans)).map(|k| k as f64 * step).collect();
         let truth: Vec<Pose> = times.iter().map(|&t| scene.trajectory.pose(t)).collect();
@@ -68,9 +75,19 @@ impl Simulation {
         let online = online(&odometry, &corrections);
         let odometry_edges = drift::odometry_edges(&odometry, options.drift);
         let noise = random(3);
+        let second = match &options.second {
+            Some(second) => Some(Second {
+                lidar: self::lidar(&second.sensor, second.columns, options.lidar)?,
+                t_lidar_second: second.t_lidar_second(),
+                // Two sensors that turn by themselves are not in step.
+                delay: if options.lidar.moving { 0.5 * options.lidar.period } else { 0.0 },
+                noise: random(5),
+            }),
+            None => None,
+        };
         let imu = options.imu.map(|settings| (Imu::new(settings), random(4)));
         let traffic = Traffic::along(&scene, options.traffic, options.seed)?;
-        Ok(Self { options, scene, lidar, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise, traffic, imu })
+        Ok(Self { options, scene, lidar, second, times, truth, odometry, online, odometry_edges, loop_edges, corrections, noise, traffic, imu })
     }
 
     /// The options it was made from.
@@ -161,6 +178,21 @@ impl Simulation {
         Some((cloud, labels))
     }
 
+    /// Pose of the second sensor in the frame of the first, if there is one.
+    pub fn t_lidar_second(&self) -> Option<Pose> {
+        self.second.as_ref().map(|second| second.t_lidar_second)
+    }
+
+    /// Start time of the second sensor's sweep and its cloud at node `k`, in its own frame; `None` beyond the last, or without such a sensor.
+    pub fn second_cloud(&self, k: usize) -> Option<(f64, Cloud)> {
+        let Second { lidar, t_lidar_second, delay, noise } = self.second.as_ref()?;
+        let time = *self.times.get(k)? + delay;
+        let trajectory = &self.scene.trajectory;
+        let world = self.traffic.within(&self.scene.world, time);
+        let (cloud, mut labels) = lidar.labelled_scan(world, |offset| trajectory.pose(time + offset) * t_lidar_second, &noise.fork(k as u64));
+        Some((time, self.options.thin.map_or_else(|| cloud.clone(), |cell| thin(&cloud, &mut labels, cell))))
+    }
+
     /// The inertial measurement unit, if there is one.
     pub fn imu_unit(&self) -> Option<&Imu> {
         self.imu.as_ref().map(|(imu, _)| imu)
@@ -199,17 +231,20 @@ impl Simulation {
         Event::PoseUpdate((0..).zip(self.corrections[closing].poses.iter().copied()).collect())
     }
 
-    /// The true surface visible to the sensor within `max_range` metres: the points hit by noiseless beams of all scans, downsampled to one point per cube of
+    /// The true surface visible to the sensor, or the two, within `max_range` metres: the points hit by noiseless beams of all scans, downsampled to one point per cube of
     /// `spacing` metres, in the order of the scans. It is the reference of completeness.
     pub fn visible_surface(&self, spacing: f64, max_range: f64) -> Vec<SurfacePoint> {
         let spacing = spacing.max(1e-3);
         let mut occupied: HashSet<[i32; 3]> = HashSet::new();
         let mut surface = Vec::new();
-        let rows = self.lidar.model().rows();
-        for &time in &self.times {
-            let pose_at = |offset| self.scene.trajectory.pose(time + offset);
+        let sensors = std::iter::once((&self.lidar, Pose::identity(), 0.0));
+        let sensors: Vec<_> = sensors.chain(self.second.as_ref().map(|s| (&s.lidar, s.t_lidar_second, s.delay))).collect();
+        let sweeps = self.times.iter().flat_map(|time| sensors.iter().map(move |(lidar, mounting, delay)| (*lidar, mounting, time + delay)));
+        for (lidar, mounting, time) in sweeps {
+            let rows = lidar.model().rows();
+            let pose_at = |offset| self.scene.trajectory.pose(time + offset) * mounting;
             let around = Surroundings { time, ..Surroundings::from(&self.scene.world) };
-            let columns = self.lidar.true_points(&around, pose_at, max_range);
+            let columns = lidar.true_points(&around, pose_at, max_range);
             // Neighbours in a column often share a cube: drop them before the lookup in the set.
             let downsampled: Vec<Vec<([i32; 3], SurfacePoint)>> = columns
                 .par_chunks(rows)
@@ -227,6 +262,15 @@ impl Simulation {
             surface.extend(downsampled.into_iter().flatten().filter(|(key, _)| occupied.insert(*key)).map(|(_, point)| point));
         }
         surface
+    }
+}
+
+/// A sensor by its name.
+fn lidar(name: &str, columns: Option<usize>, settings: LidarSettings) -> Result<Lidar, SimError> {
+    match (Pattern::named(name), columns) {
+        (Some(pattern), _) => Lidar::of_pattern(pattern, settings),
+        (None, Some(columns)) => Lidar::new(preset_with_columns(name, columns)?, settings),
+        (None, None) => Lidar::new(preset(name)?, settings),
     }
 }
 

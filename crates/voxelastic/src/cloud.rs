@@ -25,6 +25,8 @@ pub struct Cloud {
     pub time: Option<Vec<f32>>,
     /// Motion of the lidar during the sweep, if known: the cloud is then undistorted by the times of its points when it is mapped.
     pub motion: Option<Motion>,
+    /// Which of the sensors of a run measured it, 0 if there is one: each has its own beam model.
+    pub sensor: u16,
 }
 
 impl Cloud {

@@ -62,6 +62,7 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
+    args.data.check()?;
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
     args.hold_out.keep_held_out(&mut held);

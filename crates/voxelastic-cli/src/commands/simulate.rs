@@ -9,15 +9,17 @@ use crate::{interrupt, output};
 use anyhow::Context;
 use clap::Args;
 use folder::{Folder, Outcome};
+use nalgebra::{Translation3, UnitQuaternion};
 use serde::Serialize;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
+use voxelastic::Pose;
 use voxelastic_sim::drift::LoopSettings;
 use voxelastic_sim::imu::ImuSettings;
 use voxelastic_sim::route::Carrier;
 use voxelastic_sim::sensor::{LidarSettings, Noise};
-use voxelastic_sim::{SimError, SimOptions, Simulation};
+use voxelastic_sim::{SecondLidar, SimError, SimOptions, Simulation};
 
 /// Simulate a LiDAR in an exactly known world and write a folder to map and to evaluate against
 ///
@@ -41,6 +43,7 @@ use voxelastic_sim::{SimError, SimOptions, Simulation};
   voxelastic simulate mine -o mine --sensor os0-128 --columns 512 --drift 2 --seed 7
   voxelastic simulate campus -o walk --carrier handheld --rest 3 --moving --rate 10 --scans 600 --imu 100 --bag
   voxelastic simulate campus -o livox --sensor avia --spacing 0.5 --scans 400
+  voxelastic simulate street -o two --bag --second-lidar vlp-16
   voxelastic simulate street -o thin --thin 0.3         as SLAM systems keep their clouds
   voxelastic simulate room -o room --scans 10 --columns 256 --noise 0")]
 pub struct SimulateArgs {
@@ -68,6 +71,12 @@ pub struct SimulateArgs {
     /// Columns per revolution [default: that of the sensor, 1024 for os1-64]
     #[arg(long, value_name = "N")]
     columns: Option<usize>,
+    /// A second sensor beside the first, by name, whose clouds are a topic of their own in the recording (with --bag)
+    #[arg(long, value_name = "NAME", requires = "bag")]
+    second_lidar: Option<String>,
+    /// Pose of the second sensor in the frame of the first [default: 0.6 m behind and 0.3 m below it, turned back and 40 degrees down]
+    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::data::pose, allow_hyphen_values = true, requires = "second_lidar")]
+    second_pose: Option<Pose>,
     /// Thin the clouds as SLAM systems do: one point, the mean, in each cube of this edge, metres
     #[arg(long, value_name = "M")]
     thin: Option<f64>,
@@ -93,7 +102,7 @@ pub struct SimulateArgs {
     /// Samples per second of an inertial measurement unit with noise and biases, which is next to the sensor and turned by half a turn
     #[arg(long, value_name = "HZ")]
     imu: Option<f64>,
-    /// Write a ROS 2 recording (recording.mcap: /points, /imu, /tf_static) instead of a folder of scans
+    /// Write a ROS 2 recording (recording.mcap: /points, /points_2, /imu, /tf_static) instead of a folder of scans
     #[arg(long)]
     bag: bool,
     /// Drift of the odometry, metres per 100 m of path; 0 for none
@@ -174,7 +183,7 @@ pub fn run(args: &SimulateArgs, quiet: bool) -> anyhow::Result<u8> {
 
 fn summarise(args: &SimulateArgs, simulation: &Simulation, scans: usize, total_s: f64) -> Summary {
     let (truth, odometry) = (simulation.ground_truth(), simulation.odometry());
-    let apart = |a: &voxelastic::Pose, b: &voxelastic::Pose| (a.translation.vector - b.translation.vector).norm();
+    let apart = |a: &Pose, b: &Pose| (a.translation.vector - b.translation.vector).norm();
     Summary {
         output: args.output.clone(),
         world: args.world.clone(),
@@ -194,6 +203,7 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         seed: args.seed,
         sensor: args.sensor.clone(),
         columns: args.columns,
+        second: args.second_lidar.as_ref().map(|sensor| second(sensor, args)),
         thin: args.thin,
         scans: args.scans,
         spacing: args.spacing,
@@ -219,6 +229,15 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         options.scans = Some(((laps * trajectory.route.length() / spacing).ceil() as usize).saturating_add(1));
     }
     Ok(options)
+}
+
+/// The second sensor.
+fn second(sensor: &str, args: &SimulateArgs) -> SecondLidar {
+    // Towards the back, where the first one's carrier hides the ground.
+    let down = UnitQuaternion::from_euler_angles(0.0, 40f64.to_radians(), std::f64::consts::PI);
+    let pose = args.second_pose.unwrap_or_else(|| Pose::from_parts(Translation3::new(-0.6, 0.0, -0.3), down));
+    let (t, q) = (&pose.translation, &pose.rotation.coords);
+    SecondLidar { sensor: sensor.to_owned(), columns: args.columns, position: [t.x, t.y, t.z], rotation: [q.x, q.y, q.z, q.w] }
 }
 
 /// Turns errors of options into usage errors.

@@ -30,6 +30,7 @@ mod sessions;
 mod simulation;
 mod slam;
 mod tiles;
+mod two_sensors;
 
 use std::path::Path;
 use std::process::{Command, Output};

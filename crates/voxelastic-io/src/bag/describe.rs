@@ -6,7 +6,8 @@ use super::format::BagFormat;
 use super::open::open;
 use super::summary::{RecordingSummary, count_messages};
 use super::topics::choose;
-use crate::{Error, OpenOptions, Result, ouster};
+use crate::capture::CaptureKind;
+use crate::{Error, OpenOptions, Result};
 use std::path::{Path, PathBuf};
 
 /// Whether a path is a recording: a file that begins like one, or a folder that holds some.
@@ -42,21 +43,17 @@ pub fn describe(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Recordi
     Ok(description)
 }
 
-/// Whether a path is an Ouster capture.
+/// Whether a path is a capture of packets.
 pub(super) fn is_capture(path: &Path) -> Result<bool> {
-    Ok(path.is_file() && BagFormat::of(path)? == Some(BagFormat::Ouster))
+    Ok(path.is_file() && BagFormat::of(path)? == Some(BagFormat::Capture))
 }
 
-/// Metadata file and description of an Ouster capture.
-pub(super) fn describe_capture(path: &Path, options: &OpenOptions) -> Result<(PathBuf, RecordingDescription)> {
-    let metadata = match &options.metadata {
-        Some(metadata) => metadata.clone(),
-        None => ouster::find_metadata(path)?,
-    };
-    ouster::Capture::open(path, &metadata)?;
-    let mut description = RecordingDescription::new(vec![path.to_owned()], BagFormat::Ouster, options);
-    description.notes.push(format!("the sensor is described by {}", metadata.display()));
-    Ok((metadata, description))
+/// How a capture is read, and its description.
+pub(super) fn describe_capture(path: &Path, options: &OpenOptions) -> Result<(CaptureKind, RecordingDescription)> {
+    let (kind, notes) = CaptureKind::of(path, options)?;
+    let mut description = RecordingDescription::new(vec![path.to_owned()], BagFormat::Capture, options);
+    description.notes = notes;
+    Ok((kind, description))
 }
 
 /// The error about a capture for which no poses were given.

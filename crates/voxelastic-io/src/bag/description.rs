@@ -23,8 +23,10 @@ pub struct RecordingDescription {
     pub topics: Vec<TopicSummary>,
     /// Times of the first and the last message, seconds, if the recording has an index or was read through.
     pub times: Option<[f64; 2]>,
-    /// The topic of the clouds.
+    /// The topic of the clouds, of the first sensor if there are several.
     pub cloud_topic: Option<String>,
+    /// The topics of the clouds of further sensors.
+    pub more_cloud_topics: Vec<String>,
     /// The topic or file of the poses.
     pub poses: Option<String>,
     /// Which scans are taken.
@@ -45,6 +47,7 @@ impl RecordingDescription {
             topics: Vec::new(),
             times: None,
             cloud_topic: None,
+            more_cloud_topics: Vec::new(),
             poses: options.poses.as_ref().map(|p| p.display().to_string()),
             keyframing: options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)),
             graph: None,
@@ -55,7 +58,9 @@ impl RecordingDescription {
 
     /// Notes the chosen topics.
     pub(super) fn set_topics(&mut self, chosen: &ChosenTopics) {
-        self.cloud_topic = Some(chosen.clouds.clone());
+        self.cloud_topic = chosen.clouds.first().cloned();
+        self.more_cloud_topics = chosen.clouds.iter().skip(1).cloned().collect();
+        self.notes.extend(chosen.remark.clone());
         if self.poses.is_none() {
             self.poses = chosen.poses.as_ref().map(|(name, _)| name.clone());
         }
@@ -74,6 +79,10 @@ impl fmt::Display for RecordingDescription {
         let messages = |name: &String| self.topics.iter().find(|t| t.name == *name).and_then(|t| t.messages);
         if let Some(topic) = &self.cloud_topic {
             write!(f, "\nclouds: {topic}")?;
+            messages(topic).map_or(Ok(()), |n| write!(f, ", {n}"))?;
+        }
+        for topic in &self.more_cloud_topics {
+            write!(f, "; {topic}")?;
             messages(topic).map_or(Ok(()), |n| write!(f, ", {n}"))?;
         }
         if let Some(poses) = &self.poses {

@@ -1,6 +1,7 @@
 //! Formats of recordings.
 
-use crate::{Error, Position, Result, ouster};
+use crate::capture::{MAGICS, PCAPNG};
+use crate::{Error, Position, Result};
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
@@ -23,8 +24,8 @@ pub enum BagFormat {
     Mcap,
     /// ROS 2 `.db3`.
     Sqlite,
-    /// An Ouster sensor's packets in a `.pcap`, see [`crate::ouster`].
-    Ouster,
+    /// A sensor's packets in a `.pcap` or `.pcapng`.
+    Capture,
 }
 
 impl BagFormat {
@@ -42,9 +43,9 @@ impl BagFormat {
         let mut first = Vec::new();
         File::open(path).and_then(|f| f.take(16).read_to_end(&mut first)).map_err(|e| Error::io(path, "read", e))?;
         let known = [(ROS1_MAGIC, Self::Ros1), (MCAP_MAGIC, Self::Mcap), (SQLITE_MAGIC, Self::Sqlite)];
-        let is_capture = ouster::MAGICS.iter().any(|magic| first.starts_with(magic));
+        let is_capture = MAGICS.iter().chain([&PCAPNG]).any(|magic| first.starts_with(magic));
         let bag = known.into_iter().find(|(magic, _)| first.starts_with(magic)).map(|(_, format)| format);
-        Ok(bag.or(is_capture.then_some(Self::Ouster)))
+        Ok(bag.or(is_capture.then_some(Self::Capture)))
     }
 }
 
@@ -54,7 +55,7 @@ impl fmt::Display for BagFormat {
             Self::Ros1 => "ROS 1 bag",
             Self::Mcap => "MCAP",
             Self::Sqlite => "ROS 2 sqlite3 bag",
-            Self::Ouster => "Ouster capture",
+            Self::Capture => "capture of packets",
         })
     }
 }

@@ -1,4 +1,4 @@
-//! Recordings of ROS 1 (`.bag`) and ROS 2 (MCAP, sqlite3), read without ROS, and captures of Ouster sensors.
+//! Recordings of ROS 1 (`.bag`) and ROS 2 (MCAP, sqlite3), read without ROS, and captures of the packets of sensors.
 //!
 //! [`Recording::open`] reads the index and the first seconds, finds out which topics hold the clouds and the poses, and
 //! [`Recording::events`] plays the recording from front to back as a registered cloud list. Clouds are `sensor_msgs/PointCloud2` of any layout

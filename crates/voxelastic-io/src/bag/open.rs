@@ -17,11 +17,11 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn Container>> {
         Some(BagFormat::Ros1) => Ok(Box::new(Ros1::open(path)?)),
         Some(BagFormat::Mcap) => Ok(Box::new(Mcap::open(path)?)),
         Some(BagFormat::Sqlite) => Ok(Box::new(Sqlite::open(path)?)),
-        Some(BagFormat::Ouster) | None => Err(Error::content(
+        Some(BagFormat::Capture) | None => Err(Error::content(
             path,
             Position::Byte(0),
             "not a recording by its first bytes",
-            "give a ROS 1 .bag (version 2.0), an .mcap, a ROS 2 .db3 or an Ouster .pcap; unpack .zst and .zstd first",
+            "give a ROS 1 .bag (version 2.0), an .mcap, a ROS 2 .db3 or a .pcap; unpack .zst and .zstd first",
         )),
     }
 }

@@ -4,10 +4,10 @@ use super::describe::{describe_bag, describe_capture, is_capture, summarise};
 use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
 use super::topics::{choose_clouds, choose_imu};
+use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
-use crate::ouster::{self, CaptureStream};
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
-use crate::{OpenOptions, Result};
+use crate::{Error, OpenOptions, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,8 +19,8 @@ use voxelastic::sensor::BeamModel;
 #[derive(Clone)]
 pub(crate) struct RawRecording {
     path: PathBuf,
-    /// For a capture, the sensor's metadata file.
-    metadata: Option<PathBuf>,
+    /// How a capture is read.
+    capture: Option<CaptureKind>,
     open: OpenStream,
     /// Number of clouds, if known.
     count: Option<usize>,
@@ -45,14 +45,19 @@ impl RawRecording {
     pub(crate) fn open(path: &Path, options: &OpenOptions) -> Result<Self> {
         let log = Arc::default();
         if is_capture(path)? {
-            let (metadata, description) = describe_capture(path, options)?;
-            let (capture, sensor) = (path.to_owned(), metadata.clone());
-            let open: OpenStream = Arc::new(move || Ok(Box::new(CaptureStream::open(&capture, &sensor)?) as Box<dyn MessageStream>));
+            let (kind, description) = describe_capture(path, options)?;
+            let (capture, read) = (path.to_owned(), kind.clone());
+            let open: OpenStream = Arc::new(move || read.stream(&capture));
             let description = format!("recording: {}\nnote: {}", description.format, description.notes.join("\nnote: "));
-            let t_lidar_imu = if options.use_imu { Some(ouster::Capture::open(path, &metadata)?.t_sensor_imu()) } else { None };
-            return Ok(Self { path: path.into(), metadata: Some(metadata), open, count: None, description, t_lidar_imu, log });
+            let t_lidar_imu = if options.use_imu { kind.t_sensor_imu(path)? } else { None };
+            return Ok(Self { path: path.into(), capture: Some(kind), open, count: None, description, t_lidar_imu, log });
         }
         let (files, summary) = summarise(path)?;
+        if let [second, ..] = options.more_sensors.as_slice() {
+            let problem = format!("poses are estimated from the scans of one sensor, not of {} besides", second.topic);
+            let remedy = "estimate them first (`voxelastic odometry DATA --cloud-topic FIRST -o first.tum`), then map both with --poses first.tum";
+            return Err(Error::dataset(path, problem, remedy));
+        }
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
         let count = summary.count(&clouds).and_then(|n| usize::try_from(n).ok());
         let described = describe_bag(files.clone(), &summary, options)?;
@@ -60,9 +65,9 @@ impl RawRecording {
         let imu = choose_imu(&summary, path, &clouds, options)?;
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
-        let topics = StreamTopics { clouds, imu, ..StreamTopics::default() };
+        let topics = StreamTopics { clouds: vec![clouds], imu, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), metadata: None, open, count, description, t_lidar_imu, log })
+        Ok(Self { path: path.into(), capture: None, open, count, description, t_lidar_imu, log })
     }
 
     /// What is in it, in a few lines.
@@ -77,7 +82,7 @@ impl RawRecording {
 
     /// The sensor's own tables of beams, if it is a capture.
     pub(crate) fn sensor(&self) -> Option<BeamModel> {
-        ouster::Capture::open(&self.path, self.metadata.as_ref()?).ok()?.model().ok()
+        self.capture.as_ref()?.model(&self.path)
     }
 
     /// The clouds from the beginning. A part that cannot be read is an `Err` item.

@@ -6,10 +6,12 @@ use super::graph_nodes::read_nodes;
 use super::stream::{BagStream, StreamTopics};
 use super::topic_role::TopicRole;
 use super::topics::{ChosenTopics, choose};
+use crate::capture::CaptureKind;
 use crate::fingerprint::Fingerprint;
 use crate::motion::PoseTrack;
-use crate::ouster::{self, CaptureStream};
-use crate::playback::{CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, read_track};
+use crate::playback::{
+    CloudRereader, Corrections, MessageStream, OpenStream, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts, read_track,
+};
 use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::scan_list::{KeyframeFilter, Keyframing, ScanEdges, ScanEntry};
 use crate::{Error, OpenOptions, Result};
@@ -29,8 +31,8 @@ const AHEAD: usize = 4;
 enum Input {
     /// Topics of a bag.
     Bag(ChosenTopics),
-    /// An Ouster capture with its metadata file.
-    Capture(PathBuf),
+    /// Packets of a sensor.
+    Capture(CaptureKind),
 }
 
 /// A recording whose topics have been chosen. Only its beginning has been read.
@@ -63,11 +65,11 @@ impl Recording {
     pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Self> {
         let path = path.as_ref();
         let (input, mut description) = if is_capture(path)? {
-            let (metadata, description) = describe_capture(path, options)?;
+            let (kind, description) = describe_capture(path, options)?;
             if options.poses.is_none() {
                 return Err(capture_without_poses(path));
             }
-            (Input::Capture(metadata), description)
+            (Input::Capture(kind), description)
         } else {
             let (files, summary) = summarise(path)?;
             let chosen = choose(&summary, path, options)?;
@@ -75,6 +77,13 @@ impl Recording {
             description.set_topics(&chosen);
             (Input::Bag(chosen), description)
         };
+        if let (Input::Bag(ChosenTopics { clouds, .. }), Some(graph)) = (&input, &options.graph)
+            && clouds.len() > 1
+            && graph.is_file()
+        {
+            let remedy = "map one of them with the graph (--cloud-topic), or give the corrected trajectory with --poses instead of the graph";
+            return Err(Error::dataset(graph, format!("a graph has nodes of one sensor, but {} are mapped", clouds.join(" and ")), remedy));
+        }
         let given = options.poses.as_deref().map(read_track).transpose()?;
         let (corrections_folder, graph) = match &options.graph {
             Some(folder) if folder.is_dir() => (Some(folder), None),
@@ -139,7 +148,7 @@ impl Recording {
     pub fn sensor(&self) -> Option<BeamModel> {
         match &self.input {
             Input::Bag(_) => None,
-            Input::Capture(metadata) => ouster::Capture::open(&self.path, metadata).ok()?.model().ok(),
+            Input::Capture(kind) => kind.model(&self.path),
         }
     }
 
@@ -185,9 +194,9 @@ impl Recording {
                 let topics = StreamTopics { clouds: chosen.clouds.clone(), poses, corrections: self.options.correction_topic.clone(), imu: None };
                 Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>))
             }
-            Input::Capture(metadata) => {
-                let (capture, metadata) = (self.path.clone(), metadata.clone());
-                Arc::new(move || Ok(Box::new(CaptureStream::open(&capture, &metadata)?) as Box<dyn MessageStream>))
+            Input::Capture(kind) => {
+                let (capture, kind) = (self.path.clone(), kind.clone());
+                Arc::new(move || kind.stream(&capture))
             }
         }
     }
@@ -198,10 +207,14 @@ impl Recording {
             (None, Input::Bag(ChosenTopics { poses: Some((_, TopicRole::Transforms)), .. })) => PoseSource::Transforms,
             (None, _) => PoseSource::Topic { track: PoseTrack::default(), child: String::new() },
         };
+        let mounts = match &self.input {
+            Input::Bag(chosen) => chosen.mounts(&self.options),
+            Input::Capture(_) => SensorMounts::one(self.options.t_base_lidar),
+        };
         PlayerOptions {
             path: self.path.clone(),
             poses,
-            t_base_lidar: self.options.t_base_lidar,
+            mounts,
             keyframes: KeyframeFilter::new(self.description.keyframing),
             selection: self.selection.clone(),
             nodes: self.nodes.clone(),

@@ -70,7 +70,8 @@ impl MessageReader {
 /// The topics that a stream reads, besides transforms.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StreamTopics {
-    pub(super) clouds: String,
+    /// Those of the clouds, one for each sensor.
+    pub(super) clouds: Vec<String>,
     pub(super) poses: Option<String>,
     /// Corrected poses.
     pub(super) corrections: Option<String>,
@@ -84,7 +85,7 @@ impl StreamTopics {
         match role {
             TopicRole::Transforms => true,
             TopicRole::Imu => is(&self.imu),
-            role if role.is_cloud() => topic.name == self.clouds,
+            role if role.is_cloud() => self.clouds.contains(&topic.name),
             _ => is(&self.poses) || is(&self.corrections),
         }
     }
@@ -118,9 +119,10 @@ impl SensorMessages {
             let header = decoder.header()?;
             // What is wrong with the rest of it is reported when it is decoded.
             let has_times = decoder.cloud_fields(message.role).map_or(true, |fields| fields.iter().any(|name| is_time(name)));
-            let bytes = message.message.data.len();
+            let (bytes, name_of_topic) = (message.message.data.len(), message.topic.name.clone());
             let decode = Box::new(move || message.cloud());
-            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, has_times, bytes, decode }));
+            let sensor = self.topics.clouds.iter().position(|name| *name == name_of_topic).unwrap_or(0) as u16;
+            return Ok(SensorMessage::Cloud(CloudMessage { time: header.time, frame: header.frame, sensor, has_times, bytes, decode }));
         }
         if message.role == TopicRole::Imu {
             return decoder.imu().map(SensorMessage::Imu);

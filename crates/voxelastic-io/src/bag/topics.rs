@@ -3,6 +3,7 @@
 use super::stream::is_static;
 use super::summary::{CloudTopic, RecordingSummary};
 use super::topic_role::TopicRole;
+use crate::playback::SensorMounts;
 use crate::points::is_time;
 use crate::{Error, OpenOptions, Result};
 use std::path::Path;
@@ -14,9 +15,22 @@ const MAP_FRAMES: [&str; 5] = ["map", "odom", "world", "camera_init", "global"];
 /// The chosen topics.
 #[derive(Clone, Debug)]
 pub(super) struct ChosenTopics {
-    pub(super) clouds: String,
+    /// Those of the clouds, one for each sensor.
+    pub(super) clouds: Vec<String>,
     /// The topic of the poses; `None` if they come from a file.
     pub(super) poses: Option<(String, TopicRole)>,
+    /// Frame of the first sensor's clouds.
+    first_frame: String,
+    /// What was decided about several sensors.
+    pub(super) remark: Option<String>,
+}
+
+impl ChosenTopics {
+    /// Where the sensors are on the vehicle.
+    pub(super) fn mounts(&self, options: &OpenOptions) -> SensorMounts {
+        let further = options.more_sensors.iter().map(|sensor| sensor.t_base_lidar);
+        SensorMounts { given: std::iter::once(options.t_base_lidar).chain(further).collect(), first_frame: self.first_frame.clone() }
+    }
 }
 
 /// Chooses the topics: those that are requested, else the only possible ones.
@@ -24,12 +38,69 @@ pub(super) struct ChosenTopics {
 /// # Errors
 /// [`Error::Ambiguous`] if there are several possibilities, [`Error::Dataset`] if there is none.
 pub(super) fn choose(summary: &RecordingSummary, path: &Path, options: &OpenOptions) -> Result<ChosenTopics> {
-    let clouds = choose_clouds(summary, path, options.cloud_topic.as_deref())?;
+    let mut clouds = Vec::new();
+    let mut by_itself = false;
+    match choose_clouds(summary, path, options.cloud_topic.as_deref()) {
+        Ok(first) => clouds.push(first),
+        Err(problem @ Error::Ambiguous { .. }) => {
+            // A trajectory does not say which of the sensors its poses are of.
+            clouds = options.poses.is_none().then(|| beside_each_other(summary)).flatten().ok_or(problem)?;
+            by_itself = true;
+        }
+        Err(problem) => return Err(problem),
+    }
+    for sensor in &options.more_sensors {
+        let further = choose_clouds(summary, path, Some(&sensor.topic))?;
+        if clouds.contains(&further) {
+            return Err(Error::dataset(path, format!("{further} is named twice"), "name each topic of clouds once"));
+        }
+        clouds.push(further);
+    }
     let poses = match options.poses {
         Some(_) => None,
-        None => Some(choose_poses(summary, path, &clouds, options.pose_topic.as_deref())?),
+        None => Some(choose_poses(summary, path, &clouds[0], options.pose_topic.as_deref())?),
     };
-    Ok(ChosenTopics { clouds, poses })
+    if by_itself && poses.as_ref().is_some_and(|(_, role)| !matches!(role, TopicRole::Odometry | TopicRole::Transforms)) {
+        // Neither does a message without a frame.
+        choose_clouds(summary, path, None)?;
+    }
+    let frame = |topic: &String| summary.cloud_topics.get(topic).map(|g| g.frame.clone()).unwrap_or_default();
+    let first_frame = frame(&clouds[0]);
+    let by_transforms = matches!(poses, Some((_, TopicRole::Transforms)));
+    for (k, topic) in clouds.iter().enumerate().skip(1) {
+        let is_given = k.checked_sub(1).and_then(|k| options.more_sensors.get(k)).is_some_and(|sensor| sensor.t_base_lidar.is_some());
+        if !is_given && !by_transforms && summary.tree.fixed(&first_frame, &frame(topic)).is_none() {
+            let problem = format!("no fixed transform leads from {first_frame} ({}) to {} ({topic})", clouds[0], frame(topic));
+            let remedy = "say where the sensors are: one --t-base-lidar for each --cloud-topic, in their order";
+            return Err(Error::dataset(path, problem, remedy));
+        }
+    }
+    let remark = (clouds.len() > 1).then(|| {
+        let choice = if by_itself { "; --cloud-topic chooses among them" } else { "" };
+        format!("{} sensors are mapped together, each with its own beams and its own pose on the vehicle{choice}", clouds.len())
+    });
+    Ok(ChosenTopics { clouds, poses, first_frame, remark })
+}
+
+/// The topics of several raw sensors that can be mapped together without a choice: clouds with times of their points, each in a frame of its own, with fixed
+/// transforms between them. By name.
+fn beside_each_other(summary: &RecordingSummary) -> Option<Vec<String>> {
+    let mut found: Vec<(String, String)> = Vec::new();
+    let mut names: Vec<String> = summary.of_role(TopicRole::is_cloud).into_iter().map(|(name, _)| name).collect();
+    names.sort();
+    for name in names {
+        let CloudTopic { frame, fields } = summary.cloud_topics.get(&name)?;
+        if MAP_FRAMES.contains(&frame.as_str()) || !fields.iter().any(|f| is_time(f)) {
+            continue;
+        }
+        let is_beside = found.first().is_none_or(|(_, first)| summary.tree.fixed(first, frame).is_some());
+        // Two clouds in one frame are as a rule the same scans, processed differently.
+        if frame.is_empty() || found.iter().any(|(_, other)| other == frame) || !is_beside {
+            return None;
+        }
+        found.push((name, frame.clone()));
+    }
+    (found.len() > 1).then(|| found.into_iter().map(|(name, _)| name).collect())
 }
 
 /// Chooses the topic of the clouds: the requested one, else the only possible one.

@@ -1,14 +1,17 @@
 //! Captures: the datagrams of a sensor in a file.
 
-use super::pcap::Pcap;
 use super::scan_assembler::ScanAssembler;
 use super::sensor_metadata::SensorMetadata;
 use crate::Result;
+use crate::capture::{CapturedScans, Pcap};
 use crate::stamped_cloud::StampedCloud;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
+
+/// Name of the frame of the clouds.
+pub(super) const FRAME: &str = "os_sensor";
 
 /// A capture that is read front to back.
 #[derive(Debug)]
@@ -63,5 +66,19 @@ impl Capture {
                 None => return self.assembler.take_rest().map(Ok),
             }
         }
+    }
+}
+
+impl CapturedScans for Capture {
+    fn next_scan(&mut self) -> Option<Result<StampedCloud>> {
+        Self::next_scan(self)
+    }
+
+    fn take_imu(&mut self) -> Vec<ImuSample> {
+        Self::take_imu(self)
+    }
+
+    fn frame(&self) -> &'static str {
+        FRAME
     }
 }

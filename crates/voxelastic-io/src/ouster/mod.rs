@@ -11,25 +11,22 @@ mod capture;
 mod metadata_file;
 mod packet;
 mod packet_stream;
-mod pcap;
 mod scan_assembler;
 mod sensor_metadata;
-mod stream;
 
 use crate::Result;
+use crate::capture::Pcap;
 pub use capture::Capture;
 pub use metadata_file::find_metadata;
 pub(crate) use packet_stream::PacketStream;
-pub(crate) use pcap::MAGICS;
 pub use sensor_metadata::SensorMetadata;
 use std::path::Path;
-pub(crate) use stream::CaptureStream;
 
 /// The contents of the UDP datagrams in a capture, in order, as the sensor sent them.
 ///
 /// # Errors
 /// [`Error::Content`](crate::Error::Content) if it is no capture; [`Error::Io`](crate::Error::Io).
 pub fn datagrams(capture: impl AsRef<Path>) -> Result<impl Iterator<Item = Result<Vec<u8>>>> {
-    let mut pcap = pcap::Pcap::open(capture.as_ref())?;
+    let mut pcap = Pcap::open(capture.as_ref())?;
     Ok(std::iter::from_fn(move || pcap.next().map(|datagram| datagram.map(|datagram| datagram.payload))))
 }

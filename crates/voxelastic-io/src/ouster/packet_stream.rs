@@ -1,9 +1,10 @@
 //! The datagrams of a sensor as a stream of messages, while they come.
 
+use super::capture::FRAME;
 use super::scan_assembler::ScanAssembler;
 use super::sensor_metadata::SensorMetadata;
-use super::stream::message;
 use crate::Result;
+use crate::capture::message;
 use crate::playback::{MessageStream, SensorMessage};
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -33,7 +34,7 @@ impl PacketStream {
         self.pending.extend(self.assembler.take_imu().into_iter().map(SensorMessage::Imu));
         while let Some(scan) = self.assembler.take_scan() {
             let time = scan.stamp.unwrap_or(0.0);
-            self.pending.push_back(SensorMessage::Cloud(message(scan, time, &self.origin)));
+            self.pending.push_back(SensorMessage::Cloud(message(scan, time, FRAME, &self.origin)));
         }
     }
 }
@@ -54,7 +55,7 @@ impl MessageStream for PacketStream {
             Err(RecvTimeoutError::Disconnected) => {
                 let scan = self.assembler.take_rest()?;
                 let time = scan.stamp.unwrap_or(0.0);
-                Some(Ok(SensorMessage::Cloud(message(scan, time, &self.origin))))
+                Some(Ok(SensorMessage::Cloud(message(scan, time, FRAME, &self.origin))))
             }
         }
     }

@@ -104,6 +104,7 @@ impl ScanAssembler {
             time: Some(vec![0.0; rows * columns]),
             colours: None,
             motion: None,
+            sensor: 0,
         };
         let (Some(intensity), Some(times)) = (&mut cloud.intensity, &mut cloud.time) else {
             return StampedCloud { cloud, stamp: None };

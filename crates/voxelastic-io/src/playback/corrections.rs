@@ -26,6 +26,8 @@ struct Delivered {
     time: f64,
     node: NodeId,
     reported: Pose,
+    /// Pose of its lidar in the frame that corrected poses are of.
+    t_child_lidar: Pose,
 }
 
 /// What a file corrects.
@@ -70,10 +72,10 @@ impl Corrections {
         self.files.len()
     }
 
-    /// Notes a delivered scan and the pose that was reported for it.
-    pub(crate) fn note(&mut self, time: f64, node: NodeId, reported: Pose) {
+    /// Notes a delivered scan and the pose that was reported for it. `t_child_lidar` is its lidar's pose in the frame that corrected poses are of.
+    pub(crate) fn note(&mut self, time: f64, node: NodeId, reported: Pose, t_child_lidar: Pose) {
         if self.by_message || !self.files.is_empty() {
-            self.delivered.push(Delivered { time, node, reported });
+            self.delivered.push(Delivered { time, node, reported, t_child_lidar });
         }
     }
 
@@ -82,20 +84,20 @@ impl Corrections {
         self.files.pop_front_if(|(at, _)| *at < time && !self.delivered.is_empty()).map(|(_, path)| path)
     }
 
-    /// Reads the corrections of the scans delivered so far. `t_child_lidar` is the lidar's pose in the frame that the file's poses are of.
+    /// Reads the corrections of the scans delivered so far.
     ///
     /// # Errors
     /// Those of [`read_track`], and [`Error::Dataset`] if no pose belongs to a scan.
-    pub(crate) fn read(&self, path: &Path, t_child_lidar: &Pose, tolerance_s: f64) -> Result<Correction> {
+    pub(crate) fn read(&self, path: &Path, tolerance_s: f64) -> Result<Correction> {
         let track = read_track(path)?;
-        self.find_in(&track, t_child_lidar, tolerance_s).ok_or_else(|| {
+        self.find_in(&track, tolerance_s).ok_or_else(|| {
             Error::dataset(path, "none of its poses belongs to a scan that was taken before", "use times in the clock of the recording")
         })
     }
 
     /// The corrections in a trajectory of the scans delivered so far; `None` if it has a pose of none of them.
-    pub(crate) fn find_in(&self, track: &PoseTrack, t_child_lidar: &Pose, tolerance_s: f64) -> Option<Correction> {
-        let at = |scan: &Delivered| Some((scan.node, track.at(scan.time, LONGEST_GAP_S, tolerance_s)? * t_child_lidar));
+    pub(crate) fn find_in(&self, track: &PoseTrack, tolerance_s: f64) -> Option<Correction> {
+        let at = |scan: &Delivered| Some((scan.node, track.at(scan.time, LONGEST_GAP_S, tolerance_s)? * scan.t_child_lidar));
         let found: Vec<(&Delivered, (NodeId, Pose))> = self.delivered.iter().filter_map(|scan| Some((scan, at(scan)?))).collect();
         let (last, (_, corrected)) = found.last()?;
         let (reported, corrected) = (last.reported, *corrected);

@@ -48,6 +48,8 @@ pub(crate) struct CloudMessage {
     pub(crate) time: f64,
     /// Its frame.
     pub(crate) frame: String,
+    /// Which of the sensors took it, in the order in which they were chosen.
+    pub(crate) sensor: u16,
     /// Whether its points have times of their own, as far as that is known before it is decoded.
     pub(crate) has_times: bool,
     /// Memory that it holds until it is decoded, bytes.

@@ -16,6 +16,6 @@ pub(crate) use message_stream::{CloudMessage, MessageStream, OpenStream, SensorM
 pub(crate) use playback_log::{DeliveredScan, PlaybackLog};
 pub use player::Polled;
 pub(crate) use player::{Player, PlayerOptions};
-pub(crate) use pose_lookup::PoseSource;
+pub(crate) use pose_lookup::{PoseSource, SensorMounts};
 pub(crate) use reread_clouds::CloudRereader;
 pub(crate) use selection::Selection;

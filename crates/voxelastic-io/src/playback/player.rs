@@ -3,12 +3,12 @@
 use super::corrections::{Correction, Corrections};
 use super::message_stream::{CloudMessage, MessageStream, SensorMessage};
 use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
-use super::pose_lookup::{PoseLookup, PoseSource};
+use super::pose_lookup::{PoseLookup, PoseSource, SensorMounts};
 use super::selection::Selection;
 use crate::motion::{PoseTrack, sweep_motion, time_span};
 use crate::scan_list::{Continuation, KeyframeFilter, ScanEdges, ScanEntry};
 use crate::{Error, Result};
-use std::collections::{HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -29,8 +29,8 @@ pub(crate) struct PlayerOptions {
     /// The recording, for messages.
     pub(crate) path: PathBuf,
     pub(crate) poses: PoseSource,
-    /// Pose of the lidar in the vehicle's frame, if the user gave it.
-    pub(crate) t_base_lidar: Option<Pose>,
+    pub(crate) mounts: SensorMounts,
+    /// Each sensor has one of its own.
     pub(crate) keyframes: KeyframeFilter,
     pub(crate) selection: Selection,
     /// Scans at known times that are nodes of a graph, with the graph's edges. Other scans are then not taken.
@@ -44,11 +44,27 @@ pub(crate) struct PlayerOptions {
     pub(crate) log: Arc<PlaybackLog>,
 }
 
+/// Nodes of a further sensor are numbered from here on, times its index, so that those of the first do not depend on what else is mapped.
+const NODES_OF_SENSOR: NodeId = 1_000_000_000;
+
+/// What is kept of each sensor.
+struct SensorTrail {
+    keyframes: KeyframeFilter,
+    /// State of the selection.
+    selected: Vec<usize>,
+    /// Clouds read so far.
+    clouds: u64,
+    /// The last delivered scan, with its reported pose, and the motion to it from the scan before.
+    previous: Option<ScanEntry>,
+    step: Option<Pose>,
+}
+
 /// A scan that waits for its pose.
 struct WaitingScan {
     cloud: CloudMessage,
     /// Index among all clouds of the recording.
     index: u64,
+    node: NodeId,
     /// Recording time of its message, seconds.
     since: f64,
 }
@@ -70,6 +86,7 @@ pub(crate) struct Player {
     path: PathBuf,
     poses: PoseLookup,
     keyframes: KeyframeFilter,
+    sensors: BTreeMap<u16, SensorTrail>,
     selection: Selection,
     nodes: Option<(Vec<ScanEntry>, ScanEdges)>,
     corrections: Corrections,
@@ -86,9 +103,8 @@ pub(crate) struct Player {
     without_pose: (usize, f64),
     /// Longest time from a scan's stamp to its last point so far, seconds.
     sweep_s: f64,
-    /// The last delivered scan, with its reported pose, and the motion to it from the scan before.
-    previous: Option<ScanEntry>,
-    step: Option<Pose>,
+    /// The sensor of the last delivered scan.
+    latest: Option<u16>,
     continuation: Continuation,
     delivered: HashSet<NodeId>,
     /// Indices of the loop edges at each node.
@@ -107,8 +123,9 @@ impl Player {
         Self {
             stream,
             path: options.path,
-            poses: PoseLookup::new(options.poses, options.t_base_lidar, options.tolerance_s),
+            poses: PoseLookup::new(options.poses, options.mounts, options.tolerance_s),
             keyframes: options.keyframes,
+            sensors: BTreeMap::new(),
             selection: options.selection,
             nodes: options.nodes,
             corrections: options.corrections,
@@ -121,8 +138,7 @@ impl Player {
             selected: Vec::new(),
             without_pose: (0, 0.0),
             sweep_s: SWEEP_S,
-            previous: None,
-            step: None,
+            latest: None,
             continuation: Continuation::new(),
             delivered: HashSet::new(),
             loops_at,
@@ -138,13 +154,21 @@ impl Player {
             Some(Err(error)) => self.ready.push_back(Err(error)),
             Some(Ok(SensorMessage::Cloud(cloud))) => {
                 self.waiting_bytes += cloud.bytes;
-                self.waiting.push_back(WaitingScan { cloud, index: self.clouds, since: self.stream.now() });
+                let trail = self.trail(cloud.sensor);
+                trail.clouds += 1;
+                let node = NodeId::from(cloud.sensor) * NODES_OF_SENSOR + trail.clouds - 1;
+                self.waiting.push_back(WaitingScan { cloud, index: self.clouds, node, since: self.stream.now() });
                 self.clouds += 1;
             }
             Some(Ok(SensorMessage::Corrected(track))) => self.correct(&track),
             Some(Ok(message)) => self.poses.add(message),
         }
         self.log.set_now(self.stream.now());
+    }
+
+    fn trail(&mut self, sensor: u16) -> &mut SensorTrail {
+        let keyframes = self.keyframes;
+        self.sensors.entry(sensor).or_insert_with(|| SensorTrail { keyframes, selected: Vec::new(), clouds: 0, previous: None, step: None })
     }
 
     /// Whether the first waiting scan need not wait any longer: its poses are complete, or waiting has reached a limit.
@@ -159,30 +183,36 @@ impl Player {
 
     /// Processes the first waiting scan.
     fn process_first(&mut self) {
-        let Some(WaitingScan { cloud, index, .. }) = self.waiting.pop_front() else { return };
+        let Some(WaitingScan { cloud, index, node, .. }) = self.waiting.pop_front() else { return };
         self.waiting_bytes -= cloud.bytes;
         self.poses.remove_before(cloud.time - POSE_MEMORY_S);
-        let Some(t_map_lidar) = self.poses.pose_at(cloud.time, &cloud.frame) else {
+        let Some(t_map_lidar) = self.poses.pose_at(cloud.time, &cloud.frame, cloud.sensor) else {
             let (count, first) = self.without_pose;
             self.without_pose = (count + 1, if count == 0 { cloud.time } else { first });
             self.log.without_pose.fetch_add(1, Ordering::Relaxed);
             return;
         };
-        let Some(entry) = self.entry(index, cloud.time, t_map_lidar) else { return };
-        if !self.keyframes.takes(&entry.t_map_lidar, entry.time) {
+        let Some(entry) = self.entry(index, node, cloud.time, t_map_lidar) else { return };
+        let trail = self.trail(cloud.sensor);
+        if !trail.keyframes.takes(&entry.t_map_lidar, entry.time) {
             return;
         }
-        if !self.selection.takes(&mut self.selected) {
+        let mut own = std::mem::take(&mut trail.selected);
+        let is_taken = self.selection.takes(&mut self.selected, &mut own);
+        self.trail(cloud.sensor).selected = own;
+        if !is_taken {
             self.log.left_out.fetch_add(1, Ordering::Relaxed);
             return;
         }
-        let CloudMessage { decode, frame, .. } = cloud;
+        let CloudMessage { decode, frame, sensor, .. } = cloud;
         match decode() {
             Ok(decoded) => {
                 let mut cloud = decoded.relative_to(entry.time);
+                cloud.sensor = sensor;
                 cloud.motion = self.motion(&cloud, &entry, &frame);
+                let t_child_lidar = self.poses.t_child_lidar(&frame, sensor);
                 self.log.add(entry.node, DeliveredScan { index, motion: cloud.motion.clone() });
-                self.deliver(entry, cloud);
+                self.deliver(entry, cloud, t_child_lidar);
             }
             Err(error) => self.ready.push_back(Err(error)),
         }
@@ -192,13 +222,13 @@ impl Player {
     fn motion(&mut self, cloud: &Cloud, entry: &ScanEntry, frame: &str) -> Option<Motion> {
         let (_, high) = time_span(cloud).filter(|_| self.deskew)?;
         self.sweep_s = self.sweep_s.max(f64::from(high));
-        sweep_motion(cloud, entry.time, &entry.t_map_lidar, |time| self.poses.pose_at(time, frame))
+        sweep_motion(cloud, entry.time, &entry.t_map_lidar, |time| self.poses.pose_at(time, frame, cloud.sensor))
     }
 
     /// The scan as a node; `None` if a graph is given and the scan is not one of its nodes.
-    fn entry(&self, index: u64, time: f64, t_map_lidar: Pose) -> Option<ScanEntry> {
+    fn entry(&self, index: u64, node: NodeId, time: f64, t_map_lidar: Pose) -> Option<ScanEntry> {
         let Some((nodes, _)) = &self.nodes else {
-            return Some(ScanEntry { path: self.path.clone(), index: index as usize, node: index, time, t_map_lidar });
+            return Some(ScanEntry { path: self.path.clone(), index: index as usize, node, time, t_map_lidar });
         };
         let tolerance = self.tolerance_s;
         let k = nodes.partition_point(|n| n.time < time - tolerance);
@@ -207,14 +237,17 @@ impl Player {
     }
 
     /// Queues the events of a scan: corrections known by then, the scan, its odometry, and loop edges whose ends are both delivered.
-    fn deliver(&mut self, entry: ScanEntry, cloud: Cloud) {
+    fn deliver(&mut self, entry: ScanEntry, cloud: Cloud, t_child_lidar: Pose) {
+        let sensor = cloud.sensor;
         self.queue_corrections(entry.time);
-        self.corrections.note(entry.time, entry.node, entry.t_map_lidar);
+        self.corrections.note(entry.time, entry.node, entry.t_map_lidar, t_child_lidar);
         self.log.set_reported(ReportedPose { node: entry.node, time: entry.time, t_odom_lidar: entry.t_map_lidar });
-        let t_map_lidar = self.continued(&entry.t_map_lidar);
+        let t_map_lidar = self.continued(sensor, &entry.t_map_lidar);
         self.ready.push_back(Ok(Event::Scan(Scan { node: entry.node, time: entry.time, t_map_lidar, cloud })));
         let edges = self.nodes.as_ref().map(|(_, edges)| edges);
-        if let Some(previous) = &self.previous {
+        // Scans of further sensors hang on the chain of the first: a chain through all of them would be longer than what was travelled.
+        let before = [Some(0), self.latest].into_iter().flatten().find_map(|sensor| self.sensors.get(&sensor)?.previous.as_ref());
+        if let Some(previous) = before {
             let odometry = match edges {
                 Some(edges) => edges.odometry(previous, &entry),
                 None => {
@@ -231,22 +264,25 @@ impl Player {
                 self.ready.push_back(Ok(Event::LoopEdge(edge.clone())));
             }
         }
-        self.previous = Some(entry);
+        self.latest = Some(sensor);
+        self.trail(sensor).previous = Some(entry);
     }
 
-    /// Pose of the next scan: as reported, or with the last correction carried over.
-    fn continued(&mut self, reported: &Pose) -> Pose {
-        let Some(previous) = &self.previous else { return *reported };
-        let previous = previous.t_map_lidar;
+    /// Pose of the next scan of a sensor: as reported, or with the last correction carried over.
+    fn continued(&mut self, sensor: u16, reported: &Pose) -> Pose {
+        let trail = self.trail(sensor);
+        let Some(previous) = trail.previous.as_ref().map(|previous| previous.t_map_lidar) else {
+            return if self.latest.is_none() { *reported } else { self.continuation.pose(reported, reported, None) };
+        };
         // Without a measurement, the previous step is the best estimate of the motion.
-        let step = self.step.replace(previous.inv_mul(reported));
+        let step = trail.step.replace(previous.inv_mul(reported));
         self.continuation.pose(reported, &previous, step.as_ref())
     }
 
     /// Queues the corrections that became known before `time`.
     fn queue_corrections(&mut self, time: f64) {
         while let Some(path) = self.corrections.take_due(time) {
-            let correction = self.corrections.read(&path, &self.poses.t_child_lidar(), self.tolerance_s);
+            let correction = self.corrections.read(&path, self.tolerance_s);
             if let Ok(Correction { reported, corrected, .. }) = &correction {
                 self.continuation.corrected(reported, corrected);
             }
@@ -256,7 +292,7 @@ impl Player {
 
     /// Queues a correction that came as a message.
     fn correct(&mut self, track: &PoseTrack) {
-        if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(track, &self.poses.t_child_lidar(), self.tolerance_s) {
+        if let Some(Correction { poses, reported, corrected }) = self.corrections.find_in(track, self.tolerance_s) {
             self.continuation.corrected(&reported, &corrected);
             self.ready.push_back(Ok(Event::PoseUpdate(poses)));
         }

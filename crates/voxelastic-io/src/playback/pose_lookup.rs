@@ -2,6 +2,7 @@
 
 use super::message_stream::SensorMessage;
 use crate::motion::{LONGEST_GAP_S, PoseTrack, TransformTree};
+use std::collections::BTreeMap;
 use voxelastic::Pose;
 
 /// Where the poses come from.
@@ -14,21 +15,40 @@ pub(crate) enum PoseSource {
     Transforms,
 }
 
+/// Where the sensors are on the vehicle, as far as it is known before anything is played.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SensorMounts {
+    /// Pose of each lidar in the vehicle's frame, if the user gave it.
+    pub(crate) given: Vec<Option<Pose>>,
+    /// The frame of the first lidar's clouds, where there are several lidars.
+    pub(crate) first_frame: String,
+}
+
+impl SensorMounts {
+    /// Of one sensor.
+    pub(crate) fn one(t_base_lidar: Option<Pose>) -> Self {
+        Self { given: vec![t_base_lidar], first_frame: String::new() }
+    }
+
+    fn given(&self, sensor: u16) -> Option<Pose> {
+        self.given.get(usize::from(sensor)).copied().flatten()
+    }
+}
+
 /// Collects poses and transforms as they arrive and gives the lidar's pose.
 pub(crate) struct PoseLookup {
     source: PoseSource,
     tree: TransformTree,
-    /// Pose of the lidar in the vehicle's frame, if the user gave it.
-    t_base_lidar: Option<Pose>,
-    /// Pose of the lidar in the frame of the poses, once it is known.
-    t_child_lidar: Option<Pose>,
+    mounts: SensorMounts,
+    /// Pose of each lidar in the frame of the poses, once it is known.
+    t_child_lidar: BTreeMap<u16, Pose>,
     /// How far in time a pose may be from its scan, seconds.
     tolerance_s: f64,
 }
 
 impl PoseLookup {
-    pub(crate) fn new(source: PoseSource, t_base_lidar: Option<Pose>, tolerance_s: f64) -> Self {
-        Self { source, tree: TransformTree::default(), t_base_lidar, t_child_lidar: None, tolerance_s }
+    pub(crate) fn new(source: PoseSource, mounts: SensorMounts, tolerance_s: f64) -> Self {
+        Self { source, tree: TransformTree::default(), mounts, t_child_lidar: BTreeMap::new(), tolerance_s }
     }
 
     /// Adds a pose or transform; other messages are ignored.
@@ -63,22 +83,41 @@ impl PoseLookup {
         }
     }
 
-    /// Pose of the lidar, whose frame is `frame`, at a time.
-    pub(super) fn pose_at(&mut self, time: f64, frame: &str) -> Option<Pose> {
+    /// Pose of a lidar, whose frame is `frame`, at a time.
+    pub(super) fn pose_at(&mut self, time: f64, frame: &str, sensor: u16) -> Option<Pose> {
         let tolerance = self.tolerance_s;
-        let (pose, child) = match &self.source {
+        let pose = match &self.source {
             PoseSource::Transforms => return self.tree.in_root(frame, time, tolerance),
-            PoseSource::File(track) => (track.at(time, LONGEST_GAP_S, tolerance)?, ""),
-            PoseSource::Topic { track, child } => (track.at(time, LONGEST_GAP_S, tolerance)?, child.as_str()),
+            PoseSource::File(track) | PoseSource::Topic { track, .. } => track.at(time, LONGEST_GAP_S, tolerance)?,
         };
-        let t_child_lidar = *self.t_child_lidar.get_or_insert_with(|| mounting(&self.tree, child, frame, self.t_base_lidar));
-        Some(pose * t_child_lidar)
+        Some(pose * self.mounting(frame, sensor)?)
     }
 
-    /// Pose of the lidar in the frame that a file of corrected poses refers to. With a transform tree that frame is unknown: the lidar's own
-    /// is assumed.
-    pub(super) fn t_child_lidar(&self) -> Pose {
-        self.t_child_lidar.or(self.t_base_lidar).unwrap_or_default()
+    /// Pose of a lidar in the frame of the poses; `None` if it is a further one and nothing says where it is.
+    fn mounting(&mut self, frame: &str, sensor: u16) -> Option<Pose> {
+        if let Some(known) = self.t_child_lidar.get(&sensor) {
+            return Some(*known);
+        }
+        let child = if let PoseSource::Topic { child, .. } = &self.source { child.clone() } else { String::new() };
+        let found = if sensor == 0 {
+            mounting(&self.tree, &child, frame, self.mounts.given(0))
+        } else if let Some(given) = self.mounts.given(sensor) {
+            given
+        } else {
+            let first = self.mounts.first_frame.clone();
+            self.mounting(&first, 0)? * self.tree.fixed(&first, frame)?
+        };
+        self.t_child_lidar.insert(sensor, found);
+        Some(found)
+    }
+
+    /// Pose of a lidar in the frame that corrected poses refer to. With a transform tree that frame is unknown: that of the first lidar is assumed.
+    pub(super) fn t_child_lidar(&self, frame: &str, sensor: u16) -> Pose {
+        if let Some(known) = self.t_child_lidar.get(&sensor).copied().or(self.mounts.given(sensor)) {
+            return known;
+        }
+        let first = self.t_child_lidar.get(&0).copied().or(self.mounts.given(0)).unwrap_or_default();
+        if sensor == 0 { first } else { first * self.tree.fixed(&self.mounts.first_frame, frame).unwrap_or_default() }
     }
 
     /// Removes poses older than `time`.

@@ -74,7 +74,7 @@ impl RawCloud {
             _ => (None, None),
         };
         let Self { points, width, height, intensity, colours, .. } = self;
-        let cloud = Cloud { points, width, height, intensity, colours, ring, time, motion: None };
+        let cloud = Cloud { points, width, height, intensity, colours, ring, time, motion: None, sensor: 0 };
         Ok(StampedCloud { cloud, stamp })
     }
 }

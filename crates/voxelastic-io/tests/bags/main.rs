@@ -6,6 +6,8 @@ mod damage;
 mod drive;
 mod harm;
 mod ouster;
+mod packets;
+mod two_sensors;
 mod written;
 
 use std::path::{Path, PathBuf};

@@ -53,7 +53,7 @@ class Drive:
         extra = {"seq": k} if self.ros1 else {}
         return self.type("std_msgs/msg/Header")(stamp=stamp, frame_id=frame, **extra)
 
-    def cloud(self, k, layout):
+    def cloud(self, k, layout, frame="lidar", offset=0.0):
         fields, step, rows, padding, big = LAYOUTS[layout]
         order = ">" if big else "<"
         i = np.arange(POINTS)
@@ -71,7 +71,7 @@ class Drive:
         raw = np.concatenate([raw, np.full((rows, padding), 0xEE, np.uint8)], axis=1)
         field = self.type("sensor_msgs/msg/PointField")
         return self.type("sensor_msgs/msg/PointCloud2")(
-            header=self.header(k, "lidar"), height=rows, width=width, fields=[field(name=n, offset=o, datatype=t[0], count=1) for n, o, t in fields],
+            header=self.header(k, frame, offset), height=rows, width=width, fields=[field(name=n, offset=o, datatype=t[0], count=1) for n, o, t in fields],
             is_bigendian=big, point_step=step, row_step=width * step + padding, data=raw.reshape(-1), is_dense=True)
 
     def livox(self, k):
@@ -123,6 +123,20 @@ class Drive:
             else:
                 out.append((f"/{poses}", at + 250_000_001, getattr(self, poses)(k)))
         return sorted(out, key=lambda m: m[1])
+
+
+def two_lidars(drive, poses="odometry", is_beside=True):
+    """A drive with a second lidar, of another make: /rear in the frame rear, 0.04 s after the first, 2 m behind the lidar and turned by half a turn."""
+    out = drive.messages(poses=poses)
+    if is_beside:
+        pose = drive.pose(0)
+        pose.position.x = -2.0
+        pose.orientation.z, pose.orientation.w = 1.0, 0.0
+        out.append(("/tf_static", 99_900_000_001, drive.transforms(0, "lidar", "rear", pose)))
+    for k in range(SCANS - 1):
+        s, ns = seconds(k, 0.04)
+        out.append(("/rear", s * 1_000_000_000 + ns + 100_000_000, drive.cloud(k, "velodyne", "rear", 0.04)))
+    return sorted(out, key=lambda m: m[1])
 
 
 def fill(writer, messages, drive, serialize):
@@ -200,6 +214,11 @@ def main():
     for clouds in ("velodyne", "hesai", "big", "livox"):
         bag1(folder / f"{clouds}_layout.bag", one.messages(clouds), one)
         mcap(folder / f"{clouds}_layout.mcap", two.messages(clouds), two, CompressionType.ZSTD)
+    bag1(folder / "two.bag", two_lidars(one), one)
+    mcap(folder / "two.mcap", two_lidars(two), two, CompressionType.ZSTD)
+    sqlite(folder / "two_tf", two_lidars(two, "tf"), two)
+    sqlite(folder / "two_path", two_lidars(two, "path"), two)
+    mcap(folder / "two_apart.mcap", two_lidars(two, is_beside=False), two, CompressionType.NONE)
     for poses in ("pose_stamped", "path", "tf"):
         bag1(folder / f"ouster_{poses}.bag", one.messages(poses=poses), one)
         sqlite(folder / f"ouster_{poses}", two.messages(poses=poses), two)

@@ -133,7 +133,7 @@ fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
         counts.for_each(|count| *count = 0.into());
     };
     let no_fusions = |state: &mut serde_json::Value| state["fusions"]["queue"] = serde_json::json!([]);
-    let no_views = |state: &mut serde_json::Value| state["moving"]["views"] = serde_json::json!([]);
+    let no_views = |state: &mut serde_json::Value| state["sensors"][0][2]["views"] = serde_json::json!([]);
     assert!(!same_atlas(&whole, &mapped(&events, 40, no_observations).0), "observation counts");
     assert!(!same_atlas(&whole, &mapped(&events, 40, no_views).0), "scans to find what moves");
     assert!(!same_atlas(&whole, &mapped(&events, 40, no_fusions).0), "fusions that are due");

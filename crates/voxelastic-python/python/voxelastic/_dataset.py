@@ -220,7 +220,7 @@ class Dataset:
                 scans are iterated, and a mapper leaves the others out once it has estimated where they were taken.
             cloud_topic: The topic of the clouds in a recording, if there are several.
             pose_topic: The topic of the poses in a recording, if there are several.
-            metadata: The sensor metadata of an Ouster capture, if it is not found by name.
+            metadata: The sensor metadata of an Ouster capture, or the angles of the beams of a Hesai's, if they are not found by name.
             deskew: Compensate the motion of the sensor during a sweep, where points have times.
             time_tolerance: Largest time between a scan and its pose, seconds.
             strict: A scan that cannot be read is an error; otherwise it is skipped with a warning.

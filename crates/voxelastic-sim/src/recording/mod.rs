@@ -3,8 +3,9 @@
 //! | topic | what |
 //! | --- | --- |
 //! | `/points` | `sensor_msgs/PointCloud2`, organised, with `t` (nanoseconds after the stamp, which is the beginning of the sweep) and `ring`; recorded at the end of its sweep |
+//! | `/points_2` | as `/points`, of the second sensor, if there is one, in its own frame |
 //! | `/imu` | `sensor_msgs/Imu` in the frame of the unit, if the simulation has one |
-//! | `/tf_static` | `tf2_msgs/TFMessage`: where in the lidar frame the unit is |
+//! | `/tf_static` | `tf2_msgs/TFMessage`: where in the lidar frame the unit and the second sensor are |
 
 mod cdr;
 mod mcap;
@@ -20,6 +21,8 @@ use std::path::Path;
 /// Frames of the lidar and of the inertial measurement unit.
 const LIDAR_FRAME: &str = "lidar";
 const IMU_FRAME: &str = "imu";
+/// Frame of the second lidar.
+const SECOND_FRAME: &str = "lidar_2";
 
 impl Simulation {
     /// Writes scans and samples of the inertial measurement unit to an MCAP file, in the order of the times at which they are complete; returns the
@@ -32,21 +35,34 @@ impl Simulation {
     }
 
     fn record(&self, out: &mut BufWriter<File>, progress: &mut crate::dataset::Progress<'_>) -> io::Result<usize> {
-        let mut file = McapWriter::new(out, TOPICS.to_vec())?;
+        let second = self.t_lidar_second();
+        let mut file = McapWriter::new(out, TOPICS[..if second.is_some() { 4 } else { 3 }].to_vec())?;
         let samples = self.imu();
         let mut next = 0;
+        let mut samples_until = |file: &mut McapWriter<_>, end: f64| -> io::Result<()> {
+            while let Some(sample) = samples.get(next).filter(|s| s.time <= end) {
+                file.message(IMU_SAMPLES, nanoseconds(sample.time), messages::imu(IMU_FRAME, sample).bytes())?;
+                next += 1;
+            }
+            Ok(())
+        };
+        if let Some(t_lidar_second) = &second {
+            file.message(FIXED_TRANSFORMS, 0, messages::transform(0.0, LIDAR_FRAME, SECOND_FRAME, t_lidar_second).bytes())?;
+        }
         if let Some(imu) = self.imu_unit() {
             file.message(FIXED_TRANSFORMS, 0, messages::transform(0.0, LIDAR_FRAME, IMU_FRAME, imu.t_lidar_imu()).bytes())?;
         }
         let mut written = 0;
         for (k, &time) in self.times().iter().enumerate() {
             let end = time + self.lidar().settings().period;
-            while let Some(sample) = samples.get(next).filter(|s| s.time <= end) {
-                file.message(IMU_SAMPLES, nanoseconds(sample.time), messages::imu(IMU_FRAME, sample).bytes())?;
-                next += 1;
-            }
+            samples_until(&mut file, end)?;
             let cloud = self.cloud(k).unwrap_or_default();
             file.message(POINTS, nanoseconds(end), messages::cloud(time, LIDAR_FRAME, &cloud).bytes())?;
+            if let Some((time, cloud)) = self.second_cloud(k) {
+                let end = time + self.lidar().settings().period;
+                samples_until(&mut file, end)?;
+                file.message(POINTS_OF_SECOND, nanoseconds(end), messages::cloud(time, SECOND_FRAME, &cloud).bytes())?;
+            }
             written = k + 1;
             if progress(written, self.len()).is_break() {
                 break;
@@ -61,7 +77,8 @@ impl Simulation {
 const POINTS: usize = 0;
 const IMU_SAMPLES: usize = 1;
 const FIXED_TRANSFORMS: usize = 2;
-const TOPICS: [(&str, MessageKind); 3] = [("/points", CLOUD), ("/imu", IMU), ("/tf_static", TRANSFORMS)];
+const POINTS_OF_SECOND: usize = 3;
+const TOPICS: [(&str, MessageKind); 4] = [("/points", CLOUD), ("/imu", IMU), ("/tf_static", TRANSFORMS), ("/points_2", CLOUD)];
 
 /// Nanoseconds, as recordings count.
 fn nanoseconds(time: f64) -> u64 {

@@ -10,6 +10,7 @@ use crate::integrate::{
 };
 use crate::sensor::PatchWeights;
 use crate::settings::{NoReturn, Settings};
+use std::collections::BTreeMap;
 
 impl From<&Settings> for TsdfSettings {
     fn from(settings: &Settings) -> Self {
@@ -45,29 +46,39 @@ impl From<&Settings> for FusionSettings {
 /// One integrator per field: they hold scratch memory, so all submaps share them.
 #[derive(Debug)]
 pub(super) struct Integrators {
-    /// That of occupancy is made for the first scan, when the sensor is known.
+    /// That of occupancy belongs to a sensor, and is there while a scan of it is integrated.
     fields: FieldIntegrators,
+    /// Those of occupancy by sensor, made for its first scan.
+    occupancy: BTreeMap<u16, OccupancyIntegrator>,
 }
 
 impl Integrators {
     pub fn new(settings: &Settings) -> Self {
         let tsdf = settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into()));
-        Self { fields: FieldIntegrators { tsdf, occupancy: None } }
+        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new() }
     }
 
-    /// The weights of the returns of a scan into `submap`, by what its surfaces are known; `None` if all are 1.
-    pub fn patch_weights(&self, submap: &Submap, t_submap_lidar: &Pose, scan: &FrontendScan<'_>, settings: &Settings) -> Option<PatchWeights> {
+    /// The weights of the returns of scan number `turn` of a sensor into `submap`, by what its surfaces are known; `None` if all are 1.
+    pub fn patch_weights(
+        &self,
+        submap: &Submap,
+        turn: usize,
+        t_submap_lidar: &Pose,
+        scan: &FrontendScan<'_>,
+        settings: &Settings,
+    ) -> Option<PatchWeights> {
         let (tsdf, size) = (self.fields.tsdf.as_ref()?, scan.image_size()?);
         let returns = &scan.scan().returns;
         let frame = RayFrame { t_submap_lidar: Rigid::from(t_submap_lidar), voxel: settings.voxel_size, max_range: settings.max_range };
         let rule = tsdf.scale_rule(returns.smallest_angle);
         let known = KnownSurfaces { field: &submap.tsdf, frame, rule, known_after: settings.known_after };
-        known.weights(returns, size, submap.scans.len())
+        known.weights(returns, size, turn)
     }
 
-    /// Integrates a scan whose planes are fitted, without the parts that are redundant in the TSDF.
+    /// Integrates a scan of a sensor whose planes are fitted, without the parts that are redundant in the TSDF.
     pub fn integrate(
         &mut self,
+        sensor: u16,
         submap: &mut Submap,
         t_submap_lidar: &Pose,
         scan: &KeptScan<'_>,
@@ -75,7 +86,8 @@ impl Integrators {
         redundancy: &Redundancy<'_>,
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         if settings.field.has_occupancy() {
-            self.fields.occupancy.get_or_insert_with(|| OccupancyIntegrator::new(settings.into(), scan.model()));
+            let own = self.occupancy.remove(&sensor);
+            self.fields.occupancy = Some(own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model())));
         }
         let (image, fills_gaps) = scan.image();
         let input = ScanInput {
@@ -86,6 +98,8 @@ impl Integrators {
             image,
             fills_gaps,
         };
-        self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy)
+        let stats = self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy);
+        self.occupancy.extend(self.fields.occupancy.take().map(|own| (sensor, own)));
+        stats
     }
 }

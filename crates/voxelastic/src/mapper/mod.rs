@@ -4,7 +4,7 @@
 //! a submap (`assign`, Sec. IV-A) and integrated into the submap's fields in the submap frame (`integrators`, Sec. IV-B). Closed loops start
 //! fusions, which run in the background (`background_fusion`, Sec. IV-C). Corrected poses move root poses and nothing else (`correct`,
 //! Sec. IV-D); submaps whose scans moved against each other are reported and can be rebuilt from their scans (`rebuild`). On a revisit,
-//! surfaces that are well observed are not updated again (`revisit`). Things that move are set aside, if that is wanted (`moving`). What a mapper knows beside its atlas can be stored, so that another process goes
+//! surfaces that are well observed are not updated again (`revisit`). Several sensors may feed one map (`sensors`). Things that move are set aside, if that is wanted (`moving`). What a mapper knows beside its atlas can be stored, so that another process goes
 //! on with it (`state`).
 //!
 //! ```
@@ -37,6 +37,7 @@ mod pipeline;
 mod rebuild;
 mod report;
 mod revisit;
+mod sensors;
 mod state;
 
 pub use builder::MapperBuilder;

@@ -5,13 +5,14 @@ use super::background_fusion::BackgroundFusion;
 use super::clusters::Clusters;
 use super::correct::{Deformation, correct_scans, deformations, move_submaps};
 use super::error::MapError;
-use super::frontend::{Frontend, FrontendScan};
+use super::frontend::FrontendScan;
 use super::idle::{IdleTask, keep_threads_awake};
 use super::integrators::Integrators;
 use super::moving::MovingDetector;
 use super::rebuild::{RebuildError, RebuildReport, Rebuilder, ScanSource};
 use super::report::{Assignment, ElasticCounts, ScanReport};
 use super::revisit::RevisitDetector;
+use super::sensors::{Sensor, Sensors};
 use crate::atlas::fusion::resolve_conflicts;
 use crate::atlas::graph::{GraphCounts, LinkKind, is_rigid};
 use crate::atlas::{Atlas, SubmapId};
@@ -22,6 +23,14 @@ use crate::sensor::BeamModel;
 use crate::settings::{Dynamic, SettingError, Settings};
 use std::time::{Duration, Instant};
 
+/// A scan, with what its sensor knows about things that move.
+struct Seen<'a> {
+    prepared: FrontendScan<'a>,
+    moving: &'a mut MovingDetector,
+    /// Number of sensors of which there were scans before.
+    sensors: usize,
+}
+
 /// Turns a stream of events into an [`Atlas`].
 #[derive(Debug)]
 pub struct Mapper {
@@ -29,17 +38,14 @@ pub struct Mapper {
     pub(super) atlas: Atlas,
     pub(super) clusters: Clusters,
     pub(super) fusion: BackgroundFusion,
-    pub(super) frontend: Option<Frontend>,
-    /// The sensor's beam tables, if they are known from elsewhere.
+    pub(super) sensors: Sensors,
+    /// The beam tables of the first sensor, if they are known from elsewhere.
     pub(super) sensor_model: Option<BeamModel>,
     pub(super) integrators: Integrators,
     pub(super) revisits: RevisitDetector,
-    pub(super) moving: MovingDetector,
     /// Points of the last scan that were set aside, map frame, metres.
     moving_points: Vec<[f32; 3]>,
     idle_task: Option<IdleTask>,
-    /// The node whose cloud showed which sensor it is.
-    pub(super) first_node: Option<NodeId>,
     /// The node of the last scan, whether the scan was usable or not.
     pub(super) last_node: Option<NodeId>,
     pub(super) counts: ElasticCounts,
@@ -59,14 +65,12 @@ impl Mapper {
             atlas: Atlas::new(settings.voxel_size),
             clusters: Clusters::new(&settings),
             fusion: BackgroundFusion::new((&settings).into()),
-            frontend: None,
+            sensors: Sensors::default(),
             sensor_model: None,
             integrators: Integrators::new(&settings),
             revisits: RevisitDetector::new(&settings),
-            moving: MovingDetector::default(),
             moving_points: Vec::new(),
             idle_task: None,
-            first_node: None,
             last_node: None,
             counts: ElasticCounts::default(),
             conflicts_resolved: true,
@@ -118,14 +122,19 @@ impl Mapper {
         self.fusion.finish(&mut self.atlas, &self.clusters.graph);
     }
 
-    /// Description of the sensor; none before the first scan.
+    /// Description of the sensor, or of all sensors whose clouds have come; none before the first scan.
     pub fn sensor(&self) -> Option<&str> {
-        self.frontend.as_ref().map(Frontend::description)
+        self.sensors.description()
     }
 
-    /// How the clouds of the sensor are laid out, see [`CloudLayout::name`](crate::sensor::CloudLayout::name); none before the first scan.
+    /// Number of sensors whose clouds have come, see [`Cloud::sensor`](crate::Cloud::sensor).
+    pub fn sensor_count(&self) -> usize {
+        self.sensors.len()
+    }
+
+    /// How the clouds of the first sensor are laid out, see [`CloudLayout::name`](crate::sensor::CloudLayout::name); none before the first scan.
     pub fn sensor_layout(&self) -> Option<&'static str> {
-        self.frontend.as_ref().map(|frontend| frontend.layout().name())
+        self.sensors.first().map(|sensor| sensor.frontend.layout().name())
     }
 
     /// Counts of submap assignments, fusions and corrections so far.
@@ -145,31 +154,36 @@ impl Mapper {
 
     /// Removes surfaces from places where nothing is before or after.
     fn clean_submaps(&mut self) {
-        let Some(frontend) = self.frontend.as_ref().filter(|_| self.settings.dynamic == Dynamic::Remove) else { return };
-        for submap in self.atlas.submaps_mut() {
-            self.counts.voxels_removed += self.moving.clean(submap, &self.clusters.graph, frontend.model());
+        if self.settings.dynamic != Dynamic::Remove {
+            return;
+        }
+        for Sensor { frontend, moving, .. } in self.sensors.iter_mut() {
+            for submap in self.atlas.submaps_mut() {
+                self.counts.voxels_removed += moving.clean(submap, &self.clusters.graph, frontend.model());
+            }
         }
     }
 
     /// Finds the returns of a scan into submap `id` that are on something that moves, a flag each; empty if none is.
-    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, prepared: &FrontendScan<'_>) -> Vec<bool> {
+    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, seen: &mut Seen<'_>) -> Vec<bool> {
         self.moving_points.clear();
         if self.settings.dynamic == Dynamic::Keep {
             return Vec::new();
         }
-        if self.moving.submap() != Some(id) {
+        let Seen { prepared, moving, .. } = seen;
+        if moving.submap() != Some(id) {
             let root = |id| self.clusters.graph.pose(self.clusters.assignments.root(id)?);
-            let t_new_old = self.moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
-            self.moving.enter(id, t_new_old.as_ref());
+            let t_new_old = moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
+            moving.enter(id, t_new_old.as_ref());
         }
         let returns = &prepared.scan().returns;
         let image = prepared.scan().view_from_one_pose(false).0;
-        let moves = self.moving.judge(t_submap_lidar, prepared.scan(), prepared.model());
+        let moves = moving.judge(t_submap_lidar, prepared.scan(), prepared.model());
         let t_map_lidar = Rigid::from(&scan.t_map_lidar);
         let points = returns.points.iter().zip(&moves).take(returns.measured).filter(|(_, moves)| **moves);
         self.moving_points.extend(points.map(|(p, _)| t_map_lidar.apply(*p)));
         self.counts.moving_points += self.moving_points.len();
-        self.moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), image, prepared.model());
+        moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), image, prepared.model());
         moves
     }
 
@@ -224,13 +238,13 @@ impl Mapper {
             settings: &self.settings,
             graph: &self.clusters.graph,
             sensor_model: self.sensor_model.as_ref(),
-            frontend: &mut self.frontend,
+            sensors: &mut self.sensors,
             integrators: &mut self.integrators,
         };
         let (new, scans) = rebuilder.rebuild(old, source)?;
         let report = RebuildReport { scans, bytes_before: old.bytes(), bytes_after: new.bytes() };
         *old = new;
-        self.moving.forget(id);
+        self.sensors.iter_mut().for_each(|sensor| sensor.moving.forget(id));
         self.counts.rebuilds += 1;
         Ok(report)
     }
@@ -267,24 +281,26 @@ impl Mapper {
         if !is_rigid(&scan.t_map_lidar) {
             return Err(MapError::BadPose { node: scan.node });
         }
-        let mut frontend = match self.frontend.take() {
-            Some(frontend) => frontend,
-            None => {
-                let opened = Frontend::open(&self.settings, self.sensor_model.as_ref(), &scan.cloud);
-                self.first_node = Some(scan.node);
-                opened.map_err(|reason| MapError::Sensor { node: scan.node, reason })?
-            }
-        };
+        let mut sensors = std::mem::take(&mut self.sensors);
+        let result = self.integrate_from(&mut sensors, scan);
+        self.sensors = sensors;
+        result
+    }
+
+    /// As [`integrate`](Self::integrate), with the sensors apart: a prepared scan borrows from one of them.
+    fn integrate_from(&mut self, sensors: &mut Sensors, scan: &Scan) -> Result<ScanReport, MapError> {
+        let known = sensors.len();
+        let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
+        let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();
-        let mut prepared = frontend.prepare(&scan.cloud);
+        let mut seen = Seen { prepared: frontend.prepare(&scan.cloud), moving, sensors: known };
         let prepare = start.elapsed();
         // The node is added to the graph even if its scan is not usable: edges may lead over it.
         self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
         if let Some(last) = self.last_node.replace(scan.node) {
             self.clusters.graph.assume_odometry(last, scan.node);
         }
-        let result = self.integrate_prepared(scan, &mut prepared, prepare);
-        self.frontend = Some(frontend);
+        let result = self.integrate_prepared(scan, &mut seen, prepare);
         let clock = Instant::now();
         self.queue_fusions();
         let entered = result.as_ref().ok().map(|report| report.submap);
@@ -292,7 +308,8 @@ impl Mapper {
         result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
     }
 
-    fn integrate_prepared(&mut self, scan: &Scan, prepared: &mut FrontendScan<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
+    fn integrate_prepared(&mut self, scan: &Scan, seen: &mut Seen<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
+        let prepared = &mut seen.prepared;
         let (node, counts) = (scan.node, prepared.scan().counts);
         if prepared.scan().returns.is_empty() {
             return Err(MapError::NoReturns { node, counts });
@@ -305,7 +322,11 @@ impl Mapper {
         let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
         let clock = Instant::now();
-        let weights = self.atlas.submap(id).and_then(|submap| self.integrators.patch_weights(submap, &t_submap_lidar, prepared, &self.settings));
+        let weights = self.atlas.submap(id).and_then(|submap| {
+            // Several sensors alternate, and each has to come to all of its patches.
+            let turn = submap.scans.len() / seen.sensors.max(1);
+            self.integrators.patch_weights(submap, turn, &t_submap_lidar, prepared, &self.settings)
+        });
         let prepare = prepare + clock.elapsed();
         // Other submaps are compacted while the planes are fitted: the two are independent.
         let (planes, ()) = rayon::join(
@@ -318,7 +339,7 @@ impl Mapper {
         );
         let prepare = prepare + planes;
         let clock = Instant::now();
-        let moves = self.find_moving(id, scan, &t_submap_lidar, prepared);
+        let moves = self.find_moving(id, scan, &t_submap_lidar, seen);
         let prepare = prepare + clock.elapsed();
         let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
         let Some((submap, others)) = self.atlas.with_neighbours(id, &revisited) else { return Err(MapError::LostSubmap { node, submap: id }) };
@@ -326,8 +347,14 @@ impl Mapper {
         let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
         let redundancy = Redundancy { before, elsewhere };
         submap.add_scan_at(node, t_submap_lidar);
-        let (tsdf, occupancy) =
-            self.integrators.integrate(submap, &t_submap_lidar, &prepared.without(&moves, weights.as_ref()), &self.settings, &redundancy);
+        let (tsdf, occupancy) = self.integrators.integrate(
+            scan.cloud.sensor,
+            submap,
+            &t_submap_lidar,
+            &seen.prepared.without(&moves, weights.as_ref()),
+            &self.settings,
+            &redundancy,
+        );
         let is_new_submap = assignment == Assignment::NewSubmap;
         self.counts.count(assignment);
         let moving = self.moving_points.len();

@@ -1,8 +1,8 @@
 //! Rebuilding a submap from its scans: a rigid submap cannot follow corrections between its own nodes, its scans can.
 
-use super::frontend::Frontend;
 use super::integrators::Integrators;
 use super::moving::MovingDetector;
+use super::sensors::Sensors;
 use crate::Cloud;
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
@@ -10,6 +10,7 @@ use crate::event::NodeId;
 use crate::integrate::Redundancy;
 use crate::sensor::BeamModel;
 use crate::settings::{Dynamic, Settings};
+use std::collections::BTreeMap;
 
 /// Reads the clouds of scans that were mapped before.
 pub trait ScanSource {
@@ -59,7 +60,7 @@ pub(super) struct Rebuilder<'a> {
     pub settings: &'a Settings,
     pub graph: &'a PoseGraph,
     pub sensor_model: Option<&'a BeamModel>,
-    pub frontend: &'a mut Option<Frontend>,
+    pub sensors: &'a mut Sensors,
     pub integrators: &'a mut Integrators,
 }
 
@@ -69,31 +70,31 @@ impl Rebuilder<'_> {
         let id = old.id;
         let root = old.root_node().and_then(|root| self.graph.pose(root)).copied().unwrap_or(old.t_map_submap);
         let mut new = Submap { revision: old.revision + 1, ..Submap::new(id, old.voxel_size, root) };
-        let (mut scans, mut moving) = (0, MovingDetector::default());
-        moving.enter(id, None);
+        let (mut scans, mut moving) = (0, BTreeMap::<u16, MovingDetector>::new());
         for scan in &old.scans {
             let node = scan.node;
             let cloud = source.cloud(node).map_err(|source| RebuildError::Scan { submap: id, node, source })?;
             let t_submap_lidar = self.graph.pose(node).map_or(scan.t_submap_lidar, |pose| root.inv_mul(pose));
-            let frontend = match self.frontend {
-                Some(frontend) => frontend,
-                None => match Frontend::open(self.settings, self.sensor_model, &cloud) {
-                    Ok(frontend) => self.frontend.insert(frontend),
-                    Err(error) => return Err(RebuildError::Scan { submap: id, node, source: Box::new(error) }),
-                },
-            };
-            let mut prepared = frontend.prepare(&cloud);
-            let weights = self.integrators.patch_weights(&new, &t_submap_lidar, &prepared, self.settings);
+            let turn = new.scans.len() / self.sensors.len().max(1);
+            let sensor = self.sensors.of(self.settings, self.sensor_model, &cloud, node);
+            let sensor = sensor.map_err(|error| RebuildError::Scan { submap: id, node, source: Box::new(error) })?;
+            let mut prepared = sensor.frontend.prepare(&cloud);
+            let weights = self.integrators.patch_weights(&new, turn, &t_submap_lidar, &prepared, self.settings);
             new.add_scan_at(node, t_submap_lidar);
             prepared.fit_planes_for_map(weights.as_ref());
             if !prepared.scan().returns.is_empty() {
                 let mut moves = Vec::new();
                 if self.settings.dynamic == Dynamic::Remove {
                     let image = prepared.scan().view_from_one_pose(false).0;
+                    let moving = moving.entry(cloud.sensor).or_default();
+                    if moving.submap().is_none() {
+                        moving.enter(id, None);
+                    }
                     moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
                     moving.remember(node, &t_submap_lidar, None, image, prepared.model());
                 }
                 self.integrators.integrate(
+                    cloud.sensor,
                     &mut new,
                     &t_submap_lidar,
                     &prepared.without(&moves, weights.as_ref()),

@@ -5,12 +5,13 @@
 //! stopped.
 
 use super::background_fusion::FusionSchedule;
-use super::frontend::Frontend;
 use super::moving::{Cells, MovingState};
 use super::pipeline::Mapper;
 use super::rebuild::ScanSource;
 use super::report::ElasticCounts;
 use super::revisit::RevisitState;
+use super::sensors::Sensor;
+use crate::Cloud;
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Atlas, NodeAssignments, SubmapId};
 use crate::event::NodeId;
@@ -29,8 +30,8 @@ pub struct MapperState {
     size_limited: Vec<(Vec<SubmapId>, [NodeId; 2])>,
     fusions: FusionSchedule,
     revisit: Option<RevisitState>,
-    moving: MovingState,
-    first_node: Option<NodeId>,
+    /// Each sensor, with the node whose cloud showed which it is.
+    sensors: Vec<(u16, NodeId, MovingState)>,
     last_node: Option<NodeId>,
     counts: ElasticCounts,
     next_submap: SubmapId,
@@ -39,11 +40,11 @@ pub struct MapperState {
 }
 
 impl MapperState {
-    /// The state for scans that come later and from elsewhere, where those before cannot be read again: the sensor is recognised from the next scan,
+    /// The state for scans that come later and from elsewhere, where those before cannot be read again: sensors are recognised from the next scans,
     /// what moves is looked for from there on, and no revisit is in progress.
     #[must_use]
     pub fn for_other_scans(self) -> Self {
-        Self { first_node: None, revisit: None, moving: MovingState::default(), ..self }
+        Self { sensors: Vec::new(), revisit: None, ..self }
     }
 
     /// The node that came last.
@@ -102,8 +103,7 @@ impl Mapper {
             size_limited: self.clusters.size_limited.iter().map(|(submaps, ends)| (submaps.clone(), *ends)).collect(),
             fusions,
             revisit: self.revisits.state(&self.atlas),
-            moving: self.moving.state(),
-            first_node: self.frontend.as_ref().and(self.first_node),
+            sensors: self.sensors.iter().map(|(index, sensor)| (index, sensor.first_node, sensor.moving.state())).collect(),
             last_node: self.last_node,
             counts: self.counts,
             next_submap: self.atlas.next_id(),
@@ -112,7 +112,7 @@ impl Mapper {
     }
 
     /// A mapper that goes on from `state`, with the settings and the sensor model of the one that the state was taken of. `atlas` has the
-    /// submaps that this one had then, as a map stores them; `scans` reads the first scan again, to recognise the sensor, and where things that move are removed
+    /// submaps that this one had then, as a map stores them; `scans` reads the first scan of each sensor again, to recognise it, and where things that move are removed
     /// the scans with which the next ones are compared.
     ///
     /// # Errors
@@ -126,15 +126,13 @@ impl Mapper {
     ) -> Result<Self, ResumeError> {
         let mut mapper = Self::new(settings)?;
         mapper.sensor_model = sensor_model;
-        if let Some(node) = state.first_node {
+        for (index, node, moving) in state.sensors {
             let cannot_read = |source| ResumeError::Sensor { node, source };
-            let cloud = scans.cloud(node).map_err(cannot_read)?;
-            let frontend = Frontend::open(&mapper.settings, mapper.sensor_model.as_ref(), &cloud);
-            mapper.frontend = Some(frontend.map_err(|error| cannot_read(Box::new(error)))?);
-        }
-        if let Some(frontend) = &mut mapper.frontend {
+            let cloud = Cloud { sensor: index, ..scans.cloud(node).map_err(cannot_read)? };
+            let opened = mapper.sensors.of(&mapper.settings, mapper.sensor_model.as_ref(), &cloud, node);
+            let Sensor { frontend, moving: detector, .. } = opened.map_err(|error| cannot_read(Box::new(error)))?;
             let model = frontend.model().clone();
-            mapper.moving = state.moving.detector(&model, |node| -> Result<Cells, ResumeError> {
+            *detector = moving.detector(&model, |node| -> Result<Cells, ResumeError> {
                 let cloud = scans.cloud(node).map_err(|source| ResumeError::Scan { node, source })?;
                 Ok(Cells::new(frontend.prepare(&cloud).scan().view_from_one_pose(false).0))
             })?;
@@ -157,7 +155,7 @@ impl Mapper {
         mapper.clusters.assignments = state.assignments;
         mapper.clusters.size_limited = state.size_limited.into_iter().collect();
         mapper.fusion.set_schedule(state.fusions);
-        (mapper.first_node, mapper.last_node, mapper.counts) = (state.first_node, state.last_node, state.counts);
+        (mapper.last_node, mapper.counts) = (state.last_node, state.counts);
         mapper.conflicts_resolved = false;
         mapper.atlas = atlas;
         Ok(mapper)

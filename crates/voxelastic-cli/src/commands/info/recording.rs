@@ -17,6 +17,8 @@ pub struct RecordingInfo {
     topics: Vec<TopicInfo>,
     /// The topic of the clouds that `map` would use.
     cloud_topic: Option<String>,
+    /// The topics of further sensors that `map` would use, too.
+    more_cloud_topics: Vec<String>,
     /// The topic or file of the poses that `map` would use.
     poses: Option<String>,
     /// The reason why it cannot be mapped as it is, if there is one.
@@ -51,6 +53,7 @@ pub fn describe(data: &DataArgs) -> anyhow::Result<RecordingInfo> {
         time_s: d.times,
         topics: d.topics.into_iter().map(topic).collect(),
         cloud_topic: d.cloud_topic,
+        more_cloud_topics: d.more_cloud_topics,
         poses: d.poses,
         problem: d.problem,
         notes: d.notes,
@@ -68,7 +71,7 @@ pub fn table(info: &RecordingInfo) -> Vec<(String, String)> {
         let rate = t.rate_hz.map_or_else(String::new, |r| format!("{r:7.2} Hz"));
         rows.push(row("topic", format!("{:<width$}  {count:>8}  {rate:>10}  {}", t.name, t.kind)));
     }
-    rows.extend(info.cloud_topic.as_ref().map(|t| row("clouds to map", t)));
+    rows.extend(info.cloud_topic.iter().chain(&info.more_cloud_topics).map(|t| row("clouds to map", t)));
     rows.extend(info.poses.as_ref().map(|p| row("poses", p)));
     rows.extend(info.problem.as_ref().map(|p| row("problem", p)));
     rows.extend(info.notes.iter().map(|n| row("note", n)));

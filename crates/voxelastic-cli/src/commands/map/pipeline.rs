@@ -97,9 +97,9 @@ impl<'a> Pipeline<'a> {
         session.set_idle_task(|| self.events.idle_task());
         while let Some(event) = self.events.next() {
             let is_scan = matches!(event, Ok(Event::Scan(_)) | Err(_));
-            let first = session.scans() == 0;
+            let sensors = session.mapper().sensor_count();
             self.take(event, session, keeper)?;
-            if let (true, Some(sensor)) = (first && session.scans() == 1, session.mapper().sensor()) {
+            if let (true, Some(sensor)) = (session.mapper().sensor_count() > sensors, session.mapper().sensor()) {
                 tracing::info!("sensor: {sensor}");
             }
             if is_scan {

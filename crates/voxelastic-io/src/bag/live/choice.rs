@@ -46,7 +46,12 @@ impl LiveTopics {
         let path = Path::new(origin);
         let topics = there.iter().map(|(name, kind)| Topic::new(name.clone(), kind, Encoding::Cdr)).collect();
         let summary = RecordingSummary::of_topics(topics);
-        let mut stream = StreamTopics { clouds: choose_clouds(&summary, path, options.cloud_topic.as_deref())?, ..StreamTopics::default() };
+        if let [second, ..] = options.more_sensors.as_slice() {
+            let problem = format!("one topic of clouds is mapped live, not {} besides", second.topic);
+            return Err(Error::dataset(path, problem, "record the topics, and map the recording with both"));
+        }
+        let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
+        let mut stream = StreamTopics { clouds: vec![clouds], ..StreamTopics::default() };
         let mut by_transforms = false;
         if estimates_poses {
             stream.imu = choose_imu(&summary, path, options)?;
@@ -59,7 +64,7 @@ impl LiveTopics {
         }
         let kind = |name: &str| there.iter().find(|(n, _)| n == name).map_or("nav_msgs/msg/Path", |(_, kind)| kind);
         let topic = |name: &String, is_sensor_data| LiveTopic { name: name.clone(), kind: kind(name).to_owned(), is_latched: false, is_sensor_data };
-        let mut subscriptions = vec![topic(&stream.clouds, true)];
+        let mut subscriptions: Vec<LiveTopic> = stream.clouds.iter().map(|name| topic(name, true)).collect();
         subscriptions.extend(stream.imu.iter().map(|name| topic(name, true)));
         subscriptions.extend(stream.poses.iter().chain(&stream.corrections).map(|name| topic(name, false)));
         subscriptions.extend(TRANSFORMS.map(|name| LiveTopic {
@@ -79,7 +84,7 @@ impl LiveTopics {
     /// What is used for what, in a few lines.
     pub fn description(&self) -> String {
         let StreamTopics { clouds, poses, corrections, imu } = &self.stream;
-        let mut lines = vec![format!("clouds: {clouds}")];
+        let mut lines = vec![format!("clouds: {}", clouds.join(", "))];
         lines.push(match poses {
             Some(topic) => format!("poses: {topic}"),
             None if self.by_transforms => "poses: /tf".to_owned(),

@@ -6,7 +6,7 @@ use super::stream::LiveStream;
 use super::{LiveFrames, LiveMessages, LiveTopics, Polled};
 use crate::motion::{ImuMount, PoseTrack};
 use crate::ouster::{PacketStream, SensorMetadata};
-use crate::playback::{Corrections, PlaybackLog, Player, PlayerOptions, PoseSource, Selection};
+use crate::playback::{Corrections, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts};
 use crate::raw::TimedScan;
 use crate::scan_list::{KeyframeFilter, Keyframing};
 use crate::{OpenOptions, Result};
@@ -30,7 +30,7 @@ impl LiveEvents {
         let player_options = PlayerOptions {
             path: topics.origin.clone(),
             poses: if topics.by_transforms { PoseSource::Transforms } else { track },
-            t_base_lidar: options.t_base_lidar,
+            mounts: SensorMounts::one(options.t_base_lidar),
             keyframes: KeyframeFilter::new(options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M))),
             selection: Selection::default(),
             nodes: None,

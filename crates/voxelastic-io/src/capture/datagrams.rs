@@ -1,39 +1,28 @@
-//! UDP payloads out of a network capture: pcap in either byte order, over Ethernet, Linux cooked or bare IP, fragments put together.
+//! UDP datagrams out of the frames of a capture: over Ethernet, Linux cooked or bare IP, fragments put together.
 //!
-//! Layout: the libpcap file format (draft-ietf-opsawg-pcap), IPv4 (RFC 791), UDP (RFC 768).
+//! Layout: IPv4 (RFC 791), UDP (RFC 768).
 
-use crate::{Error, Position, Result};
+use super::frames::{Frame, Frames, Link};
+use crate::Result;
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-/// A record claims no more than this; jumbo frames are smaller.
-const LARGEST_RECORD: u32 = 1 << 18;
 /// Datagrams that wait for fragments; older ones were lost.
 const MOST_WAITING: usize = 64;
 const UDP: u8 = 17;
 const IPV4: u16 = 0x0800;
 
-/// What a capture begins with: magic numbers of micro- and nanosecond captures, and whether they are big-endian.
-pub(crate) const MAGICS: [[u8; 4]; 4] = [[0xd4, 0xc3, 0xb2, 0xa1], [0x4d, 0x3c, 0xb2, 0xa1], [0xa1, 0xb2, 0xc3, 0xd4], [0xa1, 0xb2, 0x3c, 0x4d]];
-/// What a capture in the newer pcapng format begins with.
-pub(crate) const PCAPNG: [u8; 4] = [0x0a, 0x0d, 0x0d, 0x0a];
-
-/// Kinds of frames.
-#[derive(Clone, Copy, Debug)]
-enum Link {
-    Ethernet,
-    LinuxCooked,
-    Ip,
-}
-
 /// A UDP datagram.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Datagram {
+    /// IPv4 address of the sender, as a number.
+    pub(crate) source: u32,
+    /// Port that it was sent to.
     pub(crate) port: u16,
     pub(crate) payload: Vec<u8>,
-    /// Offset in the file of the record that completed it.
+    /// When the frame that completed it was captured, seconds.
+    pub(crate) time: f64,
+    /// Offset in the file of the record of that frame.
     pub(crate) at: u64,
 }
 
@@ -47,76 +36,40 @@ struct Parts {
 /// A capture that is read front to back.
 #[derive(Debug)]
 pub(crate) struct Pcap {
-    path: PathBuf,
-    file: BufReader<File>,
-    len: u64,
-    next: u64,
-    big_endian: bool,
-    link: Link,
+    frames: Frames,
     waiting: HashMap<(u32, u32, u16), Parts>,
     order: Vec<(u32, u32, u16)>,
 }
 
 impl Pcap {
+    /// Opens a capture.
+    ///
+    /// # Errors
+    /// [`Error::Content`](crate::Error::Content) if it is none, or of frames that cannot hold datagrams; [`Error::Io`](crate::Error::Io).
     pub(crate) fn open(path: &Path) -> Result<Self> {
-        let fail = |e| Error::io(path, "read", e);
-        let file = File::open(path).map_err(fail)?;
-        let len = file.metadata().map_err(fail)?.len();
-        let mut file = BufReader::with_capacity(1 << 18, file);
-        let mut head = [0; 24];
-        let damaged = |problem: String| Error::content(path, Position::Byte(0), problem, "capture it again, or convert it: editcap -F pcap IN OUT");
-        file.read_exact(&mut head).map_err(|_| damaged(format!("the file ends after {len} bytes, within its head")))?;
-        if head[..4] == PCAPNG {
-            return Err(damaged("a capture in the pcapng format, not pcap".into()));
-        }
-        let Some(kind) = MAGICS.iter().position(|m| *m == head[..4]) else { return Err(damaged("not a pcap capture by its first bytes".into())) };
-        let big_endian = kind >= 2;
-        let link = match number(&head, 20, big_endian) & 0x0fff_ffff {
-            1 => Link::Ethernet,
-            113 => Link::LinuxCooked,
-            12 | 101 | 228 => Link::Ip,
-            other => return Err(damaged(format!("frames of link type {other}, which is none of Ethernet, Linux cooked and IP"))),
-        };
-        Ok(Self { path: path.into(), file, len, next: 24, big_endian, link, waiting: HashMap::new(), order: Vec::new() })
+        Ok(Self { frames: Frames::open(path)?, waiting: HashMap::new(), order: Vec::new() })
     }
 
     /// The next UDP datagram; an error once if the capture is cut or damaged.
     pub(crate) fn next(&mut self) -> Option<Result<Datagram>> {
-        while self.next < self.len {
-            let at = self.next;
-            match self.record() {
+        loop {
+            match self.frames.next()? {
                 Ok(frame) => {
-                    if let Some((port, payload)) = self.datagram(&frame) {
-                        return Some(Ok(Datagram { port, payload, at }));
+                    if let Some((source, port, payload)) = self.datagram(&frame) {
+                        return Some(Ok(Datagram { source, port, payload, time: frame.time, at: frame.at }));
                     }
                 }
-                Err(problem) => {
-                    self.next = self.len;
-                    let remedy = "the capture is cut or damaged here: what comes before is used";
-                    return Some(Err(Error::content(&self.path, Position::Byte(at), problem, remedy)));
-                }
+                Err(error) => return Some(Err(error)),
             }
         }
-        None
     }
 
-    fn record(&mut self) -> std::result::Result<Vec<u8>, String> {
-        let mut head = [0; 16];
-        self.file.read_exact(&mut head).map_err(|_| "the file ends within the head of a record".to_owned())?;
-        let size = number(&head, 8, self.big_endian);
-        if size > LARGEST_RECORD {
-            return Err(format!("a record of {size} bytes"));
-        }
-        let mut frame = vec![0; size as usize];
-        self.file.read_exact(&mut frame).map_err(|_| format!("a record of {size} bytes, but the file ends within it"))?;
-        self.next += 16 + u64::from(size);
-        Ok(frame)
-    }
-
-    /// Port and payload of a frame that completes a UDP datagram.
-    fn datagram(&mut self, frame: &[u8]) -> Option<(u16, Vec<u8>)> {
+    /// Sender, port and payload of a frame that completes a UDP datagram.
+    fn datagram(&mut self, frame: &Frame) -> Option<(u32, u16, Vec<u8>)> {
         let big = |bytes: &[u8], at: usize| Some(u16::from_be_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));
-        let packet = match self.link {
+        let (link, frame) = (frame.link, frame.bytes.as_slice());
+        let packet = match link {
+            Link::Other => return None,
             Link::Ip => frame,
             Link::LinuxCooked => (big(frame, 14)? == IPV4).then(|| frame.get(16..))??,
             Link::Ethernet => {
@@ -133,12 +86,14 @@ impl Pcap {
         let body = packet.get(head..total.min(packet.len()))?;
         let fragment = big(packet, 6)?;
         let (offset, more) = (usize::from(fragment & 0x1fff) * 8, fragment & 0x2000 != 0);
-        if offset == 0 && !more {
-            return udp(body);
-        }
         let address = |at: usize| Some(u32::from_be_bytes(*packet.get(at..)?.first_chunk::<4>()?));
+        if offset == 0 && !more {
+            let (port, payload) = udp(body)?;
+            return Some((address(12)?, port, payload));
+        }
         let whole = self.collect((address(12)?, address(16)?, big(packet, 4)?), offset, more, body)?;
-        udp(&whole)
+        let (port, payload) = udp(&whole)?;
+        Some((address(12)?, port, payload))
     }
 
     /// Adds a fragment; the datagram if it is complete.
@@ -175,14 +130,10 @@ fn udp(body: &[u8]) -> Option<(u16, Vec<u8>)> {
     Some((port, body.get(8..size.clamp(8, body.len()))?.to_vec()))
 }
 
-fn number(bytes: &[u8], at: usize, big_endian: bool) -> u32 {
-    let b = [bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]];
-    if big_endian { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::capture::frames::PCAPNG;
 
     /// An Ethernet frame with a fragment of a UDP datagram.
     fn frame(id: u16, offset: usize, more: bool, body: &[u8]) -> Vec<u8> {
@@ -230,5 +181,56 @@ mod tests {
         // Cut within the last record, after which nothing can be put together.
         let (datagrams, errors) = read(&bytes[..bytes.len() - 3]);
         assert_eq!((datagrams.len(), errors), (1, 1));
+    }
+
+    /// The frames as a pcapng file in either byte order, after blocks that are not known, on an interface with times in nanoseconds.
+    fn next_generation(frames: &[Vec<u8>], big: bool) -> Vec<u8> {
+        let word = |n: u32| if big { n.to_be_bytes() } else { n.to_le_bytes() };
+        let short = |n: u16| if big { n.to_be_bytes() } else { n.to_le_bytes() };
+        let block = |kind: u32, body: &[u8]| {
+            let padded = body.len().next_multiple_of(4);
+            let mut bytes = [word(kind), word(padded as u32 + 12)].concat();
+            bytes.extend(body);
+            bytes.resize(8 + padded, 0);
+            bytes.extend(word(padded as u32 + 12));
+            bytes
+        };
+        let mut bytes = PCAPNG.to_vec();
+        bytes.extend([word(28), word(0x1a2b_3c4d), [0, 1, 0, 0], [0xff; 4], [0xff; 4], word(28)].concat());
+        bytes.extend(block(1, &[&short(1)[..], &short(0), &word(0), &short(9), &short(1), &[9, 0, 0, 0], &word(0)].concat()));
+        bytes.extend(block(0xbad, b"nothing"));
+        for frame in frames {
+            let ticks = 1_600_000_000_500_000_000u64;
+            let head = [word(0), word((ticks >> 32) as u32), word(ticks as u32), word(frame.len() as u32), word(frame.len() as u32)].concat();
+            bytes.extend(block(6, &[&head, &frame[..]].concat()));
+        }
+        bytes
+    }
+
+    #[test]
+    fn pcapng_holds_the_same() {
+        let mut udp = vec![0, 9, 0x09, 0x40, 0, 0, 0, 0];
+        udp.extend((0..101u8).collect::<Vec<_>>());
+        udp[4..6].copy_from_slice(&109u16.to_be_bytes());
+        let frames = [frame(7, 48, false, &udp[48..]), frame(7, 0, true, &udp[..48]), frame(9, 0, false, &udp)];
+        let (classic, _) = read(&capture(&frames));
+        for big in [false, true] {
+            let bytes = next_generation(&frames, big);
+            let (next, errors) = read(&bytes);
+            assert_eq!((next.len(), errors), (2, 0));
+            for (a, b) in next.iter().zip(&classic) {
+                assert_eq!((a.source, a.port, &a.payload), (b.source, b.port, &b.payload));
+                assert!(a.source == 0x0a00_0001 && a.port == 2368 && (a.time - 1_600_000_000.5).abs() < 1e-6, "{}", a.time);
+            }
+            // Cut at any place: an error at most, and never more than is there.
+            for end in 0..bytes.len() {
+                let dir = tempfile::tempdir().unwrap();
+                let path = dir.path().join("a.pcap");
+                std::fs::write(&path, &bytes[..end]).unwrap();
+                if let Ok(mut pcap) = Pcap::open(&path) {
+                    assert!(std::iter::from_fn(|| pcap.next()).filter(std::result::Result::is_ok).count() < 2);
+                }
+            }
+        }
     }
 }

@@ -1,0 +1,133 @@
+//! Which sensor a capture is of, by its packets.
+
+use super::datagrams::Pcap;
+use super::files::find_angles;
+use super::hesai::{self, HesaiPackets};
+use super::spinning::SpinningPackets;
+use super::velodyne::{self, Product, VelodynePackets};
+use crate::{Error, Result};
+use std::collections::BTreeMap;
+use std::net::Ipv4Addr;
+use std::path::{Path, PathBuf};
+
+/// So many datagrams are looked at: more than a second of the sensors with the most.
+const DATAGRAMS: usize = 20_000;
+
+/// A sensor that is read from its packets.
+#[derive(Clone, Debug)]
+pub(crate) struct SpinningSensor {
+    make: Make,
+    /// IPv4 address of the sensor, as a number.
+    pub(super) source: u32,
+    /// Port that its packets go to.
+    pub(super) port: u16,
+}
+
+#[derive(Clone, Debug)]
+enum Make {
+    Velodyne(&'static velodyne::Model),
+    Hesai(&'static hesai::Model, Option<PathBuf>),
+}
+
+impl SpinningSensor {
+    /// What reads its packets.
+    pub(super) fn packets(&self) -> Result<Box<dyn SpinningPackets>> {
+        Ok(match &self.make {
+            Make::Velodyne(model) => Box::new(VelodynePackets::new(model)),
+            Make::Hesai(model, angles) => Box::new(HesaiPackets::new(model, angles.as_deref())?),
+        })
+    }
+
+    /// The name that drivers give its frame.
+    pub(super) fn frame(&self) -> &'static str {
+        match self.make {
+            Make::Velodyne(_) => "velodyne",
+            Make::Hesai(..) => "hesai_lidar",
+        }
+    }
+}
+
+/// What was found in a capture.
+pub(super) enum Recognised {
+    /// A sensor that can be read, and remarks.
+    Sensor(SpinningSensor, Vec<String>),
+    /// A sensor that cannot: its name, and what to do.
+    Unreadable(String, String),
+    Nothing,
+}
+
+/// What a datagram is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Velodyne(Product),
+    Hesai(hesai::ModelId),
+}
+
+impl Kind {
+    fn of(packet: &[u8]) -> Option<Self> {
+        Product::of(packet).map(Self::Velodyne).or_else(|| hesai::ModelId::of(packet).map(Self::Hesai))
+    }
+
+    fn name(self) -> String {
+        match self {
+            Self::Velodyne(product) => format!("Velodyne {}", product.name()),
+            Self::Hesai(id) => format!("Hesai {}", id.model().name),
+        }
+    }
+}
+
+/// The sensors that are read from their packets.
+pub(super) fn known() -> Vec<String> {
+    let velodyne = velodyne::Model::names().into_iter().map(|name| format!("Velodyne {name}"));
+    velodyne.chain(hesai::Model::names().into_iter().map(|name| format!("Hesai {name}"))).collect()
+}
+
+/// Looks at the beginning of a capture. `angles` is the file with the angles of the sensor's beams, if the user names one.
+///
+/// # Errors
+/// Those of opening the files.
+pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised> {
+    let mut pcap = Pcap::open(path)?;
+    let mut found: BTreeMap<(Kind, u32, u16), usize> = BTreeMap::new();
+    // What is damaged is reported when the capture is played.
+    for datagram in std::iter::from_fn(|| pcap.next()).take(DATAGRAMS).flatten() {
+        if let Some(kind) = Kind::of(&datagram.payload) {
+            *found.entry((kind, datagram.source, datagram.port)).or_default() += 1;
+        }
+    }
+    // The one with the most packets; of several, the first.
+    let Some((&(kind, source, port), _)) = found.iter().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(a.0))) else { return Ok(Recognised::Nothing) };
+    let mut notes = vec![format!("sensor: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(source))];
+    let make = match kind {
+        Kind::Velodyne(product) => {
+            let model = if let Product::Known(number) = product { velodyne::Model::of(number) } else { None };
+            let Some(model) = model else {
+                let remedy =
+                    format!("those of {} are; have the sensor's driver make clouds of it, and record those", velodyne::Model::names().join(", "));
+                return Ok(Recognised::Unreadable(kind.name(), remedy));
+            };
+            Make::Velodyne(model)
+        }
+        Kind::Hesai(id) => {
+            let file = match angles {
+                Some(file) => Some(file.to_owned()),
+                None => find_angles(path),
+            };
+            notes.push(match &file {
+                Some(file) => format!("the angles of its beams are those of {}", file.display()),
+                None => "the angles of its beams are those of its kind, not of the piece: give the sensor's angle correction (.csv) with --metadata"
+                    .into(),
+            });
+            Make::Hesai(id.model(), file)
+        }
+    };
+    let sensor = SpinningSensor { make, source, port };
+    // So that a damaged file is reported now.
+    sensor.packets()?;
+    let others = found.keys().filter(|key| **key != (kind, source, port));
+    notes.extend(others.map(|(kind, source, port)| format!("not read: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(*source))));
+    if angles.is_some() && !matches!(sensor.make, Make::Hesai(..)) {
+        return Err(Error::dataset(path, format!("a {} needs no file with angles", kind.name()), "do without --metadata"));
+    }
+    Ok(Recognised::Sensor(sensor, notes))
+}
