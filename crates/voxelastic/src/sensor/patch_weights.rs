@@ -24,7 +24,7 @@ impl PatchWeights {
         let across = columns.div_ceil(PATCH_COLUMNS);
         let weight = |patch: usize| {
             let scans = sharing(patch);
-            if (patch % across + STEP * turn) % usize::from(scans) == 0 { scans } else { 0 }
+            if (patch % across + STEP * turn).is_multiple_of(scans.into()) { scans } else { 0 }
         };
         Self { columns, across, weights: (0..across * rows.div_ceil(PATCH_ROWS)).map(weight).collect() }
     }

@@ -43,7 +43,7 @@ impl KnownSurfaces<'_> {
             for (&point, &pixel) in points.iter().zip(pixels) {
                 let (row, column) = (pixel as usize / size.1, pixel as usize % size.1);
                 // Other pixels in each row and scan.
-                if (column + 3 * row + turn) % PIXELS_PER_SAMPLE == 0 {
+                if (column + 3 * row + turn).is_multiple_of(PIXELS_PER_SAMPLE) {
                     counts[PatchWeights::patch_of(size.1, pixel as usize)].add(self.rays_at(&mut cursor, point), self.known_after);
                 }
             }
