@@ -3,7 +3,7 @@
 use crate::Cloud;
 use crate::integrate::ReturnsView;
 use crate::sensor::{
-    BeamModel, CloudLayout, LazyScan, PatchWeights, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect,
+    BeamModel, CloudLayout, LazyScan, PatchWeights, PixelRow, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect,
     layout_for, preset,
 };
 use crate::settings::Settings;
@@ -181,7 +181,8 @@ impl FrontendScan<'_> {
             returns: self.kept(drops, Vec::new()),
             surface: weights.map(|weights| {
                 let is_dropped = |i: usize| drops.get(i).is_some_and(|drops| *drops);
-                let of = |(i, &pixel): (usize, &u32)| if is_dropped(i) { 0 } else { weights.of(pixel as usize) };
+                let mut row = PixelRow::new(self.scan().image.columns);
+                let of = |(i, &pixel): (usize, &u32)| if is_dropped(i) { 0 } else { weights.of(row.place(pixel as usize)) };
                 let all: Vec<u8> = self.scan().returns.pixel.iter().enumerate().map(of).collect();
                 let drops: Vec<bool> = all.iter().map(|weight| *weight == 0).collect();
                 self.kept(&drops, all.into_iter().filter(|weight| *weight != 0).collect())

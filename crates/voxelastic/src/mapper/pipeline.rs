@@ -24,7 +24,7 @@ use crate::settings::{Dynamic, SettingError, Settings};
 use std::time::{Duration, Instant};
 
 /// A scan, with what its sensor knows about things that move.
-struct Seen<'a> {
+struct SensorScan<'a> {
     prepared: FrontendScan<'a>,
     moving: &'a mut MovingDetector,
     /// Number of sensors of which there were scans before.
@@ -165,12 +165,12 @@ impl Mapper {
     }
 
     /// Finds the returns of a scan into submap `id` that are on something that moves, a flag each; empty if none is.
-    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, seen: &mut Seen<'_>) -> Vec<bool> {
+    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, sensor_scan: &mut SensorScan<'_>) -> Vec<bool> {
         self.moving_points.clear();
         if self.settings.dynamic == Dynamic::Keep {
             return Vec::new();
         }
-        let Seen { prepared, moving, .. } = seen;
+        let SensorScan { prepared, moving, .. } = sensor_scan;
         if moving.submap() != Some(id) {
             let root = |id| self.clusters.graph.pose(self.clusters.assignments.root(id)?);
             let t_new_old = moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
@@ -293,14 +293,14 @@ impl Mapper {
         let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
         let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();
-        let mut seen = Seen { prepared: frontend.prepare(&scan.cloud), moving, sensors: known };
+        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving, sensors: known };
         let prepare = start.elapsed();
         // The node is added to the graph even if its scan is not usable: edges may lead over it.
         self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
         if let Some(last) = self.last_node.replace(scan.node) {
             self.clusters.graph.assume_odometry(last, scan.node);
         }
-        let result = self.integrate_prepared(scan, &mut seen, prepare);
+        let result = self.integrate_prepared(scan, &mut sensor_scan, prepare);
         let clock = Instant::now();
         self.queue_fusions();
         let entered = result.as_ref().ok().map(|report| report.submap);
@@ -308,8 +308,8 @@ impl Mapper {
         result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
     }
 
-    fn integrate_prepared(&mut self, scan: &Scan, seen: &mut Seen<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
-        let prepared = &mut seen.prepared;
+    fn integrate_prepared(&mut self, scan: &Scan, sensor_scan: &mut SensorScan<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
+        let prepared = &mut sensor_scan.prepared;
         let (node, counts) = (scan.node, prepared.scan().counts);
         if prepared.scan().returns.is_empty() {
             return Err(MapError::NoReturns { node, counts });
@@ -324,7 +324,7 @@ impl Mapper {
         let clock = Instant::now();
         let weights = self.atlas.submap(id).and_then(|submap| {
             // Several sensors alternate, and each has to come to all of its patches.
-            let turn = submap.scans.len() / seen.sensors.max(1);
+            let turn = submap.scans.len() / sensor_scan.sensors.max(1);
             self.integrators.patch_weights(submap, turn, &t_submap_lidar, prepared, &self.settings)
         });
         let prepare = prepare + clock.elapsed();
@@ -339,7 +339,7 @@ impl Mapper {
         );
         let prepare = prepare + planes;
         let clock = Instant::now();
-        let moves = self.find_moving(id, scan, &t_submap_lidar, seen);
+        let moves = self.find_moving(id, scan, &t_submap_lidar, sensor_scan);
         let prepare = prepare + clock.elapsed();
         let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
         let Some((submap, others)) = self.atlas.with_neighbours(id, &revisited) else { return Err(MapError::LostSubmap { node, submap: id }) };
@@ -351,7 +351,7 @@ impl Mapper {
             scan.cloud.sensor,
             submap,
             &t_submap_lidar,
-            &seen.prepared.without(&moves, weights.as_ref()),
+            &sensor_scan.prepared.without(&moves, weights.as_ref()),
             &self.settings,
             &redundancy,
         );

@@ -9,7 +9,6 @@ pub(crate) const PATCH_ROWS: usize = 4;
 /// the turn of this one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct PatchWeights {
-    columns: usize,
     /// Patches in a row of patches.
     across: usize,
     weights: Vec<u8>,
@@ -26,13 +25,13 @@ impl PatchWeights {
             let scans = sharing(patch);
             if (patch % across + STEP * turn).is_multiple_of(scans.into()) { scans } else { 0 }
         };
-        Self { columns, across, weights: (0..across * rows.div_ceil(PATCH_ROWS)).map(weight).collect() }
+        Self { across, weights: (0..across * rows.div_ceil(PATCH_ROWS)).map(weight).collect() }
     }
 
-    /// The number of the patch of a pixel (row * columns + column), in an image of so many columns.
+    /// The number of the patch of the pixel in a row and column of an image with so many columns.
     #[inline(always)]
-    pub fn patch_of(columns: usize, pixel: usize) -> usize {
-        pixel / columns / PATCH_ROWS * columns.div_ceil(PATCH_COLUMNS) + pixel % columns / PATCH_COLUMNS
+    pub fn patch_of(columns: usize, (row, column): (usize, usize)) -> usize {
+        row / PATCH_ROWS * columns.div_ceil(PATCH_COLUMNS) + column / PATCH_COLUMNS
     }
 
     /// Number of patches of an image.
@@ -40,16 +39,15 @@ impl PatchWeights {
         columns.div_ceil(PATCH_COLUMNS) * rows.div_ceil(PATCH_ROWS)
     }
 
-    /// The weight of the returns in a pixel.
+    /// The weight of the returns in the pixel in a row and column.
     #[inline(always)]
-    pub fn of(&self, pixel: usize) -> u8 {
-        self.weights[Self::patch_of(self.columns, pixel)]
+    pub fn of(&self, (row, column): (usize, usize)) -> u8 {
+        self.weights[row / PATCH_ROWS * self.across + column / PATCH_COLUMNS]
     }
 
-    /// Whether returns in a row of a strip of [`PATCH_COLUMNS`] columns are used.
-    #[inline(always)]
-    pub fn uses(&self, row: usize, strip: usize) -> bool {
-        self.weights[row / PATCH_ROWS * self.across + strip] != 0
+    /// Whether all weights are 1.
+    pub fn are_equal(&self) -> bool {
+        self.weights.iter().all(|weight| *weight == 1)
     }
 }
 
@@ -64,16 +62,15 @@ mod tests {
             let size = (rows, columns);
             let sharing = |patch: usize| 1 << sharing[patch % sharing.len()];
             let turns: Vec<PatchWeights> = (first..first + 8).map(|turn| PatchWeights::new(size, turn, sharing)).collect();
-            for pixel in 0..rows * columns {
-                let scans = sharing(PatchWeights::patch_of(columns, pixel));
-                prop_assert!(PatchWeights::patch_of(columns, pixel) < PatchWeights::count(size));
-                let weights: Vec<u8> = turns.iter().map(|weights| weights.of(pixel)).collect();
+            for place in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+                let scans = sharing(PatchWeights::patch_of(columns, place));
+                prop_assert!(PatchWeights::patch_of(columns, place) < PatchWeights::count(size));
+                let weights: Vec<u8> = turns.iter().map(|weights| weights.of(place)).collect();
                 prop_assert!(weights.iter().all(|weight| [0, scans].contains(weight)), "{weights:?} where {scans} take turns");
                 prop_assert_eq!(weights.iter().map(|weight| usize::from(*weight)).sum::<usize>(), 8);
-                for weights in &turns {
-                    prop_assert_eq!(weights.uses(pixel / columns, pixel % columns / PATCH_COLUMNS), weights.of(pixel) != 0);
-                }
             }
+            let has_turns = (0..PatchWeights::count(size)).any(|patch| sharing(patch) > 1);
+            prop_assert!(turns.iter().all(|weights| weights.are_equal() != has_turns));
         }
     }
 }

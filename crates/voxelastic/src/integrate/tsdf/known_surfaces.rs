@@ -8,7 +8,7 @@ use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};
 use crate::integrate::rays::scale::{ScaleRule, distance_to_block};
 use crate::integrate::rays::transform::RayFrame;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, block_key, voxel_index};
-use crate::sensor::{PatchWeights, Returns};
+use crate::sensor::{PatchWeights, PixelRow, Returns};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU16, Ordering};
 
@@ -39,16 +39,16 @@ impl KnownSurfaces<'_> {
         }
         let counts: Vec<PatchCounts> = (0..PatchWeights::count(size)).map(|_| PatchCounts::default()).collect();
         returns.points.par_chunks(CHUNK).zip(returns.pixel.par_chunks(CHUNK)).for_each(|(points, pixels)| {
-            let mut cursor = Cursor::new(self.field.tree());
+            let (mut cursor, mut row) = (Cursor::new(self.field.tree()), PixelRow::new(size.1));
             for (&point, &pixel) in points.iter().zip(pixels) {
-                let (row, column) = (pixel as usize / size.1, pixel as usize % size.1);
+                let place = row.place(pixel as usize);
                 // Other pixels in each row and scan.
-                if (column + 3 * row + turn).is_multiple_of(PIXELS_PER_SAMPLE) {
-                    counts[PatchWeights::patch_of(size.1, pixel as usize)].add(self.rays_at(&mut cursor, point), self.known_after);
+                if (place.1 + 3 * place.0 + turn).is_multiple_of(PIXELS_PER_SAMPLE) {
+                    counts[PatchWeights::patch_of(size.1, place)].add(self.rays_at(&mut cursor, point), self.known_after);
                 }
             }
         });
-        Some(PatchWeights::new(size, turn, |patch| counts[patch].sharing()))
+        Some(PatchWeights::new(size, turn, |patch| counts[patch].sharing())).filter(|weights| !weights.are_equal())
     }
 
     /// Number of rays that have met the surface at `point`, lidar frame, metres; 0 if another surface is near, and `None` if the place was never observed, or

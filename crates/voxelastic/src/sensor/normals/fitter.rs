@@ -80,7 +80,7 @@ impl StripFit<'_> {
     fn fit<'p>(&mut self, first_column: usize, rows: impl Iterator<Item = &'p mut PlaneRow>) {
         self.scratch.start(self.grid.rows);
         let weights = self.weights;
-        let is_used = |row| weights.is_none_or(|weights| weights.uses(row, first_column / STRIP));
+        let is_used = |row| weights.is_none_or(|weights| weights.of((row, first_column)) != 0);
         for (row, planes) in rows.enumerate() {
             if !is_used(row) {
                 *planes = PlaneRow::NONE;
@@ -128,7 +128,7 @@ mod tests {
             let mut planes = 0;
             for pixel in 0..points.len() {
                 let (row, column) = (pixel / size.1, pixel % size.1);
-                if weights.of(pixel) == 0 {
+                if weights.of((row, column)) == 0 {
                     prop_assert_eq!(used.1.normals[pixel], [0.0; 3]);
                     continue;
                 }

@@ -4,6 +4,7 @@ use super::covariance::{Width, WindowRule};
 use super::grid::Grid;
 use super::plane::{Plane, Planes};
 use crate::sensor::patch_weights::PatchWeights;
+use crate::sensor::pixel_row::PixelRow;
 use crate::sensor::range_image::RangeImage;
 use crate::sensor::returns::Returns;
 use crate::simd::larger;
@@ -23,17 +24,14 @@ pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weight
     let chunks = returns.normals.par_chunks_mut(CHUNK).zip(returns.roughness.par_chunks_mut(CHUNK));
     chunks.with_max_len(1).enumerate().for_each(|(chunk, (normals, roughness))| {
         let first = chunk * CHUNK;
-        let mut row = Row::of(pixels[first] as usize, grid.columns);
+        let mut row = PixelRow::new(grid.columns);
         for (i, (normal, roughness)) in normals.iter_mut().zip(roughness).enumerate() {
             let pixel = pixels[first + i] as usize;
-            if weights.is_some_and(|weights| weights.of(pixel) == 0) {
+            let at = row.place(pixel);
+            if weights.is_some_and(|weights| weights.of(at) == 0) {
                 (*normal, *roughness) = ([0.0; 3], 0.0);
                 continue;
             }
-            if pixel >= row.end {
-                row = Row::of(pixel, grid.columns);
-            }
-            let at = (row.index, pixel - row.start);
             let own = planes.at(at.0, at.1);
             let is_shown = image.points[pixel] == source[first + i];
             let plane =
@@ -41,20 +39,6 @@ pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weight
             (*normal, *roughness) = plane.map_or(([0.0; 3], 0.0), |plane| (plane.normal(), plane.roughness()));
         }
     });
-}
-
-/// A row and its pixels.
-struct Row {
-    index: usize,
-    start: usize,
-    end: usize,
-}
-
-impl Row {
-    fn of(pixel: usize, columns: usize) -> Self {
-        let index = pixel / columns;
-        Self { index, start: index * columns, end: (index + 1) * columns }
-    }
 }
 
 #[inline(always)]
