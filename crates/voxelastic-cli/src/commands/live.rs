@@ -1,13 +1,14 @@
 //! `voxelastic live`: maps scans as they come.
 
 mod beginning;
+mod figures;
 mod network;
 mod node;
 mod offers;
 mod ouster_address;
 mod place;
 pub mod rate;
-mod returning;
+mod relocalisation;
 mod service;
 mod source;
 #[cfg(test)]
@@ -305,8 +306,8 @@ fn play(
     }
     let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
     tally.skipped += source.without_pose();
-    if tally.homeless > 0 {
-        tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.homeless);
+    if tally.not_located > 0 {
+        tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);
     }
     let played_s = clock.elapsed().as_secs_f64();
     if session.scans() == 0 {
@@ -336,7 +337,7 @@ fn play(
     }
     if let Some(mut watch) = watch.filter(|_| !run.tally.interrupted) {
         watch.publisher.note(session.mapper(), None);
-        let figures = node::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
+        let figures = figures::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
         watch.stay(session.mapper().atlas(), session.pool(), figures);
     }
     Ok(match () {

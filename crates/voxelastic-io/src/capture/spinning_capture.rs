@@ -56,9 +56,9 @@ impl CapturedScans for SpinningCapture {
                 None if self.ended => return None,
                 None => {
                     self.ended = true;
-                    let rest = self.assembler.take_rest();
+                    let last = self.assembler.take_unfinished();
                     self.report();
-                    return rest.map(Ok);
+                    return last.map(Ok);
                 }
             }
         }

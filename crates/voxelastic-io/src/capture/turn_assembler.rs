@@ -87,7 +87,7 @@ impl TurnAssembler {
     }
 
     /// The scan that is being collected, if half of it is there or nothing else was.
-    pub(super) fn take_rest(&mut self) -> Option<StampedCloud> {
+    pub(super) fn take_unfinished(&mut self) -> Option<StampedCloud> {
         let turn = std::mem::take(&mut self.turn);
         if self.scans == 0 || turn.swept >= LEAST_TURN {
             return turn.cloud();
@@ -214,7 +214,7 @@ mod tests {
             sizes.extend(std::iter::from_fn(|| assembler.take_scan()).map(|scan| scan.cloud.len()));
         }
         assembler.add(&[0; 7], 0.0);
-        sizes.extend(assembler.take_rest().map(|scan| scan.cloud.len()));
+        sizes.extend(assembler.take_unfinished().map(|scan| scan.cloud.len()));
         (sizes, assembler.counts())
     }
 

@@ -1,7 +1,7 @@
 //! What a live run begins with: nothing, or what an earlier process has mapped.
 
 use super::place::Place;
-use super::returning::Returning;
+use super::relocalisation::Relocalisation;
 use super::source::Started;
 use crate::elastic::ElasticArgs;
 use crate::jumps::Jumps;
@@ -55,7 +55,7 @@ impl Begun {
         let session = unfinished.session(mapper.settings(), sensor, source.clouds().as_mut(), &mut corrector, pool)?;
         let mut place = Place::new(positions, before);
         if !is_recorded {
-            place.returning = Some(Box::new(Returning::new(&session, !is_raw)));
+            place.relocalisation = Some(Box::new(Relocalisation::new(&session, !is_raw)));
             (place.first_node, place.last_node) = (next_node, last_node);
         }
         Ok(Self { session, corrector, jumps, skipped, place })

@@ -1,8 +1,9 @@
 //! The loop between the feed and the mapper.
 
+use super::figures::{OverloadWarning, diagnosis, figures};
 use super::offers::Offers;
 use super::place::Place;
-use super::returning::{Found, Whereabouts, numbered, placed};
+use super::relocalisation::{Found, MapFrame, numbered, placed};
 use super::service::Service;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
@@ -15,8 +16,7 @@ use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
 use crate::resume::{Keeper, Stages};
 use crate::target::Target;
-use crate::usage;
-use crate::watching::{Figures, Watch};
+use crate::watching::Watch;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 use voxelastic::event::{Event, NodeId};
@@ -24,7 +24,6 @@ use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_live::feed::{Feed, Next};
 use voxelastic_live::publisher::ShownScan;
-use voxelastic_live::ros::messages::Health;
 use voxelastic_live::ros::output::OdometryLink;
 use voxelastic_live::ros::services::{Pending, Request, Response};
 use voxelastic_live::transport::Incoming;
@@ -34,9 +33,6 @@ use voxelastic_slam::Corrector;
 const LOOK: Duration = Duration::from_millis(100);
 /// The surface is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
-/// Warnings about scans that were left out are at least this far apart.
-const WARNING_PERIOD: Duration = Duration::from_secs(10);
-
 /// Counts of a run.
 #[derive(Debug, Default)]
 pub struct Tally {
@@ -47,7 +43,7 @@ pub struct Tally {
     /// Scans that were ignored, because mapping was paused.
     pub paused: usize,
     /// Scans whose place in the map of before was not found until the end.
-    pub homeless: usize,
+    pub not_located: usize,
     /// Scans that had been left out when figures were published last.
     left_out: usize,
     /// From the coming of each scan to the end of its integration, milliseconds.
@@ -242,7 +238,7 @@ impl Node {
         let (mapper, corrector) = (requests.renew)()?;
         requests.keeper.restart();
         session.restart(mapper);
-        (self.corrector, self.jumps, self.place.returning) = (corrector, Jumps::default(), None);
+        (self.corrector, self.jumps, self.place.relocalisation) = (corrector, Jumps::default(), None);
         if let Some(watch) = &mut self.watch {
             watch.publisher.reset();
         }
@@ -288,19 +284,19 @@ impl Node {
     fn arrange(&mut self, event: Event, session: &mut Session, requests: &mut Requests<'_>) {
         // Others on the network get poses and surfaces in the frame in which poses came.
         let event = if self.network.is_some() { event } else { session.localised(event) };
-        let Some(returning) = &mut self.place.returning else {
+        let Some(relocalisation) = &mut self.place.relocalisation else {
             let event = match &self.place.t_map_frame {
                 Some(t_map_frame) => placed(event, t_map_frame),
                 None => event,
             };
             return self.map(event, session, requests.keeper);
         };
-        let Some(found) = returning.take(event, session) else { return };
-        self.place.returning = None;
+        let Some(found) = relocalisation.take(event, session) else { return };
+        self.place.relocalisation = None;
         let held = match found {
             Found::InFrame(held) => held,
-            Found::At(found) => {
-                let Whereabouts { t_map_frame, edge, held } = *found;
+            Found::InMap(found) => {
+                let MapFrame { t_map_frame, edge, held } = *found;
                 self.place.t_map_frame = Some(t_map_frame);
                 // From here on poses come in the frame of the map, corrected as it is.
                 let last = self.place.last_node.and_then(|node| Some((node, session.mapper().pose(node)?)));
@@ -308,7 +304,7 @@ impl Node {
                 edge.into_iter().for_each(|edge| self.map(Event::LoopEdge(edge), session, requests.keeper));
                 held.into_iter().map(|event| placed(event, &t_map_frame)).collect()
             }
-            Found::Nowhere(why, held) => {
+            Found::NotFound(why, held) => {
                 tracing::warn!("the scans are not where the map of before is, so a new one begins: {why}");
                 let aside = requests.service.target.as_deref_mut().map_or(Ok(()), Target::set_unfinished_aside);
                 if let Err(problem) = aside.and_then(|()| self.begin_anew(session, requests)) {
@@ -398,7 +394,7 @@ impl Node {
 
     fn finish(mut self, session: &mut Session) -> (Tally, Option<Watch>) {
         self.tally.odometry = self.odometry.as_ref().map(OdometryStage::summary);
-        self.tally.homeless = self.place.returning.as_ref().map_or(0, |returning| returning.scans());
+        self.tally.not_located = self.place.relocalisation.as_ref().map_or(0, |relocalisation| relocalisation.scans());
         let last = corrected(&mut self.corrector, session, Corrector::finish).map_err(anyhow::Error::from);
         let last = last.and_then(|events| events.into_iter().try_for_each(|event| self.tell(event, session)));
         if let Some(network) = &mut self.network {
@@ -409,53 +405,5 @@ impl Node {
             tracing::warn!("the last correction is missing: {}", one_line(&problem));
         }
         (self.tally, self.watch)
-    }
-}
-
-/// How a node is, in words and figures. `is_worse` says that scans were left out since it was asked last.
-fn diagnosis(figures: &Figures, is_worse: bool, is_paused: bool) -> (Health, String, Vec<(&'static str, String)>) {
-    let (health, words) = match (is_paused, is_worse) {
-        (true, _) => (Health::Warning, "paused"),
-        (_, true) => (Health::Warning, "scans come faster than they can be mapped"),
-        _ => (Health::Ok, figures.state),
-    };
-    let mut all = vec![
-        ("scans", figures.scans.to_string()),
-        ("scans_left_out", figures.left_out.to_string()),
-        ("submaps", figures.submaps.to_string()),
-        ("map_mb", format!("{:.1}", figures.map_mb)),
-    ];
-    all.extend(figures.rss_mb.map(|mb| ("rss_mb", format!("{mb:.1}"))));
-    all.extend(figures.delay_ms.map(|ms| ("delay_ms", format!("{ms:.1}"))));
-    (health, words.to_owned(), all)
-}
-
-/// The figures of a node.
-pub fn figures(state: &'static str, left_out: usize, delay_ms: Option<f64>, session: &Session) -> Figures {
-    let atlas = session.mapper().atlas();
-    Figures {
-        state,
-        scans: session.scans(),
-        left_out,
-        submaps: atlas.submaps().len(),
-        map_mb: usage::megabytes(atlas.bytes() as u64),
-        rss_mb: usage::resident_bytes().map(usage::megabytes),
-        delay_ms,
-    }
-}
-
-/// Says that scans are left out, now and then.
-#[derive(Default)]
-struct OverloadWarning {
-    said: usize,
-    at: Option<Instant>,
-}
-
-impl OverloadWarning {
-    fn check(&mut self, left_out: usize) {
-        if left_out > self.said && self.at.is_none_or(|at| at.elapsed() > WARNING_PERIOD) {
-            tracing::warn!("scans come faster than they can be mapped: {left_out} left out so far; the newest win");
-            (self.said, self.at) = (left_out, Some(Instant::now()));
-        }
     }
 }

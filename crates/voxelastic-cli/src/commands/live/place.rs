@@ -1,6 +1,6 @@
 //! Where a node is in what comes, and where that belongs in the map of before.
 
-use super::returning::Returning;
+use super::relocalisation::Relocalisation;
 use crate::input::Positions;
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
@@ -19,7 +19,7 @@ pub struct Place {
     /// Of this process: scans that were taken, and those that were left out before.
     taken: [usize; 2],
     /// Finds the first scans in the map of an earlier process.
-    pub returning: Option<Box<Returning>>,
+    pub relocalisation: Option<Box<Relocalisation>>,
     /// The number of the first node that comes, and the last one of before.
     pub first_node: NodeId,
     pub last_node: Option<NodeId>,
@@ -40,7 +40,7 @@ impl Place {
 
     /// Where the reading of a recording is, if there is one; none where nobody can go on from here.
     pub fn position(&self) -> Option<Option<ReadPosition>> {
-        if self.is_recorded() { self.position.clone().map(Some) } else { self.returning.is_none().then_some(None) }
+        if self.is_recorded() { self.position.clone().map(Some) } else { self.relocalisation.is_none().then_some(None) }
     }
 
     /// An input was taken.

@@ -19,7 +19,7 @@ const AROUND: [f64; 2] = [5.0, 10.0];
 const SAME: (f64, f64) = (0.5, 0.05);
 
 /// Finds the first scans in the map.
-pub struct Returning {
+pub struct Relocalisation {
     localiser: Option<Localiser>,
     /// Whether the poses of scans are given, so that their frame may be that of the map.
     has_frame: bool,
@@ -29,12 +29,12 @@ pub struct Returning {
     /// What waits.
     held: Vec<Event>,
     scans: usize,
-    /// Where the frame of the poses lies in the map, as each scan that was found says.
-    said: Vec<Pose>,
+    /// Where the frame of the poses lies in the map, by each scan that was found.
+    t_map_frames: Vec<Pose>,
 }
 
-/// Where scans are that came in another frame than that of the map.
-pub struct Whereabouts {
+/// Where the frame of the poses lies in the map, if it is another one.
+pub struct MapFrame {
     /// The pose of that frame in the map.
     pub t_map_frame: Pose,
     /// From the nearest node of the map to the scan that was found last.
@@ -48,12 +48,12 @@ pub enum Found {
     /// They are where their poses say.
     InFrame(Vec<Event>),
     /// The frame of their poses lies there in the map.
-    At(Box<Whereabouts>),
-    /// Nobody knows: they begin a map of their own. Why, in words.
-    Nowhere(String, Vec<Event>),
+    InMap(Box<MapFrame>),
+    /// They were not found and begin a map of their own. Why, in words.
+    NotFound(String, Vec<Event>),
 }
 
-impl Returning {
+impl Relocalisation {
     /// Into the map of `session`.
     pub fn new(session: &Session, has_frame: bool) -> Self {
         let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
@@ -67,7 +67,7 @@ impl Returning {
             of_map.max_range = of_map.max_range.min(max_range);
             Localiser::new(points, path.iter().map(|(_, pose)| *pose).collect(), of_map)
         });
-        Self { localiser, has_frame, path, max_range, held: Vec::new(), scans: 0, said: Vec::new() }
+        Self { localiser, has_frame, path, max_range, held: Vec::new(), scans: 0, t_map_frames: Vec::new() }
     }
 
     /// Scans that wait.
@@ -97,19 +97,20 @@ impl Returning {
                 return Some(Found::InFrame(give(&mut self.held)));
             }
             let t_map_frame = located * pose.inverse();
-            if self.said.iter().any(|said| is_same(&(said * pose), &located)) {
+            if self.t_map_frames.iter().any(|t_map_frame| is_same(&(t_map_frame * pose), &located)) {
                 let near = self.path.iter().min_by(|a, b| a.1.translation_distance(&located).total_cmp(&b.1.translation_distance(&located)));
                 let edge = near.map(|(from, at)| Edge { from: *from, to: node, t_from_to: at.inv_mul(&located), information: None });
                 let far = self.path.last().map_or(0.0, |(_, last)| last.translation_distance(&located));
                 tracing::info!("found in the map, {far:.1} m from the last scan of before: mapping goes on");
-                return Some(Found::At(Box::new(Whereabouts { t_map_frame, edge, held: give(&mut self.held) })));
+                return Some(Found::InMap(Box::new(MapFrame { t_map_frame, edge, held: give(&mut self.held) })));
             }
-            self.said.push(t_map_frame);
+            self.t_map_frames.push(t_map_frame);
         }
         if self.localiser.is_none() {
-            return Some(Found::Nowhere("the map of before has no surfaces".to_owned(), give(&mut self.held)));
+            return Some(Found::NotFound("the map of before has no surfaces".to_owned(), give(&mut self.held)));
         }
-        (self.scans >= MOST_SCANS).then(|| Found::Nowhere(format!("none of {MOST_SCANS} scans is surely in the map of before"), give(&mut self.held)))
+        (self.scans >= MOST_SCANS)
+            .then(|| Found::NotFound(format!("none of {MOST_SCANS} scans is surely in the map of before"), give(&mut self.held)))
     }
 
     /// Where the scan surely is, if that is found: where its pose says, near the last scan, or anywhere.
