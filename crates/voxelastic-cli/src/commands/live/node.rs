@@ -3,7 +3,7 @@
 use super::figures::{OverloadWarning, diagnosis, figures};
 use super::offers::Offers;
 use super::place::Place;
-use super::relocalisation::{Found, MapFrame, numbered, placed};
+use super::relocalisation::{MapFrame, Outcome, numbered, placed};
 use super::service::Service;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
@@ -294,8 +294,8 @@ impl Node {
         let Some(found) = relocalisation.take(event, session) else { return };
         self.place.relocalisation = None;
         let held = match found {
-            Found::InFrame(held) => held,
-            Found::InMap(found) => {
+            Outcome::InFrame(held) => held,
+            Outcome::InMap(found) => {
                 let MapFrame { t_map_frame, edge, held } = *found;
                 self.place.t_map_frame = Some(t_map_frame);
                 // From here on poses come in the frame of the map, corrected as it is.
@@ -304,7 +304,7 @@ impl Node {
                 edge.into_iter().for_each(|edge| self.map(Event::LoopEdge(edge), session, requests.keeper));
                 held.into_iter().map(|event| placed(event, &t_map_frame)).collect()
             }
-            Found::NotFound(why, held) => {
+            Outcome::NotFound(why, held) => {
                 tracing::warn!("the scans are not where the map of before is, so a new one begins: {why}");
                 let aside = requests.service.target.as_deref_mut().map_or(Ok(()), Target::set_unfinished_aside);
                 if let Err(problem) = aside.and_then(|()| self.begin_anew(session, requests)) {

@@ -44,7 +44,7 @@ pub struct MapFrame {
 }
 
 /// What becomes of the scans that wait.
-pub enum Found {
+pub enum Outcome {
     /// They are where their poses say.
     InFrame(Vec<Event>),
     /// The frame of their poses lies there in the map.
@@ -76,7 +76,7 @@ impl Relocalisation {
     }
 
     /// Takes an event, with the pose that it came with. None if it has to wait.
-    pub fn take(&mut self, event: Event, session: &Session) -> Option<Found> {
+    pub fn take(&mut self, event: Event, session: &Session) -> Option<Outcome> {
         let Event::Scan(scan) = &event else {
             self.held.push(event);
             return None;
@@ -89,12 +89,12 @@ impl Relocalisation {
         let give = |held: &mut Vec<Event>| std::mem::take(held);
         if self.has_frame && (self.localiser.is_none() || located.is_none() && is_unmapped) {
             tracing::info!("the scans go on in a place that was not mapped: their poses are taken as they are");
-            return Some(Found::InFrame(give(&mut self.held)));
+            return Some(Outcome::InFrame(give(&mut self.held)));
         }
         if let Some(located) = located {
             if self.has_frame && is_same(&located, &pose) {
                 tracing::info!("found in the map, {:.2} m from where the pose says: mapping goes on", located.translation_distance(&pose));
-                return Some(Found::InFrame(give(&mut self.held)));
+                return Some(Outcome::InFrame(give(&mut self.held)));
             }
             let t_map_frame = located * pose.inverse();
             if self.t_map_frames.iter().any(|t_map_frame| is_same(&(t_map_frame * pose), &located)) {
@@ -102,15 +102,15 @@ impl Relocalisation {
                 let edge = near.map(|(from, at)| Edge { from: *from, to: node, t_from_to: at.inv_mul(&located), information: None });
                 let far = self.path.last().map_or(0.0, |(_, last)| last.translation_distance(&located));
                 tracing::info!("found in the map, {far:.1} m from the last scan of before: mapping goes on");
-                return Some(Found::InMap(Box::new(MapFrame { t_map_frame, edge, held: give(&mut self.held) })));
+                return Some(Outcome::InMap(Box::new(MapFrame { t_map_frame, edge, held: give(&mut self.held) })));
             }
             self.t_map_frames.push(t_map_frame);
         }
         if self.localiser.is_none() {
-            return Some(Found::NotFound("the map of before has no surfaces".to_owned(), give(&mut self.held)));
+            return Some(Outcome::NotFound("the map of before has no surfaces".to_owned(), give(&mut self.held)));
         }
         (self.scans >= MOST_SCANS)
-            .then(|| Found::NotFound(format!("none of {MOST_SCANS} scans is surely in the map of before"), give(&mut self.held)))
+            .then(|| Outcome::NotFound(format!("none of {MOST_SCANS} scans is surely in the map of before"), give(&mut self.held)))
     }
 
     /// Where the scan surely is, if that is found: where its pose says, near the last scan, or anywhere.
