@@ -52,7 +52,8 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
         let why = format!("an OctoMap reaches {REACH} voxels from zero");
         tracing::warn!("{why}, so {} counts from the map's origin: add {} m to its coordinates", args.output.display(), map.origin);
     }
-    let written = if states_only { octomap::write_bt(&args.output, voxel, &cubes) } else { octomap::write_ot(&args.output, voxel, &cubes) };
+    let write = if states_only { octomap::write_bt } else { octomap::write_ot };
+    let written = pool.install(|| write(&args.output, voxel, &cubes));
     written.context("cannot export the map")?;
     let occupied = cubes.iter().filter(|c| c.value > 0).count();
     tracing::info!("{} leaves of {voxel} m and larger, {occupied} occupied, in {}", cubes.len(), args.output.display());

@@ -5,8 +5,8 @@
 //! voxels. Submaps may be misaligned by a few voxels, so voxels with more than one hit are not contested, and neither are finest voxels near
 //! a surface of another submap.
 
+use super::conflict_evidence::{Evidence, Neighbours, SURFACE_TOLERANCE, Voter};
 use super::occupancy::OccupancyPatch;
-use super::occupancy_window::{BlockBox, MARGIN, Window};
 use super::placement::Placement;
 use super::settings::FusionSettings;
 use crate::atlas::{Atlas, Submap};
@@ -14,11 +14,11 @@ use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN, steps};
 use crate::octree::{BLOCK_EDGE, NONE, Octant, SCALES, block_coords, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
-/// Largest distance between a contested voxel and another submap's surface that may be the same surface, finest voxels.
-const SURFACE_TOLERANCE: f32 = 3.0;
-
 /// Largest level of a uniform octant that may be contested: larger ones are not made of single hits.
 const MAX_UNIFORM_LEVEL: u32 = 2;
+
+/// Level of the subtrees (4 blocks along an edge) around which the other submaps are looked up at once.
+const WINDOW_LEVEL: u32 = MAX_UNIFORM_LEVEL;
 
 /// Level of the subtrees (16 blocks along an edge) that are searched in parallel.
 const TASK_LEVEL: u32 = 4;
@@ -84,12 +84,6 @@ impl Conflicts {
     }
 }
 
-/// Another submap and its placement in the contested one.
-struct Voter<'a> {
-    field: &'a OccupancyField,
-    placement: Placement,
-}
-
 /// An octant of the contested submap and the submaps with observations around it.
 #[derive(Clone)]
 struct Subtree<'a> {
@@ -122,8 +116,7 @@ impl<'a> ConflictSearch<'a> {
             let key = subtree.key | i << (3 * level);
             let half = 0.5 * (BLOCK_EDGE << level) as f32;
             let centre = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32 + half);
-            let has_observations =
-                |v: &&&Voter<'a>| BlockBox::around(&v.placement, centre, half + SURFACE_TOLERANCE).contains_above(UNKNOWN, v.field);
+            let has_observations = |v: &&&Voter<'a>| v.placement.blocks_in_source(centre, half + SURFACE_TOLERANCE).contains_above(UNKNOWN, v.field);
             let voters: Vec<&Voter<'a>> = subtree.voters.iter().filter(has_observations).copied().collect();
             (!voters.is_empty()).then_some(Subtree { key, level, octant, voters })
         };
@@ -131,33 +124,42 @@ impl<'a> ConflictSearch<'a> {
     }
 
     fn descend(&self, subtree: &Subtree<'a>, found: &mut Vec<BlockVotes>) {
-        let Subtree { key, level, octant, ref voters } = *subtree;
-        if octant.link == NONE {
-            let blocks = if level <= MAX_UNIFORM_LEVEL { 1u64 << (3 * level) } else { 0 };
-            found.extend((0..blocks).filter_map(|i| self.votes(voters, key | i, 3, &[octant.payload.value])));
-        } else if level > 1 {
+        if subtree.level > WINDOW_LEVEL {
             self.children(subtree).iter().for_each(|child| self.descend(child, found));
         } else {
-            // Voters of single blocks are determined while their windows are made.
-            let blocks = self.field.tree().siblings(octant.link).iter().zip(0u64..).filter(|(octant, _)| octant.payload.max > 0);
-            found.extend(blocks.filter_map(|(octant, i)| match octant.link {
-                NONE => self.votes(voters, key | i, 3, &[octant.payload.value]),
-                id => {
-                    let block = self.field.block(id);
-                    self.votes(voters, key | i, usize::from(block.scale), self.field.values(block))
-                }
-            }));
+            self.blocks(
+                &Neighbours::around(&subtree.voters, subtree.key, subtree.level, self.max_contested),
+                subtree.key,
+                subtree.level,
+                subtree.octant,
+                found,
+            );
+        }
+    }
+
+    /// The votes in the blocks of an octant.
+    fn blocks(&self, neighbours: &Neighbours<'a, '_>, key: u64, level: u32, octant: &Octant<Summary>, found: &mut Vec<BlockVotes>) {
+        if octant.payload.max <= 0 {
+            return;
+        }
+        if octant.link == NONE {
+            found.extend((0..1u64 << (3 * level)).filter_map(|i| self.votes(neighbours, key | i, 3, &[octant.payload.value])));
+        } else if level > 0 {
+            let children = self.field.tree().siblings(octant.link).iter().zip(0u64..);
+            children.for_each(|(child, i)| self.blocks(neighbours, key | i << (3 * (level - 1)), level - 1, child, found));
+        } else {
+            let block = self.field.block(octant.link);
+            found.extend(self.votes(neighbours, key, usize::from(block.scale), self.field.values(block)));
         }
     }
 
     /// The votes that make contested voxels of a block free, at the finest scale; none if no voxel becomes free.
-    fn votes(&self, voters: &[&'a Voter<'a>], key: u64, scale: usize, values: &[i8]) -> Option<BlockVotes> {
+    fn votes(&self, neighbours: &Neighbours<'a, '_>, key: u64, scale: usize, values: &[i8]) -> Option<BlockVotes> {
         if !values.iter().any(|v| self.is_contested(*v)) {
             return None;
         }
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
-        let evidence = Evidence::around_block(voters, corner, 0.0, UNKNOWN);
-        let mut surfaces: Option<Evidence<'_>> = None;
+        let evidence = Evidence::in_block(neighbours, corner);
         let mut votes: Option<Box<[i8]>> = None;
         let half = 0.5 * (1 << scale) as f32;
         for (i, &value) in values.iter().enumerate().filter(|(_, v)| self.is_contested(**v)) {
@@ -168,11 +170,7 @@ impl<'a> ConflictSearch<'a> {
                 continue;
             }
             // Larger voxels were observed from afar: they become free also near a surface, which is known more precisely.
-            let near_surface = |surfaces: &mut Option<Evidence<'a>>| {
-                let surfaces = surfaces.get_or_insert_with(|| Evidence::around_block(voters, corner, SURFACE_TOLERANCE, self.max_contested));
-                surfaces.has_surface_near(centre, self.max_contested)
-            };
-            if scale == 0 && near_surface(&mut surfaces) {
+            if scale == 0 && neighbours.has_surface_near(centre) {
                 continue;
             }
             for sub in 0..voxels_at(SCALES - 1 - scale) {
@@ -185,51 +183,6 @@ impl<'a> ConflictSearch<'a> {
             }
         }
         votes.map(|votes| (key, votes))
-    }
-}
-
-/// Values of the other submaps in and around a block.
-struct Evidence<'a> {
-    /// Windows of the submaps whose values vary there.
-    windows: Vec<(&'a Placement, Window<'a>)>,
-    /// Sum of the values of the submaps that have one value there.
-    uniform: i32,
-}
-
-impl<'a> Evidence<'a> {
-    /// Evidence in the block whose first corner is at `corner` and `margin` voxels around it, from submaps with values above `least` there.
-    fn around_block(voters: &[&'a Voter<'a>], corner: [f32; 3], margin: f32, least: i8) -> Self {
-        let half = 0.5 * BLOCK_EDGE as f32;
-        let mut evidence = Self { windows: Vec::new(), uniform: 0 };
-        for v in voters {
-            let blocks = BlockBox::around(&v.placement, corner.map(|c| c + half), half + margin);
-            let Some(window) = Window::new(v.field, &blocks, least) else { continue };
-            match window.uniform() {
-                Some(value) if least == UNKNOWN => evidence.uniform += i32::from(value),
-                _ => evidence.windows.push((&v.placement, window)),
-            }
-        }
-        evidence
-    }
-
-    /// Sum of the values at `p`, finest voxels of the contested submap.
-    #[inline(always)]
-    fn sum_at(&self, p: [f32; 3]) -> i32 {
-        let values = self.windows.iter().map(|(placement, window)| window.value(placement.t_source_target.apply(p)));
-        self.uniform + values.filter(|v| *v != UNKNOWN).map(i32::from).sum::<i32>()
-    }
-
-    /// Whether any submap has a value above `max_contested` within the tolerance around the finest voxel at `centre`.
-    fn has_surface_near(&self, centre: [f32; 3], max_contested: i8) -> bool {
-        self.windows.iter().any(|(placement, window)| {
-            let t = &placement.t_source_target;
-            let reach = t.rotation.map(|row| row.iter().map(|r| r.abs()).sum::<f32>() * (0.5 + SURFACE_TOLERANCE) + MARGIN);
-            let is_occupied = |[x, y, z]: [f32; 3]| window.value(t.apply([centre[0] + x, centre[1] + y, centre[2] + z])) > max_contested;
-            window.has_blocks_around(t.apply(centre), reach)
-                && [0.5, 0.5 + 0.5 * SURFACE_TOLERANCE, 0.5 + SURFACE_TOLERANCE]
-                    .into_iter()
-                    .any(|r| (0..27).filter(|i| *i != 13).any(|i| is_occupied([i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1].map(|d| d as f32 * r))))
-        })
     }
 }
 

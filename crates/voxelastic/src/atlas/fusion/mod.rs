@@ -15,12 +15,12 @@
 mod alignment;
 mod colour;
 mod combine;
+mod conflict_evidence;
 mod conflict_resolution;
 mod decoded_blocks;
 mod fused_field;
 mod merge;
 mod occupancy;
-mod occupancy_window;
 mod one_field;
 mod placement;
 mod points;

@@ -1,9 +1,9 @@
 //! Occupancy fusion: log-odds of the source at the target's voxels are added; free space stays as coarse as in the source.
 
-use super::placement::Placement;
+use super::placement::{Placement, floor};
 use crate::field::BlockStore;
 use crate::field::occupancy::propagate::ChangedOctants;
-use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN, state_of};
+use crate::field::occupancy::{BlockBox, OccupancyField, OccupancyWindow, Summary, UNKNOWN, state_of};
 use crate::geometry::morton;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
@@ -167,16 +167,20 @@ impl<'a> OccupancySampling<'a> {
         let scale = if is_border { finest.min(1) } else { finest };
         let edge = (1 << scale) as f32;
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
-        let values: Vec<i8> = (0..voxels_at(scale))
-            .map(|i| {
-                let c = voxel_coords(i, scale);
-                let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-                self.source.value_at(self.placement.t_source_target.apply(centre).map(|v| v.floor() as i32))
-            })
-            .collect();
+        let half = 0.5 * BLOCK_EDGE as f32;
+        let Some(window) = OccupancyWindow::new(self.source, &self.placement.blocks_in_source(corner.map(|c| c + half), half), UNKNOWN) else {
+            return;
+        };
+        let mut values = [UNKNOWN; voxels_at(0)];
+        let values = &mut values[..voxels_at(scale)];
+        for (i, value) in values.iter_mut().enumerate() {
+            let c = voxel_coords(i, scale);
+            let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
+            *value = window.value(self.placement.t_source_target.apply(centre).map(floor));
+        }
         if values.iter().any(|v| *v != values[0]) {
             let slot = patch.voxels.insert(scale);
-            patch.voxels.get_mut(scale, slot).copy_from_slice(&values);
+            patch.voxels.get_mut(scale, slot).copy_from_slice(values);
             patch.items.push(PatchItem::Block { key, scale: scale as u8, slot });
         } else if values[0] != UNKNOWN {
             patch.items.push(PatchItem::Uniform { key, level: 0, value: values[0] });
@@ -188,66 +192,54 @@ impl<'a> OccupancySampling<'a> {
         let half = 0.5 * (BLOCK_EDGE << level) as f32;
         let centre = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32 + half);
         let (middle, extent) = self.placement.box_in_source(centre, half);
-        let search_box = [std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k])];
+        let (low, high): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k]));
         let tree = self.source.tree();
-        let mut search = BoxSearch { source: self.source, search_box, is_exhaustive: level == 0, value: None, content: None };
-        let root_half = 0.5 * (BLOCK_EDGE << tree.root_level()) as f32;
+        let mut found = Values::default();
+        let root_edge = (BLOCK_EDGE << tree.root_level()) as f32;
         let root_corner = block_coords(tree.root_key()).map(|c| c as f32 * BLOCK_EDGE as f32);
-        if (0..3).any(|k| search_box[0][k] < root_corner[k] || search_box[1][k] > root_corner[k] + 2.0 * root_half) {
-            search.add(UNKNOWN, SCALES - 1);
+        if (0..3).any(|k| low[k] < root_corner[k] || high[k] > root_corner[k] + root_edge) {
+            found.add(UNKNOWN);
         }
-        search.visit(tree.root_key(), tree.root_level(), tree.root());
-        match (search.content, search.value) {
+        // A single block is searched to its end: its finest scale counts.
+        let is_enough = |found: &Values| found.mixed.is_some() && level > 0;
+        // The blocks that overlap the box by more than a face.
+        BlockBox::of_voxels(low.map(floor), high.map(|c| -floor(-c) - 1)).visit_leaves(self.source, &mut |_| true, &mut |leaf| {
+            match leaf.octant.link {
+                NONE => found.add(leaf.octant.payload.value),
+                id => found.add_block(usize::from(self.source.block(id).scale)),
+            }
+            is_enough(&found)
+        });
+        match (found.mixed, found.first) {
             (Some((finest, is_border)), _) => Content::Mixed { finest, is_border },
             (None, value) => Content::Uniform(value.unwrap_or(UNKNOWN)),
         }
     }
 }
 
-/// Searches a box of the source for different values.
-struct BoxSearch<'a> {
-    source: &'a OccupancyField,
-    /// Smallest and largest corner, finest voxels of the source.
-    search_box: [[f32; 3]; 2],
-    /// Whether to continue after the box is known to be mixed.
-    is_exhaustive: bool,
-    /// The first value found.
-    value: Option<i8>,
-    /// Set once two different values were found: the finest scale, and whether both free and other space were found.
-    content: Option<(usize, bool)>,
+/// The values that were found in a box.
+#[derive(Default)]
+struct Values {
+    /// The first value of a uniform octant.
+    first: Option<i8>,
+    /// Set once there are several values: the finest scale, and whether both free and other space were found.
+    mixed: Option<(usize, bool)>,
 }
 
-impl BoxSearch<'_> {
-    fn add(&mut self, value: i8, scale: usize) {
-        let first = *self.value.get_or_insert(value);
-        if first != value || scale < SCALES - 1 {
-            let (finest, is_border) = self.content.unwrap_or((SCALES - 1, false));
-            self.content = Some((finest.min(scale), is_border || state_of(first) != state_of(value)));
+impl Values {
+    /// Adds a uniform octant.
+    fn add(&mut self, value: i8) {
+        let first = *self.first.get_or_insert(value);
+        if first != value {
+            let (finest, is_border) = self.mixed.unwrap_or((SCALES - 1, false));
+            self.mixed = Some((finest, is_border || state_of(first) != state_of(value)));
         }
     }
 
-    fn visit(&mut self, key: u64, level: u32, octant: &Octant<Summary>) {
-        if self.content.is_some() && !self.is_exhaustive {
-            return;
-        }
-        let corner = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32);
-        let edge = (BLOCK_EDGE << level) as f32;
-        if (0..3).any(|k| corner[k] + edge <= self.search_box[0][k] || corner[k] >= self.search_box[1][k]) {
-            return;
-        }
-        if octant.link == NONE {
-            self.add(octant.payload.value, SCALES - 1);
-        } else if level == 0 {
-            let block = self.source.block(octant.link);
-            let scale = usize::from(block.scale);
-            // A block is never uniform, even if its voxels within the box are.
-            let (finest, is_border) = self.content.unwrap_or((scale, false));
-            self.content = Some((finest.min(scale), is_border));
-        } else {
-            for (i, child) in self.source.tree().siblings(octant.link).iter().enumerate() {
-                self.visit(key | (i as u64) << (3 * (level - 1)), level - 1, child);
-            }
-        }
+    /// Adds a block, which is never uniform, even if its voxels within the box are.
+    fn add_block(&mut self, scale: usize) {
+        let (finest, is_border) = self.mixed.unwrap_or((scale, false));
+        self.mixed = Some((finest.min(scale), is_border));
     }
 }
 

@@ -1,7 +1,11 @@
 //! Pose of one submap in the lattice of another.
 
+use crate::field::occupancy::BlockBox;
 use crate::geometry::{Pose, Rigid};
 use crate::octree::{BLOCK_EDGE, block_coords};
+
+/// Margin in voxels around a box of the source: transformed points are rounded.
+pub(super) const MARGIN: f32 = 1.0;
 
 /// Pose of the source in the target and its inverse, both in finest voxels.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +38,13 @@ impl Placement {
     /// The axis-aligned box around a cube of the target, in the source: centre and half extents.
     pub fn box_in_source(&self, centre: [f32; 3], half: f32) -> ([f32; 3], [f32; 3]) {
         transformed_box(&self.t_source_target, centre, half)
+    }
+
+    /// The source's blocks that a cube of the target can touch; `centre` and `half` of its edge in finest voxels of the target.
+    pub fn blocks_in_source(&self, centre: [f32; 3], half: f32) -> BlockBox {
+        let (middle, extent) = self.box_in_source(centre, half);
+        let corner = |sign: f32| std::array::from_fn(|k| floor(middle[k] + sign * (extent[k] + MARGIN)));
+        BlockBox::of_voxels(corner(-1.0), corner(1.0))
     }
 
     /// The axis-aligned box around a cuboid of the target, in the source: centre and half extents.

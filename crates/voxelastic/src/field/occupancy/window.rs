@@ -1,45 +1,51 @@
 //! A small box of an occupancy field as an array of blocks for many lookups: the octree is descended once, not once per voxel.
 
-use super::placement::{Placement, floor};
-use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN};
+use super::{OccupancyField, Summary, UNKNOWN};
 use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, SCALES, block_coords, voxel_index};
-
-/// Margin in voxels around a box: transformed points are rounded.
-pub(super) const MARGIN: f32 = 1.0;
 
 /// Bits of the children on the low side along each axis.
 const LOW_SIDE: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
 
-/// A box of whole blocks in the frame of a field.
+/// A box of whole blocks.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct BlockBox {
+pub(crate) struct BlockBox {
     low: [i32; 3],
     high: [i32; 3],
 }
 
 impl BlockBox {
-    /// The source's blocks that a cube of the target can touch; `centre` and `half` of its edge in finest voxels of the target.
-    pub fn around(placement: &Placement, centre: [f32; 3], half: f32) -> Self {
-        let (middle, extent) = placement.box_in_source(centre, half);
-        let block = |sign: f32| std::array::from_fn(|k| floor(middle[k] + sign * (extent[k] + MARGIN)) >> BLOCK_SHIFT);
-        Self { low: block(-1.0), high: block(1.0) }
+    /// The blocks of the finest voxels from `low` to `high`, both included.
+    #[inline(always)]
+    pub fn of_voxels(low: [i32; 3], high: [i32; 3]) -> Self {
+        Self { low: low.map(|v| v >> BLOCK_SHIFT), high: high.map(|v| v >> BLOCK_SHIFT) }
     }
 
     /// Whether any block or octant in the box has a maximum above `least`.
     pub fn contains_above(&self, least: i8, field: &OccupancyField) -> bool {
-        self.visit_leaves(field, least, &mut |_| true)
+        self.visit_leaves(field, &mut |summary| summary.max > least, &mut |_| true)
     }
 
-    /// Visits the leaves in the box whose maximum is above `least`, until `visit` returns true; returns whether it did.
-    fn visit_leaves<'a>(&self, field: &'a OccupancyField, least: i8, visit: &mut impl FnMut(Leaf<'a>) -> bool) -> bool {
+    /// Visits the leaves in the box below octants for which `is_wanted` holds, in Morton order, until `visit` returns true; returns whether it did.
+    pub fn visit_leaves<'a>(
+        &self,
+        field: &'a OccupancyField,
+        is_wanted: &mut impl FnMut(&Summary) -> bool,
+        visit: &mut impl FnMut(OctreeLeaf<'a>) -> bool,
+    ) -> bool {
         let tree = field.tree();
         let (corner, level) = (block_coords(tree.root_key()), tree.root_level());
         let is_outside = (0..3).any(|k| self.high[k] < corner[k] || self.low[k] >= corner[k] + (1 << level));
-        !tree.is_empty() && !is_outside && self.visit_below(field, least, Leaf { octant: tree.root(), corner, level }, visit)
+        !tree.is_empty() && !is_outside && self.visit_below(field, OctreeLeaf { octant: tree.root(), corner, level }, is_wanted, visit)
     }
 
-    fn visit_below<'a>(&self, field: &'a OccupancyField, least: i8, at: Leaf<'a>, visit: &mut impl FnMut(Leaf<'a>) -> bool) -> bool {
-        if at.octant.payload.max <= least {
+    fn visit_below<'a>(
+        &self,
+        field: &'a OccupancyField,
+        at: OctreeLeaf<'a>,
+        is_wanted: &mut impl FnMut(&Summary) -> bool,
+        visit: &mut impl FnMut(OctreeLeaf<'a>) -> bool,
+    ) -> bool {
+        if !is_wanted(&at.octant.payload) {
             return false;
         }
         if at.octant.link == NONE || at.level == 0 {
@@ -54,22 +60,22 @@ impl BlockBox {
         let children = field.tree().siblings(at.octant.link);
         (0..8).filter(|i| reached >> i & 1 == 1).any(|i| {
             let corner = std::array::from_fn(|k| at.corner[k] + (i >> k & 1) * half);
-            self.visit_below(field, least, Leaf { octant: &children[i as usize], corner, level: at.level - 1 }, visit)
+            self.visit_below(field, OctreeLeaf { octant: &children[i as usize], corner, level: at.level - 1 }, is_wanted, visit)
         })
     }
 }
 
 /// A leaf of the octree: a block, or a cube with one value.
-#[derive(Clone, Copy)]
-struct Leaf<'a> {
-    octant: &'a Octant<Summary>,
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OctreeLeaf<'a> {
+    pub octant: &'a Octant<Summary>,
     /// Coordinates of its first block.
-    corner: [i32; 3],
-    level: u32,
+    pub corner: [i32; 3],
+    pub level: u32,
 }
 
 /// The voxels of a block; a single value is a block at the coarsest scale.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Cell<'a> {
     values: &'a [i8],
     scale: u8,
@@ -80,27 +86,28 @@ impl Cell<'_> {
 }
 
 /// The voxels of a box of blocks.
-pub(super) struct Window<'a> {
+#[derive(Debug)]
+pub(crate) struct OccupancyWindow<'a> {
     low: [i32; 3],
     size: [usize; 3],
     cells: Vec<Cell<'a>>,
 }
 
-impl<'a> Window<'a> {
+impl<'a> OccupancyWindow<'a> {
     /// A window on those blocks of `field` whose maximum is above `least` ([`UNKNOWN`]: all with any observation); others count as
     /// unknown. None if there is no such block.
     pub fn new(field: &'a OccupancyField, blocks: &BlockBox, least: i8) -> Option<Self> {
         let BlockBox { low, high } = *blocks;
         let size = std::array::from_fn(|k| (high[k] - low[k] + 1).max(0) as usize);
         let mut window = Self { low, size, cells: Vec::new() };
-        blocks.visit_leaves(field, least, &mut |leaf| {
+        blocks.visit_leaves(field, &mut |summary| summary.max > least, &mut |leaf| {
             window.insert(field, leaf, high);
             false
         });
         (!window.cells.is_empty()).then_some(window)
     }
 
-    fn insert(&mut self, field: &'a OccupancyField, leaf: Leaf<'a>, high: [i32; 3]) {
+    fn insert(&mut self, field: &'a OccupancyField, leaf: OctreeLeaf<'a>, high: [i32; 3]) {
         if self.cells.is_empty() {
             self.cells.resize(self.size.iter().product(), Cell::EMPTY);
         }
@@ -121,27 +128,37 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// The value of all voxels in the window, if all are equal.
-    pub fn uniform(&self) -> Option<i8> {
-        let value = self.cells[0].values[0];
-        self.cells.iter().all(|cell| cell.values == [value]).then_some(value)
+    /// The value of all voxels in the blocks of the window within a box, if all are equal; [`UNKNOWN`] if there are none.
+    pub fn uniform_in(&self, blocks: &BlockBox) -> Option<i8> {
+        let range = |k: usize| (blocks.low[k] - self.low[k]).max(0)..(blocks.high[k] + 1 - self.low[k]).min(self.size[k] as i32);
+        let [nx, ny, _] = self.size;
+        let mut value = None;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let values = self.cells[x as usize + nx * (y as usize + ny * z as usize)].values;
+                    if values.len() > 1 || value.is_some_and(|v| v != values[0]) {
+                        return None;
+                    }
+                    value = Some(values[0]);
+                }
+            }
+        }
+        Some(value.unwrap_or(UNKNOWN))
     }
 
-    /// Whether any block of the window touches the box around `p` with half extents `reach`, finest voxels.
-    pub fn has_blocks_around(&self, p: [f32; 3], reach: [f32; 3]) -> bool {
-        let range = |k: usize| {
-            let block = |c: f32| (floor(c) >> BLOCK_SHIFT) - self.low[k];
-            block(p[k] - reach[k]).max(0)..block(p[k] + reach[k]).saturating_add(1).min(self.size[k] as i32)
-        };
+    /// Whether any block of the window touches the finest voxels from `low` to `high`, both included.
+    pub fn has_blocks_in(&self, low: [i32; 3], high: [i32; 3]) -> bool {
+        let block = |c: i32, k: usize| (c >> BLOCK_SHIFT) - self.low[k];
+        let range = |k: usize| block(low[k], k).max(0)..block(high[k], k).saturating_add(1).min(self.size[k] as i32);
         let [nx, ny, _] = self.size;
         let is_known = |x: i32, y: i32, z: i32| self.cells[x as usize + nx * (y as usize + ny * z as usize)].values != [UNKNOWN];
         range(2).any(|z| range(1).any(|y| range(0).any(|x| is_known(x, y, z))))
     }
 
-    /// Value at `p`, finest voxels; [`UNKNOWN`] outside the window.
+    /// Value of the finest voxel at `c`; [`UNKNOWN`] outside the window.
     #[inline(always)]
-    pub fn value(&self, p: [f32; 3]) -> i8 {
-        let c = p.map(floor);
+    pub fn value(&self, c: [i32; 3]) -> i8 {
         let [x, y, z] = std::array::from_fn(|k| ((c[k] >> BLOCK_SHIFT) - self.low[k]) as usize);
         let [nx, ny, nz] = self.size;
         if x >= nx || y >= ny || z >= nz {
