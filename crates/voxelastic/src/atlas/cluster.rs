@@ -7,15 +7,20 @@
 //!
 //! A refused fusion may be possible later, when another loop shortens the path; the mapper stores refusals and tries again.
 //!
+//! Where a place was passed often, [links of some passes](super::passes) stand for those of others, and scans of those others are connected with
+//! nothing near them. Such scans do not count any more: they are in the submap, at places that scans of other passes stand for.
+//!
 //! Repeated traversals still fuse. A later submap covers at most `lambda_odom` of path. One of the older submaps along that part of the
 //! path has its root there, so no node of the later submap is farther from that root than `lambda_odom` plus the length of the loop edge.
 //! Each newer submap is fused into the older one whose root is nearest in that sense. Two consecutive submaps of one traversal, whose far
 //! ends are two `lambda_odom` apart, are not fused.
 
 use super::graph::PoseGraph;
+use super::passes::PassRule;
 use super::{NodeAssignments, SubmapId};
 use crate::event::NodeId;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::{BTreeSet, HashMap};
 
 /// The thresholds of clustering, metres along the graph.
@@ -58,14 +63,19 @@ impl ClusterRule {
         3.0 * self.bound() + self.lambda_cluster
     }
 
+    /// What a place and a pass are: some places within the reach of a root, and passes longer than from one end of a submap to the other.
+    pub fn passes(&self) -> PassRule {
+        PassRule { place: self.bound() / 6.0, pass: 2.0 * self.bound() }
+    }
+
     /// The fusions due to the closed loop between `ends`. Updates `assignments` to the state after these fusions.
     pub fn cluster(&self, graph: &PoseGraph, assignments: &mut NodeAssignments, ends: [NodeId; 2]) -> Clustered {
         let cluster = graph.within(&ends, self.lambda_cluster);
         let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| assignments.submap_of(*node)).collect();
         let mut fusions = Vec::new();
-        let mut reaches: HashMap<SubmapId, HashMap<NodeId, f64>> = HashMap::new();
+        let mut reaches = Reaches { graph, bound: self.bound(), of: HashMap::new() };
         for source in submaps.clone().into_iter().rev() {
-            let target = self.best_target(graph, assignments, source, submaps.range(..source), &mut reaches);
+            let target = best_target(assignments, source, submaps.range(..source), &mut reaches);
             if let Some(target) = target {
                 assignments.merge(source, target);
                 submaps.remove(&source);
@@ -73,29 +83,6 @@ impl ClusterRule {
             }
         }
         Clustered { fusions, remaining: submaps.into_iter().collect() }
-    }
-
-    /// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
-    fn best_target<'a>(
-        &self,
-        graph: &PoseGraph,
-        assignments: &NodeAssignments,
-        source: SubmapId,
-        targets: impl Iterator<Item = &'a SubmapId>,
-        reaches: &mut HashMap<SubmapId, HashMap<NodeId, f64>>,
-    ) -> Option<SubmapId> {
-        let mut best: Option<(f64, SubmapId)> = None;
-        for &target in targets {
-            let Some(root) = assignments.root(target) else { continue };
-            let reach = reaches.entry(target).or_insert_with(|| graph.within(&[root], self.bound()).into_iter().collect());
-            let farthest = assignments.nodes(source).iter().try_fold(0.0f64, |far, node| reach.get(node).map(|d| far.max(*d)));
-            if let Some(farthest) = farthest
-                && best.is_none_or(|(least, _)| farthest < least)
-            {
-                best = Some((farthest, target));
-            }
-        }
-        best.map(|(_, target)| target)
     }
 
     /// The submap for a scan at `node` by distance along the graph alone: `current`, the submap of its odometry predecessor, as long as
@@ -112,6 +99,65 @@ impl ClusterRule {
         }
         nearest
     }
+}
+
+/// The nodes within the bound of roots with their distances, as far as they were asked for.
+struct Reaches<'a> {
+    graph: &'a PoseGraph,
+    bound: f64,
+    of: HashMap<NodeId, HashMap<NodeId, f64>>,
+}
+
+impl Reaches<'_> {
+    fn of(&mut self, root: NodeId) -> &HashMap<NodeId, f64> {
+        self.of.entry(root).or_insert_with(|| self.graph.within(&[root], self.bound).into_iter().collect())
+    }
+
+    /// The distance of the farthest node of `source` from the root of `target`; none if one is out of the bound.
+    fn farthest(&mut self, assignments: &mut NodeAssignments, target: SubmapId, source: SubmapId) -> Option<f64> {
+        let (root, own_root) = (assignments.root(target)?, assignments.root(source)?);
+        let has_retired = self.graph.has_retired();
+        if let Some(node) = assignments.out_of_reach(target, source)
+            && (!has_retired || self.of(own_root).contains_key(&node))
+            && !self.of(root).contains_key(&node)
+        {
+            return None;
+        }
+        let nodes: Cow<'_, [NodeId]> = if has_retired {
+            let connected = self.of(own_root).keys().copied().filter(|node| assignments.submap_of(*node) == Some(source));
+            Cow::Owned(connected.collect())
+        } else {
+            Cow::Borrowed(assignments.nodes(source))
+        };
+        let reach = self.of(root);
+        let distances: Result<Vec<f64>, NodeId> = nodes.iter().map(|node| reach.get(node).copied().ok_or(*node)).collect();
+        match distances {
+            Ok(distances) => Some(distances.into_iter().fold(0.0, f64::max)),
+            Err(node) => {
+                drop(nodes);
+                assignments.set_out_of_reach(target, source, node);
+                None
+            }
+        }
+    }
+}
+
+/// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
+fn best_target<'a>(
+    assignments: &mut NodeAssignments,
+    source: SubmapId,
+    targets: impl Iterator<Item = &'a SubmapId>,
+    reaches: &mut Reaches<'_>,
+) -> Option<SubmapId> {
+    let mut best: Option<(f64, SubmapId)> = None;
+    for &target in targets {
+        if let Some(farthest) = reaches.farthest(assignments, target, source)
+            && best.is_none_or(|(least, _)| farthest < least)
+        {
+            best = Some((farthest, target));
+        }
+    }
+    best.map(|(_, target)| target)
 }
 
 #[cfg(test)]

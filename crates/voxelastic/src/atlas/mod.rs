@@ -3,6 +3,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`graph`] | the pose graph and distances along it |
+//! | [`passes`] | which links stand for others where a place was passed often |
 //! | [`cluster`] | which nodes share a submap, which submaps a closed loop fuses (Sec. IV-A) |
 //! | [`fusion`] | fuses one submap into another (Sec. IV-C), resolves conflicts between submaps |
 //! | [`overlap`] | how much of a scan a submap already contains |
@@ -16,6 +17,7 @@ mod collection;
 pub mod fusion;
 pub mod graph;
 pub mod overlap;
+pub mod passes;
 mod submap;
 
 pub use assignment::NodeAssignments;
