@@ -8,7 +8,6 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
-use voxelastic::geometry::PoseExt;
 use voxelastic_io::poses;
 
 /// A command that is killed until it comes to its end, and what of it is compared.

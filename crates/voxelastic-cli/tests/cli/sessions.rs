@@ -1,13 +1,11 @@
 //! Maps that go on: sessions that are added to a saved map, merged, and taken out again.
 
-use crate::{fails, json, room, run, voxelastic, works};
+use crate::{fails, json, room, run, works};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::Range;
 use std::path::Path;
-use std::process::Stdio;
-use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic::geometry::PoseExt;
 use voxelastic_io::store::{MapStore, ScanEntry, SubmapEntry};
