@@ -1,6 +1,7 @@
 //! Which node belongs to which submap.
 
 use super::SubmapId;
+use super::node_map::NodeMap;
 use crate::event::NodeId;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
@@ -8,7 +9,7 @@ use std::collections::{BTreeMap, HashMap};
 /// The nodes of every submap as clustering decided; queued fusions count as done.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct NodeAssignments {
-    submap_of: HashMap<NodeId, SubmapId>,
+    submap_of: NodeMap<SubmapId>,
     nodes: BTreeMap<SubmapId, Vec<NodeId>>,
     /// By target and source of a fusion that was refused, a node of the source that was too far from the root of the target: as long as it is, no other
     /// needs to be looked at. Nothing depends on what is here but time.

@@ -16,12 +16,13 @@
 //! ends are two `lambda_odom` apart, are not fused.
 
 use super::graph::PoseGraph;
+use super::node_map::NodeMap;
 use super::passes::PassRule;
 use super::{NodeAssignments, SubmapId};
 use crate::event::NodeId;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 
 /// The thresholds of clustering, metres along the graph.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +66,7 @@ impl ClusterRule {
 
     /// What a place and a pass are: some places within the reach of a root, and passes longer than from one end of a submap to the other.
     pub fn passes(&self) -> PassRule {
-        PassRule { place: self.bound() / 6.0, pass: 2.0 * self.bound() }
+        PassRule { place: self.bound() / 3.0, pass: 2.0 * self.bound() }
     }
 
     /// The fusions due to the closed loop between `ends`. Updates `assignments` to the state after these fusions.
@@ -73,7 +74,7 @@ impl ClusterRule {
         let cluster = graph.within(&ends, self.lambda_cluster);
         let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| assignments.submap_of(*node)).collect();
         let mut fusions = Vec::new();
-        let mut reaches = Reaches { graph, bound: self.bound(), of: HashMap::new() };
+        let mut reaches = Reaches { graph, bound: self.bound(), of: NodeMap::default() };
         for source in submaps.clone().into_iter().rev() {
             let target = best_target(assignments, source, submaps.range(..source), &mut reaches);
             if let Some(target) = target {
@@ -105,11 +106,11 @@ impl ClusterRule {
 struct Reaches<'a> {
     graph: &'a PoseGraph,
     bound: f64,
-    of: HashMap<NodeId, HashMap<NodeId, f64>>,
+    of: NodeMap<NodeMap<f64>>,
 }
 
 impl Reaches<'_> {
-    fn of(&mut self, root: NodeId) -> &HashMap<NodeId, f64> {
+    fn of(&mut self, root: NodeId) -> &NodeMap<f64> {
         self.of.entry(root).or_insert_with(|| self.graph.within(&[root], self.bound).into_iter().collect())
     }
 
@@ -221,11 +222,53 @@ mod tests {
                 assert!(fusions.iter().all(|f| f.target < f.source));
                 for submap in after {
                     let root = assignments.root(submap).unwrap();
-                    let reach: HashMap<NodeId, f64> = graph.within(&[root], RULE.bound()).into_iter().collect();
+                    let reach: NodeMap<f64> = graph.within(&[root], RULE.bound()).into_iter().collect();
                     assert!(assignments.nodes(submap).iter().all(|n| reach.contains_key(n)), "bound of submap {submap}");
                 }
             }
         }
+    }
+
+    /// A robot that goes to and fro on 60 m, `passes` times, a node every 2 m, `offset` to the side, with nodes from `first` on in the submaps of its first pass: two of
+    /// 30 m from `submap` on. Every 10 m it finds itself at the node of the first pass.
+    fn to_and_fro(graph: &mut PoseGraph, assignments: &mut NodeAssignments, [first, passes]: [u64; 2], submap: SubmapId, offset: f64) -> NodeId {
+        let place = |k: u64| if (k / 30).is_multiple_of(2) { k % 30 } else { 29 - k % 30 };
+        for k in 0..30 * passes {
+            let (node, at) = (first + k, place(k));
+            graph.add_node(node, &Pose::translation(2.0 * at as f64, offset + 0.01 * (k / 30) as f64, 0.0));
+            if k > 0 {
+                graph.assume_odometry(node - 1, node);
+            }
+            if k >= 30 && at % 5 == 0 {
+                let t_from_to = graph.pose(first + at).unwrap().inv_mul(graph.pose(node).unwrap());
+                graph.add_edge(LinkKind::Overlap, &Edge { from: first + at, to: node, t_from_to, information: None }).unwrap();
+            }
+            assignments.add(node, submap + (at / 15) as SubmapId);
+        }
+        graph.take_closed();
+        first + 30 * passes - 1
+    }
+
+    #[test]
+    fn submaps_of_many_passes_are_fused_as_those_of_one() {
+        let fused = |passes: u64| {
+            let mut graph = PoseGraph::new(Agreement { distance: 0.5, angle: 0.1 }).with_passes(RULE.passes());
+            let mut assignments = NodeAssignments::default();
+            to_and_fro(&mut graph, &mut assignments, [0, passes], 0, 0.0);
+            to_and_fro(&mut graph, &mut assignments, [10_000, passes], 7, 1.0);
+            assert_eq!(graph.has_retired(), passes > 10);
+            let mut fusions = Vec::new();
+            for at in [0, 15] {
+                let t_from_to = graph.pose(at).unwrap().inv_mul(graph.pose(10_000 + at).unwrap());
+                graph.add_edge(LinkKind::Loop, &Edge { from: at, to: 10_000 + at, t_from_to, information: None }).unwrap();
+                for ends in graph.take_closed() {
+                    fusions.extend(RULE.cluster(&graph, &mut assignments, ends).fusions);
+                }
+            }
+            fusions
+        };
+        assert_eq!(fused(1), [Fusion { source: 7, target: 0 }, Fusion { source: 8, target: 1 }]);
+        assert_eq!(fused(40), fused(1));
     }
 
     #[test]

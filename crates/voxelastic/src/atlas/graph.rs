@@ -11,6 +11,7 @@
 //!
 //! Where a place was passed often, the links of some passes [stand for those of the others](super::passes).
 
+use super::node_map::{NodeMap, NodeSet};
 use super::passes::{PassRule, Passes};
 use crate::event::{Edge, NodeId};
 use crate::geometry::stored::StoredPose;
@@ -138,7 +139,7 @@ pub struct GraphCounts {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PoseGraph {
     agreement: Agreement,
-    nodes: HashMap<NodeId, Node>,
+    nodes: NodeMap<Node>,
     links: Vec<Link>,
     /// Links that need agreement, in the order in which they came.
     loops: Vec<u32>,
@@ -163,7 +164,7 @@ impl PoseGraph {
     pub fn new(agreement: Agreement) -> Self {
         Self {
             agreement,
-            nodes: HashMap::new(),
+            nodes: NodeMap::default(),
             links: Vec::new(),
             loops: Vec::new(),
             waiting: HashMap::new(),
@@ -405,10 +406,10 @@ impl PoseGraph {
 
     fn search(&self, starts: &[NodeId], limit: f64, may_use: impl Fn(&Link) -> bool) -> Vec<(NodeId, f64)> {
         let mut heap: BinaryHeap<Reverse<(u64, NodeId)>> = starts.iter().filter(|n| self.contains(**n)).map(|&n| Reverse((0, n))).collect();
-        let mut visited: HashMap<NodeId, ()> = HashMap::new();
+        let mut visited = NodeSet::default();
         let mut reached = Vec::new();
         while let Some(Reverse((bits, node))) = heap.pop() {
-            if visited.insert(node, ()).is_some() {
+            if !visited.insert(node) {
                 continue;
             }
             // Bit patterns of non-negative floats order like the floats.
@@ -417,7 +418,7 @@ impl PoseGraph {
             for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| may_use(l)) {
                 let other = if link.from == node { link.to } else { link.from };
                 let further = distance + link.length;
-                if further <= limit && !visited.contains_key(&other) {
+                if further <= limit && !visited.contains(&other) {
                     heap.push(Reverse((further.to_bits(), other)));
                 }
             }

@@ -16,10 +16,12 @@ pub mod cluster;
 mod collection;
 pub mod fusion;
 pub mod graph;
+mod node_map;
 pub mod overlap;
 pub mod passes;
 mod submap;
 
 pub use assignment::NodeAssignments;
 pub use collection::{Atlas, MergingSubmap};
+pub(crate) use node_map::NodeSet;
 pub use submap::{Submap, SubmapId, SubmapScan};

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 /// Passes of a place whose links are followed for ever.
 pub(super) const FIRST: usize = 2;
 /// Passes whose links are followed until as many others have come after them.
-pub(super) const LAST: usize = 4;
+pub(super) const LAST: usize = 2;
 
 /// Size of places and length of passes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

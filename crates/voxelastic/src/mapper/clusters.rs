@@ -3,10 +3,10 @@
 use super::error::MapError;
 use crate::atlas::cluster::{ClusterRule, Clustered, Fusion};
 use crate::atlas::graph::{Agreement, EdgeOutcome, LinkKind, PoseGraph};
-use crate::atlas::{NodeAssignments, SubmapId};
+use crate::atlas::{NodeAssignments, NodeSet, SubmapId};
 use crate::event::{Edge, NodeId};
 use crate::settings::Settings;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 /// The pose graph and the clusters of its nodes.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ impl Clusters {
             return Vec::new();
         }
         let near = if self.size_limited.is_empty() { Vec::new() } else { self.graph.within(closed.as_flattened(), self.rule.influence()) };
-        let near: HashSet<NodeId> = near.into_iter().map(|(node, _)| node).collect();
+        let near: NodeSet = near.into_iter().map(|(node, _)| node).collect();
         let mut loops: Vec<[NodeId; 2]> = self.size_limited.extract_if(.., |_, ends| near.contains(&ends[0])).map(|(_, ends)| ends).collect();
         loops.extend(closed);
         let mut due = Vec::new();
