@@ -11,6 +11,8 @@ mod exploration;
 mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
+#[cfg(unix)]
+mod kills;
 mod live;
 #[cfg(target_os = "linux")]
 mod memory;

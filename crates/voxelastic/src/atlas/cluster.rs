@@ -7,16 +7,22 @@
 //!
 //! A refused fusion may be possible later, when another loop shortens the path; the mapper stores refusals and tries again.
 //!
+//! Where a place was passed often, [links of some passes](super::passes) stand for those of others, and scans of those others are connected with
+//! nothing near them. Such scans do not count any more: they are in the submap, at places that scans of other passes stand for.
+//!
 //! Repeated traversals still fuse. A later submap covers at most `lambda_odom` of path. One of the older submaps along that part of the
 //! path has its root there, so no node of the later submap is farther from that root than `lambda_odom` plus the length of the loop edge.
 //! Each newer submap is fused into the older one whose root is nearest in that sense. Two consecutive submaps of one traversal, whose far
 //! ends are two `lambda_odom` apart, are not fused.
 
 use super::graph::PoseGraph;
+use super::node_map::NodeMap;
+use super::passes::PassRule;
 use super::{NodeAssignments, SubmapId};
 use crate::event::NodeId;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeSet, HashMap};
+use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 /// The thresholds of clustering, metres along the graph.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,14 +64,19 @@ impl ClusterRule {
         3.0 * self.bound() + self.lambda_cluster
     }
 
+    /// What a place and a pass are: some places within the reach of a root, and passes longer than from one end of a submap to the other.
+    pub fn passes(&self) -> PassRule {
+        PassRule { place: self.bound() / 3.0, pass: 2.0 * self.bound() }
+    }
+
     /// The fusions due to the closed loop between `ends`. Updates `assignments` to the state after these fusions.
     pub fn cluster(&self, graph: &PoseGraph, assignments: &mut NodeAssignments, ends: [NodeId; 2]) -> Clustered {
         let cluster = graph.within(&ends, self.lambda_cluster);
         let mut submaps: BTreeSet<SubmapId> = cluster.iter().filter_map(|(node, _)| assignments.submap_of(*node)).collect();
         let mut fusions = Vec::new();
-        let mut reaches: HashMap<SubmapId, HashMap<NodeId, f64>> = HashMap::new();
+        let mut reaches = Reaches { graph, bound: self.bound(), of: NodeMap::default() };
         for source in submaps.clone().into_iter().rev() {
-            let target = self.best_target(graph, assignments, source, submaps.range(..source), &mut reaches);
+            let target = best_target(assignments, source, submaps.range(..source), &mut reaches);
             if let Some(target) = target {
                 assignments.merge(source, target);
                 submaps.remove(&source);
@@ -73,29 +84,6 @@ impl ClusterRule {
             }
         }
         Clustered { fusions, remaining: submaps.into_iter().collect() }
-    }
-
-    /// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
-    fn best_target<'a>(
-        &self,
-        graph: &PoseGraph,
-        assignments: &NodeAssignments,
-        source: SubmapId,
-        targets: impl Iterator<Item = &'a SubmapId>,
-        reaches: &mut HashMap<SubmapId, HashMap<NodeId, f64>>,
-    ) -> Option<SubmapId> {
-        let mut best: Option<(f64, SubmapId)> = None;
-        for &target in targets {
-            let Some(root) = assignments.root(target) else { continue };
-            let reach = reaches.entry(target).or_insert_with(|| graph.within(&[root], self.bound()).into_iter().collect());
-            let farthest = assignments.nodes(source).iter().try_fold(0.0f64, |far, node| reach.get(node).map(|d| far.max(*d)));
-            if let Some(farthest) = farthest
-                && best.is_none_or(|(least, _)| farthest < least)
-            {
-                best = Some((farthest, target));
-            }
-        }
-        best.map(|(_, target)| target)
     }
 
     /// The submap for a scan at `node` by distance along the graph alone: `current`, the submap of its odometry predecessor, as long as
@@ -112,6 +100,65 @@ impl ClusterRule {
         }
         nearest
     }
+}
+
+/// The nodes within the bound of roots with their distances, as far as they were asked for.
+struct Reaches<'a> {
+    graph: &'a PoseGraph,
+    bound: f64,
+    of: NodeMap<NodeMap<f64>>,
+}
+
+impl Reaches<'_> {
+    fn of(&mut self, root: NodeId) -> &NodeMap<f64> {
+        self.of.entry(root).or_insert_with(|| self.graph.within(&[root], self.bound).into_iter().collect())
+    }
+
+    /// The distance of the farthest node of `source` from the root of `target`; none if one is out of the bound.
+    fn farthest(&mut self, assignments: &mut NodeAssignments, target: SubmapId, source: SubmapId) -> Option<f64> {
+        let (root, own_root) = (assignments.root(target)?, assignments.root(source)?);
+        let has_retired = self.graph.has_retired();
+        if let Some(node) = assignments.out_of_reach(target, source)
+            && (!has_retired || self.of(own_root).contains_key(&node))
+            && !self.of(root).contains_key(&node)
+        {
+            return None;
+        }
+        let nodes: Cow<'_, [NodeId]> = if has_retired {
+            let connected = self.of(own_root).keys().copied().filter(|node| assignments.submap_of(*node) == Some(source));
+            Cow::Owned(connected.collect())
+        } else {
+            Cow::Borrowed(assignments.nodes(source))
+        };
+        let reach = self.of(root);
+        let distances: Result<Vec<f64>, NodeId> = nodes.iter().map(|node| reach.get(node).copied().ok_or(*node)).collect();
+        match distances {
+            Ok(distances) => Some(distances.into_iter().fold(0.0, f64::max)),
+            Err(node) => {
+                drop(nodes);
+                assignments.set_out_of_reach(target, source, node);
+                None
+            }
+        }
+    }
+}
+
+/// The target from whose root the farthest node of `source` is nearest, if that is within the bound.
+fn best_target<'a>(
+    assignments: &mut NodeAssignments,
+    source: SubmapId,
+    targets: impl Iterator<Item = &'a SubmapId>,
+    reaches: &mut Reaches<'_>,
+) -> Option<SubmapId> {
+    let mut best: Option<(f64, SubmapId)> = None;
+    for &target in targets {
+        if let Some(farthest) = reaches.farthest(assignments, target, source)
+            && best.is_none_or(|(least, _)| farthest < least)
+        {
+            best = Some((farthest, target));
+        }
+    }
+    best.map(|(_, target)| target)
 }
 
 #[cfg(test)]
@@ -175,11 +222,54 @@ mod tests {
                 assert!(fusions.iter().all(|f| f.target < f.source));
                 for submap in after {
                     let root = assignments.root(submap).unwrap();
-                    let reach: HashMap<NodeId, f64> = graph.within(&[root], RULE.bound()).into_iter().collect();
+                    let reach: NodeMap<f64> = graph.within(&[root], RULE.bound()).into_iter().collect();
                     assert!(assignments.nodes(submap).iter().all(|n| reach.contains_key(n)), "bound of submap {submap}");
                 }
             }
         }
+    }
+
+    /// A robot that goes to and fro on 60 m, `passes` times, a node every 2 m, `offset` to the side, with nodes from `first` on in the submaps of its first pass: two of
+    /// 30 m from `submap` on. Every 10 m it finds itself at the node of the first pass.
+    fn to_and_fro(graph: &mut PoseGraph, assignments: &mut NodeAssignments, [first, passes]: [u64; 2], submap: SubmapId, offset: f64) -> NodeId {
+        let place = |k: u64| if (k / 30).is_multiple_of(2) { k % 30 } else { 29 - k % 30 };
+        for k in 0..30 * passes {
+            let (node, at) = (first + k, place(k));
+            graph.add_node(node, &Pose::translation(2.0 * at as f64, offset + 0.01 * (k / 30) as f64, 0.0));
+            if k > 0 {
+                graph.assume_odometry(node - 1, node);
+            }
+            if k >= 30 && at % 5 == 0 {
+                let t_from_to = graph.pose(first + at).unwrap().inv_mul(graph.pose(node).unwrap());
+                graph.add_edge(LinkKind::Overlap, &Edge { from: first + at, to: node, t_from_to, information: None }).unwrap();
+            }
+            assignments.add(node, submap + (at / 15) as SubmapId);
+        }
+        graph.take_closed();
+        first + 30 * passes - 1
+    }
+
+    #[test]
+    fn submaps_of_many_passes_can_be_fused() {
+        let fused = |passes: u64| {
+            let mut graph = PoseGraph::new(Agreement { distance: 0.5, angle: 0.1 }).with_passes(RULE.passes());
+            let mut assignments = NodeAssignments::default();
+            to_and_fro(&mut graph, &mut assignments, [0, passes], 0, 0.0);
+            to_and_fro(&mut graph, &mut assignments, [10_000, passes], 7, 1.0);
+            assert_eq!(graph.has_retired(), passes > 10);
+            let mut fusions = Vec::new();
+            for at in [0, 15] {
+                let t_from_to = graph.pose(at).unwrap().inv_mul(graph.pose(10_000 + at).unwrap());
+                graph.add_edge(LinkKind::Loop, &Edge { from: at, to: 10_000 + at, t_from_to, information: None }).unwrap();
+                for ends in graph.take_closed() {
+                    fusions.extend(RULE.cluster(&graph, &mut assignments, ends).fusions);
+                }
+            }
+            fusions
+        };
+        assert_eq!(fused(1), [Fusion { source: 7, target: 0 }, Fusion { source: 8, target: 1 }]);
+        // Links that are not followed make ways longer, so that a fusion may be refused that just kept the bound.
+        assert_eq!(fused(40), [Fusion { source: 7, target: 0 }]);
     }
 
     #[test]

@@ -8,8 +8,13 @@
 //! A loop edge is used only while it is *closed*, that is, while the current poses of its nodes agree with its measurement. Before the
 //! SLAM system has corrected the poses the edge is open; an outlier that the robust kernel rejects stays open. Fusing along an open edge
 //! would merge surfaces that are not the same.
+//!
+//! Where a place was passed often, the links of some passes [stand for those of the others](super::passes).
 
+use super::node_map::{NodeMap, NodeSet};
+use super::passes::{PassRule, Passes};
 use crate::event::{Edge, NodeId};
+use crate::geometry::stored::StoredPose;
 use crate::geometry::{Pose, PoseExt};
 use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
@@ -83,12 +88,14 @@ struct Link {
     from: NodeId,
     to: NodeId,
     kind: LinkKind,
-    #[serde(with = "crate::geometry::stored")]
-    t_from_to: Pose,
+    /// What the poses have to agree with, of links that need that.
+    t_from_to: Option<Box<StoredPose>>,
     /// Metres.
     length: f64,
     /// Whether paths may use it: always for odometry, while the poses agree for loops.
     usable: bool,
+    /// Whether it was closed once, and its place has it.
+    noted: bool,
 }
 
 impl Link {
@@ -101,6 +108,8 @@ impl Link {
 struct Node {
     #[serde(with = "crate::geometry::stored")]
     t_map_lidar: Pose,
+    /// Length of the path before it, through all nodes in the order in which they came, metres.
+    path: f64,
     links: Vec<u32>,
 }
 
@@ -120,6 +129,8 @@ pub struct GraphCounts {
     pub open_loops: usize,
     /// Links found by overlap.
     pub overlap_links: usize,
+    /// Of these and the loop edges, those that others stand for: their places were passed often.
+    pub retired_links: usize,
     /// Edges stored until one of their nodes is added.
     pub waiting_edges: usize,
 }
@@ -128,7 +139,7 @@ pub struct GraphCounts {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct PoseGraph {
     agreement: Agreement,
-    nodes: HashMap<NodeId, Node>,
+    nodes: NodeMap<Node>,
     links: Vec<Link>,
     /// Links that need agreement, in the order in which they came.
     loops: Vec<u32>,
@@ -136,12 +147,40 @@ pub struct PoseGraph {
     waiting: HashMap<NodeId, Vec<(LinkKind, Edge)>>,
     /// Ends of loops that closed since the last call of `take_closed`.
     closed: Vec<[NodeId; 2]>,
+    /// The node that came last.
+    last: Option<NodeId>,
+    /// Where links are retired.
+    passes: Option<Passes>,
+    /// Links that closed and are not noted in `passes` yet.
+    to_note: Vec<u32>,
+    /// Places in `links` of retired links.
+    free: Vec<u32>,
+    /// Retired loop edges, and retired links by overlap.
+    retired: [usize; 2],
 }
 
 impl PoseGraph {
-    /// An empty graph.
+    /// An empty graph, of which no link is retired.
     pub fn new(agreement: Agreement) -> Self {
-        Self { agreement, nodes: HashMap::new(), links: Vec::new(), loops: Vec::new(), waiting: HashMap::new(), closed: Vec::new() }
+        Self {
+            agreement,
+            nodes: NodeMap::default(),
+            links: Vec::new(),
+            loops: Vec::new(),
+            waiting: HashMap::new(),
+            closed: Vec::new(),
+            last: None,
+            passes: None,
+            to_note: Vec::new(),
+            free: Vec::new(),
+            retired: [0; 2],
+        }
+    }
+
+    /// The same graph, in which places that are passed often keep the links of [some passes](super::passes) only.
+    #[must_use]
+    pub fn with_passes(self, rule: PassRule) -> Self {
+        Self { passes: Some(Passes::new(rule)), ..self }
     }
 
     /// Whether `node` is in the graph.
@@ -165,7 +204,9 @@ impl PoseGraph {
         match self.nodes.get_mut(&node) {
             Some(known) => known.t_map_lidar = *t_map_lidar,
             None => {
-                self.nodes.insert(node, Node { t_map_lidar: *t_map_lidar, links: Vec::new() });
+                let last = self.last.replace(node).and_then(|last| self.nodes.get(&last));
+                let path = last.map_or(0.0, |last| last.path + last.t_map_lidar.translation_distance(t_map_lidar));
+                self.nodes.insert(node, Node { t_map_lidar: *t_map_lidar, path, links: Vec::new() });
                 for (kind, edge) in self.waiting.remove(&node).unwrap_or_default() {
                     self.link_or_wait(kind, edge);
                 }
@@ -206,12 +247,17 @@ impl PoseGraph {
             return EdgeOutcome::Waiting;
         }
         let length = t_from_to.translation.vector.norm();
+        let t_from_to = kind.needs_agreement().then(|| Box::new(StoredPose(t_from_to)));
         let known = self.nodes.get(&from).and_then(|n| n.links.iter().copied().find(|&l| self.replaces(kind, from, to, l)));
         let (index, outcome) = match known {
             Some(index) => (index, EdgeOutcome::Replaced),
             None => {
-                let index = self.links.len() as u32;
-                self.links.push(Link { from, to, kind, t_from_to, length, usable: false });
+                let link = Link { from, to, kind, t_from_to: None, length, usable: false, noted: false };
+                let index = self.free.pop().unwrap_or(self.links.len() as u32);
+                match self.links.get_mut(index as usize) {
+                    Some(free) => *free = link,
+                    None => self.links.push(link),
+                }
                 for node in [from, to] {
                     if let Some(node) = self.nodes.get_mut(&node) {
                         node.links.push(index);
@@ -224,12 +270,13 @@ impl PoseGraph {
             }
         };
         let was_assumed = self.links[index as usize].kind == LinkKind::Assumed && kind != LinkKind::Assumed;
-        let usable = self.links[index as usize].usable;
-        self.links[index as usize] = Link { from, to, kind, t_from_to, length, usable };
+        let Link { usable, noted, .. } = self.links[index as usize];
+        self.links[index as usize] = Link { from, to, kind, t_from_to, length, usable, noted };
         if kind == LinkKind::Odometry {
             self.drop_assumed(to, index);
         }
         self.refresh(index);
+        self.retire();
         if was_assumed { EdgeOutcome::Added } else { outcome }
     }
 
@@ -265,14 +312,48 @@ impl PoseGraph {
         let usable = !link.kind.needs_agreement() || self.agrees(link);
         if usable && !link.usable && link.kind.needs_agreement() {
             self.closed.push([link.from, link.to]);
+            if !link.noted {
+                self.to_note.push(index);
+            }
         }
         self.links[index as usize].usable = usable;
     }
 
+    /// Takes links out of the graph for which others stand, now that some have closed.
+    fn retire(&mut self) {
+        let Some(passes) = &mut self.passes else { return self.to_note.clear() };
+        for index in std::mem::take(&mut self.to_note) {
+            let link = &mut self.links[index as usize];
+            link.noted = true;
+            let (Some(from), Some(to)) = (self.nodes.get(&link.from), self.nodes.get(&link.to)) else { continue };
+            let (older, newer) = if from.path <= to.path { (from, to) } else { (to, from) };
+            for retired in passes.note(index, older.t_map_lidar.translation.vector.into(), newer.path) {
+                let Link { from, to, kind, .. } = self.links[retired as usize];
+                self.retired[usize::from(kind == LinkKind::Overlap)] += 1;
+                self.loops.retain(|link| *link != retired);
+                self.links[retired as usize].kind = LinkKind::Assumed;
+                self.links[retired as usize].usable = false;
+                self.links[retired as usize].t_from_to = None;
+                self.free.push(retired);
+                for node in [from, to] {
+                    if let Some(node) = self.nodes.get_mut(&node) {
+                        node.links.retain(|link| *link != retired);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether links were retired: then nodes of earlier passes may be connected with none of those near them.
+    pub fn has_retired(&self) -> bool {
+        self.retired != [0; 2]
+    }
+
     fn agrees(&self, link: &Link) -> bool {
         let (Some(from), Some(to)) = (self.pose(link.from), self.pose(link.to)) else { return false };
+        let Some(StoredPose(t_from_to)) = link.t_from_to.as_deref() else { return false };
         let now = from.inv_mul(to);
-        now.translation_distance(&link.t_from_to) <= self.agreement.distance && now.rotation_distance(&link.t_from_to) <= self.agreement.angle
+        now.translation_distance(t_from_to) <= self.agreement.distance && now.rotation_distance(t_from_to) <= self.agreement.angle
     }
 
     /// Sets the poses of known nodes and returns how many of `poses` belong to unknown ones. Call [`refresh_loops`](Self::refresh_loops)
@@ -293,6 +374,7 @@ impl PoseGraph {
         for i in 0..self.loops.len() {
             self.refresh(self.loops[i]);
         }
+        self.retire();
     }
 
     /// Ends of the loops that closed since the last call, in that order.
@@ -324,10 +406,10 @@ impl PoseGraph {
 
     fn search(&self, starts: &[NodeId], limit: f64, may_use: impl Fn(&Link) -> bool) -> Vec<(NodeId, f64)> {
         let mut heap: BinaryHeap<Reverse<(u64, NodeId)>> = starts.iter().filter(|n| self.contains(**n)).map(|&n| Reverse((0, n))).collect();
-        let mut visited: HashMap<NodeId, ()> = HashMap::new();
+        let mut visited = NodeSet::default();
         let mut reached = Vec::new();
         while let Some(Reverse((bits, node))) = heap.pop() {
-            if visited.insert(node, ()).is_some() {
+            if !visited.insert(node) {
                 continue;
             }
             // Bit patterns of non-negative floats order like the floats.
@@ -336,7 +418,7 @@ impl PoseGraph {
             for link in self.nodes[&node].links.iter().map(|&l| &self.links[l as usize]).filter(|l| may_use(l)) {
                 let other = if link.from == node { link.to } else { link.from };
                 let further = distance + link.length;
-                if further <= limit && !visited.contains_key(&other) {
+                if further <= limit && !visited.contains(&other) {
                     heap.push(Reverse((further.to_bits(), other)));
                 }
             }
@@ -346,7 +428,10 @@ impl PoseGraph {
 
     /// Number of nodes and links by kind.
     pub fn counts(&self) -> GraphCounts {
-        let mut counts = GraphCounts { nodes: self.nodes.len(), waiting_edges: self.waiting.values().map(Vec::len).sum(), ..GraphCounts::default() };
+        let [loop_edges, overlap_links] = self.retired;
+        let (nodes, waiting_edges) = (self.nodes.len(), self.waiting.values().map(Vec::len).sum());
+        let mut counts =
+            GraphCounts { nodes, waiting_edges, loop_edges, overlap_links, retired_links: loop_edges + overlap_links, ..GraphCounts::default() };
         for link in &self.links {
             match link.kind {
                 LinkKind::Odometry => counts.odometry_edges += 1,
@@ -369,102 +454,4 @@ pub fn is_rigid(pose: &Pose) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Vector3;
-    use proptest::prelude::*;
-
-    const AGREEMENT: Agreement = Agreement { distance: 0.2, angle: 0.05 };
-
-    fn at(x: f64) -> Pose {
-        Pose::translation(x, 0.0, 0.0)
-    }
-
-    fn edge(from: NodeId, to: NodeId, length: f64) -> Edge {
-        Edge { from, to, t_from_to: at(length), information: None }
-    }
-
-    #[test]
-    fn edges_may_precede_their_nodes_and_odometry_replaces_assumed_links() {
-        let mut graph = PoseGraph::new(AGREEMENT);
-        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(0, 1, 2.0)), Ok(EdgeOutcome::Waiting));
-        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(2, 0, -5.0)), Ok(EdgeOutcome::Waiting));
-        assert_eq!(graph.next_node(), 3);
-        graph.add_node(0, &at(0.0));
-        graph.add_node(1, &at(2.5));
-        graph.assume_odometry(0, 1);
-        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0)], "the measured edge is used");
-        graph.add_node(2, &at(5.0));
-        graph.assume_odometry(1, 2);
-        assert_eq!(graph.take_closed(), [[2, 0]], "the loop closes when its second node is added");
-        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.5)]);
-        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(1, 2, 2.0)), Ok(EdgeOutcome::Added));
-        assert_eq!(graph.within(&[0], 10.0), [(0, 0.0), (1, 2.0), (2, 4.0)]);
-        assert_eq!(graph.add_edge(LinkKind::Odometry, &edge(1, 2, 1.0)), Ok(EdgeOutcome::Replaced));
-        let expected = GraphCounts { nodes: 3, odometry_edges: 2, loop_edges: 1, ..GraphCounts::default() };
-        assert_eq!(graph.counts(), expected);
-    }
-
-    #[test]
-    fn a_loop_opens_and_closes_with_the_poses() {
-        let mut graph = PoseGraph::new(AGREEMENT);
-        (0..3).for_each(|i| graph.add_node(i, &at(10.0 * i as f64)));
-        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(0, 2, 0.1)), Ok(EdgeOutcome::Added));
-        assert!(graph.take_closed().is_empty() && graph.within(&[0], 5.0).len() == 1, "off by 20 m");
-        assert_eq!(graph.update_poses(&[(2, at(0.2)), (77, at(0.0))]), 1);
-        graph.refresh_loops();
-        assert_eq!((graph.take_closed(), graph.within(&[0], 5.0)), (vec![[0, 2]], vec![(0, 0.0), (2, 0.1)]));
-        assert_eq!(graph.within_pass(0, 5.0), [(0, 0.0)], "a loop is another pass");
-        graph.update_poses(&[(2, at(0.5))]);
-        graph.refresh_loops();
-        assert!(graph.within(&[0], 5.0).len() == 1 && graph.counts().open_loops == 1);
-    }
-
-    #[test]
-    fn invalid_edges_are_refused_and_unknown_starts_are_ignored() {
-        let mut graph = PoseGraph::new(AGREEMENT);
-        graph.add_node(3, &at(0.0));
-        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(3, 3, 0.0)), Err(EdgeError::SelfEdge { node: 3 }));
-        assert_eq!(graph.add_edge(LinkKind::Loop, &edge(3, 4, f64::NAN)), Err(EdgeError::BadEdge { from: 3, to: 4 }));
-        assert!(graph.within(&[9], 100.0).is_empty() && graph.counts().waiting_edges == 0);
-    }
-
-    proptest! {
-        #[test]
-        fn distances_equal_floyd_warshall(links in prop::collection::vec((0u64..12, 0u64..12, 0.0f64..5.0), 0..30), limit in 0.0f64..15.0) {
-            let mut graph = PoseGraph::new(AGREEMENT);
-            (0..12).for_each(|i| graph.add_node(i, &at(0.0)));
-            let mut slow = [[f64::INFINITY; 12]; 12];
-            (0..12).for_each(|i| slow[i][i] = 0.0);
-            for &(a, b, length) in links.iter().filter(|(a, b, _)| a != b) {
-                let t = Pose::from(Vector3::new(length, 0.0, 0.0));
-                if graph.add_edge(LinkKind::Odometry, &Edge { from: a, to: b, t_from_to: t, information: None }) == Ok(EdgeOutcome::Added) {
-                    for (i, j) in [(a, b), (b, a)] {
-                        slow[i as usize][j as usize] = length;
-                    }
-                } else {
-                    for (i, j) in [(a, b), (b, a)] {
-                        slow[i as usize][j as usize] = length; // a repeated edge replaces the first
-                    }
-                }
-            }
-            for k in 0..12 {
-                for i in 0..12 {
-                    for j in 0..12 {
-                        slow[i][j] = slow[i][j].min(slow[i][k] + slow[k][j]);
-                    }
-                }
-            }
-            let reached = graph.within(&[4], limit);
-            prop_assert!(reached.windows(2).all(|w| w[0].1 <= w[1].1));
-            for j in 0..12u64 {
-                let fast = reached.iter().find(|r| r.0 == j).map(|r| r.1);
-                let exact = slow[4][j as usize];
-                if (exact - limit).abs() > 1e-9 {
-                    prop_assert_eq!(fast.is_some(), exact <= limit);
-                    prop_assert!(fast.is_none_or(|d| (d - exact).abs() < 1e-9));
-                }
-            }
-        }
-    }
-}
+mod tests;

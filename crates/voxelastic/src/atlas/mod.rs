@@ -3,6 +3,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`graph`] | the pose graph and distances along it |
+//! | [`passes`] | which links stand for others where a place was passed often |
 //! | [`cluster`] | which nodes share a submap, which submaps a closed loop fuses (Sec. IV-A) |
 //! | [`fusion`] | fuses one submap into another (Sec. IV-C), resolves conflicts between submaps |
 //! | [`overlap`] | how much of a scan a submap already contains |
@@ -15,9 +16,12 @@ pub mod cluster;
 mod collection;
 pub mod fusion;
 pub mod graph;
+mod node_map;
 pub mod overlap;
+pub mod passes;
 mod submap;
 
 pub use assignment::NodeAssignments;
 pub use collection::{Atlas, MergingSubmap};
+pub(crate) use node_map::NodeSet;
 pub use submap::{Submap, SubmapId, SubmapScan};

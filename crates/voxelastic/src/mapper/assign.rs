@@ -9,10 +9,9 @@ use super::frontend::FrontendScan;
 use super::report::Assignment;
 use crate::atlas::graph::LinkKind;
 use crate::atlas::overlap::{OverlapQuery, overlap};
-use crate::atlas::{Atlas, SubmapId};
+use crate::atlas::{Atlas, NodeSet, SubmapId};
 use crate::event::{Edge, NodeId, Scan};
 use crate::geometry::{Pose, PoseExt, Rigid};
-use std::collections::HashSet;
 
 /// Largest number of submaps with which a scan is compared.
 const MAX_CANDIDATES: usize = 4;
@@ -61,7 +60,7 @@ pub(super) fn assign(
 fn submap_by_overlap(clusters: &Clusters, atlas: &Atlas, scan: &Scan, prepared: &mut FrontendScan<'_>, min_overlap: f64) -> Option<Candidate> {
     let Scan { node, t_map_lidar, .. } = scan;
     let Clusters { rule, graph, assignments, .. } = clusters;
-    let same_pass: HashSet<NodeId> = graph.within_pass(*node, rule.bound()).into_iter().map(|(other, _)| other).collect();
+    let same_pass: NodeSet = graph.within_pass(*node, rule.bound()).into_iter().map(|(other, _)| other).collect();
     let mut candidates: Vec<Candidate> = assignments.submaps().filter_map(|id| candidate(clusters, id, t_map_lidar, &same_pass)).collect();
     candidates.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.submap.cmp(&b.submap)));
     candidates.truncate(MAX_CANDIDATES);
@@ -80,7 +79,7 @@ fn submap_by_overlap(clusters: &Clusters, atlas: &Atlas, scan: &Scan, prepared: 
 }
 
 /// The shortest link from a scan at `t_map_lidar` to a node of submap `id` that is not of the `same_pass`, within the size bound.
-fn candidate(clusters: &Clusters, id: SubmapId, t_map_lidar: &Pose, same_pass: &HashSet<NodeId>) -> Option<Candidate> {
+fn candidate(clusters: &Clusters, id: SubmapId, t_map_lidar: &Pose, same_pass: &NodeSet) -> Option<Candidate> {
     let Clusters { rule, graph, assignments, .. } = clusters;
     let root = assignments.root(id)?;
     let (bound, max_gap) = (rule.bound(), rule.lambda_cluster);

@@ -3,10 +3,10 @@
 use super::error::MapError;
 use crate::atlas::cluster::{ClusterRule, Clustered, Fusion};
 use crate::atlas::graph::{Agreement, EdgeOutcome, LinkKind, PoseGraph};
-use crate::atlas::{NodeAssignments, SubmapId};
+use crate::atlas::{NodeAssignments, NodeSet, SubmapId};
 use crate::event::{Edge, NodeId};
 use crate::settings::Settings;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 /// The pose graph and the clusters of its nodes.
 #[derive(Debug)]
@@ -23,9 +23,10 @@ impl Clusters {
     pub fn new(settings: &Settings) -> Self {
         let distance = settings.loop_tolerance * f64::from(settings.voxel_size);
         let agreement = Agreement { distance, angle: settings.loop_angle_tolerance.to_radians() };
+        let rule = ClusterRule { lambda_odom: settings.lambda_odom, lambda_cluster: settings.lambda_cluster };
         Self {
-            rule: ClusterRule { lambda_odom: settings.lambda_odom, lambda_cluster: settings.lambda_cluster },
-            graph: PoseGraph::new(agreement),
+            rule,
+            graph: PoseGraph::new(agreement).with_passes(rule.passes()),
             assignments: NodeAssignments::default(),
             size_limited: BTreeMap::new(),
         }
@@ -43,7 +44,8 @@ impl Clusters {
         if closed.is_empty() {
             return Vec::new();
         }
-        let near: HashSet<NodeId> = self.graph.within(closed.as_flattened(), self.rule.influence()).into_iter().map(|(node, _)| node).collect();
+        let near = if self.size_limited.is_empty() { Vec::new() } else { self.graph.within(closed.as_flattened(), self.rule.influence()) };
+        let near: NodeSet = near.into_iter().map(|(node, _)| node).collect();
         let mut loops: Vec<[NodeId; 2]> = self.size_limited.extract_if(.., |_, ends| near.contains(&ends[0])).map(|(_, ends)| ends).collect();
         loops.extend(closed);
         let mut due = Vec::new();

@@ -4,13 +4,13 @@
 //! to lead over a closed loop, or over an [overlap](crate::mapper::Assignment::Overlap), and be short.
 
 use super::clusters::Clusters;
-use crate::atlas::{Atlas, SubmapId};
+use crate::atlas::{Atlas, NodeSet, SubmapId};
 use crate::event::NodeId;
 use crate::geometry::{Pose, PoseExt};
 use crate::integrate::EarlierBlocks;
 use crate::settings::Settings;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeSet, HashSet};
+use std::collections::BTreeSet;
 
 /// A revisit in progress.
 #[derive(Clone, Debug)]
@@ -65,7 +65,7 @@ impl RevisitDetector {
         if self.radius == 0.0 || !graph.has_loops() {
             return BTreeSet::new();
         }
-        let same_pass: HashSet<NodeId> = graph.within_pass(node, 2.0 * self.max_range).into_iter().map(|(other, _)| other).collect();
+        let same_pass: NodeSet = graph.within_pass(node, 2.0 * self.max_range).into_iter().map(|(other, _)| other).collect();
         let mut earlier = graph.within(&[node], self.max_range);
         earlier.retain(|(other, _)| !same_pass.contains(other));
         let is_near = |other: NodeId| graph.pose(other).is_some_and(|pose| pose.translation_distance(t_map_lidar) <= self.radius);
