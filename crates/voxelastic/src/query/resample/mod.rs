@@ -1,39 +1,17 @@
 //! The whole map on one grid of the map frame as cubes of uniform value: for export to other map formats.
 
+mod grid;
 mod occupied;
 mod region;
 mod sample;
 
 use super::AtlasQuery;
-use super::atlas::PlacedField;
-use super::shape::moved;
 use crate::field::occupancy::UNKNOWN;
 use crate::geometry::morton;
+pub use grid::{Cube, Resampling};
+use grid::{Region, Resampler};
 use rayon::prelude::*;
 use sample::Samples;
-
-/// The grid, and the precision of the values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Resampling {
-    /// Edge of the smallest cube, metres: the map's finest voxel or larger. The grid contains the origin.
-    pub voxel: f64,
-    /// Whether only states are needed: free cubes all have the value -1 then and occupied ones 1, so that they are larger.
-    pub states_only: bool,
-}
-
-/// A cube with one value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cube {
-    /// Smallest corner in multiples of the smallest cube's edge, plus 2^20.
-    pub corner: [u32; 3],
-    /// log2 of the edge in smallest cubes. Corners are multiples of the edge.
-    pub level: u32,
-    /// Log-odds in steps; never unknown.
-    pub value: i8,
-}
-
-/// Value of [`Cube::corner`] at the origin: the middle of the range of Morton keys.
-const ORIGIN: u32 = 1 << (morton::AXIS_BITS - 1);
 
 impl AtlasQuery<'_> {
     /// The known part of the map on a grid, cubes in Morton order.
@@ -64,59 +42,11 @@ impl AtlasQuery<'_> {
     }
 }
 
-/// A cube to resample, and the submaps around it.
-#[derive(Clone)]
-struct Region<'a, 'b> {
-    corner: [u32; 3],
-    level: u32,
-    submaps: Vec<&'a PlacedField<'b>>,
-}
-
-struct Resampler {
-    /// Edge of the map's finest voxel, metres.
-    voxel_size: f64,
-    to: Resampling,
-    /// Points along an edge of a smallest cube.
-    samples: usize,
-}
-
 impl Resampler {
     /// Largest edge in finest voxels of cubes that are tested as a whole: for larger ones this would visit half the map.
     const MAX_EDGE: f64 = 64.0;
     /// Most points along an edge of the cubes that are sampled as a whole, unless they are the smallest.
     const MOST_SAMPLES: usize = 32;
-
-    fn edge(&self, level: u32) -> f64 {
-        self.to.voxel * f64::from(1u32 << level)
-    }
-
-    /// First corner of a smallest cube, map frame.
-    fn corner(&self, corner: [u32; 3]) -> [f64; 3] {
-        corner.map(|c| (f64::from(c) - f64::from(ORIGIN)) * self.to.voxel)
-    }
-
-    /// Centre of a cube, map frame, and the radius of the ball around it.
-    fn ball(&self, region: &Region<'_, '_>) -> ([f64; 3], f64) {
-        let half = 0.5 * self.edge(region.level);
-        (self.corner(region.corner).map(|c| c + half), half * 3f64.sqrt())
-    }
-
-    /// The children of a cube that overlap the bounds of some submap.
-    fn split<'a, 'b>(&self, region: &Region<'a, 'b>) -> Vec<Region<'a, 'b>> {
-        let level = region.level - 1;
-        let child = |i: u32| {
-            let corner = std::array::from_fn(|k| region.corner[k] + ((i >> k & 1) << level));
-            let mut child = Region { corner, level, submaps: Vec::new() };
-            let (middle, radius) = self.ball(&child);
-            let is_near = |submap: &&PlacedField<'_>| {
-                let p = moved(&submap.t_submap_map, middle);
-                submap.reaches(p.map(|c| c - radius), p.map(|c| c + radius))
-            };
-            child.submaps = region.submaps.iter().copied().filter(is_near).collect();
-            (!child.submaps.is_empty()).then_some(child)
-        };
-        (0..8).filter_map(child).collect()
-    }
 
     /// The cubes of a part of the map.
     fn part(&self, region: Region<'_, '_>) -> Vec<Cube> {

@@ -1,7 +1,7 @@
 //! The smallest cubes of the grid in which the centre of an occupied finest voxel lies.
 
 use super::super::atlas::PlacedField;
-use super::{Region, Resampler};
+use super::grid::{Region, Resampler};
 use crate::field::occupancy::BlockBox;
 use crate::geometry::morton;
 use crate::octree::{BLOCK_SHIFT, NONE, voxel_coords};

@@ -1,66 +1,11 @@
 //! The values of all submaps at points of a region of the grid.
 
-use super::super::atlas::PlacedField;
+use super::grid::{Affine, Region, Resampler};
 use super::region::ValueRange;
-use super::{Region, Resampler};
 use crate::field::occupancy::{BlockBox, OccupancyField, UNKNOWN};
 use crate::geometry::morton;
 use crate::octree::{BLOCK_SHIFT, NONE, voxel_index};
 use crate::simd::{Kernel, dispatch};
-use nalgebra::{Matrix3, Vector3};
-
-/// A map from one frame to another.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Affine {
-    linear: Matrix3<f64>,
-    offset: Vector3<f64>,
-}
-
-impl Affine {
-    #[inline(always)]
-    pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
-        (self.linear * Vector3::from(p) + self.offset).into()
-    }
-
-    /// The map back.
-    pub fn inverse(&self) -> Self {
-        let linear = self.linear.try_inverse().unwrap_or_else(Matrix3::zeros);
-        Self { linear, offset: -(linear * self.offset) }
-    }
-
-    /// The map of coordinates that are counted from `offset`.
-    fn moved(&self, offset: [f64; 3]) -> Self {
-        Self { offset: Vector3::from(self.apply(offset)), ..*self }
-    }
-
-    /// The map of coordinates that are counted in `unit`.
-    fn scaled(&self, unit: f64) -> Self {
-        Self { linear: self.linear * unit, ..*self }
-    }
-
-    /// Whole numbers around the image of the cuboid from zero to `size`: smallest and largest, with one to spare for rounding.
-    pub fn bounds(&self, size: [f64; 3]) -> [[i32; 3]; 2] {
-        let sum = |k: usize, pick: fn(f64, f64) -> f64| self.offset[k] + (0..3).map(|j| pick(self.linear[(k, j)] * size[j], 0.0)).sum::<f64>();
-        [std::array::from_fn(|k| floor(sum(k, f64::min)) - 1), std::array::from_fn(|k| floor(sum(k, f64::max)) + 1)]
-    }
-}
-
-/// The largest integer not above `x`. `f64::floor` is a function call on processors without the instruction.
-#[inline(always)]
-fn floor(x: f64) -> i32 {
-    let whole = x as i32;
-    whole - i32::from(f64::from(whole) > x)
-}
-
-impl Resampler {
-    /// From smallest cubes, counted from the first corner of a region, to finest voxels of a submap.
-    pub(super) fn grid_of(&self, region: &Region<'_, '_>, submap: &PlacedField<'_>) -> Affine {
-        let per_metre = submap.query.per_metre;
-        let rotation = submap.t_submap_map.rotation.to_rotation_matrix().into_inner();
-        let corner = super::moved(&submap.t_submap_map, self.corner(region.corner));
-        Affine { linear: rotation * (self.to.voxel * per_metre), offset: Vector3::from(corner) * per_metre }
-    }
-}
 
 /// Most points along an edge of a brick.
 const BRICK: usize = 32;
