@@ -1,0 +1,49 @@
+//! Decoding JPEG and PNG.
+
+use super::Camera;
+use crate::{Error, Position, Result};
+use image::{ImageFormat, ImageReader};
+use std::io::Cursor;
+use std::path::Path;
+use voxelastic_colour::Picture;
+
+/// Decodes an image of `camera`, which begins at byte `at` of a file.
+///
+/// # Errors
+/// [`Error::Content`].
+pub(crate) fn decode(bytes: &[u8], path: &Path, at: u64, camera: &Camera) -> Result<Picture> {
+    let position = || if at == 0 { Position::File } else { Position::Byte(at) };
+    let damaged = |problem: String| Error::content(path, position(), problem, "copy or record it again, or leave it out");
+    let format = match image::guess_format(bytes) {
+        Ok(format @ (ImageFormat::Jpeg | ImageFormat::Png)) => format,
+        _ => return Err(Error::content(path, position(), "neither JPEG nor PNG", "convert the images to one of the two")),
+    };
+    // Decoders fill in what a cut JPEG lacks.
+    if format == ImageFormat::Jpeg && is_cut(bytes) {
+        return Err(damaged(format!("the JPEG is cut: it has {} bytes and no end", bytes.len())));
+    }
+    let reader = || ImageReader::with_format(Cursor::new(bytes), format);
+    let (width, height) = reader().into_dimensions().map_err(|e| damaged(format!("the image cannot be read: {e}")))?;
+    check_size([width as usize, height as usize], path, at, camera)?;
+    let image = reader().decode().map_err(|e| damaged(format!("the image cannot be decoded: {e}")))?.into_rgb8();
+    let pixels = image.as_raw().as_chunks::<3>().0.to_vec();
+    Ok(Picture { width: width as usize, height: height as usize, pixels })
+}
+
+/// Refuses an image of another size than those of the camera.
+pub(crate) fn check_size([width, height]: [usize; 2], path: &Path, at: u64, camera: &Camera) -> Result<()> {
+    let (model, name) = (&camera.model, &camera.name);
+    if [width, height] == [model.width(), model.height()] {
+        return Ok(());
+    }
+    let position = if at == 0 { Position::File } else { Position::Byte(at) };
+    let problem =
+        format!("the image has {width} x {height} pixels, but the intrinsics of camera {name} are for {} x {}", model.width(), model.height());
+    Err(Error::content(path, position, problem, "give the intrinsics of these images: fx, fy, cx and cy scale with the size"))
+}
+
+/// Whether a JPEG has no marker of its end after the last beginning of data. A thumbnail has an end of its own, but comes before.
+fn is_cut(bytes: &[u8]) -> bool {
+    let last = |marker: u8| bytes.windows(2).rposition(|w| w == [0xff, marker]);
+    last(0xd9) <= last(0xda)
+}
