@@ -35,7 +35,7 @@ impl Pyramid {
         Self { levels }
     }
 
-    /// Mean light of a patch of about `size` pixels around a pixel, and whether one of its channels may be clipped.
+    /// Mean light of a patch of about `size` pixels around a pixel.
     pub(crate) fn at(&self, pixel: [f64; 2], size: f64) -> [f32; 3] {
         let level = if size > 1.0 { (size.log2() as usize).min(self.levels.len() - 1) } else { 0 };
         let scale = (1u32 << level) as f64;

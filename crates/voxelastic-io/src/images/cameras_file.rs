@@ -4,14 +4,13 @@ use super::{Camera, ImageOptions};
 use crate::{Error, Position, Result, text};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
-use toml::Spanned;
 use voxelastic::Pose;
 use voxelastic_colour::{CameraModel, ColourError, Distortion};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CamerasFile {
-    camera: Vec<Spanned<Entry>>,
+    camera: Vec<Entry>,
 }
 
 #[derive(Deserialize)]
@@ -33,9 +32,9 @@ struct Entry {
     model: Option<String>,
     #[serde(default)]
     distortion: Vec<f64>,
-    t_lidar_camera: Option<[f64; 7]>,
-    t_base_camera: Option<[f64; 7]>,
-    t_base_lidar: Option<[f64; 7]>,
+    t_lidar_camera: Option<Vec<f64>>,
+    t_base_camera: Option<Vec<f64>>,
+    t_base_lidar: Option<Vec<f64>>,
 }
 
 /// A camera as the file describes it.
@@ -80,15 +79,15 @@ impl DescribedCamera {
 /// [`Error::Content`] with the line, or the camera and the number.
 pub(super) fn read(path: &Path, options: &ImageOptions) -> Result<Vec<DescribedCamera>> {
     let content = text::read(path)?;
-    let line = |offset: usize| content[..offset.min(content.len())].lines().count().max(1);
+    let line = |offset: usize| content.bytes().take(offset).filter(|b| *b == b'\n').count() + 1;
     let parsed: CamerasFile = toml::from_str(&content).map_err(|error| {
-        let at = error.span().map_or(Position::File, |span| Position::line(line(span.start + 1)));
+        let at = error.span().map_or(Position::File, |span| Position::line(line(span.start)));
         Error::content(path, at, error.message(), "correct it; the page on colours in the book has an example")
     })?;
     if parsed.camera.is_empty() {
         return Err(Error::content(path, Position::File, "no [[camera]] in it", "describe at least one camera"));
     }
-    parsed.camera.into_iter().map(|entry| described(path, entry.into_inner(), options)).collect()
+    parsed.camera.into_iter().map(|entry| described(path, entry, options)).collect()
 }
 
 fn described(path: &Path, entry: Entry, options: &ImageOptions) -> Result<DescribedCamera> {
@@ -115,8 +114,11 @@ fn described(path: &Path, entry: Entry, options: &ImageOptions) -> Result<Descri
     if !entry.time_offset_s.is_finite() {
         return Err(Error::content(path, at("time_offset_s"), "it is not finite", "give seconds"));
     }
-    let pose = |name: &str, numbers: Option<[f64; 7]>| -> Result<Option<Pose>> {
+    let pose = |name: &str, numbers: &Option<Vec<f64>>| -> Result<Option<Pose>> {
         let Some(numbers) = numbers else { return Ok(None) };
+        let Ok(numbers) = <[f64; 7]>::try_from(numbers.as_slice()) else {
+            return Err(Error::content(path, at(name), format!("{} numbers, not 7", numbers.len()), "give x y z qx qy qz qw"));
+        };
         if numbers.iter().any(|n| !n.is_finite()) {
             return Err(Error::content(path, at(name), "a number is not finite", "give x y z qx qy qz qw"));
         }
@@ -124,11 +126,11 @@ fn described(path: &Path, entry: Entry, options: &ImageOptions) -> Result<Descri
         let wrong = |_| Error::content(path, at(name), "its quaternion is not of length 1", "give x y z qx qy qz qw, in this order");
         line.pose(numbers).map(Some).map_err(wrong)
     };
-    let (t_lidar_camera, t_base_camera) = (pose("t_lidar_camera", entry.t_lidar_camera)?, pose("t_base_camera", entry.t_base_camera)?);
+    let (t_lidar_camera, t_base_camera) = (pose("t_lidar_camera", &entry.t_lidar_camera)?, pose("t_base_camera", &entry.t_base_camera)?);
     if t_lidar_camera.is_some() && t_base_camera.is_some() {
         return Err(Error::content(path, at("t_base_camera"), "t_lidar_camera is given, too", "give one of them"));
     }
-    let t_base_lidar = options.t_base_lidar.or(pose("t_base_lidar", entry.t_base_lidar)?).unwrap_or_else(Pose::identity);
+    let t_base_lidar = options.t_base_lidar.or(pose("t_base_lidar", &entry.t_base_lidar)?).unwrap_or_else(Pose::identity);
     let in_base = options.t_base_camera.or(t_base_camera).map(|t_base_camera| t_base_lidar.inv_mul(&t_base_camera));
     let t_lidar_camera = if options.t_base_camera.is_some() { in_base } else { t_lidar_camera.or(in_base) };
     let Entry { name, images, topic, times, time_offset_s, .. } = entry;

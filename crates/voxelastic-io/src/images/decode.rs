@@ -47,3 +47,55 @@ fn is_cut(bytes: &[u8]) -> bool {
     let last = |marker: u8| bytes.windows(2).rposition(|w| w == [0xff, marker]);
     last(0xd9) <= last(0xda)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::Pose;
+    use voxelastic_colour::{CameraModel, Distortion};
+
+    fn camera() -> Camera {
+        let model = CameraModel::new([24, 16], [20.0; 2], [11.5, 7.5], Distortion::NONE).unwrap();
+        Camera { name: "front".to_owned(), model, t_lidar_camera: Pose::identity() }
+    }
+
+    fn encoded(format: ImageFormat) -> Vec<u8> {
+        let image = image::RgbImage::from_fn(24, 16, |x, y| image::Rgb([10 * x as u8, 15 * y as u8, 77]));
+        let mut bytes = Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    }
+
+    fn decoded(bytes: &[u8]) -> Result<Picture> {
+        decode(bytes, Path::new("front/1.5.jpg"), 0, &camera())
+    }
+
+    #[test]
+    fn pictures_are_as_they_were_encoded() {
+        assert_eq!(decoded(&encoded(ImageFormat::Png)).unwrap().pixels[24 * 3 + 5], [50, 45, 77]);
+        let jpeg = decoded(&encoded(ImageFormat::Jpeg)).unwrap().pixels[24 * 3 + 5];
+        assert!((0..3).all(|k| jpeg[k].abs_diff([50, 45, 77][k]) < 20), "{jpeg:?}");
+    }
+
+    #[test]
+    fn cut_and_damaged_images_are_errors_or_pictures_and_no_panic() {
+        let jpeg = encoded(ImageFormat::Jpeg);
+        for length in [jpeg.len() / 3, jpeg.len() - 40, jpeg.len() - 2] {
+            let error = decoded(&jpeg[..length]).unwrap_err().to_string();
+            assert!(error.starts_with("front/1.5.jpg: ") && error.contains("copy or record it again"), "{error}");
+        }
+        assert!(decoded(&jpeg[..jpeg.len() - 40]).unwrap_err().to_string().contains("the JPEG is cut"));
+        for format in [ImageFormat::Png, ImageFormat::Jpeg] {
+            let good = encoded(format);
+            for k in 0..400 {
+                let mut bad = good.clone();
+                let at = k * 7919 % bad.len();
+                bad[at] = bad[at].wrapping_add(1 + (k % 250) as u8);
+                if let Ok(picture) = decoded(&bad) {
+                    assert_eq!(picture.pixels.len(), 24 * 16);
+                }
+                let _ = decoded(&good[..k * 31 % good.len()]);
+            }
+        }
+    }
+}

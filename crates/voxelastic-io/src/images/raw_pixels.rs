@@ -138,7 +138,9 @@ mod tests {
     fn what_is_wrong_is_said() {
         let error = |image: RawPixels| image.decode(Path::new("a.bag"), 7, &camera()).unwrap_err().to_string();
         assert!(error(image("16UC1", 2, |_, _, _| 0)).contains("a.bag, byte 7: images of encoding \"16UC1\" are not read; record rgb8"));
-        assert!(error(RawPixels { bytes: vec![0; 30], ..image("rgb8", 3, |_, _, _| 0) }).contains("the image is cut: 30 bytes for 4 rows of 20 bytes"));
+        assert!(
+            error(RawPixels { bytes: vec![0; 30], ..image("rgb8", 3, |_, _, _| 0) }).contains("the image is cut: 30 bytes for 4 rows of 20 bytes")
+        );
         let other = error(RawPixels { width: 3, ..image("rgb8", 3, |_, _, _| 0) });
         assert!(other.contains("the image has 3 x 4 pixels, but the intrinsics of camera front are for 6 x 4; give the intrinsics"), "{other}");
     }
