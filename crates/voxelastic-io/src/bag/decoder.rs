@@ -1,8 +1,8 @@
 //! Decoding messages: clouds, poses, transforms.
 
+use super::camera_info::CameraInfo;
 use super::container::{Encoding, Message, Topic};
 use super::cursor::MessageCursor;
-use super::images::CameraInfo;
 use super::point_clouds::{livox_cloud, point_cloud2, point_cloud2_fields};
 use super::topic_role::TopicRole;
 use crate::images::RawPixels;

@@ -20,6 +20,7 @@
 //! Formats: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, the schema of rosbag2's sqlite3 storage; messages as in common_interfaces and
 //! livox_ros_driver2.
 
+mod camera_info;
 mod chunk;
 mod chunk_reader;
 mod container;

@@ -1,6 +1,7 @@
 //! `cameras.toml`: intrinsics and extrinsics.
 
-use super::{Camera, ImageOptions};
+use super::camera::Camera;
+use super::options::ImageOptions;
 use crate::{Error, Position, Result, text};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};

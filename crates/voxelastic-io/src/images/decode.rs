@@ -1,6 +1,6 @@
 //! Decoding JPEG and PNG.
 
-use super::Camera;
+use super::camera::Camera;
 use crate::{Error, Position, Result};
 use image::{ImageFormat, ImageReader};
 use std::io::Cursor;

@@ -1,6 +1,7 @@
 //! Pixels as `sensor_msgs/Image` has them.
 
-use super::{Camera, check_size};
+use super::camera::Camera;
+use super::decode::check_size;
 use crate::{Error, Position, Result};
 use std::path::Path;
 use voxelastic_colour::Picture;

@@ -1,6 +1,6 @@
 //! Images in a simulated folder: `images/cameras.toml`, and `images/front/TIME.png`.
 
-use super::t_lidar_camera;
+use super::lens::t_lidar_camera;
 use crate::{SimError, Simulation, picture};
 use std::fmt::Write as _;
 use std::fs;

@@ -4,28 +4,17 @@
 //! and a white balance of their own, as those of a camera that adapts. Bodies of [`crate::traffic`] are not in them.
 
 mod files;
+mod lens;
+
+pub use lens::{Lens, t_lidar_camera};
 
 use crate::random::Stream;
 use crate::{Simulation, World};
-use nalgebra::{Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use voxelastic::Pose;
-use voxelastic_colour::{CameraModel, Distortion, Picture, to_srgb};
+use voxelastic_colour::{CameraModel, Picture, to_srgb};
 
-/// Lenses of a simulated camera.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Lens {
-    /// 90 degrees across, with a barrel distortion (`plumb_bob`).
-    #[default]
-    Wide,
-    /// 170 degrees across (`equidistant`).
-    Fisheye,
-}
-
-/// Pixels across and down.
-const SIZE: [u32; 2] = [640, 480];
 /// Images are taken so long after a scan, as a share of the time to the next.
 const DELAY: f64 = 0.25;
 /// How far the logarithm of an exposure may be from zero, and that of a channel from it.
@@ -34,34 +23,6 @@ const EXPOSURE: (f64, f64) = (0.4, 0.06);
 const SKY: [f64; 3] = [0.35, 0.5, 0.75];
 /// Farther away everything is sky, metres.
 const FARTHEST: f64 = 500.0;
-
-impl Lens {
-    /// Names of lenses.
-    pub const NAMES: [&str; 2] = ["wide", "fisheye"];
-
-    /// The lens with this name.
-    pub fn named(name: &str) -> Option<Self> {
-        [Self::Wide, Self::Fisheye].into_iter().zip(Self::NAMES).find(|(_, known)| *known == name).map(|(lens, _)| lens)
-    }
-
-    /// The camera with this lens.
-    pub fn model(self) -> CameraModel {
-        let (focal, distortion) = match self {
-            Self::Wide => (300.0, Distortion::PlumbBob([-0.12, 0.012, 4e-4, -3e-4, 0.0, 0.0, 0.0, 0.0])),
-            Self::Fisheye => (210.0, Distortion::Equidistant([-0.01, 0.004, -0.002, 0.0003])),
-        };
-        let centre = SIZE.map(|pixels| 0.5 * f64::from(pixels) - 1.7);
-        // These numbers are possible.
-        CameraModel::new(SIZE, [focal, 1.01 * focal], centre, distortion).unwrap_or_else(|e| unreachable!("{e}"))
-    }
-}
-
-/// Pose of the camera in the LiDAR frame: ahead of it and below, looking ahead and a little down.
-pub fn t_lidar_camera() -> Pose {
-    let ahead = UnitQuaternion::from_rotation_matrix(&Rotation3::from_basis_unchecked(&[-Vector3::y(), -Vector3::z(), Vector3::x()]));
-    let down = UnitQuaternion::from_euler_angles(0.0, 8f64.to_radians(), 0.05);
-    Pose::from_parts(Translation3::new(0.12, 0.03, -0.1), down * ahead)
-}
 
 impl World {
     /// Colour of a solid's surface at `p`, linear light from 0 to 1, red green blue.
