@@ -25,6 +25,7 @@ mod mapping;
 mod meshing;
 mod odometry_log;
 mod output;
+mod painting;
 mod precision;
 mod progress;
 mod raw_data;

@@ -10,6 +10,7 @@
 //! - [`bag::Recording`] plays recordings of ROS 1 and ROS 2 without ROS, and captures of Ouster sensors ([`ouster`]).
 //! - [`source::open`] opens either.
 //! - [`raw::open`] reads scans without poses, for odometry.
+//! - [`images::open`] reads images of cameras beside the scans.
 //!
 //! The formats below them can be used on their own: [`clouds::read`] reads one cloud ([`pcd`], [`ply`], [`bin`], and [`survey`] for LAS, LAZ
 //! and E57), [`poses`] trajectories, [`g2o`] pose graphs.
@@ -79,6 +80,7 @@ mod fingerprint;
 mod folders;
 pub mod g2o;
 mod graph;
+pub mod images;
 pub mod imu_csv;
 pub mod mesh_io;
 mod motion;

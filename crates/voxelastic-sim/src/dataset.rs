@@ -11,6 +11,8 @@
 //! | `world.toml` | the options of the simulation |
 //! | `imu/samples.csv` | samples of the inertial measurement unit, if there is one, in its frame; the first line has its pose in the lidar frame |
 //! | `imu/truth.tum` | true poses of the lidar at the times of the samples |
+//! | `images/cameras.toml` | intrinsics of the camera and its pose in the lidar frame, if there is one |
+//! | `images/front/TIME.png` | its images |
 //! | `recording.mcap` | as a recording instead: scans and samples as messages, without `scans/` and `imu/samples.csv` |
 
 use crate::options::SimOptions;
@@ -64,6 +66,7 @@ impl Simulation {
         if let Some(labels) = &labels {
             fs::create_dir_all(labels).map_err(SimError::file(labels))?;
         }
+        self.write_camera(dir)?;
         let mut written = 0;
         // A batch for all threads: some encode and write while others cast.
         let batch = 2 * rayon::current_num_threads();
@@ -76,6 +79,7 @@ impl Simulation {
                     let bytes: Vec<u8> = of_points.iter().flat_map(|&label| u32::from(label).to_le_bytes()).collect();
                     fs::write(&path, bytes).map_err(SimError::file(&path))?;
                 }
+                self.write_image(dir, k)?;
                 pcd::write(scans.join(format!("{k:06}.pcd")), &cloud).map_err(SimError::from)
             })?;
             written = end;

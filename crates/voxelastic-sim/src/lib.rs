@@ -7,6 +7,7 @@
 //! A [`Simulation`] moves a [`sensor::Lidar`] (any beam model, with noise, lost returns, mixed pixels and motion during the sweep) along the trajectory
 //! and adds the output of a SLAM system ([`drift`]): drifting odometry, loop edges, and corrected poses at loop closures. It yields
 //! [`voxelastic::event::Event`]s in memory, or writes a folder that `voxelastic map` reads ([`dataset`]), or a ROS 2 recording in such a folder.
+//! A [`camera`] may be beside the sensor: the colours of worlds are known, too.
 //! Cars and walkers may move through the world meanwhile ([`traffic`]), and an inertial measurement unit ([`imu`]) beside the sensor.
 //!
 //! Everything is determined by [`SimOptions`] and its seed, for any number of threads.
@@ -24,6 +25,7 @@
 //! # Ok::<(), voxelastic_sim::SimError>(())
 //! ```
 
+pub mod camera;
 pub mod dataset;
 pub mod drift;
 mod error;

@@ -1,5 +1,6 @@
 //! Options of a simulation.
 
+use crate::camera::Lens;
 use crate::drift::LoopSettings;
 use crate::imu::ImuSettings;
 use crate::route::Carrier;
@@ -81,6 +82,9 @@ pub struct SimOptions {
     pub traffic: usize,
     /// Drift of the odometry, metres in 100 m of path, on average over the trajectory (paper Sec. IV: about 1); 0 for none.
     pub drift: f64,
+    /// The lens of a camera beside the sensor, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera: Option<Lens>,
     /// Settings and noise of the sensor.
     pub lidar: LidarSettings,
     /// Loop closures.
@@ -112,6 +116,7 @@ impl Default for SimOptions {
             loops: LoopSettings::default(),
             imu: None,
             second: None,
+            camera: None,
         }
     }
 }

@@ -15,7 +15,7 @@ fn ramp(t: f64) -> [f64; 3] {
 }
 
 /// A PNG of `width` x `height` pixels from their colours (0 to 255), row by row from the top.
-fn png(width: usize, height: usize, colours: &[[f64; 3]]) -> Result<Vec<u8>, SimError> {
+pub(crate) fn png(width: usize, height: usize, colours: &[[f64; 3]]) -> Result<Vec<u8>, SimError> {
     let mut pixmap = Pixmap::new(width as u32, height as u32).ok_or_else(|| SimError::Picture(format!("{width} x {height} pixels")))?;
     for (pixel, colour) in pixmap.pixels_mut().iter_mut().zip(colours) {
         let [r, g, b] = colour.map(|c| c.clamp(0.0, 255.0) as u8);

@@ -65,7 +65,7 @@ impl Simulation {
         options.check()?;
         let scene = options.scene()?;
         let lidar = lidar(&options.sensor, options.columns, options.lidar)?;
-        let step = options.rate.map_or(options.spacing / scene.trajectory.carrier.speed, |rate| 1.0 / rate);
+        let step = step(&options, &scene);
         let times: Vec<f64> = (0..options.scans.unwrap_or(scene.default_scans)).map(|k| k as f64 * step).collect();
         let truth: Vec<Pose> = times.iter().map(|&t| scene.trajectory.pose(t)).collect();
         let random = |purpose| Stream::new(options.seed, &[0xd1, purpose]);
@@ -118,6 +118,11 @@ impl Simulation {
     /// Whether there is no scan; always false.
     pub fn is_empty(&self) -> bool {
         self.times.is_empty()
+    }
+
+    /// Seconds from one scan to the next.
+    pub(crate) fn step(&self) -> f64 {
+        step(&self.options, &self.scene)
     }
 
     /// Start time of each node's sweep, seconds.
@@ -263,6 +268,11 @@ impl Simulation {
         }
         surface
     }
+}
+
+/// Seconds from one scan to the next.
+fn step(options: &SimOptions, scene: &Scene) -> f64 {
+    options.rate.map_or(options.spacing / scene.trajectory.carrier.speed, |rate| 1.0 / rate)
 }
 
 /// A sensor by its name.

@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use crate::map_files::{self, LoadArgs};
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
+use crate::painting::{ImageArgs, PaintSummary};
 use crate::{failure, output};
 use anyhow::Context;
 use clap::Args;
@@ -16,6 +17,9 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 ///
 /// Overlapping submaps are fused into one surface. The mesh is in the map frame, in metres, without cracks between resolutions, with shared vertices, a normal per vertex and, if the scans
 /// have it, intensity. Triangles face free space.
+///
+/// With --images, vertices get the colours that cameras saw. Poses of the images are those of the map, so after corrections colours are where they
+/// belong. What a surface hides from a camera is not coloured by it, and exposures are evened out.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   voxelastic mesh hall.vox -o hall.ply
@@ -24,7 +28,9 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
   voxelastic mesh hall.vox -o clean.ply --min-weight 3        only surface observed three times or more
   voxelastic mesh hall.vox -o all.ply --keep-all              with the crumbs that few rays saw
   voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..
-  voxelastic mesh hall.vox -o shells.ply --shells --colour submap")]
+  voxelastic mesh hall.vox -o shells.ply --shells --colour submap
+  voxelastic mesh hall.vox -o hall.glb --images hall/images   coloured by a camera: hall/images/cameras.toml describes it
+  voxelastic mesh hall.vox -o hall.glb --images hall.mcap     by the images in a recording")]
 pub struct MeshArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
@@ -47,6 +53,8 @@ pub struct MeshArgs {
     layers: LayerArgs,
     #[command(flatten)]
     surface: SurfaceArgs,
+    #[command(flatten)]
+    images: ImageArgs,
 }
 
 /// A mesh file's format.
@@ -69,6 +77,8 @@ struct Summary {
     fused: Option<Fused>,
     /// Null with `--keep-all`, and for shells, single submaps and surfaces of occupancy.
     left_out: Option<LeftOut>,
+    /// Null without `--images`.
+    images: Option<PaintSummary>,
     load_s: f64,
     extract_s: f64,
     write_s: f64,
@@ -77,12 +87,16 @@ struct Summary {
 /// Runs the command.
 pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let format = format_of(&args.output)?;
+    if args.images.data().is_some() && (args.separate || args.colour.is_some()) {
+        let remedy = "leave out --separate and --colour: one submap may hide another, and images give the colours";
+        return Err(Failure::usage("--images colours the surface of the whole map", remedy).into());
+    }
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| map_files::load(&args.map, args.load))?;
     let load_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
-    let (meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
+    let (mut meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
         if args.separate {
             let parts = submap_meshes(&map.atlas, map.settings.voxel_size, &args.surface)?;
             let submaps = parts.len();
@@ -94,6 +108,10 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
     let left_out = meshes.first().and_then(|(_, mesh)| LeftOut::of(mesh));
     let extract_s = clock.elapsed().as_secs_f64();
+    let painted = match (args.images.data(), meshes.first_mut()) {
+        (Some(data), Some((_, mesh))) => Some(pool.install(|| args.images.paint(data, &map, &args.map, &mut mesh.mesh))?),
+        _ => None,
+    };
     let clock = Instant::now();
     for (path, mesh) in &meshes {
         write(path, format, mesh, map.origin, args.colour)?;
@@ -106,6 +124,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         submaps_damaged: map.damaged,
         fused,
         left_out,
+        images: painted,
         load_s,
         extract_s,
         write_s: clock.elapsed().as_secs_f64(),

@@ -15,6 +15,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic::Pose;
+use voxelastic_sim::camera::Lens;
 use voxelastic_sim::drift::LoopSettings;
 use voxelastic_sim::imu::ImuSettings;
 use voxelastic_sim::route::Carrier;
@@ -45,6 +46,7 @@ use voxelastic_sim::{SecondLidar, SimError, SimOptions, Simulation};
   voxelastic simulate campus -o livox --sensor avia --spacing 0.5 --scans 400
   voxelastic simulate street -o two --bag --second-lidar vlp-16
   voxelastic simulate street -o thin --thin 0.3         as SLAM systems keep their clouds
+  voxelastic simulate campus -o seen --camera           with images of a camera, to colour the mesh
   voxelastic simulate room -o room --scans 10 --columns 256 --noise 0")]
 pub struct SimulateArgs {
     /// The world
@@ -102,7 +104,10 @@ pub struct SimulateArgs {
     /// Samples per second of an inertial measurement unit with noise and biases, which is next to the sensor and turned by half a turn
     #[arg(long, value_name = "HZ")]
     imu: Option<f64>,
-    /// Write a ROS 2 recording (recording.mcap: /points, /points_2, /imu, /tf_static) instead of a folder of scans
+    /// A camera beside the sensor, which takes an image after each scan, with an exposure of its own: wide (90 degrees across) or fisheye (170 degrees)
+    #[arg(long, value_name = "LENS", num_args = 0..=1, default_missing_value = "wide", value_parser = clap::builder::PossibleValuesParser::new(Lens::NAMES))]
+    camera: Option<String>,
+    /// Write a ROS 2 recording (recording.mcap: /points, /points_2, /imu, /front/image/compressed, /front/camera_info, /tf_static) instead of a folder of scans
     #[arg(long)]
     bag: bool,
     /// Drift of the odometry, metres per 100 m of path; 0 for none
@@ -219,6 +224,7 @@ fn options(args: &SimulateArgs) -> Result<SimOptions, SimError> {
         carrier: args.carrier.clone(),
         rest: args.rest,
         traffic: args.traffic,
+        camera: args.camera.as_deref().and_then(Lens::named),
         imu: args.imu.map(|rate| ImuSettings { rate, ..ImuSettings::default() }),
         ..SimOptions::of(&args.world)
     };

@@ -11,6 +11,7 @@ mod exploration;
 mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
+mod images;
 #[cfg(unix)]
 mod kills;
 mod live;

@@ -1,9 +1,11 @@
 //! Decoding messages: clouds, poses, transforms.
 
+use super::camera_info::CameraInfo;
 use super::container::{Encoding, Message, Topic};
 use super::cursor::MessageCursor;
 use super::point_clouds::{livox_cloud, point_cloud2, point_cloud2_fields};
 use super::topic_role::TopicRole;
+use crate::images::RawPixels;
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Position, Result};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -77,6 +79,24 @@ impl<'a> MessageDecoder<'a> {
         imu(&mut cursor, self.topic.encoding).ok_or_else(|| self.error("it ends early, or holds a number that is not finite"))
     }
 
+    /// The pixels of a `sensor_msgs/Image`.
+    pub(super) fn raw_image(&self) -> Result<(Header, RawPixels)> {
+        let mut cursor = self.cursor()?;
+        raw_image(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())
+    }
+
+    /// The file in a `sensor_msgs/CompressedImage`.
+    pub(super) fn compressed_image(&self) -> Result<(Header, Vec<u8>)> {
+        let mut cursor = self.cursor()?;
+        compressed_image(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())
+    }
+
+    /// What a `sensor_msgs/CameraInfo` says.
+    pub(super) fn camera_info(&self) -> Result<(Header, CameraInfo)> {
+        let mut cursor = self.cursor()?;
+        camera_info(&mut cursor, self.topic.encoding).ok_or_else(|| self.truncated())
+    }
+
     /// Names of the fields of a cloud.
     pub(super) fn cloud_fields(&self, role: TopicRole) -> Result<Vec<String>> {
         let mut cursor = self.cursor()?;
@@ -146,6 +166,38 @@ fn imu(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<ImuSample> 
     let (angular_velocity, acceleration) = (numbers(4 + 9)?, numbers(9)?);
     let is_finite = angular_velocity.iter().chain(&acceleration).all(|v| v.is_finite());
     is_finite.then_some(ImuSample { time, angular_velocity, acceleration })
+}
+
+fn raw_image(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, RawPixels)> {
+    let header = header(cursor, encoding)?;
+    let (height, width) = (cursor.u32()? as usize, cursor.u32()? as usize);
+    let encoding = cursor.text()?;
+    let _is_big_endian = cursor.u8()?;
+    let step = cursor.u32()? as usize;
+    let count = cursor.u32()? as usize;
+    let bytes = cursor.bytes(count)?.to_vec();
+    Some((header, RawPixels { width, height, encoding, step, bytes }))
+}
+
+fn compressed_image(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, Vec<u8>)> {
+    let header = header(cursor, encoding)?;
+    let _format = cursor.text()?;
+    let count = cursor.u32()? as usize;
+    Some((header, cursor.bytes(count)?.to_vec()))
+}
+
+fn camera_info(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, CameraInfo)> {
+    let header = header(cursor, encoding)?;
+    let (height, width) = (cursor.u32()?, cursor.u32()?);
+    let model = cursor.text()?;
+    let count = cursor.count(8)?;
+    let distortion = (0..count).map(|_| cursor.f64()).collect::<Option<Vec<f64>>>()?;
+    let mut numbers = |slots: &mut [f64]| slots.iter_mut().try_for_each(|slot| cursor.f64().map(|value| *slot = value));
+    let (mut intrinsics, mut rectification, mut projection) = ([0.0; 9], [0.0; 9], [0.0; 12]);
+    numbers(&mut intrinsics)?;
+    numbers(&mut rectification)?;
+    numbers(&mut projection)?;
+    Some((header, CameraInfo { size: [width, height], model, distortion, intrinsics, rectification, projection }))
 }
 
 /// Position and quaternion; `None` if a number is not finite or the quaternion is not close to a unit quaternion.

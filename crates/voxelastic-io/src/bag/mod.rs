@@ -20,6 +20,7 @@
 //! Formats: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, the schema of rosbag2's sqlite3 storage; messages as in common_interfaces and
 //! livox_ros_driver2.
 
+mod camera_info;
 mod chunk;
 mod chunk_reader;
 mod container;
@@ -30,6 +31,7 @@ mod description;
 mod files;
 mod format;
 mod graph_nodes;
+mod images;
 pub mod live;
 mod mcap;
 mod open;
@@ -49,6 +51,7 @@ mod topics;
 pub use describe::{describe, is_recording};
 pub use description::{KEYFRAME_DISTANCE_M, RecordingDescription};
 pub use format::BagFormat;
+pub(crate) use images::{BagImages, images};
 pub(crate) use raw_recording::RawRecording;
 pub use recording::{Recording, RecordingEvents};
 pub use summary::TopicSummary;

@@ -5,6 +5,7 @@
 mod damage;
 mod drive;
 mod harm;
+mod images;
 mod ouster;
 mod packets;
 mod two_sensors;

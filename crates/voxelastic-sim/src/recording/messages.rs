@@ -3,6 +3,7 @@
 use super::cdr::CdrWriter;
 use voxelastic::motion::ImuSample;
 use voxelastic::{Cloud, Pose};
+use voxelastic_colour::{CameraModel, Distortion};
 
 /// A type of messages, with the definition that readers without ROS need.
 #[derive(Clone, Copy)]
@@ -14,6 +15,11 @@ pub(super) struct MessageKind {
 pub(super) const CLOUD: MessageKind = MessageKind { name: "sensor_msgs/msg/PointCloud2", definition: include_str!("definitions/point_cloud2.msg") };
 pub(super) const IMU: MessageKind = MessageKind { name: "sensor_msgs/msg/Imu", definition: include_str!("definitions/imu.msg") };
 pub(super) const TRANSFORMS: MessageKind = MessageKind { name: "tf2_msgs/msg/TFMessage", definition: include_str!("definitions/tf_message.msg") };
+
+pub(super) const CAMERA_INFO: MessageKind =
+    MessageKind { name: "sensor_msgs/msg/CameraInfo", definition: include_str!("definitions/camera_info.msg") };
+pub(super) const COMPRESSED_IMAGE: MessageKind =
+    MessageKind { name: "sensor_msgs/msg/CompressedImage", definition: include_str!("definitions/compressed_image.msg") };
 
 /// Fields of a point: name, offset, and the type's number in `sensor_msgs/PointField`.
 const FIELDS: [(&str, u32, u8); 6] = [("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7), ("t", 16, 6), ("ring", 20, 4)];
@@ -70,5 +76,37 @@ pub(super) fn transform(time: f64, parent: &str, child: &str, t_parent_child: &P
     message.text(child);
     let (t, q) = (&t_parent_child.translation.vector, &t_parent_child.rotation.coords);
     message.f64s([t.x, t.y, t.z, q.x, q.y, q.z, q.w]);
+    message
+}
+
+/// `sensor_msgs/CameraInfo`.
+pub(super) fn camera_info(time: f64, frame: &str, camera: &CameraModel) -> CdrWriter {
+    let ([fx, fy], [cx, cy]) = (camera.focal(), camera.centre());
+    let (model, distortion) = match camera.distortion() {
+        Distortion::PlumbBob([k1, k2, p1, p2, k3, ..]) => ("plumb_bob", vec![k1, k2, p1, p2, k3]),
+        Distortion::Equidistant(k) => ("equidistant", k.to_vec()),
+    };
+    let mut message = CdrWriter::new(512);
+    message.header(time, frame);
+    message.u32(camera.height() as u32);
+    message.u32(camera.width() as u32);
+    message.text(model);
+    message.u32(distortion.len() as u32);
+    message.f64s(distortion);
+    message.f64s([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]);
+    message.f64s([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    message.f64s([fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    // No binning, no region of interest.
+    (0..6).for_each(|_| message.u32(0));
+    message.u8(0);
+    message
+}
+
+/// `sensor_msgs/CompressedImage` with a PNG.
+pub(super) fn compressed_image(time: f64, frame: &str, png: &[u8]) -> CdrWriter {
+    let mut message = CdrWriter::new(png.len() + 128);
+    message.header(time, frame);
+    message.text("png");
+    message.blob(png);
     message
 }

@@ -5,15 +5,17 @@
 //! | `/points` | `sensor_msgs/PointCloud2`, organised, with `t` (nanoseconds after the stamp, which is the beginning of the sweep) and `ring`; recorded at the end of its sweep |
 //! | `/points_2` | as `/points`, of the second sensor, if there is one, in its own frame |
 //! | `/imu` | `sensor_msgs/Imu` in the frame of the unit, if the simulation has one |
-//! | `/tf_static` | `tf2_msgs/TFMessage`: where in the lidar frame the unit and the second sensor are |
+//! | `/front/camera_info`, `/front/image/compressed` | `sensor_msgs/CameraInfo` and `CompressedImage`, if the simulation has a camera |
+//! | `/tf_static` | `tf2_msgs/TFMessage`: where in the lidar frame the unit, the second sensor and the camera are |
 
 mod cdr;
 mod mcap;
 mod messages;
 
+use crate::camera::t_lidar_camera;
 use crate::{SimError, Simulation};
 use mcap::McapWriter;
-use messages::{CLOUD, IMU, MessageKind, TRANSFORMS};
+use messages::{CAMERA_INFO, CLOUD, COMPRESSED_IMAGE, IMU, MessageKind, TRANSFORMS};
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
@@ -23,6 +25,8 @@ const LIDAR_FRAME: &str = "lidar";
 const IMU_FRAME: &str = "imu";
 /// Frame of the second lidar.
 const SECOND_FRAME: &str = "lidar_2";
+/// Frame of the camera.
+const CAMERA_FRAME: &str = "front_optical";
 
 impl Simulation {
     /// Writes scans and samples of the inertial measurement unit to an MCAP file, in the order of the times at which they are complete; returns the
@@ -36,7 +40,10 @@ impl Simulation {
 
     fn record(&self, out: &mut BufWriter<File>, progress: &mut crate::dataset::Progress<'_>) -> io::Result<usize> {
         let second = self.t_lidar_second();
-        let mut file = McapWriter::new(out, TOPICS[..if second.is_some() { 4 } else { 3 }].to_vec())?;
+        let mut topics = TOPICS[..if second.is_some() { 4 } else { 3 }].to_vec();
+        let of_camera = topics.len();
+        topics.extend(self.options().camera.map(|_| CAMERA_TOPICS).into_iter().flatten());
+        let mut file = McapWriter::new(out, topics)?;
         let samples = self.imu();
         let mut next = 0;
         let mut samples_until = |file: &mut McapWriter<_>, end: f64| -> io::Result<()> {
@@ -52,6 +59,9 @@ impl Simulation {
         if let Some(imu) = self.imu_unit() {
             file.message(FIXED_TRANSFORMS, 0, messages::transform(0.0, LIDAR_FRAME, IMU_FRAME, imu.t_lidar_imu()).bytes())?;
         }
+        if self.options().camera.is_some() {
+            file.message(FIXED_TRANSFORMS, 0, messages::transform(0.0, LIDAR_FRAME, CAMERA_FRAME, &t_lidar_camera()).bytes())?;
+        }
         let mut written = 0;
         for (k, &time) in self.times().iter().enumerate() {
             let end = time + self.lidar().settings().period;
@@ -62,6 +72,12 @@ impl Simulation {
                 let end = time + self.lidar().settings().period;
                 samples_until(&mut file, end)?;
                 file.message(POINTS_OF_SECOND, nanoseconds(end), messages::cloud(time, SECOND_FRAME, &cloud).bytes())?;
+            }
+            if let (Some(lens), Some(taken), Some(png)) = (self.options().camera, self.image_time(k), self.encoded_image(k)) {
+                let png = png.map_err(io::Error::other)?;
+                let recorded = nanoseconds(taken.max(end));
+                file.message(of_camera, recorded, messages::camera_info(taken, CAMERA_FRAME, &lens.model()).bytes())?;
+                file.message(of_camera + 1, recorded, messages::compressed_image(taken, CAMERA_FRAME, &png).bytes())?;
             }
             written = k + 1;
             if progress(written, self.len()).is_break() {
@@ -79,6 +95,8 @@ const IMU_SAMPLES: usize = 1;
 const FIXED_TRANSFORMS: usize = 2;
 const POINTS_OF_SECOND: usize = 3;
 const TOPICS: [(&str, MessageKind); 4] = [("/points", CLOUD), ("/imu", IMU), ("/tf_static", TRANSFORMS), ("/points_2", CLOUD)];
+
+const CAMERA_TOPICS: [(&str, MessageKind); 2] = [("/front/camera_info", CAMERA_INFO), ("/front/image/compressed", COMPRESSED_IMAGE)];
 
 /// Nanoseconds, as recordings count.
 fn nanoseconds(time: f64) -> u64 {

@@ -82,6 +82,11 @@ impl World {
     }
 
     /// Smallest signed distance of a solid to `p`, and the index of the solid; inside of several the one whose surface is farthest.
+    pub(crate) fn nearest(&self, p: [f64; 3]) -> Option<(f64, u32)> {
+        self.union.nearest(&p.into())
+    }
+
+    /// As [`nearest`](Self::nearest).
     #[cfg(test)]
     fn nearest_solid(&self, p: &Vec3) -> Option<(f64, u32)> {
         self.union.nearest(p)

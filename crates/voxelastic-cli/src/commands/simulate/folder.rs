@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use anyhow::Context;
 use std::fs;
 use std::path::{Path, PathBuf};
+use voxelastic_io::images::CAMERAS_FILE;
 use voxelastic_io::imu_csv;
 use voxelastic_sim::dataset::{RECORDING_FILE, WORLD_FILE};
 
@@ -99,6 +100,7 @@ fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
             NEW if path.is_dir() => foreign(&path)?,
             imu_csv::FOLDER if path.is_dir() => entries(&path)?.into_iter().find(|file| !is_imu(file)),
             RECORDING_FILE if path.is_file() => None,
+            "images" if path.is_dir() => foreign_image(&path)?,
             "scans" if path.is_dir() => entries(&path)?.into_iter().find(|scan| !is_scan(scan)),
             "poses.tum" | "groundtruth.tum" | "graph.g2o" | WORLD_FILE if path.is_file() => None,
             _ if numbered("poses@", ".txt") && path.is_file() => None,
@@ -113,6 +115,22 @@ fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
 
 fn is_imu(path: &Path) -> bool {
     path.is_file() && (path.ends_with(imu_csv::FILE) || path.ends_with("truth.tum"))
+}
+
+/// The first thing in a folder of images that no simulation writes.
+fn foreign_image(folder: &Path) -> anyhow::Result<Option<PathBuf>> {
+    for path in entries(folder)? {
+        let found = if path.is_dir() { entries(&path)?.into_iter().find(|image| !is_image(image)) } else { None };
+        if found.is_some() || (path.is_file() && !path.ends_with(CAMERAS_FILE)) {
+            return Ok(found.or(Some(path)));
+        }
+    }
+    Ok(None)
+}
+
+fn is_image(path: &Path) -> bool {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    path.is_file() && path.extension().is_some_and(|e| e == "png") && stem.parse::<f64>().is_ok()
 }
 
 fn is_scan(path: &Path) -> bool {
