@@ -36,6 +36,7 @@ struct Pass {
 pub(super) struct Passes {
     rule: PassRule,
     /// The passes whose links are followed, in the order in which the first link of each came.
+    #[serde(with = "pairs")]
     places: BTreeMap<[i64; 3], Vec<Pass>>,
 }
 
@@ -54,5 +55,22 @@ impl Passes {
             None => passes.push(Pass { number, links: vec![link] }),
         }
         if passes.len() > FIRST + LAST { passes.remove(FIRST).links } else { Vec::new() }
+    }
+}
+
+/// Stores the places as pairs: keys of JSON are text.
+mod pairs {
+    use super::Pass;
+    use serde::{Deserialize, Deserializer, Serializer};
+    use std::collections::BTreeMap;
+
+    type Places = BTreeMap<[i64; 3], Vec<Pass>>;
+
+    pub fn serialize<S: Serializer>(places: &Places, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(places)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(deserializer: D) -> Result<Places, D::Error> {
+        Ok(Vec::deserialize(deserializer)?.into_iter().collect())
     }
 }
