@@ -28,7 +28,7 @@ use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 
 const MAGIC: [u8; 8] = *b"\x89VXRUN\r\n";
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Bytes before the table.
 const HEAD: usize = 20;
 

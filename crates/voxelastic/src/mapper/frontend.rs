@@ -6,7 +6,7 @@ use crate::sensor::{
     BeamModel, CloudLayout, LazyScan, PatchWeights, PixelRow, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect,
     layout_for, preset,
 };
-use crate::settings::Settings;
+use crate::settings::{Dynamic, Settings};
 use std::borrow::Cow;
 
 /// Prepares the scans of one sensor.
@@ -114,10 +114,12 @@ impl FrontendScan<'_> {
         }
     }
 
-    /// Fits the planes that the map needs: of returns with a weight other than 0, if it has a TSDF; occupancy does not use them.
-    pub(super) fn fit_planes_for_map(&mut self, weights: Option<&PatchWeights>) {
-        if self.has_tsdf {
-            self.scan.fit_planes_of(weights);
+    /// Fits the planes that the map needs: of returns with a weight other than 0, if it has a TSDF; occupancy does not use them. What moves is found by the planes
+    /// of all returns, which must not depend on the map, so that they are the same when a run goes on.
+    pub(super) fn fit_planes_for_map(&mut self, weights: Option<&PatchWeights>, settings: &Settings) {
+        let for_moving = settings.dynamic == Dynamic::Remove;
+        if self.has_tsdf || for_moving {
+            self.scan.fit_planes_of(if for_moving { None } else { weights });
             // Points may have been added.
             self.add_intensities();
         }

@@ -177,13 +177,12 @@ impl Mapper {
             moving.enter(id, t_new_old.as_ref());
         }
         let returns = &prepared.scan().returns;
-        let image = prepared.scan().view_from_one_pose(false).0;
         let moves = moving.judge(t_submap_lidar, prepared.scan(), prepared.model());
         let t_map_lidar = Rigid::from(&scan.t_map_lidar);
         let points = returns.points.iter().zip(&moves).take(returns.measured).filter(|(_, moves)| **moves);
         self.moving_points.extend(points.map(|(p, _)| t_map_lidar.apply(*p)));
         self.counts.moving_points += self.moving_points.len();
-        moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), image, prepared.model());
+        moving.remember(scan.node, t_submap_lidar, Some(&scan.t_map_lidar), prepared.scan(), prepared.model());
         moves
     }
 
@@ -332,7 +331,7 @@ impl Mapper {
         let (planes, ()) = rayon::join(
             || {
                 let clock = Instant::now();
-                prepared.fit_planes_for_map(weights.as_ref());
+                prepared.fit_planes_for_map(weights.as_ref(), &self.settings);
                 clock.elapsed()
             },
             || self.atlas.compact_others(id),

@@ -81,17 +81,16 @@ impl Rebuilder<'_> {
             let mut prepared = sensor.frontend.prepare(&cloud);
             let weights = self.integrators.patch_weights(&new, turn, &t_submap_lidar, &prepared, self.settings);
             new.add_scan_at(node, t_submap_lidar);
-            prepared.fit_planes_for_map(weights.as_ref());
+            prepared.fit_planes_for_map(weights.as_ref(), self.settings);
             if !prepared.scan().returns.is_empty() {
                 let mut moves = Vec::new();
                 if self.settings.dynamic == Dynamic::Remove {
-                    let image = prepared.scan().view_from_one_pose(false).0;
                     let moving = moving.entry(cloud.sensor).or_default();
                     if moving.submap().is_none() {
                         moving.enter(id, None);
                     }
                     moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
-                    moving.remember(node, &t_submap_lidar, None, image, prepared.model());
+                    moving.remember(node, &t_submap_lidar, None, prepared.scan(), prepared.model());
                 }
                 self.integrators.integrate(
                     cloud.sensor,

@@ -19,6 +19,7 @@ use crate::field::tsdf::ObservationCount;
 use crate::sensor::BeamModel;
 use crate::settings::{SettingError, Settings};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// What a [`Mapper`] knows beside its atlas, between two events; see [`Mapper::state`].
 ///
@@ -132,9 +133,9 @@ impl Mapper {
             let opened = mapper.sensors.of(&mapper.settings, mapper.sensor_model.as_ref(), &cloud, node);
             let Sensor { frontend, moving: detector, .. } = opened.map_err(|error| cannot_read(Box::new(error)))?;
             let model = frontend.model().clone();
-            *detector = moving.detector(&model, |node| -> Result<Cells, ResumeError> {
+            *detector = moving.detector(&model, |node| -> Result<Arc<Cells>, ResumeError> {
                 let cloud = scans.cloud(node).map_err(|source| ResumeError::Scan { node, source })?;
-                Ok(Cells::new(frontend.prepare(&cloud).scan().view_from_one_pose(false).0))
+                Ok(Arc::new(Cells::new(frontend.prepare(&cloud).fit_planes())))
             })?;
         }
         for (submap, counts) in state.observed {

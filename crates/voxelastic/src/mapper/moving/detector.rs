@@ -1,8 +1,9 @@
 //! Finds points on what moves, and removes what it left.
 
+use super::align::aligned;
 use super::cells::Cells;
 use super::kept::KeptScans;
-use super::view::{Care, View, extent};
+use super::view::{Care, Sight, View, extent};
 use super::votes::{Votes, votes_of};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
@@ -11,7 +12,9 @@ use crate::geometry::stored::StoredPose;
 use crate::geometry::{Pose, PoseExt, Rigid};
 use crate::sensor::{BeamModel, PreparedScan, RangeImage, Returns};
 use hashbrown::HashSet;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// A scan is kept as a view if it was taken this far from the last one, metres and radians, or this many scans later.
 const APART: f64 = 0.4;
@@ -28,6 +31,8 @@ const BEFORE: [f32; 2] = [0.03, 0.15];
 /// Ages of the views with which a scan is compared, counted in views.
 const AGES: [usize; 6] = [1, 2, 3, 5, 9, 17];
 const FIRST_AGES: [usize; 3] = [3, 9, 17];
+/// Views are aligned with so many returns of a scan, at most.
+const ALIGNED_BY: usize = 2000;
 
 /// Finds points on what moves.
 #[derive(Debug, Default)]
@@ -37,6 +42,8 @@ pub(in crate::mapper) struct MovingDetector {
     views: Vec<View>,
     /// Scans since the last view.
     scans: usize,
+    /// How far the pose of the oldest view was off as seen from the last scan, metres.
+    was_off: f32,
     /// What is kept to the end.
     kept: KeptScans,
 }
@@ -47,7 +54,8 @@ pub(in crate::mapper) struct MovingState {
     submap: Option<SubmapId>,
     views: Vec<StoredView>,
     scans: usize,
-    kept: Vec<NodeId>,
+    kept: Vec<(NodeId, f32)>,
+    was_off: f32,
     kept_last: Option<StoredPose>,
     kept_since: usize,
 }
@@ -78,19 +86,36 @@ impl MovingDetector {
     }
 
     /// Which returns are on something that moves, by the views before; empty if none is.
-    pub fn judge(&self, t_submap_lidar: &Pose, scan: &PreparedScan, model: &BeamModel) -> Vec<bool> {
+    pub fn judge(&mut self, t_submap_lidar: &Pose, scan: &PreparedScan, model: &BeamModel) -> Vec<bool> {
+        let (moves, was_off) = self.moving_and_off(t_submap_lidar, scan, model);
+        self.was_off = was_off;
+        moves
+    }
+
+    /// Which returns are on something that moves, and how far the pose of the oldest view was off, metres.
+    fn moving_and_off(&self, t_submap_lidar: &Pose, scan: &PreparedScan, model: &BeamModel) -> (Vec<bool>, f32) {
         let PreparedScan { image, returns, .. } = scan;
         if self.views.is_empty() || returns.measured == 0 {
-            return Vec::new();
+            return (Vec::new(), 0.0);
         }
         let (rows, columns) = (image.rows, image.columns);
         let pose = Rigid::from(t_submap_lidar);
-        let votes = |ages: &[usize], which: &[usize]| {
-            // Those that are too old for the first scans are replaced by the oldest.
-            let mut ages: Vec<usize> = ages.iter().map(|&age| age.min(self.views.len())).collect();
+        let count = self.views.len();
+        // Those that are too old for the first scans are replaced by the oldest.
+        let within = |ages: &[usize]| -> Vec<usize> {
+            let mut ages: Vec<usize> = ages.iter().rev().map(|&age| age.min(count)).collect();
             ages.dedup();
-            let views: Vec<&View> = ages.iter().rev().map(|age| &self.views[self.views.len() - age]).collect();
-            votes_of(&views, model, which.len(), |i| {
+            ages
+        };
+        let all_ages = within(&AGES);
+        let points: Vec<[f32; 3]> =
+            returns.points[..returns.measured].iter().step_by(returns.measured / ALIGNED_BY + 1).map(|p| pose.apply(*p)).collect();
+        let sights: Vec<Sight<'_>> = all_ages.par_iter().map(|age| aligned(&self.views[count - age], &points, model)).collect();
+        let was_off = sights[0].was_off;
+        let votes = |ages: &[usize], which: &[usize]| {
+            let ages = within(ages);
+            let sights: Vec<Sight<'_>> = all_ages.iter().zip(&sights).filter(|(age, _)| ages.contains(age)).map(|(_, sight)| *sight).collect();
+            votes_of(&sights, model, which.len(), |i| {
                 let (place, pixel) = (pose.apply(returns.points[which[i]]), returns.pixel[which[i]] as usize);
                 (place, if pixel < image.ranges.len() { extent(image, model, pixel) } else { [0.0; 2] })
             })
@@ -111,7 +136,7 @@ impl MovingDetector {
             }
         }
         if !any {
-            return Vec::new();
+            return (Vec::new(), was_off);
         }
         let mut moves = vec![false; returns.len()];
         let is_around = |&i: &usize| around.get(returns.pixel[i] as usize).is_some_and(|around| *around);
@@ -123,13 +148,13 @@ impl MovingDetector {
         // Points between returns are as the return that they are nearest to.
         let sources: HashSet<u32> = (0..returns.measured).filter(|&i| moves[i]).map(|i| returns.source[i]).collect();
         (returns.measured..returns.len()).for_each(|i| moves[i] = sources.contains(&returns.source[i]));
-        moves
+        (moves, was_off)
     }
 
     /// Keeps what a scan saw, if it is apart from the last one kept.
     ///
     /// Scans whose surfaces are integrated at a pose in the map are kept to the end.
-    pub fn remember(&mut self, node: NodeId, t_submap_lidar: &Pose, t_map_lidar: Option<&Pose>, image: &RangeImage, model: &BeamModel) {
+    pub fn remember(&mut self, node: NodeId, t_submap_lidar: &Pose, t_map_lidar: Option<&Pose>, scan: &PreparedScan, model: &BeamModel) {
         self.scans += 1;
         let is_apart = self.views.last().is_none_or(|last| {
             let (a, b) = (&last.t_submap_lidar, t_submap_lidar);
@@ -139,7 +164,7 @@ impl MovingDetector {
         if !(is_apart || is_kept) {
             return;
         }
-        let cells = Cells::new(image);
+        let cells = Arc::new(Cells::new(scan));
         if is_apart {
             if self.views.len() == AGES[AGES.len() - 1] {
                 self.views.remove(0);
@@ -148,7 +173,7 @@ impl MovingDetector {
             self.scans = 0;
         }
         if is_kept {
-            self.kept.push(node, cells);
+            self.kept.push(node, cells, self.was_off);
         }
     }
 
@@ -170,7 +195,8 @@ impl MovingDetector {
             submap: self.submap,
             views: self.views.iter().map(of_view).collect(),
             scans: self.scans,
-            kept: self.kept.nodes().collect(),
+            kept: self.kept.stored(),
+            was_off: self.was_off,
             kept_last: kept_last.map(StoredPose),
             kept_since,
         }
@@ -182,15 +208,15 @@ impl MovingState {
     ///
     /// # Errors
     /// Those of `cells`.
-    pub fn detector<E>(&self, model: &BeamModel, mut cells: impl FnMut(NodeId) -> Result<Cells, E>) -> Result<MovingDetector, E> {
+    pub fn detector<E>(&self, model: &BeamModel, mut cells: impl FnMut(NodeId) -> Result<Arc<Cells>, E>) -> Result<MovingDetector, E> {
         let (mut views, mut kept) = (Vec::new(), KeptScans::at((self.kept_last.map(|pose| pose.0), self.kept_since)));
         for view in &self.views {
             views.push(View::new(view.node, &view.t_submap_lidar, &cells(view.node)?, model, Care::NEAR));
         }
-        for &node in &self.kept {
-            kept.push(node, cells(node)?);
+        for &(node, was_off) in &self.kept {
+            kept.push(node, cells(node)?, was_off);
         }
-        Ok(MovingDetector { submap: self.submap, views, scans: self.scans, kept })
+        Ok(MovingDetector { submap: self.submap, views, scans: self.scans, was_off: self.was_off, kept })
     }
 }
 

@@ -4,7 +4,7 @@
 //! the surface lies a part of the graph that may be wrong, so they only tell with wide margins, and only if none of them saw anything there.
 
 use super::cells::Cells;
-use super::view::{Care, View};
+use super::view::{Care, Sight, View};
 use super::votes::{Votes, votes_of_few};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
@@ -13,6 +13,7 @@ use crate::geometry::{Pose, PoseExt};
 use crate::sensor::BeamModel;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 /// A scan is kept if it was taken this far from the last one kept, metres, or this many scans later.
 const APART: f64 = 3.0;
@@ -27,10 +28,19 @@ const THIN: f32 = 0.15;
 /// Later scans tell of a submap if they were taken this near to one of its scans, metres.
 const IN_SIGHT: f64 = 30.0;
 
+/// What a scan saw.
+#[derive(Clone, Debug)]
+struct KeptScan {
+    node: NodeId,
+    cells: Arc<Cells>,
+    /// How far the poses of scans before were off as seen from it, metres.
+    was_off: f32,
+}
+
 /// The kept scans, in order.
 #[derive(Debug, Default)]
 pub(super) struct KeptScans {
-    scans: Vec<(NodeId, Cells)>,
+    scans: Vec<KeptScan>,
     last: Option<Pose>,
     /// Scans since the last one kept.
     since: usize,
@@ -50,13 +60,18 @@ impl KeptScans {
     }
 
     /// Keeps a scan.
-    pub fn push(&mut self, node: NodeId, cells: Cells) {
-        self.scans.push((node, cells));
+    pub fn push(&mut self, node: NodeId, cells: Arc<Cells>, was_off: f32) {
+        self.scans.push(KeptScan { node, cells, was_off });
     }
 
     /// The nodes of the kept scans.
-    pub fn nodes(&self) -> impl Iterator<Item = NodeId> + '_ {
-        self.scans.iter().map(|(node, _)| *node)
+    fn nodes(&self) -> impl Iterator<Item = NodeId> + '_ {
+        self.scans.iter().map(|scan| scan.node)
+    }
+
+    /// The nodes of the kept scans, and how far off they were.
+    pub fn stored(&self) -> Vec<(NodeId, f32)> {
+        self.scans.iter().map(|scan| (scan.node, scan.was_off)).collect()
     }
 
     /// The last pose at which a scan was kept, and the scans since.
@@ -77,16 +92,17 @@ impl KeptScans {
     /// Removes surfaces of `submap` from places where nothing is before or after. Returns the number of voxels removed.
     pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel) -> usize {
         let chosen = self.choose(submap, graph);
-        let key = (submap.scans.len(), chosen.same_time.iter().chain(&chosen.later).map(|(i, _)| self.scans[*i].0).collect());
+        let key = (submap.scans.len(), chosen.same_time.iter().chain(&chosen.later).map(|(i, _)| self.scans[*i].node).collect());
         if self.cleaned.get(&submap.id) == Some(&key) || chosen.same_time.len() + chosen.later.len() < 3 {
             return 0;
         }
         let views = |chosen: &[(usize, Pose)], care: Care| -> Vec<View> {
-            let view = |(i, pose): &(usize, Pose)| View::new(self.scans[*i].0, pose, &self.scans[*i].1, model, care);
+            let view = |(i, pose): &(usize, Pose)| View::new(self.scans[*i].node, pose, &self.scans[*i].cells, model, care);
             chosen.par_iter().map(view).collect()
         };
-        let (same_time, later) = (views(&chosen.same_time, Care::NEAR), views(&chosen.later, Care::FAR));
-        let (same_time, later): (Vec<&View>, Vec<&View>) = (same_time.iter().collect(), later.iter().collect());
+        let (near, far) = (views(&chosen.same_time, Care::NEAR), views(&chosen.later, Care::FAR));
+        // Surfaces are where scans put them together, so that each scan is off by about as much as it was when it came.
+        let (same_time, later) = (self.sights(&near, &chosen.same_time), self.sights(&far, &chosen.later));
         let voxel = submap.voxel_size;
         let is_gone = |centres: &[[f32; 3]]| -> Vec<bool> {
             let places: Vec<[f32; 3]> = centres.iter().map(|c| c.map(|c| c * voxel)).collect();
@@ -98,6 +114,11 @@ impl KeptScans {
         let removed = submap.tsdf.remove_voxels(&is_gone);
         self.cleaned.insert(submap.id, key);
         removed
+    }
+
+    /// Views from their known poses, with what these were off.
+    fn sights<'a>(&self, views: &'a [View], chosen: &[(usize, Pose)]) -> Vec<Sight<'a>> {
+        views.iter().zip(chosen).map(|(view, (i, _))| Sight { slip: self.scans[*i].was_off, ..view.as_known() }).collect()
     }
 
     /// The kept scans that tell of a submap, as indices with their poses in it.
@@ -115,7 +136,7 @@ impl KeptScans {
                 same_time.push((i, *t_submap_own));
                 continue;
             }
-            let (Some(own_pose), Some(pose)) = (graph.pose(self.scans[j].0), graph.pose(node)) else { continue };
+            let (Some(own_pose), Some(pose)) = (graph.pose(self.scans[j].node), graph.pose(node)) else { continue };
             if i.abs_diff(j) <= SAME_TIME {
                 same_time.push((i, t_submap_own * own_pose.inv_mul(pose)));
             } else if i > last {

@@ -1,13 +1,18 @@
 //! What a scan saw from its pose.
 
-use super::cells::Cells;
+use super::cells::{Cells, HOLE, STEP};
+use super::packed_plane::PackedPlane;
 use super::windows::{LEVELS, Windows};
 use crate::event::NodeId;
 use crate::geometry::{Pose, Rigid};
 use crate::sensor::{BeamModel, OUTSIDE, RangeImage, project_chunk};
+use std::sync::Arc;
 
 /// A place is judged only where beams are at most this far apart, metres.
 const LARGEST_GAP: f32 = 0.4;
+
+/// Rows above and below whose planes are asked before a place is called void: rows between may be empty.
+const ROWS_AROUND: usize = 2;
 
 /// How far poses may be wrong, and with them places.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,13 +21,18 @@ pub(super) struct Care {
     least_cell: f32,
     /// Margin in depth, metres, and the part of it that grows with the range.
     margin: [f32; 2],
+    /// A place is void only if it is before the planes of the returns around it by more than this, metres, and per metre of range.
+    before_planes: [f32; 2],
+    /// A place that is this near to the plane of a return around it is seen, metres, and per metre of range. Nothing for scans just before or after: a car's side
+    /// lies on the plane of the car behind.
+    on_plane: [f32; 2],
 }
 
 impl Care {
     /// For scans just before or after.
-    pub const NEAR: Self = Self { least_cell: 0.05, margin: [0.1, 0.004] };
+    pub const NEAR: Self = Self { least_cell: 0.05, margin: [0.1, 0.004], before_planes: [0.05, 0.002], on_plane: [0.0, 0.0] };
     /// For scans of another time, between which the graph may be wrong.
-    pub const FAR: Self = Self { least_cell: 0.3, margin: [0.4, 0.01] };
+    pub const FAR: Self = Self { least_cell: 0.3, margin: [0.4, 0.01], before_planes: [0.4, 0.01], on_plane: [0.2, 0.005] };
 }
 
 /// What a view tells of a place.
@@ -44,10 +54,8 @@ pub(super) struct View {
     /// The scan's node and its pose in the submap.
     pub node: NodeId,
     pub t_submap_lidar: Pose,
-    t_lidar_submap: Rigid,
     windows: Windows,
-    /// A cell is so many pixels wide, as a power of two.
-    shift: u32,
+    cells: Arc<Cells>,
     care: Care,
     /// Width of a cell, radians.
     cell: f32,
@@ -57,13 +65,12 @@ pub(super) struct View {
 
 impl View {
     /// What the scan of `node` saw, of which `cells` are as seen from the pose `t_submap_lidar`.
-    pub fn new(node: NodeId, t_submap_lidar: &Pose, cells: &Cells, model: &BeamModel, care: Care) -> Self {
+    pub fn new(node: NodeId, t_submap_lidar: &Pose, cells: &Arc<Cells>, model: &BeamModel, care: Care) -> Self {
         Self {
             node,
             t_submap_lidar: *t_submap_lidar,
-            t_lidar_submap: Rigid::from(&t_submap_lidar.inverse()),
             windows: Windows::new(cells),
-            shift: cells.shift,
+            cells: Arc::clone(cells),
             care,
             cell: model.azimuth_step() * (1 << cells.shift) as f32,
             gaps: gaps_of(model),
@@ -72,10 +79,35 @@ impl View {
 
     /// The same view in another submap.
     pub fn moved(self, t_new_old: &Pose) -> Self {
-        let t_submap_lidar = t_new_old * self.t_submap_lidar;
-        Self { t_submap_lidar, t_lidar_submap: Rigid::from(&t_submap_lidar.inverse()), ..self }
+        Self { t_submap_lidar: t_new_old * self.t_submap_lidar, ..self }
     }
 
+    /// From the pose that is known.
+    pub fn as_known(&self) -> Sight<'_> {
+        Sight { view: self, t_lidar_submap: Rigid::from(&self.t_submap_lidar.inverse()), slip: 0.0, was_off: 0.0 }
+    }
+
+    /// The plane and the range at a pixel of the model; zero where there is no return.
+    pub fn at(&self, pixel: u32, model: &BeamModel) -> (PackedPlane, f32) {
+        let columns = model.columns() as u32;
+        let at = (pixel / columns) as usize * self.cells.columns + ((pixel % columns) >> self.cells.shift) as usize;
+        let steps = self.cells.steps[at];
+        (self.cells.planes[at], if steps == HOLE { 0.0 } else { f32::from(steps) * STEP })
+    }
+}
+
+/// A view, and where it looks from.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sight<'a> {
+    pub view: &'a View,
+    pub t_lidar_submap: Rigid,
+    /// How far the pose may be wrong beyond what is usual, metres.
+    pub slip: f32,
+    /// How much farther from its planes the points were from the pose that is known, metres.
+    pub was_off: f32,
+}
+
+impl Sight<'_> {
     /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres, on things of these widths and heights, metres.
     pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Observation)) {
         let Scratch { points, pixels, ranges } = scratch;
@@ -86,28 +118,50 @@ impl View {
         project_chunk(points, model, pixels, ranges);
         let columns = model.columns() as u32;
         for (i, ((&pixel, &range), size)) in pixels.iter().zip(ranges.iter()).zip(sizes).enumerate() {
-            let gaps = self.gaps.map(|gap| gap * range);
+            let gaps = self.view.gaps.map(|gap| gap * range);
             if pixel < OUTSIDE && gaps[0].max(gaps[1]) <= LARGEST_GAP {
-                let observation = self.observation((pixel / columns) as usize, ((pixel % columns) >> self.shift) as usize, range);
+                let observation =
+                    self.observation((pixel / columns) as usize, ((pixel % columns) >> self.view.cells.shift) as usize, range, points[i]);
                 let is_missed = observation == Observation::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
                 tell(i, if is_missed { Observation::Sparse } else { observation });
             }
         }
     }
 
-    fn observation(&self, row: usize, column: usize, range: f32) -> Observation {
-        let margin = self.care.margin[0] + self.care.margin[1] * range;
-        let Some(depths) = self.windows.around(row, column) else { return Observation::Unknown };
+    fn observation(&self, row: usize, column: usize, range: f32, place: [f32; 3]) -> Observation {
+        let margin = self.view.care.margin[0] + self.view.care.margin[1] * range + 2.0 * self.slip;
+        let Some(depths) = self.view.windows.around(row, column) else { return Observation::Unknown };
         if depths.iter().any(|depth| (depth - range).abs() <= margin) {
             return Observation::Seen;
         }
+        if range > depths[0] && range < depths[1] && self.by_planes(row, column, range, place, 1) == Observation::Seen {
+            return Observation::Seen;
+        }
         // The level whose cells are wide enough at this range.
-        let wanted = self.care.least_cell / (self.cell * range).max(1e-6);
+        let wanted = self.view.care.least_cell / (self.view.cell * range).max(1e-6);
         let level = (wanted.max(1.0).log2().ceil() as usize).min(LEVELS - 1);
-        match self.windows.nearest(level, row, column) {
-            Some(near) if near > range + margin => Observation::Void,
+        match self.view.windows.nearest(level, row, column) {
+            Some(near) if near > range + margin => self.by_planes(row, column, range, place, ROWS_AROUND),
             _ => Observation::Unknown,
         }
+    }
+
+    /// What the planes of the returns in so many rows above and below tell of a place, lidar frame, that is nearer than they are: void before all of them.
+    fn by_planes(&self, row: usize, column: usize, range: f32, place: [f32; 3], rows_around: usize) -> Observation {
+        let View { cells, care, .. } = self.view;
+        let least = care.before_planes[0] + care.before_planes[1] * range + 2.0 * self.slip;
+        let most = care.on_plane[0] + care.on_plane[1] * range + self.slip;
+        let mut lowest = f32::MAX;
+        for r in row.saturating_sub(rows_around)..(row + rows_around + 1).min(cells.rows) {
+            for c in column + cells.columns - 1..column + cells.columns + 2 {
+                let Some(height) = cells.planes[r * cells.columns + c % cells.columns].height(place) else { continue };
+                if height.abs() < most {
+                    return Observation::Seen;
+                }
+                lowest = lowest.min(height);
+            }
+        }
+        if lowest < least { Observation::Unknown } else { Observation::Void }
     }
 }
 
@@ -152,6 +206,7 @@ pub(super) struct Scratch {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     /// A view along x of a wall 10 m away, with a pole 4 m ahead.
     fn view() -> (View, BeamModel) {
@@ -161,15 +216,15 @@ mod tests {
             image.ranges[row * 720 + 2] = 4.0;
             image.ranges[row * 720 + 300] = 0.0;
         }
-        (View::new(7, &Pose::identity(), &Cells::new(&image), &model, Care::NEAR), model)
+        (View::new(7, &Pose::identity(), &Arc::new(Cells::of_image(&image)), &model, Care::NEAR), model)
     }
 
     fn look(place: [f32; 3]) -> Observation {
         let (view, model) = view();
         let mut observed = Observation::Unknown;
-        view.look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
+        view.as_known().look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
         let mut of_thin = Observation::Unknown;
-        view.look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, observation| of_thin = observation);
+        view.as_known().look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, observation| of_thin = observation);
         assert_eq!(of_thin, if observed == Observation::Void { Observation::Sparse } else { observed });
         observed
     }
@@ -189,6 +244,43 @@ mod tests {
         }
         assert!(close(extent(&image, &model, 20 * 720 + 300), [8.5 * across * 10.0, 8.5 * down * 10.0]));
         assert!(close(extent(&image, &model, 31 * 720 + 300), [8.5 * across * 10.0, 4.5 * down * 10.0]));
+    }
+
+    /// Ground 1.7 m below the sensor, of which rings are metres apart, some of them empty.
+    fn road(empty: impl Fn(usize) -> bool) -> (View, BeamModel) {
+        let model = BeamModel::even(64, 720, 0.05, -0.45).unwrap();
+        let mut cloud = crate::Cloud::from_points(
+            (0..64 * 720)
+                .map(|pixel| {
+                    let d = model.direction((pixel / 720) as f32, (pixel % 720) as f32);
+                    if d[2] < -0.03 && !empty(pixel / 720) { d.map(|c| -1.7 * c / d[2]) } else { [f32::NAN; 3] }
+                })
+                .collect(),
+        );
+        (cloud.width, cloud.height) = (720, 64);
+        let limits = crate::sensor::RangeLimits { near: 0.5, max: 60.0 };
+        let mut preprocessor = crate::sensor::ScanPreprocessor::new(model.clone(), crate::sensor::CloudLayout::grid_of(&model), limits);
+        let cells = Arc::new(Cells::new(preprocessor.prepare(&cloud)));
+        (View::new(7, &Pose::identity(), &cells, &model, Care::NEAR), model)
+    }
+
+    proptest! {
+        #[test]
+        fn ground_at_flat_angles_is_not_void_and_what_stood_on_it_is(
+            (every, first) in (3usize..9, 0usize..9),
+            (azimuth, distance) in (0f32..std::f32::consts::TAU, 4f32..25.0),
+            off in -0.05f32..0.05,
+        ) {
+            let (view, model) = road(|row| (row + first) % every == 0);
+            let at = |height: f32| {
+                let mut observed = Observation::Unknown;
+                let place = [distance * azimuth.cos(), distance * azimuth.sin(), height - 1.7];
+                view.as_known().look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
+                observed
+            };
+            prop_assert_ne!(at(off), Observation::Void);
+            prop_assert_eq!(at(0.5), Observation::Void);
+        }
     }
 
     #[test]

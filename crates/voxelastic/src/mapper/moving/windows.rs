@@ -173,7 +173,7 @@ mod tests {
         ) {
             let ranges = ranges[..rows * columns].to_vec();
             let image = RangeImage { rows, columns, points: vec![0; ranges.len()], ranges };
-            let image = Cells::new(&image);
+            let image = Cells::of_image(&image);
             let windows = Windows::new(&image);
             for (row, column) in (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c))) {
                 prop_assert_eq!(windows.around(row, column), slow(&image, 0, row, column), "{} {}", row, column);
