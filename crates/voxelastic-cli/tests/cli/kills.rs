@@ -1,6 +1,6 @@
 //! Kills at random moments: a few with every test run, and as many as wanted by a command of its own, which the book's chapter on reliability has.
 
-use crate::resume::{Numbers, compare, content, ends, simulated};
+use crate::resume::{Numbers, compare, content, ends, grown, simulated};
 use crate::sessions::{copy, drive, files};
 use crate::{fails, json, room, works};
 use std::collections::BTreeMap;
@@ -89,7 +89,7 @@ fn add(dir: &Path, data: &str, whole: &BTreeMap<String, Vec<u8>>, takes: Duratio
     let arguments = format!("map {data} --into killed.vox --checkpoints 2");
     let mut tally = Tally::default();
     let has_ended = loop {
-        let has_ended = ends(dir, &arguments, takes, numbers);
+        let has_ended = ends(dir, &arguments, grown(takes, tally.kills), numbers);
         tally = Tally { kills: tally.kills + usize::from(!has_ended), compared: tally.compared + 1 };
         assert!(tally.kills < 500, "no run comes to its end: {arguments}");
         if json(dir, "info killed.vox --check --json")["sessions"].as_array().unwrap().len() == 2 {

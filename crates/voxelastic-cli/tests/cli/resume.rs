@@ -40,6 +40,11 @@ pub fn content(map: &Path) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
+/// The time that a command may take after so many kills of it: a machine that has become busier is slower.
+pub fn grown(takes: Duration, kills: usize) -> Duration {
+    takes.mul_f64(1.0 + 0.02 * kills as f64)
+}
+
 /// Runs the command and kills it at a random moment of the time that it takes; whether it came to its end first.
 pub fn ends(dir: &Path, arguments: &str, takes: Duration, numbers: &mut Numbers) -> bool {
     let mut child = voxelastic(dir).args(arguments.split_whitespace()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -60,7 +65,7 @@ pub fn ends(dir: &Path, arguments: &str, takes: Duration, numbers: &mut Numbers)
 /// Maps until a run comes to its end; each is killed at a random moment. Returns the number of kills.
 fn map_with_kills(dir: &Path, arguments: &str, takes: Duration, numbers: &mut Numbers) -> usize {
     let mut kills = 0;
-    while !ends(dir, arguments, takes, numbers) {
+    while !ends(dir, arguments, grown(takes, kills), numbers) {
         kills += 1;
         assert!(kills < 500, "no run comes to its end: voxelastic {arguments}");
     }

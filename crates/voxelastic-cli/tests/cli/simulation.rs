@@ -55,6 +55,12 @@ fn a_simulation_replaces_a_simulation_and_nothing_else() {
     assert_eq!(files(&dir.path().join("room/scans")), ["000000.pcd", "000001.pcd"]);
     assert!(!files(&dir.path().join("room")).contains(&".new".to_owned()));
 
+    // With all that a simulation may write.
+    for _ in 0..2 {
+        works(dir.path(), "simulate street --scans 2 --columns 64 --traffic 2 --camera -o moving");
+    }
+    assert_eq!(files(&dir.path().join("moving/labels"))[0], "000000.label");
+
     fs::write(dir.path().join("room/thesis.tex"), "years").unwrap();
     fails(dir.path(), &format!("{ROOM} -o room"), 1, &["room", "thesis.tex", "remedy"]);
     fails(dir.path(), &format!("{ROOM} -o room/thesis.tex"), 1, &["thesis.tex", "a file"]);

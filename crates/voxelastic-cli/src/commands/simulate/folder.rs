@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use voxelastic_io::images::CAMERAS_FILE;
 use voxelastic_io::imu_csv;
-use voxelastic_sim::dataset::{RECORDING_FILE, WORLD_FILE};
+use voxelastic_sim::dataset::{LABEL_FOLDER, RECORDING_FILE, WORLD_FILE};
 
 /// Subfolder for the new simulation, in the folder that it will replace.
 const NEW: &str = ".new";
@@ -101,7 +101,8 @@ fn foreign(dir: &Path) -> anyhow::Result<Option<PathBuf>> {
             imu_csv::FOLDER if path.is_dir() => entries(&path)?.into_iter().find(|file| !is_imu(file)),
             RECORDING_FILE if path.is_file() => None,
             "images" if path.is_dir() => foreign_image(&path)?,
-            "scans" if path.is_dir() => entries(&path)?.into_iter().find(|scan| !is_scan(scan)),
+            "scans" if path.is_dir() => entries(&path)?.into_iter().find(|scan| !is_numbered(scan, "pcd")),
+            LABEL_FOLDER if path.is_dir() => entries(&path)?.into_iter().find(|labels| !is_numbered(labels, "label")),
             "poses.tum" | "groundtruth.tum" | "graph.g2o" | WORLD_FILE if path.is_file() => None,
             _ if numbered("poses@", ".txt") && path.is_file() => None,
             _ => Some(path),
@@ -133,9 +134,10 @@ fn is_image(path: &Path) -> bool {
     path.is_file() && path.extension().is_some_and(|e| e == "png") && stem.parse::<f64>().is_ok()
 }
 
-fn is_scan(path: &Path) -> bool {
+/// Whether a file has the number of a scan for its name, and this extension.
+fn is_numbered(path: &Path, extension: &str) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    path.is_file() && path.extension().is_some_and(|e| e == "pcd") && !stem.is_empty() && stem.bytes().all(|b| b.is_ascii_digit())
+    path.is_file() && path.extension().is_some_and(|e| e == extension) && !stem.is_empty() && stem.bytes().all(|b| b.is_ascii_digit())
 }
 
 #[cfg(test)]
