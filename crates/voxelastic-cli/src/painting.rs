@@ -61,7 +61,7 @@ fn reach(text: &str) -> Result<f32, String> {
 /// What was done, as `--json` has it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct PaintSummary {
-    /// Cameras that images were looked for of.
+    /// Cameras.
     cameras: usize,
     /// Images that there are.
     found: usize,
@@ -69,11 +69,11 @@ pub struct PaintSummary {
     used: usize,
     left_out: ImagesLeftOut,
     /// Vertices that an image shows.
-    vertices_seen: usize,
+    vertices_visible: usize,
     /// Vertices that have the colour of neighbours.
     vertices_filled: usize,
     /// Vertices without a colour: mid grey, or the colour of the scans if they have any.
-    vertices_unseen: usize,
+    vertices_uncoloured: usize,
     /// Smallest and largest exposure of an image, of all channels; their geometric mean is 1. Null without images, or with `--keep-exposure`.
     exposures: Option<[f32; 2]>,
     paint_s: f64,
@@ -89,7 +89,7 @@ pub struct ImagesLeftOut {
     /// Damaged, cut, or of another size than the intrinsics are for.
     unreadable: usize,
     /// None of the surface is in them.
-    see_nothing: usize,
+    show_nothing: usize,
 }
 
 impl ImageArgs {
@@ -160,7 +160,7 @@ impl ImageArgs {
             mesh.colours.iter_mut().zip(known).filter(|(_, (known, _))| *known).for_each(|(old, (_, new))| *old = new);
         }
         summary.paint_s = clock.elapsed().as_secs_f64();
-        summary.tell();
+        summary.log();
         Ok(summary)
     }
 }
@@ -172,9 +172,8 @@ fn corrected_poses(map: &LoadedMap, path: &Path) -> anyhow::Result<Vec<(f64, Pos
     times.sort_by_key(|(node, _)| *node);
     let mut timed = Vec::new();
     for submap in map.atlas.submaps() {
-        for (k, scan) in submap.scans().iter().enumerate() {
-            let t_submap_lidar = submap.corrected().get(k).unwrap_or(&scan.t_submap_lidar);
-            if let Ok(at) = times.binary_search_by_key(&scan.node, |(node, _)| *node) {
+        for (node, t_submap_lidar) in submap.corrected_scans() {
+            if let Ok(at) = times.binary_search_by_key(&node, |(node, _)| *node) {
                 timed.push((times[at].1, submap.t_map_submap() * t_submap_lidar));
             }
         }
@@ -193,8 +192,8 @@ struct Painting<'a> {
     first_problem: Option<anyhow::Error>,
 }
 
-/// Problems with single images that are said.
-const SAID: usize = 3;
+/// Problems with single images that are warned of one by one.
+const MOST_WARNINGS: usize = 3;
 
 impl Painting<'_> {
     fn add_all(&mut self, images: &Images, track: &PoseTrack, every: usize) {
@@ -231,7 +230,7 @@ impl Painting<'_> {
                 self.painter.add(&camera.model, &t_map_camera, &picture).map_err(anyhow::Error::from)
             });
             match added {
-                Ok(0) => self.summary.left_out.see_nothing += 1,
+                Ok(0) => self.summary.left_out.show_nothing += 1,
                 Ok(_) => self.summary.used += 1,
                 Err(problem) => self.leave_out(problem),
             }
@@ -241,8 +240,8 @@ impl Painting<'_> {
     fn leave_out(&mut self, problem: anyhow::Error) {
         self.summary.left_out.unreadable += 1;
         match self.summary.left_out.unreadable {
-            count if count <= SAID => tracing::warn!("left out: {}", one_line(&problem)),
-            count if count == SAID + 1 => tracing::warn!("left out: more images for such reasons"),
+            count if count <= MOST_WARNINGS => tracing::warn!("left out: {}", one_line(&problem)),
+            count if count == MOST_WARNINGS + 1 => tracing::warn!("left out: more images for such reasons"),
             _ => {}
         }
         self.first_problem.get_or_insert(problem);
@@ -253,12 +252,12 @@ impl Painting<'_> {
 fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_problem: Option<anyhow::Error>) -> anyhow::Error {
     let PaintSummary { found, left_out, .. } = summary;
     // The most frequent reason.
-    if let Some(problem) = first_problem.filter(|_| left_out.unreadable >= left_out.without_pose.max(left_out.see_nothing)) {
+    if let Some(problem) = first_problem.filter(|_| left_out.unreadable >= left_out.without_pose.max(left_out.show_nothing)) {
         return problem.context("no image can be used");
     }
     let (what, remedy) = if *found == 0 {
         ("there are no images".to_owned(), "record images, or name their topic with --image-topic")
-    } else if left_out.without_pose >= left_out.see_nothing {
+    } else if left_out.without_pose >= left_out.show_nothing {
         let [from, to] = track.span().unwrap_or_default();
         let what = format!(
             "{} of {found} images were taken when no pose of the lidar is known: the poses are from {from:.3} to {to:.3} s",
@@ -267,7 +266,7 @@ fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_pr
         (what, "check that clouds and images have the same clock (time_offset_s in cameras.toml), and that it is the map of this drive")
     } else {
         (
-            format!("{} of {found} images show nothing of the surface", left_out.see_nothing),
+            format!("{} of {found} images show nothing of the surface", left_out.show_nothing),
             "check the extrinsics: x to the right, y down, z ahead; and --image-range",
         )
     };
@@ -276,28 +275,28 @@ fn nothing_used(data: &Path, summary: &PaintSummary, track: &PoseTrack, first_pr
 
 impl PaintSummary {
     fn add(&mut self, painted: &Painted, keeps_exposure: bool) {
-        self.vertices_seen = painted.seen;
+        self.vertices_visible = painted.visible;
         self.vertices_filled = painted.filled;
-        self.vertices_unseen = painted.known.iter().filter(|known| !**known).count();
+        self.vertices_uncoloured = painted.known.iter().filter(|known| !**known).count();
         let all = || painted.exposures.iter().flatten().copied();
         let round = |value: f32| (value * 1e3).round() / 1e3;
         let range = all().fold(None, |range: Option<[f32; 2]>, e| Some(range.map_or([e; 2], |[low, high]| [low.min(e), high.max(e)])));
         self.exposures = range.filter(|_| !keeps_exposure).map(|range| range.map(round));
     }
 
-    fn tell(&self) {
-        let ImagesLeftOut { without_pose, unreadable, see_nothing, .. } = self.left_out;
-        let all = self.vertices_seen + self.vertices_filled + self.vertices_unseen;
+    fn log(&self) {
+        let ImagesLeftOut { without_pose, unreadable, show_nothing, .. } = self.left_out;
+        let all = self.vertices_visible + self.vertices_filled + self.vertices_uncoloured;
         let exposures = self.exposures.map_or_else(String::new, |[low, high]| format!("; exposures from {low:.2} to {high:.2} evened out"));
         tracing::info!(
             "{} of {} images colour {:.0} % of the vertices{exposures}",
             self.used,
             self.found,
-            100.0 * (all - self.vertices_unseen) as f64 / all.max(1) as f64
+            100.0 * (all - self.vertices_uncoloured) as f64 / all.max(1) as f64
         );
-        if without_pose + unreadable + see_nothing > 0 {
+        if without_pose + unreadable + show_nothing > 0 {
             tracing::warn!(
-                "left out: {without_pose} images without a pose for their time, {unreadable} that cannot be used, {see_nothing} that show nothing of the surface"
+                "left out: {without_pose} images without a pose for their time, {unreadable} that cannot be used, {show_nothing} that show nothing of the surface"
             );
         }
     }

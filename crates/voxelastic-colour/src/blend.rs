@@ -50,7 +50,7 @@ mod tests {
     use super::*;
     use crate::observations::Observation;
 
-    fn seen(observations: &[(u32, f32, f32)]) -> Observations {
+    fn observed(observations: &[(u32, f32, f32)]) -> Observations {
         let mut all = Observations::default();
         observations.iter().for_each(|&(image, weight, light)| all.add(Observation::new(image, weight, [light; 3])));
         all
@@ -59,7 +59,7 @@ mod tests {
     #[test]
     fn outliers_do_not_count_and_exposures_are_divided_out() {
         let exposures = [[1.0; 3], [2.0; 3], [1.0; 3], [1.0; 3]];
-        let one = |observations: &[(u32, f32, f32)]| blend(&seen(observations), &exposures).map(|c| c[0]);
+        let one = |observations: &[(u32, f32, f32)]| blend(&observed(observations), &exposures).map(|c| c[0]);
         assert_eq!(one(&[]), None);
         assert!((one(&[(0, 1.0, 0.2), (1, 1.0, 0.4), (2, 1.5, 0.9), (3, 1.0, 0.21)]).unwrap() - 0.2033).abs() < 1e-3);
         // A clipped observation counts little.

@@ -68,10 +68,10 @@ fn draw(rows: &mut [f32], width: usize, first: f32, last: f32, corners: &[Corner
         return;
     }
     let (low, high) = extent(corners.map(|c| c[0]));
-    let columns = low.ceil().max(0.0) as usize..=high.floor().clamp(-1.0, (width - 1) as f32) as isize as usize;
     if high < 0.0 || low > (width - 1) as f32 {
         return;
     }
+    let columns = low.ceil().max(0.0) as usize..=high.floor().min((width - 1) as f32) as usize;
     let (low, high) = extent(corners.map(|c| c[1]));
     let (from, to) = (low.ceil().max(first), high.floor().min(last));
     if from > to {

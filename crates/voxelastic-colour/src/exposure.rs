@@ -20,7 +20,7 @@ const TOLERANCE: f64 = 0.05;
 /// Rounds of least squares.
 const ROUNDS: usize = 6;
 /// Holds exposures at one against measurements of that weight: a chain of many images must not drift away.
-const REST_WEIGHT: f64 = 0.02;
+const PRIOR_WEIGHT: f64 = 0.02;
 
 /// What two images say about their exposures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,7 +98,7 @@ fn solve(pairs: &[Pair], images: usize, channel: usize) -> Vec<f64> {
 /// Minimises the weighted squares from `x` on.
 fn conjugate_gradients(pairs: &[Pair], weights: &[f64], channel: usize, mut x: Vec<f64>) -> Vec<f64> {
     let product = |v: &[f64]| {
-        let mut out: Vec<f64> = v.iter().map(|v| REST_WEIGHT * v).collect();
+        let mut out: Vec<f64> = v.iter().map(|v| PRIOR_WEIGHT * v).collect();
         for (pair, w) in pairs.iter().zip(weights) {
             let [a, b] = pair.images;
             let off = w * (v[b] - v[a]);

@@ -19,7 +19,7 @@
 //! let mut painter = Painter::new(surface, PaintOptions::default());
 //! painter.add(&camera, &Pose::identity(), &red)?;
 //! let painted = painter.finish();
-//! assert_eq!((painted.seen, painted.colours[0]), (3, [200, 20, 20]));
+//! assert_eq!((painted.visible, painted.colours[0]), (3, [200, 20, 20]));
 //! # Ok::<(), voxelastic_colour::ColourError>(())
 //! ```
 

@@ -51,7 +51,7 @@ pub struct Painted {
     /// Whether a vertex, or another a few edges away, is seen in an image.
     pub known: Vec<bool>,
     /// Vertices that are seen in an image.
-    pub seen: usize,
+    pub visible: usize,
     /// Vertices whose colour is that of neighbours.
     pub filled: usize,
     /// Exposure of each image that was added, red green blue: what its light was divided by. Their geometric mean is one.
@@ -107,25 +107,25 @@ impl<'a> Painter<'a> {
         view.depth = self.options.occlusion.then(|| self.depth_image(&view));
         let pyramid = Pyramid::new(picture);
         let (image, surface, spheres) = (self.images, self.surface, &self.spheres);
-        let seen = self
+        let visible = self
             .vertices
             .par_chunks_mut(CHUNK)
             .enumerate()
             .filter(|(chunk, _)| view.may_see(spheres[*chunk]))
             .map(|(chunk, vertices)| {
-                let mut seen = 0;
+                let mut visible = 0;
                 for (k, vertex) in vertices.iter_mut().enumerate() {
                     let v = chunk * CHUNK + k;
-                    if let Some(Sight { pixel, weight, patch }) = view.sight(surface.positions[v], surface.normals[v]) {
+                    if let Some(Visible { pixel, weight, patch }) = view.visible(surface.positions[v], surface.normals[v]) {
                         vertex.add(Observation::new(image, weight, pyramid.at(pixel, patch)));
-                        seen += 1;
+                        visible += 1;
                     }
                 }
-                seen
+                visible
             })
             .sum();
         self.images += 1;
-        Ok(seen)
+        Ok(visible)
     }
 
     /// The colours.
@@ -133,12 +133,12 @@ impl<'a> Painter<'a> {
         let images = self.images as usize;
         let exposures = if self.options.even_exposure { exposures(&self.vertices, images) } else { vec![[1.0; 3]; images] };
         let mut colours: Vec<Option<[f32; 3]>> = self.vertices.par_iter().map(|vertex| blend(vertex, &exposures)).collect();
-        let seen = colours.iter().flatten().count();
+        let visible = colours.iter().flatten().count();
         let filled = spread(&mut colours, self.surface.triangles);
         Painted {
             known: colours.iter().map(Option::is_some).collect(),
             colours: colours.par_iter().map(|colour| colour.map_or([128; 3], |light| light.map(to_srgb))).collect(),
-            seen,
+            visible,
             filled,
             exposures,
         }
@@ -196,7 +196,7 @@ struct View<'a> {
 }
 
 /// How a vertex is seen.
-struct Sight {
+struct Visible {
     pixel: [f64; 2],
     weight: f32,
     /// Pixels from a vertex to the next.
@@ -210,7 +210,7 @@ impl View<'_> {
     }
 
     /// How a vertex is seen; `None` if it is not.
-    fn sight(&self, position: [f32; 3], normal: [f32; 3]) -> Option<Sight> {
+    fn visible(&self, position: [f32; 3], normal: [f32; 3]) -> Option<Visible> {
         let p = self.t_camera_map.apply(position);
         let range = length(p);
         let n = self.t_camera_map.rotate(normal);
@@ -230,7 +230,7 @@ impl View<'_> {
         let size = [self.camera.width() as f64, self.camera.height() as f64];
         let inside = (0..2).map(|k| (pixel[k] + 0.5).min(size[k] - 0.5 - pixel[k]) / (BORDER * size[k])).fold(1.0, f64::min);
         let weight = cosine * inside.max(1e-3) as f32 / range.max(NEAR).powi(2);
-        Some(Sight { pixel, weight, patch: f64::from(self.spacing * focal / range) })
+        Some(Visible { pixel, weight, patch: f64::from(self.spacing * focal / range) })
     }
 }
 

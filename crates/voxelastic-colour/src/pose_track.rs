@@ -57,8 +57,8 @@ impl PoseTrack {
             // From both ends, so that it is continuous at both.
             return between(&(a * m_a.inv_mul(&m)), &(b * m_b.inv_mul(&m)), fraction);
         }
-        let rests = (a.translation.vector - b.translation.vector).norm() < RESTING.0 && a.rotation.angle_to(&b.rotation) < RESTING.1;
-        if b_time - a_time > LONGEST_GAP_S && !rests { None } else { between(a, b, fraction) }
+        let is_at_rest = (a.translation.vector - b.translation.vector).norm() < RESTING.0 && a.rotation.angle_to(&b.rotation) < RESTING.1;
+        if b_time - a_time > LONGEST_GAP_S && !is_at_rest { None } else { between(a, b, fraction) }
     }
 }
 

@@ -44,7 +44,7 @@ impl Addition {
 
     /// A submap as it is in the map.
     fn placed(&self, submap: &Submap) -> Submap {
-        let now: Vec<Pose> = submap.scans().iter().enumerate().map(|(n, scan)| *submap.corrected().get(n).unwrap_or(&scan.t_submap_lidar)).collect();
+        let now: Vec<Pose> = submap.corrected_scans().map(|(_, t_submap_lidar)| *t_submap_lidar).collect();
         let node = |scan: &SubmapScan| scan.node + self.offsets.node;
         let pose = |scan: &SubmapScan, t: &Pose| self.poses.get(&node(scan)).copied().unwrap_or(self.t_first_second * submap.t_map_submap() * t);
         let root = submap.scans().first().zip(now.first()).map(|(scan, t)| pose(scan, t) * t.inverse());

@@ -92,10 +92,7 @@ impl View {
     fn of(atlas: &Atlas, voxel: f32) -> anyhow::Result<Self> {
         let mut path = Vec::new();
         for submap in atlas.submaps() {
-            for (n, scan) in submap.scans().iter().enumerate() {
-                let t_submap_lidar = submap.corrected().get(n).unwrap_or(&scan.t_submap_lidar);
-                path.push((scan.node, submap.t_map_submap() * t_submap_lidar));
-            }
+            path.extend(submap.corrected_scans().map(|(node, t_submap_lidar)| (node, submap.t_map_submap() * t_submap_lidar)));
         }
         path.sort_by_key(|(node, _)| *node);
         Ok(Self { surface: surface_mesh(atlas, voxel, &SurfaceArgs::default())?, voxel, path })

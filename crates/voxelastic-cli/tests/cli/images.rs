@@ -44,13 +44,13 @@ fn vertices_have_the_true_colours() {
     let summary = json(dir.path(), "mesh room.vox -o even.ply --images room/images --json");
     // The last image was taken after the last scan.
     assert_eq!((images(&summary, "cameras"), images(&summary, "found"), images(&summary, "used")), (1, 48, 47), "{summary}");
-    assert_eq!(summary["images"]["left_out"], serde_json::json!({ "not_chosen": 0, "without_pose": 1, "unreadable": 0, "see_nothing": 0 }));
+    assert_eq!(summary["images"]["left_out"], serde_json::json!({ "not_chosen": 0, "without_pose": 1, "unreadable": 0, "show_nothing": 0 }));
     let keys: Vec<&str> = summary["images"].as_object().unwrap().keys().map(String::as_str).collect();
-    let documented = ["cameras", "exposures", "found", "left_out", "paint_s", "used", "vertices_filled", "vertices_seen", "vertices_unseen"];
+    let documented = ["cameras", "exposures", "found", "left_out", "paint_s", "used", "vertices_filled", "vertices_uncoloured", "vertices_visible"];
     assert!(documented.iter().all(|key| keys.contains(key)) && keys.len() == documented.len(), "{keys:?}");
-    let (seen, unseen) = (images(&summary, "vertices_seen"), images(&summary, "vertices_unseen"));
-    assert_eq!(seen + unseen + images(&summary, "vertices_filled"), summary["vertices"].as_u64().unwrap());
-    assert!(10 * seen > 6 * (seen + unseen), "{summary}");
+    let (visible, uncoloured) = (images(&summary, "vertices_visible"), images(&summary, "vertices_uncoloured"));
+    assert_eq!(visible + uncoloured + images(&summary, "vertices_filled"), summary["vertices"].as_u64().unwrap());
+    assert!(10 * visible > 6 * (visible + uncoloured), "{summary}");
     let exposures: Vec<f64> = serde_json::from_value(summary["images"]["exposures"].clone()).unwrap();
     assert!(exposures[0] < 0.8 && exposures[1] > 1.25, "{exposures:?}");
     let even = errors(dir.path(), "even.ply");
@@ -98,7 +98,7 @@ fn images_of_a_recording_colour_as_those_of_a_folder() {
     let folder = json(dir.path(), "mesh room.vox -o folder.ply --images room/images --json");
     let bag = json(dir.path(), "mesh room.vox -o bag.ply --images bag/recording.mcap --json");
     assert_eq!((&folder["images"]["used"], &folder["images"]["left_out"]), (&bag["images"]["used"], &bag["images"]["left_out"]));
-    assert!(images(&folder, "vertices_seen").abs_diff(images(&bag, "vertices_seen")) < 20, "{folder} {bag}");
+    assert!(images(&folder, "vertices_visible").abs_diff(images(&bag, "vertices_visible")) < 20, "{folder} {bag}");
     let colours = |name: &str| ply::read_mesh(dir.path().join(name)).unwrap().colours.unwrap();
     let (a, b) = (colours("folder.ply"), colours("bag.ply"));
     let off = a.iter().zip(&b).filter(|(a, b)| (0..3).any(|k| a[k].abs_diff(b[k]) > 2)).count();

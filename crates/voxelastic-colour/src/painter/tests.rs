@@ -66,8 +66,8 @@ fn picture(camera: &CameraModel, pose: &Pose, exposure: [f64; 3]) -> Picture {
         if plate.y.abs() < 0.5 && plate.z.abs() < 0.5 { BLUE } else { wall_light(at(6.0).y, at(6.0).z) }
     };
     let srgb = |pixel| {
-        let seen = light(pixel);
-        std::array::from_fn(|k| to_srgb((seen[k] * exposure[k]) as f32))
+        let shown = light(pixel);
+        std::array::from_fn(|k| to_srgb((shown[k] * exposure[k]) as f32))
     };
     let pixels = (0..240).flat_map(|v| (0..320).map(move |u| (u, v))).map(|(u, v)| srgb([f64::from(u), f64::from(v)])).collect();
     Picture { width: 320, height: 240, pixels }
@@ -130,7 +130,7 @@ fn what_is_hidden_is_not_seen() {
     let surface = Surface { positions: &scene.positions, normals: &normals, triangles: &scene.triangles };
     let mut painter = Painter::new(surface, fine());
     let (camera, pose) = (camera(), looking(PLACES[0]));
-    let seen = painter.add(&camera, &pose, &picture(&camera, &pose, [1.0; 3])).unwrap();
+    let visible = painter.add(&camera, &pose, &picture(&camera, &pose, [1.0; 3])).unwrap();
     // A slow reference: a vertex of the wall is hidden if the ray to it passes through the plate, or closer than its thickness.
     for (v, p) in scene.positions[..scene.wall].iter().enumerate() {
         let is_seen = !painter.vertices[v].all().is_empty();
@@ -139,9 +139,9 @@ fn what_is_hidden_is_not_seen() {
         let inside = camera.project((pose.inverse() * Point3::from(p.map(f64::from))).coords.into()).is_some_and(|pixel| camera.contains(pixel));
         assert!(!(is_seen && hidden) && (is_seen || !(clear && inside)), "{p:?} {is_seen}");
     }
-    assert!(seen > 1000);
+    assert!(visible > 1000);
     let painted = painter.finish();
-    assert_eq!((painted.seen, painted.exposures.len()), (seen, 1));
+    assert_eq!((painted.visible, painted.exposures.len()), (visible, 1));
     assert!(painted.filled > 0 && painted.known.iter().any(|known| !known), "a margin around the plate is filled in, its shadow is not");
 }
 

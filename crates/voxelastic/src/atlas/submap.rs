@@ -95,6 +95,11 @@ impl Submap {
         &self.corrected
     }
 
+    /// The node of each scan with its pose in the submap frame after all corrections.
+    pub fn corrected_scans(&self) -> impl Iterator<Item = (NodeId, &Pose)> {
+        self.scans.iter().enumerate().map(|(n, scan)| (scan.node, self.corrected.get(n).unwrap_or(&scan.t_submap_lidar)))
+    }
+
     /// The TSDF in the submap frame; empty if the map does not have that field.
     pub fn tsdf(&self) -> &TsdfField {
         &self.tsdf

@@ -1,7 +1,7 @@
 //! Where a view was, as seen from a scan that is judged by it: poses are wrong by centimetres within metres, and surfaces at flat angles then look void.
 
 use super::packed_plane::PackedPlane;
-use super::view::{Sight, View};
+use super::view::{PlacedView, View};
 use crate::geometry::{Pose, Rigid};
 use crate::sensor::{BeamModel, OUTSIDE, PROJECT_CHUNK, project_chunk};
 use nalgebra::{Matrix6, Vector3, Vector6};
@@ -18,7 +18,7 @@ const PRIOR: f64 = 0.01;
 const LARGEST: [f64; 2] = [0.4, 0.02];
 
 /// A view from where it was, by the planes that it saw and points of static surfaces, submap frame, metres.
-pub(super) fn aligned<'a>(view: &'a View, points: &[[f32; 3]], model: &BeamModel) -> Sight<'a> {
+pub(super) fn aligned<'a>(view: &'a View, points: &[[f32; 3]], model: &BeamModel) -> PlacedView<'a> {
     let as_known = view.t_submap_lidar.inverse();
     let mut t_lidar_submap = as_known;
     let mut distances = [0.0; ON_PLANE.len()];
@@ -36,7 +36,7 @@ pub(super) fn aligned<'a>(view: &'a View, points: &[[f32; 3]], model: &BeamModel
     if by.translation.vector.norm() > LARGEST[0] || by.rotation.angle() > LARGEST[1] {
         return view.as_known();
     }
-    Sight { view, t_lidar_submap: Rigid::from(&t_lidar_submap), slip: 0.0, was_off: (distances[0] - distances[1]).max(0.0) as f32 }
+    PlacedView { view, t_lidar_submap: Rigid::from(&t_lidar_submap), slip: 0.0, was_off: (distances[0] - distances[1]).max(0.0) as f32 }
 }
 
 /// The normal equations of points on planes.
@@ -111,14 +111,14 @@ mod tests {
             let wrong = Pose::new(Vector3::from(off), Vector3::from(turn));
             let view = View::new(1, &wrong, &cells, &model, Care::NEAR);
             let points: Vec<[f32; 3]> = cloud.points.iter().step_by(7).copied().collect();
-            let sight = aligned(&view, &points, &model);
+            let placed_view = aligned(&view, &points, &model);
             // The points are in the submap where they were measured: the view was at its origin.
             for p in points.iter().step_by(50) {
-                let q = sight.t_lidar_submap.apply(*p);
+                let q = placed_view.t_lidar_submap.apply(*p);
                 let error = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f32>().sqrt();
                 prop_assert!(error < 0.03, "{error} m off at {p:?}");
             }
-            prop_assert!(wrong.translation_distance(&Pose::identity()) < 0.02 || sight.was_off > 0.0);
+            prop_assert!(wrong.translation_distance(&Pose::identity()) < 0.02 || placed_view.was_off > 0.0);
         }
     }
 

@@ -3,7 +3,7 @@
 use super::align::aligned;
 use super::cells::Cells;
 use super::kept::KeptScans;
-use super::view::{Care, Sight, View, extent};
+use super::view::{Care, PlacedView, View, extent};
 use super::votes::{Votes, votes_of};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
@@ -110,12 +110,13 @@ impl MovingDetector {
         let all_ages = within(&AGES);
         let points: Vec<[f32; 3]> =
             returns.points[..returns.measured].iter().step_by(returns.measured / ALIGNED_BY + 1).map(|p| pose.apply(*p)).collect();
-        let sights: Vec<Sight<'_>> = all_ages.par_iter().map(|age| aligned(&self.views[count - age], &points, model)).collect();
-        let was_off = sights[0].was_off;
+        let placed_views: Vec<PlacedView<'_>> = all_ages.par_iter().map(|age| aligned(&self.views[count - age], &points, model)).collect();
+        let was_off = placed_views[0].was_off;
         let votes = |ages: &[usize], which: &[usize]| {
             let ages = within(ages);
-            let sights: Vec<Sight<'_>> = all_ages.iter().zip(&sights).filter(|(age, _)| ages.contains(age)).map(|(_, sight)| *sight).collect();
-            votes_of(&sights, model, which.len(), |i| {
+            let placed_views: Vec<PlacedView<'_>> =
+                all_ages.iter().zip(&placed_views).filter(|(age, _)| ages.contains(age)).map(|(_, placed_view)| *placed_view).collect();
+            votes_of(&placed_views, model, which.len(), |i| {
                 let (place, pixel) = (pose.apply(returns.points[which[i]]), returns.pixel[which[i]] as usize);
                 (place, if pixel < image.ranges.len() { extent(image, model, pixel) } else { [0.0; 2] })
             })

@@ -4,7 +4,7 @@
 //! the surface lies a part of the graph that may be wrong, so they only tell with wide margins, and only if none of them saw anything there.
 
 use super::cells::Cells;
-use super::view::{Care, Sight, View};
+use super::view::{Care, PlacedView, View};
 use super::votes::{Votes, votes_of_few};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
@@ -102,7 +102,7 @@ impl KeptScans {
         };
         let (near, far) = (views(&chosen.same_time, Care::NEAR), views(&chosen.later, Care::FAR));
         // Surfaces are where scans put them together, so that each scan is off by about as much as it was when it came.
-        let (same_time, later) = (self.sights(&near, &chosen.same_time), self.sights(&far, &chosen.later));
+        let (same_time, later) = (self.placed_views(&near, &chosen.same_time), self.placed_views(&far, &chosen.later));
         let voxel = submap.voxel_size;
         let is_gone = |centres: &[[f32; 3]]| -> Vec<bool> {
             let places: Vec<[f32; 3]> = centres.iter().map(|c| c.map(|c| c * voxel)).collect();
@@ -117,8 +117,8 @@ impl KeptScans {
     }
 
     /// Views from their known poses, with what these were off.
-    fn sights<'a>(&self, views: &'a [View], chosen: &[(usize, Pose)]) -> Vec<Sight<'a>> {
-        views.iter().zip(chosen).map(|(view, (i, _))| Sight { slip: self.scans[*i].was_off, ..view.as_known() }).collect()
+    fn placed_views<'a>(&self, views: &'a [View], chosen: &[(usize, Pose)]) -> Vec<PlacedView<'a>> {
+        views.iter().zip(chosen).map(|(view, (i, _))| PlacedView { slip: self.scans[*i].was_off, ..view.as_known() }).collect()
     }
 
     /// The kept scans that tell of a submap, as indices with their poses in it.

@@ -23,8 +23,8 @@ pub(super) struct Care {
     margin: [f32; 2],
     /// A place is void only if it is before the planes of the returns around it by more than this, metres, and per metre of range.
     before_planes: [f32; 2],
-    /// A place that is this near to the plane of a return around it is seen, metres, and per metre of range. Nothing for scans just before or after: a car's side
-    /// lies on the plane of the car behind.
+    /// A place that is this near to the plane of a return around it is seen, metres, and per metre of range. Nothing for scans just before or after:
+    /// much of what moves was kept by it.
     on_plane: [f32; 2],
 }
 
@@ -83,8 +83,8 @@ impl View {
     }
 
     /// From the pose that is known.
-    pub fn as_known(&self) -> Sight<'_> {
-        Sight { view: self, t_lidar_submap: Rigid::from(&self.t_submap_lidar.inverse()), slip: 0.0, was_off: 0.0 }
+    pub fn as_known(&self) -> PlacedView<'_> {
+        PlacedView { view: self, t_lidar_submap: Rigid::from(&self.t_submap_lidar.inverse()), slip: 0.0, was_off: 0.0 }
     }
 
     /// The plane and the range at a pixel of the model; zero where there is no return.
@@ -98,7 +98,7 @@ impl View {
 
 /// A view, and where it looks from.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sight<'a> {
+pub(super) struct PlacedView<'a> {
     pub view: &'a View,
     pub t_lidar_submap: Rigid,
     /// How far the pose may be wrong beyond what is usual, metres.
@@ -107,7 +107,7 @@ pub(super) struct Sight<'a> {
     pub was_off: f32,
 }
 
-impl Sight<'_> {
+impl PlacedView<'_> {
     /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres, on things of these widths and heights, metres.
     pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Observation)) {
         let Scratch { points, pixels, ranges } = scratch;
@@ -134,7 +134,8 @@ impl Sight<'_> {
         if depths.iter().any(|depth| (depth - range).abs() <= margin) {
             return Observation::Seen;
         }
-        if range > depths[0] && range < depths[1] && self.by_planes(row, column, range, place, 1) == Observation::Seen {
+        let may_be_on_plane = self.on_plane(range) > 0.0 && range > depths[0] && range < depths[1];
+        if may_be_on_plane && self.by_planes(row, column, range, place, 1) == Observation::Seen {
             return Observation::Seen;
         }
         // The level whose cells are wide enough at this range.
@@ -146,11 +147,16 @@ impl Sight<'_> {
         }
     }
 
+    /// How near a place at this range is to the plane of a return that it is on, metres.
+    fn on_plane(&self, range: f32) -> f32 {
+        self.view.care.on_plane[0] + self.view.care.on_plane[1] * range + self.slip
+    }
+
     /// What the planes of the returns in so many rows above and below tell of a place, lidar frame, that is nearer than they are: void before all of them.
     fn by_planes(&self, row: usize, column: usize, range: f32, place: [f32; 3], rows_around: usize) -> Observation {
         let View { cells, care, .. } = self.view;
         let least = care.before_planes[0] + care.before_planes[1] * range + 2.0 * self.slip;
-        let most = care.on_plane[0] + care.on_plane[1] * range + self.slip;
+        let most = self.on_plane(range);
         let mut lowest = f32::MAX;
         for r in row.saturating_sub(rows_around)..(row + rows_around + 1).min(cells.rows) {
             for c in column + cells.columns - 1..column + cells.columns + 2 {

@@ -1,6 +1,6 @@
 //! What several views together tell of a place.
 
-use super::view::{Observation, Scratch, Sight};
+use super::view::{Observation, PlacedView, Scratch};
 use crate::sensor::{BeamModel, PROJECT_CHUNK};
 use rayon::prelude::*;
 use std::cell::RefCell;
@@ -68,7 +68,12 @@ impl Votes {
 }
 
 /// What `views`, oldest first, tell of `count` places, submap frame, metres, on things of a width and height, metres.
-pub(super) fn votes_of(views: &[Sight<'_>], model: &BeamModel, count: usize, place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync) -> Vec<Votes> {
+pub(super) fn votes_of(
+    views: &[PlacedView<'_>],
+    model: &BeamModel,
+    count: usize,
+    place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync,
+) -> Vec<Votes> {
     let mut votes = vec![Votes::default(); count];
     votes.par_chunks_mut(PROJECT_CHUNK).enumerate().for_each(|(chunk, votes)| {
         let first = chunk * PROJECT_CHUNK;
@@ -79,7 +84,7 @@ pub(super) fn votes_of(views: &[Sight<'_>], model: &BeamModel, count: usize, pla
 }
 
 /// As [`votes_of`], on the calling thread.
-pub(super) fn votes_of_few(views: &[Sight<'_>], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
+pub(super) fn votes_of_few(views: &[PlacedView<'_>], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
     let mut votes = vec![Votes::default(); places.len()];
     SCRATCH.with_borrow_mut(|scratch| {
         for view in views {
