@@ -115,7 +115,10 @@ impl Atlas {
     pub(crate) fn compact_others(&mut self, active: SubmapId) {
         /// Bricks compacted per scan: a submap that no scan enters is compact after ten to twenty scans.
         const BRICKS_PER_SCAN: usize = 8192;
-        let (mut pages, mut left) = (BrickPages::new(), BRICKS_PER_SCAN);
+        /// At least this share of the bricks is compacted: with fine voxels they are many.
+        const SHARE: usize = 8;
+        let resident: usize = self.submaps.iter().filter(|s| s.id != active).map(|s| s.tsdf.resident_bricks()).sum();
+        let (mut pages, mut left) = (BrickPages::new(), BRICKS_PER_SCAN.max(resident / SHARE));
         for submap in self.submaps.iter_mut().filter(|s| s.id != active) {
             left -= submap.tsdf.compact_from_end(left, &mut pages);
             submap.occupancy.changes.forget();

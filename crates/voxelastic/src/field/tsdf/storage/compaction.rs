@@ -13,10 +13,11 @@ use std::collections::VecDeque;
 
 /// Number of scans after which a block that none of them changed is compressed.
 const RECENT_CHANGES: usize = 8;
-/// The same where memory is short.
-const RECENT_CHANGES_IF_TIGHT: usize = 1;
 /// Largest number of blocks compressed after one scan: the work is not urgent, so it is spread over scans.
 const MAX_BLOCKS_PER_SCAN: usize = 2048;
+/// Above this number of uncompressed bricks, 42 MB, and where memory is short, the work is urgent: only what the last scan changed is left as it is. Scans at
+/// 6.5 cm hardly come here; one scan at 1 cm changes nearly as many.
+const MOST_RESIDENT: usize = 1 << 17;
 /// Number of bricks that are encoded before their slots are freed.
 const BATCH: usize = 8192;
 /// Number of bricks that one task encodes.
@@ -36,23 +37,33 @@ impl TsdfField {
         let clock = self.change_log.clock;
         ids.iter().for_each(|&id| self.blocks[id].changed = clock);
         self.change_log.changes.push_back((clock, ids));
-        let (recent, mut budget) = if is_tight() { (RECENT_CHANGES_IF_TIGHT, usize::MAX) } else { (RECENT_CHANGES * sharing, MAX_BLOCKS_PER_SCAN) };
-        while self.change_log.changes.len() > recent && budget > 0 {
-            let Some((clock, mut ids)) = self.change_log.changes.pop_front() else { return };
-            ids.retain(|&id| self.blocks[id].changed == clock);
-            if ids.len() > budget {
-                self.change_log.changes.push_front((clock, ids.split_off(budget)));
+        let mut left = MAX_BLOCKS_PER_SCAN;
+        loop {
+            let is_urgent = self.bricks.live() > MOST_RESIDENT || is_tight();
+            let (recent, limit) = if is_urgent { (1, MAX_BLOCKS_PER_SCAN) } else { (RECENT_CHANGES * sharing, left) };
+            if self.change_log.changes.len() <= recent || limit == 0 {
+                return;
             }
-            budget -= ids.len();
-            let mut resident = Vec::with_capacity(4 * ids.len());
-            for (i, &id) in ids.iter().enumerate() {
-                ids.get(i + AHEAD).into_iter().for_each(|&next| prefetch_item(&raw const self.blocks[next]));
-                let block = &self.blocks[id];
-                let bricks = block.bricks.iter().enumerate().filter_map(|(k, brick)| Some((k, brick.slot()?)));
-                resident.extend(bricks.map(|(k, slot)| ResidentBrick { owner: owner(id, k), slot, has_intensity: block.brick_has_intensity(k) }));
-            }
-            self.compress_bricks(&resident);
+            left = left.saturating_sub(self.compress_oldest(limit));
         }
+    }
+
+    /// Compresses at most `limit` blocks of the oldest scan in the change log that no later one changed, and returns how many.
+    fn compress_oldest(&mut self, limit: usize) -> usize {
+        let Some((clock, mut ids)) = self.change_log.changes.pop_front() else { return 0 };
+        ids.retain(|&id| self.blocks[id].changed == clock);
+        if ids.len() > limit {
+            self.change_log.changes.push_front((clock, ids.split_off(limit)));
+        }
+        let mut resident = Vec::with_capacity(4 * ids.len());
+        for (i, &id) in ids.iter().enumerate() {
+            ids.get(i + AHEAD).into_iter().for_each(|&next| prefetch_item(&raw const self.blocks[next]));
+            let block = &self.blocks[id];
+            let bricks = block.bricks.iter().enumerate().filter_map(|(k, brick)| Some((k, brick.slot()?)));
+            resident.extend(bricks.map(|(k, slot)| ResidentBrick { owner: owner(id, k), slot, has_intensity: block.brick_has_intensity(k) }));
+        }
+        self.compress_bricks(&resident);
+        ids.len()
     }
 
     /// Compresses at most `limit` bricks, beginning with the last in memory, and moves the pages that become empty to `pages`. Returns the
@@ -69,9 +80,14 @@ impl TsdfField {
         resident.len()
     }
 
+    /// Number of bricks that are not compressed.
+    pub(crate) fn resident_bricks(&self) -> usize {
+        self.bricks.live()
+    }
+
     /// Whether all bricks are compressed.
     pub(crate) fn is_compact(&self) -> bool {
-        self.bricks.live() == 0
+        self.resident_bricks() == 0
     }
 
     /// Takes over pages that another field released, as many as the next scans may need.
@@ -155,6 +171,70 @@ impl Kernel for EncodeBricks<'_> {
             let words = if buffer.is_empty() { &[] } else { buffer.words() };
             encoded.words.extend_from_slice(words);
             encoded.lengths.push(words.len() as u8);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tsdf::voxel::Voxel;
+    use crate::octree::Cursor;
+    use std::ops::Range;
+
+    /// A field of `count` blocks without bricks.
+    fn field_of(count: u64) -> TsdfField {
+        let mut field = TsdfField::default();
+        field.tree.grow_over(0..count);
+        let mut cursor = Cursor::new(&field.tree);
+        for key in 0..count {
+            field.find_or_create(&mut cursor, key, 0, false);
+        }
+        field
+    }
+
+    /// Sets one voxel in four bricks of each of `blocks`, as a scan would.
+    fn change(field: &mut TsdfField, blocks: Range<u32>, weight: u16) {
+        let ids: Vec<u32> = blocks.collect();
+        field.write_blocks(&ids, 64, |range, writer| {
+            for (i, &id) in ids[range].iter().enumerate() {
+                for brick in 0..4 {
+                    let cells = writer.brick(i, brick).cells().expect("a resident brick");
+                    cells.voxels[id as usize % 64].set(Voxel { distance: id as i16, weight });
+                }
+            }
+        });
+        field.record_changes(ids, 1);
+    }
+
+    #[test]
+    fn scans_that_change_much_leave_few_bricks_uncompressed() {
+        const SCANS: u32 = 12;
+        // Half of the blocks of a scan are those of the scan before.
+        const BLOCKS: u32 = 16_000;
+        let mut field = field_of(u64::from(BLOCKS / 2 * (SCANS + 1)));
+        for scan in 0..SCANS {
+            let blocks = scan * BLOCKS / 2..(scan + 2) * BLOCKS / 2;
+            change(&mut field, blocks.clone(), scan as u16 + 1);
+            assert!(field.resident_bricks() <= MOST_RESIDENT, "{} bricks after scan {scan}", field.resident_bricks());
+            let is_resident = |id| field.blocks[id].bricks[..4].iter().all(|brick| brick.slot().is_some());
+            assert!(blocks.into_iter().all(is_resident), "what the last scan changed stays");
+            field.assert_invariants();
+        }
+        for id in field.ids() {
+            let last = (id / (BLOCKS / 2)).min(SCANS - 1) as u16 + 1;
+            let array = field.current(field.block(id));
+            let observed: Vec<Voxel> = array.into_iter().filter(|voxel| voxel.is_observed()).collect();
+            assert_eq!(observed, [Voxel { distance: id as i16, weight: last }; 4], "block {id}");
+        }
+    }
+
+    #[test]
+    fn scans_that_change_little_keep_eight_scans_uncompressed() {
+        let mut field = field_of(2000);
+        for scan in 0..20 {
+            change(&mut field, scan * 100..(scan + 1) * 100, 1);
+            assert_eq!(field.resident_bricks(), 400 * (scan as usize + 1).min(RECENT_CHANGES));
         }
     }
 }
