@@ -38,8 +38,8 @@ mod watching;
 
 use clap::{Args, Parser, Subcommand};
 use commands::{
-    bench, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize, plan,
-    remove, render, repair, report, simulate, slice, view,
+    bench, changes, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize,
+    plan, remove, render, repair, report, simulate, slice, view,
 };
 use std::ffi::OsString;
 use std::path::Path;
@@ -91,6 +91,7 @@ enum Command {
     Plan(plan::PlanArgs),
     Esdf(esdf::EsdfArgs),
     Explore(explore::ExploreArgs),
+    Changes(changes::ChangesArgs),
     Merge(merge::MergeArgs),
     Remove(remove::RemoveArgs),
     Repair(repair::RepairArgs),
@@ -164,6 +165,7 @@ impl Command {
             Self::Plan(args) => plan::run(args),
             Self::Esdf(args) => esdf::run(args),
             Self::Explore(args) => explore::run(args, quiet),
+            Self::Changes(args) => changes::run(args),
             Self::Merge(args) => merge::run(args),
             Self::Remove(args) => remove::run(args),
             Self::Repair(args) => repair::run(args),

@@ -44,6 +44,7 @@
 //! | [`octree`] | cubes of space and keys | Sec. III-A |
 //! | [`surface`] | meshes | |
 //! | [`query`] | state, distance, collision, rays, slices | |
+//! | [`changes`] | what appeared and vanished between two maps | |
 //! | [`memory`] | a budget for maps larger than memory | |
 //! | [`geometry`] | rigid transforms, boxes, Morton keys | |
 //!
@@ -54,6 +55,7 @@
 //! crate; `voxelastic-io` has them.
 
 pub mod atlas;
+pub mod changes;
 pub mod cloud;
 mod error;
 pub mod event;

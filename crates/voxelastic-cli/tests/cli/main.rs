@@ -3,6 +3,7 @@
 // Figures, for those who run the tests with `--nocapture`.
 #![allow(clippy::print_stdout)]
 
+mod changes;
 mod colours;
 mod corrections;
 mod damage;
