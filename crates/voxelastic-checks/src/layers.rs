@@ -77,7 +77,7 @@ pub const ROOMS: &[Layer] = &[
     ("atlas", &["simd", "geometry", "event", "octree", "field"]),
     ("meshing", &["geometry", "atlas", "surface"]),
     ("query", &["simd", "geometry", "octree", "field", "atlas"]),
-    ("changes", &["geometry", "field", "atlas", "surface", "meshing", "query"]),
+    ("changes", &["geometry", "octree", "field", "atlas", "surface", "meshing", "query"]),
     ("mapper", &["simd", "geometry", "motion", "cloud", "event", "sensor", "settings", "octree", "field", "integrate", "atlas"]),
     ("error", &["settings", "sensor", "field", "mapper"]),
 ];

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
+use voxelastic::changes::{ChangeOptions, RemovedVoxels, keep_newest};
 use voxelastic::memory::MemorySize;
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
@@ -27,12 +28,18 @@ pub struct LoadArgs {
     /// Leave out submaps whose files are damaged or missing, and count them, instead of failing
     #[arg(long)]
     pub skip_damaged: bool,
+    /// Show, too, what later sessions saw to be gone: otherwise surfaces and occupied space where they know free space only are left out
+    #[arg(long)]
+    pub keep_vanished: bool,
     /// Memory that the program may have, such as 500MB: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp
     #[arg(long, value_name = "SIZE", default_value = "none", hide_default_value = true)]
     pub memory: MemorySize,
 }
 
 impl LoadArgs {
+    /// All of a map, as it is stored.
+    pub const AS_STORED: Self = Self { skip_damaged: false, keep_vanished: true, memory: MemorySize(0) };
+
     /// Sets the memory budget.
     pub fn limit_memory(self) -> anyhow::Result<()> {
         self.memory.set_budget().map_err(|error| Failure::new(format!("--memory: {error}"), "").into())
@@ -52,7 +59,23 @@ pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     } else {
         (store.load_atlas().map_err(|error| damaged_part(path, error))?, 0)
     };
+    let atlas = if args.keep_vanished { atlas } else { newest(&store, atlas, &settings) };
     Ok(LoadedMap { atlas, settings, origin, damaged })
+}
+
+/// The map without what later sessions saw to be gone.
+fn newest(store: &MapStore, atlas: Atlas, settings: &Settings) -> Atlas {
+    let sessions = store.manifest().all_sessions();
+    if sessions.len() < 2 {
+        return atlas;
+    }
+    let age = |id| sessions.iter().find(|session| session.has(id)).map_or(0, |session| session.number);
+    let margin = ChangeOptions::for_voxels(settings.voxel_size).margin;
+    let (atlas, RemovedVoxels { surface, occupied }) = keep_newest(atlas, age, margin, &settings.into());
+    if surface + occupied > 0 {
+        tracing::info!("{surface} surface voxels of earlier sessions are left out: later ones saw free space there (--keep-vanished shows them)");
+    }
+    atlas
 }
 
 /// Opens a map. An error says how a damaged one is repaired.

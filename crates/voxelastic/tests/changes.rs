@@ -1,10 +1,13 @@
 //! What two maps of one place differ in, against worlds that are known exactly.
 
 use voxelastic::atlas::Atlas;
-use voxelastic::changes::{ChangeError, ChangeOptions, ChangedPiece, Changes, changes};
+use voxelastic::atlas::fusion::FusionSettings;
+use voxelastic::changes::{ChangeError, ChangeOptions, ChangedPiece, Changes, RemovedVoxels, changes, keep_newest};
 use voxelastic::event::{Event, Scan};
+use voxelastic::field::occupancy::State;
 use voxelastic::sensor::BeamModel;
 use voxelastic::settings::FieldKind;
+use voxelastic::surface::MeshOptions;
 use voxelastic::{Mapper, Pose, Settings};
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
@@ -163,4 +166,56 @@ fn maps_that_cannot_be_compared_are_refused() {
     }
     let far = changes(&both, &map(&world, FieldKind::Both, 500.0), &options).unwrap();
     assert!(far.appeared.is_empty() && far.vanished.is_empty() && far.compared_area == 0.0);
+}
+
+/// The submaps of `maps`, with ids in the order of the maps, and how many the first one has.
+fn together(maps: [&Atlas; 2]) -> (Atlas, u32) {
+    let submaps = maps.iter().flat_map(|map| map.submaps().to_vec()).zip(0..).map(|(submap, id)| submap.with_id(id));
+    (Atlas::from_submaps(maps[0].voxel_size(), submaps.collect()), maps[0].submaps().len() as u32)
+}
+
+#[test]
+fn what_later_sessions_saw_to_be_gone_leaves_the_map() {
+    let pillar = ([2.0, -3.0, 0.0], [2.6, -2.4, 2.2]);
+    let chest = ([-2.0, 2.0, 0.0], [-0.8, 3.0, 1.2]);
+    let [with_pillar, with_chest] = [pillar, chest].map(|thing| yard(|world| world.cuboid(thing.0, thing.1, 0.5)));
+    let (before, after) = (map(&with_pillar, FieldKind::Both, 0.0), map(&with_chest, FieldKind::Both, 0.02));
+    let (all, firsts) = together([&before, &after]);
+    let settings = FusionSettings::from(&Settings { voxel_size: 0.1, ..Settings::default() });
+    let age = |id| u32::from(id >= firsts);
+    let (newest, removed) = keep_newest(all.clone(), age, 0.3, &settings);
+    assert!(removed.surface > 100 && removed.occupied > 50, "{removed:?}");
+
+    // Of the pillar only its foot is left, within the margin of the ground; everything else is as it was.
+    let near_pillar = |p: &[f32; 3]| p[0] > 1.7 && p[0] < 2.9 && p[1] > -3.3 && p[1] < -2.1;
+    let count =
+        |atlas: &Atlas, wanted: &dyn Fn(&[f32; 3]) -> bool| atlas.mesh(&MeshOptions::default()).positions.iter().filter(|p| wanted(p)).count();
+    let above_foot = |p: &[f32; 3]| near_pillar(p) && p[2] > 0.45;
+    assert!(count(&all, &above_foot) > 200);
+    assert_eq!(count(&newest, &above_foot), 0);
+    let elsewhere = |p: &[f32; 3]| !near_pillar(p);
+    let (old, new) = (count(&all, &elsewhere), count(&newest, &elsewhere));
+    assert!(new * 1000 > old * 995 && old > 10_000, "{new} of {old} vertices");
+
+    // Free space, too, and nothing occupied vanished elsewhere.
+    let side = [2.0, -2.7, 1.2];
+    assert_eq!(all.query().state(side), State::Occupied);
+    assert_eq!(newest.query().state(side), State::Free);
+    let grid = (-60..60).flat_map(|x| (-50..50).map(move |y| [0.13 * f64::from(x), 0.11 * f64::from(y), 0.8]));
+    for p in grid.filter(|p| !near_pillar(&p.map(|c| c as f32))) {
+        assert_eq!(all.query().state(p), newest.query().state(p), "at {p:?}");
+    }
+
+    // The other way round the chest goes. Without a later session nothing does, nor where the later one has no free space.
+    let (older_wins, _) = keep_newest(all.clone(), |id| u32::from(id < firsts), 0.3, &settings);
+    assert_eq!(older_wins.query().state([-1.4, 2.0, 0.9]), State::Free);
+    assert_eq!(older_wins.query().state(side), State::Occupied);
+    assert_eq!(keep_newest(all.clone(), |_| 3, 0.3, &settings).1, RemovedVoxels::default());
+    let (surfaces, firsts) = together([&before, &map(&with_chest, FieldKind::Tsdf, 0.0)]);
+    assert_eq!(keep_newest(surfaces, |id| u32::from(id >= firsts), 0.3, &settings).1, RemovedVoxels::default());
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| keep_newest(all.clone(), age, 0.3, &settings).0.mesh(&MeshOptions::default()))
+    };
+    assert_eq!(with(1), with(3));
 }

@@ -60,7 +60,7 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<u8> {
     let mut writer = MapWriter::open(into)?;
     let settings = map_files::settings_of(writer.store())?;
     let entries = joining::listed_sessions(&map_files::open(more)?);
-    let added = pool.install(|| map_files::load(more, LoadArgs::default()))?;
+    let added = pool.install(|| map_files::load(more, LoadArgs::AS_STORED))?;
     joining::check_settings(into, &settings, &added.settings, "map one of them again with the settings of the other")?;
     let sessions = Sessions { atlas: &added.atlas, origin: added.origin, entries, has_frame: true };
     let outcome = pool.install(|| joining::place(writer.store(), sessions, args.align.align))?;

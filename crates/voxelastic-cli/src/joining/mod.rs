@@ -136,7 +136,7 @@ pub fn session_of_run(store: &MapStore, run: &str) -> Option<u32> {
 /// When the map cannot be read, or one of the two has no surface.
 pub fn place(store: &MapStore, added: Sessions<'_>, align: Option<Frame>) -> anyhow::Result<Outcome> {
     let map = store.dir().to_owned();
-    let base = map_files::load(&map, LoadArgs::default())?;
+    let base = map_files::load(&map, LoadArgs::AS_STORED)?;
     let voxel_size = base.settings.voxel_size;
     let base_origin = base.origin;
     let first = View::of(&base.atlas, voxel_size)?;

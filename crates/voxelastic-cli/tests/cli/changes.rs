@@ -83,6 +83,19 @@ fn changes_between_maps_and_sessions_are_listed_and_drawn() {
     let sessions = json(dir, "changes monday.vox --json -q");
     assert_found(&sessions, [0.0; 3]);
     assert_eq!(json(dir, "changes monday.vox --session 2 --json -q")["appeared"], sessions["appeared"]);
+    // The map shows what was there last (little was seen of the space above the pillar), and all of it where that is asked for.
+    let pillar_in = |mesh: &str| {
+        let is_pillar = |p: &&[f32; 3]| p[0] > 1.8 && p[0] < 2.8 && p[1] > -3.2 && p[1] < -2.2 && p[2] > 0.45 && p[2] < 1.9;
+        ply::read_mesh(dir.join(mesh)).unwrap().positions.iter().filter(is_pillar).count()
+    };
+    works(dir, "mesh monday.vox -o newest.ply -q");
+    works(dir, "mesh monday.vox -o all.ply --keep-vanished -q");
+    assert_eq!(pillar_in("newest.ply"), 0);
+    assert!(pillar_in("all.ply") > 100);
+    works(dir, "remove monday.vox --session 2 -q");
+    works(dir, "mesh monday.vox -o again.ply -q");
+    assert!(pillar_in("again.ply") > 100);
+    works(dir, "map tuesday --into monday.vox -q");
     fails(dir, "changes monday.vox --session 7", 2, &["there is no session 7"]);
     fails(dir, "changes monday.vox --session 1", 2, &["nothing was there before session 1"]);
 }

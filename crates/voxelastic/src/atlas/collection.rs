@@ -105,6 +105,11 @@ impl Atlas {
         self.fusion_source = None;
     }
 
+    /// All submaps, ordered by id. Of a map whose mapper has not finished, the source of a fusion in progress is lost.
+    pub fn into_submaps(self) -> Vec<Submap> {
+        self.submaps
+    }
+
     /// All submaps, mutable, ordered by id.
     pub fn submaps_mut(&mut self) -> &mut [Submap] {
         &mut self.submaps

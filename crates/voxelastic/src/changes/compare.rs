@@ -1,11 +1,11 @@
 //! The comparison of two maps.
 
 use super::pieces::{ChangedPiece, area, pieces};
+use super::void::are_void;
 use crate::atlas::Atlas;
 use crate::field::occupancy::State;
-use crate::query::{AtlasQuery, Sphere, UnknownAs};
+use crate::query::AtlasQuery;
 use crate::surface::{Mesh, MeshOptions};
-use rayon::prelude::*;
 
 /// How two maps are compared.
 #[derive(Clone, Debug, PartialEq)]
@@ -91,10 +91,6 @@ pub fn changes(before: &Atlas, after: &Atlas, options: &ChangeOptions) -> Result
 
 /// The pieces of a surface where the `other` map, in which its vertices have `states`, knows free space only.
 fn changed(mesh: &Mesh, states: &[State], other: &AtlasQuery<'_>, options: &ChangeOptions) -> Vec<ChangedPiece> {
-    let is_void = |(p, state): (&[f32; 3], &State)| {
-        let sphere = Sphere { centre: p.map(f64::from), radius: options.margin };
-        *state == State::Free && other.is_free(&sphere.into(), UnknownAs::Blocked)
-    };
-    let is_changed: Vec<bool> = mesh.positions.par_iter().zip(states).map(is_void).collect();
+    let is_changed = are_void(other, &mesh.positions, states, options.margin);
     pieces(mesh, |triangle| triangle.iter().all(|&vertex| is_changed[vertex as usize]), options.margin.max(0.05), options.least_area)
 }

@@ -5,7 +5,10 @@
 //! other's. What stands on the ground is found from that height on.
 
 mod compare;
+mod newest;
 mod pieces;
+mod void;
 
 pub use compare::{ChangeError, ChangeOptions, Changes, changes};
+pub use newest::{RemovedVoxels, keep_newest};
 pub use pieces::ChangedPiece;

@@ -22,6 +22,8 @@ pub(super) struct TwoMaps {
 impl TwoMaps {
     /// Loads two maps, or without a `newer` one a session of `map` (the last one, unless it is given) and those before it.
     pub fn load(map: &Path, newer: Option<&Path>, session: Option<u32>, load: LoadArgs) -> anyhow::Result<Self> {
+        // Sessions are compared as they were mapped.
+        let load = LoadArgs { keep_vanished: newer.is_none() || load.keep_vanished, ..load };
         let older = map_files::load(map, load)?;
         match newer {
             Some(path) => Ok(Self::of_maps(older, map_files::load(path, load)?, [map, path].map(|path| path.display().to_string()))),

@@ -29,7 +29,7 @@ pub fn resolve_conflicts(atlas: &mut Atlas, settings: &FusionSettings, hit: f32)
     let conflicts = Conflicts::of(atlas, steps(hit));
     let mut freed = 0;
     for (submap, conflicts) in atlas.submaps_mut().iter_mut().zip(conflicts) {
-        let resolved = conflicts.resolve(&mut submap.occupancy, settings.log_odds_limits());
+        let resolved = conflicts.resolve(&mut submap.occupancy, settings);
         submap.revision += u64::from(resolved > 0);
         freed += resolved;
     }
@@ -42,7 +42,13 @@ struct Conflicts {
 }
 
 /// A block's key, and the log-odds (steps) to add at each finest voxel; [`UNKNOWN`] for none.
-type BlockVotes = (u64, Box<[i8]>);
+pub(crate) type BlockVotes = (u64, Box<[i8]>);
+
+/// Adds votes to a field; sums stay within the limits of `settings`.
+pub(crate) fn add_votes(field: &mut OccupancyField, votes: &[BlockVotes], settings: &FusionSettings) {
+    let patch = OccupancyPatch::of_blocks(votes);
+    patch.merge(0..patch.len(), field, settings.log_odds_limits());
+}
 
 impl Conflicts {
     /// The conflicts of each submap; voxels with more than `max_contested` steps of log-odds are not contested.
@@ -77,9 +83,8 @@ impl Conflicts {
     }
 
     /// Adds the votes to the field of the submap; returns the number of finest voxels that changed.
-    fn resolve(&self, field: &mut OccupancyField, limits: [i8; 2]) -> usize {
-        let patch = OccupancyPatch::of_blocks(&self.blocks);
-        patch.merge(0..patch.len(), field, limits);
+    fn resolve(&self, field: &mut OccupancyField, settings: &FusionSettings) -> usize {
+        add_votes(field, &self.blocks, settings);
         self.blocks.iter().map(|(_, votes)| votes.iter().filter(|v| **v != UNKNOWN).count()).sum()
     }
 }

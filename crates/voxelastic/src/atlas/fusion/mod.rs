@@ -39,6 +39,7 @@ mod window;
 pub use alignment::PairAgreement;
 pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;
+pub(crate) use conflict_resolution::{BlockVotes, add_votes};
 pub(crate) use fused_field::FusedField;
 pub use merge::{Merge, fuse};
 pub(crate) use merge::{fuse_from, move_scans};

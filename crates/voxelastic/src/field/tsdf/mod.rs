@@ -22,6 +22,7 @@ pub(crate) use block::{Array, VoxelBuffer};
 pub use colour::{ColourLayer, ColourVoxel};
 pub use field::TsdfField;
 pub(crate) use observation_count::ObservationCount;
+pub(crate) use remove::RemoveFrom;
 pub(crate) use storage::compaction::BrickPages;
 pub use voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};
 pub(crate) use writer::{BlockWriter, BrickRef};

@@ -6,16 +6,24 @@ use super::voxel::{DISTANCE_STEPS, Voxel};
 use crate::octree::{BLOCK_EDGE, SCALES, block_coords, voxel_coords, voxels_at};
 use std::sync::{Mutex, PoisonError};
 
+/// Which blocks voxels are removed from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RemoveFrom {
+    /// All.
+    AnyBlock,
+    /// Those in which a voxel next to the surface goes; of such voxels, some are asked.
+    BlocksWithSurface,
+}
+
 impl TsdfField {
-    /// Removes the observed voxels whose centres, finest voxels, are to be removed, in all arrays of each block in which a voxel next to the surface is; returns
-    /// how many they are.
-    pub(crate) fn remove_voxels(&mut self, is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> usize {
+    /// Removes the observed voxels whose centres, finest voxels, are to be removed, in all arrays of the blocks `from` names; returns how many they are.
+    pub(crate) fn remove_voxels(&mut self, from: RemoveFrom, is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> usize {
         let ids = self.ids_in_morton_order();
         let mut changed = vec![false; ids.len()];
         let mut removed = 0;
         // One array after the other: a block may decompress no more bricks at a time than one array has.
         for array in (0..SCALES).map(Array::Data).chain((1..SCALES).map(Array::Base)) {
-            for (position, count) in self.remove_from(&ids, array, is_removed) {
+            for (position, count) in self.remove_from_array(&ids, array, from, is_removed) {
                 changed[position] = true;
                 removed += count;
             }
@@ -27,7 +35,13 @@ impl TsdfField {
 
     /// As [`remove_voxels`](Self::remove_voxels), of one array of each block that has it; returns the positions of the changed blocks in `ids`, with the number of
     /// voxels removed.
-    fn remove_from(&mut self, ids: &[u32], array: Array, is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> Vec<(usize, usize)> {
+    fn remove_from_array(
+        &mut self,
+        ids: &[u32],
+        array: Array,
+        from: RemoveFrom,
+        is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync),
+    ) -> Vec<(usize, usize)> {
         /// Blocks of one task.
         const BLOCKS_PER_TASK: usize = 32;
         /// Voxels.
@@ -52,10 +66,14 @@ impl TsdfField {
                 };
                 // Where none of the voxels next to the surface goes, none does; some of them tell.
                 let next_to_surface = |voxel: &Voxel| voxel.is_observed() && f32::from(voxel.distance).abs() <= NEXT_TO_SURFACE * DISTANCE_STEPS;
-                if gone_of((0..voxels.len()).filter(|&v| next_to_surface(&voxels[v])).step_by(PROBE).collect()).is_empty() {
+                let some = || (0..voxels.len()).filter(|&v| next_to_surface(&voxels[v])).step_by(PROBE).collect();
+                if from == RemoveFrom::BlocksWithSurface && gone_of(some()).is_empty() {
                     continue;
                 }
                 let gone = gone_of((0..voxels.len()).filter(|&v| voxels[v].is_observed()).collect());
+                if gone.is_empty() {
+                    continue;
+                }
                 intensities.fill(0);
                 if has_intensity {
                     writer.copy_intensities(i, scale, intensities);
@@ -89,7 +107,7 @@ mod tests {
         builder.push(head, &[voxels.clone()].concat(), &[intensities.clone()].concat()).unwrap();
         let mut field = builder.finish();
         // The half of the block with x below 12.
-        let removed = field.remove_voxels(&|centres: &[[f32; 3]]| centres.iter().map(|c| c[0] < 12.0).collect());
+        let removed = field.remove_voxels(RemoveFrom::BlocksWithSurface, &|centres: &[[f32; 3]]| centres.iter().map(|c| c[0] < 12.0).collect());
         assert_eq!(removed, voxels_at(0) / 2);
         field.compact_all();
         let now = field.current(field.block(0));
@@ -99,5 +117,18 @@ mod tests {
         }
         let stored: Vec<u8> = field.stored_intensities(0).collect::<Vec<_>>().concat();
         assert!(stored.iter().enumerate().all(|(i, v)| *v == if voxel_coords(i, 0)[0] < 4 { 0 } else { intensities[i] }));
+    }
+
+    #[test]
+    fn blocks_without_a_surface_are_asked_where_all_are() {
+        let mut builder = TsdfBuilder::default();
+        let head = BlockHead { key: crate::octree::block_key([0, 0, 0]), scale: 0, finest: 0, has_intensity: false };
+        let far = Voxel { distance: DISTANCE_STEPS as i16, weight: 16 };
+        builder.push(head, &vec![far; voxels_at(0)], &[]).unwrap();
+        let mut field = builder.finish();
+        let all = |centres: &[[f32; 3]]| vec![true; centres.len()];
+        assert_eq!(field.remove_voxels(RemoveFrom::BlocksWithSurface, &all), 0);
+        assert_eq!(field.remove_voxels(RemoveFrom::AnyBlock, &|centres: &[[f32; 3]]| vec![false; centres.len()]), 0);
+        assert_eq!(field.remove_voxels(RemoveFrom::AnyBlock, &all), voxels_at(0));
     }
 }

@@ -9,6 +9,7 @@ use super::votes::{Votes, votes_of_few};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
+use crate::field::tsdf::RemoveFrom;
 use crate::geometry::{Pose, PoseExt};
 use crate::sensor::BeamModel;
 use rayon::prelude::*;
@@ -111,7 +112,7 @@ impl KeptScans {
             let then = votes_of_few(&later, model, &places, &sizes);
             now.iter().zip(&then).map(|(now, then)| Votes::has_gone(now) || Votes::is_gone_later(then)).collect()
         };
-        let removed = submap.tsdf.remove_voxels(&is_gone);
+        let removed = submap.tsdf.remove_voxels(RemoveFrom::BlocksWithSurface, &is_gone);
         self.cleaned.insert(submap.id, key);
         removed
     }

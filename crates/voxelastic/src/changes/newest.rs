@@ -1,0 +1,186 @@
+//! A map as it was at last: what later sessions saw to be gone is removed from earlier ones.
+
+use super::void::are_void;
+use crate::atlas::fusion::{BlockVotes, FusionSettings, add_votes};
+use crate::atlas::{Atlas, Submap, SubmapId};
+use crate::field::occupancy::{BlockBox, OccupancyField, UNKNOWN};
+use crate::field::tsdf::RemoveFrom;
+use crate::geometry::{Pose, morton};
+use crate::octree::{BLOCK_SHIFT, NONE, SCALES, block_key, voxel_coords, voxel_index, voxels_at};
+use crate::query::AtlasQuery;
+use crate::surface::MeshOptions;
+use nalgebra::Point3;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashSet};
+
+/// A vote that makes a voxel free whatever was observed in it, steps of log-odds.
+const FREE: i8 = -127;
+
+/// What [`keep_newest`] removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RemovedVoxels {
+    /// Voxels of surfaces that are unobserved now.
+    pub surface: usize,
+    /// Occupied finest voxels that are free now.
+    pub occupied: usize,
+}
+
+/// Removes surfaces and occupied space from submaps where submaps of a larger `age`, such as those of a later session, know free space only, within `margin` metres
+/// as well; beside what is gone, a third of the margin is enough, so that of a thing on the ground little more than its foot stays. Nothing changes where the newer submaps have no occupancy.
+///
+/// Runs in parallel; the result does not depend on the number of threads.
+pub fn keep_newest(atlas: Atlas, age: impl Fn(SubmapId) -> u32, margin: f64, settings: &FusionSettings) -> (Atlas, RemovedVoxels) {
+    let voxel_size = atlas.voxel_size();
+    let mut by_age: BTreeMap<u32, Vec<Submap>> = BTreeMap::new();
+    atlas.into_submaps().into_iter().for_each(|submap| by_age.entry(age(submap.id())).or_default().push(submap));
+    let (mut newer, mut removed) = (Atlas::new(voxel_size), RemovedVoxels::default());
+    for mut submaps in by_age.into_values().rev() {
+        let query = newer.query();
+        if !query.is_empty() {
+            for submap in &mut submaps {
+                let RemovedVoxels { surface, occupied } = remove_vanished(submap, &query, margin, settings);
+                removed = RemovedVoxels { surface: removed.surface + surface, occupied: removed.occupied + occupied };
+            }
+        }
+        submaps.extend(newer.into_submaps());
+        newer = Atlas::from_submaps(voxel_size, submaps);
+    }
+    (newer, removed)
+}
+
+/// Removes from `submap` what is not there any more in the `newer` map.
+fn remove_vanished(submap: &mut Submap, newer: &AtlasQuery<'_>, margin: f64, settings: &FusionSettings) -> RemovedVoxels {
+    let gone = GoneSpace::of(submap, newer, margin);
+    if gone.cubes.is_empty() {
+        return RemovedVoxels::default();
+    }
+    let is_gone = |centres: &[[f32; 3]]| gone.contains(centres);
+    let surface = submap.tsdf.remove_voxels(RemoveFrom::AnyBlock, &is_gone);
+    submap.tsdf.compact_all();
+    let (votes, occupied) = votes(&submap.occupancy, &is_gone);
+    add_votes(&mut submap.occupancy, &votes, settings);
+    submap.revision += u64::from(surface + occupied > 0);
+    RemovedVoxels { surface, occupied }
+}
+
+/// Space in which things of a submap were that are gone: with the whole margin to what the newer map has, and beside such space with a part of it. So what is left of
+/// a thing where it stood on the ground goes with it.
+struct GoneSpace<'a> {
+    newer: &'a AtlasQuery<'a>,
+    t_map_submap: Pose,
+    /// Edge of a finest voxel, metres.
+    voxel: f64,
+    margin: f64,
+    /// Cubes of the map frame with edges of the margin in which something is gone, and those around them.
+    cubes: HashSet<[i64; 3]>,
+}
+
+impl<'a> GoneSpace<'a> {
+    /// Part of the margin that is enough beside what is gone.
+    const PART: f64 = 1.0 / 3.0;
+
+    fn of(submap: &Submap, newer: &'a AtlasQuery<'a>, margin: f64) -> Self {
+        let mut gone = Self { newer, t_map_submap: submap.t_map_submap, voxel: submap.voxel_size.into(), margin, cubes: HashSet::new() };
+        let mesh = submap.mesh(&MeshOptions::default());
+        let of_vertex = |p: &[f32; 3]| gone.in_map(p.map(|c| (f64::from(c) / gone.voxel) as f32));
+        let of_voxel = |centre: [f32; 3]| gone.in_map(centre);
+        let vertices = mesh.positions.iter().map(of_vertex);
+        let occupied = occupied_blocks(&submap.occupancy);
+        let voxels = occupied.iter().flat_map(|block| block.occupied().into_iter().map(|i| block.centre(i))).map(of_voxel);
+        let points: Vec<[f64; 3]> = vertices.chain(voxels).collect();
+        let are_gone = are_void(newer, &points, &newer.states(&points), margin);
+        let around = |c: [i64; 3]| (0..27).map(move |step| [c[0] + step % 3 - 1, c[1] + step / 3 % 3 - 1, c[2] + step / 9 - 1]);
+        gone.cubes = points.iter().zip(are_gone).filter(|(_, gone)| *gone).flat_map(|(p, _)| around(gone.cube(p))).collect();
+        gone
+    }
+
+    /// A point of the submap, finest voxels, in the map frame, metres.
+    fn in_map(&self, c: [f32; 3]) -> [f64; 3] {
+        (self.t_map_submap * Point3::from(c.map(|c| f64::from(c) * self.voxel))).coords.into()
+    }
+
+    fn cube(&self, p: &[f64; 3]) -> [i64; 3] {
+        p.map(|c| (c / self.margin.max(self.voxel)).floor() as i64)
+    }
+
+    /// Which of some points of the submap, finest voxels, are in it.
+    fn contains(&self, centres: &[[f32; 3]]) -> Vec<bool> {
+        let points: Vec<[f64; 3]> = centres.iter().map(|c| self.in_map(*c)).collect();
+        let near: Vec<usize> = (0..points.len()).filter(|&i| self.cubes.contains(&self.cube(&points[i]))).collect();
+        let near_points: Vec<[f64; 3]> = near.iter().map(|&i| points[i]).collect();
+        let mut gone = vec![false; points.len()];
+        let are_gone = are_void(self.newer, &near_points, &self.newer.states(&near_points), Self::PART * self.margin);
+        near.into_iter().zip(are_gone).for_each(|(i, is_gone)| gone[i] = is_gone);
+        gone
+    }
+}
+
+/// A block with occupied voxels.
+struct OccupiedBlock<'a> {
+    /// Its smallest corner, finest voxels.
+    corner: [i32; 3],
+    scale: usize,
+    values: &'a [i8],
+}
+
+/// Votes that free the occupied voxels of a field whose centres (finest voxels) are gone, and how many finest voxels they are.
+fn votes(field: &OccupancyField, is_gone: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> (Vec<BlockVotes>, usize) {
+    let votes: Vec<BlockVotes> = occupied_blocks(field).par_iter().filter_map(|block| block.votes(is_gone)).collect();
+    let count = votes.iter().map(|(_, votes)| votes.iter().filter(|vote| **vote == FREE).count()).sum();
+    (votes, count)
+}
+
+/// All blocks with occupied voxels; a larger cube with one value is many.
+fn occupied_blocks(field: &OccupancyField) -> Vec<OccupiedBlock<'_>> {
+    /// Farther than a field reaches, finest voxels.
+    const FAR: i32 = 1 << 28;
+    let mut all = Vec::new();
+    BlockBox::of_voxels([-FAR; 3], [FAR; 3]).visit_leaves(field, &mut |summary| summary.max > 0, &mut |leaf| {
+        if leaf.octant.link != NONE {
+            let block = field.block(leaf.octant.link);
+            all.push(OccupiedBlock { corner: leaf.corner.map(|c| c << BLOCK_SHIFT), scale: block.scale.into(), values: field.values(block) });
+            return false;
+        }
+        for i in 0..1u64 << (3 * leaf.level) {
+            let at = morton::decode(i).map(|c| c as i32);
+            let corner = std::array::from_fn(|k| (leaf.corner[k] + at[k]) << BLOCK_SHIFT);
+            all.push(OccupiedBlock { corner, scale: SCALES - 1, values: std::slice::from_ref(&leaf.octant.payload.value) });
+        }
+        false
+    });
+    all
+}
+
+impl OccupiedBlock<'_> {
+    /// Coordinates of the first finest voxel of voxel `i` in the block.
+    fn first_voxel(&self, i: usize) -> [usize; 3] {
+        voxel_coords(i, self.scale).map(|c| c << self.scale)
+    }
+
+    /// The occupied voxels.
+    fn occupied(&self) -> Vec<usize> {
+        (0..self.values.len()).filter(|&i| self.values[i] > 0).collect()
+    }
+
+    /// The centre of voxel `i`, finest voxels.
+    fn centre(&self, i: usize) -> [f32; 3] {
+        let (first, half) = (self.first_voxel(i), 0.5 * (1 << self.scale) as f32);
+        std::array::from_fn(|k| (self.corner[k] + first[k] as i32) as f32 + half)
+    }
+
+    /// Votes that free the voxels that are gone; none if no voxel is.
+    fn votes(&self, is_gone: &impl Fn(&[[f32; 3]]) -> Vec<bool>) -> Option<BlockVotes> {
+        let occupied = self.occupied();
+        let centres: Vec<[f32; 3]> = occupied.iter().map(|&i| self.centre(i)).collect();
+        let mut gone = occupied.into_iter().zip(is_gone(&centres)).filter(|(_, gone)| *gone).map(|(i, _)| i).peekable();
+        gone.peek()?;
+        let mut votes: Box<[i8]> = vec![UNKNOWN; voxels_at(0)].into();
+        for i in gone {
+            let first = self.first_voxel(i);
+            for within in (0..voxels_at(SCALES - 1 - self.scale)).map(|sub| voxel_coords(sub, SCALES - 1 - self.scale)) {
+                votes[voxel_index(std::array::from_fn(|k| first[k] + within[k]), 0)] = FREE;
+            }
+        }
+        Some((block_key(self.corner.map(|c| c >> BLOCK_SHIFT)), votes))
+    }
+}
