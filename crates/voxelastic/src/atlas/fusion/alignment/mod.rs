@@ -33,6 +33,14 @@ use surface_points::surface_points;
 /// How far apart two places may be that are taken for the same surface, voxels: less in each round, once the displacements of the round before are known.
 const ROUNDS: [f32; 3] = [REACH, 3.0, 2.0];
 
+/// Where corrections of the scans of a field alone say that it is: the displacement that is expected before it is compared with others.
+pub(super) fn expected(field: &TsdfField, placement: &Placement, corrections: &Corrections) -> Displacement {
+    if corrections.is_empty() {
+        return Displacement::default();
+    }
+    Displacement::new(cells_of(field, placement).into_iter().map(|cell| (cell, corrections.at(middle_of(cell)))))
+}
+
 /// Displacements by all pairs but those of `refused` fields; `first` are the pairs of the first round.
 fn bent(pairs: &Pairs, expected: &[HashMap<Cell, [f32; 3]>], first: &Found, refused: &HashSet<[usize; 2]>) -> Vec<Displacement> {
     let terms_of = |found: &Found| found.terms().into_iter().filter(|term| !refused.contains(&term.fields)).collect::<Vec<Term>>();
