@@ -91,7 +91,10 @@ impl LiveSurface {
             if surface.mesh.triangles.is_empty() {
                 self.seams.remove(tile);
             } else {
-                self.seams.insert(*tile, Judged { seam: TileSeam::from(surface), stays: Vec::new() });
+                let seam = TileSeam::from(surface);
+                // Of a tile that is as it was, what had enough evidence has it still, whatever is looked at now: else two tiles could have each other made for ever.
+                let before = self.seams.remove(tile).filter(|before| before.seam == seam);
+                self.seams.insert(*tile, Judged { seam, stays: before.map_or_else(Vec::new, |before| before.stays) });
             }
         }
         self.judge(tiles, &around);
@@ -107,13 +110,14 @@ impl LiveSurface {
         let there: Vec<(TileKey, &TileSeam)> = around.iter().filter_map(|tile| Some((*tile, &self.seams.get(tile)?.seam))).collect();
         let seams = Seams::new(&there.iter().map(|(_, seam)| *seam).collect::<Vec<_>>(), self.options.keep_all);
         let there: Vec<TileKey> = there.into_iter().map(|(tile, _)| tile).collect();
-        for (tile, stays) in there.into_iter().zip(seams.into_stays()) {
+        for (tile, mut stays) in there.into_iter().zip(seams.into_stays()) {
             let Some(judged) = self.seams.get_mut(&tile) else { continue };
-            if tiles.binary_search(&tile).is_ok() {
-                judged.stays = stays;
-            } else if stays.iter().zip(&judged.stays).any(|(now, before)| *now && !before) {
+            let is_made = tiles.binary_search(&tile).is_ok();
+            if !is_made && stays.iter().zip(&judged.stays).any(|(now, before)| *now && !before) {
                 self.waiting.insert(tile);
             }
+            stays.iter_mut().zip(&judged.stays).for_each(|(now, before)| *now |= before);
+            judged.stays = stays;
         }
     }
 

@@ -23,7 +23,7 @@ pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOption
 }
 
 /// What of a tile tells how it fits to others: a small part of it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TileSeam {
     /// Vertices of other tiles that it uses, and their pieces.
     foreign: Vec<(VertexKey, u32)>,
