@@ -48,8 +48,16 @@ impl LoadArgs {
 
 /// Loads a map.
 pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
+    load_from(open(path)?, args)
+}
+
+/// Loads a map for its surfaces: without the occupancy of submaps that have a TSDF.
+pub fn load_surfaces(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
+    load_from(open(path)?.for_surfaces(), args)
+}
+
+fn load_from(store: MapStore, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     args.limit_memory()?;
-    let store = open(path)?;
     let (settings, origin) = (settings_of(&store)?, origin_of(&store)?);
     let (atlas, damaged) = if args.skip_damaged {
         let (atlas, found) = store.load_undamaged().map_err(damaged_whole)?;
@@ -57,7 +65,7 @@ pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
         warn_of(&store, found.len());
         (atlas, found.len())
     } else {
-        (store.load_atlas().map_err(|error| damaged_part(path, error))?, 0)
+        (store.load_atlas().map_err(|error| damaged_part(store.dir(), error))?, 0)
     };
     let atlas = if args.keep_vanished { atlas } else { newest(&store, atlas, &settings) };
     Ok(LoadedMap { atlas, settings, origin, damaged })

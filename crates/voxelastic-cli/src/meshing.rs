@@ -1,9 +1,11 @@
 //! Meshes of maps and colours of their vertices.
 
 use crate::failure::Failure;
+use crate::map_files::{self, LoadArgs, LoadedMap};
 use crate::precision;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
+use std::path::Path;
 use voxelastic::atlas::fusion::{Agreement, PairAgreement};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
@@ -69,6 +71,11 @@ impl SurfaceArgs {
     /// These arguments with a level of detail of at least `lod`.
     pub fn coarser(&self, lod: u8) -> Self {
         Self { lod: self.lod.max(lod.min(3)), ..self.clone() }
+    }
+
+    /// Loads what of a map the surface is made of.
+    pub fn load(&self, path: &Path, load: LoadArgs) -> anyhow::Result<LoadedMap> {
+        if self.surface == Surface::Measured { map_files::load_surfaces(path, load) } else { map_files::load(path, load) }
     }
 
     fn options(&self) -> MeshOptions {

@@ -1,8 +1,9 @@
 //! One surface of several submaps: with drift between them, with wrong poses, brought up to date tile by tile.
 
+use std::collections::BTreeMap;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
-use voxelastic::meshing::{FusedSurface, SurfaceTiles, TileKey};
+use voxelastic::meshing::{FusedSurface, LiveSurface, SurfaceTiles, TileKey};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -231,4 +232,99 @@ fn the_surface_in_a_box_is_that_of_the_whole_there() {
     }
     let nowhere = SurfaceTiles::within(&atlas, MeshOptions::default(), [100.0; 3], [110.0; 3]);
     assert!(nowhere.tiles().is_empty());
+}
+
+/// Makes the tiles that wait, at most `most`.
+fn make(surface: &mut LiveSurface, atlas: &Atlas, most: usize, tiles: &mut BTreeMap<TileKey, Mesh>) {
+    let some: Vec<TileKey> = surface.waiting().take(most).collect();
+    tiles.extend(surface.make(atlas, &some));
+}
+
+/// All tiles with a surface, made anew.
+fn all_tiles(atlas: &Atlas, options: &MeshOptions) -> BTreeMap<TileKey, Mesh> {
+    let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
+    surface.note(atlas);
+    make(&mut surface, atlas, usize::MAX, &mut tiles);
+    tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+    tiles
+}
+
+#[test]
+fn tiles_made_a_few_at_a_time_become_those_of_the_map() {
+    let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
+    let (mut mapper, mut surface, mut tiles) = (mapper(), LiveSurface::new(options.clone()), BTreeMap::new());
+    for (node, x) in [0.0, 0.5, 1.0, -3.0, -3.5].into_iter().enumerate() {
+        mapper.handle(scan(node as u64, x)).unwrap();
+        surface.note(mapper.atlas());
+        make(&mut surface, mapper.atlas(), 7, &mut tiles);
+        assert!(surface.waiting().next().is_some(), "more than seven tiles change");
+    }
+    while surface.waiting().next().is_some() {
+        make(&mut surface, mapper.atlas(), 5, &mut tiles);
+    }
+    surface.note(mapper.atlas());
+    assert!(surface.waiting().next().is_none(), "nothing has changed");
+    tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+    assert!(tiles.len() > 20 && tiles == all_tiles(mapper.atlas(), &options));
+    // A place in the hall is in the tile that has its surface.
+    let floor = surface.tile_at([1.0, 0.5, -HALL[2] as f32]).unwrap();
+    assert!(tiles[&floor].positions.iter().any(|p| (p[2] + HALL[2] as f32).abs() < VOXEL));
+    let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| all_tiles(mapper.atlas(), &options));
+    assert!(threads(1) == threads(3));
+}
+
+#[test]
+fn what_moves_waits_and_nothing_else_does() {
+    let [first, mut second] = [submap(0, &[0.0]), submap(1, &[0.0])];
+    let [near, farther] = [60.0, 90.0].map(|x| Pose::translation(x, 0.0, 0.0));
+    second.set_pose(near);
+    let mut atlas = Atlas::from_submaps(VOXEL, vec![first, second]);
+    let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
+    let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
+    surface.note(&atlas);
+    make(&mut surface, &atlas, usize::MAX, &mut tiles);
+    // Where nothing is bent, it is the surface of the map.
+    let mut whole = FusedSurface::new(options.clone());
+    whole.update(&atlas);
+    assert!(whole.tiles().all(|tile| whole.tile(tile) == tiles[&tile]));
+    for step in 0..3 {
+        match step {
+            0 => atlas.submap_mut(1).unwrap().set_pose(farther),
+            // A correction of its scans bends it.
+            1 => {
+                let moved = atlas.submaps()[1].scans().iter().map(|scan| scan.t_submap_lidar * Pose::translation(0.0, 0.3, 0.0)).collect();
+                *atlas.submap_mut(1).unwrap() = atlas.submaps()[1].clone().with_corrected(moved);
+            }
+            _ => atlas = Atlas::from_submaps(VOXEL, vec![atlas.submaps()[0].clone()]),
+        }
+        surface.note(&atlas);
+        let waiting: Vec<TileKey> = surface.waiting().collect();
+        assert!(!waiting.is_empty() && waiting.iter().all(|tile| surface.corner(*tile)[0] > 30.0), "tiles of the other submap in step {step}");
+        while surface.waiting().next().is_some() {
+            make(&mut surface, &atlas, 11, &mut tiles);
+        }
+        tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+        assert!(tiles == all_tiles(&atlas, &options), "step {step}");
+    }
+    assert!(tiles.keys().all(|tile| surface.corner(*tile)[0] < 30.0), "a submap that is gone takes its surface along");
+}
+
+#[test]
+fn coarse_tiles_fit_together() {
+    let atlas = two(Pose::translation(0.0, 0.05, 0.0));
+    // Edges at which one triangle ends and no other begins.
+    let open = |lod: usize| {
+        let tiles = all_tiles(&atlas, &MeshOptions { lod, ..MeshOptions::default() });
+        let mut edges: BTreeMap<[[u32; 3]; 2], i32> = BTreeMap::new();
+        let place = |mesh: &Mesh, v: u32| mesh.positions[v as usize].map(f32::to_bits);
+        for (mesh, t) in tiles.values().flat_map(|mesh| mesh.triangles.iter().map(move |t| (mesh, t))) {
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])].map(|(a, b)| (place(mesh, a), place(mesh, b))) {
+                *edges.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+            }
+        }
+        (edges.values().filter(|sum| **sum != 0).count(), tiles.values().map(|mesh| mesh.triangles.len()).sum::<usize>())
+    };
+    let [full, half, least] = [0, 1, 3].map(open);
+    assert!(full.0 >= half.0 && half.0 >= least.0, "{full:?} {half:?} {least:?}");
+    assert!(full.1 > 2 * half.1 && half.1 > least.1, "{full:?} {half:?} {least:?}");
 }

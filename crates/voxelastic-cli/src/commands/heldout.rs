@@ -5,7 +5,7 @@ use crate::failure::{self, Failure, one_line};
 use crate::map_files::LoadArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
 use crate::progress::Progress;
-use crate::{interrupt, map_files, output};
+use crate::{interrupt, output};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -66,7 +66,7 @@ pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
     args.hold_out.keep_held_out(&mut held);
-    let map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
     let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;

@@ -1,7 +1,7 @@
 //! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
 use crate::failure::Failure;
-use crate::map_files::{self, LoadArgs};
+use crate::map_files::LoadArgs;
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::painting::{ImageArgs, PaintSummary};
 use crate::{failure, output};
@@ -93,7 +93,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     }
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let load_s = clock.elapsed().as_secs_f64();
     let clock = Instant::now();
     let (mut meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {

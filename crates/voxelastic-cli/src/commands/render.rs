@@ -164,7 +164,7 @@ fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
 
 fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
     if args.input.is_dir() || map_files::is_map(&args.input) {
-        let map = map_files::load(&args.input, args.load)?;
+        let map = args.surface.load(&args.input, args.load)?;
         let place = |s: &voxelastic::atlas::Submap, t: &Pose| (s.t_map_submap() * t).translation.vector.into();
         let mut path: Vec<(u64, [f64; 3])> =
             map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();

@@ -48,7 +48,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     let pool = meshing::pool(0)?;
     let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
-    let map = pool.install(|| map_files::load(&args.thing, args.load))?;
+    let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, false, None);
     let figures = Figures {

@@ -17,6 +17,8 @@ use voxelastic::atlas::{Atlas, Submap, SubmapId};
 pub struct MapStore {
     dir: PathBuf,
     manifest: Manifest,
+    /// Whether occupancy is left out of submaps that have a TSDF.
+    is_for_surfaces: bool,
 }
 
 impl MapStore {
@@ -43,12 +45,19 @@ impl MapStore {
             Err(Error::Missing { .. }) => return Err(not_a_map("it has no manifest.json; if it was being mapped, nothing was saved yet")),
             other => other?,
         };
-        Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)? })
+        Ok(Self { dir: dir.to_owned(), manifest: manifest_text::read(&path, &text)?, is_for_surfaces: false })
+    }
+
+    /// The same map for those who need its surfaces only: submaps that have a TSDF are loaded without their occupancy, which takes most of the time and memory. Files are
+    /// checked as a whole all the same.
+    #[must_use]
+    pub fn for_surfaces(self) -> Self {
+        Self { is_for_surfaces: true, ..self }
     }
 
     /// A map without anything, not yet written.
     pub(super) fn empty(dir: &Path) -> Self {
-        Self { dir: dir.to_owned(), manifest: Manifest::default() }
+        Self { dir: dir.to_owned(), manifest: Manifest::default(), is_for_surfaces: false }
     }
 
     pub(super) fn set_manifest(&mut self, manifest: Manifest) {
@@ -99,7 +108,7 @@ impl MapStore {
     }
 
     fn load(&self, entry: &SubmapEntry) -> Result<Submap> {
-        let fields = submap_file::read(&self.dir.join(&entry.file), &entry.expected())?;
+        let fields = submap_file::read(&self.dir.join(&entry.file), &entry.expected(), self.is_for_surfaces)?;
         Ok(entry.submap(fields, self.voxel_size()?))
     }
 

@@ -79,7 +79,7 @@ pub fn move_map(from: impl AsRef<Path>, to: impl AsRef<Path>) -> Result<()> {
 /// Takes the submaps whose files are missing or damaged out of the map.
 fn drop_damaged(store: &MapStore) -> Result<RepairReport> {
     let dir = store.dir();
-    let check = |entry: &SubmapEntry| submap_file::read(&dir.join(&entry.file), &entry.expected()).err();
+    let check = |entry: &SubmapEntry| submap_file::read(&dir.join(&entry.file), &entry.expected(), false).err();
     let checked: Vec<Option<Error>> = store.manifest().submaps.par_iter().map(check).collect();
     let mut manifest = store.manifest().clone();
     let mut is_whole = checked.iter().map(Option::is_none);

@@ -221,12 +221,18 @@ pub(super) struct Expected {
     pub crc32: u32,
 }
 
-/// Reads the submap file at `path`.
-pub(super) fn read(path: &Path, expected: &Expected) -> Result<Fields> {
+/// Reads the submap file at `path`; for surfaces without the occupancy of a submap that has a TSDF.
+pub(super) fn read(path: &Path, expected: &Expected, is_for_surfaces: bool) -> Result<Fields> {
     let bytes = files::read(path, Some(expected.bytes))?;
     let mut fields = Fields::default();
-    for (kind, section) in verified(path, &bytes, expected)? {
-        kind.read(&section, &mut fields)?;
+    let sections = verified(path, &bytes, expected)?;
+    for (kind, section) in sections.iter().filter(|(kind, _)| *kind != Kind::Occupancy) {
+        kind.read(section, &mut fields)?;
+    }
+    if !is_for_surfaces || fields.tsdf.is_empty() {
+        for (kind, section) in sections.iter().filter(|(kind, _)| *kind == Kind::Occupancy) {
+            kind.read(section, &mut fields)?;
+        }
     }
     Ok(fields)
 }

@@ -4,6 +4,8 @@ use crate::world::{Walk, details, image, made_up_atlas, same_atlas};
 use proptest::prelude::*;
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
+use voxelastic::field::occupancy::OccupancyField;
+use voxelastic::field::tsdf::TsdfField;
 use voxelastic::surface::{MeshOptions, extract};
 use voxelastic_io::Error;
 use voxelastic_io::store::{MapStore, MapWriter};
@@ -30,6 +32,29 @@ proptest! {
         prop_assert!(same_atlas(&loaded, &atlas));
         prop_assert!(loaded.submaps().iter().zip(atlas.submaps()).all(|(a, b)| a.corrected() == b.corrected()));
         prop_assert!(store.check().is_empty());
+    }
+}
+
+#[test]
+fn for_surfaces_occupancy_is_left_out_and_checked_all_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let made_up = made_up_atlas(3, 2, 40);
+    let [both, surface] = made_up.submaps() else { panic!("two submaps") };
+    assert!(!both.tsdf().is_empty() && !both.occupancy().is_empty() && surface.occupancy().is_empty());
+    let space = both.clone().with_id(2).with_fields(TsdfField::default(), both.occupancy().clone());
+    let without = both.clone().with_fields(both.tsdf().clone(), OccupancyField::default());
+    let voxel = made_up.voxel_size();
+    let mut writer = MapWriter::create(dir.path()).unwrap();
+    writer.save(&Atlas::from_submaps(voxel, vec![both.clone(), surface.clone(), space.clone()]), &details("surfaces")).unwrap();
+    let store = MapStore::open(dir.path()).unwrap().for_surfaces();
+    assert!(same_atlas(&store.load_atlas().unwrap(), &Atlas::from_submaps(voxel, vec![without, surface.clone(), space])));
+    let file = dir.path().join(&store.manifest().submaps[0].file);
+    let whole = std::fs::read(&file).unwrap();
+    for at in (0..whole.len()).step_by(whole.len() / 50) {
+        let mut damaged = whole.clone();
+        damaged[at] ^= 4;
+        std::fs::remove_file(&file).and_then(|()| std::fs::write(&file, damaged)).unwrap();
+        assert!(matches!(store.load_submap(0), Err(Error::Damaged { .. } | Error::Newer { .. })), "byte {at}");
     }
 }
 

@@ -2,10 +2,12 @@
 
 mod atlas_mesh;
 mod fused_surface;
+mod live_surface;
 mod mesh_cache;
 mod surface_tiles;
 
 pub use atlas_mesh::OneSurface;
 pub use fused_surface::{FusedSurface, TileKey};
+pub use live_surface::LiveSurface;
 pub use mesh_cache::MeshCache;
 pub use surface_tiles::SurfaceTiles;

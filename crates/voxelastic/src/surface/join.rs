@@ -23,7 +23,7 @@ pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOption
 }
 
 /// What of a tile tells how it fits to others: a small part of it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct TileSeam {
     /// Vertices of other tiles that it uses, and their pieces.
     foreign: Vec<(VertexKey, u32)>,
@@ -56,7 +56,8 @@ pub(crate) struct Seams {
 
 impl Seams {
     /// Finds out how `tiles` fit together, which must be all tiles of a surface; with `keep_all` all pieces stay.
-    pub fn new(tiles: &[TileSeam], keep_all: bool) -> Self {
+    pub fn new<T: Borrow<TileSeam>>(tiles: &[T], keep_all: bool) -> Self {
+        let tiles: Vec<&TileSeam> = tiles.iter().map(T::borrow).collect();
         let mut border = HashMap::with_capacity(tiles.iter().map(|tile| tile.border.len()).sum());
         let (mut first, mut starts) = (0, Vec::with_capacity(tiles.len()));
         for (number, tile) in tiles.iter().enumerate() {

@@ -11,9 +11,10 @@ use super::extract::{MeshOptions, extract_blocks};
 use super::mesh::Mesh;
 use super::mesh_part::{BlockVertices, MeshPart};
 use super::resolved_blocks::ResolvedBlocks;
+use super::simplify::simplify;
 use super::vertices::mask_index;
 use crate::field::tsdf::TsdfField;
-use crate::octree::{BLOCK_EDGE, block_coords, block_key};
+use crate::octree::{BLOCK_EDGE, SCALES, block_coords, block_key};
 use hashbrown::{HashMap, HashSet};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -66,6 +67,18 @@ impl TileSurface {
         }
     }
 
+    /// The same at a level of detail, with finest voxels of `voxel` metres. Vertices at the border of the tile stay where they are, so that it fits to its neighbours at any level.
+    pub fn coarse_mesh_of(&self, stays: &[bool], voxel: f32, lod: usize) -> Mesh {
+        let mut mesh = self.mesh_of(stays);
+        if lod > 0 {
+            let shared = self.border.iter().map(|(_, v)| *v as usize).chain(self.own()..self.mesh.positions.len());
+            let places: HashSet<[u32; 3]> = shared.map(|v| self.mesh.positions[v].map(f32::to_bits)).collect();
+            let is_shared: Vec<bool> = mesh.positions.iter().map(|p| places.contains(&p.map(f32::to_bits))).collect();
+            simplify(&mut mesh, voxel * (1u32 << lod.min(SCALES - 1)) as f32, &is_shared);
+        }
+        mesh
+    }
+
     /// Number of own vertices.
     pub fn own(&self) -> usize {
         self.mesh.positions.len() - self.foreign.len()
@@ -109,6 +122,16 @@ impl TileIndex {
     /// The tile of block `key`.
     pub fn tile_of(&self, key: u64) -> u64 {
         key >> (3 * self.shift)
+    }
+
+    /// Whether a tile has blocks.
+    pub fn contains(&self, tile: u64) -> bool {
+        self.tiles.contains_key(&tile)
+    }
+
+    /// The surface in a tile depends on the blocks this far around it.
+    pub fn margin(&self) -> i32 {
+        self.margin
     }
 
     /// The lowest corner of a tile, finest voxels.

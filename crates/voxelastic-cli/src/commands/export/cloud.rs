@@ -3,7 +3,7 @@
 use super::args::ExportArgs;
 use crate::map_files::LoadedMap;
 use crate::meshing::{MapMesh, map_mesh, submap_meshes};
-use crate::{map_files, output};
+use crate::output;
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
@@ -57,7 +57,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let voxel = map.settings.voxel_size;
     let mut parts = Vec::new();
     let all = if format == Format::E57 {

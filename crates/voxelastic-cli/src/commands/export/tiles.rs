@@ -36,7 +36,7 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
     let folder = &args.output;
     // Before anything is computed: a folder that has something else is refused.
     let writer = TilesetWriter::create(folder, f64::from(voxel_of(args)?)).context("cannot write tiles there")?;
-    let mut map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let mut map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let voxel = map.settings.voxel_size;
     let mut writer = writer.with_origin(map.origin);
     if has_tiles(&map.atlas, &args.surface, args.layers) {

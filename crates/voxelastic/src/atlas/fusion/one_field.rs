@@ -57,13 +57,27 @@ struct Known {
 }
 
 /// A TSDF in the lattice of the map frame.
-struct Source<'a> {
-    id: (SubmapId, bool),
-    submap: &'a Submap,
-    field: &'a TsdfField,
-    pose: Pose,
-    revision: u64,
-    placement: Placement,
+pub(super) struct Source<'a> {
+    pub id: (SubmapId, bool),
+    pub submap: &'a Submap,
+    pub field: &'a TsdfField,
+    pub pose: Pose,
+    pub revision: u64,
+    pub placement: Placement,
+}
+
+/// A TSDF and the blocks of the map that it reaches.
+pub(super) struct Reached<'a> {
+    pub field: &'a TsdfField,
+    pub placement: Placement,
+    pub displacement: &'a Displacement,
+    pub blocks: Arc<[TargetBlock]>,
+}
+
+impl<'a> Reached<'a> {
+    fn sampling(&self) -> TsdfSampling<'a> {
+        TsdfSampling::displaced(self.field, &self.placement, self.displacement.clone(), Arc::clone(&self.blocks))
+    }
 }
 
 impl OneField {
@@ -120,25 +134,24 @@ impl OneField {
         self.known = now;
         keys.par_sort_unstable();
         keys.dedup();
-        self.sample(&sources, &keys);
+        let known = std::mem::take(&mut self.known);
+        let reached: Vec<Reached<'_>> = sources.iter().zip(&known).map(|(source, known)| source.reached_by(known)).collect();
+        self.sample(&reached, &keys, BLOCKS_PER_PART);
+        self.known = known;
         keys
     }
 
-    /// Samples and combines the blocks `keys`, ascending, and replaces what was there.
-    fn sample(&mut self, sources: &[Source<'_>], keys: &[u64]) {
-        let known = std::mem::take(&mut self.known);
-        let samplings: Vec<(&Source<'_>, &Known, TsdfSampling<'_>)> =
-            sources.iter().zip(&known).map(|(source, known)| (source, known, source.sampling(known))).collect();
+    /// Samples and combines the blocks `keys`, ascending, `per_part` at a time, and replaces what was there.
+    pub(super) fn sample(&mut self, sources: &[Reached<'_>], keys: &[u64], per_part: usize) {
+        let samplings: Vec<(&Reached<'_>, TsdfSampling<'_>)> = sources.iter().map(|source| (source, source.sampling())).collect();
         let mut made: Vec<Part> = Vec::new();
-        let parts: Vec<&[u64]> = keys.chunks(BLOCKS_PER_PART).collect();
+        let parts: Vec<&[u64]> = keys.chunks(per_part).collect();
         for parts in parts.chunks(PARTS_AT_ONCE) {
             let before = std::mem::take(&mut made);
             let make = || parts.par_iter().map(|keys| Part::new(&samplings, keys)).collect();
             made = rayon::join(make, || before.into_iter().for_each(|part| self.put(part))).0;
         }
         made.into_iter().for_each(|part| self.put(part));
-        drop(samplings);
-        self.known = known;
     }
 
     /// Replaces blocks.
@@ -188,7 +201,7 @@ fn align(sources: &[Source<'_>]) -> (Vec<Displacement>, Vec<PairAgreement>) {
 }
 
 /// All TSDFs that have blocks, in the order of [`Atlas::tsdfs`].
-fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
+pub(super) fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
     let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap, true));
     let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap(), false)).chain(merging);
     let is_finite = |pose: &Pose| pose.to_matrix().iter().all(|v| v.is_finite());
@@ -207,8 +220,13 @@ fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
 impl<'a> Source<'a> {
     /// Whether another submap was merged into it since, or it was changed by other means than scans.
     fn was_merged(&self, known: &Known) -> bool {
+        self.was_merged_since(known.revision, known.clock)
+    }
+
+    /// The same since it had a revision, and a time of its last scan.
+    pub(super) fn was_merged_since(&self, revision: u64, clock: u32) -> bool {
         // Each scan counts in both.
-        self.revision.wrapping_sub(known.revision) as u32 != self.field.change_log.clock.wrapping_sub(known.clock)
+        self.revision.wrapping_sub(revision) as u32 != self.field.change_log.clock.wrapping_sub(clock)
     }
 
     /// Adds the blocks of the map that changes of the source since `before` may have changed to `keys`; returns it as it is now.
@@ -244,8 +262,8 @@ impl<'a> Source<'a> {
         if within.is_none() { all } else { all.iter().filter(|block| is_within(block.key(), within)).copied().collect() }
     }
 
-    fn sampling(&self, known: &Known) -> TsdfSampling<'a> {
-        TsdfSampling::displaced(self.field, &self.placement, known.displacement.clone(), Arc::clone(&known.blocks))
+    fn reached_by<'b>(&'b self, known: &'b Known) -> Reached<'b> {
+        Reached { field: self.field, placement: self.placement, displacement: &known.displacement, blocks: Arc::clone(&known.blocks) }
     }
 }
 
@@ -278,12 +296,12 @@ struct Part {
 
 impl Part {
     /// Combines the blocks `keys`, ascending and not empty.
-    fn new(sources: &[(&Source<'_>, &Known, TsdfSampling<'_>)], keys: &[u64]) -> Self {
+    fn new(sources: &[(&Reached<'_>, TsdfSampling<'_>)], keys: &[u64]) -> Self {
         let (mut samples, mut colours) = (Vec::new(), Vec::new());
-        for (source, known, sampling) in sources {
+        for (source, sampling) in sources {
             let blocks = sampling.sample_of(keys);
             let keys_and_scales: Vec<(u64, u8)> = blocks.iter().map(|block| (block.key, block.scale)).collect();
-            colours.push(ColourPatch::sample(source.field, &source.placement, &known.displacement, &keys_and_scales));
+            colours.push(ColourPatch::sample(source.field, &source.placement, source.displacement, &keys_and_scales));
             samples.extend(blocks);
         }
         // Stable: samples of one block stay in the order of the submaps.

@@ -13,6 +13,7 @@
 
 mod corrections;
 mod displacement;
+mod found;
 mod pairs;
 mod solve;
 mod surface_points;
@@ -23,23 +24,33 @@ pub(super) use displacement::{CubeOffset, Displacement};
 use super::placement::Placement;
 use crate::field::tsdf::TsdfField;
 use displacement::{Cell, cell_of, middle_of};
+use found::{Found, Term};
 use hashbrown::{HashMap, HashSet};
 pub use pairs::PairAgreement;
-use pairs::{Pairs, REACH, Term};
+use pairs::{Pairs, REACH};
 use surface_points::surface_points;
 
 /// How far apart two places may be that are taken for the same surface, voxels: less in each round, once the displacements of the round before are known.
 const ROUNDS: [f32; 3] = [REACH, 3.0, 2.0];
 
-/// Displacements by all pairs but those of `refused` fields.
-fn bent(pairs: &Pairs, expected: &[HashMap<Cell, [f32; 3]>], from: &[Displacement], refused: &HashSet<[usize; 2]>) -> Vec<Displacement> {
-    let terms_of = |displacements: &[Displacement], reach: f32| {
-        let terms = pairs.find(displacements, reach).terms().into_iter();
-        terms.filter(|term| !refused.contains(&term.fields)).collect::<Vec<Term>>()
-    };
-    let mut terms = terms_of(from, ROUNDS[0]);
+/// Where corrections of the scans of a field alone say that it is: the displacement that is expected before it is compared with others.
+pub(super) fn expected(field: &TsdfField, placement: &Placement, corrections: &Corrections) -> Displacement {
+    if corrections.is_empty() {
+        return Displacement::default();
+    }
+    Displacement::new(cells_of(field, placement).into_iter().map(|cell| (cell, corrections.at(middle_of(cell)))))
+}
+
+/// Displacements by all pairs but those of `refused` fields; `first` are the pairs of the first round.
+fn bent(pairs: &Pairs, expected: &[HashMap<Cell, [f32; 3]>], first: &Found, refused: &HashSet<[usize; 2]>) -> Vec<Displacement> {
+    let terms_of = |found: &Found| found.terms().into_iter().filter(|term| !refused.contains(&term.fields)).collect::<Vec<Term>>();
+    let mut terms = terms_of(first);
     for reach in &ROUNDS[1..] {
-        terms = terms_of(&solve::displacements(expected, &terms), *reach);
+        // What asks for nothing with a large reach does not with a smaller one.
+        if terms.is_empty() {
+            break;
+        }
+        terms = terms_of(&pairs.find(&solve::displacements(expected, &terms), *reach));
     }
     solve::displacements(expected, &terms)
 }
@@ -72,14 +83,23 @@ impl Alignment {
         let is_shared = |cell: &Cell| owners.get(cell).is_some_and(|count| *count > 1);
         let points = fields.iter().enumerate().flat_map(|(i, (field, placement, _))| surface_points(field, placement, i as u32, is_shared)).collect();
         let pairs = Pairs::new(points, fields.len());
-        let before = pairs.find(&fields.iter().map(|_| Displacement::default()).collect::<Vec<_>>(), REACH);
-        let all = bent(&pairs, &expected, &as_expected, &HashSet::new());
+        let unmoved: Vec<Displacement> = fields.iter().map(|_| Displacement::default()).collect();
+        let before = pairs.find(&unmoved, REACH);
+        let corrected = (as_expected != unmoved).then(|| pairs.find(&as_expected, REACH));
+        let first = corrected.as_ref().unwrap_or(&before);
+        let all = bent(&pairs, &expected, first, &HashSet::new());
+        let after = pairs.find(&all, REACH);
         // Scans that were corrected have drifted; what is left of that is between their submaps.
         let is_trusted = |fields_of: &[usize; 2]| fields_of.iter().all(|field| fields[*field].2.is_empty());
-        let mut refused = pairs.find(&as_expected, REACH).not_explained(&pairs.find(&all, REACH));
+        let mut refused = first.not_explained(&after);
         refused.retain(is_trusted);
-        let displacements = if refused.is_empty() { all } else { bent(&pairs, &expected, &as_expected, &refused) };
-        let agreement = pairs.agreement(&before, &pairs.find(&displacements, REACH));
+        if refused.is_empty() {
+            return Self { displacements: all, agreement: pairs.agreement(&before, &after) };
+        }
+        drop(after);
+        let displacements = bent(&pairs, &expected, first, &refused);
+        let moved = (displacements != as_expected).then(|| pairs.find(&displacements, REACH));
+        let agreement = pairs.agreement(&before, moved.as_ref().unwrap_or(first));
         Self { displacements, agreement }
     }
 }

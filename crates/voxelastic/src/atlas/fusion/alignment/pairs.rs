@@ -1,11 +1,11 @@
 //! Pairs of places on the surfaces of two fields that are taken for the same surface.
 
 use super::displacement::{Cell, Displacement, around, cell_of};
+use super::found::{Found, Pair};
 use super::surface_points::SurfacePoint;
 use crate::atlas::SubmapId;
 use crate::octree::BLOCK_EDGE;
-use hashbrown::{HashMap, HashSet};
-use nalgebra::{Matrix3, Vector3};
+use hashbrown::HashMap;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -16,14 +16,8 @@ pub(super) const REACH: f32 = 5.0;
 const BESIDE: f32 = 8.0;
 /// Least cosine of the angle between their normals.
 const SAME_WAY: f32 = 0.85;
-/// Two fields are pulled together in a cell only if this share of the places of one of them, at least, has a partner: of two surfaces that are the same one,
-/// one may be seen in part, but hardly both.
-const MOST: f64 = 0.5;
-/// Bending two fields onto each other must leave at most this share of the mean distance of their pairs: 0.2 to 0.6 where submaps had drifted apart, 0.7 to 0.9 in a hall
-/// where they had not, whose surface became worse by it.
-const MOST_LEFT: f64 = 0.65;
-/// So many pairs in a cell weigh half as much as any number of them.
-const HALF_KNOWN: f64 = 4.0;
+/// Places whose partners are searched together.
+const PLACES_PER_PART: usize = 1024;
 
 /// How two submaps agree where both have a surface. Distances are in finest voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -48,39 +42,27 @@ pub(super) struct Pairs {
     common: BTreeMap<[u32; 2], u64>,
 }
 
-/// A place and its partner in another field.
+/// A place where its displacement puts it.
 #[derive(Clone, Copy)]
-struct Pair {
-    /// The cell of the place.
-    cell: Cell,
-    /// The field of the place, and that of the partner.
-    fields: [u32; 2],
-    /// Half way between both normals.
+struct Placed {
+    position: [f32; 3],
     normal: [f32; 3],
-    /// Distance of the place beyond its partner, along the normal, without displacements ...
-    apart: f32,
-    /// ... and with them.
-    moved_apart: f32,
-    /// The displacement of the place minus that of its partner, along the normal, beyond what the vectors of the cell make.
-    beyond_cell: f32,
+    field: u32,
+    /// Among all places.
+    number: u32,
 }
 
-/// Pairs that were found, and places without a partner.
-pub(super) struct Found {
+/// All places by where they are: those of a bucket follow each other in memory.
+struct Nearby {
+    places: Vec<Placed>,
+    buckets: HashMap<Cell, Range<u32>>,
+}
+
+/// What is found for some places.
+#[derive(Default)]
+struct Part {
     pairs: Vec<Pair>,
-    reach: f32,
-    /// Places by cell, their field and the other field: where the other field has places around, too.
     places: HashMap<(Cell, u32, u32), u32>,
-}
-
-/// What pairs of two fields in a cell ask for: the displacement of the first minus that of the second is `gap` in the directions of `normals`.
-#[derive(Clone, Debug)]
-pub(super) struct Term {
-    pub cell: Cell,
-    /// Ascending.
-    pub fields: [usize; 2],
-    pub normals: Matrix3<f64>,
-    pub gap: Vector3<f64>,
 }
 
 impl Pairs {
@@ -112,134 +94,111 @@ impl Pairs {
 
     /// Finds for each place the nearest one in each other field, at most `reach` voxels away along the normal once both are displaced.
     pub fn find(&self, displacements: &[Displacement], reach: f32) -> Found {
-        let moved: Vec<[f32; 3]> = self.points.par_iter().map(|point| moved(point, &displacements[point.field as usize])).collect();
-        let mut order: Vec<(Cell, u32)> = moved.par_iter().enumerate().map(|(i, p)| (bucket_of(*p), i as u32)).collect();
-        order.par_sort_unstable();
-        let mut buckets: HashMap<Cell, Range<usize>> = HashMap::new();
-        let mut start = 0;
-        for bucket in order.chunk_by(|a, b| a.0 == b.0) {
-            buckets.insert(bucket[0].0, start..start + bucket.len());
-            start += bucket.len();
-        }
-        let search = |i: usize| self.partners(i, &moved, &order, &buckets, reach);
-        let partners: Vec<Vec<(u32, Option<u32>)>> = (0..moved.len()).into_par_iter().with_min_len(256).map(search).collect();
-        let mut found = Found { pairs: Vec::new(), reach, places: HashMap::new() };
-        for (i, partners) in partners.into_iter().enumerate() {
-            let cell = cell_of(self.points[i].position);
-            for (field, partner) in partners {
-                *found.places.entry((cell, self.points[i].field, field)).or_default() += 1;
-                found.pairs.extend(partner.map(|j| self.pair(cell, [i, j as usize], &moved, displacements)));
+        let place = |(point, number): (&SurfacePoint, u32)| {
+            let SurfacePoint { normal, field, .. } = *point;
+            Placed { position: moved(point, &displacements[field as usize]), normal, field, number }
+        };
+        let placed: Vec<Placed> = self.points.par_iter().zip(0..self.points.len() as u32).map(place).collect();
+        let nearby = Nearby::new(&placed);
+        let part = |places: &[Placed]| {
+            let (mut part, mut nearest) = (Part::default(), Nearest::of(self.fields));
+            for place in places {
+                let cell = cell_of(self.points[place.number as usize].position);
+                nearest.find(place, &nearby, reach);
+                for (field, partner) in nearest.by_field() {
+                    *part.places.entry((cell, place.field, field)).or_default() += 1;
+                    part.pairs.extend(partner.map(|other| self.pair(cell, [place, &nearby.places[other as usize]], displacements)));
+                }
             }
+            part
+        };
+        let parts: Vec<Part> = placed.par_chunks(PLACES_PER_PART).map(part).collect();
+        let mut found = Found { pairs: Vec::with_capacity(parts.iter().map(|part| part.pairs.len()).sum()), reach, places: HashMap::new() };
+        for part in parts {
+            found.pairs.extend(part.pairs);
+            part.places.into_iter().for_each(|(key, count)| *found.places.entry(key).or_default() += count);
         }
         found
     }
 
-    /// The other fields with places around place `i`, and the nearest one of each that may be the same surface.
-    fn partners(
-        &self,
-        i: usize,
-        moved: &[[f32; 3]],
-        order: &[(Cell, u32)],
-        buckets: &HashMap<Cell, Range<usize>>,
-        reach: f32,
-    ) -> Vec<(u32, Option<u32>)> {
-        let (own, at) = (&self.points[i], moved[i]);
-        let mut nearest: Vec<Option<(f32, Option<u32>)>> = vec![None; self.fields];
-        for bucket in around(bucket_of(at)).filter_map(|bucket| buckets.get(&bucket)) {
-            for &(_, j) in &order[bucket.clone()] {
-                let other = &self.points[j as usize];
-                if other.field == own.field {
-                    continue;
-                }
-                let best = nearest[other.field as usize].get_or_insert((f32::MAX, None));
-                let normal = half_way(own.normal, other.normal);
-                let between: [f32; 3] = std::array::from_fn(|k| at[k] - moved[j as usize][k]);
-                let (distance2, along) = (dot(between, between), dot(between, normal));
-                let is_same = dot(own.normal, other.normal) >= SAME_WAY && along.abs() <= reach && distance2 - along * along <= BESIDE * BESIDE;
-                if is_same && distance2 < best.0 {
-                    *best = (distance2, Some(j));
-                }
-            }
-        }
-        nearest.into_iter().zip(0..).filter_map(|(best, field)| best.map(|(_, partner)| (field, partner))).collect()
-    }
-
-    fn pair(&self, cell: Cell, [i, j]: [usize; 2], moved: &[[f32; 3]], displacements: &[Displacement]) -> Pair {
-        let (one, other) = (&self.points[i], &self.points[j]);
+    fn pair(&self, cell: Cell, placed: [&Placed; 2], displacements: &[Displacement]) -> Pair {
+        let [one, other] = placed.map(|place| &self.points[place.number as usize]);
         let normal = half_way(one.normal, other.normal);
         let along = |a: [f32; 3], b: [f32; 3]| dot(std::array::from_fn(|k| a[k] - b[k]), normal);
-        let beyond = |n: usize| {
-            let (point, of_cell) = (&self.points[n], displacements[self.points[n].field as usize].of_cell(&cell));
-            along(moved[n], point.position) - dot(of_cell, normal)
+        let beyond = |point: &SurfacePoint, place: &Placed| {
+            along(place.position, point.position) - dot(displacements[point.field as usize].of_cell(&cell), normal)
         };
         Pair {
             cell,
             fields: [one.field, other.field],
             normal,
             apart: along(one.position, other.position),
-            moved_apart: along(moved[i], moved[j]),
-            beyond_cell: beyond(i) - beyond(j),
+            moved_apart: along(placed[0].position, placed[1].position),
+            beyond_cell: beyond(one, placed[0]) - beyond(other, placed[1]),
         }
     }
 }
 
-impl Found {
-    /// What the pairs ask for, by cell and fields, ascending; nothing where most places of both fields have no partner.
-    pub fn terms(&self) -> Vec<Term> {
-        #[derive(Default)]
-        struct Sums {
-            normals: Matrix3<f64>,
-            gap: Vector3<f64>,
-            weight: f64,
-            matched: [u32; 2],
+impl Nearby {
+    fn new(placed: &[Placed]) -> Self {
+        let mut order: Vec<(Cell, u32)> = placed.par_iter().map(|place| (bucket_of(place.position), place.number)).collect();
+        order.par_sort_unstable();
+        let mut buckets: HashMap<Cell, Range<u32>> = HashMap::with_capacity(order.len());
+        let mut start = 0;
+        for bucket in order.chunk_by(|a, b| a.0 == b.0) {
+            let end = start + bucket.len() as u32;
+            buckets.insert(bucket[0].0, start..end);
+            start = end;
         }
-        let mut sums: HashMap<(Cell, [u32; 2]), Sums> = HashMap::new();
-        for pair in &self.pairs {
-            let is_turned = pair.fields[0] > pair.fields[1];
-            let [a, b] = pair.fields;
-            let sum = sums.entry((pair.cell, [a.min(b), a.max(b)])).or_default();
-            sum.matched[usize::from(is_turned)] += 1;
-            let share = 1.0 - f64::from(pair.moved_apart / self.reach).powi(2);
-            let (weight, normal) = ((share * share).max(0.0), Vector3::from(pair.normal.map(f64::from)));
-            let gap = -f64::from(pair.apart + pair.beyond_cell) * if is_turned { -1.0 } else { 1.0 };
-            sum.normals += weight * normal * normal.transpose();
-            sum.gap += weight * gap * normal;
-            sum.weight += weight;
-        }
-        let places = |cell: Cell, from: u32, to: u32| f64::from(self.places.get(&(cell, from, to)).copied().unwrap_or(0)).max(1.0);
-        let is_same = |(cell, [a, b]): &(Cell, [u32; 2]), sum: &Sums| {
-            f64::from(sum.matched[0]) >= MOST * places(*cell, *a, *b) || f64::from(sum.matched[1]) >= MOST * places(*cell, *b, *a)
-        };
-        let mut terms: Vec<Term> = sums
-            .iter()
-            .filter(|(key, sum)| is_same(key, sum))
-            .map(|(&(cell, fields), sum)| {
-                let scale = 1.0 / (sum.weight + HALF_KNOWN);
-                Term { cell, fields: fields.map(|f| f as usize), normals: sum.normals * scale, gap: sum.gap * scale }
-            })
-            .collect();
-        terms.sort_unstable_by_key(|term| (term.cell, term.fields));
-        terms
+        Self { places: order.par_iter().map(|(_, number)| placed[*number as usize]).collect(), buckets }
+    }
+}
+
+/// The nearest partner of a place in each field, found for one place after the other.
+struct Nearest {
+    /// By field: square of the distance of the partner, and its index, if the field has any place around.
+    best: Vec<Option<(f32, Option<u32>)>>,
+    /// The fields that have.
+    around: Vec<u32>,
+}
+
+impl Nearest {
+    fn of(fields: usize) -> Self {
+        Self { best: vec![None; fields], around: Vec::new() }
     }
 
-    /// Pairs of fields, ascending, whose pairs here are hardly nearer to each other in `after`.
-    pub fn not_explained(&self, after: &Self) -> HashSet<[usize; 2]> {
-        let after = after.distances();
-        let mean = |(count, sum): (u64, f64)| sum / count.max(1) as f64;
-        let is_left = |fields: &[u32; 2], before| after.get(fields).is_some_and(|after| mean(*after) > MOST_LEFT * mean(before));
-        self.distances().into_iter().filter(|(fields, before)| is_left(fields, *before)).map(|(fields, _)| fields.map(|f| f as usize)).collect()
+    fn find(&mut self, own: &Placed, nearby: &Nearby, reach: f32) {
+        for field in self.around.drain(..) {
+            self.best[field as usize] = None;
+        }
+        for bucket in around(bucket_of(own.position)).filter_map(|bucket| nearby.buckets.get(&bucket)) {
+            for (other, number) in nearby.places[bucket.start as usize..bucket.end as usize].iter().zip(bucket.start..) {
+                if other.field == own.field {
+                    continue;
+                }
+                let best = &mut self.best[other.field as usize];
+                if best.is_none() {
+                    self.around.push(other.field);
+                }
+                let best = best.get_or_insert((f32::MAX, None));
+                let cosine = dot(own.normal, other.normal);
+                if cosine < SAME_WAY {
+                    continue;
+                }
+                let normal = half_way(own.normal, other.normal);
+                let between: [f32; 3] = std::array::from_fn(|k| own.position[k] - other.position[k]);
+                let (distance2, along) = (dot(between, between), dot(between, normal));
+                if distance2 < best.0 && along.abs() <= reach && distance2 - along * along <= BESIDE * BESIDE {
+                    *best = (distance2, Some(number));
+                }
+            }
+        }
+        self.around.sort_unstable();
     }
 
-    /// Number of pairs of two fields, and the sum of their distances.
-    fn distances(&self) -> BTreeMap<[u32; 2], (u64, f64)> {
-        let mut sums: BTreeMap<[u32; 2], (u64, f64)> = BTreeMap::new();
-        for pair in &self.pairs {
-            let [a, b] = pair.fields;
-            let (count, sum) = sums.entry([a.min(b), a.max(b)]).or_default();
-            *count += 1;
-            *sum += f64::from(pair.moved_apart.abs());
-        }
-        sums
+    /// The other fields with places around, ascending, and the index of the partner in each.
+    fn by_field(&self) -> impl Iterator<Item = (u32, Option<u32>)> + '_ {
+        self.around.iter().map(|field| (*field, self.best[*field as usize].and_then(|(_, partner)| partner)))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The smoothest displacements that bring pairs of places together.
 
 use super::displacement::{Cell, Displacement};
-use super::pairs::Term;
+use super::found::Term;
 use hashbrown::HashMap;
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,7 +1,8 @@
 //! Alignment against dense least squares, and sampling of displaced fields against planes.
 
-use super::pairs::Term;
+use super::found::{Pair, Term};
 use super::solve::{REST, SMOOTHNESS, displacements};
+use super::surface_points::SurfacePoint;
 use super::*;
 use crate::atlas::fusion::reference;
 use crate::atlas::fusion::tsdf_sampling::{TsdfSampling, displaced_target_blocks};
@@ -50,8 +51,63 @@ fn dense(expected: &[HashMap<Cell, [f32; 3]>], terms: &[Term]) -> Vec<((usize, C
     places.into_iter().enumerate().map(|(i, place)| (place, found.fixed_rows::<3>(3 * i).into_owned())).collect()
 }
 
+/// A place, displaced, and the block that it is in then.
+fn placed(point: &SurfacePoint, displacements: &[Displacement]) -> (Vector3<f32>, Vector3<i32>) {
+    let at = Vector3::from(point.position) + Vector3::from(displacements[point.field as usize].at(point.position));
+    (at, at.map(|c| (c / BLOCK_EDGE as f32).floor() as i32))
+}
+
+/// Each place with each other field that has places in the blocks around, and the nearest of these that may be the same surface: all are looked at.
+fn all_partners(points: &[SurfacePoint], displacements: &[Displacement], reach: f32) -> Vec<(usize, u32, Option<usize>)> {
+    let mut all = Vec::new();
+    for (i, one) in points.iter().enumerate() {
+        let (at, block) = placed(one, displacements);
+        for field in (0..displacements.len() as u32).filter(|field| *field != one.field) {
+            let others = points.iter().enumerate().filter(|(_, other)| other.field == field);
+            let around: Vec<(usize, &SurfacePoint)> = others.filter(|(_, other)| (placed(other, displacements).1 - block).amax() <= 1).collect();
+            let between = |other: &SurfacePoint| at - placed(other, displacements).0;
+            let is_same = |other: &SurfacePoint| {
+                let (a, b, between) = (Vector3::from(one.normal), Vector3::from(other.normal), between(other));
+                let along = between.dot(&(a + b).normalize());
+                a.dot(&b) >= 0.85 && along.abs() <= reach && between.norm_squared() - along * along <= 64.0
+            };
+            let nearest = around.iter().filter(|(_, other)| is_same(other));
+            let nearest = nearest.min_by(|(_, a), (_, b)| between(a).norm_squared().total_cmp(&between(b).norm_squared()));
+            if !around.is_empty() {
+                all.push((i, field, nearest.map(|(j, _)| *j)));
+            }
+        }
+    }
+    all
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn partners_are_those_that_are_found_by_looking_at_all_places(
+        places in prop::collection::vec((prop::array::uniform3(-40f32..40.0), prop::array::uniform3(-1f32..1.0), 0u32..4), 2..400),
+        vectors in prop::collection::vec(prop::array::uniform3(-3f32..3.0), 4), flat in any::<bool>(), reach in 1f32..5.0,
+    ) {
+        let points: Vec<SurfacePoint> = places.into_iter().map(|(position, normal, field)| {
+            // Walls: else hardly any two normals are alike.
+            let normal = if flat { Vector3::new(0.0, 0.1 * normal[1], 1.0) } else { Vector3::from(normal) + Vector3::new(0.0, 0.0, 1e-3) };
+            SurfacePoint { position: if flat { [position[0], position[1], 0.1 * position[2]] } else { position }, normal: normal.normalize().into(), field }
+        }).collect();
+        let displacements: Vec<Displacement> = vectors.iter().map(|vector| Displacement::new([([0; 3], *vector)].into_iter())).collect();
+        let found = Pairs::new(points.clone(), 4).find(&displacements, reach);
+        let expected = all_partners(&points, &displacements, reach);
+        prop_assert!(found.places.values().map(|count| *count as usize).sum::<usize>() == expected.len());
+        let pairs: Vec<(usize, usize)> = expected.iter().filter_map(|(i, _, partner)| Some((*i, (*partner)?))).collect();
+        prop_assert_eq!(found.pairs.len(), pairs.len());
+        for (Pair { cell, fields, apart, moved_apart, .. }, (i, j)) in found.pairs.iter().zip(pairs) {
+            prop_assert_eq!((*cell, *fields), (cell_of(points[i].position), [points[i].field, points[j].field]));
+            let normal = (Vector3::from(points[i].normal) + Vector3::from(points[j].normal)).normalize();
+            let still = (Vector3::from(points[i].position) - Vector3::from(points[j].position)).dot(&normal);
+            let moved = (placed(&points[i], &displacements).0 - placed(&points[j], &displacements).0).dot(&normal);
+            prop_assert!((apart - still).abs() < 1e-3 && (moved_apart - moved).abs() < 1e-3);
+        }
+    }
+
     #[test]
     fn displacements_equal_those_of_dense_least_squares(
         cells in prop::collection::vec(prop::collection::hash_map(prop::array::uniform3(0i32..4), prop::array::uniform3(-3f32..3.0), 1..16), 2..4),
