@@ -88,6 +88,11 @@ impl Session {
         (self.mapper, self.recorder, self.origin) = (mapper, Recorder::default(), None);
     }
 
+    /// Goes on in another map, with the log of the run that made it, if there is one, and around its origin.
+    pub fn go_on(&mut self, mapper: Mapper, log: Option<RunLog>, origin: Origin) {
+        (self.mapper, self.recorder, self.origin) = (mapper, log.map_or_else(Recorder::default, Recorder::resumed), Some(origin));
+    }
+
     /// Sets work for threads that would be idle during a scan, if the pool has more than one.
     pub fn set_idle_task(&mut self, task: impl FnOnce() -> IdleTask) {
         if self.pool.current_num_threads() > 1 {

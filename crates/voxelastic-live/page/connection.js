@@ -18,10 +18,29 @@ class Message {
 }
 
 const RETRY = [300, 5000]; // first and longest pause before the socket is opened again, ms
+const USUAL_PICTURE = 50; // two frames and a little, ms
+const REST = [2, 1000]; // where pictures take longer, messages get so many times as long before the next one, and at most so many ms
 
 function connect(view, offerColours) {
   const seen = { session: null, tiles: 0n, messages: 0, bytes: 0, connections: 0 };
-  let pause = RETRY[0], drawing = 0;
+  let pause = RETRY[0], drawing = false, again = false;
+  /** A picture of what has come. A machine that draws slowly takes messages meanwhile, so that the last picture comes sooner. */
+  const redraw = () => {
+    if (drawing) {
+      again = true;
+      clearTimeout(view.settling);
+      return;
+    }
+    [drawing, again] = [true, false];
+    requestAnimationFrame((begin) => {
+      view.draw();
+      byId("stage").dataset.ready = "yes";
+      requestAnimationFrame(() => requestAnimationFrame((end) => setTimeout(() => {
+        drawing = false;
+        if (again) redraw();
+      }, Math.min(REST[0] * Math.max(end - begin - USUAL_PICTURE, 0), REST[1]))));
+    });
+  };
   const state = (name, text) => {
     byId("state").dataset.state = name;
     byId("state").textContent = text;
@@ -71,11 +90,7 @@ function connect(view, offerColours) {
       readers[kind]?.(m, number);
       seen.messages++;
       seen.bytes += data.byteLength;
-      if (!drawing) drawing = requestAnimationFrame(() => {
-        drawing = 0;
-        view.draw();
-        byId("stage").dataset.ready = "yes";
-      });
+      redraw();
     };
     socket.onclose = () => {
       state("lost", "connection lost: trying again");

@@ -1,23 +1,18 @@
 //! An Ouster sensor as a transport: its UDP packets, without a driver.
 
 use crate::transport::{Incoming, Transport};
+use crate::udp::{Listener, next_scan};
 use std::io::{self, Read, Write};
-use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
-use std::thread::JoinHandle;
+use std::sync::atomic::AtomicUsize;
+use std::sync::mpsc::sync_channel;
 use std::time::Duration;
-use voxelastic_io::bag::live::{LiveScans, Polled};
+use voxelastic_io::bag::live::LiveScans;
 use voxelastic_io::ouster::SensorMetadata;
-use voxelastic_slam::slam::RawScan;
 
 /// Datagrams that may wait to be looked at: more than a second of the largest sensor.
 const WAITING: usize = 16_384;
-/// The largest datagram.
-const LARGEST: usize = 1 << 16;
-/// How often a thread that waits for datagrams looks whether to end.
-const LOOK: Duration = Duration::from_millis(50);
 /// A sensor answers within this time, and with no more than this many bytes.
 const PATIENCE: Duration = Duration::from_secs(10);
 const LARGEST_ANSWER: u64 = 16 << 20;
@@ -58,14 +53,14 @@ impl OusterInput {
     pub fn listen(metadata: SensorMetadata, addresses: &[SocketAddr], from: Option<IpAddr>, use_imu: bool) -> io::Result<Self> {
         let (sender, packets) = sync_channel(WAITING);
         let lost = Arc::<AtomicUsize>::default();
-        let listen = |address: &SocketAddr| Listener::start(*address, from, sender.clone(), Arc::clone(&lost));
+        let listen = |address: &SocketAddr| Listener::start(*address, from, sender.clone(), |payload, _| payload, Arc::clone(&lost));
         let sockets = addresses.iter().map(listen).collect::<io::Result<Vec<_>>>()?;
         Ok(Self { scans: LiveScans::of_ouster(metadata, packets, "the sensor", use_imu), sockets, lost })
     }
 
     /// Where it listens.
     pub fn addresses(&self) -> Vec<SocketAddr> {
-        self.sockets.iter().map(|listener| listener.address).collect()
+        self.sockets.iter().map(Listener::address).collect()
     }
 
     /// Counts of datagrams that came and were not looked at.
@@ -76,57 +71,11 @@ impl OusterInput {
 
 impl Transport for OusterInput {
     fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
-        while !is_stopped() {
-            match self.scans.poll() {
-                Polled::Item(Ok(scan)) => {
-                    return Some(Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
-                }
-                Polled::Item(Err(error)) => return Some(Incoming::Unusable(error.to_string())),
-                Polled::Nothing => {}
-                Polled::End => break,
-            }
+        let next = next_scan(&mut self.scans, is_stopped);
+        if next.is_none() {
+            self.sockets.clear();
         }
-        self.sockets.clear();
-        None
-    }
-}
-
-/// A socket and the thread that waits for its datagrams; both end when it is dropped.
-struct Listener {
-    address: SocketAddr,
-    is_over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Listener {
-    fn start(address: SocketAddr, from: Option<IpAddr>, sender: SyncSender<Vec<u8>>, lost: Arc<AtomicUsize>) -> io::Result<Self> {
-        let socket = UdpSocket::bind(address)?;
-        socket.set_read_timeout(Some(LOOK))?;
-        let (address, is_over) = (socket.local_addr()?, Arc::<AtomicBool>::default());
-        let over = Arc::clone(&is_over);
-        let task = move || {
-            let mut buffer = vec![0; LARGEST];
-            while !over.load(Ordering::Relaxed) {
-                let Ok((length, source)) = socket.recv_from(&mut buffer) else { continue };
-                if from.is_some_and(|from| source.ip() != from) {
-                    continue;
-                }
-                if let Err(TrySendError::Full(_)) = sender.try_send(buffer[..length].to_vec()) {
-                    lost.fetch_add(1, Ordering::Relaxed);
-                }
-            }
-        };
-        let thread = std::thread::Builder::new().name("ouster".to_owned()).spawn(task)?;
-        Ok(Self { address, is_over, thread: Some(thread) })
-    }
-}
-
-impl Drop for Listener {
-    fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        next
     }
 }
 

@@ -5,7 +5,7 @@
 //! | `/` | the page |
 //! | `/socket` | a WebSocket with the messages of [`wire`]; nothing that is sent to it has an effect |
 //! | `/health` | the figures of the node, as JSON |
-//! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset` | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
+//! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset`, `/load` with the path of a map | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
 //!
 //! It serves what is in a [`Scene`]. Without a token it changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
 //! the browser.
@@ -15,8 +15,9 @@ use crate::ros::services::{Desk, Request, Response as Answered};
 use crate::scene::{Have, Scene, Thing};
 use crate::wire;
 use axum::Router;
+use axum::body::Bytes;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{Query, State};
+use axum::extract::{DefaultBodyLimit, Query, State};
 use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
@@ -124,8 +125,9 @@ impl Drop for Viewer {
 async fn serve(listener: TcpListener, site: Site) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
-    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset"];
-    let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(control))).with_state(site);
+    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load"];
+    let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(control)));
+    let routes = routes.layer(DefaultBodyLimit::max(LARGEST_REQUEST)).with_state(site);
     // It ends with the runtime only.
     let _ = axum::serve(listener, routes).await;
 }
@@ -146,12 +148,13 @@ async fn health(State(site): State<Site>, headers: HeaderMap) -> Response {
 }
 
 /// Asks the node for what the path says.
-async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri) -> Response {
+async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: Bytes) -> Response {
     let request = match uri.path() {
         "/save" => Request::Save,
         "/mesh" => Request::Mesh,
         "/pause" => Request::Pause(true),
         "/resume" => Request::Pause(false),
+        "/load" => Request::Load(String::from_utf8_lossy(&body).trim().into()),
         _ => Request::Reset,
     };
     if !site.allows(&headers) {
@@ -164,8 +167,8 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri) -> Resp
         return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
     }
     match tokio::task::spawn_blocking(move || control.desk.ask(request)).await {
-        Ok(Some(Answered::Done(Ok(words)))) => (StatusCode::OK, words + "\n").into_response(),
-        Ok(Some(Answered::Done(Err(words)))) => (StatusCode::CONFLICT, words + "\n").into_response(),
+        Ok(Some(Answered::Done(Ok(words)) | Answered::Loaded(Ok(words)))) => (StatusCode::OK, words + "\n").into_response(),
+        Ok(Some(Answered::Done(Err(words)) | Answered::Loaded(Err((_, words))))) => (StatusCode::CONFLICT, words + "\n").into_response(),
         _ => (StatusCode::SERVICE_UNAVAILABLE, "the node does not answer\n").into_response(),
     }
 }

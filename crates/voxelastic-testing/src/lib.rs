@@ -4,7 +4,8 @@
 //! | --- | --- |
 //! | `VOXELASTIC_DATA` | folder of the recorded data; default `../shared/data` beside the repository |
 //! | `VOXELASTIC_PYTHON` | Python interpreter with the packages that results are compared with; default `python3` |
-//! | `VOXELASTIC_REQUIRE` | comma-separated list of `data`, `python`, `browser`: a test that would skip for want of it fails |
+//! | `VOXELASTIC_NODE_MODULES` | folder `node_modules` with the packages of `.ci/npm`, for Node.js |
+//! | `VOXELASTIC_REQUIRE` | comma-separated list of `data`, `python`, `browser`, `node`: a test that would skip for want of it fails |
 //! | `VOXELASTIC_SKIPS` | file that each skip appends a line to: what is missing, and the test. `.ci/run` prints their number |
 //!
 //! ```no_run
@@ -41,6 +42,18 @@ pub fn data(relative: &str) -> Option<PathBuf> {
 pub fn data_folder() -> PathBuf {
     let default = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     std::env::var_os("VOXELASTIC_DATA").map_or_else(default, PathBuf::from)
+}
+
+/// The folder with packages for Node.js; none, after noting the skip, without it.
+///
+/// # Panics
+/// When it is absent, and Node.js is required.
+pub fn node_modules() -> Option<PathBuf> {
+    let folder = std::env::var_os("VOXELASTIC_NODE_MODULES").map(PathBuf::from).filter(|folder| folder.is_dir());
+    if folder.is_none() {
+        skip(Need::Node, "there are no packages for Node.js (VOXELASTIC_NODE_MODULES)");
+    }
+    folder
 }
 
 /// A Python interpreter that can import the modules, given as in an `import` statement; none, after noting the skip, without one.

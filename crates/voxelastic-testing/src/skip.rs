@@ -12,6 +12,8 @@ pub enum Need {
     Python,
     /// Chromium or Chrome.
     Browser,
+    /// Node.js and the packages of `.ci/npm` (`VOXELASTIC_NODE_MODULES`).
+    Node,
     /// A property of the system or the user that a test cannot bring about.
     System,
 }
@@ -23,6 +25,7 @@ impl Need {
             Need::Data => "data",
             Need::Python => "python",
             Need::Browser => "browser",
+            Need::Node => "node",
             Need::System => "system",
         }
     }

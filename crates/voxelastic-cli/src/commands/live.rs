@@ -2,6 +2,7 @@
 
 mod beginning;
 mod figures;
+mod loading;
 mod network;
 mod node;
 mod offers;
@@ -11,6 +12,7 @@ pub mod rate;
 mod relocalisation;
 mod service;
 mod source;
+mod spinning_address;
 #[cfg(test)]
 mod tests;
 
@@ -35,6 +37,7 @@ use rate::Rate;
 use serde::Serialize;
 use service::Service;
 use source::Source;
+use spinning_address::SpinningAddress;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -54,7 +57,7 @@ use voxelastic_slam::Corrector;
 /// Map scans as they come, as on a robot
 ///
 /// The input is a recording, or a folder of scans, that is played at its own speed or another: each scan comes when its time stamp says, and waits for nothing.
-/// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster they are the packets of a sensor.
+/// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster or --velodyne they are the packets of a sensor.
 /// When scans come faster than they can be mapped, four wait, and the newest win: for each that comes, the oldest that waits is left out and
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
@@ -71,14 +74,18 @@ use voxelastic_slam::Corrector;
   voxelastic live --ros2 --view                         the topics of a robot, until Ctrl-C; writes live.vox
   voxelastic live --ros2=zenoh --cloud-topic /os/points --slam -o site.vox
   voxelastic live --from drive.mcap --ros2              play a recording, and publish its map
-  voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver")]
+  voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver
+  voxelastic live --velodyne 192.168.1.201 --view       straight from a Velodyne, or a Hesai")]
 pub struct LiveArgs {
     /// Folder with scans, or a recording, to be played: as for `voxelastic map`
-    #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster"])]
+    #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster", "velodyne"])]
     from: Option<PathBuf>,
     /// An Ouster sensor: its name or address, which is asked what it is, or the port to which packets come (with --metadata). Poses are estimated
     #[arg(long, value_name = "HOST|PORT", value_parser = OusterAddress::parse, conflicts_with = "from")]
     ouster: Option<OusterAddress>,
+    /// A Velodyne or a Hesai, which its packets tell: its name or address, or the port to which packets come (2368 unless it is given). Poses are estimated
+    #[arg(long, visible_alias = "hesai", value_name = "HOST[:PORT]|PORT", value_parser = SpinningAddress::parse, conflicts_with_all = ["from", "ouster"])]
+    velodyne: Option<SpinningAddress>,
     /// Speed at which it is played: 1 is its own, `max` as fast as it can be mapped, with no scan left out
     #[arg(long, value_name = "RATE", default_value = "1", value_parser = Rate::parse)]
     rate: Rate,
@@ -86,7 +93,8 @@ pub struct LiveArgs {
     /// 127.0.0.1:7717; port 0 is one that is free
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS)]
     view: Option<SocketAddr>,
-    /// Let those control the node over HTTP who know the token in this file: POST /save, /mesh, /pause, /resume, /reset at the viewer's address
+    /// Let those control the node over HTTP who know the token in this file: POST /save, /mesh, /pause, /resume, /reset, and /load with the path of a saved map, at
+    /// the viewer's address
     #[arg(long, value_name = "FILE", requires = "view")]
     token: Option<PathBuf>,
     #[command(flatten)]
@@ -226,7 +234,12 @@ impl LiveArgs {
 
     /// What decides about the bits of the map; for the topics of a robot, what must not change.
     fn identity(&self, settings: &Settings, source: &Source) -> Identity {
-        let path = self.from.as_deref().unwrap_or(Path::new(if self.ouster.is_some() { "ouster" } else { "topics" }));
+        let passing = match (&self.ouster, &self.velodyne) {
+            (Some(_), _) => "ouster",
+            (_, Some(_)) => "velodyne",
+            _ => "topics",
+        };
+        let path = self.from.as_deref().unwrap_or(Path::new(passing));
         let data = source.recorded().map_or_else(|| path.display().to_string(), |input| format!("{:016x}", input.fingerprint()));
         Identity::new(settings)
             .with("command", "live")
@@ -239,10 +252,13 @@ impl LiveArgs {
 
     /// Where scans come from; none if an interrupt came before they did.
     fn source(&self, network: Option<&mut Network>, recording: Option<&InputRecording>, threads: usize) -> anyhow::Result<Option<Source>> {
+        if let Some(sensor) = &self.velodyne {
+            return Source::spinning(sensor, &self.reading, threads).map(Some);
+        }
         match (&self.from, &self.ouster, network) {
             (Some(data), ..) => Source::recording(&DataArgs::at(data, &self.reading), self.rate, self.slam, self.elastic, threads).map(Some),
             (None, Some(sensor), _) => Source::ouster(sensor, &self.reading, threads).map(Some),
-            (None, None, Some(network)) => Source::topics(network, &self.reading, self.slam, recording, threads),
+            (None, None, Some(network)) => Source::topics(network, &self.reading, &self.network, self.slam, recording, threads),
             (None, None, None) => anyhow::bail!("neither a recording nor a network"),
         }
     }
@@ -295,11 +311,17 @@ fn play(
         None => None,
     };
     let offers = Offers::announce(&args.network, network.as_mut(), &desk)?;
-    let on_network = offers.map(|offers| OnNetwork { node: args.network.node.clone(), offers, frames });
+    let on_network = offers.map(|mut offers| {
+        if let Some(frames) = frames.clone().filter(|_| args.network.use_sim_time) {
+            offers.outputs.set_clock(move || frames.clock());
+        }
+        OnNetwork { node: args.network.node.clone(), offers, frames }
+    });
     let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
     let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw, None))) };
-    let requests = Requests { pending, service: Service { target: target.as_mut(), settings: &settings }, keeper: &mut keeper, renew: &renew };
+    let service = Service { target: target.as_mut(), settings: &settings, esdf: None };
+    let requests = Requests { pending, service, keeper: &mut keeper, sensor: sensor.clone(), renew: &renew };
     let mut node = Node::new(corrector, odometry, watch, on_network).at(place, jumps, skipped);
     if resumed > 0 {
         node.show_before(&session);
@@ -330,12 +352,12 @@ fn play(
     if let Some(target) = &mut target {
         save(target, &session, &run, args.json)?;
     }
-    // Nothing but an interrupt ends a robot's topics.
+    // Nothing but an interrupt ends a robot's topics, so nobody looks at their map afterwards.
     let ended = run.tally.interrupted && args.from.is_some();
     if let Some(target) = target.as_mut().filter(|_| !ended) {
         target.discard_checkpoints();
     }
-    if let Some(mut watch) = watch.filter(|_| !run.tally.interrupted) {
+    if let Some(mut watch) = watch.filter(|_| is_recorded && !run.tally.interrupted) {
         watch.publisher.note(session.mapper(), None);
         let figures = figures::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
         watch.stay(session.mapper().atlas(), session.pool(), figures);

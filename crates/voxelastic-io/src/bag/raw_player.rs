@@ -35,16 +35,18 @@ pub(super) struct RawPlayer {
     samples: Vec<ImuSample>,
     /// Clouds that wait for the samples of their sweeps, with the time at which each came.
     waiting: VecDeque<(f64, RecordedScan)>,
+    /// Whether the clock went back, so that the samples so far are of no use to what comes.
+    jumped: bool,
 }
 
 impl RawPlayer {
     pub(super) fn new(stream: Box<dyn MessageStream>, mount: Option<ImuMount>, log: Arc<PlaybackLog>) -> Self {
-        Self { stream: Some(stream), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new() }
+        Self { stream: Some(stream), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
     }
 
     /// One that has nothing to play.
     pub(super) fn ended(log: Arc<PlaybackLog>) -> Self {
-        Self { stream: None, mount: None, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new() }
+        Self { stream: None, mount: None, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
     }
 
     /// The next cloud, or a part that cannot be read.
@@ -60,6 +62,10 @@ impl RawPlayer {
 
     /// One step: a cloud that is ready, else a message is read.
     pub(super) fn poll(&mut self) -> Polled<Result<RecordedScan>> {
+        if self.jumped && self.waiting.is_empty() {
+            self.samples.clear();
+            self.jumped = false;
+        }
         if self.is_ready() {
             return self.release().map_or(Polled::Nothing, |scan| Polled::Item(Ok(scan)));
         }
@@ -85,6 +91,12 @@ impl RawPlayer {
                 if let Some(mount) = &mut self.mount {
                     self.samples.push(mount.at_lidar(sample));
                 }
+                Polled::Nothing
+            }
+            Some(Ok(SensorMessage::ClockJump)) => {
+                // What waits is of before, and gets no samples of after.
+                self.waiting.iter_mut().for_each(|(came, _)| *came = f64::NEG_INFINITY);
+                self.jumped = true;
                 Polled::Nothing
             }
             Some(Ok(_)) => Polled::Nothing,

@@ -76,6 +76,53 @@ impl Kind {
     }
 }
 
+impl Kind {
+    /// What reads its packets, and a remark; what to do instead if nothing does. A Hesai has the `angles` of a file, if there is one.
+    fn make(self, angles: Option<PathBuf>) -> std::result::Result<(Make, Option<String>), String> {
+        match self {
+            Self::Velodyne(product) => {
+                let model = if let Product::Known(number) = product { velodyne::Model::of(number) } else { None };
+                let names = || velodyne::Model::names().join(", ");
+                let remedy = || format!("those of {} are; have the sensor's driver make clouds of it, and record those", names());
+                Ok((Make::Velodyne(model.ok_or_else(remedy)?), None))
+            }
+            Self::Hesai(id) => {
+                let note = match &angles {
+                    Some(file) => format!("the angles of its beams are those of {}", file.display()),
+                    None => {
+                        "the angles of its beams are those of its kind, not of the piece: give the sensor's angle correction (.csv) with --metadata"
+                            .into()
+                    }
+                };
+                Ok((Make::Hesai(id.model(), angles), Some(note)))
+            }
+        }
+    }
+}
+
+/// A sensor that a packet has shown.
+pub(super) struct Shown {
+    /// What reads its packets.
+    pub(super) packets: Box<dyn SpinningPackets>,
+    /// The name that drivers give its frame.
+    pub(super) frame: &'static str,
+    /// What it is, in words.
+    pub(super) words: String,
+}
+
+/// The sensor that sent a packet; none if it is of none that is known. A Hesai has the `angles` of a file, if there is one.
+///
+/// # Errors
+/// [`Error::Dataset`] for sensors whose packets are not read; [`Error::Content`] if the file with the angles is damaged; [`Error::Io`].
+pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, origin: &Path) -> Result<Option<Shown>> {
+    let Some(kind) = Kind::of(packet) else { return Ok(None) };
+    let made = kind.make(angles.map(Path::to_owned));
+    let (make, note) = made.map_err(|remedy| Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy))?;
+    let sensor = SpinningSensor { make, source: 0, port: 0 };
+    let words = note.map_or_else(|| kind.name(), |note| format!("{}; {note}", kind.name()));
+    Ok(Some(Shown { packets: sensor.packets()?, frame: sensor.frame(), words }))
+}
+
 /// The sensors that are read from their packets.
 pub(super) fn known() -> Vec<String> {
     let velodyne = velodyne::Model::names().into_iter().map(|name| format!("Velodyne {name}"));
@@ -98,28 +145,12 @@ pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised
     // The one with the most packets; of several, the first.
     let Some((&(kind, source, port), _)) = found.iter().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(a.0))) else { return Ok(Recognised::Nothing) };
     let mut notes = vec![format!("sensor: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(source))];
-    let make = match kind {
-        Kind::Velodyne(product) => {
-            let model = if let Product::Known(number) = product { velodyne::Model::of(number) } else { None };
-            let Some(model) = model else {
-                let remedy =
-                    format!("those of {} are; have the sensor's driver make clouds of it, and record those", velodyne::Model::names().join(", "));
-                return Ok(Recognised::Unreadable(kind.name(), remedy));
-            };
-            Make::Velodyne(model)
+    let make = match kind.make(angles.map(Path::to_owned).or_else(|| find_angles(path))) {
+        Ok((make, note)) => {
+            notes.extend(note);
+            make
         }
-        Kind::Hesai(id) => {
-            let file = match angles {
-                Some(file) => Some(file.to_owned()),
-                None => find_angles(path),
-            };
-            notes.push(match &file {
-                Some(file) => format!("the angles of its beams are those of {}", file.display()),
-                None => "the angles of its beams are those of its kind, not of the piece: give the sensor's angle correction (.csv) with --metadata"
-                    .into(),
-            });
-            Make::Hesai(id.model(), file)
-        }
+        Err(remedy) => return Ok(Recognised::Unreadable(kind.name(), remedy)),
     };
     let sensor = SpinningSensor { make, source, port };
     // So that a damaged file is reported now.

@@ -161,6 +161,13 @@ impl Player {
                 self.clouds += 1;
             }
             Some(Ok(SensorMessage::Corrected(track))) => self.correct(&track),
+            Some(Ok(SensorMessage::ClockJump)) => {
+                // What waits is of before: poses that come now must not be taken for its own.
+                while !self.waiting.is_empty() {
+                    self.process_first();
+                }
+                self.poses.add(SensorMessage::ClockJump);
+            }
             Some(Ok(message)) => self.poses.add(message),
         }
         self.log.set_now(self.stream.now());
@@ -171,12 +178,13 @@ impl Player {
         self.sensors.entry(sensor).or_insert_with(|| SensorTrail { keyframes, selected: Vec::new(), clouds: 0, previous: None, step: None })
     }
 
-    /// Whether the first waiting scan need not wait any longer: its poses are complete, or waiting has reached a limit.
+    /// Whether the first waiting scan need not wait any longer: its poses are complete and where the lidar is is known, or waiting has reached a limit.
     fn is_first_due(&self) -> bool {
         let Some(first) = self.waiting.front() else { return false };
         let needed = if self.deskew && first.cloud.has_times { first.cloud.time + self.sweep_s } else { first.cloud.time };
         self.ended
             || self.poses.known_until(&first.cloud.frame).is_some_and(|known| known >= needed)
+                && self.poses.is_mounted(&first.cloud.frame, first.cloud.sensor)
             || self.stream.now() - first.since > LONGEST_WAIT_S
             || self.waiting_bytes > MOST_WAITING_BYTES
     }

@@ -93,6 +93,13 @@ impl PoseLookup {
         Some(pose * self.mounting(frame, sensor)?)
     }
 
+    /// Whether it is known where the lidar is on what the poses are of. The transform that says so may come after the first scan: over a network, nothing comes in order.
+    pub(super) fn is_mounted(&self, frame: &str, sensor: u16) -> bool {
+        let PoseSource::Topic { child, .. } = &self.source else { return true };
+        let is_known = sensor > 0 || self.t_child_lidar.contains_key(&sensor) || self.mounts.given(sensor).is_some();
+        is_known || child.is_empty() || child == frame || self.tree.fixed(child, frame).is_some()
+    }
+
     /// Pose of a lidar in the frame of the poses; `None` if it is a further one and nothing says where it is.
     fn mounting(&mut self, frame: &str, sensor: u16) -> Option<Pose> {
         if let Some(known) = self.t_child_lidar.get(&sensor) {

@@ -48,6 +48,13 @@ impl Writer {
         self.u32(value as u32)
     }
 
+    /// A number.
+    pub fn i64(&mut self, value: i64) -> &mut Self {
+        self.align(8);
+        self.0.extend(value.to_le_bytes());
+        self
+    }
+
     /// Numbers, without their count.
     pub fn f32s(&mut self, values: &[f32]) -> &mut Self {
         self.align(4);
@@ -109,14 +116,24 @@ impl<'a> Reader<'a> {
         Some(bytes)
     }
 
+    /// A byte.
+    pub fn u8(&mut self) -> Option<u8> {
+        self.take::<1>().map(|[byte]| byte)
+    }
+
     /// A truth value.
     pub fn bool(&mut self) -> Option<bool> {
-        self.take::<1>().map(|[byte]| byte != 0)
+        self.u8().map(|byte| byte != 0)
     }
 
     /// A number.
     pub fn u32(&mut self) -> Option<u32> {
         self.take().map(u32::from_le_bytes)
+    }
+
+    /// A number.
+    pub fn i64(&mut self) -> Option<i64> {
+        self.take().map(i64::from_le_bytes)
     }
 
     /// A number.
@@ -144,10 +161,11 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read() {
-        let message = Writer::new().u8(7).text("frame").f64s(&[0.5]).bool(true).u32(9).f32s(&[1.5]).finish();
+        let message = Writer::new().u8(7).text("frame").f64s(&[0.5]).bool(true).u32(9).f32s(&[1.5]).i64(-2).finish();
         let mut reader = Reader::new(&message).unwrap();
         assert_eq!((reader.bool(), reader.text().as_deref(), reader.f64()), (Some(true), Some("frame"), Some(0.5)));
-        assert_eq!((reader.bool(), reader.u32(), reader.f32(), reader.u32()), (Some(true), Some(9), Some(1.5), None));
+        assert_eq!((reader.u8(), reader.u32(), reader.f32(), reader.i64()), (Some(1), Some(9), Some(1.5), Some(-2)));
+        assert_eq!(reader.u32(), None);
         assert!(Reader::new(&[0, 0, 0, 0]).is_none() && Reader::new(&[]).is_none());
         let mut garbage = Reader::new(&[0, 1, 0, 0, 255, 255, 255, 255]).unwrap();
         assert_eq!(garbage.text(), None);

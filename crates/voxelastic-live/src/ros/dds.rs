@@ -2,6 +2,7 @@
 
 use super::interfaces;
 use super::middleware::{Answer, Deliver, Delivery, Handle, Middleware, MiddlewareError, NodeOptions, Parameter, Sink, TopicProfile};
+use super::parameters::{self, FIXED};
 use super::raw_message::RawMessage;
 use futures::StreamExt;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
@@ -23,8 +24,10 @@ const REQUESTS: usize = 10;
 pub struct Dds {
     context: Context,
     node: Arc<Mutex<Node>>,
-    /// Keeps the thread alive that answers for parameters and follows who is there.
-    _spinner: Handle,
+    /// How a request says whose it is: that is not standardised.
+    mapping: ServiceMapping,
+    /// Keeps the thread alive that answers for parameters and follows who is there, or services for parameters.
+    held: Vec<Handle>,
 }
 
 impl Dds {
@@ -41,7 +44,8 @@ impl Dds {
         let participant = participant.build().map_err(|e| failed(&e))?;
         let context = Context::from_domain_participant(participant).map_err(|e| failed(&e))?;
         let is_started = Arc::new(AtomicBool::new(false));
-        let declared = node_options(options, Arc::clone(&is_started));
+        // The library's own services for parameters are for clients like those of Fast DDS.
+        let declared = node_options(options, Arc::clone(&is_started)).start_parameter_services(!options.for_cyclone);
         let name = NodeName::new("/", &options.name).map_err(|e| failed(&e))?;
         let mut node = context.new_node(name, declared).map_err(|e| failed(&format!("{e:?}")))?;
         is_started.store(true, Ordering::Relaxed);
@@ -51,7 +55,13 @@ impl Dds {
                 tracing::warn!("DDS: parameters are not served: {problem}");
             }
         })?;
-        Ok(Self { context, node: Arc::new(Mutex::new(node)), _spinner: spinner })
+        let mapping = if options.for_cyclone { ServiceMapping::Cyclone } else { ServiceMapping::Enhanced };
+        let mut dds = Self { context, node: Arc::new(Mutex::new(node)), mapping, held: vec![spinner] };
+        if options.for_cyclone {
+            let parameters = parameters::offer(&mut dds, options)?;
+            dds.held.extend(parameters);
+        }
+        Ok(dds)
     }
 
     fn node(&self) -> MutexGuard<'_, Node> {
@@ -125,8 +135,7 @@ impl Middleware for Dds {
         let service = split(name).ok_or_else(|| failed(&"no name of a service"))?;
         let (package, kind) = interfaces::parts(kind).ok_or_else(|| failed(&"no type of a service"))?;
         let qos = QosProfile::publisher_default().history(History::KeepLast { depth: REQUESTS });
-        // The mapping that Fast DDS and RTI use; Cyclone DDS has its own.
-        let (mapping, kind) = (ServiceMapping::Enhanced, ServiceTypeName::new(package, kind));
+        let (mapping, kind) = (self.mapping, ServiceTypeName::new(package, kind));
         let server: Server<RawMessage, RawMessage> = self.node().create_server(mapping, &service, &kind, qos.clone(), qos).map_err(|e| failed(&e))?;
         let name = name.to_owned();
         run("dds-service", async move {
@@ -185,12 +194,9 @@ fn profile(topic: &TopicProfile) -> QosProfile {
     QosProfile { reliability, durability, history: History::KeepLast { depth: topic.depth }, ..QosProfile::subscription_default() }
 }
 
-/// The parameters of the node: they can be read, and none but the choice of the clock be changed once it has started.
+/// The parameters of the node: they can be read, and none be changed once it has started.
 fn node_options(options: &NodeOptions, is_started: Arc<AtomicBool>) -> ros2_client::NodeOptions {
-    let allowed = move |name: &str, _: &ParameterValue| {
-        let is_fixed = is_started.load(Ordering::Relaxed) && name != "use_sim_time";
-        if is_fixed { Err("settings cannot change while a map is made: start the node with another value".to_owned()) } else { Ok(()) }
-    };
+    let allowed = move |_: &str, _: &ParameterValue| if is_started.load(Ordering::Relaxed) { Err(FIXED.to_owned()) } else { Ok(()) };
     let usual = ros2_client::NodeOptions::new().enable_rosout(false).parameter_validator(Box::new(allowed));
     options.parameters.iter().fold(usual, |all, (name, value)| all.declare_parameter(name, parameter(value)))
 }

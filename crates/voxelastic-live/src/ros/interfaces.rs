@@ -1,7 +1,7 @@
 //! Types of messages and services: what DDS and Zenoh call them.
 
-/// The hash of a type's definition in ROS 2 Jazzy (REP 2016), which is part of Zenoh's keys: subscribers ask for it. The tests compute those of messages again
-/// with another implementation.
+/// The hash of a type's definition in ROS 2 Jazzy (REP 2016), which is part of Zenoh's keys: subscribers ask for it. The tests compute them again with another
+/// implementation.
 const HASHES: &[(&str, &str)] = &[
     ("sensor_msgs/msg/PointCloud2", "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"),
     ("sensor_msgs/msg/Imu", "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"),
@@ -17,6 +17,15 @@ const HASHES: &[(&str, &str)] = &[
     ("std_srvs/srv/Trigger", "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"),
     ("std_srvs/srv/SetBool", "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"),
     ("nav_msgs/srv/GetPlan", "234f7aff100f5edb8150366601687b027bcdc253db47decb88fff846193fe5e8"),
+    ("nav_msgs/srv/LoadMap", "1a192ac56c40fed2767dac26f0b371785372276bd465c902676d2dca135aae5a"),
+    ("voxelastic_msgs/srv/GetDistances", "ef40534d30cf0c442ea35e62a106215ff9e5b2932b29fe4a3e742b7c313a0224"),
+    ("rcl_interfaces/srv/ListParameters", "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d"),
+    ("rcl_interfaces/srv/GetParameters", "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc"),
+    ("rcl_interfaces/srv/GetParameterTypes", "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca"),
+    ("rcl_interfaces/srv/DescribeParameters", "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff"),
+    ("rcl_interfaces/srv/SetParameters", "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0"),
+    ("rcl_interfaces/srv/SetParametersAtomically", "0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd"),
+    ("rosgraph_msgs/msg/Clock", "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564"),
 ];
 
 /// The type's hash as Zenoh's keys have it; that of an unknown type is all zeros, which only programs that do not look at it match.
@@ -56,19 +65,11 @@ mod tests {
 
     #[test]
     fn hashes_are_those_that_ros_makes() {
-        let script = "
-import sys
-from rosbags.typesys import Stores, get_typestore, get_types_from_msg
-store = get_typestore(Stores.ROS2_JAZZY)
-octomap = 'std_msgs/Header header\\nbool binary\\nstring id\\nfloat64 resolution\\nint8[] data\\n'
-store.register(get_types_from_msg(octomap, 'octomap_msgs/msg/Octomap'))
-for name in sys.argv[1:]:
-    print(store.hash_rihs01(name))
-";
-        let messages: Vec<&std::path::Path> =
-            HASHES.iter().map(|(name, _)| std::path::Path::new(*name)).filter(|name| name.iter().nth(1) == Some("msg".as_ref())).collect();
-        let Some(theirs) = voxelastic_testing::run_python("rosbags", script, &messages) else { return };
-        let ours: Vec<String> = messages.iter().map(|name| hash(name.to_str().unwrap())).collect();
+        let script = include_str!("../../tests/ros2/type_hashes.py");
+        let distances = include_str!("../../ros/voxelastic_msgs/srv/GetDistances.srv");
+        let names: Vec<&std::path::Path> = [distances].into_iter().chain(HASHES.iter().map(|(name, _)| *name)).map(std::path::Path::new).collect();
+        let Some(theirs) = voxelastic_testing::run_python("rosbags", script, &names) else { return };
+        let ours: Vec<String> = HASHES.iter().map(|(name, _)| hash(name)).collect();
         assert_eq!(theirs.lines().collect::<Vec<_>>(), ours);
         assert!(hash("x/msg/Y").ends_with("_0000000000000000000000000000000000000000000000000000000000000000"));
     }

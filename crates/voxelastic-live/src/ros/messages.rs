@@ -120,16 +120,20 @@ pub struct Grid<'a> {
 
 /// `nav_msgs/OccupancyGrid`.
 pub fn occupancy_grid(header: Header<'_>, grid: &Grid<'_>) -> Vec<u8> {
-    let mut message = Writer::with_capacity(grid.cells.len() + 160);
-    header.write(&mut message);
-    write_time(&mut message, header.stamp).f32s(&[grid.resolution as f32]).u32(grid.width as u32);
+    write_occupancy_grid(&mut Writer::with_capacity(grid.cells.len() + 160), header, grid).finish()
+}
+
+/// A floor plan as a part of a message.
+pub(super) fn write_occupancy_grid<'w>(message: &'w mut Writer, header: Header<'_>, grid: &Grid<'_>) -> &'w mut Writer {
+    header.write(message);
+    write_time(message, header.stamp).f32s(&[grid.resolution as f32]).u32(grid.width as u32);
     message.u32((grid.cells.len() / grid.width.max(1)) as u32);
     let [x, y, z] = grid.origin;
-    write_pose(&mut message, &Pose::translation(x, y, z)).u32(grid.cells.len() as u32);
+    write_pose(message, &Pose::translation(x, y, z)).u32(grid.cells.len() as u32);
     for cell in grid.cells {
         message.u8(*cell as u8);
     }
-    message.finish()
+    message
 }
 
 /// `nav_msgs/Path`: poses with their times, seconds, in the frame of the header.

@@ -114,6 +114,8 @@ pub struct NodeOptions {
     pub domain: u16,
     /// Whether only programs on this machine are talked to.
     pub local_only: bool,
+    /// Whether services are for clients on Cyclone DDS, else for those on Fast DDS: the two mark requests in different ways. Of no importance over Zenoh.
+    pub for_cyclone: bool,
     /// Parameters of the node, to be read by others.
     pub parameters: Vec<(String, Parameter)>,
 }

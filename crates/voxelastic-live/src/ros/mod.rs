@@ -24,6 +24,8 @@ pub mod messages;
 pub mod middleware;
 pub mod output;
 #[cfg(feature = "ros2")]
+mod parameters;
+#[cfg(feature = "ros2")]
 mod raw_message;
 pub mod services;
 #[cfg(feature = "ros2")]

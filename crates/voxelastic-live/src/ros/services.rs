@@ -1,9 +1,11 @@
 //! Requests to the node: what others may ask of it, and what it answers.
 
 use super::cdr::{Reader, Writer};
-use super::messages::{Header, write_path};
+use super::messages::{Grid, Header, write_occupancy_grid, write_path};
 use super::middleware::{Answer, Handle, Middleware, MiddlewareError};
+use super::output::MAP_FRAME;
 use nalgebra::{Quaternion, UnitQuaternion};
+use std::path::PathBuf;
 use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::time::Duration;
 use voxelastic::Pose;
@@ -32,6 +34,32 @@ pub enum Request {
         /// Metres.
         tolerance: f32,
     },
+    /// Open a saved map, and go on mapping in it.
+    Load(PathBuf),
+    /// Distances to the nearest surfaces at points, metres, map frame.
+    Distances(Vec<[f64; 3]>),
+}
+
+/// The distance at a point to the nearest surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// Metres.
+    pub distance: f32,
+    /// Where it grows: away from the surface, in the map frame, about of unit length; zero where that is not known.
+    pub gradient: [f32; 3],
+}
+
+/// Why a map was not loaded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NotLoaded {
+    /// There is none.
+    NotThere,
+    /// It is damaged.
+    Damaged,
+    /// Mapping cannot go on in it: its settings are others.
+    Differs,
+    /// Something else.
+    Other,
 }
 
 /// What a node answers.
@@ -41,6 +69,10 @@ pub enum Response {
     Done(Result<String, String>),
     /// Positions in the map frame; none if there is no way.
     Path(Vec<Pose>),
+    /// Whether the map was loaded, and more about it.
+    Loaded(Result<String, (NotLoaded, String)>),
+    /// Distances, none where nothing is known; or why there are none.
+    Distances(Result<Vec<Option<Distance>>, String>),
 }
 
 /// A request that waits for its answer.
@@ -77,7 +109,11 @@ impl Desk {
     }
 }
 
-/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/pause` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`).
+/// Points that can be asked for at a time: mapping waits meanwhile.
+const MOST_POINTS: usize = 100_000;
+
+/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/pause` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/load`
+/// (`nav_msgs/LoadMap`), `~/distances` (`voxelastic_msgs/GetDistances`, defined in the folder `ros` of this crate).
 ///
 /// # Errors
 /// When the network refuses.
@@ -96,12 +132,24 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result
         let poses: Vec<(f64, Pose)> = poses.into_iter().map(|pose| (0.0, pose)).collect();
         Some(write_path(&mut Writer::new(), Header { stamp: 0.0, frame: &frame }, &poses).finish())
     });
+    let loading = desk.clone();
+    let load: Answer = Box::new(move |message| Some(loaded(loading.ask(Request::Load(load_request(message)?))?)));
+    let measuring = desk.clone();
+    let distances: Answer = Box::new(move |message| {
+        let answer = match distances_request(message)? {
+            Ok(points) => measuring.ask(Request::Distances(points))?,
+            Err(problem) => Response::Distances(Err(problem)),
+        };
+        Some(measured(answer))
+    });
     let services = [
         ("save", trigger(Request::Save)),
         ("reset", trigger(Request::Reset)),
         ("mesh", trigger(Request::Mesh)),
         ("pause", ("std_srvs/srv/SetBool", pause)),
         ("plan", ("nav_msgs/srv/GetPlan", plan)),
+        ("load", ("nav_msgs/srv/LoadMap", load)),
+        ("distances", ("voxelastic_msgs/srv/GetDistances", distances)),
     ];
     services.into_iter().map(|(name, (kind, answer))| middleware.serve(&format!("/{node}/{name}"), kind, answer)).collect()
 }
@@ -110,8 +158,9 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result
 fn done(response: Response) -> Vec<u8> {
     let (is_done, words) = match response {
         Response::Done(Ok(words)) => (true, words),
-        Response::Done(Err(words)) => (false, words),
-        Response::Path(_) => (true, String::new()),
+        Response::Done(Err(words)) | Response::Loaded(Err((_, words))) | Response::Distances(Err(words)) => (false, words),
+        Response::Loaded(Ok(words)) => (true, words),
+        Response::Path(_) | Response::Distances(Ok(_)) => (true, String::new()),
     };
     Writer::new().bool(is_done).text(&words).finish()
 }
@@ -137,8 +186,62 @@ fn plan_request(message: &[u8]) -> Option<(Request, String)> {
     Some((Request::Plan { start, goal, tolerance }, frame))
 }
 
+/// The map that a request of `nav_msgs/LoadMap` names: a path, or a URL of a file.
+fn load_request(message: &[u8]) -> Option<PathBuf> {
+    let url = Reader::new(message)?.text()?;
+    Some(PathBuf::from(url.strip_prefix("file://").unwrap_or(&url)))
+}
+
+/// The answer of `nav_msgs/LoadMap`. Its grid is empty: floor plans are published as a topic.
+fn loaded(response: Response) -> Vec<u8> {
+    let result = match response {
+        Response::Loaded(Ok(_)) => 0,
+        Response::Loaded(Err((NotLoaded::NotThere, _))) => 1,
+        Response::Loaded(Err((NotLoaded::Damaged, _))) => 2,
+        Response::Loaded(Err((NotLoaded::Differs, _))) => 3,
+        _ => 255,
+    };
+    let mut message = Writer::new();
+    let grid = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
+    write_occupancy_grid(&mut message, Header { stamp: 0.0, frame: MAP_FRAME }, &grid).u8(result).finish()
+}
+
+/// The points of `voxelastic_msgs/GetDistances`; in words if there are too many.
+fn distances_request(message: &[u8]) -> Option<Result<Vec<[f64; 3]>, String>> {
+    let mut reader = Reader::new(message)?;
+    let count = reader.u32()? as usize;
+    if count > MOST_POINTS {
+        return Some(Err(format!("{count} points: at most {MOST_POINTS} can be asked for at a time")));
+    }
+    let point = |reader: &mut Reader<'_>| Some([reader.f64()?, reader.f64()?, reader.f64()?]);
+    (0..count).map(|_| point(&mut reader)).collect::<Option<Vec<_>>>().map(Ok)
+}
+
+/// The answer of `voxelastic_msgs/GetDistances`.
+fn measured(response: Response) -> Vec<u8> {
+    let (samples, words) = match response {
+        Response::Distances(Ok(samples)) => (samples, None),
+        Response::Distances(Err(words)) | Response::Done(Err(words)) => (Vec::new(), Some(words)),
+        _ => (Vec::new(), Some("the node does not answer".to_owned())),
+    };
+    let mut message = Writer::with_capacity(samples.len() * 33 + 64);
+    message.bool(words.is_none()).text(&words.unwrap_or_default()).u32(samples.len() as u32);
+    for sample in &samples {
+        message.bool(sample.is_some());
+    }
+    message.u32(samples.len() as u32);
+    for sample in &samples {
+        message.f64s(&[sample.map_or(f64::NAN, |sample| sample.distance.into())]);
+    }
+    message.u32(samples.len() as u32);
+    for sample in &samples {
+        message.f64s(&sample.map_or([0.0; 3], |sample| sample.gradient.map(f64::from)));
+    }
+    message.finish()
+}
+
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::ros::middleware::{Deliver, Sink, TopicProfile};
     use std::collections::HashMap;
@@ -146,7 +249,7 @@ mod tests {
 
     /// Keeps the services that are offered to it.
     #[derive(Default)]
-    struct Switchboard(HashMap<String, (String, Answer)>);
+    pub(in crate::ros) struct Switchboard(pub HashMap<String, (String, Answer)>);
 
     impl Middleware for Switchboard {
         fn name(&self) -> &'static str {
@@ -176,9 +279,12 @@ mod tests {
             let mut seen = Vec::new();
             while let Ok(pending) = requests.recv() {
                 seen.push(pending.request.clone());
-                let response = match pending.request {
+                let response = match &pending.request {
                     Request::Save => Response::Done(Ok("map.vox".into())),
-                    Request::Plan { start, goal, .. } => Response::Path(vec![start, goal]),
+                    Request::Plan { start, goal, .. } => Response::Path(vec![*start, *goal]),
+                    Request::Load(path) if path.ends_with("a.vox") => Response::Loaded(Ok("3 scans".into())),
+                    Request::Load(_) => Response::Loaded(Err((NotLoaded::Differs, "other voxels".into()))),
+                    Request::Distances(_) => Response::Distances(Ok(vec![Some(Distance { distance: 0.5, gradient: [0.0, 0.0, 1.0] }), None])),
                     _ => Response::Done(Err("no".into())),
                 };
                 pending.answer(response);
@@ -201,8 +307,24 @@ mod tests {
             assert_eq!(ask("plan", garbage), None);
         }
         assert_eq!(ask("pause", &[]), None);
+        let answers = ["/maps/a.vox", "file:///maps/b.vox"].map(|url| ask("load", &Writer::new().text(url).finish()).unwrap());
+        // The result is the last byte.
+        assert_eq!(answers.map(|answer| *answer.last().unwrap()), [0, 3]);
+        let [p, q] = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+        let answer = ask("distances", &Writer::new().u32(2).f64s(&p).f64s(&q).finish()).unwrap();
+        let mut reader = Reader::new(&answer).unwrap();
+        assert_eq!((reader.bool(), reader.text().as_deref()), (Some(true), Some("")));
+        assert_eq!((reader.u32(), reader.bool(), reader.bool()), (Some(2), Some(true), Some(false)));
+        assert_eq!((reader.u32(), reader.f64(), reader.f64().map(f64::is_nan)), (Some(2), Some(0.5), Some(true)));
+        let gradients = (reader.u32(), [(); 6].map(|()| reader.f64().unwrap()), reader.f64());
+        assert_eq!(gradients, (Some(2), [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], None));
+        // More than the message has, and more than is answered at a time.
+        assert_eq!(ask("distances", &Writer::new().u32(3).f64s(&p).finish()), None);
+        let many = ask("distances", &Writer::new().u32(u32::MAX).finish()).unwrap();
+        assert_eq!(Reader::new(&many).unwrap().bool(), Some(false));
         drop(board);
         let seen = node.join().unwrap();
-        assert_eq!((seen.len(), &seen[0], &seen[1]), (3, &Request::Save, &Request::Pause(true)));
+        assert_eq!((seen.len(), &seen[0], &seen[1]), (6, &Request::Save, &Request::Pause(true)));
+        assert_eq!(seen[3..], [Request::Load("/maps/a.vox".into()), Request::Load("/maps/b.vox".into()), Request::Distances(vec![p, q])]);
     }
 }

@@ -2,6 +2,7 @@
 
 use super::interfaces;
 use super::middleware::{Answer, Deliver, Delivery, Handle, Middleware, MiddlewareError, NodeOptions, Sink, TopicProfile};
+use super::parameters;
 use std::collections::HashMap;
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -29,7 +30,8 @@ pub struct Zenoh {
     domain: u16,
     next_entity: AtomicU64,
     graph: Arc<Mutex<Graph>>,
-    _held: [Handle; 2],
+    /// What follows who is there, what says that this node is, and its parameters.
+    held: Vec<Handle>,
 }
 
 impl Zenoh {
@@ -58,8 +60,11 @@ impl Zenoh {
         let subscriber = subscriber.wait().map_err(|e| failed(&e))?;
         let key = format!("@ros2_lv/{}/{}/0/0/NN/%/%/{}", options.domain, session.zid(), options.name);
         let token = session.liveliness().declare_token(key).wait().map_err(|e| failed(&e))?;
-        let held = [Handle::new(subscriber), Handle::new(token)];
-        Ok(Self { session, node: options.name.clone(), domain: options.domain, next_entity: AtomicU64::new(1), graph, _held: held })
+        let held = vec![Handle::new(subscriber), Handle::new(token)];
+        let mut node = Self { session, node: options.name.clone(), domain: options.domain, next_entity: AtomicU64::new(1), graph, held };
+        let parameters = parameters::offer(&mut node, options)?;
+        node.held.extend(parameters);
+        Ok(node)
     }
 
     /// Addresses at which others can connect to this session.

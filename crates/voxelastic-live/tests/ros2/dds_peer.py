@@ -1,7 +1,8 @@
-"""A node of ROS 2 by Cyclone DDS: `dds_peer.py give|take DOMAIN FOLDER`.
+"""A node of ROS 2 by Cyclone DDS: `dds_peer.py give|take|ask DOMAIN FOLDER`.
 
 give  publishes the scans FOLDER/scan-*.f32 (x y z) as /points, with /odom and /tf_static, until the file FOLDER/done is there
 take  subscribes to what the node /voxelastic publishes, and writes what it gets to FOLDER/taken.json, once it has some of each topic
+ask   calls the services of the node /voxelastic, as rmw_cyclonedds does, and writes the answers to FOLDER/answers.json
 """
 import json
 import sys
@@ -87,5 +88,42 @@ def take(participant, folder):
     (folder / "taken.tmp").rename(folder / "taken.json")
 
 
+def ask(participant, folder):
+    client, number = 0x1234567890ABCDEF, 0
+    asked = {
+        "save": ("Trigger", [0]),
+        "pause": ("SetBool", [True]),
+        "load": ("LoadMap", ["file:///maps/a.vox"]),
+        "distances": ("GetDistances", [[t.Vector(1.0, 2.0, 3.0), t.Vector(500.0, 0.0, 0.0)]]),
+        "get_parameters": ("GetParameters", [["voxel_size", "field", "nothing"]]),
+    }
+    answers = {}
+    for name, (kind, arguments) in asked.items():
+        request, response = getattr(t, kind + "Request"), getattr(t, kind + "Response")
+        writer = DataWriter(participant, Topic(participant, f"rq/voxelastic/{name}Request", request), qos=USUAL)
+        reader = DataReader(participant, Topic(participant, f"rr/voxelastic/{name}Reply", response), qos=USUAL)
+        while name not in answers:
+            # Until it has found the server, nobody hears it.
+            number += 1
+            writer.write(request(client, number, *arguments))
+            until = time.monotonic() + 1.0
+            while name not in answers and time.monotonic() < until:
+                for answer in reader.take(N=10):
+                    if (answer.client, answer.number) == (client, number):
+                        answers[name] = answer
+                time.sleep(0.01)
+    vector = lambda v: [v.x, v.y, v.z]
+    distances = answers["distances"]
+    summary = {
+        "save": [answers["save"].success, answers["save"].message],
+        "pause": [answers["pause"].success, answers["pause"].message],
+        "load": answers["load"].result,
+        "distances": [list(distances.known), [d if d == d else None for d in distances.distances], [vector(g) for g in distances.gradients]],
+        "parameters": [[v.type, v.double_value, v.string_value] for v in answers["get_parameters"].values],
+    }
+    (folder / "answers.tmp").write_text(json.dumps(summary))
+    (folder / "answers.tmp").rename(folder / "answers.json")
+
+
 mode, domain, folder = sys.argv[1], int(sys.argv[2]), File(sys.argv[3])
-{"give": give, "take": take}[mode](DomainParticipant(domain), folder)
+{"give": give, "take": take, "ask": ask}[mode](DomainParticipant(domain), folder)

@@ -1,7 +1,7 @@
 """Messages of ROS 2 as Cyclone DDS wants them."""
 from dataclasses import dataclass
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float32, float64, int8, int32, sequence, uint8, uint32
+from cyclonedds.idl.types import array, float32, float64, int8, int32, int64, sequence, uint8, uint32, uint64
 
 
 def message(package, name):
@@ -136,3 +136,99 @@ class OccupancyGrid(IdlStruct, **message("nav_msgs", "OccupancyGrid")):
     header: Header
     info: MapMetaData
     data: sequence[int8]
+
+
+def service(package, name):
+    return {"typename": f"{package}::srv::dds_::{name}_"}
+
+
+# Services as rmw_cyclonedds has them: who asks and the number of the question come first.
+@dataclass
+class TriggerRequest(IdlStruct, **service("std_srvs", "Trigger_Request")):
+    client: uint64
+    number: int64
+    nothing: uint8
+
+
+@dataclass
+class TriggerResponse(IdlStruct, **service("std_srvs", "Trigger_Response")):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
+
+
+@dataclass
+class SetBoolRequest(IdlStruct, **service("std_srvs", "SetBool_Request")):
+    client: uint64
+    number: int64
+    data: bool
+
+
+@dataclass
+class SetBoolResponse(IdlStruct, **service("std_srvs", "SetBool_Response")):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
+
+
+@dataclass
+class LoadMapRequest(IdlStruct, **service("nav_msgs", "LoadMap_Request")):
+    client: uint64
+    number: int64
+    map_url: str
+
+
+@dataclass
+class LoadMapResponse(IdlStruct, **service("nav_msgs", "LoadMap_Response")):
+    client: uint64
+    number: int64
+    map: OccupancyGrid
+    result: uint8
+
+
+@dataclass
+class GetDistancesRequest(IdlStruct, **service("voxelastic_msgs", "GetDistances_Request")):
+    client: uint64
+    number: int64
+    points: sequence[Vector]
+
+
+@dataclass
+class GetDistancesResponse(IdlStruct, **service("voxelastic_msgs", "GetDistances_Response")):
+    client: uint64
+    number: int64
+    success: bool
+    message: str
+    known: sequence[bool]
+    distances: sequence[float64]
+    gradients: sequence[Vector]
+
+
+@dataclass
+class ParameterValue(IdlStruct, **message("rcl_interfaces", "ParameterValue")):
+    type: uint8
+    bool_value: bool
+    integer_value: int64
+    double_value: float64
+    string_value: str
+    byte_array_value: sequence[uint8]
+    bool_array_value: sequence[bool]
+    integer_array_value: sequence[int64]
+    double_array_value: sequence[float64]
+    string_array_value: sequence[str]
+
+
+@dataclass
+class GetParametersRequest(IdlStruct, **service("rcl_interfaces", "GetParameters_Request")):
+    client: uint64
+    number: int64
+    names: sequence[str]
+
+
+@dataclass
+class GetParametersResponse(IdlStruct, **service("rcl_interfaces", "GetParameters_Response")):
+    client: uint64
+    number: int64
+    values: sequence[ParameterValue]

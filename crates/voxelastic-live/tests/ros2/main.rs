@@ -15,9 +15,11 @@ use voxelastic_io::{Keyframing, OpenOptions};
 use voxelastic_live::ros::dds::Dds;
 use voxelastic_live::ros::input::{TopicInput, discover};
 use voxelastic_live::ros::messages::Health;
-use voxelastic_live::ros::middleware::{Middleware, NodeOptions};
+#[cfg(feature = "foxglove")]
+use voxelastic_live::ros::middleware::{Answer, Deliver, Handle, MiddlewareError, Sink};
+use voxelastic_live::ros::middleware::{Delivery, Middleware, NodeOptions, Parameter, TopicProfile};
 use voxelastic_live::ros::output::{OdometryLink, OutputOptions, Outputs};
-use voxelastic_live::ros::services::{Desk, Request, Response, offer};
+use voxelastic_live::ros::services::{Desk, Distance, NotLoaded, Pending, Request, Response, offer};
 use voxelastic_live::ros::zenoh::Zenoh;
 use voxelastic_live::transport::{Incoming, Transport};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
@@ -56,7 +58,32 @@ fn domain(offset: u32) -> u16 {
 }
 
 fn options(domain: u16) -> NodeOptions {
-    NodeOptions { name: "voxelastic".into(), domain, local_only: true, parameters: Vec::new() }
+    let parameters = [("field", Parameter::Text("both".into())), ("voxel_size", Parameter::Number(0.1))];
+    let parameters = parameters.map(|(name, value)| (name.to_owned(), value)).into();
+    NodeOptions { name: "voxelastic".into(), domain, local_only: true, parameters, ..NodeOptions::default() }
+}
+
+/// Answers a request as a node might.
+fn answer(pending: Pending) {
+    let response = match &pending.request {
+        Request::Save => Response::Done(Ok("saved in map.vox".into())),
+        Request::Load(path) if path.as_path() == Path::new("/maps/a.vox") => {
+            Response::Loaded(Err((NotLoaded::Differs, "its voxels are wider".into())))
+        }
+        Request::Distances(points) => {
+            let known = |p: &[f64; 3]| (p[0] < 100.0).then_some(Distance { distance: p[2] as f32, gradient: [0.0, 0.0, 1.0] });
+            Response::Distances(Ok(points.iter().map(known).collect()))
+        }
+        _ => Response::Done(Err("no".into())),
+    };
+    pending.answer(response);
+}
+
+/// What a partner that asked for distances and parameters must have got.
+fn check_answers(answers: &serde_json::Value) {
+    assert_eq!(answers["load"], 3, "{answers}");
+    assert_eq!(answers["distances"], serde_json::json!([[true, false], [3.0, null], [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]]));
+    assert_eq!(answers["parameters"], serde_json::json!([[3, 0.1, ""], [4, 0.0, "both"], [0, 0.0, ""]]));
 }
 
 /// Where to connect to a Zenoh session of this machine.
@@ -162,8 +189,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
         }
         outputs.diagnostics("voxelastic", || (Health::Ok, "mapping".into(), vec![("scans", "4".into())]));
         while let Ok(pending) = requests.try_recv() {
-            let response = if pending.request == Request::Save { Ok("saved in map.vox".into()) } else { Err("no".into()) };
-            pending.answer(Response::Done(response));
+            answer(pending);
         }
     }
     let taken: serde_json::Value = serde_json::from_slice(&std::fs::read(folder.join("taken.json")).unwrap()).unwrap();
@@ -233,6 +259,73 @@ fn the_map_goes_out_over_zenoh() {
     assert!(taken["corners"].as_u64().unwrap() > 3000, "{taken}");
     assert_eq!(taken["diagnostics"]["scans"], "4");
     assert_eq!(taken["saved"], serde_json::json!([true, "saved in map.vox"]));
+    let answers = &taken["services"];
+    check_answers(answers);
+    assert_eq!(
+        (&answers["names"], &answers["described"]),
+        (&serde_json::json!(["field", "voxel_size"]), &serde_json::json!(["voxel_size", 3, true]))
+    );
+    assert_eq!(answers["set"][0][0], false);
+    assert!(answers["set"][0][1].as_str().unwrap().contains("start the node with another value"), "{answers}");
+}
+
+#[test]
+fn clients_on_cyclone_dds_call_the_services() {
+    let (dir, domain) = (tempfile::tempdir().unwrap(), domain(3));
+    let mut dds = Dds::open(&NodeOptions { for_cyclone: true, ..options(domain) }).unwrap();
+    let (sender, requests) = channel();
+    let _services = offer(&mut dds, "voxelastic", &Desk::new(sender)).unwrap();
+    let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["ask", &domain.to_string()], dir.path()) else { return };
+    let (begin, path) = (Instant::now(), dir.path().join("answers.json"));
+    while !path.exists() {
+        assert!(begin.elapsed() < PATIENCE, "the peer has not got all answers");
+        if let Ok(pending) = requests.recv_timeout(Duration::from_millis(50)) {
+            answer(pending);
+        }
+    }
+    let answers: serde_json::Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    check_answers(&answers);
+    assert_eq!((&answers["save"], &answers["pause"]), (&serde_json::json!([true, "saved in map.vox"]), &serde_json::json!([false, "no"])));
+}
+
+/// The server of Foxglove's protocol as a network on which nobody else publishes.
+#[cfg(feature = "foxglove")]
+struct Foxglove(voxelastic_live::ros::foxglove::FoxgloveServer);
+
+#[cfg(feature = "foxglove")]
+impl Middleware for Foxglove {
+    fn name(&self) -> &'static str {
+        "Foxglove"
+    }
+    fn published(&self) -> Vec<(String, String)> {
+        Vec::new()
+    }
+    fn subscribe(&mut self, _: &TopicProfile, _: Deliver) -> Result<Handle, MiddlewareError> {
+        Ok(Handle::new(()))
+    }
+    fn advertise(&mut self, topic: &TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError> {
+        self.0.advertise(topic)
+    }
+    fn serve(&mut self, _: &str, _: &str, _: Answer) -> Result<Handle, MiddlewareError> {
+        Ok(Handle::new(()))
+    }
+}
+
+#[cfg(feature = "foxglove")]
+#[test]
+fn the_map_goes_out_over_foxglove() {
+    let Some(modules) = voxelastic_testing::node_modules() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let server = voxelastic_live::ros::foxglove::FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into()).unwrap();
+    let address = server.address().to_string();
+    let start = || {
+        let script = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/foxglove/client.mjs");
+        let mut command = Command::new("node");
+        command.arg(script).arg(address).arg(dir.path()).env("VOXELASTIC_NODE_MODULES", modules).stdin(Stdio::null());
+        Some(Peer(command.spawn().unwrap()))
+    };
+    let taken = the_map_goes_out_as_it_is(&mut Foxglove(server), dir.path(), start).unwrap();
+    assert!(taken["corners"].as_u64().unwrap() > 3000, "{taken}");
 }
 
 #[test]
@@ -240,12 +333,7 @@ fn messages_of_any_length_arrive_as_they_were_sent() {
     let domain = domain(2);
     let [mut from, mut to] = [Dds::open(&NodeOptions { name: "sender".into(), ..options(domain) }).unwrap(), Dds::open(&options(domain)).unwrap()];
     let (sender, messages) = channel();
-    let profile = voxelastic_live::ros::middleware::TopicProfile {
-        name: "/points".into(),
-        kind: "sensor_msgs/msg/PointCloud2".into(),
-        delivery: voxelastic_live::ros::middleware::Delivery::Latched,
-        depth: 50,
-    };
+    let profile = TopicProfile { name: "/points".into(), kind: "sensor_msgs/msg/PointCloud2".into(), delivery: Delivery::Latched, depth: 50 };
     let mut sink = from.advertise(&profile).unwrap();
     let _subscription = to.subscribe(&profile, Box::new(move |message| drop(sender.send(message)))).unwrap();
     let sent: Vec<Vec<u8>> = (0..40u8).map(|n| [0, 1, 0, 0].into_iter().chain((0..n).map(|k| k.wrapping_mul(31))).collect()).collect();

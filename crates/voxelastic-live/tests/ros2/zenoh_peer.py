@@ -37,6 +37,63 @@ def announce(session, number, role, name, kind):
     return session.liveliness().declare_token(token)
 
 
+def service_types():
+    """The services that are called, by their whole keys, and what is asked."""
+    define = lambda text, name: store.register({name: next(iter(get_types_from_msg(text, name).values()))})
+    parameter = "rcl_interfaces/srv/"
+    for name, request, response in [
+        ("nav_msgs/srv/LoadMap", "string map_url\n", "nav_msgs/OccupancyGrid map\nuint8 result\n"),
+        ("voxelastic_msgs/srv/GetDistances", "geometry_msgs/Point[] points\n", "bool success\nstring message\nbool[] known\nfloat64[] distances\ngeometry_msgs/Vector3[] gradients\n"),
+        (parameter + "ListParameters", "string[] prefixes\nuint64 depth\n", "rcl_interfaces/ListParametersResult result\n"),
+        (parameter + "GetParameters", "string[] names\n", "rcl_interfaces/ParameterValue[] values\n"),
+        (parameter + "DescribeParameters", "string[] names\n", "rcl_interfaces/ParameterDescriptor[] descriptors\n"),
+        (parameter + "SetParameters", "rcl_interfaces/Parameter[] parameters\n", "rcl_interfaces/SetParametersResult[] results\n"),
+    ]:
+        define(request, name + "_Request")
+        define(response, name + "_Response")
+    of = lambda kind: T[kind + "_Request"]
+    value = T["rcl_interfaces/msg/ParameterValue"](2, False, 4, 0.0, "", *[numpy.zeros(0, k) for k in ("u1", "?", "i8", "f8")], [])
+    points = [T["geometry_msgs/msg/Point"](1.0, 2.0, 3.0), T["geometry_msgs/msg/Point"](500.0, 0.0, 0.0)]
+    load, distances = "nav_msgs/srv/LoadMap", "voxelastic_msgs/srv/GetDistances"
+    return {
+        "load": (load, of(load)("file:///maps/a.vox")),
+        "distances": (distances, of(distances)(points)),
+        "list_parameters": (parameter + "ListParameters", of(parameter + "ListParameters")([], 0)),
+        "get_parameters": (parameter + "GetParameters", of(parameter + "GetParameters")(["voxel_size", "field", "nothing"])),
+        "describe_parameters": (parameter + "DescribeParameters", of(parameter + "DescribeParameters")(["voxel_size"])),
+        "set_parameters": (parameter + "SetParameters", of(parameter + "SetParameters")([T["rcl_interfaces/msg/Parameter"]("voxel_size", value)])),
+    }
+
+
+def service_key(name, kind):
+    hashes = {
+        "LoadMap": "1a192ac56c40fed2767dac26f0b371785372276bd465c902676d2dca135aae5a",
+        "GetDistances": "ef40534d30cf0c442ea35e62a106215ff9e5b2932b29fe4a3e742b7c313a0224",
+        "ListParameters": "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
+        "GetParameters": "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
+        "DescribeParameters": "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
+        "SetParameters": "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
+    }
+    package, _, base = kind.split("/")
+    return f"0/voxelastic/{name}/{package}::srv::dds_::{base}_/RIHS01_{hashes[base]}"
+
+
+def read_answers(answers):
+    distances, described = answers["distances"], answers["describe_parameters"].descriptors[0]
+    return {
+        "load": int(answers["load"].result),
+        "distances": [
+            [bool(k) for k in distances.known],
+            [float(d) if d == d else None for d in distances.distances],
+            [[g.x, g.y, g.z] for g in distances.gradients],
+        ],
+        "parameters": [[int(v.type), v.double_value, v.string_value] for v in answers["get_parameters"].values],
+        "names": list(answers["list_parameters"].result.names),
+        "described": [described.name, int(described.type), bool(described.read_only)],
+        "set": [[bool(r.successful), r.reason] for r in answers["set_parameters"].results],
+    }
+
+
 def give(session, folder):
     topics = {"points": "sensor_msgs/msg/PointCloud2", "odom": "nav_msgs/msg/Odometry", "tf_static": "tf2_msgs/msg/TFMessage"}
     tokens = [announce(session, k, "MP", name, kind) for k, (name, kind) in enumerate(topics.items())]
@@ -94,6 +151,12 @@ def take(session, folder):
         time.sleep(0.02)
     last = {name.removeprefix(own): messages[-1] for name, messages in taken.items()}
     trigger = "0/voxelastic/save/std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+    parts = service_types()
+    answers = {}
+    for name, (kind, request) in parts.items():
+        payload = store.serialize_cdr(request, kind + "_Request") if request is not None else bytes([0, 1, 0, 0, 0])
+        replied = session.get(service_key(name, kind), payload=bytes(payload), attachment=attachment(8), timeout=20)
+        answers[name] = [store.deserialize_cdr(bytes(reply.ok.payload), kind + "_Response") for reply in replied][0]
     replies = [bytes(reply.ok.payload) for reply in session.get(trigger, payload=bytes([0, 1, 0, 0, 0]), attachment=attachment(7), timeout=20)]
     (folder / "points").write_bytes(b"".join(bytes(m.data) for m in taken[own + "surface_points"]))
     (folder / "octomap").write_bytes(bytes(int(b) & 255 for b in last["octomap"].data))
@@ -109,6 +172,7 @@ def take(session, folder):
         "tf": [link.header.frame_id, link.child_frame_id, link.transform.translation.x],
         "corners": len(corners),
         "diagnostics": {v.key: v.value for v in last["diagnostics"].status[0].values},
+        "services": read_answers(answers),
         "saved": [bool(replies[0][4]), replies[0][12:-1].decode()] if replies else None,
     }
     (folder / "taken.tmp").write_text(json.dumps(summary))

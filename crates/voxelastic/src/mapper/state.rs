@@ -161,4 +161,40 @@ impl Mapper {
         mapper.atlas = atlas;
         Ok(mapper)
     }
+
+    /// A mapper that goes on in a saved map, of which nothing is left but its submaps. Its nodes have the poses that they have in the map, and hang together in the order
+    /// of their numbers; loop edges of before are not known, so nothing of before is fused any more unless loops close anew. Scans that come continue where the
+    /// node with the highest number was, or in submaps that contain them; their nodes need numbers from [`next_node`](Self::next_node) on.
+    ///
+    /// # Errors
+    /// Settings out of range. Voxel size and field must be those of the map: the caller compares them.
+    pub fn in_saved(settings: Settings, sensor_model: Option<BeamModel>, atlas: Atlas) -> Result<Self, SettingError> {
+        let mut mapper = Self::new(settings)?;
+        mapper.sensor_model = sensor_model;
+        let mut poses = Vec::new();
+        for submap in atlas.submaps() {
+            // The first scan of a submap is its root.
+            submap.scans().iter().for_each(|scan| mapper.clusters.assignments.add(scan.node, submap.id));
+            poses.extend(submap.corrected_scans().map(|(node, t_submap_lidar)| (node, submap.t_map_submap() * t_submap_lidar)));
+        }
+        poses.sort_by_key(|(node, _)| *node);
+        for (node, t_map_lidar) in poses {
+            mapper.clusters.graph.add_node(node, &t_map_lidar);
+            if let Some(last) = mapper.last_node.replace(node) {
+                mapper.clusters.graph.assume_odometry(last, node);
+            }
+        }
+        mapper.atlas = atlas;
+        Ok(mapper)
+    }
+
+    /// The node that came last.
+    pub fn last_node(&self) -> Option<NodeId> {
+        self.last_node
+    }
+
+    /// A number that no node has or waits for, and none above it.
+    pub fn next_node(&self) -> NodeId {
+        self.clusters.graph.next_node()
+    }
 }

@@ -24,6 +24,9 @@ pub struct NetworkArgs {
     /// Over DDS, talk to programs on this machine only, as with ROS_LOCALHOST_ONLY=1 or ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST
     #[arg(long, requires = "ros2")]
     local: bool,
+    /// Time is that of the topic /clock, as a simulation publishes it: it may be faster or slower, stand still, and begin again
+    #[arg(long, requires = "ros2")]
+    pub use_sim_time: bool,
     /// Serve what is published to Foxglove, with or without ROS 2. Without an address on this machine only, at 127.0.0.1:8765
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:8765")]
     pub foxglove: Option<SocketAddr>,
@@ -74,7 +77,8 @@ impl Network {
             name: args.node.clone(),
             domain: args.domain.or(domain).unwrap_or(0),
             local_only: args.local || says("ROS_LOCALHOST_ONLY", "1") || says("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
-            parameters: parameters(settings),
+            for_cyclone: says("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"),
+            parameters: parameters(settings, args.use_sim_time),
         };
         let is_zenoh = backend == Backend::Zenoh || backend == Backend::Usual && says("RMW_IMPLEMENTATION", "rmw_zenoh_cpp");
         let middleware = open(&options, is_zenoh).map_err(|problem| {
@@ -111,15 +115,16 @@ fn open(_: &NodeOptions, _: bool) -> Result<Box<dyn Middleware>, MiddlewareError
     Err(MiddlewareError::new("cannot join a network", "this program was built without ROS 2"))
 }
 
-/// The settings as parameters.
-fn parameters(settings: &Settings) -> Vec<(String, Parameter)> {
+/// The settings as parameters, and that which all nodes have.
+fn parameters(settings: &Settings, use_sim_time: bool) -> Vec<(String, Parameter)> {
     let value = |text: String| match (text.parse(), text.parse(), text.parse()) {
         (Ok(value), ..) => Parameter::Bool(value),
         (_, Ok(value), _) => Parameter::Integer(value),
         (_, _, Ok(value)) => Parameter::Number(value),
         _ => Parameter::Text(text),
     };
-    settings.pairs().into_iter().map(|(key, text)| (key.to_owned(), value(text))).collect()
+    let simulated = ("use_sim_time".to_owned(), Parameter::Bool(use_sim_time));
+    settings.pairs().into_iter().map(|(key, text)| (key.to_owned(), value(text))).chain([simulated]).collect()
 }
 
 #[cfg(test)]
@@ -134,9 +139,10 @@ mod tests {
 
     #[test]
     fn settings_are_parameters_of_their_types() {
-        let all = parameters(&Settings::default());
+        let all = parameters(&Settings::default(), true);
         let of = |key: &str| all.iter().find(|(name, _)| name == key).map(|(_, value)| value.clone());
         assert!(matches!(of("voxel_size"), Some(Parameter::Number(_))) && matches!(of("threads"), Some(Parameter::Integer(0))));
         assert!(matches!(of("field"), Some(Parameter::Text(_))), "{all:?}");
+        assert_eq!(of("use_sim_time"), Some(Parameter::Bool(true)));
     }
 }

@@ -1,9 +1,10 @@
 //! The loop between the feed and the mapper.
 
 use super::figures::{OverloadWarning, diagnosis, figures};
+use super::loading::Loaded;
 use super::offers::Offers;
 use super::place::Place;
-use super::relocalisation::{MapFrame, Outcome, numbered, placed};
+use super::relocalisation::{MapFrame, Outcome, Relocalisation, numbered, placed};
 use super::service::Service;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
@@ -17,15 +18,17 @@ use crate::progress::Progress;
 use crate::resume::{Keeper, Stages};
 use crate::target::Target;
 use crate::watching::Watch;
+use std::path::Path;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 use voxelastic::event::{Event, NodeId};
+use voxelastic::sensor::BeamModel;
 use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_live::feed::{Feed, Next};
 use voxelastic_live::publisher::ShownScan;
 use voxelastic_live::ros::output::OdometryLink;
-use voxelastic_live::ros::services::{Pending, Request, Response};
+use voxelastic_live::ros::services::{NotLoaded, Pending, Request, Response};
 use voxelastic_live::transport::Incoming;
 use voxelastic_slam::Corrector;
 
@@ -105,6 +108,8 @@ pub struct Requests<'a> {
     pub service: Service<'a>,
     /// Writes checkpoints.
     pub keeper: &'a mut Keeper,
+    /// The sensor's own tables of beams, if known.
+    pub sensor: Option<BeamModel>,
     /// Makes the mapper and the corrector of a new map.
     pub renew: &'a dyn Fn() -> anyhow::Result<(Mapper, Corrector)>,
 }
@@ -216,8 +221,12 @@ impl Node {
                     Response::Done(Ok(words.to_owned()))
                 }
                 Request::Reset => Response::Done(self.reset(session, requests).map_err(|problem| one_line(&problem))),
+                Request::Load(path) => Response::Loaded(self.load(path, session, requests)),
                 request => requests.service.answer(request, session),
             };
+            if let Response::Loaded(Err((_, words))) = &response {
+                tracing::warn!("on request: no map was loaded: {words}");
+            }
             pending.answer(response);
         }
     }
@@ -233,12 +242,38 @@ impl Node {
         Ok(format!("the map of {scans} scans was dropped"))
     }
 
+    /// Goes on in a saved map, in which the scans that come are found first. The map so far is dropped; if the other one cannot be loaded, nothing changes.
+    fn load(&mut self, path: &Path, session: &mut Session, requests: &mut Requests<'_>) -> Result<String, (NotLoaded, String)> {
+        if self.place.is_recorded() {
+            let words = "a recording is mapped from its beginning: `voxelastic map DATA --into MAP` adds one to a map";
+            return Err((NotLoaded::Other, words.to_owned()));
+        }
+        let loaded = Loaded::read(path, session.mapper().settings(), self.network.is_some())?;
+        let words = loaded.words(session);
+        let Loaded { atlas, origin, log, .. } = loaded;
+        let other = |problem: anyhow::Error| (NotLoaded::Other, one_line(&problem));
+        let mapper = session.pool().install(|| Mapper::in_saved(session.mapper().settings().clone(), requests.sensor.clone(), atlas));
+        let mapper = mapper.map_err(|problem| other(problem.into()))?;
+        if let Some(target) = requests.service.target.as_deref_mut() {
+            target.discard_checkpoints();
+        }
+        self.begin_anew(session, requests).map_err(other)?;
+        (self.place.first_node, self.place.last_node) = (mapper.next_node(), mapper.last_node());
+        session.go_on(mapper, log, origin);
+        self.place.relocalisation = Some(Box::new(Relocalisation::new(session, self.odometry.is_none())));
+        self.show_before(session);
+        tracing::warn!("on request: {words}");
+        Ok(words)
+    }
+
     /// Begins a new map.
     fn begin_anew(&mut self, session: &mut Session, requests: &mut Requests<'_>) -> anyhow::Result<()> {
         let (mapper, corrector) = (requests.renew)()?;
         requests.keeper.restart();
+        requests.service.esdf = None;
         session.restart(mapper);
-        (self.corrector, self.jumps, self.place.relocalisation) = (corrector, Jumps::default(), None);
+        (self.corrector, self.jumps, self.odometry_pose) = (corrector, Jumps::default(), None);
+        (self.place.relocalisation, self.place.t_map_frame) = (None, None);
         if let Some(watch) = &mut self.watch {
             watch.publisher.reset();
         }
@@ -260,6 +295,9 @@ impl Node {
                 scan.node += self.place.first_node;
                 match self.odometry.as_mut().map(|odometry| odometry.take(scan, &name)) {
                     Some(Ok(events)) => events.into_iter().for_each(|event| {
+                        if self.is_of_before(&event) {
+                            return;
+                        }
                         if let Event::Scan(scan) = &event {
                             self.odometry_pose = Some((scan.node, scan.time, scan.t_map_lidar));
                         }
@@ -278,6 +316,11 @@ impl Node {
                 self.tally.unshown.push(came);
             }
         }
+    }
+
+    /// Whether an event of the odometry is tied to a scan that came before this map was loaded.
+    fn is_of_before(&self, event: &Event) -> bool {
+        matches!(event, Event::OdometryEdge(edge) if edge.from < self.place.first_node)
     }
 
     /// Maps an event where it belongs in the map of before, once that is known.

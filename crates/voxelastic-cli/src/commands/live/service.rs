@@ -7,14 +7,19 @@ use crate::target::Target;
 use anyhow::Context;
 use std::path::Path;
 use std::time::Duration;
+use voxelastic::field::occupancy::State;
+use voxelastic::query::DistanceQuery;
 use voxelastic::{Pose, Settings};
+use voxelastic_esdf::{Esdf, EsdfSettings};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
-use voxelastic_live::ros::services::{Request, Response};
+use voxelastic_live::ros::services::{Distance, Request, Response};
 use voxelastic_plan::{Robot, plan};
 
 /// Radius of the robot for which paths are planned, metres.
 const RADIUS: f64 = 0.3;
+/// Largest distance that is told apart, voxels.
+const MOST_VOXELS: f64 = 48.0;
 /// Time for a path: mapping waits meanwhile.
 const PLANNING: Duration = Duration::from_millis(300);
 
@@ -24,6 +29,8 @@ pub struct Service<'a> {
     pub target: Option<&'a mut Target>,
     /// The settings of the map.
     pub settings: &'a Settings,
+    /// Distances to obstacles, once somebody has asked for them.
+    pub esdf: Option<Esdf>,
 }
 
 impl Service<'_> {
@@ -31,6 +38,7 @@ impl Service<'_> {
     pub fn answer(&mut self, request: &Request, session: &Session) -> Response {
         let done = match request {
             Request::Plan { start, goal, .. } => return Response::Path(find_path(session, start, goal)),
+            Request::Distances(points) => return Response::Distances(session.pool().install(|| self.distances(points, session))),
             Request::Save => self.save(session),
             Request::Mesh => self.mesh(session),
             _ => Err(anyhow::anyhow!("this cannot be asked here")),
@@ -46,6 +54,32 @@ impl Service<'_> {
         anyhow::ensure!(session.scans() > 0, "the map is empty");
         target.save(session, &session.details())?;
         Ok(format!("{} scans saved in {}", session.scans(), target.path().display()))
+    }
+
+    /// Distances to the nearest surface: of maps with occupancy up to some metres in all known space, else near surfaces only. They are those of the moment.
+    fn distances(&mut self, points: &[[f64; 3]], session: &Session) -> Result<Vec<Option<Distance>>, String> {
+        let (atlas, origin) = (session.mapper().atlas(), session.origin().coordinates());
+        let points: Vec<[f64; 3]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
+        let space = atlas.query();
+        if space.is_empty() {
+            let near = DistanceQuery::new(atlas).sample_many(&points).into_iter();
+            return Ok(near
+                .map(|sample| sample.map(|at| Distance { distance: at.distance.abs(), gradient: at.gradient.map(|c| c * at.distance.signum()) }))
+                .collect());
+        }
+        let most = EsdfSettings::default().max_distance.min(MOST_VOXELS * f64::from(self.settings.voxel_size));
+        let new = || Esdf::new(EsdfSettings { max_distance: most, ..EsdfSettings::default() }, self.settings.voxel_size);
+        let esdf = match self.esdf.take() {
+            Some(esdf) => esdf,
+            None => new().map_err(|problem| problem.to_string())?,
+        };
+        let esdf = self.esdf.insert(esdf);
+        esdf.update(atlas);
+        let samples = esdf.query(atlas).sample_many_to_surfaces(&points);
+        let known = |(sample, state): (voxelastic_esdf::EsdfSample, State)| {
+            (state != State::Unknown).then_some(Distance { distance: sample.distance, gradient: sample.gradient })
+        };
+        Ok(samples.into_iter().zip(space.states(&points)).map(known).collect())
     }
 
     fn mesh(&self, session: &Session) -> anyhow::Result<String> {

@@ -1,9 +1,10 @@
 //! Where the scans come from: a recording, or the topics of a robot.
 
-use super::network::Network;
+use super::network::{Network, NetworkArgs};
 use super::offers::InputRecording;
 use super::ouster_address::{LIDAR_PORT, OusterAddress};
 use super::rate::Rate;
+use super::spinning_address::SpinningAddress;
 use crate::data::{DataArgs, ReadingArgs};
 use crate::elastic::ElasticArgs;
 use crate::failure::Failure;
@@ -24,6 +25,7 @@ use voxelastic_live::feed::Overload;
 use voxelastic_live::ouster::OusterInput;
 use voxelastic_live::replay::{Lateness, Replay};
 use voxelastic_live::ros::input::{Lost, TopicInput, discover};
+use voxelastic_live::spinning::SpinningInput;
 use voxelastic_live::transport::Transport;
 
 /// Scans as they come, and what is known about them.
@@ -64,6 +66,7 @@ impl Source {
     pub fn topics(
         network: &mut Network,
         reading: &ReadingArgs,
+        args: &NetworkArgs,
         slam: bool,
         recording: Option<&InputRecording>,
         threads: usize,
@@ -74,6 +77,7 @@ impl Source {
             move |name: &str| name.strip_prefix('/').and_then(|name| name.strip_prefix(node.as_str())).is_some_and(|rest| rest.starts_with('/'));
         let found = discover(network.middleware(), &options, slam, &is_own, &interrupt::requested)?;
         let Some((topics, is_raw)) = found else { return Ok(None) };
+        let topics = if args.use_sim_time { topics.with_clock() } else { topics };
         if is_raw && !slam {
             tracing::info!("no topic of poses: they are estimated from the scans (--pose-topic names one)");
         }
@@ -103,6 +107,19 @@ impl Source {
         tracing::info!("listening at the UDP ports {port} and {}", port.saturating_add(1));
         let odometry = Some(OdometryStage::of_recording(&options, threads)?);
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, sensor) })
+    }
+
+    /// A Velodyne or a Hesai, whose packets come here. Poses are estimated.
+    pub fn spinning(address: &SpinningAddress, reading: &ReadingArgs, threads: usize) -> anyhow::Result<Self> {
+        let options = DataArgs::at(Path::new("sensor"), reading).options(false);
+        let at = SocketAddr::from(([0, 0, 0, 0], address.port));
+        let input = SpinningInput::listen(at, address.host()?, options.metadata.clone()).map_err(|problem| {
+            let message = format!("cannot listen at the UDP port {}: {problem}", address.port);
+            Failure::new(message, "another program may use it: end it")
+        })?;
+        tracing::info!("listening at the UDP port {}", address.port);
+        let odometry = Some(OdometryStage::of_recording(&options, threads)?);
+        Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, None) })
     }
 
     /// What comes once. Poses are estimated if there is an `odometry`.

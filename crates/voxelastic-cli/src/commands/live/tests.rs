@@ -6,6 +6,8 @@ use crate::input::OdometryStage;
 use clap::{Args, FromArgMatches};
 use std::collections::VecDeque;
 use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
@@ -17,14 +19,19 @@ use voxelastic_live::transport::{Incoming, Transport};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 use voxelastic_slam::slam::RawScan;
 
-/// Gives out inputs, a little apart so that none is left out. Before it ends, it copies the map folder as it is: what a process that dies then leaves.
+/// Gives out inputs, a little apart so that none is left out. Before it begins, it may ask the node something. Before it ends, it copies the map folder as it is:
+/// what a process that dies then leaves.
 struct Robot {
     inputs: VecDeque<Incoming>,
+    asks: Option<Box<dyn FnOnce() + Send>>,
     dies: Option<[PathBuf; 2]>,
 }
 
 impl Transport for Robot {
     fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+        if let Some(ask) = self.asks.take() {
+            ask();
+        }
         let next = self.inputs.pop_front();
         let pause = match &next {
             None => 1000,
@@ -69,13 +76,17 @@ fn raw(sim: &Simulation, [from, to]: [usize; 2]) -> VecDeque<Incoming> {
 
 /// Maps what a robot gives out, as a process of its own would. Returns what it says in the end.
 fn live(map: &Path, flags: &str, inputs: VecDeque<Incoming>, copy: Option<&Path>) -> u8 {
+    live_asked(map, flags, inputs, copy, None)
+}
+
+fn live_asked(map: &Path, flags: &str, inputs: VecDeque<Incoming>, copy: Option<&Path>, asks: Option<Box<dyn FnOnce() + Send>>) -> u8 {
     let _ = tracing_subscriber::fmt().with_test_writer().without_time().try_init();
     let command = LiveArgs::augment_args(clap::Command::new("live"));
     let line = format!("live --ouster 7502 --voxel-size 0.1 --max-range 15 --checkpoints 1 --threads 2 {flags} -o");
     let words = line.split(' ').filter(|word| !word.is_empty()).map(std::ffi::OsString::from).chain([map.as_os_str().to_owned()]);
     let args = LiveArgs::from_arg_matches(&command.try_get_matches_from(words).unwrap()).unwrap();
     let is_raw = matches!(inputs.front(), Some(Incoming::RawScan(..)));
-    let robot = Robot { inputs, dies: copy.map(|copy| [map.to_owned(), copy.to_owned()]) };
+    let robot = Robot { inputs, asks, dies: copy.map(|copy| [map.to_owned(), copy.to_owned()]) };
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let odometry = is_raw.then(|| OdometryStage::of_recording(&options, 2).unwrap());
     play(&args, Some(map), true, |_, _, _| Ok(Some(Source::passing(Box::new(robot), odometry, None)))).unwrap()
@@ -145,4 +156,61 @@ fn scans_of_another_place_begin_a_new_map_and_that_of_before_is_kept() {
     assert_eq!(path(&atlas(&dir.path().join("map-unfinished.vox"))).len(), 12);
     let nodes: Vec<NodeId> = path(&atlas(&map)).iter().map(|(node, _)| *node).collect();
     assert!(nodes.len() == 22 && nodes[0] >= 12, "{nodes:?}");
+}
+
+/// What the server at `port` answers to a request that has the token.
+fn posted(port: u16, path: &str, body: &str) -> String {
+    let mut stream = (0..200).find_map(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        TcpStream::connect(("127.0.0.1", port)).ok()
+    });
+    let stream = stream.as_mut().unwrap();
+    let head = format!("Host: localhost\r\nAuthorization: Bearer {TOKEN}\r\nContent-Length: {}\r\nConnection: close", body.len());
+    write!(stream, "POST {path} HTTP/1.1\r\n{head}\r\n\r\n{body}").unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+const TOKEN: &str = "a-token-for-this-test";
+
+#[test]
+fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let sim = world("room");
+    let [saved, coarse, token] = ["saved.vox", "coarse.vox", "token"].map(|name| dir.path().join(name));
+    fs::write(&token, TOKEN).unwrap();
+    assert_eq!(live(&saved, "", given(&sim, [0, 12], &Pose::identity()), None), 0);
+    assert_eq!(live(&coarse, "--field occupancy", given(&sim, [0, 2], &Pose::identity()), None), 0);
+    let elsewhere = Pose::from_parts(nalgebra::Translation3::new(3.0, -2.0, 0.0), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7));
+    // Poses in the frame of the map, in another one, with corrections, and by odometry that begins before the map is loaded.
+    let cases = [("same", "", false), ("other", "", false), ("optimised", "--loops", false), ("slam", "", true)];
+    for (name, flags, is_raw) in cases {
+        let map = dir.path().join(format!("{name}.vox"));
+        let frame = if name == "same" { Pose::identity() } else { elsewhere };
+        let inputs = if is_raw { raw(&sim, [12, 24]) } else { given(&sim, [12, 24], &frame) };
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let (paths, damaged) = ([saved.clone(), coarse.clone()], dir.path().join(format!("{name}-damaged.vox")));
+        let ask = move || {
+            let load = |path: &Path| posted(port, "/load", path.to_str().unwrap());
+            assert!(load(Path::new("nowhere.vox")).contains("nowhere.vox: there is no such map"));
+            let refused = load(&paths[1]);
+            assert!(refused.starts_with("HTTP/1.1 409") && refused.contains("occupancy"), "{refused}");
+            copy_dir(&paths[0], &damaged);
+            let file =
+                fs::read_dir(&damaged).unwrap().map(|entry| entry.unwrap().path()).find(|path| path.extension().is_some_and(|end| end == "vxs"));
+            fs::write(file.unwrap(), "garbage").unwrap();
+            let refused = load(&damaged);
+            assert!(refused.starts_with("HTTP/1.1 409") && refused.contains("submap"), "{refused}");
+            let loaded = load(&paths[0]);
+            assert!(loaded.starts_with("HTTP/1.1 200") && loaded.contains("12 scans"), "{loaded}");
+        };
+        let flags = format!("{flags} --view=127.0.0.1:{port} --token {}", token.display());
+        assert_eq!(live_asked(&map, &flags, inputs, None, Some(Box::new(ask))), 0, "{name}");
+        let after = path(&atlas(&map));
+        assert_eq!(after.len(), 24, "{name}: {:?}", after.iter().map(|(node, _)| *node).collect::<Vec<_>>());
+        let off = error(&after, &sim);
+        assert!(off < if name == "same" { 1e-6 } else { 0.15 }, "{name}: {off} m");
+        assert_eq!(path(&atlas(&saved)).len(), 12, "the map that was loaded is as it was");
+    }
 }

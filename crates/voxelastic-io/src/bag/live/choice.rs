@@ -10,6 +10,8 @@ use std::path::{Path, PathBuf};
 
 /// The topics of transforms, which are always subscribed to: they say where the lidar is on the robot.
 const TRANSFORMS: [&str; 2] = ["/tf", "/tf_static"];
+/// The time of a simulation, and its type.
+const CLOCK: [&str; 2] = ["/clock", "rosgraph_msgs/msg/Clock"];
 
 /// A topic to subscribe to.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,6 +76,19 @@ impl LiveTopics {
             is_sensor_data: false,
         }));
         Ok(Self { origin: path.into(), stream, by_transforms, subscriptions })
+    }
+
+    /// With the clock of a simulation, which tells the time instead of this machine's.
+    #[must_use]
+    pub fn with_clock(mut self) -> Self {
+        let [name, kind] = CLOCK.map(str::to_owned);
+        self.subscriptions.push(LiveTopic { name, kind, is_latched: false, is_sensor_data: true });
+        self
+    }
+
+    /// The position of the clock in the subscriptions, if it is among them.
+    pub(super) fn clock(&self) -> Option<usize> {
+        self.subscriptions.iter().position(|topic| topic.kind == CLOCK[1])
     }
 
     /// The topics to subscribe to.

@@ -32,6 +32,8 @@ struct Names {
     /// That the poses of a topic are in.
     poses: Option<String>,
     tree: TransformTree,
+    /// Of a simulation, seconds.
+    clock: Option<f64>,
 }
 
 impl LiveFrames {
@@ -60,6 +62,15 @@ impl LiveFrames {
     pub(super) fn add_transform(&self, [parent, child]: [&str; 2], pose: Pose, is_fixed: bool) {
         // Of moving links only the names are needed.
         self.names().tree.add(parent, child, 0.0, pose, is_fixed);
+    }
+
+    pub(super) fn set_clock(&self, time: f64) {
+        self.names().clock = Some(time);
+    }
+
+    /// The time of the simulation, seconds; none without one.
+    pub fn clock(&self) -> Option<f64> {
+        self.names().clock
     }
 
     /// Pose of `frame` in the frame of the clouds, through fixed transforms.

@@ -28,6 +28,7 @@ mod stream;
 #[cfg(test)]
 mod tests;
 
+pub use crate::capture::SensorPacket;
 pub use crate::playback::Polled;
 pub use choice::{LiveTopic, LiveTopics};
 pub use frames::{LiveFrames, Reported};

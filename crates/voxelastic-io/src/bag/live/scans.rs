@@ -3,13 +3,15 @@
 use super::super::description::KEYFRAME_DISTANCE_M;
 use super::super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::LiveStream;
-use super::{LiveFrames, LiveMessages, LiveTopics, Polled};
+use super::{LiveFrames, LiveMessages, LiveTopics, Polled, SensorPacket};
+use crate::capture::SpinningStream;
 use crate::motion::{ImuMount, PoseTrack};
 use crate::ouster::{PacketStream, SensorMetadata};
 use crate::playback::{Corrections, PlaybackLog, Player, PlayerOptions, PoseSource, Selection, SensorMounts};
 use crate::raw::TimedScan;
 use crate::scan_list::{KeyframeFilter, Keyframing};
 use crate::{OpenOptions, Result};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use voxelastic::Pose;
@@ -78,6 +80,14 @@ impl LiveScans {
         let mount = use_imu.then(|| ImuMount::new(metadata.t_sensor_imu));
         let stream = PacketStream::new(metadata, packets, origin.into());
         Self { player: RawPlayer::new(Box::new(stream), mount, Arc::clone(&log)), frames: LiveFrames::new(log) }
+    }
+
+    /// Of the datagrams of a sensor that turns, Velodyne's or Hesai's, as they come from `origin`. The first that is recognised says which it is; a Hesai has the
+    /// `angles` of a file, if one is given. It ends when their sender does.
+    pub fn of_spinning(packets: Receiver<SensorPacket>, origin: &str, angles: Option<PathBuf>) -> Self {
+        let log = Arc::new(PlaybackLog::default());
+        let stream = SpinningStream::new(packets, angles, origin.into());
+        Self { player: RawPlayer::new(Box::new(stream), None, Arc::clone(&log)), frames: LiveFrames::new(log) }
     }
 
     /// One step, which waits some milliseconds for a message if there is none.

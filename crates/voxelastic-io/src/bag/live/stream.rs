@@ -19,7 +19,11 @@ const PATIENCE: Duration = Duration::from_millis(20);
 /// recording is played a second time.
 const LARGEST_DISORDER_S: f64 = 1.0;
 
-/// A stream of the messages that a middleware delivers. Its time is that of their coming, so that scans do not wait for ever for what was lost.
+/// The same for the clock of a simulation, which comes in order.
+const LARGEST_TICK_BACK_S: f64 = 0.1;
+
+/// A stream of the messages that a middleware delivers. Its time is that of their coming, so that scans do not wait for ever for what was lost; with a clock, that
+/// of the simulation, which may be slow.
 pub(super) struct LiveStream {
     messages: LiveMessages,
     topics: Vec<(Topic, TopicRole)>,
@@ -28,9 +32,44 @@ pub(super) struct LiveStream {
     imu: Option<ImuMount>,
     path: Arc<Path>,
     start: Instant,
+    clock: Option<Clock>,
     /// The last stamp of each topic, and of each link of the transform tree.
     stamps: HashMap<String, f64>,
     pending: VecDeque<SensorMessage>,
+}
+
+/// The clock of a simulation.
+struct Clock {
+    /// Position of its topic.
+    topic: usize,
+    now: Option<f64>,
+    /// Time that has passed, without jumps.
+    elapsed: f64,
+    /// When it was before the last jump back: messages up to then may still be on their way.
+    before: Option<f64>,
+}
+
+impl Clock {
+    /// Takes a message; by how much the clock went back, if it did.
+    fn tick(&mut self, message: &[u8]) -> Option<f64> {
+        let number = |at: usize| Some(u32::from_le_bytes(*message.get(at..)?.first_chunk()?));
+        // After the header, seconds and nanoseconds.
+        let time = f64::from(number(4)?) + 1e-9 * f64::from(number(8)?);
+        let step = self.now.map_or(0.0, |now| time - now);
+        if step < 0.0 && step > -LARGEST_TICK_BACK_S {
+            return None;
+        }
+        let back = self.now.replace(time).filter(|_| step < 0.0);
+        self.before = back.or(self.before);
+        self.elapsed += step.max(0.0);
+        back.map(|_| -step)
+    }
+
+    /// Whether a message with this stamp is from before the simulation was started again.
+    fn is_of_before(&self, stamp: f64) -> bool {
+        let is_ahead = |by: f64| self.now.is_some_and(|now| stamp > now + by);
+        self.before.is_some_and(|before| stamp <= before + LARGEST_DISORDER_S) && is_ahead(LARGEST_DISORDER_S)
+    }
 }
 
 impl LiveStream {
@@ -40,6 +79,7 @@ impl LiveStream {
             TopicRole::of(&topic).map(|role| (topic, role))
         });
         let (topics_of_roles, path) = (known.collect(), topics.origin.as_path().into());
+        let clock = topics.clock().map(|topic| Clock { topic, now: None, elapsed: 0.0, before: None });
         Self {
             messages,
             topics: topics_of_roles,
@@ -48,18 +88,36 @@ impl LiveStream {
             imu: None,
             path,
             start: Instant::now(),
+            clock,
             stamps: HashMap::new(),
             pending: VecDeque::new(),
         }
     }
 
+    /// A message of the clock.
+    fn tick(&mut self, data: &[u8]) -> SensorMessage {
+        let Some(clock) = &mut self.clock else { return SensorMessage::Other };
+        let back = clock.tick(data);
+        clock.now.into_iter().for_each(|now| self.frames.set_clock(now));
+        let Some(back) = back else { return SensorMessage::Other };
+        tracing::warn!("the simulation was started again: its clock went back by {back:.1} s; the poses that came before are not used any more");
+        self.stamps.clear();
+        SensorMessage::ClockJump
+    }
+
     fn decode(&mut self, topic: usize, data: Vec<u8>) -> Result<SensorMessage> {
+        if self.clock.as_ref().is_some_and(|clock| clock.topic == topic) {
+            return Ok(self.tick(&data));
+        }
         let Some((topic, role)) = self.topics.get(topic).cloned() else { return Ok(SensorMessage::Other) };
         let time_ns = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_nanos()).unwrap_or(i64::MAX));
         let message = Message { topic: 0, time_ns, at: 0, data };
         let message = TopicMessage { path: Arc::clone(&self.path), topic, role, message };
         let imu_frame = if role == TopicRole::Imu { Some(message.decoder().header()?.frame) } else { None };
         let decoded = self.sensor.decode(message)?;
+        if self.is_of_before(&decoded) {
+            return Ok(SensorMessage::Other);
+        }
         self.note(&decoded);
         Ok(match (decoded, imu_frame) {
             (SensorMessage::Imu(sample), Some(frame)) => {
@@ -68,6 +126,11 @@ impl LiveStream {
             }
             (decoded, _) => decoded,
         })
+    }
+
+    /// Whether a message is from before the simulation was started again.
+    fn is_of_before(&self, message: &SensorMessage) -> bool {
+        stamp_of(message).zip(self.clock.as_ref()).is_some_and(|(stamp, clock)| clock.is_of_before(stamp))
     }
 
     /// Notes frames, and whether the clock went back.
@@ -120,6 +183,9 @@ impl MessageStream for LiveStream {
             return Some(Ok(message));
         }
         if let Some(message) = self.sensor.pending() {
+            if self.is_of_before(&message) {
+                return Some(Ok(SensorMessage::Other));
+            }
             self.note(&message);
             return Some(Ok(self.in_order(message)));
         }
@@ -131,6 +197,16 @@ impl MessageStream for LiveStream {
     }
 
     fn now(&self) -> f64 {
-        self.start.elapsed().as_secs_f64()
+        self.clock.as_ref().map_or_else(|| self.start.elapsed().as_secs_f64(), |clock| clock.elapsed)
+    }
+}
+
+/// The time stamp of a message; none of what is always true.
+fn stamp_of(message: &SensorMessage) -> Option<f64> {
+    match message {
+        SensorMessage::Cloud(cloud) => Some(cloud.time),
+        SensorMessage::Pose { time, .. } | SensorMessage::Transform { time, is_fixed: false, .. } => Some(*time),
+        SensorMessage::Imu(sample) => Some(sample.time),
+        _ => None,
     }
 }

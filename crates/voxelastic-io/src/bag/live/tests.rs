@@ -91,6 +91,7 @@ fn there() -> Vec<(String, String)> {
 fn played(options: &OpenOptions, messages: Vec<(&str, Vec<u8>)>) -> (Vec<Event>, LiveFrames) {
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..options.clone() };
     let topics = LiveTopics::choose("test", &there(), false, &options).unwrap();
+    let topics = if messages.iter().any(|(name, _)| *name == "/clock") { topics.with_clock() } else { topics };
     let position = |name: &str| topics.subscriptions().iter().position(|topic| topic.name == name).unwrap();
     let (sender, receiver): (SyncSender<_>, _) = sync_channel(messages.len().max(1));
     messages.into_iter().for_each(|(name, data)| sender.send((position(name), data)).unwrap());
@@ -128,6 +129,14 @@ fn poses_come_by_topic_and_are_looked_up_in_time() {
 }
 
 #[test]
+fn scans_wait_for_the_transform_that_says_where_the_lidar_is() {
+    let mut messages: Vec<_> = (0..3).flat_map(|k| [("/odom", odometry(f64::from(k), f64::from(k))), ("/points", cloud(f64::from(k)))]).collect();
+    messages.insert(4, ("/tf_static", transform(0.0, "base", "lidar", 0.5)));
+    let (events, _) = played(&OpenOptions::default(), messages);
+    assert_eq!(scan_positions(&events), [0.5, 1.5, 2.5]);
+}
+
+#[test]
 fn poses_come_by_transforms() {
     let options = OpenOptions { pose_topic: Some("/tf".into()), ..OpenOptions::default() };
     let messages = vec![
@@ -145,7 +154,7 @@ fn poses_come_by_transforms() {
 #[test]
 fn a_path_corrects_the_scans_that_came_before_it() {
     let options = OpenOptions { correction_topic: Some("corrected".into()), ..OpenOptions::default() };
-    let mut messages = Vec::new();
+    let mut messages = vec![("/tf_static", transform(0.0, "base", "lidar", 0.0))];
     for k in 0..4 {
         let time = 10.0 + f64::from(k);
         messages.extend([("/odom", odometry(time, f64::from(k))), ("/odom", odometry(time + 0.2, f64::from(k))), ("/points", cloud(time))]);
@@ -175,6 +184,69 @@ fn a_clock_that_goes_back_is_noticed() {
     assert_eq!(positions, [0.0, 1.0, 2.0, 3.0, 4.0, 50.0, 51.0, 52.0, 53.0, 54.0], "no pose of before is used for a scan after it");
 }
 
+fn clock(time: f64) -> Vec<u8> {
+    Cdr::new().u32(time as u32).u32((time.fract() * 1e9).round() as u32).0
+}
+
+#[test]
+fn scans_wait_for_poses_in_the_time_of_the_simulation() {
+    // Seven seconds pass at once.
+    let messages = vec![
+        ("/clock", clock(10.0)),
+        ("/odom", odometry(10.0, 1.0)),
+        ("/points", cloud(12.0)),
+        ("/clock", clock(17.0)),
+        ("/points", cloud(17.5)),
+        ("/odom", odometry(17.4, 2.0)),
+        ("/odom", odometry(17.6, 3.0)),
+    ];
+    let begin = std::time::Instant::now();
+    let (events, frames) = played(&OpenOptions::default(), messages);
+    assert!(begin.elapsed().as_secs_f64() < 5.0, "it waited for {:.1} s", begin.elapsed().as_secs_f64());
+    assert!((scan_positions(&events)[0] - 2.5).abs() < 1e-6 && events.len() == 1, "{events:?}");
+    assert_eq!(frames.without_pose(), 1);
+}
+
+#[test]
+fn samples_of_before_do_not_belong_to_scans_of_after() {
+    let imu = |time: f64| {
+        Cdr::new()
+            .header(time, "lidar")
+            .f64s(&[0.0, 0.0, 0.0, 1.0])
+            .f64s(&[0.0; 9])
+            .f64s(&[0.0; 3])
+            .f64s(&[0.0; 9])
+            .f64s(&[0.0, 0.0, 9.8])
+            .f64s(&[0.0; 9])
+            .0
+    };
+    let topics = LiveTopics::choose("test", &there(), true, &OpenOptions::default()).unwrap().with_clock();
+    let position = |name: &str| topics.subscriptions().iter().position(|topic| topic.name == name).unwrap();
+    let (sender, receiver) = sync_channel(100);
+    let send = |name: &str, data: Vec<u8>| sender.send((position(name), data)).unwrap();
+    for start in [100.0, 0.0] {
+        send("/clock", clock(start));
+        // The first cloud says in which frame the lidar is.
+        send("/points", cloud(start));
+        (0..5).for_each(|k| send("/imu", imu(start + 0.01 * f64::from(k))));
+        send("/points", cloud(start + 0.02));
+        send("/points", cloud(start + 0.05));
+    }
+    drop(sender);
+    let mut live = LiveScans::new(topics.clone(), receiver);
+    let mut samples = Vec::new();
+    loop {
+        match live.poll() {
+            Polled::Item(scan) => samples.push(scan.unwrap().imu.iter().map(|sample| sample.time).collect::<Vec<_>>()),
+            Polled::Nothing => {}
+            Polled::End => break,
+        }
+    }
+    assert_eq!(samples.len(), 6);
+    assert!(samples[..3].iter().flatten().all(|time| *time >= 100.0) && samples[3..].iter().flatten().all(|time| *time < 1.0), "{samples:?}");
+    assert!(!samples[1].is_empty() && !samples[4].is_empty(), "{samples:?}");
+}
+
 #[test]
 fn topics_are_found_by_type_or_named() {
     let chosen = |options: &OpenOptions, there: &[(String, String)], slam| LiveTopics::choose("DDS", there, slam, options);
@@ -192,43 +264,88 @@ fn topics_are_found_by_type_or_named() {
     assert!(chosen(&usual, &[], false).unwrap_err().to_string().starts_with("DDS"));
 }
 
+fn livox(time: f64) -> Vec<u8> {
+    // Time base, counts, lidar, reserved; two points with time, place, reflectivity, tag and line.
+    let mut message = Cdr::new().header(time, "lidar").u32(0).u32(0).u32(2).u8(1).u8(0).u8(0).u8(0).u32(2);
+    for k in 0..2u32 {
+        message = message.u32(k).u32(5f32.to_bits()).u32(1f32.to_bits()).u32(0).u8(9).u8(0).u8(1);
+    }
+    message.0
+}
+
+/// All that can be subscribed to, by type: the robots that have it, and whether poses are estimated.
+fn robots() -> Vec<(LiveTopics, Vec<Vec<u8>>)> {
+    let imu = Cdr::new().header(1.0, "lidar").f64s(&[0.0; 4]).f64s(&[0.0; 9]).f64s(&[0.0; 3]).f64s(&[0.0; 9]).f64s(&[0.0; 3]).f64s(&[0.0; 9]).0;
+    let pose = Cdr::new().header(1.0, "map").pose(1.0).0;
+    let whole = vec![cloud(1.0), livox(1.0), odometry(1.0, 2.0), pose, path(&[(1.0, 1.0)]), transform(1.0, "a", "b", 1.0), imu, clock(1.0)];
+    let kinds = |pairs: &[(&str, &str)]| pairs.iter().map(|(name, kind)| ((*name).to_owned(), (*kind).to_owned())).collect::<Vec<_>>();
+    let corrected = OpenOptions { correction_topic: Some("c".into()), ..OpenOptions::default() };
+    let by_transforms = OpenOptions { pose_topic: Some("/tf".into()), ..OpenOptions::default() };
+    let other =
+        kinds(&[("/livox", "livox_ros_driver2/msg/CustomMsg"), ("/pose", "geometry_msgs/msg/PoseStamped"), ("/tf", "tf2_msgs/msg/TFMessage")]);
+    let covariant = kinds(&[("/points", "sensor_msgs/msg/PointCloud2"), ("/pose", "geometry_msgs/msg/PoseWithCovarianceStamped")]);
+    let chosen = [
+        LiveTopics::choose("test", &there(), false, &corrected),
+        LiveTopics::choose("test", &there(), true, &OpenOptions::default()),
+        LiveTopics::choose("test", &other, false, &OpenOptions::default()),
+        LiveTopics::choose("test", &other, false, &by_transforms),
+        LiveTopics::choose("test", &covariant, false, &OpenOptions::default()),
+    ];
+    chosen.into_iter().map(|topics| (topics.unwrap().with_clock(), whole.clone())).collect()
+}
+
 #[test]
-fn garbage_is_an_error_and_never_a_panic() {
-    let options = OpenOptions::default();
-    let whole = [cloud(1.0), odometry(1.0, 2.0), path(&[(1.0, 1.0)]), transform(1.0, "a", "b", 1.0)];
-    let topics = LiveTopics::choose("test", &there(), false, &OpenOptions { correction_topic: Some("c".into()), ..options.clone() }).unwrap();
-    let (sender, receiver) = sync_channel(1 << 16);
-    let mut random = 1u64;
-    let mut next = |below: usize| {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (random >> 33) as usize % below
-    };
-    let count = 20_000;
-    for _ in 0..count {
-        let mut data = whole[next(whole.len())].clone();
-        match next(3) {
-            0 => data.truncate(next(data.len())),
-            1 => {
-                let at = next(data.len());
-                data[at] = next(256) as u8;
+fn garbage_on_every_topic_is_an_error_and_never_a_panic() {
+    for (topics, whole) in robots() {
+        let subscribed = topics.subscriptions().len();
+        let (sender, receiver) = sync_channel(1 << 16);
+        let mut random = 1u64;
+        let mut next = |below: usize| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 33) as usize % below
+        };
+        let count = 20_000;
+        for _ in 0..count {
+            let mut data = whole[next(whole.len())].clone();
+            match next(4) {
+                0 => data.truncate(next(data.len())),
+                1 => {
+                    let at = next(data.len());
+                    data[at] = next(256) as u8;
+                }
+                2 => data = (0..next(200)).map(|_| next(256) as u8).collect(),
+                _ => (0..8).for_each(|_| {
+                    let at = next(data.len());
+                    data[at] ^= 1 << next(8);
+                }),
             }
-            _ => (0..8).for_each(|_| {
-                let at = next(data.len());
-                data[at] ^= 1 << next(8);
-            }),
+            // One topic more than there is.
+            sender.send((next(subscribed + 1), data)).unwrap();
         }
-        sender.send((next(7), data)).unwrap();
-    }
-    drop(sender);
-    let mut live = LiveEvents::new(topics, receiver, &options);
-    let (mut errors, mut steps) = (0, 0usize);
-    loop {
-        match live.poll() {
-            Polled::Item(Err(_)) => errors += 1,
-            Polled::Item(Ok(_)) | Polled::Nothing => {}
-            Polled::End => break,
+        drop(sender);
+        let is_raw = topics.stream.imu.is_some();
+        let description = topics.description();
+        let mut poll: Box<dyn FnMut() -> Option<bool>> = if is_raw {
+            let mut live = LiveScans::new(topics, receiver);
+            Box::new(move || is_error(&live.poll()))
+        } else {
+            let mut live = LiveEvents::new(topics, receiver, &OpenOptions::default());
+            Box::new(move || is_error(&live.poll()))
+        };
+        let (mut errors, mut steps) = (0, 0usize);
+        while let Some(is_error) = poll() {
+            errors += usize::from(is_error);
+            steps += 1;
         }
-        steps += 1;
+        assert!(errors > count / 10 && steps >= count, "{description}: {errors} errors in {steps} steps");
     }
-    assert!(errors > count / 10 && steps >= count, "{errors} errors in {steps} steps");
+}
+
+/// None at the end.
+fn is_error<T>(polled: &Polled<crate::Result<T>>) -> Option<bool> {
+    match polled {
+        Polled::Item(item) => Some(item.is_err()),
+        Polled::Nothing => Some(false),
+        Polled::End => None,
+    }
 }

@@ -78,9 +78,14 @@ pub struct Outputs {
     link: Option<(Instant, OdometryLink, Pose)>,
     last_transform: Option<Instant>,
     last_figures: Option<Instant>,
+    /// The time of a simulation, if there is one.
+    clock: Clock,
     stamp: f64,
     lost: usize,
 }
+
+/// What tells the time of a simulation, seconds; none while it is not known.
+type Clock = Box<dyn Fn() -> Option<f64> + Send>;
 
 impl Outputs {
     /// None yet.
@@ -96,9 +101,15 @@ impl Outputs {
             link: None,
             last_transform: None,
             last_figures: None,
+            clock: Box::new(|| None),
             stamp: 0.0,
             lost: 0,
         }
+    }
+
+    /// The time between scans is that of a simulation.
+    pub fn set_clock(&mut self, clock: impl Fn() -> Option<f64> + Send + 'static) {
+        self.clock = Box::new(clock);
     }
 
     /// Publishes in a network, too.
@@ -229,7 +240,7 @@ impl Outputs {
     fn publish_transform(&mut self) {
         let Some((since, link, t_map_odom)) = self.link.clone() else { return };
         self.last_transform = Some(Instant::now());
-        let stamp = link.time + since.elapsed().as_secs_f64();
+        let stamp = (self.clock)().map_or_else(|| link.time + since.elapsed().as_secs_f64(), |now| now.max(link.time));
         let map = Header { stamp, frame: MAP_FRAME };
         let odom = Header { stamp, frame: &link.odom };
         let mut links = vec![(map, link.odom.as_str(), t_map_odom)];

@@ -1,0 +1,60 @@
+//! A saved map in which a node goes on, on request.
+
+use crate::failure::one_line;
+use crate::mapping::Session;
+use crate::{joining, map_files, reporting};
+use std::path::{Path, PathBuf};
+use voxelastic::Settings;
+use voxelastic::atlas::Atlas;
+use voxelastic_io::{Error, Origin};
+use voxelastic_live::ros::services::NotLoaded;
+use voxelastic_report::RunLog;
+
+/// A map that was loaded.
+pub struct Loaded {
+    pub atlas: Atlas,
+    pub origin: Origin,
+    /// The log of the run that made it.
+    pub log: Option<RunLog>,
+    pub path: PathBuf,
+}
+
+impl Loaded {
+    /// Reads a map in which a run with these settings can go on. With `keeps_frame`, poses come in a frame that others know, and are not moved to an origin of the map's own.
+    pub fn read(path: &Path, settings: &Settings, keeps_frame: bool) -> Result<Self, (NotLoaded, String)> {
+        if !path.is_dir() {
+            return Err((NotLoaded::NotThere, format!("{}: there is no such map", path.display())));
+        }
+        let refused = |why: NotLoaded| move |problem: anyhow::Error| (why_not(&problem).unwrap_or(why), one_line(&problem));
+        let store = map_files::open(path).map_err(refused(NotLoaded::Damaged))?;
+        let of_map = map_files::settings_of(&store).map_err(refused(NotLoaded::Damaged))?;
+        joining::check_settings(path, &of_map, settings, "start the node with the settings of the map").map_err(refused(NotLoaded::Differs))?;
+        let origin = map_files::origin_of(&store).map_err(refused(NotLoaded::Damaged))?;
+        if keeps_frame && !origin.is_zero() {
+            let words = format!("{}: its coordinates are counted from {origin} m, and those of the poses that come are not", path.display());
+            return Err((NotLoaded::Differs, words));
+        }
+        let atlas = store.load_atlas().map_err(|error| refused(NotLoaded::Damaged)(map_files::damaged_part(path, error)))?;
+        if atlas.scan_count() == 0 {
+            return Err((NotLoaded::Differs, format!("{}: the map is empty", path.display())));
+        }
+        // A log of other scans would say wrong things about these.
+        let log = reporting::run_log(&store).filter(|log| log.scans.node.len() == atlas.scan_count());
+        Ok(Self { atlas, origin, log, path: path.to_owned() })
+    }
+
+    /// What is said about it.
+    pub fn words(&self, before: &Session) -> String {
+        let dropped = if before.scans() > 0 { format!("; the map of {} scans was dropped", before.scans()) } else { String::new() };
+        format!("going on in {}: {} scans, {} submaps{dropped}", self.path.display(), self.atlas.scan_count(), self.atlas.submaps().len())
+    }
+}
+
+/// What an error of reading says by itself.
+fn why_not(problem: &anyhow::Error) -> Option<NotLoaded> {
+    match problem.downcast_ref::<Error>()? {
+        Error::NotAMap { .. } => Some(NotLoaded::NotThere),
+        Error::Damaged { .. } | Error::Missing { .. } => Some(NotLoaded::Damaged),
+        _ => None,
+    }
+}

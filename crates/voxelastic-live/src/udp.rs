@@ -1,0 +1,83 @@
+//! Datagrams of a sensor: sockets and the threads that wait at them.
+
+use crate::transport::Incoming;
+use std::io;
+use std::net::{IpAddr, SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use voxelastic_io::bag::live::{LiveScans, Polled};
+use voxelastic_slam::slam::RawScan;
+
+/// The largest datagram.
+const LARGEST: usize = 1 << 16;
+/// How often a thread that waits for datagrams looks whether to end.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// A socket and the thread that waits for its datagrams; both end when it is dropped.
+pub(crate) struct Listener {
+    address: SocketAddr,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Listener {
+    /// Sends what `received` makes of each datagram, with `from` of those of this machine only. What there is no room for is counted as lost.
+    pub(crate) fn start<T: Send + 'static>(
+        address: SocketAddr,
+        from: Option<IpAddr>,
+        sender: SyncSender<T>,
+        received: impl Fn(Vec<u8>, IpAddr) -> T + Send + 'static,
+        lost: Arc<AtomicUsize>,
+    ) -> io::Result<Self> {
+        let socket = UdpSocket::bind(address)?;
+        socket.set_read_timeout(Some(LOOK))?;
+        let (address, is_over) = (socket.local_addr()?, Arc::<AtomicBool>::default());
+        let over = Arc::clone(&is_over);
+        let task = move || {
+            let mut buffer = vec![0; LARGEST];
+            while !over.load(Ordering::Relaxed) {
+                let Ok((length, source)) = socket.recv_from(&mut buffer) else { continue };
+                if from.is_some_and(|from| source.ip() != from) {
+                    continue;
+                }
+                if let Err(TrySendError::Full(_)) = sender.try_send(received(buffer[..length].to_vec(), source.ip())) {
+                    lost.fetch_add(1, Ordering::Relaxed);
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("sensor".to_owned()).spawn(task)?;
+        Ok(Self { address, is_over, thread: Some(thread) })
+    }
+
+    /// Where it listens.
+    pub(crate) fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The next scan, or what cannot be used; none once it is stopped or has ended.
+pub(crate) fn next_scan(scans: &mut LiveScans, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+    while !is_stopped() {
+        match scans.poll() {
+            Polled::Item(Ok(scan)) => {
+                return Some(Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
+            }
+            Polled::Item(Err(error)) => return Some(Incoming::Unusable(error.to_string())),
+            Polled::Nothing => {}
+            Polled::End => break,
+        }
+    }
+    None
+}

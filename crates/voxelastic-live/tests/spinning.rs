@@ -1,0 +1,160 @@
+//! The packets of sensors that turn, sent over UDP on the loopback interface, against the reader of captures.
+
+use std::net::{SocketAddr, UdpSocket};
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use voxelastic::Cloud;
+use voxelastic_io::{OpenOptions, raw};
+use voxelastic_live::feed::{Feed, Next, Overload};
+use voxelastic_live::spinning::SpinningInput;
+use voxelastic_live::transport::Incoming;
+
+/// UDP may lose datagrams where the system is busy.
+const TRIES: usize = 8;
+/// A turn takes a tenth of a second.
+const DEGREES_PER_US: f64 = 3600.0 / 1e6;
+/// Turns that are sent: the last one stays unfinished.
+const TURNS: f64 = 3.6;
+const LOOPBACK: [u8; 4] = [127, 0, 0, 1];
+
+/// A number that looks random.
+fn hash(k: usize) -> usize {
+    (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 23) ^ (k << 3)
+}
+
+/// Distance and intensity of the k-th return: anything, or none.
+fn measured(k: usize) -> [u8; 3] {
+    let distance = if hash(k).is_multiple_of(7) { 0 } else { 1000 + hash(k + 1) % 20_000 };
+    [distance as u8, (distance >> 8) as u8, hash(k + 2) as u8]
+}
+
+fn azimuth(us: f64) -> [u8; 2] {
+    (((us * DEGREES_PER_US * 100.0).round() as u64 % 36_000) as u16).to_le_bytes()
+}
+
+/// Packets of a VLP-16, each with its time in seconds: twelve blocks of two firings of 55.296 us.
+fn velodyne(start: f64) -> Vec<(f64, Vec<u8>)> {
+    let packet_us = 12.0 * 110.592;
+    let packet = |n: usize| {
+        let us = n as f64 * packet_us;
+        let mut bytes = Vec::new();
+        for block in 0..12 {
+            bytes.extend([0xff, 0xee]);
+            bytes.extend(azimuth(us + f64::from(block) * 110.592));
+            (0..32).for_each(|k| bytes.extend(measured((n * 12 + block as usize) * 32 + k)));
+        }
+        bytes.extend(((start % 3600.0 * 1e6 + us).round() as u32).to_le_bytes());
+        bytes.extend([0x37, 0x22]);
+        (start + us * 1e-6, bytes)
+    };
+    (0..(TURNS * 1e5 / packet_us) as usize).map(packet).collect()
+}
+
+/// Packets of a PandarXT-32: eight blocks, 50 us apart. Its date was never set.
+fn hesai(start: f64) -> Vec<(f64, Vec<u8>)> {
+    let packet = |n: usize| {
+        let us = (n + 1) as f64 * 400.0;
+        let mut bytes = vec![0xee, 0xff, 6, 1, 0, 0, 32, 8, 0, 4, 1, 1];
+        for block in 0..8 {
+            bytes.extend(azimuth(us - 50.0 * f64::from(7 - block)));
+            for k in 0..32 {
+                bytes.extend(measured((n * 8 + block as usize) * 32 + k));
+                bytes.push(0);
+            }
+        }
+        let micros = (us.rem_euclid(1e6) as u32).to_le_bytes();
+        bytes.extend([&[0; 10][..], &[0x37, 0, 0, 123, 11], &[14, 22, 25, (us * 1e-6) as u8], &micros, &[0x42, 0, 0, 0, 0]].concat());
+        (start + us * 1e-6, bytes)
+    };
+    (0..(TURNS * 1e5 / 400.0) as usize).map(packet).collect()
+}
+
+/// A capture file of the packets, as they come from this machine.
+fn pcap(packets: &[(f64, Vec<u8>)]) -> Vec<u8> {
+    let mut bytes = [0xa1b2_c3d4u32.to_le_bytes(), [2, 0, 4, 0], [0; 4], [0; 4], [0, 0, 1, 0], 1u32.to_le_bytes()].concat();
+    for (time, payload) in packets {
+        let (udp, port) = (payload.len() as u16 + 8, 2368u16.to_be_bytes());
+        let mut frame = [vec![0; 12], vec![8, 0, 0x45, 0], (udp + 20).to_be_bytes().to_vec(), vec![0, 0, 0, 0, 64, 17, 0, 0]].concat();
+        frame.extend([LOOPBACK, LOOPBACK, [port[0], port[1], port[0], port[1]]].concat());
+        frame.extend([udp.to_be_bytes(), [0, 0]].concat());
+        frame.extend(payload);
+        let micros = (time.fract() * 1e6).min(999_999.0) as u32;
+        bytes.extend([*time as u32, micros, frame.len() as u32, frame.len() as u32].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.extend(frame);
+    }
+    bytes
+}
+
+/// The scans that come when the packets are sent, with garbage among them.
+fn sent_over_udp(packets: &[(f64, Vec<u8>)], from: Option<[u8; 4]>) -> Vec<(f64, Cloud)> {
+    let input = SpinningInput::listen(SocketAddr::from((LOOPBACK, 0)), from.map(Into::into), None).unwrap();
+    let address = input.address();
+    let feed = Feed::start(Box::new(input), Overload::Wait).unwrap();
+    let packets: Vec<Vec<u8>> = packets.iter().map(|(_, payload)| payload.clone()).collect();
+    let sender = std::thread::spawn(move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.send_to(&[7; 100], address).unwrap();
+        for (k, packet) in packets.into_iter().enumerate() {
+            socket.send_to(&packet, address).unwrap();
+            if k % 50 == 10 {
+                // Position packets, and what is no packet, or half of one.
+                socket.send_to(&[9; 512], address).unwrap();
+                socket.send_to(&packet[..packet.len() / 2], address).unwrap();
+                socket.send_to(&[], address).unwrap();
+            }
+            std::thread::sleep(Duration::from_micros(400));
+        }
+    });
+    let (mut scans, mut last) = (Vec::new(), Instant::now());
+    while !sender.is_finished() || last.elapsed() < Duration::from_millis(300) {
+        match feed.next(Duration::from_millis(20)) {
+            Next::Incoming(incoming, _) => match *incoming {
+                Incoming::RawScan(scan, _) => {
+                    scans.push((scan.time, scan.cloud));
+                    last = Instant::now();
+                }
+                other => panic!("{other:?}"),
+            },
+            Next::Nothing => {}
+            Next::End => panic!("the input ended"),
+        }
+    }
+    sender.join().unwrap();
+    scans
+}
+
+/// What is measured in time is compared to a microsecond: the clock of a sensor that is not set is that of the receiver.
+fn same(a: &Cloud, b: &Cloud) -> bool {
+    let bits = |cloud: &Cloud| cloud.points.iter().flatten().map(|c| c.to_bits()).collect::<Vec<u32>>();
+    let times = |cloud: &Cloud| cloud.time.clone().unwrap();
+    let differ = |(a, b): (f32, f32)| (a - b).abs() > 1e-6;
+    bits(a) == bits(b) && a.intensity == b.intensity && a.ring == b.ring && !times(a).into_iter().zip(times(b)).any(differ)
+}
+
+fn read(path: &Path) -> Vec<raw::TimedScan> {
+    raw::open(path, &OpenOptions::default()).unwrap().iter().map(Result::unwrap).collect()
+}
+
+#[test]
+fn scans_that_come_over_udp_are_those_of_the_capture() {
+    let dir = tempfile::tempdir().unwrap();
+    let makes: [(&str, fn(f64) -> Vec<(f64, Vec<u8>)>); 2] = [("velodyne", velodyne), ("hesai", hesai)];
+    for (name, packets) in makes {
+        let path = dir.path().join(format!("{name}.pcap"));
+        let attempt = |_| {
+            // The hour of a Velodyne's clock is told by when its packets come.
+            let start = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64().floor();
+            let packets = packets(start);
+            std::fs::write(&path, pcap(&packets)).unwrap();
+            let (expected, scans) = (read(&path), sent_over_udp(&packets, Some(LOOPBACK)));
+            let is_same = |(found, expected): (&(f64, Cloud), &raw::TimedScan)| {
+                let is_set = name == "velodyne";
+                same(&found.1, &expected.cloud) && (!is_set || (found.0 - expected.time).abs() < 1e-5)
+            };
+            // The unfinished turn is in the file, as the file has ended.
+            expected.len() == 4 && scans.len() == 3 && expected[0].cloud.len() > 15_000 && scans.iter().zip(&expected).all(is_same)
+        };
+        assert!((0..TRIES).any(attempt), "{name}: no try brought the scans of the capture");
+        assert!(sent_over_udp(&packets(0.0), Some([127, 0, 0, 9])).is_empty(), "{name}: another machine's packets are ignored");
+    }
+}
