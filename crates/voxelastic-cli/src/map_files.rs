@@ -51,9 +51,11 @@ pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     load_from(open(path)?, args)
 }
 
-/// Loads a map for its surfaces: without the occupancy of submaps that have a TSDF.
+/// Loads a map for its surfaces: without the occupancy of submaps that have a TSDF, unless sessions tell by it what is gone.
 pub fn load_surfaces(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
-    load_from(open(path)?.for_surfaces(), args)
+    let store = open(path)?;
+    let compares_sessions = !args.keep_vanished && store.manifest().all_sessions().len() > 1;
+    load_from(if compares_sessions { store } else { store.for_surfaces() }, args)
 }
 
 fn load_from(store: MapStore, args: LoadArgs) -> anyhow::Result<LoadedMap> {

@@ -154,7 +154,11 @@ const SEQUENCES: [usize; 5] = [1, 1, 8, 8, 0];
 
 fn skip_value(reader: &mut Reader<'_>) -> Option<()> {
     // The type, and a field for each.
-    (reader.u8()?, reader.bool()?, reader.i64()?, reader.f64()?, reader.text()?);
+    reader.u8()?;
+    reader.bool()?;
+    reader.i64()?;
+    reader.f64()?;
+    reader.text()?;
     for size in SEQUENCES {
         for _ in 0..reader.u32()? {
             match size {

@@ -1,6 +1,6 @@
 //! Triangles of a surface that lie together.
 
-use crate::geometry::Aabb;
+use crate::geometry::{Aabb, Pose, Rigid};
 use crate::surface::Mesh;
 use std::collections::BTreeMap;
 
@@ -13,6 +13,15 @@ pub struct ChangedPiece {
     pub bounds: Aabb,
     /// Its area, square metres.
     pub area: f64,
+}
+
+impl ChangedPiece {
+    /// The surfaces of several pieces as one mesh.
+    pub fn join(pieces: &[Self]) -> Mesh {
+        let mut mesh = Mesh::default();
+        pieces.iter().for_each(|piece| mesh.append(&piece.mesh, &Rigid::from(&Pose::identity())));
+        mesh
+    }
 }
 
 /// The pieces of at least `least_area` square metres, largest first, that the triangles of `mesh` make for which `is_changed` says so. Triangles belong together

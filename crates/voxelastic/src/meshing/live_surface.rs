@@ -3,7 +3,6 @@
 use crate::atlas::fusion::{LiveField, neighbours};
 use crate::atlas::{Atlas, SubmapId};
 use crate::meshing::TileKey;
-use crate::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, block_key};
 use crate::surface::{Mesh, MeshOptions, Seams, TileIndex, TileSeam, TileSurface, tile_surfaces};
 use hashbrown::HashMap;
 use rayon::prelude::*;
@@ -123,7 +122,7 @@ impl LiveSurface {
 
     /// The place of a tile among all, in tiles: one with `x` one higher is the next along x.
     pub fn place(&self, tile: TileKey) -> [i32; 3] {
-        self.index.origin(tile).map(|c| c.div_euclid(BLOCK_EDGE as i32 * (1 << TILE_SHIFT)))
+        self.index.place(tile)
     }
 
     /// The lowest corner of a tile in the map frame, metres. Triangles may reach a voxel beyond a tile.
@@ -133,9 +132,7 @@ impl LiveSurface {
 
     /// The tile around a point of the map frame, metres; none before the first [`note`](Self::note), and for points that are too far away.
     pub fn tile_at(&self, point: [f32; 3]) -> Option<TileKey> {
-        let block = point.map(|c| (c / (self.voxel * BLOCK_EDGE as f32)).floor());
-        let is_near = block.iter().all(|c| c.abs() < MAX_BLOCK_COORD as f32);
-        is_near.then(|| self.index.tile_of(block_key(block.map(|c| c as i32))))
+        self.index.tile_at(point.map(|c| c / self.voxel))
     }
 
     /// The submap that has most of a tile, if any has a part of it.

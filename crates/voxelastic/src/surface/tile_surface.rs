@@ -14,7 +14,7 @@ use super::resolved_blocks::ResolvedBlocks;
 use super::simplify::simplify;
 use super::vertices::mask_index;
 use crate::field::tsdf::TsdfField;
-use crate::octree::{BLOCK_EDGE, SCALES, block_coords, block_key};
+use crate::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, SCALES, block_coords, block_key};
 use hashbrown::{HashMap, HashSet};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -122,6 +122,18 @@ impl TileIndex {
     /// The tile of block `key`.
     pub fn tile_of(&self, key: u64) -> u64 {
         key >> (3 * self.shift)
+    }
+
+    /// The tile at a point, finest voxels; none where no block can be.
+    pub fn tile_at(&self, point: [f32; 3]) -> Option<u64> {
+        let block = point.map(|c| (c / BLOCK_EDGE as f32).floor());
+        let is_near = block.iter().all(|c| c.abs() < MAX_BLOCK_COORD as f32);
+        is_near.then(|| self.tile_of(block_key(block.map(|c| c as i32))))
+    }
+
+    /// The place of a tile among all, in tiles: one with `x` one higher is the next along x.
+    pub fn place(&self, tile: u64) -> [i32; 3] {
+        self.origin(tile).map(|c| c.div_euclid(BLOCK_EDGE as i32 * (1 << self.shift)))
     }
 
     /// Whether a tile has blocks.

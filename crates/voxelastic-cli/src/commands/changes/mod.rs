@@ -13,10 +13,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use two_maps::TwoMaps;
-use voxelastic::Pose;
 use voxelastic::changes::{ChangeError, ChangeOptions, ChangedPiece, Changes, changes};
-use voxelastic::geometry::Rigid;
-use voxelastic::surface::Mesh;
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 
@@ -175,7 +172,7 @@ fn print(found: &Changes, origin: Origin) -> anyhow::Result<()> {
 
 /// Writes pieces as one mesh.
 fn write(path: &Path, pieces: &[ChangedPiece], origin: Origin) -> anyhow::Result<()> {
-    let mesh = joined(pieces);
+    let mesh = ChangedPiece::join(pieces);
     let file = MeshRef {
         positions: &mesh.positions,
         origin: origin.coordinates(),
@@ -185,11 +182,4 @@ fn write(path: &Path, pieces: &[ChangedPiece], origin: Origin) -> anyhow::Result
         triangles: &mesh.triangles,
     };
     write_ply(path, &file).with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// The surfaces of all pieces.
-fn joined(pieces: &[ChangedPiece]) -> Mesh {
-    let mut mesh = Mesh::default();
-    pieces.iter().for_each(|piece| mesh.append(&piece.mesh, &Rigid::from(&Pose::identity())));
-    mesh
 }

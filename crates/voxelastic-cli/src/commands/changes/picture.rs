@@ -1,6 +1,5 @@
 //! Changes seen from above.
 
-use super::joined;
 use super::two_maps::TwoMaps;
 use anyhow::Context;
 use std::path::Path;
@@ -19,7 +18,7 @@ const SIZE: Size = Size { width: 1600, height: 1200 };
 /// Draws the newer map with what changed.
 pub(super) fn draw(path: &Path, maps: &TwoMaps, found: &Changes) -> anyhow::Result<()> {
     let map = maps.newer.mesh(&MeshOptions { lod: 1, ..MeshOptions::default() });
-    let (appeared, vanished) = (joined(&found.appeared), joined(&found.vanished));
+    let (appeared, vanished) = (ChangedPiece::join(&found.appeared), ChangedPiece::join(&found.vanished));
     let mut scene = Scene::default();
     for (mesh, colour) in [(&map, MAP), (&appeared, APPEARED), (&vanished, VANISHED)] {
         if !mesh.triangles.is_empty() {
