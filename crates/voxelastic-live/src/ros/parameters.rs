@@ -10,13 +10,16 @@ pub(super) const FIXED: &str = "settings cannot change while a map is made: star
 /// The parameters and their values.
 type Values = Arc<[(String, Parameter)]>;
 
+/// A service: its name, its type, and what answers a request from the values; none for a request that cannot be read.
+type Service = (&'static str, &'static str, fn(&[u8], &Values) -> Option<Vec<u8>>);
+
 /// Offers the parameters of a node: list, get, describe; changes are refused.
 ///
 /// # Errors
 /// When the network refuses.
 pub(super) fn offer(middleware: &mut dyn Middleware, options: &NodeOptions) -> Result<Vec<Handle>, MiddlewareError> {
     let values: Values = options.parameters.as_slice().into();
-    let services: [(&str, &str, fn(&[u8], &Values) -> Option<Vec<u8>>); 6] = [
+    let services: [Service; 6] = [
         ("list_parameters", "ListParameters", list),
         ("get_parameters", "GetParameters", get),
         ("get_parameter_types", "GetParameterTypes", types),
@@ -24,7 +27,7 @@ pub(super) fn offer(middleware: &mut dyn Middleware, options: &NodeOptions) -> R
         ("set_parameters", "SetParameters", set),
         ("set_parameters_atomically", "SetParametersAtomically", set_atomically),
     ];
-    let serve = |(name, kind, answer): (&str, &str, fn(&[u8], &Values) -> Option<Vec<u8>>)| {
+    let serve = |(name, kind, answer): Service| {
         let values = Arc::clone(&values);
         let answer: Answer = Box::new(move |request| answer(request, &values));
         middleware.serve(&format!("/{}/{name}", options.name), &format!("rcl_interfaces/srv/{kind}"), answer)
