@@ -8,7 +8,6 @@ use crate::field::tsdf::RemoveFrom;
 use crate::geometry::{Pose, morton};
 use crate::octree::{BLOCK_SHIFT, NONE, SCALES, block_key, voxel_coords, voxel_index, voxels_at};
 use crate::query::AtlasQuery;
-use crate::surface::MeshOptions;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
@@ -26,7 +25,8 @@ pub struct RemovedVoxels {
 }
 
 /// Removes surfaces and occupied space from submaps where submaps of a larger `age`, such as those of a later session, know free space only, within `margin` metres
-/// as well; beside what is gone, a third of the margin is enough, so that of a thing on the ground little more than its foot stays. Nothing changes where the newer submaps have no occupancy.
+/// as well; beside what is gone, a third of the margin is enough, so that of a thing on the ground little more than its foot stays. Nothing changes where the newer submaps or the
+/// older ones have no occupancy.
 ///
 /// Runs in parallel; the result does not depend on the number of threads.
 pub fn keep_newest(atlas: Atlas, age: impl Fn(SubmapId) -> u32, margin: f64, settings: &FusionSettings) -> (Atlas, RemovedVoxels) {
@@ -55,9 +55,10 @@ fn remove_vanished(submap: &mut Submap, newer: &AtlasQuery<'_>, margin: f64, set
         return RemovedVoxels::default();
     }
     let is_gone = |centres: &[[f32; 3]]| gone.contains(centres);
-    let surface = submap.tsdf.remove_voxels(RemoveFrom::AnyBlock, &is_gone);
+    let surface = submap.tsdf.remove_voxels(RemoveFrom::Blocks(&gone.blocks), &is_gone);
     submap.tsdf.compact_all();
-    let (votes, occupied) = votes(&submap.occupancy, &is_gone);
+    let votes: Vec<BlockVotes> = gone.occupied_blocks(&submap.occupancy).par_iter().filter_map(|block| block.votes(&is_gone)).collect();
+    let occupied = votes.iter().map(|(_, votes)| votes.iter().filter(|vote| **vote == FREE).count()).sum();
     add_votes(&mut submap.occupancy, &votes, settings);
     submap.revision += u64::from(surface + occupied > 0);
     RemovedVoxels { surface, occupied }
@@ -71,8 +72,12 @@ struct GoneSpace<'a> {
     /// Edge of a finest voxel, metres.
     voxel: f64,
     margin: f64,
-    /// Cubes of the map frame with edges of the margin in which something is gone, and those around them.
-    cubes: HashSet<[i64; 3]>,
+    /// Edge of a cube, finest voxels: the margin, rounded up.
+    edge: i32,
+    /// Cubes of the submap frame in which something is gone, and those around them, by their coordinates in edges.
+    cubes: HashSet<[i32; 3]>,
+    /// Keys of the blocks that the cubes reach.
+    blocks: HashSet<u64>,
 }
 
 impl<'a> GoneSpace<'a> {
@@ -80,38 +85,56 @@ impl<'a> GoneSpace<'a> {
     const PART: f64 = 1.0 / 3.0;
 
     fn of(submap: &Submap, newer: &'a AtlasQuery<'a>, margin: f64) -> Self {
-        let mut gone = Self { newer, t_map_submap: submap.t_map_submap, voxel: submap.voxel_size.into(), margin, cubes: HashSet::new() };
-        let mesh = submap.mesh(&MeshOptions::default());
-        let of_vertex = |p: &[f32; 3]| gone.in_map(p.map(|c| (f64::from(c) / gone.voxel) as f32));
-        let of_voxel = |centre: [f32; 3]| gone.in_map(centre);
-        let vertices = mesh.positions.iter().map(of_vertex);
-        let occupied = occupied_blocks(&submap.occupancy);
-        let voxels = occupied.iter().flat_map(|block| block.occupied().into_iter().map(|i| block.centre(i))).map(of_voxel);
-        let points: Vec<[f64; 3]> = vertices.chain(voxels).collect();
-        let are_gone = are_void(newer, &points, &newer.states(&points), margin);
-        let around = |c: [i64; 3]| (0..27).map(move |step| [c[0] + step % 3 - 1, c[1] + step / 3 % 3 - 1, c[2] + step / 9 - 1]);
-        gone.cubes = points.iter().zip(are_gone).filter(|(_, gone)| *gone).flat_map(|(p, _)| around(gone.cube(p))).collect();
+        /// Enough that many voxels are looked up together.
+        const BLOCKS_PER_TASK: usize = 256;
+        let voxel = f64::from(submap.voxel_size);
+        let edge = (margin / voxel).ceil().max(1.0) as i32;
+        let mut gone = Self { newer, t_map_submap: submap.t_map_submap, voxel, margin, edge, cubes: HashSet::new(), blocks: HashSet::new() };
+        let cubes_of = |blocks: &[OccupiedBlock<'_>]| -> Vec<[i32; 3]> {
+            let centres: Vec<[f32; 3]> = blocks.iter().flat_map(|block| block.occupied().into_iter().map(|i| block.centre(i))).collect();
+            let are_gone = gone.are_void(&centres, margin);
+            centres.iter().zip(are_gone).filter(|(_, gone)| *gone).map(|(c, _)| gone.cube(*c)).collect()
+        };
+        let found: HashSet<[i32; 3]> = occupied_blocks(&submap.occupancy).par_chunks(BLOCKS_PER_TASK).flat_map_iter(cubes_of).collect();
+        let around =
+            |c: &[i32; 3]| (0..27).map(|step| [step % 3, step / 3 % 3, step / 9]).map(|step| std::array::from_fn(|k| c[k] + step[k] - 1)).collect();
+        gone.cubes = found.iter().flat_map(|c| -> Vec<[i32; 3]> { around(c) }).collect();
+        gone.blocks = gone.cubes.iter().flat_map(|c| gone.blocks_of(c)).collect();
         gone
     }
 
-    /// A point of the submap, finest voxels, in the map frame, metres.
-    fn in_map(&self, c: [f32; 3]) -> [f64; 3] {
-        (self.t_map_submap * Point3::from(c.map(|c| f64::from(c) * self.voxel))).coords.into()
+    fn cube(&self, c: [f32; 3]) -> [i32; 3] {
+        c.map(|c| (c.floor() as i32).div_euclid(self.edge))
     }
 
-    fn cube(&self, p: &[f64; 3]) -> [i64; 3] {
-        p.map(|c| (c / self.margin.max(self.voxel)).floor() as i64)
+    /// Keys of the blocks that a cube reaches.
+    fn blocks_of(&self, cube: &[i32; 3]) -> Vec<u64> {
+        let [low, high] = [0, self.edge - 1].map(|end| cube.map(|c| (c * self.edge + end) >> BLOCK_SHIFT));
+        let along = |k: usize| low[k]..=high[k];
+        along(2).flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| block_key([x, y, z])))).collect()
+    }
+
+    /// The blocks with occupied voxels that it reaches.
+    fn occupied_blocks<'f>(&self, field: &'f OccupancyField) -> Vec<OccupiedBlock<'f>> {
+        let mut all = occupied_blocks(field);
+        all.retain(|block| self.blocks.contains(&block.key()));
+        all
     }
 
     /// Which of some points of the submap, finest voxels, are in it.
     fn contains(&self, centres: &[[f32; 3]]) -> Vec<bool> {
-        let points: Vec<[f64; 3]> = centres.iter().map(|c| self.in_map(*c)).collect();
-        let near: Vec<usize> = (0..points.len()).filter(|&i| self.cubes.contains(&self.cube(&points[i]))).collect();
-        let near_points: Vec<[f64; 3]> = near.iter().map(|&i| points[i]).collect();
-        let mut gone = vec![false; points.len()];
-        let are_gone = are_void(self.newer, &near_points, &self.newer.states(&near_points), Self::PART * self.margin);
-        near.into_iter().zip(are_gone).for_each(|(i, is_gone)| gone[i] = is_gone);
+        let near: Vec<usize> = (0..centres.len()).filter(|&i| self.cubes.contains(&self.cube(centres[i]))).collect();
+        let near_centres: Vec<[f32; 3]> = near.iter().map(|&i| centres[i]).collect();
+        let mut gone = vec![false; centres.len()];
+        near.into_iter().zip(self.are_void(&near_centres, Self::PART * self.margin)).for_each(|(i, is_gone)| gone[i] = is_gone);
         gone
+    }
+
+    /// Which of some points of the submap, finest voxels, have nothing but free space of the newer map within `margin`.
+    fn are_void(&self, centres: &[[f32; 3]], margin: f64) -> Vec<bool> {
+        let in_map = |c: &[f32; 3]| (self.t_map_submap * Point3::from(c.map(|c| f64::from(c) * self.voxel))).coords.into();
+        let points: Vec<[f64; 3]> = centres.iter().map(in_map).collect();
+        are_void(self.newer, &points, &self.newer.states(&points), margin)
     }
 }
 
@@ -121,13 +144,6 @@ struct OccupiedBlock<'a> {
     corner: [i32; 3],
     scale: usize,
     values: &'a [i8],
-}
-
-/// Votes that free the occupied voxels of a field whose centres (finest voxels) are gone, and how many finest voxels they are.
-fn votes(field: &OccupancyField, is_gone: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> (Vec<BlockVotes>, usize) {
-    let votes: Vec<BlockVotes> = occupied_blocks(field).par_iter().filter_map(|block| block.votes(is_gone)).collect();
-    let count = votes.iter().map(|(_, votes)| votes.iter().filter(|vote| **vote == FREE).count()).sum();
-    (votes, count)
 }
 
 /// All blocks with occupied voxels; a larger cube with one value is many.
@@ -157,6 +173,10 @@ impl OccupiedBlock<'_> {
         voxel_coords(i, self.scale).map(|c| c << self.scale)
     }
 
+    fn key(&self) -> u64 {
+        block_key(self.corner.map(|c| c >> BLOCK_SHIFT))
+    }
+
     /// The occupied voxels.
     fn occupied(&self) -> Vec<usize> {
         (0..self.values.len()).filter(|&i| self.values[i] > 0).collect()
@@ -181,6 +201,6 @@ impl OccupiedBlock<'_> {
                 votes[voxel_index(std::array::from_fn(|k| first[k] + within[k]), 0)] = FREE;
             }
         }
-        Some((block_key(self.corner.map(|c| c >> BLOCK_SHIFT)), votes))
+        Some((self.key(), votes))
     }
 }

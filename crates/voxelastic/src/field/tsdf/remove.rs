@@ -4,21 +4,25 @@ use super::block::Array;
 use super::field::TsdfField;
 use super::voxel::{DISTANCE_STEPS, Voxel};
 use crate::octree::{BLOCK_EDGE, SCALES, block_coords, voxel_coords, voxels_at};
+use std::collections::HashSet;
 use std::sync::{Mutex, PoisonError};
 
 /// Which blocks voxels are removed from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RemoveFrom {
-    /// All.
-    AnyBlock,
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum RemoveFrom<'a> {
+    /// Those with these keys.
+    Blocks(&'a HashSet<u64>),
     /// Those in which a voxel next to the surface goes; of such voxels, some are asked.
     BlocksWithSurface,
 }
 
 impl TsdfField {
     /// Removes the observed voxels whose centres, finest voxels, are to be removed, in all arrays of the blocks `from` names; returns how many they are.
-    pub(crate) fn remove_voxels(&mut self, from: RemoveFrom, is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> usize {
-        let ids = self.ids_in_morton_order();
+    pub(crate) fn remove_voxels(&mut self, from: RemoveFrom<'_>, is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync)) -> usize {
+        let mut ids = self.ids_in_morton_order();
+        if let RemoveFrom::Blocks(keys) = from {
+            ids.retain(|id| keys.contains(&self.blocks[*id].key));
+        }
         let mut changed = vec![false; ids.len()];
         let mut removed = 0;
         // One array after the other: a block may decompress no more bricks at a time than one array has.
@@ -39,7 +43,7 @@ impl TsdfField {
         &mut self,
         ids: &[u32],
         array: Array,
-        from: RemoveFrom,
+        from: RemoveFrom<'_>,
         is_removed: &(impl Fn(&[[f32; 3]]) -> Vec<bool> + Sync),
     ) -> Vec<(usize, usize)> {
         /// Blocks of one task.
@@ -67,7 +71,7 @@ impl TsdfField {
                 // Where none of the voxels next to the surface goes, none does; some of them tell.
                 let next_to_surface = |voxel: &Voxel| voxel.is_observed() && f32::from(voxel.distance).abs() <= NEXT_TO_SURFACE * DISTANCE_STEPS;
                 let some = || (0..voxels.len()).filter(|&v| next_to_surface(&voxels[v])).step_by(PROBE).collect();
-                if from == RemoveFrom::BlocksWithSurface && gone_of(some()).is_empty() {
+                if matches!(from, RemoveFrom::BlocksWithSurface) && gone_of(some()).is_empty() {
                     continue;
                 }
                 let gone = gone_of((0..voxels.len()).filter(|&v| voxels[v].is_observed()).collect());
@@ -120,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_without_a_surface_are_asked_where_all_are() {
+    fn blocks_that_are_named_need_no_surface() {
         let mut builder = TsdfBuilder::default();
         let head = BlockHead { key: crate::octree::block_key([0, 0, 0]), scale: 0, finest: 0, has_intensity: false };
         let far = Voxel { distance: DISTANCE_STEPS as i16, weight: 16 };
@@ -128,7 +132,7 @@ mod tests {
         let mut field = builder.finish();
         let all = |centres: &[[f32; 3]]| vec![true; centres.len()];
         assert_eq!(field.remove_voxels(RemoveFrom::BlocksWithSurface, &all), 0);
-        assert_eq!(field.remove_voxels(RemoveFrom::AnyBlock, &|centres: &[[f32; 3]]| vec![false; centres.len()]), 0);
-        assert_eq!(field.remove_voxels(RemoveFrom::AnyBlock, &all), voxels_at(0));
+        assert_eq!(field.remove_voxels(RemoveFrom::Blocks(&HashSet::from([head.key + 1])), &all), 0);
+        assert_eq!(field.remove_voxels(RemoveFrom::Blocks(&HashSet::from([head.key])), &all), voxels_at(0));
     }
 }
