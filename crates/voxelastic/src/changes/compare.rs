@@ -51,6 +51,8 @@ pub struct Changes {
     pub compared_area: f64,
     /// Area of the newer map's surface, square metres.
     pub area: f64,
+    /// The newer map's surface, map frame, metres.
+    pub surface: Mesh,
 }
 
 /// Compares two maps in one frame. Runs in parallel; the result does not depend on the number of threads.
@@ -84,9 +86,9 @@ pub fn changes(before: &Atlas, after: &Atlas, options: &ChangeOptions) -> Result
     let area_of = |triangle: &[u32; 3]| area(&mesh, *triangle);
     let compared_area = mesh.triangles.iter().filter(is_compared).map(area_of).sum();
     let area = mesh.triangles.iter().map(area_of).sum();
-    let mesh = before.mesh(&options.mesh);
-    let vanished = changed(&mesh, &newer.states(&mesh.positions), &newer, options);
-    Ok(Changes { appeared, vanished, compared_area, area })
+    let old_mesh = before.mesh(&options.mesh);
+    let vanished = changed(&old_mesh, &newer.states(&old_mesh.positions), &newer, options);
+    Ok(Changes { appeared, vanished, compared_area, area, surface: mesh })
 }
 
 /// The pieces of a surface where the `other` map, in which its vertices have `states`, knows free space only.

@@ -107,7 +107,7 @@ impl ChangesArgs {
             }
         }
         if let Some(path) = &self.picture {
-            picture::draw(path, &maps, &found)?;
+            picture::draw(path, &found)?;
         }
         tracing::info!(
             "{} things appeared and {} vanished between {} and {}; {:.0} of {:.0} m2 could be compared",

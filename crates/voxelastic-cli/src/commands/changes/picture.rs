@@ -1,10 +1,9 @@
 //! Changes seen from above.
 
-use super::two_maps::TwoMaps;
 use anyhow::Context;
 use std::path::Path;
 use voxelastic::changes::{ChangedPiece, Changes};
-use voxelastic::surface::{Mesh, MeshOptions};
+use voxelastic::surface::Mesh;
 use voxelastic::{Pose, geometry::Aabb};
 use voxelastic_eval::MeshView;
 use voxelastic_eval::colour::Rgb;
@@ -16,11 +15,10 @@ const VANISHED: Rgb = [206, 44, 40];
 const SIZE: Size = Size { width: 1600, height: 1200 };
 
 /// Draws the newer map with what changed.
-pub(super) fn draw(path: &Path, maps: &TwoMaps, found: &Changes) -> anyhow::Result<()> {
-    let map = maps.newer.mesh(&MeshOptions { lod: 1, ..MeshOptions::default() });
+pub(super) fn draw(path: &Path, found: &Changes) -> anyhow::Result<()> {
     let (appeared, vanished) = (ChangedPiece::join(&found.appeared), ChangedPiece::join(&found.vanished));
     let mut scene = Scene::default();
-    for (mesh, colour) in [(&map, MAP), (&appeared, APPEARED), (&vanished, VANISHED)] {
+    for (mesh, colour) in [(&found.surface, MAP), (&appeared, APPEARED), (&vanished, VANISHED)] {
         if !mesh.triangles.is_empty() {
             scene.meshes.push(item(mesh, colour)?);
         }
