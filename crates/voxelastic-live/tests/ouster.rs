@@ -1,13 +1,15 @@
 //! The packets of real sensors, sent over UDP on the loopback interface, against the reader of captures.
 
+mod common;
+
+use common::scans_of;
 use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use voxelastic::Cloud;
 use voxelastic_io::ouster::{Capture, SensorMetadata, datagrams};
-use voxelastic_live::feed::{Feed, Next, Overload};
+use voxelastic_live::feed::{Feed, Overload};
 use voxelastic_live::ouster::OusterInput;
-use voxelastic_live::transport::Incoming;
 
 const CAPTURES: [(&str, &str); 3] = [
     ("OS-1-64_1024x10_fw20.pcap", "OS-1-64_sensor_config_reduced.json"),
@@ -36,22 +38,7 @@ fn sent_over_udp(capture: &Path, metadata: &SensorMetadata) -> Vec<(f64, Cloud)>
             std::thread::sleep(Duration::from_millis(2));
         }
     });
-    let (mut scans, mut last) = (Vec::new(), Instant::now());
-    while !sender.is_finished() || last.elapsed() < Duration::from_millis(300) {
-        match feed.next(Duration::from_millis(20)) {
-            Next::Incoming(incoming, _) => match *incoming {
-                Incoming::RawScan(scan, _) => {
-                    scans.push((scan.time, scan.cloud));
-                    last = Instant::now();
-                }
-                other => panic!("{other:?}"),
-            },
-            Next::Nothing => {}
-            Next::End => panic!("the input ended"),
-        }
-    }
-    sender.join().unwrap();
-    scans
+    scans_of(&feed, sender)
 }
 
 #[test]

@@ -1,13 +1,15 @@
 //! The packets of sensors that turn, sent over UDP on the loopback interface, against the reader of captures.
 
+mod common;
+
+use common::scans_of;
 use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use voxelastic::Cloud;
 use voxelastic_io::{OpenOptions, raw};
-use voxelastic_live::feed::{Feed, Next, Overload};
+use voxelastic_live::feed::{Feed, Overload};
 use voxelastic_live::spinning::SpinningInput;
-use voxelastic_live::transport::Incoming;
 
 /// UDP may lose datagrams where the system is busy.
 const TRIES: usize = 8;
@@ -105,22 +107,7 @@ fn sent_over_udp(packets: &[(f64, Vec<u8>)], from: Option<[u8; 4]>) -> Vec<(f64,
             std::thread::sleep(Duration::from_micros(400));
         }
     });
-    let (mut scans, mut last) = (Vec::new(), Instant::now());
-    while !sender.is_finished() || last.elapsed() < Duration::from_millis(300) {
-        match feed.next(Duration::from_millis(20)) {
-            Next::Incoming(incoming, _) => match *incoming {
-                Incoming::RawScan(scan, _) => {
-                    scans.push((scan.time, scan.cloud));
-                    last = Instant::now();
-                }
-                other => panic!("{other:?}"),
-            },
-            Next::Nothing => {}
-            Next::End => panic!("the input ended"),
-        }
-    }
-    sender.join().unwrap();
-    scans
+    scans_of(&feed, sender)
 }
 
 /// What is measured in time is compared to a microsecond: the clock of a sensor that is not set is that of the receiver.

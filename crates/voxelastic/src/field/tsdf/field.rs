@@ -159,6 +159,18 @@ impl TsdfField {
         self.tree.bytes() + self.blocks.bytes() + self.bricks.bytes() + self.compressed.bytes() + self.change_log.bytes() + self.colours.bytes()
     }
 
+    /// A field of `count` blocks at scale 0 with intensities and without bricks.
+    #[cfg(test)]
+    pub(crate) fn of_empty_blocks(count: u64) -> Self {
+        let mut field = Self::default();
+        field.tree.grow_over(0..count);
+        let mut cursor = Cursor::new(&field.tree);
+        for key in 0..count {
+            field.find_or_create(&mut cursor, key, 0, true);
+        }
+        field
+    }
+
     /// Fails unless every stored brick belongs to an array that its block has.
     #[cfg(test)]
     pub(crate) fn assert_invariants(&self) {

@@ -230,22 +230,10 @@ impl BrickCells {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::octree::Cursor;
-
-    /// A field of `count` empty blocks at scale 0.
-    fn field_of(count: u64) -> TsdfField {
-        let mut field = TsdfField::default();
-        field.tree.grow_over(0..count);
-        let mut cursor = Cursor::new(&field.tree);
-        for key in 0..count {
-            field.find_or_create(&mut cursor, key, 0, true);
-        }
-        field
-    }
 
     #[test]
     fn tasks_write_to_blocks_of_their_own() {
-        let mut field = field_of(100);
+        let mut field = TsdfField::of_empty_blocks(100);
         let ids: Vec<u32> = (0..100).filter(|id| id % 3 != 1).rev().collect();
         for round in 0..3u16 {
             field.write_blocks(&ids, 7, |range, writer| {
@@ -273,12 +261,12 @@ mod tests {
     #[test]
     #[should_panic(expected = "block 3 is written to twice")]
     fn a_block_cannot_be_written_to_twice() {
-        field_of(9).write_blocks(&[2, 3, 5, 3], 2, |_, _| {});
+        TsdfField::of_empty_blocks(9).write_blocks(&[2, 3, 5, 3], 2, |_, _| {});
     }
 
     #[test]
     #[should_panic(expected = "block 9 does not exist")]
     fn a_missing_block_cannot_be_written_to() {
-        field_of(9).write_blocks(&[9], 2, |_, _| {});
+        TsdfField::of_empty_blocks(9).write_blocks(&[9], 2, |_, _| {});
     }
 }

@@ -179,19 +179,7 @@ impl Kernel for EncodeBricks<'_> {
 mod tests {
     use super::*;
     use crate::field::tsdf::voxel::Voxel;
-    use crate::octree::Cursor;
     use std::ops::Range;
-
-    /// A field of `count` blocks without bricks.
-    fn field_of(count: u64) -> TsdfField {
-        let mut field = TsdfField::default();
-        field.tree.grow_over(0..count);
-        let mut cursor = Cursor::new(&field.tree);
-        for key in 0..count {
-            field.find_or_create(&mut cursor, key, 0, false);
-        }
-        field
-    }
 
     /// Sets one voxel in four bricks of each of `blocks`, as a scan would.
     fn change(field: &mut TsdfField, blocks: Range<u32>, weight: u16) {
@@ -212,7 +200,7 @@ mod tests {
         const SCANS: u32 = 12;
         // Half of the blocks of a scan are those of the scan before.
         const BLOCKS: u32 = 16_000;
-        let mut field = field_of(u64::from(BLOCKS / 2 * (SCANS + 1)));
+        let mut field = TsdfField::of_empty_blocks(u64::from(BLOCKS / 2 * (SCANS + 1)));
         for scan in 0..SCANS {
             let blocks = scan * BLOCKS / 2..(scan + 2) * BLOCKS / 2;
             change(&mut field, blocks.clone(), scan as u16 + 1);
@@ -231,7 +219,7 @@ mod tests {
 
     #[test]
     fn scans_that_change_little_keep_eight_scans_uncompressed() {
-        let mut field = field_of(2000);
+        let mut field = TsdfField::of_empty_blocks(2000);
         for scan in 0..20 {
             change(&mut field, scan * 100..(scan + 1) * 100, 1);
             assert_eq!(field.resident_bricks(), 400 * (scan as usize + 1).min(RECENT_CHANGES));
