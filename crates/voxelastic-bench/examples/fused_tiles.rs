@@ -63,9 +63,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         surface.make(mapper.atlas(), &near);
         series.near_ms.push(spent());
         let mut made = near.len();
-        let mut rest: Vec<TileKey> = surface.waiting().collect();
-        rest.sort_by_key(|tile| (made_at.get(tile).copied(), *tile));
-        for tiles in rest.chunks(AT_ONCE) {
+        let mut others: Vec<TileKey> = surface.waiting().collect();
+        others.sort_by_key(|tile| (made_at.get(tile).copied(), *tile));
+        for tiles in others.chunks(AT_ONCE) {
             if spent() >= BUDGET {
                 break;
             }

@@ -19,7 +19,7 @@ class Message {
 
 const RETRY = [300, 5000]; // first and longest pause before the socket is opened again, ms
 const USUAL_PICTURE = 50; // two frames and a little, ms
-const REST = [2, 1000]; // where pictures take longer, messages get so many times as long before the next one, and at most so many ms
+const MESSAGE_TIME = [2, 1000]; // where pictures take longer, messages get so many times as long before the next one, and at most so many ms
 
 function connect(view, offerColours) {
   const seen = { session: null, tiles: 0n, messages: 0, bytes: 0, connections: 0 };
@@ -38,7 +38,7 @@ function connect(view, offerColours) {
       requestAnimationFrame(() => requestAnimationFrame((end) => setTimeout(() => {
         drawing = false;
         if (again) redraw();
-      }, Math.min(REST[0] * Math.max(end - begin - USUAL_PICTURE, 0), REST[1]))));
+      }, Math.min(MESSAGE_TIME[0] * Math.max(end - begin - USUAL_PICTURE, 0), MESSAGE_TIME[1]))));
     });
   };
   const state = (name, text) => {

@@ -51,13 +51,13 @@ fn position(node: u32) -> [f64; 3] {
 }
 
 /// Points 10 cm apart on the box from `low` to `high` that some scan of `world` sees, more than `least_height` metres above the ground.
-fn seen_points(world: &World, low: [f64; 3], high: [f64; 3], least_height: f64) -> Vec<[f64; 3]> {
+fn visible_points(world: &World, low: [f64; 3], high: [f64; 3], least_height: f64) -> Vec<[f64; 3]> {
     let count = |k: usize| ((high[k] - low[k]) / 0.1).round() as usize;
     let mut points = Vec::new();
     for index in 0..(count(0) + 1) * (count(1) + 1) * (count(2) + 1) {
         let at = [index % (count(0) + 1), index / (count(0) + 1) % (count(1) + 1), index / (count(0) + 1) / (count(1) + 1)];
         let p: [f64; 3] = std::array::from_fn(|k| low[k] + 0.1 * at[k] as f64);
-        let is_seen = |node: u32| {
+        let is_visible = |node: u32| {
             let from = position(node);
             let way: [f64; 3] = std::array::from_fn(|k| p[k] - from[k]);
             let range = way.iter().map(|c| c * c).sum::<f64>().sqrt();
@@ -66,7 +66,7 @@ fn seen_points(world: &World, low: [f64; 3], high: [f64; 3], least_height: f64) 
             let cosine = hit.map_or(0.0, |hit| (0..3).map(|k| -world.normal(hit.solid, p)[k] * way[k] / range).sum::<f64>());
             (way[2] / range).abs() < 0.38 && hit.is_some_and(|hit| (hit.range - range).abs() < 0.02) && cosine > 0.17
         };
-        if p[2] > least_height && (0..SCANS).any(is_seen) {
+        if p[2] > least_height && (0..SCANS).any(is_visible) {
             points.push(p);
         }
     }
@@ -84,11 +84,11 @@ fn assert_is_box(piece: &ChangedPiece, world: &World, low: [f64; 3], high: [f64;
     distances.sort_by(f32::total_cmp);
     let (most, worst) = (distances[distances.len() * 19 / 20], distances[distances.len() - 1]);
     assert!(most < 0.12 && worst < 0.26, "95 % within {most}, all within {worst} m of the box");
-    let seen = seen_points(world, low, high, 0.45);
+    let visible = visible_points(world, low, high, 0.45);
     let squared = |p: &[f64; 3], q: &[f32; 3]| (0..3).map(|k| (p[k] - f64::from(q[k])).powi(2)).sum::<f64>();
     let is_found = |p: &&[f64; 3]| piece.mesh.positions.iter().any(|q| squared(p, q) < 0.2f64.powi(2));
-    let found = seen.iter().filter(is_found).count();
-    assert!(seen.len() > 100 && found * 10 > seen.len() * 9, "{found} of {} points", seen.len());
+    let found = visible.iter().filter(is_found).count();
+    assert!(visible.len() > 100 && found * 10 > visible.len() * 9, "{found} of {} points", visible.len());
 }
 
 #[test]

@@ -26,7 +26,7 @@ const DIFFERENCE: f32 = 1.0;
 #[derive(Debug, Default)]
 pub(crate) struct LiveField {
     one: OneField,
-    known: Vec<Seen>,
+    known: Vec<SourceState>,
     /// Cubes that are out of date.
     stale: HashSet<u64>,
     /// The blocks of the map that were sampled, by cube.
@@ -35,7 +35,7 @@ pub(crate) struct LiveField {
 
 /// A TSDF as it was when it was looked at last.
 #[derive(Debug)]
-struct Seen {
+struct SourceState {
     /// The submap, and whether it is being merged into another one.
     id: (SubmapId, bool),
     pose: Pose,
@@ -62,7 +62,7 @@ impl LiveField {
 
     /// The submap that has most blocks in a cube, of several the one with the lowest number.
     pub fn carrier(&self, cube: u64) -> Option<SubmapId> {
-        let count = |seen: &Seen| Some((seen.cubes.get(&cube)?.len(), std::cmp::Reverse(seen.id.0)));
+        let count = |state: &SourceState| Some((state.cubes.get(&cube)?.len(), std::cmp::Reverse(state.id.0)));
         self.known.iter().filter_map(count).max().map(|(_, id)| id.0)
     }
 
@@ -70,17 +70,17 @@ impl LiveField {
     pub fn note(&mut self, atlas: &Atlas, margin: i32) -> Vec<u64> {
         let (mut near, mut now) = (HashSet::new(), Vec::new());
         for source in sources(atlas) {
-            let before = self.known.iter().position(|seen| seen.id == source.id).map(|i| self.known.swap_remove(i));
-            let seen = match before {
-                Some(seen) if seen.is_of(&source) => self.grown(seen, &source, margin, &mut near),
+            let before = self.known.iter().position(|state| state.id == source.id).map(|i| self.known.swap_remove(i));
+            let state = match before {
+                Some(state) if state.is_of(&source) => self.grown(state, &source, margin, &mut near),
                 before => {
-                    let seen = Seen::new(&source);
-                    let cubes = seen.cubes.keys().chain(before.iter().flat_map(|before| before.cubes.keys()));
+                    let state = SourceState::new(&source);
+                    let cubes = state.cubes.keys().chain(before.iter().flat_map(|before| before.cubes.keys()));
                     cubes.for_each(|cube| self.outdate(*cube, &mut near));
-                    seen
+                    state
                 }
             };
-            now.push(seen);
+            now.push(state);
         }
         for gone in std::mem::replace(&mut self.known, now) {
             gone.cubes.into_keys().for_each(|cube| self.outdate(cube, &mut near));
@@ -95,24 +95,24 @@ impl LiveField {
         near.extend(neighbours(cube));
     }
 
-    /// What was seen of a source that scans may have changed.
-    fn grown(&mut self, mut seen: Seen, source: &Source<'_>, margin: i32, near: &mut HashSet<u64>) -> Seen {
+    /// The state of a source that scans may have changed.
+    fn grown(&mut self, mut state: SourceState, source: &Source<'_>, margin: i32, near: &mut HashSet<u64>) -> SourceState {
         let clock = source.field.change_log.clock;
-        if clock == seen.clock {
-            return seen;
+        if clock == state.clock {
+            return state;
         }
-        let changed: Vec<u32> = source.field.ids().filter(|id| source.field.block(*id).changed.wrapping_sub(seen.clock) as i32 > 0).collect();
-        seen.add_blocks(source);
+        let changed: Vec<u32> = source.field.ids().filter(|id| source.field.block(*id).changed.wrapping_sub(state.clock) as i32 > 0).collect();
+        state.add_blocks(source);
         // Samples in a block depend on what is a voxel of the scale around it.
         let coarsest = source.field.ids().map(|id| source.field.block(id).finest).max().unwrap_or(0);
         let around = (1u32 << coarsest) as f32;
-        let reached = |id: &u32| [0, margin].map(|margin| cubes_of(source, &seen.displacement, *id, around, margin));
+        let reached = |id: &u32| [0, margin].map(|margin| cubes_of(source, &state.displacement, *id, around, margin));
         for [stale, beside] in changed.par_iter().with_min_len(256).map(reached).collect::<Vec<_>>() {
             self.stale.extend(stale);
             near.extend(beside);
         }
-        (seen.clock, seen.revision) = (clock, source.revision);
-        seen
+        (state.clock, state.revision) = (clock, source.revision);
+        state
     }
 
     /// Samples those of some cubes that are out of date. The map is that of the last [`note`](Self::note).
@@ -122,8 +122,9 @@ impl LiveField {
             return;
         }
         let sources = sources(atlas);
-        let reached = |source: &Source<'_>| self.known.iter().find(|seen| seen.id == source.id).map(|seen| (seen, seen.reached(source, &wanted)));
-        let reached: Vec<Option<(&Seen, Vec<TargetBlock>)>> = sources.iter().map(reached).collect();
+        let reached =
+            |source: &Source<'_>| self.known.iter().find(|state| state.id == source.id).map(|state| (state, state.reached(source, &wanted)));
+        let reached: Vec<Option<(&SourceState, Vec<TargetBlock>)>> = sources.iter().map(reached).collect();
         let mut keys: Vec<u64> = reached.iter().flatten().flat_map(|(_, blocks)| blocks.iter().map(TargetBlock::key)).collect();
         let mut all: HashMap<u64, Vec<u64>> = wanted.iter().map(|cube| (*cube, Vec::new())).collect();
         keys.par_sort_unstable();
@@ -135,19 +136,19 @@ impl LiveField {
         keys.dedup();
         let mut all_reached: Vec<Reached<'_>> = Vec::new();
         for (source, reached) in sources.iter().zip(reached) {
-            let Some((seen, blocks)) = reached else { continue };
+            let Some((state, blocks)) = reached else { continue };
             let Source { field, placement, .. } = *source;
-            all_reached.push(Reached { field, placement, displacement: &seen.displacement, blocks: blocks.into() });
+            all_reached.push(Reached { field, placement, displacement: &state.displacement, blocks: blocks.into() });
         }
         self.one.sample(&all_reached, &keys, BLOCKS_PER_PART);
         self.made.extend(all);
     }
 }
 
-impl Seen {
+impl SourceState {
     fn new(source: &Source<'_>) -> Self {
         let corrections = Corrections::new(source.submap, &source.pose);
-        let mut seen = Self {
+        let mut state = Self {
             id: source.id,
             pose: source.pose,
             corrected: source.submap.corrected.clone(),
@@ -157,8 +158,8 @@ impl Seen {
             cubes: HashMap::new(),
             blocks: 0,
         };
-        seen.add_blocks(source);
-        seen
+        state.add_blocks(source);
+        state
     }
 
     /// Whether nothing but scans changed the source since.
