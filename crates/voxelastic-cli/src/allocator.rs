@@ -1,9 +1,10 @@
-//! The memory of the process: the system's, and what is said when there is no more.
+//! The memory of the process: that of the memory budget or the system's, and what is said when there is no more.
 //!
 //! Rust ends a program that gets no memory with a line of its own and SIGABRT, and lets nobody add to that on stable versions but the allocator.
 #![allow(unsafe_code)]
 
-use std::alloc::{GlobalAlloc, Layout, System};
+use std::alloc::{GlobalAlloc, Layout};
+use voxelastic::memory::BudgetAllocator;
 
 /// A larger request may be refused although there is memory, and some of those who make one have an answer to that: for a length in a damaged file,
 /// for one.
@@ -18,29 +19,29 @@ const MESSAGE: &[u8] = b"error: out of memory: the system gives no more
           a limit of the shell (ulimit -v) or of a container may be too low
 ";
 
-/// The system's allocator.
+/// The allocator of the program.
 pub struct Allocator;
 
-// SAFETY: all memory is the system's, which gets the layouts as they are.
+// SAFETY: all memory is the other allocator's, which gets the layouts as they are.
 unsafe impl GlobalAlloc for Allocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         // SAFETY: the caller's promise about the layout is passed on.
-        checked(unsafe { System.alloc(layout) }, layout.size())
+        checked(unsafe { BudgetAllocator.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
         // SAFETY: as above.
-        checked(unsafe { System.alloc_zeroed(layout) }, layout.size())
+        checked(unsafe { BudgetAllocator.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        // SAFETY: as above, and the memory is the system's.
-        checked(unsafe { System.realloc(memory, layout, size) }, size)
+        // SAFETY: as above, and the memory is the other allocator's.
+        checked(unsafe { BudgetAllocator.realloc(memory, layout, size) }, size)
     }
 
     unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
         // SAFETY: as above.
-        unsafe { System.dealloc(memory, layout) }
+        unsafe { BudgetAllocator.dealloc(memory, layout) }
     }
 }
 

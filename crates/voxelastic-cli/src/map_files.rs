@@ -5,7 +5,7 @@ use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
 use voxelastic::changes::{ChangeOptions, RemovedVoxels, keep_newest};
-use voxelastic::memory::MemorySize;
+use voxelastic::memory::{MemorySize, keep_arrays_in_file};
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Error, Origin};
@@ -31,7 +31,7 @@ pub struct LoadArgs {
     /// Show, too, what later sessions saw to be gone: otherwise surfaces and occupied space where they know free space only are left out
     #[arg(long)]
     pub keep_vanished: bool,
-    /// Memory that the program may have, such as 500MB: what of the map is beyond it is kept in a file in TMPDIR or /var/tmp
+    /// Memory that the program may have, such as 500MB: what of the map, and of what is made of it, is beyond that is kept in files in TMPDIR or /var/tmp
     #[arg(long, value_name = "SIZE", default_value = "none", hide_default_value = true)]
     pub memory: MemorySize,
 }
@@ -40,8 +40,9 @@ impl LoadArgs {
     /// All of a map, as it is stored.
     pub const AS_STORED: Self = Self { skip_damaged: false, keep_vanished: true, memory: MemorySize(0) };
 
-    /// Sets the memory budget.
+    /// Sets the memory budget, for what is made of the map, too.
     pub fn limit_memory(self) -> anyhow::Result<()> {
+        keep_arrays_in_file(true);
         self.memory.set_budget().map_err(|error| Failure::new(format!("--memory: {error}"), "").into())
     }
 }

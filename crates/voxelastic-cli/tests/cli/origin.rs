@@ -136,4 +136,6 @@ fn poses_far_from_the_first_are_refused_by_what_needs_single_precision() {
     poses::write_tum(dir.join("room/poses.tum"), &all).unwrap();
     works(dir, "map room -o a.vox");
     fails(dir, "mesh a.vox -o a.glb", 1, &["steps of 0.5 m", "an origin near its first pose"]);
+    works(dir, "map room --field occupancy -o b.vox");
+    fails(dir, "export b.vox -o b.bt", 1, &["scans were taken 5411988 m from the origin", "--voxel-size 165.17"]);
 }

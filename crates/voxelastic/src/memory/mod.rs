@@ -7,15 +7,22 @@
 //! are read and written nor any bit of a map. Bricks that are not compressed stay in memory: they are what the last scans changed, fewer scans
 //! where the budget is tight. The file has no name and is gone with the process, also with a killed one.
 //!
+//! Programs whose global allocator is a [`BudgetAllocator`] can [keep large arrays in a file](keep_arrays_in_file), too: the mesh of a large map, for one, is larger than
+//! the map.
+//!
 //! Poses, boxes, the pose graph, place signatures and whatever else is not voxels stay where they are.
 
 mod allocator;
+mod arrays;
 mod budget;
-#[cfg_attr(not(target_os = "linux"), path = "no_region.rs")]
+mod budget_allocator;
+#[cfg_attr(not(target_os = "linux"), path = "no_mapping.rs")]
+mod mapping;
 mod region;
 mod size;
 
 pub(crate) use allocator::{FieldMemory, PageBox, PageVec, zeroed_page, zeroed_working_page};
 pub(crate) use budget::is_tight;
-pub use budget::{MemoryError, budget, limit};
+pub use budget::{MemoryError, budget, keep_arrays_in_file, limit};
+pub use budget_allocator::BudgetAllocator;
 pub use size::MemorySize;

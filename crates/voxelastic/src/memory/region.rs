@@ -1,34 +1,21 @@
-//! A file without a name, mapped into memory, from which pages of fields are allocated.
-#![allow(unsafe_code)]
+//! Memory for pages of fields in a file that is mapped into memory.
 
+use super::mapping::{CHUNK, Mapping};
 use std::alloc::Layout;
 use std::collections::HashMap;
-use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The file grows by this many bytes, and as many are given back to the system at a time: a multiple of every system's page.
-const CHUNK: usize = 8 << 20;
 /// Alignment of all memory: that of a cache line.
 const ALIGN: usize = 64;
-/// Disk that is left to others, bytes.
-const LEFT_FREE: u64 = 64 << 20;
-/// Largest size of a region, bytes: a small part of the addresses that a process has.
-const MOST: usize = 1 << 42;
-/// Signals that may interrupt the growth of the file before it counts as full.
-const MOST_INTERRUPTIONS: usize = 10;
 
-/// The file in memory.
+/// The file in memory, which grows by chunks.
 #[derive(Debug)]
 pub(super) struct Region {
-    start: NonNull<u8>,
-    capacity: usize,
-    file: File,
-    /// The process that made it. One that was forked shares the file, and must not take memory that its parent takes, too.
-    process: u32,
+    mapping: Mapping,
     used: Mutex<Used>,
 }
 
@@ -39,40 +26,20 @@ struct Used {
     end: usize,
     /// Bytes from the start that have disk.
     on_disk: usize,
-    /// Memory that was given back, by size.
-    free: HashMap<usize, Vec<NonNull<u8>>>,
+    /// Where memory is that was given back, by size.
+    free: HashMap<usize, Vec<usize>>,
     /// Whether the disk was full.
     is_full: bool,
 }
 
-// SAFETY: the pointers are to memory that lives as long as the process, and that the allocator gives to one owner at a time.
-unsafe impl Send for Region {}
-// SAFETY: as above; what is allocated is behind a lock.
-unsafe impl Sync for Region {}
-
 impl Region {
     /// A region over a file in `folder`, at most as large as the disk has room now.
     pub fn new(folder: &Path) -> io::Result<Self> {
-        let file = tempfile::tempfile_in(folder)?;
-        let disk = rustix::fs::fstatvfs(&file)?;
-        let room = (disk.f_bavail * disk.f_frsize).saturating_sub(LEFT_FREE);
-        Self::over(file, usize::try_from(room).unwrap_or(usize::MAX).min(MOST) / CHUNK * CHUNK)
+        Mapping::new(folder).map(Self::over)
     }
 
-    /// A region over an empty file that may grow to `capacity` bytes, whole chunks.
-    fn over(file: File, capacity: usize) -> io::Result<Self> {
-        if capacity == 0 {
-            return Err(io::ErrorKind::StorageFull.into());
-        }
-        file.set_len(capacity as u64)?;
-        let (read_and_write, shared) = (rustix::mm::ProtFlags::READ | rustix::mm::ProtFlags::WRITE, rustix::mm::MapFlags::SHARED);
-        // SAFETY: the system chooses an address where nothing is; nobody else has the file.
-        let start = unsafe { rustix::mm::mmap(std::ptr::null_mut(), capacity, read_and_write, shared, &file, 0) }?;
-        // Otherwise the system reads ahead, keeps the file in pieces of two megabytes, and each comes back whole when one byte of it is used.
-        // SAFETY: the mapping that was just made.
-        unsafe { rustix::mm::madvise(start, capacity, rustix::mm::Advice::Random) }?;
-        let Some(start) = NonNull::new(start.cast::<u8>()) else { return Err(io::ErrorKind::OutOfMemory.into()) };
-        Ok(Self { start, capacity, file, process: std::process::id(), used: Mutex::default() })
+    fn over(mapping: Mapping) -> Self {
+        Self { mapping, used: Mutex::default() }
     }
 
     fn used(&self) -> MutexGuard<'_, Used> {
@@ -81,52 +48,38 @@ impl Region {
 
     /// Memory for `layout`, and whether its bytes are zero; none if there is no room.
     pub fn allocate(&self, layout: Layout) -> Option<(NonNull<[u8]>, bool)> {
-        if layout.align() > ALIGN || self.process != std::process::id() {
+        if layout.align() > ALIGN || !self.mapping.is_own() {
             return None;
         }
         let size = layout.size().next_multiple_of(ALIGN);
         let mut used = self.used();
-        if let Some(memory) = used.free.get_mut(&size).and_then(Vec::pop) {
-            return Some((NonNull::slice_from_raw_parts(memory, layout.size()), false));
+        if let Some(start) = used.free.get_mut(&size).and_then(Vec::pop) {
+            return Some((NonNull::slice_from_raw_parts(self.mapping.at(start), layout.size()), false));
         }
-        let end = used.end.checked_add(size).filter(|&end| end <= self.capacity)?;
+        let end = used.end.checked_add(size).filter(|&end| end <= self.mapping.capacity())?;
         if end > used.on_disk {
             let more = (end - used.on_disk).next_multiple_of(CHUNK);
-            // Without disk behind it, a write to memory would end the process.
-            if used.is_full || !self.grow(used.on_disk, more) {
+            if used.is_full || !self.mapping.reserve(used.on_disk..used.on_disk + more) {
                 used.is_full = true;
                 return None;
             }
             used.on_disk += more;
         }
-        // SAFETY: within the mapping.
-        let memory = unsafe { self.start.add(used.end) };
+        let memory = self.mapping.at(used.end);
         used.end = end;
         Some((NonNull::slice_from_raw_parts(memory, layout.size()), true))
     }
 
-    /// Gets disk for `bytes` more bytes behind the first `on_disk` ones; whether there is as much.
-    fn grow(&self, on_disk: usize, bytes: usize) -> bool {
-        for _ in 0..MOST_INTERRUPTIONS {
-            match rustix::fs::fallocate(&self.file, rustix::fs::FallocateFlags::KEEP_SIZE, on_disk as u64, bytes as u64) {
-                Err(rustix::io::Errno::INTR) => {}
-                grown => return grown.is_ok(),
-            }
-        }
-        false
-    }
-
     /// Takes `memory` back, which was allocated for `layout`. In a process that was forked off nothing happens: another thread may have had the lock.
     pub fn free(&self, memory: NonNull<u8>, layout: Layout) {
-        if self.process != std::process::id() {
-            return;
+        if let (Some(start), true) = (self.mapping.offset_of(memory), self.mapping.is_own()) {
+            self.used().free.entry(layout.size().next_multiple_of(ALIGN)).or_default().push(start);
         }
-        self.used().free.entry(layout.size().next_multiple_of(ALIGN)).or_default().push(memory);
     }
 
     /// Whether `memory` is part of the region.
     pub fn contains(&self, memory: NonNull<u8>) -> bool {
-        memory.addr().get().wrapping_sub(self.start.addr().get()) < self.capacity
+        self.mapping.offset_of(memory).is_some()
     }
 
     /// Number of chunks that have been allocated from.
@@ -139,49 +92,23 @@ impl Region {
         self.used().is_full
     }
 
-    /// Gives the memory of `chunks` back to the system. Their content stays in the file, and comes back when it is used.
+    /// Gives the memory of some chunks back to the system. Their content stays in the file.
     pub fn release(&self, chunks: Range<usize>) {
-        let (first, count) = (chunks.start, chunks.len());
-        if count > 0 && chunks.end <= self.capacity / CHUNK {
-            // SAFETY: within the mapping, which is shared: nothing is lost.
-            let released =
-                unsafe { rustix::mm::madvise(self.start.add(first * CHUNK).as_ptr().cast(), count * CHUNK, rustix::mm::Advice::LinuxDontNeed) };
-            debug_assert!(released.is_ok(), "{released:?}");
-        }
+        self.mapping.release(chunks);
     }
 }
 
-/// Whether `folder` is on a file system without a disk.
-pub(super) fn is_in_memory(folder: &Path) -> bool {
-    const TMPFS: i64 = 0x0102_1994;
-    const RAMFS: i64 = 0x8584_58f6;
-    rustix::fs::statfs(folder).is_ok_and(|system| [TMPFS, RAMFS].contains(&system.f_type))
-}
-
-/// Resident memory of the process, bytes; none where the system does not say.
-pub(super) fn resident_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/self/statm").ok()?;
-    let pages: u64 = text.split(' ').nth(1)?.parse().ok()?;
-    Some(pages * rustix::param::page_size() as u64)
-}
-
-#[cfg(test)]
+#[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use super::super::mapping::{Piece, resident_bytes};
     use super::*;
     use proptest::prelude::*;
 
-    /// Pieces of memory that are in use, each filled with bytes of its own.
-    struct Piece {
-        memory: NonNull<[u8]>,
-        layout: Layout,
-        byte: u8,
-    }
-
-    impl Piece {
-        fn bytes(&mut self) -> &mut [u8] {
-            // SAFETY: the piece was allocated and not freed, and only this test has it.
-            unsafe { self.memory.as_mut() }
-        }
+    /// A new piece of memory.
+    fn filled(region: &Region, layout: Layout, byte: u8) -> Piece {
+        let mut piece = Piece { memory: region.allocate(layout).unwrap().0.cast(), layout, byte };
+        piece.fill(byte);
+        piece
     }
 
     /// What a test does next.
@@ -215,57 +142,46 @@ mod tests {
                         let (memory, is_zero) = region.allocate(layout).unwrap();
                         prop_assert_eq!(memory.len(), size);
                         prop_assert!(region.contains(memory.cast()));
-                        let mut piece = Piece { memory, layout, byte: (i % 250 + 1) as u8 };
-                        prop_assert!(!is_zero || piece.bytes().iter().all(|&byte| byte == 0));
-                        let byte = piece.byte;
-                        piece.bytes().fill(byte);
+                        let mut piece = Piece { memory: memory.cast(), layout, byte: 0 };
+                        prop_assert!(!is_zero || piece.is_whole());
+                        piece.fill((i % 250 + 1) as u8);
                         pieces.push(piece);
                     }
                     Step::Free { which } if !pieces.is_empty() => {
                         let piece = pieces.swap_remove(which % pieces.len());
-                        region.free(piece.memory.cast(), piece.layout);
+                        region.free(piece.memory, piece.layout);
                     }
                     Step::Free { .. } => {}
                     Step::Release => region.release(0..region.chunks()),
                 }
             }
-            for piece in &mut pieces {
-                let byte = piece.byte;
-                prop_assert!(piece.bytes().iter().all(|&b| b == byte));
-            }
+            prop_assert!(pieces.iter_mut().all(Piece::is_whole));
             prop_assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "the file has no name");
         }
     }
 
     #[test]
     fn a_region_without_room_refuses_and_keeps_what_it_has() {
-        let region = Region::over(tempfile::tempfile().unwrap(), 2 * CHUNK).unwrap();
+        let region = Region::over(Mapping::over(tempfile::tempfile().unwrap(), 2 * CHUNK).unwrap());
         let layout = Layout::from_size_align(CHUNK / 2, 64).unwrap();
-        let mut pieces: Vec<Piece> = (1..=4).map(|byte| Piece { memory: region.allocate(layout).unwrap().0, layout, byte }).collect();
-        for piece in &mut pieces {
-            let byte = piece.byte;
-            piece.bytes().fill(byte);
-        }
+        let new = |byte| filled(&region, layout, byte);
+        let mut pieces: Vec<Piece> = (1..=4).map(new).collect();
         assert!(region.allocate(layout).is_none() && !region.is_full());
-        region.free(pieces.swap_remove(1).memory.cast(), layout);
+        region.free(pieces.swap_remove(1).memory, layout);
         assert!(region.allocate(layout).is_some_and(|(_, is_zero)| !is_zero) && region.allocate(layout).is_none());
-        for piece in &mut pieces {
-            let byte = piece.byte;
-            assert!(piece.bytes().iter().all(|&b| b == byte));
-        }
+        assert!(pieces.iter_mut().all(Piece::is_whole));
     }
 
     #[test]
     fn a_region_whose_file_cannot_grow_is_full() {
-        let region = Region::over(tempfile::tempfile().unwrap(), 4 * CHUNK).unwrap();
+        let region = Region::over(Mapping::over(tempfile::tempfile().unwrap(), 4 * CHUNK).unwrap());
         let layout = Layout::from_size_align(CHUNK, 64).unwrap();
-        let mut piece = Piece { memory: region.allocate(layout).unwrap().0, layout, byte: 3 };
-        piece.bytes().fill(3);
+        let mut piece = filled(&region, layout, 3);
         // A file that is open for reading only gets no disk either.
-        let read_only = File::open("/proc/self/exe").unwrap();
-        let region = Region { file: read_only, ..region };
+        let read_only = std::fs::File::open("/proc/self/exe").unwrap();
+        let region = Region { mapping: region.mapping.with_file(read_only), ..region };
         assert!(region.allocate(layout).is_none() && region.is_full());
-        assert!(piece.bytes().iter().all(|&b| b == 3));
+        assert!(piece.is_whole());
     }
 
     #[test]
@@ -274,22 +190,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let region = Region::new(folder.path()).unwrap();
         let layout = Layout::from_size_align(SIZE, 64).unwrap();
-        let mut piece = Piece { memory: region.allocate(layout).unwrap().0, layout, byte: 7 };
-        piece.bytes().fill(7);
+        let mut piece = filled(&region, layout, 7);
         // Other tests of this process take memory meanwhile, but not nearly as much.
         let before = resident_bytes().unwrap();
         region.release(0..region.chunks());
         let after = resident_bytes().unwrap();
         assert!(before > after + SIZE as u64 / 2, "{before} to {after} bytes");
-        assert!(piece.bytes().iter().all(|&byte| byte == 7));
-    }
-
-    #[test]
-    fn a_folder_in_memory_is_told_from_one_on_a_disk() {
-        assert!(!is_in_memory(Path::new("/")));
-        let shared = Path::new("/dev/shm");
-        if shared.is_dir() {
-            assert!(is_in_memory(shared));
-        }
+        assert!(piece.is_whole());
     }
 }

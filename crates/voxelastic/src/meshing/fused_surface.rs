@@ -2,7 +2,7 @@
 
 use crate::atlas::Atlas;
 use crate::atlas::fusion::{Agreement, OneField, PairAgreement};
-use crate::surface::{Crumbs, Mesh, MeshOptions, Seams, TileIndex, TileSeam, TileSurface, tile_surfaces};
+use crate::surface::{Crumbs, JoinedTiles, Mesh, MeshOptions, Seams, TileIndex, TileSeam, TileSurface, tile_surfaces};
 use std::collections::BTreeMap;
 
 /// log2 of the edge of a tile in blocks: 64 finest voxels.
@@ -73,21 +73,18 @@ impl FusedSurface {
 
     /// Finds out which pieces stay. Adds the tiles for which this is new to `changed`.
     fn judge(&mut self, mut changed: Vec<TileKey>) -> Vec<TileKey> {
-        let seams = self.seams();
+        let seams: Vec<TileSeam> = self.tiles.values().map(|kept| TileSeam::from(&kept.surface)).collect();
+        let seams = Seams::new(&seams, self.options.keep_all);
         self.crumbs = seams.crumbs;
-        for (number, (tile, kept)) in self.tiles.iter_mut().enumerate() {
-            if kept.stays != seams.stays(number) {
-                kept.stays = seams.stays(number).to_vec();
+        for ((tile, kept), stays) in self.tiles.iter_mut().zip(seams.stays) {
+            if kept.stays != stays {
+                kept.stays = stays;
                 changed.push(*tile);
             }
         }
         changed.sort_unstable();
         changed.dedup();
         changed
-    }
-
-    fn seams(&self) -> Seams {
-        Seams::new(&self.tiles.values().map(|kept| TileSeam::from(&kept.surface)).collect::<Vec<_>>(), self.options.keep_all)
     }
 
     /// The tiles that have a surface, ascending.
@@ -107,8 +104,9 @@ impl FusedSurface {
 
     /// The whole surface as one mesh in metres of the map frame.
     pub fn mesh(&self) -> Mesh {
-        let surfaces = || self.tiles.values().map(|kept| &kept.surface);
-        self.seams().join(surfaces(), self.voxel, self.options.lod)
+        let mut joined = JoinedTiles::default();
+        self.tiles.values().for_each(|kept| joined.add(&kept.surface));
+        joined.finish(&self.options, self.voxel).0
     }
 
     /// What was merged and what contradicts.

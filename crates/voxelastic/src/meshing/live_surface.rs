@@ -109,7 +109,7 @@ impl LiveSurface {
         let there: Vec<(TileKey, &TileSeam)> = around.iter().filter_map(|tile| Some((*tile, &self.seams.get(tile)?.seam))).collect();
         let seams = Seams::new(&there.iter().map(|(_, seam)| *seam).collect::<Vec<_>>(), self.options.keep_all);
         let there: Vec<TileKey> = there.into_iter().map(|(tile, _)| tile).collect();
-        for (tile, mut stays) in there.into_iter().zip(seams.into_stays()) {
+        for (tile, mut stays) in there.into_iter().zip(seams.stays) {
             let Some(judged) = self.seams.get_mut(&tile) else { continue };
             let is_made = tiles.binary_search(&tile).is_ok();
             if !is_made && stays.iter().zip(&judged.stays).any(|(now, before)| *now && !before) {

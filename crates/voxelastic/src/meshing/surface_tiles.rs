@@ -97,7 +97,7 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
             }
         }
         let seams = Seams::new(&seams, self.options.keep_all);
-        (self.crumbs, self.stays, self.tiles) = (seams.crumbs, seams.into_stays(), tiles);
+        (self.crumbs, self.stays, self.tiles) = (seams.crumbs, seams.stays, tiles);
     }
 
     /// The tiles, ascending. Near tiles are near each other. Some may be empty.

@@ -1,176 +1,130 @@
 //! Tiles of a surface become one mesh: vertices at the borders are shared, and pieces without evidence are left out.
 
-use super::evidence::{Crumbs, Evidence};
+use super::evidence::Crumbs;
 use super::extract::MeshOptions;
 use super::mesh::Mesh;
+use super::piece_sets::PieceSets;
 use super::simplify::coarsen;
 use super::tile_surface::{TileIndex, TileSurface, VertexKey, tile_surfaces};
 use crate::field::tsdf::TsdfField;
 use hashbrown::HashMap;
-use std::borrow::Borrow;
+
+/// Of vertices that are left out.
+const NONE: u32 = u32::MAX;
 
 /// The surface of `field` as one mesh, with finest voxels of `voxel` metres, made in tiles with edges of 2^`shift` blocks; and what was left out for lack of evidence,
 /// unless `options` keep it. The mesh does not depend on the size of tiles.
 pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOptions, shift: u32) -> (Mesh, Crumbs) {
     let mut index = TileIndex::new(shift);
     index.extend(field);
-    let (tiles, mut surfaces) = (index.tiles(), Vec::new());
+    let (tiles, mut joined) = (index.tiles(), JoinedTiles::default());
     for batch in index.batches(&tiles) {
-        surfaces.extend(tile_surfaces(field, voxel, options, &index, batch));
+        tile_surfaces(field, voxel, options, &index, batch).iter().for_each(|tile| joined.add(tile));
     }
-    let seams = Seams::new(&surfaces.iter().map(TileSeam::from).collect::<Vec<_>>(), options.keep_all);
-    (seams.join(surfaces.into_iter(), voxel, options.lod), seams.crumbs)
+    joined.finish(options, voxel)
 }
 
-/// What of a tile tells how it fits to others: a small part of it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct TileSeam {
-    /// Vertices of other tiles that it uses, and their pieces.
-    foreign: Vec<(VertexKey, u32)>,
-    /// Own vertices that others may use, by name and number, and their pieces.
-    border: Vec<(VertexKey, u32, u32)>,
-    pieces: Vec<Evidence>,
-    /// Number of own vertices and of triangles.
-    sizes: [usize; 2],
+/// Tiles that are joined one after the other, so that they need not be kept.
+#[derive(Debug, Default)]
+pub(crate) struct JoinedTiles {
+    /// The vertices of all tiles, and their triangles.
+    mesh: Mesh,
+    /// By vertex.
+    piece_of: Vec<u32>,
+    pieces: PieceSets,
+    /// The vertices that other tiles may use.
+    border: HashMap<VertexKey, u32>,
+    /// Corners of triangles at vertices of tiles that were not added before: the triangle, and which corner.
+    corners: Vec<(u32, u8, VertexKey)>,
+    /// Pieces that such vertices belong to.
+    links: Vec<(u32, VertexKey)>,
 }
 
-impl From<&TileSurface> for TileSeam {
-    fn from(tile: &TileSurface) -> Self {
-        let foreign = tile.foreign.iter().copied().zip(tile.piece_of[tile.own()..].iter().copied()).collect();
-        let border = tile.border.iter().map(|&(key, v)| (key, v, tile.piece_of[v as usize])).collect();
-        Self { foreign, border, pieces: tile.pieces.clone(), sizes: [tile.own(), tile.mesh.triangles.len()] }
-    }
-}
-
-/// How tiles fit together.
-pub(crate) struct Seams {
-    /// By name, tile and number of the vertices at borders, and their pieces among all.
-    border: HashMap<VertexKey, (u32, u32, u32)>,
-    /// By tile, whether each of its pieces stays.
-    stays: Vec<Vec<bool>>,
-    /// The pieces that do not.
-    pub crumbs: Crumbs,
-    /// Number of vertices and triangles of all tiles.
-    sizes: [usize; 2],
-}
-
-impl Seams {
-    /// Finds out how `tiles` fit together, which must be all tiles of a surface; with `keep_all` all pieces stay.
-    pub fn new<T: Borrow<TileSeam>>(tiles: &[T], keep_all: bool) -> Self {
-        let tiles: Vec<&TileSeam> = tiles.iter().map(T::borrow).collect();
-        let mut border = HashMap::with_capacity(tiles.iter().map(|tile| tile.border.len()).sum());
-        let (mut first, mut starts) = (0, Vec::with_capacity(tiles.len()));
-        for (number, tile) in tiles.iter().enumerate() {
-            border.extend(tile.border.iter().map(|&(key, v, piece)| (key, (number as u32, v, first + piece))));
-            starts.push(first);
-            first += tile.pieces.len() as u32;
-        }
-        let mut roots: Vec<u32> = (0..first).collect();
-        for (tile, start) in tiles.iter().zip(&starts) {
-            for (key, piece) in &tile.foreign {
-                if let Some(&(_, _, there)) = border.get(key) {
-                    let (a, b) = (root(&mut roots, start + piece), root(&mut roots, there));
-                    roots[a.max(b) as usize] = a.min(b);
-                }
+impl JoinedTiles {
+    /// Adds a tile. The order of tiles is that of their vertices and triangles in the mesh.
+    pub fn add(&mut self, tile: &TileSurface) {
+        let (own, first, first_piece) = (tile.own(), self.mesh.positions.len(), self.pieces.add(&tile.pieces));
+        self.mesh.positions.extend_from_slice(&tile.mesh.positions[..own]);
+        self.mesh.normals.extend_from_slice(&tile.mesh.normals[..own]);
+        self.mesh.scales.extend_from_slice(&tile.mesh.scales[..own]);
+        let (intensities, colours) = (tile.mesh.intensities.get(..own).unwrap_or(&[]), tile.mesh.colours.get(..own).unwrap_or(&[]));
+        self.mesh.append_attributes(first, intensities, colours);
+        self.piece_of.extend(tile.piece_of[..own].iter().map(|piece| first_piece + piece));
+        self.border.extend(tile.border.iter().map(|&(key, v)| (key, first as u32 + v)));
+        let foreign: Vec<Option<u32>> = tile.foreign.iter().map(|key| self.border.get(key).copied()).collect();
+        for (i, (key, there)) in tile.foreign.iter().zip(&foreign).enumerate() {
+            let piece = first_piece + tile.piece_of[own + i];
+            match there {
+                Some(vertex) => self.pieces.connect(piece, self.piece_of[*vertex as usize]),
+                None => self.links.push((piece, *key)),
             }
         }
-        let mut evidence = vec![Evidence::default(); first as usize];
-        let pieces = tiles.iter().flat_map(|tile| &tile.pieces).zip(0..);
-        pieces.for_each(|(piece, i)| evidence[root(&mut roots, i) as usize].add(piece));
-        let mut crumbs = Crumbs::default();
-        for (i, piece) in evidence.iter().enumerate() {
-            if !keep_all && roots[i] == i as u32 && !piece.is_enough() {
-                crumbs.add(piece);
-            }
-        }
-        let stays = tiles.iter().zip(&starts).map(|(tile, start)| {
-            let stays = |i: u32| keep_all || evidence[root(&mut roots, start + i) as usize].is_enough();
-            (0..tile.pieces.len() as u32).map(stays).collect()
-        });
-        let sizes = [0, 1].map(|k| tiles.iter().map(|tile| tile.sizes[k]).sum());
-        Self { stays: stays.collect(), sizes, border, crumbs }
-    }
-
-    /// Which pieces of tile `number` stay.
-    pub fn stays(&self, number: usize) -> &[bool] {
-        &self.stays[number]
-    }
-
-    /// Which pieces of each tile stay.
-    pub fn into_stays(self) -> Vec<Vec<bool>> {
-        self.stays
-    }
-
-    /// Joins the tiles that this was made of, in the same order, at a level of detail; finest voxels have edges of `voxel` metres.
-    pub fn join<T: Borrow<TileSurface>>(&self, tiles: impl Iterator<Item = T>, voxel: f32, lod: usize) -> Mesh {
-        let mut mesh = Mesh::default();
-        mesh.positions.reserve_exact(self.sizes[0]);
-        mesh.normals.reserve_exact(self.sizes[0]);
-        mesh.scales.reserve_exact(self.sizes[0]);
-        mesh.triangles.reserve_exact(self.sizes[1]);
-        // Numbers in the mesh of the vertices at borders, once their tile was added; triangles that came before wait for them.
-        let mut numbers: HashMap<(u32, u32), u32> = HashMap::with_capacity(self.border.len());
-        let mut waiting: Vec<(usize, usize, (u32, u32))> = Vec::new();
-        for (number, tile) in tiles.enumerate() {
-            let tile = tile.borrow();
-            self.add(&mut mesh, (number, tile), &mut numbers, &mut waiting);
-        }
-        for (triangle, corner, vertex) in waiting {
-            mesh.triangles[triangle][corner] = numbers.get(&vertex).copied().unwrap_or(0);
-        }
-        coarsen(&mut mesh, [0; 2], voxel, lod);
-        mesh
-    }
-
-    fn add(
-        &self,
-        mesh: &mut Mesh,
-        (number, tile): (usize, &TileSurface),
-        numbers: &mut HashMap<(u32, u32), u32>,
-        waiting: &mut Vec<(usize, usize, (u32, u32))>,
-    ) {
-        let (stays, own, first) = (self.stays(number), tile.own(), mesh.positions.len());
-        let mut next = first as u32;
-        let new: Vec<u32> = (0..own)
-            .map(|v| {
-                let number = next;
-                next += u32::from(stays[tile.piece_of[v] as usize]);
-                number
-            })
-            .collect();
-        let kept: Vec<usize> = (0..own).filter(|&v| stays[tile.piece_of[v] as usize]).collect();
-        mesh.positions.extend(kept.iter().map(|&v| tile.mesh.positions[v]));
-        mesh.normals.extend(kept.iter().map(|&v| tile.mesh.normals[v]));
-        mesh.scales.extend(kept.iter().map(|&v| tile.mesh.scales[v]));
-        let intensities: Vec<u8> = kept.iter().filter_map(|&v| tile.mesh.intensities.get(v).copied()).collect();
-        let colours: Vec<[u8; 3]> = kept.iter().filter_map(|&v| tile.mesh.colours.get(v).copied()).collect();
-        mesh.append_attributes(first, &intensities, &colours);
-        numbers.extend(tile.border.iter().map(|&(_, v)| ((number as u32, v), new[v as usize])));
-        for t in tile.mesh.triangles.iter().filter(|t| stays[tile.piece_of[t[0] as usize] as usize]) {
-            let mut triangle = [0; 3];
+        for t in &tile.mesh.triangles {
+            let mut triangle = [NONE; 3];
             for (corner, &v) in t.iter().enumerate() {
-                if let Some(&number) = new.get(v as usize) {
-                    triangle[corner] = number;
-                    continue;
-                }
-                let (owner, there, _) = self.border.get(&tile.foreign[v as usize - own]).copied().unwrap_or_default();
-                let vertex = (owner, there);
-                match numbers.get(&vertex) {
-                    Some(&number) => triangle[corner] = number,
-                    None => waiting.push((mesh.triangles.len(), corner, vertex)),
-                }
+                triangle[corner] = match (v as usize).checked_sub(own) {
+                    None => first as u32 + v,
+                    Some(i) => foreign[i].unwrap_or_else(|| {
+                        self.corners.push((self.mesh.triangles.len() as u32, corner as u8, tile.foreign[i]));
+                        NONE
+                    }),
+                };
             }
-            mesh.triangles.push(triangle);
+            self.mesh.triangles.push(triangle);
         }
+    }
+
+    /// The mesh of all tiles, at the level of detail of `options`, with finest voxels of `voxel` metres; and what was left out of it.
+    pub fn finish(mut self, options: &MeshOptions, voxel: f32) -> (Mesh, Crumbs) {
+        for (triangle, corner, key) in self.corners {
+            self.mesh.triangles[triangle as usize][usize::from(corner)] = self.border.get(&key).copied().unwrap_or(NONE);
+        }
+        for (piece, key) in self.links {
+            if let Some(&vertex) = self.border.get(&key) {
+                self.pieces.connect(piece, self.piece_of[vertex as usize]);
+            }
+        }
+        drop(self.border);
+        let (stays, crumbs) = self.pieces.judge(options.keep_all);
+        if crumbs.pieces > 0 {
+            leave_out(&mut self.mesh, self.piece_of, &stays);
+        }
+        coarsen(&mut self.mesh, [0; 2], voxel, options.lod);
+        self.mesh.shrink_to_fit();
+        (self.mesh, crumbs)
     }
 }
 
-/// The root of `v`; halves the way there.
-fn root(roots: &mut [u32], mut v: u32) -> u32 {
-    while roots[v as usize] != v {
-        let next = roots[roots[v as usize] as usize];
-        roots[v as usize] = next;
-        v = next;
+/// Leaves the vertices and triangles of pieces out that do not stay.
+fn leave_out(mesh: &mut Mesh, piece_of: Vec<u32>, stays: &[bool]) {
+    let mut next = 0;
+    let mut number_of = piece_of;
+    for v in 0..number_of.len() {
+        if !stays[number_of[v] as usize] {
+            number_of[v] = NONE;
+            continue;
+        }
+        number_of[v] = next as u32;
+        mesh.positions[next] = mesh.positions[v];
+        mesh.normals[next] = mesh.normals[v];
+        mesh.scales[next] = mesh.scales[v];
+        if let Some(&intensity) = mesh.intensities.get(v) {
+            mesh.intensities[next] = intensity;
+        }
+        if let Some(&colour) = mesh.colours.get(v) {
+            mesh.colours[next] = colour;
+        }
+        next += 1;
     }
-    v
+    mesh.positions.truncate(next);
+    mesh.normals.truncate(next);
+    mesh.scales.truncate(next);
+    mesh.intensities.truncate(next);
+    mesh.colours.truncate(next);
+    // All vertices of a triangle are of one piece.
+    mesh.triangles.retain_mut(|triangle| {
+        let number = triangle.map(|v| number_of[v as usize]);
+        *triangle = number;
+        number[0] != NONE
+    });
 }

@@ -34,6 +34,16 @@ impl Mesh {
         append(&mut self.colours, colours, first, self.positions.len(), [128; 3]);
     }
 
+    /// Gives memory back that is not used.
+    pub(super) fn shrink_to_fit(&mut self) {
+        self.positions.shrink_to_fit();
+        self.normals.shrink_to_fit();
+        self.intensities.shrink_to_fit();
+        self.colours.shrink_to_fit();
+        self.scales.shrink_to_fit();
+        self.triangles.shrink_to_fit();
+    }
+
     /// Transforms the mesh by `t`.
     pub fn transform(&mut self, t: &Rigid) {
         self.transform_from(0, t);

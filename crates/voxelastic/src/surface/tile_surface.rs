@@ -14,6 +14,7 @@ use super::resolved_blocks::ResolvedBlocks;
 use super::simplify::simplify;
 use super::vertices::mask_index;
 use crate::field::tsdf::TsdfField;
+use crate::memory::budget;
 use crate::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, SCALES, block_coords, block_key};
 use hashbrown::{HashMap, HashSet};
 use rayon::prelude::*;
@@ -25,6 +26,8 @@ const MARGIN: i32 = 2;
 const COLOUR_MARGIN: i32 = 6;
 /// Blocks that are extracted together, about: with what is around them they take some tens of megabytes.
 const BATCH: usize = 1 << 15;
+/// The same under a memory budget.
+const SMALL_BATCH: usize = 1 << 13;
 
 /// A vertex by the block, the word and the bit that own it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -183,9 +186,10 @@ impl TileIndex {
     /// Splits tiles, ascending, into batches that are extracted one after the other, so that the memory for it is bounded.
     pub fn batches<'a>(&self, tiles: &'a [u64]) -> Vec<&'a [u64]> {
         let (mut batches, mut start, mut blocks) = (Vec::new(), 0, 0);
+        let most = if budget() > 0 { SMALL_BATCH } else { BATCH };
         for (i, tile) in tiles.iter().enumerate() {
             blocks += self.tiles.get(tile).map_or(0, Vec::len);
-            if blocks >= BATCH || i + 1 == tiles.len() {
+            if blocks >= most || i + 1 == tiles.len() {
                 batches.push(&tiles[start..=i]);
                 (start, blocks) = (i + 1, 0);
             }

@@ -7,6 +7,7 @@ use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
 use std::time::Instant;
+use voxelastic::atlas::{Atlas, Submap, SubmapScan};
 use voxelastic::query::Resampling;
 use voxelastic_io::octomap;
 
@@ -42,6 +43,7 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
         let message = format!("the finest voxel of the map is {finest} m, but --voxel-size is {voxel}");
         return Err(Failure::usage(message, "choose a larger --voxel-size, or map the data again with a smaller one").into());
     }
+    refuse_if_far(&map.atlas, &args.map, voxel)?;
     let cubes = pool.install(|| query.resample(&Resampling { voxel, states_only }));
     if cubes.is_empty() {
         let what =
@@ -69,4 +71,19 @@ pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
         })?;
     }
     Ok(())
+}
+
+/// Where scans were taken, something was observed: a map that reaches too far is refused before much is computed.
+fn refuse_if_far(atlas: &Atlas, map: &Path, voxel: f64) -> anyhow::Result<()> {
+    let distance = |submap: &Submap, scan: &SubmapScan| (submap.t_map_submap() * scan.t_submap_lidar).translation.vector.amax();
+    let farthest = atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(move |scan| distance(submap, scan))).fold(0.0, f64::max);
+    let least = farthest / f64::from(REACH);
+    if least <= voxel {
+        return Ok(());
+    }
+    let what = format!(
+        "{}: scans were taken {farthest:.0} m from the origin along an axis, and an OctoMap of {voxel} m reaches {REACH} voxels",
+        map.display()
+    );
+    Err(Failure::new(what, format!("use --voxel-size {:.2} or larger", (least * 100.0).ceil() / 100.0)).into())
 }

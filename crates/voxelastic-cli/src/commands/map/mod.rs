@@ -23,6 +23,7 @@ use pipeline::{Pipeline, Selection, Tally};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
+use voxelastic::memory::keep_arrays_in_file;
 use voxelastic::settings::{Dynamic, Settings};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::store::SaveReport;
@@ -328,6 +329,8 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     if let Some(path) = &args.dynamic_points {
         write_moving_points(path, &session).with_context(|| format!("the map is saved as {}, but not the points on what moves", output.display()))?;
     }
+    // No scan needs its arrays any more.
+    keep_arrays_in_file(true);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));

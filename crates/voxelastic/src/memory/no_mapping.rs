@@ -1,37 +1,42 @@
-//! Stands in for the file of the memory budget where there can be none.
+//! Stands in for the file in memory where there can be none.
 
-use std::alloc::Layout;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
 use std::ptr::NonNull;
 
+pub(super) const CHUNK: usize = 8 << 20;
+
 /// Never made.
 #[derive(Debug)]
-pub(super) enum Region {}
+pub(super) enum Mapping {}
 
-impl Region {
+impl Mapping {
     pub fn new(_: &Path) -> io::Result<Self> {
         Err(io::ErrorKind::Unsupported.into())
     }
 
-    pub fn allocate(&self, _: Layout) -> Option<(NonNull<[u8]>, bool)> {
+    pub fn capacity(&self) -> usize {
         match *self {}
     }
 
-    pub fn free(&self, _: NonNull<u8>, _: Layout) {
+    pub fn is_own(&self) -> bool {
         match *self {}
     }
 
-    pub fn contains(&self, _: NonNull<u8>) -> bool {
+    pub fn at(&self, _: usize) -> NonNull<u8> {
         match *self {}
     }
 
-    pub fn chunks(&self) -> usize {
+    pub fn offset_of(&self, _: NonNull<u8>) -> Option<usize> {
         match *self {}
     }
 
-    pub fn is_full(&self) -> bool {
+    pub fn reserve(&self, _: Range<usize>) -> bool {
+        match *self {}
+    }
+
+    pub fn discard(&self, _: Range<usize>) -> bool {
         match *self {}
     }
 
@@ -40,7 +45,7 @@ impl Region {
     }
 }
 
-/// Not asked: there is no region.
+/// Not asked: there is no mapping.
 pub(super) fn is_in_memory(_: &Path) -> bool {
     false
 }
