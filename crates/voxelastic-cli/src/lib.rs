@@ -9,6 +9,7 @@
 // These macros panic where stderr cannot be written; `output::message` does not.
 #![deny(clippy::print_stderr)]
 
+pub mod allocator;
 mod closure_summary;
 mod commands;
 mod config;

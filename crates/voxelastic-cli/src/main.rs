@@ -1,11 +1,10 @@
 //! The binary `voxelastic`.
 
-mod allocator;
-
 use std::process::ExitCode;
+use voxelastic_cli::allocator::Allocator;
 
 #[global_allocator]
-static ALLOCATOR: allocator::Allocator = allocator::Allocator;
+static ALLOCATOR: Allocator = Allocator;
 
 fn main() -> ExitCode {
     ExitCode::from(voxelastic_cli::run(std::env::args_os(), None))

@@ -177,6 +177,11 @@ impl Session {
         }
     }
 
+    /// The log of the run so far, without totals: of a run that goes on.
+    pub fn log_so_far(&self) -> &RunLog {
+        self.recorder.log()
+    }
+
     /// The log of the run so far. The caller adds the totals of the command.
     pub fn log(&self) -> RunLog {
         let counts = self.mapper.elastic_counts();

@@ -1,4 +1,6 @@
-// How long a page that is attached to a viewer's server takes until it shows the whole map, and how long it takes to draw.
+// How long a page that is attached to a viewer's server takes until it shows the whole map, and how long it takes to draw. Three things apart: what came over the
+// wire and when all of it was in the page (`received_ms`), how long the page was busy with it (`busy_ms`: unpacking, levels of detail, handing it to the graphics
+// card), and when the first picture of all of it was finished (`whole_picture_ms`; of that alone `whole_picture_took_ms`).
 //
 //     node --experimental-websocket attach.mjs http://127.0.0.1:7717 [picture.png]
 //
@@ -26,9 +28,17 @@ const watching = setInterval(() => {
     const { view } = it, render = view.render.bind(view);
     view.render = (fine) => {
       const begin = performance.now();
+      if (view.unfinished) return render(fine);
       render(fine);
-      view.gl.finish();
-      log.pictures.push([begin, performance.now(), view.triangles, fine ? 1 : 0]);
+      // The call returns while the picture is still being drawn, and finish() does not wait in Chromium.
+      const { gl } = view, fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0), row = [begin, 0, view.triangles, fine ? 1 : 0, view.drawn?.triangles];
+      gl.flush();
+      const look = () => {
+        if (gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) return setTimeout(look, 2);
+        row[1] = performance.now();
+        log.pictures.push(row);
+      };
+      setTimeout(look, 0);
     };
   }
   log.seen.push([performance.now(), it.view.triangles, it.seen.bytes]);
@@ -63,6 +73,7 @@ try {
     const bytes = await value("window.voxelastic ? voxelastic.seen.bytes : 0");
     if (bytes !== last) [last, since] = [bytes, Date.now()];
   }
+  const messages = await value("({ count: voxelastic.seen.messages, busy: voxelastic.seen.busy, tiles: voxelastic.view.tiles.size })");
   const { seen, pictures } = JSON.parse(await value("JSON.stringify(log)"));
   const [, triangles, bytes] = seen.at(-1);
   const all = seen.find((row) => row[1] === triangles && row[2] === bytes)[0];
@@ -71,25 +82,30 @@ try {
   // Then it is turned, as by somebody who looks at it.
   const turned = await value(`(async () => {
     const { view } = voxelastic, took = [];
-    document.dispatchEvent(new KeyboardEvent("keydown", { key: "r" }));
-    window.dispatchEvent(new KeyboardEvent("keydown", { key: "r" }));
+    const pause = (ms) => new Promise((done) => setTimeout(done, ms));
+    view.follow = false;
+    view.reset(true);
+    await pause(1000);
+    const free = async () => { while (view.unfinished) await pause(1); };
     for (let k = 0; k < 20; k++) {
+      await free();
+      const begin = performance.now(), before = log.pictures.length;
       view.camera.yaw += 0.1;
-      const begin = performance.now();
       view.render(false);
+      while (log.pictures.length === before) await pause(1);
       took.push(performance.now() - begin);
-      await new Promise((done) => setTimeout(done, 0));
     }
     return JSON.stringify(took.sort((a, b) => a - b));
   })()`);
   const took = JSON.parse(turned);
   const renderer = await value(`(() => { const { gl } = voxelastic.view, info = gl.getExtension("WEBGL_debug_renderer_info"); return info ? gl.getParameter(info.UNMASKED_RENDERER_WEBGL) : "unknown"; })()`);
   console.log(JSON.stringify({
-    renderer, triangles, megabytes: bytes / 1e6, first_picture_ms: first?.[1], received_ms: all, whole_picture_ms: whole?.[1],
-    pictures_until_then: pictures.indexOf(whole) + 1, drawing_ms: { median: took[10], most: took[19] },
+    renderer, triangles, tiles: messages.tiles, messages: messages.count, megabytes: bytes / 1e6, first_picture_ms: first?.[1], received_ms: all, busy_ms: messages.busy,
+    whole_picture_ms: whole?.[1], whole_picture_took_ms: whole && whole[1] - whole[0], whole_picture_triangles: whole?.[4], pictures_until_then: pictures.indexOf(whole) + 1,
+    fine_picture_begin_end_ms: pictures.filter((row) => row[3]).at(-1)?.map(Math.round).slice(0, 2), drawing_ms: { median: took[10], most: took[19] },
   }));
   if (picture) {
-    await value(`voxelastic.view.camera.pitch = 0.6, voxelastic.view.follow = false, voxelastic.view.draw(), 1`);
+    await value(`voxelastic.view.follow = false, voxelastic.view.reset(true), 1`);
     await pause(3000);
     const { data } = await call("Page.captureScreenshot", { format: "png" });
     writeFileSync(picture, Buffer.from(data, "base64"));

@@ -18,28 +18,43 @@ class Message {
 }
 
 const RETRY = [300, 5000]; // first and longest pause before the socket is opened again, ms
-const USUAL_PICTURE = 50; // two frames and a little, ms
+const USUAL_PICTURE = 20; // a frame and a little, ms
+const LOADING_PAUSE = 2000; // before each picture while the map comes that was there before the page, ms: a processor that draws does not unpack
 const MESSAGE_TIME = [2, 1000]; // where pictures take longer, messages get so many times as long before the next one, and at most so many ms
 
 function connect(view, offerColours) {
-  const seen = { session: null, tiles: 0n, messages: 0, bytes: 0, connections: 0 };
-  let pause = RETRY[0], drawing = false, again = false;
-  /** A picture of what has come. A machine that draws slowly takes messages meanwhile, so that the last picture comes sooner. */
+  // `goal` is the last tile that was there when the page was attached, `busy` the time that messages took, ms.
+  const seen = { session: null, tiles: 0n, goal: 0n, messages: 0, bytes: 0, connections: 0, busy: 0 };
+  let pause = RETRY[0], drawing = false, again = false, whole = false, notBefore = 0, later = 0;
+  /**
+   * A picture of what has come. Until all has come that was there before, there are few: pictures of parts would only delay the whole. A machine that draws
+   * slowly takes messages between two pictures, so that the last one comes sooner.
+   */
   const redraw = () => {
-    if (drawing) {
+    const isThere = seen.tiles >= seen.goal;
+    if (isThere) view.quietUntil = 0;
+    // The first picture of all that was there waits for nothing but the one before.
+    const wait = Math.max(view.quietUntil, isThere && !whole ? 0 : notBefore) - performance.now();
+    if (drawing || wait > 0) {
       again = true;
       clearTimeout(view.settling);
+      if (!drawing && !later) later = setTimeout(() => { later = 0; redraw(); }, wait);
       return;
     }
     [drawing, again] = [true, false];
-    requestAnimationFrame((begin) => {
-      view.draw();
-      byId("stage").dataset.ready = "yes";
-      requestAnimationFrame(() => requestAnimationFrame((end) => setTimeout(() => {
-        drawing = false;
-        if (again) redraw();
-      }, Math.min(MESSAGE_TIME[0] * Math.max(end - begin - USUAL_PICTURE, 0), MESSAGE_TIME[1]))));
-    });
+    if (!whole) {
+      view.fit();
+      whole = seen.tiles > 0n && isThere;
+    }
+    view.draw();
+  };
+  view.finished = (took) => {
+    byId("stage").dataset.ready = "yes";
+    const now = performance.now();
+    if (seen.tiles < seen.goal) view.quietUntil = now + LOADING_PAUSE;
+    notBefore = now + Math.min(MESSAGE_TIME[0] * Math.max(took - USUAL_PICTURE, 0), MESSAGE_TIME[1]);
+    drawing = false;
+    if (again) redraw();
   };
   const state = (name, text) => {
     byId("state").dataset.state = name;
@@ -47,12 +62,13 @@ function connect(view, offerColours) {
   };
   const readers = {
     0(m) {
-      const { session, resumed } = JSON.parse(m.text());
+      const { session, resumed, tiles } = JSON.parse(m.text());
       if (!resumed) {
         view.clear();
         seen.tiles = 0n;
       }
-      seen.session = session;
+      [seen.session, seen.goal] = [session, BigInt(tiles)];
+      if (seen.tiles < seen.goal) view.quietUntil = performance.now() + LOADING_PAUSE;
     },
     1(m, number) {
       const submap = m.u32(), tile = m.many(3, "i32");
@@ -86,8 +102,9 @@ function connect(view, offerColours) {
       state("connected", "connected");
     };
     socket.onmessage = ({ data }) => {
-      const m = new Message(data), kind = m.u32(), number = m.u64();
+      const begin = performance.now(), m = new Message(data), kind = m.u32(), number = m.u64();
       readers[kind]?.(m, number);
+      seen.busy += performance.now() - begin;
       seen.messages++;
       seen.bytes += data.byteLength;
       redraw();

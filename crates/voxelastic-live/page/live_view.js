@@ -56,6 +56,12 @@ class LiveView extends Stage {
     this.gl.enableVertexAttribArray(0);
     this.gl.vertexAttribPointer(0, 3, this.gl.FLOAT, false, 0, 0);
     this.follow = true;
+    // The first pictures are coarse on any machine: what comes first is to be seen at once.
+    this.coarseness = CELL_PIXELS[1];
+    // Until then there are no pictures, unless somebody steers.
+    this.quietUntil = 0;
+    // Once somebody steers, the camera goes nowhere by itself.
+    for (const kind of ["pointerdown", "wheel", "keydown"]) canvas.addEventListener(kind, () => { this.steered = true; });
     this.clear();
     this.camera = { target: [0, 0, 0], distance: 30, yaw: -0.9, pitch: 0.7 };
   }
@@ -78,7 +84,20 @@ class LiveView extends Stage {
     }
   }
 
-  surfaces() { return this.tiles.values(); }
+  /** The tiles in the picture, each with the triangles of the level that is fine enough where it is. */
+  *surfaces() {
+    const eye = this.eye(), perMetre = (2 * Math.tan(FOV / 2)) / Math.max(this.canvas.clientHeight, 1);
+    this.drawn = { tiles: 0, triangles: 0 };
+    for (const tile of this.tiles.values()) {
+      if (!isInPicture(this.toScreen, tile.centre, tile.radius)) continue;
+      const away = Math.max(Math.hypot(...sub(tile.centre, eye)) - tile.radius, 0);
+      const level = levelFor(tile.longest, away * perMetre * this.cellPixels);
+      const parts = tile.parts.map(({ vao, levels }) => ({ vao, ...levels[level] })).filter((part) => part.count);
+      this.drawn.tiles++;
+      this.drawn.triangles += parts.reduce((sum, part) => sum + part.count / 3, 0);
+      yield { matrix: tile.matrix, colour: tile.colour, parts };
+    }
+  }
 
   /** The surface of a submap in a tile. */
   setTile(key, { submap, flags, origin, step, chunks }) {
@@ -86,10 +105,14 @@ class LiveView extends Stage {
     if (old) this.free(old);
     this.tiles.delete(key);
     if (!chunks.length) return;
-    const words = chunks.map((c) => new Uint16Array(c.vertices.buffer));
-    const highest = [0, 1, 2].map((k) => words.reduce((most, w) => { for (let i = k; i < w.length; i += STRIDE / 2) if (w[i] > most) most = w[i]; return most; }, 0));
-    const tile = { submap, origin, step, size: highest.map((c) => c * step), colour: submapColour(submap), parts: chunks.map((c) => this.upload(c)) };
-    tile.triangles = tile.parts.reduce((sum, p) => sum + p.count / 3, 0);
+    const most = chunks.map(highest).reduce((a, b) => a.map((c, k) => Math.max(c, b[k])));
+    const longest = Math.max(...most, 1), size = most.map((c) => c * step);
+    const parts = chunks.map((chunk) => {
+      const { levels, ...whole } = levelled(chunk, most);
+      return { ...this.upload(whole), levels };
+    });
+    const tile = { submap, origin, step, size, longest: longest * step, radius: Math.hypot(...size) / 2, colour: submapColour(submap), parts };
+    tile.triangles = parts.reduce((sum, { levels }) => sum + levels[0].count / 3, 0);
     this.triangles += tile.triangles;
     this.flags |= flags;
     this.tiles.set(key, tile);
@@ -113,6 +136,7 @@ class LiveView extends Stage {
   placeTile(tile) {
     const pose = this.submaps.get(tile.submap);
     tile.matrix = poseMatrix(pose || [0, 0, 0, 0, 0, 0, 1], tile.origin, tile.step);
+    tile.centre = moved(pose || [0, 0, 0, 0, 0, 0, 1], add(tile.origin, scaled(tile.size, 0.5)));
   }
 
   /** Places of submaps' frames in the map; those of unknown submaps are left out. */
@@ -177,9 +201,38 @@ class LiveView extends Stage {
     this.bounds = { low, high, heights: [ground, roof] };
   }
 
-  render(fine) {
+  /** The whole map, where there is no robot to look at. */
+  fit() {
+    if (this.steered || this.scan || !this.submaps.size) return;
     this.refresh();
-    super.render(fine);
+    this.reset(true);
+  }
+
+  /**
+   * A picture: a fine one with all that its pixels can show, a quick one with what this machine draws in time. None is begun before the last one is finished:
+   * where pictures take long, they would only queue.
+   */
+  render(fine) {
+    const quiet = this.steered ? 0 : this.quietUntil - performance.now();
+    if (quiet > 0) setTimeout(() => this.draw(), quiet);
+    else if (this.unfinished) this.missed = true;
+    if (quiet > 0 || this.unfinished) return;
+    this.refresh();
+    this.cellPixels = fine ? FINE_PIXELS[this.isSlow ? 1 : 0] : this.coarseness;
+    const begin = performance.now();
+    // Four times as many pixels are for machines that have drawn the last quick picture in time, a quarter of them for those that cannot.
+    super.render(fine && this.coarseness <= 2 * CELL_PIXELS[0], !fine && this.isSlow ? 0.5 : 1);
+    this.unfinished = true;
+    whenFinished(this.gl, () => {
+      const took = performance.now() - begin, [least, most] = CELL_PIXELS;
+      this.unfinished = false;
+      // The number of triangles goes with the square of their edges.
+      if (!fine) this.isSlow = this.coarseness === most && took > PICTURE_TIME;
+      if (!fine) this.coarseness = Math.min(Math.max(this.coarseness * Math.sqrt(took / PICTURE_TIME), least), most);
+      this.finished?.(took);
+      if (this.missed) this.draw();
+      this.missed = false;
+    });
   }
 
   drawPoints(pixels) {

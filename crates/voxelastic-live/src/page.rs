@@ -6,13 +6,14 @@ use voxelastic_report::scripts::{self, escaped, filled, script_safe};
 const PAGE: &str = include_str!("../page/page.html");
 const STYLE: &str = include_str!("../page/live.css");
 /// In the order of their dependencies.
-const SCRIPTS: [&str; 9] = [
+const SCRIPTS: [&str; 10] = [
     scripts::BASE,
     scripts::MATHS,
     scripts::UNPACK,
     scripts::SHADERS,
     scripts::STAGE,
     scripts::STEER,
+    include_str!("../page/detail.js"),
     include_str!("../page/live_view.js"),
     include_str!("../page/live_panel.js"),
     include_str!("../page/connection.js"),

@@ -194,7 +194,9 @@ async fn socket(State(site): State<Site>, headers: HeaderMap, Query(had): Query<
 /// Sends a viewer what it does not have, as fast as it takes it.
 async fn show(mut socket: WebSocket, site: &Site, mut have: Have, resumed: bool) -> Result<(), axum::Error> {
     let mut changes = site.scene.changes();
-    let hello = wire::hello(site.session, resumed);
+    // A page that knows how much is there draws it once, when it has come.
+    let there = site.scene.news(Have { tiles: have.tiles, others: u64::MAX }, usize::MAX).have.tiles;
+    let hello = wire::hello(site.session, resumed, there);
     send(&mut socket, Message::Binary(hello.into())).await?;
     loop {
         changes.borrow_and_update();

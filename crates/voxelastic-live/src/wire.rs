@@ -2,7 +2,7 @@
 //!
 //! | kind | what follows |
 //! | --- | --- |
-//! | 0 hello | JSON as UTF-8: `session` and whether it is `resumed`; number 0 |
+//! | 0 hello | JSON as UTF-8: `session`, whether it is `resumed`, and the number of the last of the `tiles` that there are, as text; number 0 |
 //! | 1 tile | `u32` submap, `i32` x 3 tile, `u32` scans in the map when it was made, `u32` flags (1 colours, 2 intensities), `f32` x 3 origin, `f32` step, `u32` chunks; for each `u32` vertices, `u32` triangles; the packed chunks |
 //! | 2 submaps | `u32` count; for each `u32` id, `f64` x 7 pose in the map (x y z qx qy qz qw). Submaps that are not named are gone |
 //! | 3 path | `u32` part, `u32` count; for each `u32` submap, `f32` x 3 position in its frame, metres |
@@ -114,9 +114,9 @@ pub fn statistics(json: &str) -> Vec<u8> {
     text(6, json)
 }
 
-/// The first message on a connection.
-pub fn hello(session: u64, resumed: bool) -> Vec<u8> {
-    text(0, &format!("{{\"session\":\"{session}\",\"resumed\":{resumed}}}"))
+/// The first message on a connection; `tiles` is the number of the last tile that there is.
+pub fn hello(session: u64, resumed: bool, tiles: u64) -> Vec<u8> {
+    text(0, &format!("{{\"session\":\"{session}\",\"resumed\":{resumed},\"tiles\":\"{tiles}\"}}"))
 }
 
 fn text(kind: u32, text: &str) -> Vec<u8> {

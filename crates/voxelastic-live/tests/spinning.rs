@@ -10,11 +10,10 @@ use voxelastic::Cloud;
 use voxelastic_io::{OpenOptions, raw};
 use voxelastic_live::feed::{Feed, Overload};
 use voxelastic_live::spinning::SpinningInput;
+use voxelastic_testing::packets::{self, Measured};
 
 /// UDP may lose datagrams where the system is busy.
 const TRIES: usize = 8;
-/// A turn takes a tenth of a second.
-const DEGREES_PER_US: f64 = 3600.0 / 1e6;
 /// Turns that are sent: the last one stays unfinished.
 const TURNS: f64 = 3.6;
 const LOOPBACK: [u8; 4] = [127, 0, 0, 1];
@@ -24,51 +23,10 @@ fn hash(k: usize) -> usize {
     (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 23) ^ (k << 3)
 }
 
-/// Distance and intensity of the k-th return: anything, or none.
-fn measured(k: usize) -> [u8; 3] {
+/// What the k-th beam has measured: anything, or nothing.
+fn measured(k: usize) -> Measured {
     let distance = if hash(k).is_multiple_of(7) { 0 } else { 1000 + hash(k + 1) % 20_000 };
-    [distance as u8, (distance >> 8) as u8, hash(k + 2) as u8]
-}
-
-fn azimuth(us: f64) -> [u8; 2] {
-    (((us * DEGREES_PER_US * 100.0).round() as u64 % 36_000) as u16).to_le_bytes()
-}
-
-/// Packets of a VLP-16, each with its time in seconds: twelve blocks of two firings of 55.296 us.
-fn velodyne(start: f64) -> Vec<(f64, Vec<u8>)> {
-    let packet_us = 12.0 * 110.592;
-    let packet = |n: usize| {
-        let us = n as f64 * packet_us;
-        let mut bytes = Vec::new();
-        for block in 0..12 {
-            bytes.extend([0xff, 0xee]);
-            bytes.extend(azimuth(us + f64::from(block) * 110.592));
-            (0..32).for_each(|k| bytes.extend(measured((n * 12 + block as usize) * 32 + k)));
-        }
-        bytes.extend(((start % 3600.0 * 1e6 + us).round() as u32).to_le_bytes());
-        bytes.extend([0x37, 0x22]);
-        (start + us * 1e-6, bytes)
-    };
-    (0..(TURNS * 1e5 / packet_us) as usize).map(packet).collect()
-}
-
-/// Packets of a PandarXT-32: eight blocks, 50 us apart. Its date was never set.
-fn hesai(start: f64) -> Vec<(f64, Vec<u8>)> {
-    let packet = |n: usize| {
-        let us = (n + 1) as f64 * 400.0;
-        let mut bytes = vec![0xee, 0xff, 6, 1, 0, 0, 32, 8, 0, 4, 1, 1];
-        for block in 0..8 {
-            bytes.extend(azimuth(us - 50.0 * f64::from(7 - block)));
-            for k in 0..32 {
-                bytes.extend(measured((n * 8 + block as usize) * 32 + k));
-                bytes.push(0);
-            }
-        }
-        let micros = (us.rem_euclid(1e6) as u32).to_le_bytes();
-        bytes.extend([&[0; 10][..], &[0x37, 0, 0, 123, 11], &[14, 22, 25, (us * 1e-6) as u8], &micros, &[0x42, 0, 0, 0, 0]].concat());
-        (start + us * 1e-6, bytes)
-    };
-    (0..(TURNS * 1e5 / 400.0) as usize).map(packet).collect()
+    (distance as f64 * 0.002, hash(k + 2) as u8)
 }
 
 /// A capture file of the packets, as they come from this machine.
@@ -125,7 +83,10 @@ fn read(path: &Path) -> Vec<raw::TimedScan> {
 #[test]
 fn scans_that_come_over_udp_are_those_of_the_capture() {
     let dir = tempfile::tempdir().unwrap();
-    let makes: [(&str, fn(f64) -> Vec<(f64, Vec<u8>)>); 2] = [("velodyne", velodyne), ("hesai", hesai)];
+    let makes: [(&str, fn(f64) -> Vec<(f64, Vec<u8>)>); 2] = [
+        ("velodyne", |start| packets::velodyne(start, TURNS, |beam| measured(beam.number))),
+        ("hesai", |start| packets::hesai(start, TURNS, |beam| measured(beam.number))),
+    ];
     for (name, packets) in makes {
         let path = dir.path().join(format!("{name}.pcap"));
         let attempt = |_| {

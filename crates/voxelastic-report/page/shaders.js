@@ -11,25 +11,25 @@ vec4 packed(float d) {
 
 const SURFACE_VERTEX = `#version 300 es
 precision highp float;
-layout(location = 0) in vec3 at;
+layout(location = 0) in vec3 at;     // shares of 65535 steps
 layout(location = 1) in vec2 facing;
-layout(location = 2) in vec3 values; // intensity, scale, error
+layout(location = 2) in vec3 values; // intensity, scale, error, each a share of 255
 layout(location = 3) in vec3 tint;
 uniform mat4 toMap, toScreen;
 out vec3 map, normal, own;
 out float intensity, error, away;
 flat out float level;
 void main() {
-  vec4 m = toMap * vec4(at, 1.0);
+  vec4 m = toMap * vec4(at * 65535.0, 1.0);
   map = m.xyz;
   vec2 f = facing * 2.0 - 1.0;
   vec3 n = vec3(f, 1.0 - abs(f.x) - abs(f.y));
   float t = max(-n.z, 0.0);
   n.xy += vec2(n.x >= 0.0 ? -t : t, n.y >= 0.0 ? -t : t);
   normal = mat3(toMap) * normalize(n);
-  intensity = values.x / 255.0;
-  level = values.y;
-  error = values.z;
+  intensity = values.x;
+  level = floor(values.y * 255.0 + 0.5);
+  error = values.z * 255.0;
   own = tint;
   gl_Position = toScreen * m;
   away = gl_Position.w;

@@ -43,15 +43,16 @@ class Stage {
       gl.enableVertexAttribArray(place);
       gl.vertexAttribPointer(place, count, type, normalised, STRIDE, offset);
     };
-    attribute(0, 3, gl.UNSIGNED_SHORT, false, 0);
+    // Formats that every graphics card reads as they are. Of three numbers, or of whole ones, drivers make copies as floating-point numbers before the first picture.
+    attribute(0, 4, gl.UNSIGNED_SHORT, true, 0);
     attribute(1, 2, gl.UNSIGNED_BYTE, true, 6);
-    attribute(2, 3, gl.UNSIGNED_BYTE, false, 8);
+    attribute(2, 4, gl.UNSIGNED_BYTE, true, 8);
     if (colours) {
       buffers.push(gl.createBuffer());
       gl.bindBuffer(gl.ARRAY_BUFFER, buffers[2]);
       gl.bufferData(gl.ARRAY_BUFFER, colours, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(3);
-      gl.vertexAttribPointer(3, 3, gl.UNSIGNED_BYTE, true, 4, 0);
+      gl.vertexAttribPointer(3, 4, gl.UNSIGNED_BYTE, true, 4, 0);
     }
     return { vao, buffers, count: indices.length };
   }
@@ -195,9 +196,9 @@ class Stage {
     return (this.target = target);
   }
 
-  render(fine) {
+  render(fine, sharpness = 1) {
     const { gl, canvas } = this;
-    const ratio = Math.min(devicePixelRatio || 1, 2);
+    const ratio = Math.min(devicePixelRatio || 1, 2) * sharpness;
     const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const samples = fine && width * height * 4 <= BACKDROP ? 2 : 1;
@@ -248,9 +249,9 @@ class Stage {
     for (const s of this.surfaces()) {
       gl.uniformMatrix4fv(u.toMap, false, s.matrix);
       gl.uniform3fv(u.submapColour, s.colour.map((c) => c / 255));
-      for (const { vao, count } of s.parts) {
+      for (const { vao, count, first } of s.parts) {
         gl.bindVertexArray(vao);
-        gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_SHORT, 0);
+        gl.drawElements(gl.TRIANGLES, count, gl.UNSIGNED_SHORT, 2 * (first || 0));
       }
     }
   }

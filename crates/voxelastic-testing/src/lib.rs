@@ -16,6 +16,7 @@
 //! ```
 
 mod browser;
+pub mod packets;
 mod skip;
 mod small_disk;
 

@@ -26,7 +26,7 @@ use crate::odometry_log::OdometrySummary;
 use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
 use crate::target::{self, Target, TargetArgs};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
-use crate::{interrupt, meshing, output, usage};
+use crate::{allocator, interrupt, meshing, output, usage};
 use beginning::Begun;
 use clap::{Args, FromArgMatches};
 use network::{Network, NetworkArgs};
@@ -272,6 +272,7 @@ fn play(
     open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
 ) -> anyhow::Result<u8> {
     let clock = Instant::now();
+    allocator::give_back_large_pieces();
     let settings = args.settings.resolve()?;
     let pool = meshing::pool(settings.threads)?;
     let new_mapper = |sensor: Option<BeamModel>| {

@@ -1,12 +1,13 @@
 //! What two runs must have in common, so that one can go on with the other.
 
 use std::collections::BTreeMap;
+use std::io::Write;
 use voxelastic::settings::Settings;
 
 /// Settings that do not change the map.
 const FREE: [&str; 2] = ["memory", "threads"];
 /// Version of the states that this program writes.
-const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 3");
+const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 4");
 
 /// Of the hash FNV-1a with 64 bits.
 const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
@@ -52,14 +53,12 @@ impl Identity {
             .collect()
     }
 
-    /// Its serialised form, before a state.
-    pub(super) fn join(&self, state: &[u8]) -> Result<Vec<u8>, postcard::Error> {
-        let mut bytes = postcard::to_stdvec(&self.0)?;
-        bytes.extend(state);
-        Ok(bytes)
+    /// Writes its serialised form, before a state.
+    pub(super) fn write(&self, out: &mut dyn Write) -> Result<(), postcard::Error> {
+        postcard::to_io(&self.0, out).map(drop)
     }
 
-    /// The identity and the state that [`join`](Self::join) has put together.
+    /// The identity that [`write`](Self::write) has written, and the state behind it.
     pub(super) fn split(bytes: &[u8]) -> Result<(Self, &[u8]), String> {
         postcard::take_from_bytes(bytes).map(|(pairs, state)| (Self(pairs), state)).map_err(|e| format!("its state: {e}"))
     }

@@ -9,8 +9,9 @@ use crate::input::InputState;
 use crate::jumps::Jumps;
 use crate::mapping::Session;
 use crate::target::Target;
-use anyhow::Context;
 use serde::Serialize;
+use std::borrow::Cow;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 use voxelastic::event::Event;
 use voxelastic_slam::Corrector;
@@ -119,7 +120,7 @@ impl Keeper {
     /// Writes a checkpoint unless a fusion is in progress or the scan's events are not all taken.
     pub fn keep_now(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
         if self.every != CheckpointEvery::Off && session.scans() > 0 {
-            self.write(target, session, || state(session, stages));
+            self.write(target, session, stages);
         }
     }
 
@@ -129,12 +130,12 @@ impl Keeper {
         self.every.is_due(session.scans() - scans, at.elapsed(), took) && self.paused.is_none_or(|until| Instant::now() >= until)
     }
 
-    /// Writes a checkpoint with a state, unless there is none now.
-    fn write(&mut self, target: &mut Target, session: &Session, state: impl FnOnce() -> anyhow::Result<Option<Vec<u8>>>) {
+    /// Writes a checkpoint, unless the run has no state now.
+    fn write(&mut self, target: &mut Target, session: &Session, stages: &Stages<'_>) {
         let clock = Instant::now();
-        match state().and_then(|state| state.map(|state| self.try_write(target, session, &state)).transpose()) {
-            Ok(None) => {}
-            Ok(Some(())) => {
+        let Some(state) = state(session, stages) else { return };
+        match self.try_write(target, session, &state) {
+            Ok(()) => {
                 self.last = (Instant::now(), clock.elapsed(), session.scans());
                 (self.count, self.took, self.paused) = (self.count + 1, self.took + clock.elapsed(), None);
                 tracing::debug!("checkpoint at {} scans in {:.0} ms", session.scans(), clock.elapsed().as_secs_f64() * 1e3);
@@ -146,13 +147,16 @@ impl Keeper {
         }
     }
 
-    fn try_write(&mut self, target: &mut Target, session: &Session, state: &[u8]) -> anyhow::Result<()> {
-        let state = self.identity.join(state)?;
+    fn try_write(&mut self, target: &mut Target, session: &Session, state: &RunState<'_>) -> anyhow::Result<()> {
         let details = session.details();
         let checkpoints = target.checkpoints()?;
         self.records.iter_mut().flat_map(std::mem::take).for_each(|record| checkpoints.record(&record));
-        let atlas = session.mapper().atlas();
-        session.pool().install(|| checkpoints.write(atlas, &details, &state))?;
+        let (atlas, identity) = (session.mapper().atlas(), &self.identity);
+        // As it is serialised it goes to the disk: copies of what grows with the run would make the process grow, too.
+        let write_state = |out: &mut dyn Write| {
+            identity.write(out).and_then(|()| postcard::to_io(state, out).map(drop)).map_err(|problem| io::Error::other(problem.to_string()))
+        };
+        session.pool().install(|| checkpoints.write_with(atlas, &details, write_state))?;
         Ok(())
     }
 
@@ -163,18 +167,17 @@ impl Keeper {
 }
 
 /// What a run knows, if it can go on from here.
-fn state(session: &Session, stages: &Stages<'_>) -> anyhow::Result<Option<Vec<u8>>> {
-    let (Some(input), Some(mapper)) = ((stages.input)(), session.mapper().state()) else { return Ok(None) };
-    let state = RunState {
+fn state<'a>(session: &'a Session, stages: &Stages<'a>) -> Option<RunState<'a>> {
+    let (input, mapper) = ((stages.input)()?, session.mapper().state()?);
+    Some(RunState {
         input,
-        jumps: stages.jumps.clone(),
+        jumps: Cow::Borrowed(stages.jumps),
         skipped: stages.skipped,
         came: stages.came,
-        log: session.log().to_json()?,
+        log: Cow::Borrowed(session.log_so_far()),
         origin: session.origin().coordinates(),
         searches: stages.corrector.searches(),
         loop_voxel_m: stages.corrector.voxel_size(),
         mapper,
-    };
-    postcard::to_stdvec(&state).context("the state of the run cannot be stored").map(Some)
+    })
 }

@@ -69,7 +69,7 @@ pub struct Unfinished {
     /// The edge of the voxels in which they were looked for, metres.
     pub loop_voxel_m: Option<f64>,
     /// What the mapper knows beside the atlas.
-    mapper: MapperState,
+    mapper: MapperState<'static>,
     /// The submaps.
     atlas: Atlas,
     records: Vec<Record>,
@@ -169,9 +169,20 @@ fn unfinished(found: Checkpoint) -> Result<Unfinished, String> {
     let RunState { input, jumps, skipped, came, log, origin, searches, loop_voxel_m, mapper } =
         postcard::from_bytes(state).map_err(|e| format!("its state: {e}"))?;
     let origin = Origin::new(origin).ok_or("its origin is no place")?;
-    let log = RunLog::from_json(&log).map_err(|e| e.to_string())?;
     let records = found.records.iter().map(|bytes| Record::read(bytes)).collect::<Result<_, _>>()?;
-    Ok(Unfinished { input: Some(input), jumps, skipped, came, log, origin, searches, loop_voxel_m, mapper, atlas: found.atlas, records })
+    Ok(Unfinished {
+        input: Some(input),
+        jumps: jumps.into_owned(),
+        skipped,
+        came,
+        log: log.into_owned(),
+        origin,
+        searches,
+        loop_voxel_m,
+        mapper,
+        atlas: found.atlas,
+        records,
+    })
 }
 
 impl Unfinished {

@@ -7,6 +7,8 @@ mod changes;
 mod colours;
 mod corrections;
 mod damage;
+#[cfg(all(unix, feature = "ros2"))]
+mod distances;
 mod evaluation;
 mod exploration;
 mod feature;
@@ -30,6 +32,8 @@ mod report;
 #[cfg(unix)]
 mod resume;
 mod room;
+#[cfg(unix)]
+mod sensors;
 mod sessions;
 mod simulation;
 mod slam;

@@ -27,8 +27,10 @@ pub(crate) struct ReportedPose {
 /// State of a playback, shared with the recording that it came from.
 #[derive(Debug, Default)]
 pub(crate) struct PlaybackLog {
-    /// Delivered scans by node.
+    /// Delivered scans by node; empty where scans come only once.
     delivered: Mutex<HashMap<NodeId, DeliveredScan>>,
+    /// Whether scans come only once, so that there is nothing to read again.
+    is_passing: bool,
     /// Of the last delivered scan.
     reported: Mutex<Option<ReportedPose>>,
     /// Scans that a condition of the selection excluded.
@@ -40,12 +42,26 @@ pub(crate) struct PlaybackLog {
 }
 
 impl PlaybackLog {
+    /// Of scans that come only once, as those of a robot: what would be needed to read them again is not kept.
+    pub(crate) fn of_passing_scans() -> Self {
+        Self { is_passing: true, ..Self::default() }
+    }
+
     pub(crate) fn add(&self, node: NodeId, scan: DeliveredScan) {
+        if self.is_passing {
+            return;
+        }
         self.delivered.lock().unwrap_or_else(PoisonError::into_inner).insert(node, scan);
     }
 
     pub(crate) fn delivered(&self, node: NodeId) -> Option<DeliveredScan> {
         self.delivered.lock().unwrap_or_else(PoisonError::into_inner).get(&node).cloned()
+    }
+
+    /// Scans of which that is kept.
+    #[cfg(test)]
+    pub(crate) fn kept(&self) -> usize {
+        self.delivered.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 
     pub(crate) fn set_reported(&self, pose: ReportedPose) {

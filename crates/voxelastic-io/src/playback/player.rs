@@ -106,6 +106,7 @@ pub(crate) struct Player {
     /// The sensor of the last delivered scan.
     latest: Option<u16>,
     continuation: Continuation,
+    /// Nodes of the graph that were delivered, if there is a graph.
     delivered: HashSet<NodeId>,
     /// Indices of the loop edges at each node.
     loops_at: HashMap<NodeId, Vec<usize>>,
@@ -265,7 +266,10 @@ impl Player {
             };
             self.ready.extend(odometry.into_iter().map(|e| Ok(Event::OdometryEdge(e))));
         }
-        self.delivered.insert(entry.node);
+        // Only a graph is asked for what was delivered: without one, it would be a list that grows with each scan for nothing.
+        if edges.is_some() {
+            self.delivered.insert(entry.node);
+        }
         let loops = edges.map_or(&[][..], |edges| &edges.loops);
         for edge in self.loops_at.get(&entry.node).into_iter().flatten().filter_map(|k| loops.get(*k)) {
             if self.delivered.contains(&edge.from) && self.delivered.contains(&edge.to) {

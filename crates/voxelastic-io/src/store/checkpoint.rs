@@ -22,7 +22,7 @@ use crate::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
@@ -171,6 +171,14 @@ impl Checkpoints {
     /// # Errors
     /// As for [`MapWriter::save`].
     pub fn write(&mut self, atlas: &Atlas, details: &MapDetails, state: &[u8]) -> Result<SaveReport> {
+        self.write_with(atlas, details, |file| file.write_all(state))
+    }
+
+    /// As [`write`](Self::write), with a state that `state` writes, piece by piece: it is never in memory as a whole.
+    ///
+    /// # Errors
+    /// As for [`write`](Self::write), and those of `state`.
+    pub fn write_with(&mut self, atlas: &Atlas, details: &MapDetails, state: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<SaveReport> {
         let written = self.write_all(atlas, details, state);
         let Ok(mut report) = written else {
             // What was written takes space, often the very space that ran out. Of journals, an earlier run's may be needed.
@@ -188,7 +196,7 @@ impl Checkpoints {
         self.state.as_deref() == Some(name) || self.journal.name() == name || names(self.writer.store(), name)
     }
 
-    fn write_all(&mut self, atlas: &Atlas, details: &MapDetails, state: &[u8]) -> Result<SaveReport> {
+    fn write_all(&mut self, atlas: &Atlas, details: &MapDetails, state: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<SaveReport> {
         let saved = {
             let known = |piece: &Piece<'_>| self.same_fields(piece.submap);
             self.writer.write_files(atlas, details, known)?
@@ -209,8 +217,7 @@ impl Checkpoints {
         let (dir, mut written) = (&self.dir, None);
         let report = self.writer.commit(saved, details, |text| {
             let name = state_name(crc32fast::hash(text.as_bytes()));
-            let bytes = state_bytes(&table, state).map_err(|e| Error::on_io("write", &dir.join(&name))(e.into()))?;
-            files::write_atomically(dir, &name, |file| file.write_all(&bytes))?;
+            files::write_atomically(dir, &name, |file| write_state(&table, state, file))?;
             written = Some(name);
             files::sync_dir(dir)
         })?;
@@ -266,16 +273,34 @@ fn discard(dir: &Path) {
     let _ = fs::remove_dir(dir);
 }
 
-fn state_bytes(table: &StoredTable, state: &[u8]) -> std::result::Result<Vec<u8>, serde_json::Error> {
+fn write_state(table: &StoredTable, state: impl FnOnce(&mut dyn Write) -> io::Result<()>, file: &mut impl Write) -> io::Result<()> {
     let table = serde_json::to_vec(table)?;
-    let mut bytes = MAGIC.to_vec();
-    bytes.extend(VERSION.to_le_bytes());
-    bytes.extend((table.len() as u64).to_le_bytes());
-    bytes.extend(table);
-    bytes.extend(state);
-    let crc32 = crc32fast::hash(&bytes);
-    bytes.extend(crc32.to_le_bytes());
-    Ok(bytes)
+    let mut out = io::BufWriter::new(Summed { file, crc32: crc32fast::Hasher::new() });
+    out.write_all(&MAGIC)?;
+    out.write_all(&VERSION.to_le_bytes())?;
+    out.write_all(&(table.len() as u64).to_le_bytes())?;
+    out.write_all(&table)?;
+    state(&mut out)?;
+    let Summed { file, crc32 } = out.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.write_all(&crc32.finalize().to_le_bytes())
+}
+
+/// A file, and the checksum of what was written into it.
+struct Summed<'a, W> {
+    file: &'a mut W,
+    crc32: crc32fast::Hasher,
+}
+
+impl<W: Write> Write for Summed<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.file.write(bytes)?;
+        self.crc32.update(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
 }
 
 fn read_state(path: &Path) -> Result<(StoredTable, Vec<u8>)> {

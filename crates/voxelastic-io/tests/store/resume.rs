@@ -96,9 +96,8 @@ fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value
         if (k + 1) % every != 0 {
             continue;
         }
-        let Some(state) = mapper.state() else { continue };
+        let Some(mut state) = mapper.state().map(|state| serde_json::to_value(&state).unwrap()) else { continue };
         with_fusions_due += usize::from(mapper.elastic_counts().fusions_due > 0);
-        let mut state = serde_json::to_value(&state).unwrap();
         forget(&mut state);
         let state = serde_json::to_vec(&state).unwrap();
         let writer = MapWriter::create(dir.path().join("run.vox")).unwrap();

@@ -79,6 +79,33 @@ fn the_map_grows_bends_and_comes_back() {
     let robot = page.value("voxelastic.view.robotPose()");
     assert!((robot[0].as_f64().unwrap() - 11.0).abs() < 1e-3, "{robot}");
 
+    // What is far is drawn with fewer triangles, what is out of the picture not at all, and what is near with all.
+    page.wait(&format!("voxelastic.seen.goal > 0n && voxelastic.seen.goal <= {}n", scene.news(Default::default(), usize::MAX).have.tiles));
+    let drawn = |page: &mut Browser, camera: &str| {
+        let drawn = format!(
+            "(async () => {{
+                const {{ view }} = voxelastic;
+                while (view.unfinished) await new Promise((done) => setTimeout(done, 5));
+                view.follow = false;
+                Object.assign(view.camera, {camera});
+                view.render(true);
+                return view.drawn;
+            }})()"
+        );
+        let drawn = page.value(&drawn);
+        [drawn["tiles"].as_f64().unwrap(), drawn["triangles"].as_f64().unwrap()]
+    };
+    let all = page.value("[voxelastic.view.tiles.size, voxelastic.view.triangles]");
+    let all = [all[0].as_f64().unwrap(), all[1].as_f64().unwrap()];
+    let whole = drawn(&mut page, "{ target: [5, 0, 0], distance: 500, yaw: -0.9, pitch: 0.7 }");
+    assert!(whole[0] == all[0] && whole[1] < 0.5 * all[1] && whole[1] > 0.0, "all tiles with fewer triangles: {whole:?} of {all:?}");
+    let near = drawn(&mut page, "{ target: [11, 1.5, 0], distance: 3, yaw: -1.6, pitch: 0.1 }");
+    assert!(near[0] < all[0] && near[0] > 0.0, "some tiles: {near:?} of {all:?}");
+    let away = drawn(&mut page, "{ target: [100, 0, 0], distance: 1, yaw: 3.14, pitch: 0 }");
+    assert_eq!(away, [0.0, 0.0], "the map is behind the camera");
+    drawn(&mut page, "{ target: [5, 0, 0], distance: 30, yaw: -0.9, pitch: 0.7 }");
+    page.value("voxelastic.view.follow = true");
+
     // It bends: poses are sent, surfaces are not.
     page.wait(&format!("voxelastic.seen.tiles === {}n", scene.news(Default::default(), usize::MAX).have.tiles));
     let tiles = page.value("String(voxelastic.seen.tiles)");

@@ -19,15 +19,17 @@ use crate::field::tsdf::ObservationCount;
 use crate::sensor::BeamModel;
 use crate::settings::{SettingError, Settings};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// What a [`Mapper`] knows beside its atlas, between two events; see [`Mapper::state`].
 ///
-/// Its serialised form belongs to the version of the program that wrote it.
+/// Its serialised form belongs to the version of the program that wrote it. What grows with the run is borrowed from the mapper, so that taking a state and
+/// serialising it needs hardly any memory.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct MapperState {
-    graph: PoseGraph,
-    assignments: NodeAssignments,
+pub struct MapperState<'a> {
+    graph: Cow<'a, PoseGraph>,
+    assignments: Cow<'a, NodeAssignments>,
     size_limited: Vec<(Vec<SubmapId>, [NodeId; 2])>,
     fusions: FusionSchedule,
     revisit: Option<RevisitState>,
@@ -40,7 +42,7 @@ pub struct MapperState {
     observed: Vec<(SubmapId, Vec<u8>)>,
 }
 
-impl MapperState {
+impl MapperState<'_> {
     /// The state for scans that come later and from elsewhere, where those before cannot be read again: sensors are recognised from the next scans,
     /// what moves is looked for from there on, and no revisit is in progress.
     #[must_use]
@@ -93,14 +95,14 @@ pub enum ResumeError {
 impl Mapper {
     /// What the mapper knows beside its [atlas](Self::atlas). None while a fusion is in progress: it ends some scans later. Fusions that are
     /// due do not hinder.
-    pub fn state(&self) -> Option<MapperState> {
+    pub fn state(&self) -> Option<MapperState<'_>> {
         let fusions = self.fusion.schedule()?.clone();
         let observed = |field: &crate::field::tsdf::TsdfField| {
             field.ids_in_morton_order().into_iter().map(|id| field.block(id).observation_count.bits()).collect()
         };
         Some(MapperState {
-            graph: self.clusters.graph.clone(),
-            assignments: self.clusters.assignments.clone(),
+            graph: Cow::Borrowed(&self.clusters.graph),
+            assignments: Cow::Borrowed(&self.clusters.assignments),
             size_limited: self.clusters.size_limited.iter().map(|(submaps, ends)| (submaps.clone(), *ends)).collect(),
             fusions,
             revisit: self.revisits.state(&self.atlas),
@@ -121,7 +123,7 @@ impl Mapper {
     pub fn resume(
         settings: Settings,
         sensor_model: Option<BeamModel>,
-        state: MapperState,
+        state: MapperState<'_>,
         mut atlas: Atlas,
         scans: &mut dyn ScanSource,
     ) -> Result<Self, ResumeError> {
@@ -152,8 +154,8 @@ impl Mapper {
         atlas.skip_ids(state.next_submap);
         let submap = state.revisit.as_ref().map_or(0, RevisitState::submap);
         mapper.revisits.resume(state.revisit, &atlas).ok_or(ResumeError::OtherSubmap { submap })?;
-        mapper.clusters.graph = state.graph;
-        mapper.clusters.assignments = state.assignments;
+        mapper.clusters.graph = state.graph.into_owned();
+        mapper.clusters.assignments = state.assignments.into_owned();
         mapper.clusters.size_limited = state.size_limited.into_iter().collect();
         mapper.fusion.set_schedule(state.fusions);
         (mapper.last_node, mapper.counts) = (state.last_node, state.counts);

@@ -108,6 +108,12 @@ impl LiveFrames {
         Some(Reported { node: reported.node, time: reported.time, t_odom_lidar: reported.t_odom_lidar })
     }
 
+    /// Scans of which is kept how they could be read again.
+    #[cfg(test)]
+    pub(super) fn kept(&self) -> usize {
+        self.log.kept()
+    }
+
     /// Scans without a pose so far.
     pub fn without_pose(&self) -> usize {
         self.log.without_pose.load(std::sync::atomic::Ordering::Relaxed)

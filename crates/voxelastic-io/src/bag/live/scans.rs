@@ -26,7 +26,7 @@ pub struct LiveEvents {
 impl LiveEvents {
     /// Of the messages of chosen topics. It ends when their sender does.
     pub fn new(topics: LiveTopics, messages: LiveMessages, options: &OpenOptions) -> Self {
-        let log = Arc::new(PlaybackLog::default());
+        let log = Arc::new(PlaybackLog::of_passing_scans());
         let frames = LiveFrames::new(Arc::clone(&log));
         let track = PoseSource::Topic { track: PoseTrack::default(), child: String::new() };
         let player_options = PlayerOptions {
@@ -65,7 +65,7 @@ pub struct LiveScans {
 impl LiveScans {
     /// Of the messages of chosen topics. It ends when their sender does.
     pub fn new(topics: LiveTopics, messages: LiveMessages) -> Self {
-        let log = Arc::new(PlaybackLog::default());
+        let log = Arc::new(PlaybackLog::of_passing_scans());
         let frames = LiveFrames::new(Arc::clone(&log));
         // The stream gives samples at the lidar already: where the unit is becomes known with the transforms.
         let mount = topics.stream.imu.is_some().then(|| ImuMount::new(Pose::identity()));
@@ -76,7 +76,7 @@ impl LiveScans {
     /// Of the datagrams of an Ouster sensor, as they come from `origin`; those of its inertial measurement unit among them if `use_imu`. It ends when their
     /// sender does.
     pub fn of_ouster(metadata: SensorMetadata, packets: Receiver<Vec<u8>>, origin: &str, use_imu: bool) -> Self {
-        let log = Arc::new(PlaybackLog::default());
+        let log = Arc::new(PlaybackLog::of_passing_scans());
         let mount = use_imu.then(|| ImuMount::new(metadata.t_sensor_imu));
         let stream = PacketStream::new(metadata, packets, origin.into());
         Self { player: RawPlayer::new(Box::new(stream), mount, Arc::clone(&log)), frames: LiveFrames::new(log) }
@@ -85,7 +85,7 @@ impl LiveScans {
     /// Of the datagrams of a sensor that turns, Velodyne's or Hesai's, as they come from `origin`. The first that is recognised says which it is; a Hesai has the
     /// `angles` of a file, if one is given. It ends when their sender does.
     pub fn of_spinning(packets: Receiver<SensorPacket>, origin: &str, angles: Option<PathBuf>) -> Self {
-        let log = Arc::new(PlaybackLog::default());
+        let log = Arc::new(PlaybackLog::of_passing_scans());
         let stream = SpinningStream::new(packets, angles, origin.into());
         Self { player: RawPlayer::new(Box::new(stream), None, Arc::clone(&log)), frames: LiveFrames::new(log) }
     }

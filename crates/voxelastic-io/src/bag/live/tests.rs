@@ -208,6 +208,33 @@ fn scans_wait_for_poses_in_the_time_of_the_simulation() {
 }
 
 #[test]
+fn a_simulation_that_is_started_again_uses_no_pose_of_after_for_a_scan_of_before() {
+    let tick = |time: f64| ("/clock", clock(time));
+    let scan = |time: f64| ("/points", cloud(time));
+    for source in ["/odom", "/tf"] {
+        let pose = |time: f64, x: f64| (source, if source == "/tf" { transform(time, "odom", "lidar", x) } else { odometry(time, x) });
+        let mut messages = vec![tick(30.0)];
+        for k in 0..3 {
+            let time = 30.0 + 0.1 * f64::from(k);
+            messages.extend([tick(time), pose(time, f64::from(k)), scan(time)]);
+        }
+        // It waits for a pose when the clock goes back. The second run comes to this time again, elsewhere.
+        messages.extend([scan(30.35), tick(29.0)]);
+        // Messages of the first run that were under way.
+        messages.extend([pose(30.3, 3.0), pose(30.4, 4.0), scan(30.4)]);
+        for k in 0..20 {
+            let time = 29.0 + 0.1 * f64::from(k);
+            messages.extend([tick(time), pose(time, 100.0 + f64::from(k)), scan(time)]);
+        }
+        let options = OpenOptions { pose_topic: Some(source.into()), ..OpenOptions::default() };
+        let (events, frames) = played(&options, messages);
+        let expected: Vec<f64> = (0..3).map(f64::from).chain((100..120).map(f64::from)).collect();
+        assert_eq!(scan_positions(&events), expected, "{source}");
+        assert_eq!(frames.without_pose(), 1, "{source}: the scan that waited");
+    }
+}
+
+#[test]
 fn samples_of_before_do_not_belong_to_scans_of_after() {
     let imu = |time: f64| {
         Cdr::new()
@@ -262,6 +289,17 @@ fn topics_are_found_by_type_or_named() {
     let without: Vec<_> = there().into_iter().filter(|(name, _)| name != "/odom" && name != "/tf").collect();
     assert!(matches!(chosen(&usual, &without, false), Err(crate::Error::NoPoses { .. })));
     assert!(chosen(&usual, &[], false).unwrap_err().to_string().starts_with("DDS"));
+}
+
+#[test]
+fn nothing_is_kept_of_a_scan_that_comes_only_once() {
+    let messages = (0..20).flat_map(|k| {
+        let time = 10.0 + 0.1 * f64::from(k);
+        [("/odom", odometry(time, f64::from(k))), ("/points", cloud(time))]
+    });
+    let (events, frames) = played(&OpenOptions::default(), messages.collect());
+    assert_eq!(scan_positions(&events).len(), 20);
+    assert_eq!(frames.kept(), 0, "what would read a scan again");
 }
 
 fn livox(time: f64) -> Vec<u8> {

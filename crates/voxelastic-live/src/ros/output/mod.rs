@@ -6,7 +6,7 @@
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
-//! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected |
+//! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
 //! | `~/submaps` | `geometry_msgs/PoseArray` | root poses of the submaps, when they change |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
 //! | `/tf` | `tf2_msgs/TFMessage` | `map` to the frame of the odometry, with each scan and ten times a second |
@@ -14,12 +14,14 @@
 //! Everything is in the frame `map`. What takes work is made only if somebody listens.
 
 mod occupancy;
+mod path;
 mod surface;
 mod topics;
 
 use super::messages::{self, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
 use occupancy::Layers;
+use path::{PathState, pose_of};
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 use surface::SurfaceTiles;
@@ -71,10 +73,8 @@ pub struct Outputs {
     options: OutputOptions,
     surface: SurfaceTiles,
     layers: Layers,
-    /// Time stamps of the scans.
-    times: HashMap<NodeId, f64>,
     poses: Vec<Pose>,
-    path: Option<(Instant, Vec<(f64, Pose)>)>,
+    path: PathState,
     link: Option<(Instant, OdometryLink, Pose)>,
     last_transform: Option<Instant>,
     last_figures: Option<Instant>,
@@ -95,9 +95,8 @@ impl Outputs {
             options,
             surface: SurfaceTiles::new(options.detail),
             layers: Layers::default(),
-            times: HashMap::new(),
             poses: Vec::new(),
-            path: None,
+            path: PathState::default(),
             link: None,
             last_transform: None,
             last_figures: None,
@@ -142,31 +141,30 @@ impl Outputs {
 
     /// Notes the time stamp of a scan that is going to be in the map.
     pub fn add_scan(&mut self, node: NodeId, time: f64) {
-        self.times.insert(node, time);
+        self.path.add(node, time);
         self.stamp = time;
     }
 
     /// After an event: poses are published at once, everything else by [`step`](Self::step).
     pub fn note(&mut self, mapper: &Mapper, link: Option<OdometryLink>) {
         let atlas = mapper.atlas();
-        let placed = trajectory(atlas);
         self.note_submaps(atlas);
         self.surface.note(mapper);
         self.layers.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
-            && let Some((_, t_map_lidar)) = placed.iter().find(|(node, _)| *node == link.node)
+            && let Some(t_map_lidar) = pose_of(atlas, link.node)
         {
             let t_map_odom = t_map_lidar * link.t_odom_lidar.inverse();
             self.link = Some((Instant::now(), link, t_map_odom));
             self.publish_transform();
         }
-        let path: Vec<(f64, Pose)> = placed.iter().map(|(node, pose)| (self.times.get(node).copied().unwrap_or(0.0), *pose)).collect();
-        if self.path.as_ref().is_none_or(|(_, before)| *before != path) {
-            let is_due = self.path.as_ref().is_none_or(|(at, before)| at.elapsed() >= PERIOD || before.len() == path.len());
-            if is_due {
-                self.publish(Output::Path, |header| messages::path(header, &path));
-                self.path = Some((Instant::now(), path));
-            }
+        self.note_path(atlas);
+    }
+
+    fn note_path(&mut self, atlas: &Atlas) {
+        let header = Header { stamp: self.stamp, frame: MAP_FRAME };
+        if let Some(message) = self.path.step(atlas, PERIOD).map(|path| messages::path(header, path)) {
+            self.publish(Output::Path, |_| message);
         }
     }
 
@@ -180,7 +178,7 @@ impl Outputs {
 
     /// Publishes the path as it is, if what was published is older.
     pub fn finish(&mut self, mapper: &Mapper) {
-        self.path = None;
+        self.path.repeat();
         self.note(mapper, None);
     }
 
@@ -192,8 +190,7 @@ impl Outputs {
         }
         self.surface = SurfaceTiles::new(self.options.detail);
         self.layers = Layers::default();
-        self.times.clear();
-        (self.poses, self.path, self.link) = (Vec::new(), None, None);
+        (self.poses, self.path, self.link) = (Vec::new(), PathState::default(), None);
         self.publish(Output::Path, |header| messages::path(header, &[]));
         self.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
     }
@@ -218,7 +215,7 @@ impl Outputs {
     fn step_layers(&mut self, atlas: &Atlas) -> bool {
         let listeners = [Output::Octomap, Output::Grid].map(|output| self.subscribers(output));
         let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
-        let height = self.path.as_ref().and_then(|(_, path)| path.last()).map_or(height, |(_, pose)| pose.translation.z);
+        let height = self.path.last().map_or(height, |pose| pose.translation.z);
         let layer = self.options.layer.map(|end| height + end);
         let Some(made) = self.layers.step(atlas, listeners, layer) else { return false };
         self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
@@ -268,15 +265,4 @@ impl Outputs {
             }
         }
     }
-}
-
-/// The poses of all scans in the map frame, by node.
-fn trajectory(atlas: &Atlas) -> Vec<(NodeId, Pose)> {
-    let merging = atlas.merging();
-    let merging = merging.iter().map(|merging| (merging.submap, merging.t_map_submap));
-    let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
-    let mut placed: Vec<(NodeId, Pose)> =
-        submaps.flat_map(|(submap, t)| submap.scans().iter().map(move |scan| (scan.node, t * scan.t_submap_lidar))).collect();
-    placed.sort_by_key(|(node, _)| *node);
-    placed
 }
