@@ -2,7 +2,7 @@
 //!
 //! | topic | type | when |
 //! | --- | --- | --- |
-//! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of a submap that changed, and for all of them when somebody comes or the submap moves |
+//! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of the one surface that changed or whose submaps moved, and for all of them when somebody comes |
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
@@ -152,6 +152,9 @@ impl Outputs {
         let placed = trajectory(atlas);
         self.note_submaps(atlas);
         self.surface.note(mapper);
+        if let Some((_, t_map_lidar)) = placed.last() {
+            self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
+        }
         self.layers.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
             && let Some((_, t_map_lidar)) = placed.iter().find(|(node, _)| *node == link.node)
@@ -204,6 +207,11 @@ impl Outputs {
             self.publish_transform();
         }
         self.step_surface(atlas) || self.step_layers(atlas)
+    }
+
+    /// Whether tiles of the surface are being made: they are published by a [`step`](Self::step) soon.
+    pub fn is_busy(&self) -> bool {
+        self.surface.is_busy()
     }
 
     fn step_surface(&mut self, atlas: &Atlas) -> bool {
