@@ -77,7 +77,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
             let mut tiles = tiles.to_vec();
             tiles.sort_unstable();
-            surface.wait_for(&maker.make(&surface.gather(mapper.atlas(), &tiles)).again);
+            let work = surface.gather(mapper.atlas(), &tiles);
+            surface.wait_for(&maker.make(&work).again);
             made += tiles.len();
             made_at.extend(tiles.into_iter().map(|tile| (tile, count)));
         }

@@ -190,11 +190,11 @@ fn carriers(atlas: &Atlas, mesh: &Mesh) -> Vec<SubmapId> {
     let first = atlas.submaps().first().map_or(0, Submap::id);
     let is_kept = |id: &SubmapId| atlas.submap(*id).is_some();
     let mut known: HashMap<Option<TileKey>, SubmapId> = HashMap::new();
-    let mut carrier = |p: &[f32; 3]| {
+    let carrier = |p: &[f32; 3]| {
         let tile = changes.tile_at(*p);
         *known.entry(tile).or_insert_with(|| tile.and_then(|tile| changes.carrier(tile)).filter(is_kept).unwrap_or(first))
     };
-    mesh.positions.iter().map(&mut carrier).collect()
+    mesh.positions.iter().map(carrier).collect()
 }
 
 fn surface_of(mesh: Mesh) -> Surface {

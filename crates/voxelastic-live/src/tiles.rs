@@ -45,7 +45,8 @@ pub struct OrderedTile {
 /// A tile that was made.
 #[derive(Clone, Copy, Debug)]
 struct Made {
-    at: Instant,
+    /// None if it is known to be wrong since.
+    at: Option<Instant>,
     /// The submap that it moves with, if it has a surface and viewers were told.
     carrier: Option<SubmapId>,
     is_shown: bool,
@@ -103,11 +104,17 @@ impl<T: Send + 'static> ChangedTiles<T> {
     }
 
     fn take(&mut self, delivery: Delivery<T>) -> Vec<T> {
-        let at = Instant::now();
+        let at = Some(Instant::now());
         // No slower than half, no faster than twice as many as in this order.
         let possible = delivery.tiles.len() as f64 * ORDER.as_secs_f64() / delivery.took.as_secs_f64().max(1e-6);
         self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
         self.changes.wait_for(&delivery.again);
+        // A piece of theirs is missing: they are due at once.
+        for tile in &delivery.again {
+            if let Some(made) = self.made.get_mut(tile) {
+                made.at = None;
+            }
+        }
         let mut results = Vec::new();
         for (tile, is_shown, result) in delivery.tiles {
             let carrier = self.ordered.get(&tile).and_then(|ordered| ordered.carrier).filter(|_| is_shown);
@@ -151,7 +158,7 @@ impl<T: Send + 'static> ChangedTiles<T> {
             let pause = if distance <= 1 { AGAIN_NEAR } else { AGAIN };
             at.is_none_or(|at| now.duration_since(at) >= pause)
         };
-        let made = self.changes.waiting().map(|tile| (self.made.get(&tile).map(|made| made.at), self.distance(tile), tile));
+        let made = self.changes.waiting().map(|tile| (self.made.get(&tile).and_then(|made| made.at), self.distance(tile), tile));
         // What has not been made at all comes first: `None` is less than any time.
         let mut due: Vec<(Option<Instant>, i64, TileKey)> = made.filter(|(at, distance, _)| is_due(at, *distance)).collect();
         let most = self.pace as usize;
@@ -224,7 +231,7 @@ mod tests {
         assert!(first.values().filter(|triangles| **triangles > 0).count() > 8, "{first:?}");
         // The second scan changes them all; none is due at once.
         let clock = Instant::now();
-        tiles.made.values_mut().for_each(|made| made.at = clock);
+        tiles.made.values_mut().for_each(|made| made.at = Some(clock));
         integrate(&mut tiles);
         let due =
             |after: Duration| -> Vec<TileKey> { tiles.choose(clock + after).into_iter().filter(|tile| tiles.made.contains_key(tile)).collect() };
@@ -239,6 +246,8 @@ mod tests {
         let room = Simulation::new(SimOptions { scans: Some(6), columns: Some(256), ..SimOptions::of("room") }).unwrap();
         let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
         let (mut tiles, mut shown) = (ChangedTiles::<([i32; 3], usize)>::new(0), HashMap::new());
+        // Which crumbs stay may depend on what was there before.
+        tiles.options.keep_all = true;
         for scan in room.scans(PoseSource::Truth) {
             // A step between scans does not wait for what was ordered.
             mapper.handle(Event::Scan(scan)).unwrap();
@@ -249,7 +258,7 @@ mod tests {
         while tiles.is_behind() {
             shown.extend(made(&mut tiles, mapper.atlas()));
         }
-        let mut whole = voxelastic::meshing::LiveSurface::new(MeshOptions::default());
+        let mut whole = voxelastic::meshing::LiveSurface::new(tiles.options.clone());
         whole.note(mapper.atlas());
         let all: Vec<TileKey> = whole.waiting().collect();
         let expected = whole.make(mapper.atlas(), &all).into_iter().map(|(tile, mesh)| (whole.place(tile), mesh.triangles.len()));
