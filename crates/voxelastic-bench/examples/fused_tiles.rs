@@ -5,15 +5,15 @@
 //! cargo run --release -p voxelastic-bench --example fused_tiles -- room 50 # another world, the first 50 scans
 //! ```
 //!
-//! After each scan it finds out what changed, makes the tiles around the robot, and goes on with others, the oldest first, until 20 ms are over. What is left after the last
-//! scan is made then.
+//! After each scan it finds out what changed and copies what the tiles around the robot are made of, which the scan after it waits for; then it makes these tiles, as another
+//! thread does in the live node, and goes on with others, the oldest first, until 20 ms are over. What is left after the last scan is made then.
 
 #![allow(clippy::print_stdout)]
 
 use std::collections::HashMap;
 use std::time::Instant;
 use voxelastic::event::Event;
-use voxelastic::meshing::{LiveSurface, TileKey};
+use voxelastic::meshing::{SurfaceChanges, TileKey, TileMaker};
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Mapper, Settings};
 use voxelastic_eval::SeriesStats;
@@ -28,8 +28,10 @@ const AT_ONCE: usize = 4;
 #[derive(Default)]
 struct Series {
     note_ms: Vec<f64>,
+    gather_ms: Vec<f64>,
     near_ms: Vec<f64>,
     all_ms: Vec<f64>,
+    near: Vec<f64>,
     made: Vec<f64>,
     waiting: Vec<f64>,
 }
@@ -39,7 +41,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let world = arguments.first().map_or("campus", String::as_str);
     let limit = arguments.get(1).map_or(Ok(usize::MAX), |n| n.parse())?;
     let mut mapper = Mapper::new(Settings::default())?;
-    let mut surface = LiveSurface::new(MeshOptions { lod: 1, ..MeshOptions::default() });
+    let (mut surface, mut maker) = (SurfaceChanges::default(), TileMaker::new(MeshOptions { lod: 1, ..MeshOptions::default() }));
     let (mut scans, mut corrections, mut is_corrected) = (Series::default(), Series::default(), false);
     let mut made_at: HashMap<TileKey, usize> = HashMap::new();
     let simulation = Simulation::new(SimOptions::of(world))?;
@@ -60,8 +62,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let place = surface.tile_at(at).map(|tile| surface.place(tile)).unwrap_or_default();
         let is_near = |tile: &TileKey| (0..3).all(|k| (surface.place(*tile)[k] - place[k]).abs() <= 1);
         let near: Vec<TileKey> = surface.waiting().filter(is_near).collect();
-        surface.make(mapper.atlas(), &near);
-        series.near_ms.push(spent());
+        let work = surface.gather(mapper.atlas(), &near);
+        series.gather_ms.push(spent());
+        let begin = spent();
+        surface.wait_for(&maker.make(&work).again);
+        series.near_ms.push(spent() - begin);
+        series.near.push(near.len() as f64);
         let mut made = near.len();
         let mut others: Vec<TileKey> = surface.waiting().collect();
         others.sort_by_key(|tile| (made_at.get(tile).copied(), *tile));
@@ -71,7 +77,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             }
             let mut tiles = tiles.to_vec();
             tiles.sort_unstable();
-            surface.make(mapper.atlas(), &tiles);
+            let work = surface.gather(mapper.atlas(), &tiles);
+            surface.wait_for(&maker.make(&work).again);
             made += tiles.len();
             made_at.extend(tiles.into_iter().map(|tile| (tile, count)));
         }
@@ -86,8 +93,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("{} {what}", series.note_ms.len());
         let rows = [
             ("to find what changed, ms", &series.note_ms),
-            ("and the tiles around the robot, ms", &series.near_ms),
-            ("and others, ms", &series.all_ms),
+            ("and to copy what the tiles around the robot are made of, ms", &series.gather_ms),
+            ("to make these tiles, ms", &series.near_ms),
+            ("tiles around the robot", &series.near),
+            ("all with others, ms", &series.all_ms),
             ("tiles made", &series.made),
             ("tiles left", &series.waiting),
         ];
@@ -104,9 +113,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             break;
         }
         made += some.len();
-        triangles += surface.make(mapper.atlas(), &some).iter().map(|(_, mesh)| mesh.triangles.len()).sum::<usize>();
+        let made = maker.make(&surface.gather(mapper.atlas(), &some));
+        surface.wait_for(&made.again);
+        triangles += made.meshes.iter().map(|(_, mesh)| mesh.triangles.len()).sum::<usize>();
     }
-    let (seconds, megabytes) = (clock.elapsed().as_secs_f64(), surface.bytes() as f64 / 1e6);
+    let (seconds, megabytes) = (clock.elapsed().as_secs_f64(), maker.bytes() as f64 / 1e6);
     println!(
         "{made} tiles left at the end: {seconds:.2} s, {triangles} triangles; fused field {megabytes:.0} MB; {} threads",
         rayon::current_num_threads()

@@ -73,7 +73,7 @@ pub const ROOMS: &[Layer] = &[
     ("octree", &["simd", "memory", "geometry"]),
     ("field", &["simd", "memory", "geometry", "octree"]),
     ("integrate", &["simd", "geometry", "sensor", "octree", "field"]),
-    ("surface", &["simd", "geometry", "octree", "field"]),
+    ("surface", &["simd", "memory", "geometry", "octree", "field"]),
     ("atlas", &["simd", "geometry", "event", "octree", "field"]),
     ("meshing", &["geometry", "atlas", "surface"]),
     ("query", &["simd", "geometry", "octree", "field", "atlas"]),

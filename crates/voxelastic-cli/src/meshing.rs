@@ -170,7 +170,7 @@ pub struct MapMesh {
 /// What was left out of a surface for lack of evidence, as `--json` has it.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct LeftOut {
-    pieces: u64,
+    pub pieces: u64,
     triangles: u64,
     area_m2: f64,
 }
@@ -220,13 +220,13 @@ fn millimetres(voxels: f64, voxel: f32) -> f64 {
 #[derive(Clone, Debug, Serialize)]
 pub struct Fused {
     /// Voxels that one submap alone observed.
-    alone: u64,
+    pub alone: u64,
     /// Voxels of which a mean was taken, and the mean difference between the submaps there, millimetres.
-    merged: u64,
-    merged_apart_mm: f64,
+    pub merged: u64,
+    pub merged_apart_mm: f64,
     /// Voxels at which submaps contradict, and their mean difference there, millimetres.
-    refused: u64,
-    refused_apart_mm: f64,
+    pub refused: u64,
+    pub refused_apart_mm: f64,
     /// The same by pairs of submaps.
     pairs: Vec<Pair>,
 }

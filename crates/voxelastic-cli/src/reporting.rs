@@ -2,17 +2,19 @@
 
 use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
 use crate::failure::one_line;
-use crate::meshing::{Pair, SurfaceArgs};
+use crate::meshing::{Fused, LayerArgs, LeftOut, MapMesh, Pair, SurfaceArgs, map_mesh};
 use crate::usage::megabytes;
 use anyhow::Context;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::Path;
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::event::NodeId;
 use voxelastic::geometry::{PoseExt, Rigid};
+use voxelastic::meshing::{SurfaceChanges, TileKey};
 use voxelastic::settings::Settings;
+use voxelastic::surface::Mesh;
 use voxelastic_eval::colour::palette;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_io::store::{MapDetails, MapStore};
@@ -43,20 +45,24 @@ pub struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    /// The report, without comparison with a truth.
-    pub fn report(&self, title: &str) -> Report {
+    /// The report, without comparison with a truth, and what was found when submaps were fused for its surface.
+    pub fn report(&self, title: &str) -> (Report, FusedFigures) {
         let mut report = Report::titled(title);
         report.subtitle = self.subtitle();
         report.voxel = Some(f64::from(self.settings.voxel_size));
         report.nodes = nodes(self.atlas);
         report.facts = self.facts(&report.nodes);
-        report.surface = self.surfaces();
-        report.tables.extend(self.disagreement());
+        let (surfaces, mesh) = self.surfaces();
+        report.surface = surfaces;
+        let voxel = self.settings.voxel_size;
+        let figures = FusedFigures { fused: mesh.as_ref().and_then(|mesh| Fused::of(mesh, voxel)), left_out: mesh.as_ref().and_then(LeftOut::of) };
+        report.tables.extend(figures.fused.as_ref().map(|fused| fused_table(fused, figures.left_out)));
+        report.tables.extend(self.disagreement(mesh.as_ref()));
         report.details = self.details.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
         report.details.extend(self.details.sensor.iter().map(|(k, v)| (format!("sensor {k}"), v.clone())));
         report.details.push(("generator".to_owned(), self.details.generator.clone()));
         report.run = self.run.clone();
-        report
+        (report, figures)
     }
 
     fn subtitle(&self) -> String {
@@ -89,33 +95,34 @@ impl Subject<'_> {
         facts
     }
 
-    fn surfaces(&self) -> Vec<Surface> {
+    /// Submaps, and the one surface of the map, each place of which moves with the submap that has most of the surface there; with the mesh, which has given its arrays away. Without
+    /// such a surface, those of the submaps.
+    fn surfaces(&self) -> (Vec<Surface>, Option<MapMesh>) {
         let blocks: usize = self.atlas.submaps().iter().map(|s| s.tsdf().len()).sum();
         let detail = BLOCKS_PER_DETAIL.iter().filter(|&&limit| blocks >= limit).count() as u8;
         let how = self.surface.coarser(detail);
         let first_poses = self.first_poses();
-        let of = |submap: &Submap| {
-            let mesh = how.extract(submap, self.settings.voxel_size);
-            Surface {
-                submap: submap.id(),
-                colour: palette(submap.id() as usize),
-                pose: root_pose(&submap.t_map_submap()),
-                first_pose: first_poses.get(&submap.id()).map(root_pose),
-                positions: mesh.positions,
-                normals: mesh.normals,
-                intensities: mesh.intensities,
-                colours: mesh.colours,
-                scales: mesh.scales,
-                errors: Vec::new(),
-                triangles: mesh.triangles,
-            }
+        let of = |submap: &Submap, mesh: Mesh| Surface {
+            submap: submap.id(),
+            colour: palette(submap.id() as usize),
+            pose: root_pose(&submap.t_map_submap()),
+            first_pose: first_poses.get(&submap.id()).map(root_pose),
+            ..surface_of(mesh)
         };
-        self.atlas.submaps().iter().map(of).collect()
+        let voxel = self.settings.voxel_size;
+        let Ok(mut mesh) = map_mesh(self.atlas, voxel, &how, LayerArgs::default()) else {
+            return (self.atlas.submaps().iter().map(|submap| of(submap, how.extract(submap, voxel))).collect(), None);
+        };
+        let mut surfaces: Vec<Surface> = self.atlas.submaps().iter().map(|submap| of(submap, Mesh::default())).collect();
+        let carriers = if mesh.submaps.is_empty() { carriers(self.atlas, &mesh.mesh) } else { mesh.submaps.clone() };
+        surfaces.push(Surface { carriers, ..surface_of(std::mem::take(&mut mesh.mesh)) });
+        (surfaces, Some(mesh))
     }
 
     /// Where submaps disagree, the worst pairs first; none if no two have a surface in the same place.
-    fn disagreement(&self) -> Option<Table> {
-        let mut pairs = Pair::all(&self.atlas.pair_agreement(), self.settings.voxel_size);
+    fn disagreement(&self, mesh: Option<&MapMesh>) -> Option<Table> {
+        let found = mesh.filter(|mesh| mesh.agreement.is_some()).map_or_else(|| self.atlas.pair_agreement(), |mesh| mesh.pairs.clone());
+        let mut pairs = Pair::all(&found, self.settings.voxel_size);
         pairs.retain(|pair| pair.places >= LEAST_PLACES);
         pairs.sort_by_key(|pair| (pair.matched * 1000 / pair.places, pair.submaps));
         pairs.truncate(MOST_PAIRS);
@@ -149,6 +156,50 @@ impl Subject<'_> {
         let moved = |s: &Submap| firsts.get(&s.id()).is_some_and(|p| p.translation_distance(&s.t_map_submap()) > LEAST_MOVE);
         if self.atlas.submaps().iter().any(moved) { firsts } else { BTreeMap::new() }
     }
+}
+
+/// What was found when submaps were fused for a surface, as `--json` has it.
+#[derive(Clone, Debug, Default)]
+pub struct FusedFigures {
+    /// None unless there are several submaps.
+    pub fused: Option<Fused>,
+    /// None if nothing was to be left out.
+    pub left_out: Option<LeftOut>,
+}
+
+/// What was merged, refused and left out, as a table.
+fn fused_table(fused: &Fused, left_out: Option<LeftOut>) -> Table {
+    let row = |what: &str, count: u64, apart: Option<f64>| {
+        vec![what.to_owned(), count.to_string(), apart.map_or_else(String::new, |mm| format!("{mm:.0}"))]
+    };
+    let mut rows = vec![
+        row("voxels that one submap alone knows", fused.alone, None),
+        row("voxels merged: submaps agree", fused.merged, Some(fused.merged_apart_mm)),
+        row("voxels refused: submaps contradict, the better known one counts", fused.refused, Some(fused.refused_apart_mm)),
+    ];
+    rows.extend(left_out.map(|left_out| row("pieces of the surface left out, with too little evidence", left_out.pieces, None)));
+    let columns = ["near surfaces", "number", "apart, mm"].map(str::to_owned).into();
+    let note = "Overlapping submaps are fused into one surface. Where they lie a little apart, it is between them; where they contradict, the submap counts that observed the place better.";
+    Table { title: "One surface of several submaps".to_owned(), note: note.to_owned(), columns, rows }
+}
+
+/// By vertex of the one surface, the submap that has most of the surface around it.
+fn carriers(atlas: &Atlas, mesh: &Mesh) -> Vec<SubmapId> {
+    let mut changes = SurfaceChanges::default();
+    changes.note(atlas);
+    let first = atlas.submaps().first().map_or(0, Submap::id);
+    let is_kept = |id: &SubmapId| atlas.submap(*id).is_some();
+    let mut known: HashMap<Option<TileKey>, SubmapId> = HashMap::new();
+    let carrier = |p: &[f32; 3]| {
+        let tile = changes.tile_at(*p);
+        *known.entry(tile).or_insert_with(|| tile.and_then(|tile| changes.carrier(tile)).filter(is_kept).unwrap_or(first))
+    };
+    mesh.positions.iter().map(carrier).collect()
+}
+
+fn surface_of(mesh: Mesh) -> Surface {
+    let Mesh { positions, normals, intensities, colours, scales, triangles } = mesh;
+    Surface { positions, normals, intensities, colours, scales, triangles, ..Surface::default() }
 }
 
 fn pose((position, orientation): (&[f64; 3], &[f64; 4])) -> Pose {

@@ -17,10 +17,8 @@ use voxelastic_live::viewer::{Control, Viewer};
 pub const ADDRESS: &str = "127.0.0.1:7717";
 /// Figures are sent at most this often.
 const FIGURES: Duration = Duration::from_millis(250);
-/// Tiles of the surface are made at least this often, whether scans wait or not.
-const LONGEST: Duration = Duration::from_millis(500);
-/// A pause when nothing is to do.
-const PAUSE: Duration = Duration::from_millis(50);
+/// A pause when nothing is to do, and one while tiles of the surface are made.
+const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_millis(2)];
 
 /// How much the viewer shows.
 #[derive(Clone, Copy, Debug, Args)]
@@ -69,7 +67,6 @@ pub struct Watch {
     /// Poses, trajectory, loops, scans and surfaces.
     pub publisher: Publisher,
     viewer: Viewer,
-    last_step: Instant,
     last_figures: Option<Instant>,
 }
 
@@ -88,18 +85,13 @@ impl Watch {
             tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; {controlled}", viewer.address());
         }
         let publisher = Publisher::new(scene, detail.view_detail.into());
-        Ok(Self { publisher, viewer, last_step: Instant::now(), last_figures: None })
+        Ok(Self { publisher, viewer, last_figures: None })
     }
 
-    /// Makes some tiles of the surface, in the threads of `pool`; false if none is due. While scans wait it does so now and then only.
-    pub fn step(&mut self, atlas: &Atlas, pool: &rayon::ThreadPool, scans_wait: bool) -> bool {
-        if scans_wait && self.last_step.elapsed() < LONGEST {
-            return false;
-        }
+    /// Sends the tiles of the surface that were made, and has others made on other threads, at most as many as `pool` has; false if none were.
+    pub fn step(&mut self, atlas: &Atlas, pool: &rayon::ThreadPool) -> bool {
         let publisher = &mut self.publisher;
-        let some = pool.install(|| publisher.step(atlas));
-        self.last_step = Instant::now();
-        some
+        pool.install(|| publisher.step(atlas))
     }
 
     /// Sends figures, if the last ones are old enough.
@@ -113,19 +105,24 @@ impl Watch {
     /// Shows a map that does not change any more, until an interrupt.
     pub fn stay(mut self, atlas: &Atlas, pool: &rayon::ThreadPool, figures: Figures) {
         self.publisher.statistics(&figures.json());
-        let mut said = false;
+        let (mut is_settled, mut said) = (false, false);
         while !interrupt::requested() {
-            if !self.step(atlas, pool, false) {
-                if !self.publisher.is_behind() && !std::mem::replace(&mut said, true) {
-                    let (messages, bytes) = self.publisher.scene().size();
-                    tracing::info!(
-                        "the viewer at http://{} has all of it ({messages} parts, {:.1} MB); Ctrl-C ends",
-                        self.viewer.address(),
-                        bytes as f64 / 1e6
-                    );
-                }
-                std::thread::sleep(PAUSE);
+            if self.step(atlas, pool) {
+                continue;
             }
+            if !self.publisher.is_behind() && !std::mem::replace(&mut is_settled, true) {
+                // All of it is there; what a mesh of the whole map has in addition needs a look at all of it.
+                let publisher = &mut self.publisher;
+                pool.install(|| publisher.settle(atlas));
+            } else if !self.publisher.is_behind() && !std::mem::replace(&mut said, true) {
+                let (messages, bytes) = self.publisher.scene().size();
+                tracing::info!(
+                    "the viewer at http://{} has all of it ({messages} parts, {:.1} MB); Ctrl-C ends",
+                    self.viewer.address(),
+                    bytes as f64 / 1e6
+                );
+            }
+            std::thread::sleep(PAUSES[usize::from(self.publisher.is_busy())]);
         }
     }
 }

@@ -77,7 +77,7 @@ function connect(view, offerColours) {
       const sizes = Array.from({ length: m.u32() }, () => ({ v: m.u32(), t: m.u32() }));
       const chunks = unpackedChunks(reader(m.rest()), sizes, flags & 1);
       const before = view.flags;
-      view.setTile([submap, ...tile].join(" "), { submap, flags, origin, step, chunks });
+      view.setTile(tile.join(" "), { submap, flags, origin, step, chunks });
       if (view.flags !== before) offerColours();
       seen.tiles = number;
     },

@@ -1,4 +1,4 @@
-// The map as it is now: tiles of submaps' surfaces that move with their submaps, the trajectory, loops, the robot and its last scan.
+// The map as it is now: tiles of its one surface, each of which moves with a submap until it is made again, the trajectory, loops, the robot and its last scan.
 
 /** What surfaces can be coloured by; the order is that of `mode` in the shader. */
 const COLOURS = [
@@ -99,7 +99,7 @@ class LiveView extends Stage {
     }
   }
 
-  /** The surface of a submap in a tile. */
+  /** The surface in a tile, in the frame of the submap that it moves with. */
   setTile(key, { submap, flags, origin, step, chunks }) {
     const old = this.tiles.get(key);
     if (old) this.free(old);

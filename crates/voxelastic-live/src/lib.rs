@@ -23,6 +23,7 @@ pub mod replay;
 pub mod ros;
 pub mod scene;
 pub mod spinning;
+mod tile_thread;
 mod tiles;
 pub mod transport;
 mod udp;

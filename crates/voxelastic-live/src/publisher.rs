@@ -1,12 +1,14 @@
 //! From the mapper to the scene that viewers show.
 
 use crate::scene::{Scene, Thing};
-use crate::tiles::{ChangedTiles, all_submaps};
-use crate::wire::{self, Place};
+use crate::tiles::{ChangedTiles, OrderedTile, all_submaps};
+use crate::wire::{self, NO_SUBMAP, Place};
 use std::collections::HashMap;
 use std::sync::Arc;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::event::NodeId;
+use voxelastic::geometry::Rigid;
+use voxelastic::surface::Mesh;
 use voxelastic::{Cloud, Mapper, Pose};
 
 /// Positions of the trajectory in a message.
@@ -34,7 +36,7 @@ impl ShownScan {
 #[derive(Debug)]
 pub struct Publisher {
     scene: Arc<Scene>,
-    tiles: ChangedTiles,
+    tiles: ChangedTiles<([i32; 3], Vec<u8>)>,
     /// The poses that viewers have.
     poses: Vec<(SubmapId, Pose)>,
     /// The trajectory that viewers have, and the number of scans of each submap in it.
@@ -44,24 +46,13 @@ pub struct Publisher {
     loops: Vec<[NodeId; 2]>,
     /// The loops that viewers have.
     pairs: Vec<[Place; 2]>,
-    fusions: usize,
 }
 
 impl Publisher {
     /// One that tells `scene`; `lod` is the level of detail of the surface, 0 to 3.
     pub fn new(scene: Arc<Scene>, lod: usize) -> Self {
         let tiles = ChangedTiles::new(lod);
-        Self {
-            scene,
-            tiles,
-            poses: Vec::new(),
-            path: Vec::new(),
-            nodes: HashMap::new(),
-            scans: HashMap::new(),
-            loops: Vec::new(),
-            pairs: Vec::new(),
-            fusions: 0,
-        }
+        Self { scene, tiles, poses: Vec::new(), path: Vec::new(), nodes: HashMap::new(), scans: HashMap::new(), loops: Vec::new(), pairs: Vec::new() }
     }
 
     /// The scene.
@@ -82,33 +73,34 @@ impl Publisher {
 
     /// After an event: poses, trajectory, loops and the scan are told at once, surfaces by [`step`](Self::step).
     pub fn note(&mut self, mapper: &Mapper, scan: Option<&ShownScan>) {
-        let counts = mapper.elastic_counts();
-        let merged = counts.fusions_due > 0 || std::mem::replace(&mut self.fusions, counts.fusions) != counts.fusions;
-        self.note_atlas(mapper.atlas(), merged, scan);
+        self.note_atlas(mapper.atlas(), scan);
     }
 
     /// The same of a map without a mapper.
-    pub fn note_atlas(&mut self, atlas: &Atlas, merged: bool, scan: Option<&ShownScan>) {
+    pub fn note_atlas(&mut self, atlas: &Atlas, scan: Option<&ShownScan>) {
         let mut messages = Vec::new();
         let mut poses: Vec<(SubmapId, Pose)> = atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
         poses.extend(atlas.merging().map(|merging| (merging.submap.id(), merging.t_map_submap)));
+        // Of those that are gone, tiles may be shown until they are made again.
+        let is_shown = |(id, _): &&(SubmapId, Pose)| !poses.iter().any(|(there, _)| there == id) && self.tiles.has_carried(*id);
+        let gone: Vec<(SubmapId, Pose)> = self.poses.iter().filter(is_shown).copied().collect();
+        poses.extend(gone);
         if poses != self.poses {
             messages.push((Thing::Submaps, wire::submaps(&poses)));
-            if self.poses.iter().any(|(id, _)| !poses.iter().any(|(there, _)| there == id)) {
-                self.scene.retain(|id| poses.iter().any(|(there, _)| *there == id));
-            }
             self.poses = poses;
         }
         self.note_path(atlas, &mut messages);
         self.note_loops(&mut messages);
+        self.tiles.note(atlas);
         if let Some(scan) = scan
             && let Some((submap, pose)) = self.newest(atlas)
         {
-            messages.push((Thing::Scan, wire::scan(self.path.len() as u32, scan.time, submap.id(), &pose, &scan.points)));
-            self.tiles.focus(submap, <[f64; 3]>::from(pose.translation.vector).map(|c| c as f32));
+            messages.push((Thing::Scan, wire::scan(self.path.len() as u32, scan.time, submap, &pose, &scan.points)));
+            if let Some((_, t_map_submap)) = self.poses.iter().find(|(id, _)| *id == submap) {
+                self.tiles.focus(<[f64; 3]>::from((t_map_submap * pose).translation.vector).map(|c| c as f32));
+            }
         }
         self.scene.put(messages);
-        self.tiles.note(atlas, merged);
     }
 
     /// Adds scans to the trajectory, and moves those whose submap was fused into another.
@@ -145,19 +137,36 @@ impl Publisher {
     }
 
     /// The submap with the newest scan, and the pose of the lidar in it.
-    fn newest<'a>(&self, atlas: &'a Atlas) -> Option<(&'a Submap, Pose)> {
+    fn newest(&self, atlas: &Atlas) -> Option<(SubmapId, Pose)> {
         let newest = |submap: &&Submap| submap.scans().last().and_then(|scan| self.nodes.get(&scan.node));
         let submap = all_submaps(atlas).max_by_key(newest)?;
-        Some((submap, submap.scans().last()?.t_submap_lidar))
+        Some((submap.id(), submap.scans().last()?.t_submap_lidar))
     }
 
-    /// Tells viewers about some tiles that changed; false if none is due. To be called in the mapper's threads.
+    /// Tells viewers about the tiles that were made since the last call, and has others that changed made on another thread; false if there are none to tell about. It waits
+    /// for nothing. To be called in the mapper's threads.
     pub fn step(&mut self, atlas: &Atlas) -> bool {
+        // A tile moves with a submap until it is made again, so that a correction is visible at once.
+        let poses: HashMap<SubmapId, Rigid> = self.poses.iter().map(|(id, t_map_submap)| (*id, Rigid::from(&t_map_submap.inverse()))).collect();
         let scans = self.path.len() as u32;
-        let make = |submap: &Submap, tile, mesh| (Thing::Tile(submap.id(), tile), wire::tile(submap.id(), tile, scans, mesh));
-        let Some(messages) = self.tiles.step(atlas, make) else { return false };
-        self.scene.put(messages);
+        let finish = move |ordered: &OrderedTile, mut mesh: Mesh| {
+            let (carrier, t_carrier_map) = ordered.carrier.and_then(|id| poses.get_key_value(&id)).unzip();
+            t_carrier_map.into_iter().for_each(|t_carrier_map| mesh.transform(t_carrier_map));
+            (ordered.place, wire::tile(carrier.copied().unwrap_or(NO_SUBMAP), ordered.place, scans, mesh))
+        };
+        let Some(made) = self.tiles.step(atlas, finish) else { return false };
+        self.scene.put(made.into_iter().map(|(place, message)| (Thing::Tile(place), message)));
         true
+    }
+
+    /// Whether tiles are being made: what they are is told by a [`step`](Self::step) soon.
+    pub fn is_busy(&self) -> bool {
+        self.tiles.is_busy()
+    }
+
+    /// Has submaps bent onto each other, as they are for a mesh of the whole map. That takes its time: it is for a map that does not change any more.
+    pub fn settle(&mut self, atlas: &Atlas) {
+        self.tiles.settle(atlas);
     }
 
     /// Whether viewers lack changes of the surface.

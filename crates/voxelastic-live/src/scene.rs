@@ -8,8 +8,6 @@ use axum::body::Bytes;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
-use voxelastic::atlas::SubmapId;
-use voxelastic::surface::Tile;
 
 /// A thing that viewers show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -24,8 +22,8 @@ pub enum Thing {
     Scan,
     /// Figures.
     Statistics,
-    /// The surface of a submap in a tile.
-    Tile(SubmapId, Tile),
+    /// The surface in a tile, by its place among all.
+    Tile([i32; 3]),
 }
 
 /// Messages that a viewer does not have yet.
@@ -82,22 +80,15 @@ impl Scene {
         self.last.send_replace(last);
     }
 
-    /// Forgets the tiles of submaps for which `is_there` does not hold. Viewers drop them when they get the list of submaps.
-    pub fn retain(&self, is_there: impl Fn(SubmapId) -> bool) {
-        let mut things = self.lock();
-        let gone: Vec<Thing> = things.latest.keys().copied().filter(|thing| matches!(thing, Thing::Tile(id, _) if !is_there(*id))).collect();
-        for thing in gone {
-            if let Some((number, message)) = things.latest.remove(&thing) {
-                things.tiles.remove(&number);
-                things.bytes -= message.len();
-            }
-        }
-    }
-
-    /// Forgets everything but the figures, and tells viewers that submaps, trajectory, loops and scan are gone.
+    /// Forgets everything but the figures, and tells viewers that submaps, trajectory, loops and scan are gone. With the submaps they drop the tiles.
     pub fn clear(&self) {
-        self.retain(|_| false);
-        let paths: Vec<Thing> = self.lock().latest.keys().copied().filter(|thing| matches!(thing, Thing::Path(_))).collect();
+        let mut things = self.lock();
+        let tiles: Vec<Thing> = std::mem::take(&mut things.tiles).into_values().collect();
+        for (_, message) in tiles.into_iter().filter_map(|thing| things.latest.remove(&thing)).collect::<Vec<_>>() {
+            things.bytes -= message.len();
+        }
+        let paths: Vec<Thing> = things.latest.keys().copied().filter(|thing| matches!(thing, Thing::Path(_))).collect();
+        drop(things);
         let empty = |thing| match thing {
             Thing::Path(part) => (thing, wire::path(part, &[])),
             Thing::Loops => (thing, wire::loops(&[])),
@@ -170,7 +161,7 @@ mod tests {
 
     #[test]
     fn viewers_get_the_latest_of_each_thing_and_figures_first() {
-        let (scene, tile) = (Scene::default(), |x| Thing::Tile(3, [x, 0, 0]));
+        let (scene, tile) = (Scene::default(), |x| Thing::Tile([x, 0, 0]));
         scene.put([(tile(1), b"a1".to_vec()), (tile(2), b"b1".to_vec()), (Thing::Scan, b"s1".to_vec())]);
         let first = scene.news(Have::default(), 1);
         assert_eq!(texts(&first), ["s1", "a1"], "at most one tile of two bytes");
@@ -183,12 +174,17 @@ mod tests {
     }
 
     #[test]
-    fn tiles_of_submaps_that_are_gone_are_forgotten() {
+    fn tiles_of_a_map_that_is_gone_are_forgotten() {
         let scene = Scene::default();
-        scene.put([(Thing::Tile(1, [0; 3]), vec![0; 9]), (Thing::Tile(2, [0; 3]), vec![1; 5]), (Thing::Submaps, vec![2])]);
-        scene.retain(|id| id == 2);
-        assert_eq!(scene.size(), (2, 6));
-        let lengths: Vec<usize> = scene.news(Have::default(), 100).messages.iter().map(|(_, m)| m.len()).collect();
-        assert_eq!(lengths, [1, 5]);
+        scene.put([
+            (Thing::Tile([0; 3]), vec![0; 9]),
+            (Thing::Tile([1; 3]), vec![1; 5]),
+            (Thing::Statistics, vec![2]),
+            (Thing::Path(3), vec![3; 40]),
+        ]);
+        scene.clear();
+        // Submaps, loops, and the path are empty now.
+        assert_eq!(scene.size(), (4, 1 + wire::path(3, &[]).len() + 2 * wire::loops(&[]).len()));
+        assert!(scene.latest(Thing::Tile([1; 3])).is_none() && scene.latest(Thing::Statistics).is_some());
     }
 }

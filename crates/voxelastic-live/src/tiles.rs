@@ -1,54 +1,69 @@
 //! Which tiles of the surface viewers have to be told about, and when.
 
-use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use crate::tile_thread::{Delivery, Finish, TileThread};
+use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
-use voxelastic::surface::{Mesh, MeshOptions, TILE_EDGE, Tile, changed_tiles, extract_tiles};
+use voxelastic::meshing::{SurfaceChanges, TileKey};
+use voxelastic::surface::{Mesh, MeshOptions};
 
-/// Edge of a block, finest voxels.
-const BLOCK_EDGE: i32 = 8;
 /// A tile that viewers have is not sent again earlier than this: each scan changes all tiles that it sees, a little.
 const AGAIN: Duration = Duration::from_secs(1);
 /// But those around the robot are, as what is near is looked at: a scan is to be visible before the next.
 const AGAIN_NEAR: Duration = Duration::from_millis(50);
-/// What a step may take. It lies between two scans, so it is short.
-const STEP: Duration = Duration::from_millis(25);
-/// Tiles of a step: fewer cost hardly less, because a step looks at all blocks of a submap; many are for a map that is there already.
-const TILES: [f64; 2] = [16.0, 512.0];
+/// What an order may take.
+const ORDER: Duration = Duration::from_millis(50);
+/// Tiles of an order: with fewer, more of the time goes into what is around them; many are for a map that is there already.
+const TILES: [f64; 2] = [8.0, 256.0];
 
-/// The tiles of all submaps that changed since viewers were told about them.
+/// The tiles of the one surface that changed since viewers were told about them, and the thread that makes them. `T` is what is made of a tile.
 #[derive(Debug)]
-pub struct ChangedTiles {
+pub struct ChangedTiles<T> {
     options: MeshOptions,
-    submaps: BTreeMap<SubmapId, Changes>,
-    /// Tiles that a step can do.
+    changes: SurfaceChanges,
+    /// Once there is something to make.
+    thread: Option<TileThread<T>>,
+    made: HashMap<TileKey, Made>,
+    /// What was ordered last.
+    ordered: HashMap<TileKey, OrderedTile>,
+    /// Tiles of an order.
     pace: f64,
-    /// Where the robot is: what is near is made first.
-    focus: Option<(SubmapId, Tile)>,
+    /// The tile with the robot: what is near is made first.
+    focus: Option<[i32; 3]>,
 }
 
-#[derive(Debug, Default)]
-struct Changes {
-    /// The time of the field up to which changes are known.
-    known: Option<u32>,
-    blocks: usize,
-    waiting: BTreeSet<Tile>,
-    made: HashMap<Tile, Made>,
+/// A tile that is made.
+#[derive(Clone, Copy, Debug)]
+pub struct OrderedTile {
+    /// Its place among all, in tiles.
+    pub place: [i32; 3],
+    /// The submap that has most of it: it is to move with it until it is made again.
+    pub carrier: Option<SubmapId>,
 }
 
 /// A tile that was made.
 #[derive(Clone, Copy, Debug)]
 struct Made {
-    at: Instant,
-    /// Whether it had a surface, and viewers were told.
+    /// None if it is known to be wrong since.
+    at: Option<Instant>,
+    /// The submap that it moves with, if it has a surface and viewers were told.
+    carrier: Option<SubmapId>,
     is_shown: bool,
 }
 
-impl ChangedTiles {
+impl<T: Send + 'static> ChangedTiles<T> {
     /// None yet. `lod` is the level of detail of the surface, 0 to 3.
     pub fn new(lod: usize) -> Self {
-        Self { options: MeshOptions { lod, ..MeshOptions::default() }, submaps: BTreeMap::new(), pace: TILES[0], focus: None }
+        Self {
+            options: MeshOptions { lod, ..MeshOptions::default() },
+            changes: SurfaceChanges::default(),
+            thread: None,
+            made: HashMap::new(),
+            ordered: HashMap::new(),
+            pace: TILES[0],
+            focus: None,
+        }
     }
 
     /// The level of detail.
@@ -56,99 +71,110 @@ impl ChangedTiles {
         self.options.lod
     }
 
-    /// Notes what has changed in the map. `merged` says that a fusion of submaps was completed or goes on, which changes submaps that no scan entered.
-    pub fn note(&mut self, atlas: &Atlas, merged: bool) {
-        let all: Vec<&Submap> = all_submaps(atlas).collect();
-        self.submaps.retain(|id, _| all.iter().any(|submap| submap.id() == *id));
-        for submap in all {
-            let changes = self.submaps.entry(submap.id()).or_default();
-            // A fusion adds blocks, and changes those that are there without counting as a scan.
-            let since = if merged && submap.tsdf().len() != changes.blocks { None } else { changes.known };
-            let (tiles, now) = changed_tiles(submap.tsdf(), since);
-            changes.waiting.extend(tiles);
-            (changes.known, changes.blocks) = (Some(now), submap.tsdf().len());
-        }
+    /// Notes what has changed in the map.
+    pub fn note(&mut self, atlas: &Atlas) {
+        self.changes.note(atlas);
     }
 
-    /// What is near a position in the frame of a submap, metres, is made first.
-    pub fn focus(&mut self, submap: &Submap, position: [f32; 3]) {
-        let edge = submap.voxel_size() * (TILE_EDGE * BLOCK_EDGE) as f32;
-        self.focus = Some((submap.id(), position.map(|c| (c / edge).floor() as i32)));
+    /// What is near a position in the map frame, metres, is made first.
+    pub fn focus(&mut self, position: [f32; 3]) {
+        self.focus = self.changes.tile_at(position).map(|tile| self.changes.place(tile));
     }
 
-    /// Extracts some of the tiles that changed: first those that viewers do not have yet, then those that they have, the longest ago first. Returns what
-    /// `make` makes of each, which is done in parallel; a tile without a surface is left out if viewers had none. None if none is due.
-    pub fn step<T: Send>(&mut self, atlas: &Atlas, make: impl Fn(&Submap, Tile, Mesh) -> T + Sync) -> Option<Vec<T>> {
-        let clock = Instant::now();
-        let chosen = self.choose(clock);
-        if chosen.is_empty() {
-            return None;
+    /// Takes the tiles that were made since the last call, and orders others that changed: first those that viewers do not have yet, then those that they have, the
+    /// longest ago first. Waits for nothing: tiles are made on another thread. Returns what `finish` makes of each of their meshes, metres in the map frame; a tile without
+    /// a surface is left out if viewers had none. None if nothing was made.
+    pub fn step(&mut self, atlas: &Atlas, finish: impl Fn(&OrderedTile, Mesh) -> T + Send + Sync + 'static) -> Option<Vec<T>> {
+        let delivery = self.thread.as_mut().and_then(TileThread::delivery);
+        let result = delivery.map(|delivery| self.take(delivery));
+        if self.is_busy() {
+            return result;
         }
-        let mut results = Vec::new();
-        for submap in all_submaps(atlas) {
-            let Some((tiles, changes)) = chosen.get(&submap.id()).zip(self.submaps.get_mut(&submap.id())) else { continue };
-            let meshes = extract_tiles(submap.tsdf(), submap.voxel_size(), &self.options, tiles);
-            let made = tiles.par_iter().zip(meshes).map(|(tile, mesh)| {
-                let is_empty = mesh.triangles.is_empty();
-                (*tile, is_empty, make(submap, *tile, mesh))
-            });
-            for (tile, is_empty, result) in made.collect::<Vec<_>>() {
-                changes.waiting.remove(&tile);
-                let before = changes.made.insert(tile, Made { at: clock, is_shown: !is_empty });
-                if !is_empty || before.is_some_and(|before| before.is_shown) {
-                    results.push(result);
-                }
+        let tiles = self.choose(Instant::now());
+        if !tiles.is_empty() {
+            let ordered = |tile: &TileKey| (*tile, OrderedTile { place: self.changes.place(*tile), carrier: self.changes.carrier(*tile) });
+            self.ordered = tiles.iter().map(ordered).collect();
+            let ordered = self.ordered.clone();
+            let finish: Finish<T> = Arc::new(move |tile, mesh| finish(&ordered[&tile], mesh));
+            let work = self.changes.gather(atlas, &tiles);
+            let start = || TileThread::start(self.options.clone(), rayon::current_num_threads());
+            self.thread.get_or_insert_with(start).order(work, finish);
+        }
+        result
+    }
+
+    fn take(&mut self, delivery: Delivery<T>) -> Vec<T> {
+        let at = Some(Instant::now());
+        // No slower than half, no faster than twice as many as in this order.
+        let possible = delivery.tiles.len() as f64 * ORDER.as_secs_f64() / delivery.took.as_secs_f64().max(1e-6);
+        self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
+        self.changes.wait_for(&delivery.again);
+        // A piece of theirs is missing: they are due at once.
+        for tile in &delivery.again {
+            if let Some(made) = self.made.get_mut(tile) {
+                made.at = None;
             }
         }
-        let count: usize = chosen.values().map(Vec::len).sum();
-        // No slower than half, no faster than twice as many as in this step.
-        let possible = count as f64 * STEP.as_secs_f64() / clock.elapsed().as_secs_f64().max(1e-6);
-        self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
-        Some(results)
-    }
-
-    /// Has all tiles of the submaps for which `which` holds made again.
-    pub fn repeat(&mut self, which: impl Fn(SubmapId) -> bool) {
-        for (_, changes) in self.submaps.iter_mut().filter(|(id, _)| which(**id)) {
-            let shown = changes.made.iter().filter(|(_, made)| made.is_shown).map(|(tile, _)| *tile);
-            changes.waiting.extend(shown);
+        let mut results = Vec::new();
+        for (tile, is_shown, result) in delivery.tiles {
+            let carrier = self.ordered.get(&tile).and_then(|ordered| ordered.carrier).filter(|_| is_shown);
+            let before = self.made.insert(tile, Made { at, carrier, is_shown });
+            if is_shown || before.is_some_and(|before| before.is_shown) {
+                results.push(result);
+            }
         }
+        results
     }
 
-    /// Whether tiles wait, due or not.
+    /// Has all tiles made again.
+    pub fn repeat(&mut self) {
+        let shown: Vec<TileKey> = self.made.iter().filter(|(_, made)| made.is_shown).map(|(tile, _)| *tile).collect();
+        self.changes.wait_for(&shown);
+    }
+
+    /// Has submaps bent onto each other, as they are for a mesh of the whole map. That takes its time: it is for a map that does not change any more.
+    pub fn settle(&mut self, atlas: &Atlas) {
+        self.changes.settle(atlas);
+    }
+
+    /// Whether tiles that viewers have move with a submap.
+    pub fn has_carried(&self, submap: SubmapId) -> bool {
+        self.made.values().any(|made| made.carrier == Some(submap)) || self.ordered.values().any(|ordered| ordered.carrier == Some(submap))
+    }
+
+    /// Whether tiles wait, due or not, or are being made.
     pub fn is_behind(&self) -> bool {
-        self.submaps.values().any(|changes| !changes.waiting.is_empty())
+        self.is_busy() || self.changes.waiting().next().is_some()
     }
 
-    /// Tiles for a step, by submap.
-    fn choose(&self, now: Instant) -> BTreeMap<SubmapId, Vec<Tile>> {
+    /// Whether tiles are being made.
+    pub fn is_busy(&self) -> bool {
+        self.thread.as_ref().is_some_and(TileThread::is_busy)
+    }
+
+    /// Tiles for an order, ascending.
+    fn choose(&self, now: Instant) -> Vec<TileKey> {
         let is_due = |at: &Option<Instant>, distance: i64| {
             let pause = if distance <= 1 { AGAIN_NEAR } else { AGAIN };
             at.is_none_or(|at| now.duration_since(at) >= pause)
         };
-        let mut due: Vec<(Option<Instant>, i64, SubmapId, Tile)> = Vec::new();
-        for (id, changes) in &self.submaps {
-            let made = changes.waiting.iter().map(|tile| (changes.made.get(tile).map(|made| made.at), self.distance(*id, *tile), *id, *tile));
-            due.extend(made.filter(|(at, distance, ..)| is_due(at, *distance)));
-        }
+        let made = self.changes.waiting().map(|tile| (self.made.get(&tile).and_then(|made| made.at), self.distance(tile), tile));
         // What has not been made at all comes first: `None` is less than any time.
+        let mut due: Vec<(Option<Instant>, i64, TileKey)> = made.filter(|(at, distance, _)| is_due(at, *distance)).collect();
         let most = self.pace as usize;
         if due.len() > most {
             due.select_nth_unstable(most);
             due.truncate(most);
         }
-        due.sort_unstable();
-        let mut chosen: BTreeMap<SubmapId, Vec<Tile>> = BTreeMap::new();
-        due.into_iter().for_each(|(.., id, tile)| chosen.entry(id).or_default().push(tile));
-        chosen
+        let mut tiles: Vec<TileKey> = due.into_iter().map(|(.., tile)| tile).collect();
+        tiles.sort_unstable();
+        tiles
     }
 
-    /// Square of the distance of a tile from the robot, tiles; other submaps come after the robot's, the newest first.
-    fn distance(&self, id: SubmapId, tile: Tile) -> i64 {
-        match self.focus {
-            Some((submap, at)) if submap == id => (0..3).map(|k| i64::from(tile[k] - at[k]).pow(2)).sum(),
-            _ => i64::MAX - i64::from(id),
-        }
+    /// Square of the distance of a tile from the robot, tiles.
+    fn distance(&self, tile: TileKey) -> i64 {
+        let place = self.changes.place(tile);
+        self.focus.map_or(i64::MAX, |at| (0..3).map(|k| i64::from(place[k] - at[k]).pow(2)).sum())
     }
 }
 
@@ -165,33 +191,80 @@ mod tests {
     use voxelastic::settings::Settings;
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
+    fn robot(atlas: &Atlas) -> [f32; 3] {
+        let submap = &atlas.submaps()[0];
+        let t_map_lidar = submap.t_map_submap() * submap.scans().last().unwrap().t_submap_lidar;
+        <[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32)
+    }
+
+    fn triangles(tile: &OrderedTile, mesh: Mesh) -> ([i32; 3], usize) {
+        (tile.place, mesh.triangles.len())
+    }
+
+    /// Takes and orders until nothing is being made, which must be soon. Returns the numbers of triangles.
+    fn made(tiles: &mut ChangedTiles<([i32; 3], usize)>, atlas: &Atlas) -> HashMap<[i32; 3], usize> {
+        let (begin, mut all) = (Instant::now(), HashMap::new());
+        loop {
+            all.extend(tiles.step(atlas, triangles).into_iter().flatten());
+            if !tiles.is_busy() {
+                return all;
+            }
+            assert!(begin.elapsed() < Duration::from_secs(60));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
     #[test]
     fn tiles_around_the_robot_are_due_again_before_the_others() {
         let room = Simulation::new(SimOptions { scans: Some(2), columns: Some(256), ..SimOptions::of("room") }).unwrap();
         let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
-        let mut tiles = ChangedTiles::new(0);
+        let mut tiles = ChangedTiles::<([i32; 3], usize)>::new(0);
         let mut scans = room.scans(PoseSource::Truth);
-        let mut integrate = |tiles: &mut ChangedTiles| {
+        let mut integrate = |tiles: &mut ChangedTiles<([i32; 3], usize)>| {
             mapper.handle(Event::Scan(scans.next().unwrap())).unwrap();
-            let submap = &mapper.atlas().submaps()[0];
-            let robot = submap.scans().last().unwrap().t_submap_lidar.translation.vector;
-            tiles.focus(submap, <[f64; 3]>::from(robot).map(|c| c as f32));
-            tiles.note(mapper.atlas(), false);
+            tiles.note(mapper.atlas());
+            tiles.focus(robot(mapper.atlas()));
+            mapper.atlas().clone()
         };
-        integrate(&mut tiles);
+        let atlas = integrate(&mut tiles);
+        let first = made(&mut tiles, &atlas);
+        assert!(first.values().filter(|triangles| **triangles > 0).count() > 8, "{first:?}");
+        // The second scan changes them all; none is due at once.
         let clock = Instant::now();
-        let all: Vec<Tile> = tiles.submaps[&0].waiting.iter().copied().collect();
-        for tile in all {
-            tiles.submaps.get_mut(&0).unwrap().made.insert(tile, Made { at: clock, is_shown: true });
-        }
-        tiles.submaps.get_mut(&0).unwrap().waiting.clear();
+        tiles.made.values_mut().for_each(|made| made.at = Some(clock));
         integrate(&mut tiles);
-        let due = |after: Duration| {
-            tiles.choose(clock + after).into_values().flatten().filter(|tile| tiles.submaps[&0].made.contains_key(tile)).collect::<Vec<_>>()
-        };
+        let due =
+            |after: Duration| -> Vec<TileKey> { tiles.choose(clock + after).into_iter().filter(|tile| tiles.made.contains_key(tile)).collect() };
         assert!(due(AGAIN_NEAR / 2).is_empty());
         let (near, later) = (due(AGAIN_NEAR), due(AGAIN));
-        assert!(!near.is_empty() && near.iter().all(|tile| tiles.distance(0, *tile) <= 1), "{near:?}");
+        assert!(!near.is_empty() && near.iter().all(|tile| tiles.distance(*tile) <= 1), "{near:?}");
         assert!(later.len() > near.len(), "{later:?}");
+    }
+
+    #[test]
+    fn tiles_are_made_while_the_map_goes_on_and_end_as_the_surface_of_the_map() {
+        let room = Simulation::new(SimOptions { scans: Some(6), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
+        let (mut tiles, mut shown) = (ChangedTiles::<([i32; 3], usize)>::new(0), HashMap::new());
+        // Which crumbs stay may depend on what was there before.
+        tiles.options.keep_all = true;
+        for scan in room.scans(PoseSource::Truth) {
+            // A step between scans does not wait for what was ordered.
+            mapper.handle(Event::Scan(scan)).unwrap();
+            tiles.note(mapper.atlas());
+            shown.extend(tiles.step(mapper.atlas(), triangles).into_iter().flatten());
+        }
+        assert!(tiles.is_behind());
+        while tiles.is_behind() {
+            shown.extend(made(&mut tiles, mapper.atlas()));
+        }
+        let mut whole = voxelastic::meshing::LiveSurface::new(tiles.options.clone());
+        whole.note(mapper.atlas());
+        let all: Vec<TileKey> = whole.waiting().collect();
+        let expected = whole.make(mapper.atlas(), &all).into_iter().map(|(tile, mesh)| (whole.place(tile), mesh.triangles.len()));
+        let expected: HashMap<[i32; 3], usize> = expected.filter(|(_, triangles)| *triangles > 0).collect();
+        let shown: HashMap<[i32; 3], usize> = shown.into_iter().filter(|(_, triangles)| *triangles > 0).collect();
+        assert_eq!(shown, expected);
+        assert!(tiles.made.values().all(|made| made.is_shown == (made.carrier == Some(0))) && tiles.has_carried(0) && !tiles.has_carried(1));
     }
 }

@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn viewers_come_and_go_and_one_that_comes_back_gets_what_it_lacks() {
         let (scene, viewer) = viewer();
-        let tile = |x: i32| (Thing::Tile(0, [x, 0, 0]), wire::tile(0, [x, 0, 0], 1, voxelastic::surface::Mesh::default()));
+        let tile = |x: i32| (Thing::Tile([x, 0, 0]), wire::tile(0, [x, 0, 0], 1, voxelastic::surface::Mesh::default()));
         scene.put([tile(1), tile(2)]);
         let mut one = attached(&viewer, "");
         let (kind, _, hello) = next(&mut one);
@@ -336,7 +336,7 @@ mod tests {
         let clock = std::time::Instant::now();
         // Far more than sockets hold, of which the latest of each tile is kept.
         for round in 0..200u64 {
-            scene.put((0..8).map(|x| (Thing::Tile(0, [x, 0, 0]), vec![0; 100_000])));
+            scene.put((0..8).map(|x| (Thing::Tile([x, 0, 0]), vec![0; 100_000])));
             let seen = scene.size();
             assert_eq!(seen, (8, 800_000), "round {round}");
         }

@@ -3,7 +3,7 @@
 //! | kind | what follows |
 //! | --- | --- |
 //! | 0 hello | JSON as UTF-8: `session`, whether it is `resumed`, and the number of the last of the `tiles` that there are, as text; number 0 |
-//! | 1 tile | `u32` submap, `i32` x 3 tile, `u32` scans in the map when it was made, `u32` flags (1 colours, 2 intensities), `f32` x 3 origin, `f32` step, `u32` chunks; for each `u32` vertices, `u32` triangles; the packed chunks |
+//! | 1 tile | `u32` submap that it moves with, in whose frame it is, or the largest number for the map frame; `i32` x 3 place of the tile, which replaces what was there, `u32` scans in the map when it was made, `u32` flags (1 colours, 2 intensities), `f32` x 3 origin, `f32` step, `u32` chunks; for each `u32` vertices, `u32` triangles; the packed chunks |
 //! | 2 submaps | `u32` count; for each `u32` id, `f64` x 7 pose in the map (x y z qx qy qz qw). Submaps that are not named are gone |
 //! | 3 path | `u32` part, `u32` count; for each `u32` submap, `f32` x 3 position in its frame, metres |
 //! | 4 loops | `u32` count; for each twice `u32` submap, `f32` x 3 position |
@@ -12,7 +12,7 @@
 
 use voxelastic::Pose;
 use voxelastic::atlas::SubmapId;
-use voxelastic::surface::{Mesh, Tile};
+use voxelastic::surface::Mesh;
 use voxelastic_report::pack_surface;
 use voxelastic_report::surface::Surface;
 
@@ -24,6 +24,9 @@ pub struct Place {
     /// The position in its frame.
     pub position: [f32; 3],
 }
+
+/// Of a tile that moves with no submap.
+pub const NO_SUBMAP: SubmapId = SubmapId::MAX;
 
 /// Bytes of kind and number, before the content of a message.
 pub const HEAD: usize = 12;
@@ -72,13 +75,13 @@ fn numbers(pose: &Pose) -> [f64; 7] {
     [t.x, t.y, t.z, q.x, q.y, q.z, q.w]
 }
 
-/// The surface of a submap in a tile, made when `scans` scans were in the map.
-pub fn tile(submap: SubmapId, tile: Tile, scans: u32, mesh: Mesh) -> Vec<u8> {
+/// The surface of the map in a tile, which moves with a submap and is in its frame, made when `scans` scans were in the map. `place` is that of the tile among all.
+pub fn tile(submap: SubmapId, place: [i32; 3], scans: u32, mesh: Mesh) -> Vec<u8> {
     let flags = u32::from(!mesh.colours.is_empty()) | u32::from(!mesh.intensities.is_empty()) << 1;
     let Mesh { positions, normals, intensities, colours, scales, triangles } = mesh;
     let packed = pack_surface(&Surface { positions, normals, intensities, colours, scales, triangles, ..Surface::default() });
     let mut message = Message::new(1).u32(submap);
-    tile.iter().for_each(|c| message.0.extend(c.to_le_bytes()));
+    place.iter().for_each(|c| message.0.extend(c.to_le_bytes()));
     message = message.u32(scans).u32(flags).f32s(&packed.origin).f32s(&[packed.step]).u32(packed.chunks.len() as u32);
     for chunk in &packed.chunks {
         message = message.u32(chunk.v as u32).u32(chunk.t as u32);

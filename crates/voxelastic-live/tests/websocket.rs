@@ -183,7 +183,7 @@ fn the_viewers_server_answers_or_closes() {
     let control = Control::new(Desk::new(sender), TOKEN);
     let scene = Arc::new(Scene::default());
     scene.put([(Thing::Statistics, wire::statistics("{\"scans\":3}"))]);
-    scene.put((0..20).map(|x| (Thing::Tile(0, [x, 0, 0]), vec![1; 10_000])));
+    scene.put((0..20).map(|x| (Thing::Tile([x, 0, 0]), vec![1; 10_000])));
     let viewer = Viewer::start(Arc::clone(&scene), "a map", ([127, 0, 0, 1], 0).into(), control).unwrap();
     let (address, mut random) = (viewer.address(), Random(1));
     // What is allocated once is there before it is measured.

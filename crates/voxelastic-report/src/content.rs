@@ -26,7 +26,7 @@ pub struct Report {
     pub tables: Vec<Table>,
     /// Distances of the map to a reference.
     pub distances: Vec<Distances>,
-    /// The surface of each submap.
+    /// The surface of each submap; or submaps without a surface, and the one surface of the map, with its [`carriers`](Surface::carriers).
     pub surface: Vec<Surface>,
     /// Error at the end of the colour ramp, metres.
     pub error_max: f32,

@@ -16,6 +16,8 @@ struct Sum {
     intensity: u32,
     colour: [u32; 3],
     scale: u32,
+    /// Of its first vertex.
+    carrier: u32,
     error: f64,
     error_count: u32,
 }
@@ -99,6 +101,9 @@ fn facing(n: [f32; 3]) -> u8 {
 }
 
 fn add(sum: &mut Sum, surface: &Surface, v: usize) {
+    if sum.count == 0 {
+        sum.carrier = surface.carriers.get(v).copied().unwrap_or_default();
+    }
     sum.count += 1;
     (0..3).for_each(|k| sum.position[k] += f64::from(surface.positions[v][k]));
     (0..3).for_each(|k| sum.normal[k] += surface.normals[v][k]);
@@ -130,6 +135,7 @@ fn means(surface: &Surface, sums: &[Sum], triangles: Vec<[u32; 3]>) -> Surface {
         } else {
             sums.iter().map(|s| if s.error_count == 0 { f32::NAN } else { (s.error / f64::from(s.error_count)) as f32 }).collect()
         },
+        carriers: if surface.carriers.is_empty() { Vec::new() } else { sums.iter().map(|s| s.carrier).collect() },
         triangles,
         submap: surface.submap,
         colour: surface.colour,

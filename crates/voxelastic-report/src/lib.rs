@@ -29,6 +29,7 @@ mod packed_surface;
 mod page;
 mod run_log;
 pub mod scripts;
+mod split;
 pub mod surface;
 pub mod tiles_page;
 

@@ -3,6 +3,7 @@
 use crate::decimate::decimate;
 use crate::error::Result;
 use crate::pack::{self, Chunk};
+use crate::split::split;
 use crate::surface::{RootPose, Surface};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -31,7 +32,13 @@ pub(crate) fn packed(surfaces: &[Surface], error_max: f32) -> Result<(Vec<Packed
     surfaces.iter().enumerate().try_for_each(|(i, s)| s.check(i))?;
     let total: usize = surfaces.iter().map(|s| s.positions.len()).sum();
     let keep = (MAX_VERTICES as f64 / total.max(1) as f64).min(1.0);
-    let each: Vec<(PackedSurface, Vec<u8>)> = surfaces.par_iter().map(|s| pack_one(s, keep, error_max)).collect();
+    let mut reduced: Vec<Surface> = surfaces.par_iter().map(|s| decimate(s, keep)).collect();
+    // That of the whole map is reduced before it is split, so that its parts fit together.
+    if let Some(whole) = reduced.iter().position(|s| !s.carriers.is_empty()) {
+        let whole = reduced.remove(whole);
+        reduced = split(&whole, &reduced.iter().collect::<Vec<_>>());
+    }
+    let each: Vec<(PackedSurface, Vec<u8>)> = reduced.par_iter().map(|s| pack_one(s, error_max)).collect();
     let mut blob = Vec::new();
     let descriptions = each.into_iter().map(|(description, bytes)| {
         blob.extend_from_slice(&bytes);
@@ -72,12 +79,10 @@ fn grid_of(surface: &Surface) -> ([f32; 3], f32) {
     (if surface.positions.is_empty() { [0.0; 3] } else { low }, (extent / 65535.0).max(1e-4))
 }
 
-/// Packs one surface, reduced to about the share `keep` of its vertices.
-fn pack_one(surface: &Surface, keep: f64, error_max: f32) -> (PackedSurface, Vec<u8>) {
-    let surface = decimate(surface, keep);
-    let (origin, step) = grid_of(&surface);
+fn pack_one(surface: &Surface, error_max: f32) -> (PackedSurface, Vec<u8>) {
+    let (origin, step) = grid_of(surface);
     let mut bytes = Vec::new();
-    let chunks = pack::chunks(&surface, origin, step, error_max, &mut bytes);
+    let chunks = pack::chunks(surface, origin, step, error_max, &mut bytes);
     let described = PackedSurface {
         submap: surface.submap,
         colour: surface.colour,

@@ -3,7 +3,7 @@
 use crate::error::{ReportError, Result};
 use serde::Serialize;
 
-/// The surface of one submap.
+/// The surface of one submap, or that of the whole map.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surface {
     /// The submap's number.
@@ -26,6 +26,9 @@ pub struct Surface {
     pub scales: Vec<u8>,
     /// Distance of each vertex from the truth, metres; empty when unknown.
     pub errors: Vec<f32>,
+    /// By vertex, the submap that it moves with, which must be one of the report's; empty for the surface of one submap. The surface of the whole map is in the map
+    /// frame, and its own `submap`, `colour` and poses are not used.
+    pub carriers: Vec<u32>,
     /// Corners of the triangles.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -46,8 +49,13 @@ impl Surface {
     pub(crate) fn check(&self, surface: usize) -> Result<()> {
         let n = self.positions.len();
         let invalid = |what: String| Err(ReportError::Surface { surface, what });
-        let may_be_empty =
-            [("intensities", self.intensities.len()), ("colours", self.colours.len()), ("scales", self.scales.len()), ("errors", self.errors.len())];
+        let may_be_empty = [
+            ("intensities", self.intensities.len()),
+            ("colours", self.colours.len()),
+            ("scales", self.scales.len()),
+            ("errors", self.errors.len()),
+            ("carriers", self.carriers.len()),
+        ];
         for (name, length) in may_be_empty.into_iter().filter(|(_, length)| *length > 0).chain([("normals", self.normals.len())]) {
             if length != n {
                 return invalid(format!("{length} {name} for {n} vertices"));

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
-use voxelastic::meshing::{FusedSurface, LiveSurface, SurfaceTiles, TileKey};
+use voxelastic::meshing::{FusedSurface, LiveSurface, SurfaceChanges, SurfaceTiles, TileKey, TileMaker};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -271,6 +271,52 @@ fn tiles_made_a_few_at_a_time_become_those_of_the_map() {
     assert!(tiles[&floor].positions.iter().any(|p| (p[2] + HALL[2] as f32).abs() < VOXEL));
     let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| all_tiles(mapper.atlas(), &options));
     assert!(threads(1) == threads(3));
+}
+
+#[test]
+fn tiles_are_made_on_another_thread_while_scans_go_on() {
+    let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
+    let (mut mapper, mut changes) = (mapper(), SurfaceChanges::default());
+    let (mut maker, mut tiles) = (Some(TileMaker::new(options.clone())), BTreeMap::new());
+    let mut is_over = false;
+    let mut places = [0.0, 0.5, 1.0, -3.0, -3.5, 2.0].into_iter().enumerate();
+    while !is_over {
+        let some: Vec<TileKey> = changes.waiting().take(9).collect();
+        let (work, mut own) = (changes.gather(mapper.atlas(), &some), maker.take().unwrap());
+        let thread = std::thread::spawn(move || (own.make(&work), own));
+        // The map changes while they are made.
+        if let Some((node, x)) = places.next() {
+            mapper.handle(scan(node as u64, x)).unwrap();
+            changes.note(mapper.atlas());
+        }
+        let (made, own) = thread.join().unwrap();
+        maker = Some(own);
+        changes.wait_for(&made.again);
+        tiles.extend(made.meshes);
+        is_over = changes.waiting().next().is_none();
+    }
+    assert!(places.next().is_none());
+    tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+    assert!(tiles == all_tiles(mapper.atlas(), &options));
+}
+
+#[test]
+fn a_map_that_does_not_change_any_more_ends_as_its_mesh() {
+    let drift = Pose::new(nalgebra::Vector3::new(0.15, 0.28, -0.2), nalgebra::Vector3::new(0.004, 0.0, 0.006));
+    let atlas = two(drift);
+    for keep_all in [true, false] {
+        let options = MeshOptions { keep_all, ..MeshOptions::default() };
+        let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
+        surface.note(&atlas);
+        make(&mut surface, &atlas, usize::MAX, &mut tiles);
+        let before = triangles(tiles.values());
+        surface.settle(&atlas);
+        while surface.waiting().next().is_some() {
+            make(&mut surface, &atlas, 13, &mut tiles);
+        }
+        let expected = triangles([&atlas.mesh(&options)]);
+        assert!(before != expected && triangles(tiles.values()) == expected, "{keep_all}");
+    }
 }
 
 #[test]

@@ -223,8 +223,8 @@ fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summ
     let details = MapDetails::describe(&loaded.settings, None);
     let surface = SurfaceArgs::default();
     let subject = Subject { atlas: &loaded.atlas, settings: &loaded.settings, details: &details, run: Some(log.clone()), surface: &surface };
-    let mut report = subject.report("A walk round a campus");
-    report.tables.push(figures.for_page());
+    let (mut report, _) = subject.report("A walk round a campus");
+    report.tables.insert(0, figures.for_page());
     for (name, summary) in ["Elastic", "Odometry only"].into_iter().zip(tsdf) {
         if let Some(found) = &summary.surface {
             let stats = found.accuracy_exact.as_ref().unwrap_or(&found.accuracy).clone();

@@ -4,9 +4,9 @@ use super::eval::truth::{Limits, Truth};
 use super::plan::file::StoredPath;
 use crate::failure;
 use crate::map_files::{self, LoadArgs};
-use crate::meshing::SurfaceArgs;
+use crate::meshing::{Fused, LeftOut, SurfaceArgs};
 use crate::output;
-use crate::reporting::{self, Subject};
+use crate::reporting::{self, FusedFigures, Subject};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -71,6 +71,10 @@ struct Summary<'a> {
     vertices: usize,
     has_run: bool,
     has_truth: bool,
+    /// Null unless submaps were fused.
+    fused: Option<Fused>,
+    /// Null with `--keep-all`, and where nothing could be left out.
+    left_out: Option<LeftOut>,
 }
 
 /// Runs the command.
@@ -88,7 +92,7 @@ fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     }
     let details = &store.manifest().details;
     let subject = Subject { atlas: &map.atlas, settings: &map.settings, details, run, surface: &args.surface };
-    let mut report = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
+    let (mut report, figures) = subject.report(args.title.as_deref().unwrap_or(&name_of(&args.map)));
     report.sensor_period_ms = args.sensor_period;
     report.error_max = args.error_max as f32;
     report.planned_path = args.plan.as_deref().map(|file| StoredPath::read(file, map.origin)).transpose()?.map(StoredPath::into_drawing);
@@ -99,20 +103,22 @@ fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     let file = args.output.clone().unwrap_or_else(|| page_of(&args.map));
     let bytes = reporting::write(&report, &file)?;
     if args.json {
-        output::print_json(&summary(&report, &file, (bytes, map.damaged)))?;
+        output::print_json(&summary(&report, &file, (bytes, map.atlas.submaps().len(), map.damaged), figures))?;
     }
     Ok(failure::DONE)
 }
 
-fn summary<'a>(report: &Report, file: &'a Path, (bytes, submaps_damaged): (u64, usize)) -> Summary<'a> {
+fn summary<'a>(report: &Report, file: &'a Path, (bytes, submaps, submaps_damaged): (u64, usize, usize), figures: FusedFigures) -> Summary<'a> {
     Summary {
         file,
         bytes,
-        submaps: report.surface.len(),
+        submaps,
         submaps_damaged,
         vertices: report.surface.iter().map(|s| s.positions.len()).sum(),
         has_run: report.run.is_some(),
         has_truth: !report.distances.is_empty(),
+        fused: figures.fused,
+        left_out: figures.left_out,
     }
 }
 

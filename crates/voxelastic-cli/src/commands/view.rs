@@ -50,7 +50,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
     let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
     let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load))?;
     interrupt::install("closing the viewer");
-    watch.publisher.note_atlas(&map.atlas, false, None);
+    watch.publisher.note_atlas(&map.atlas, None);
     let figures = Figures {
         state: "a saved map",
         scans: map.atlas.scan_count(),

@@ -33,6 +33,31 @@ fn a_report_can_be_written_with_the_map_or_later() {
 }
 
 #[test]
+fn a_report_shows_one_surface_and_says_what_was_fused() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), &format!("{ROOM} -o room"));
+    let mapped = json(dir.path(), "map room --voxel-size 0.1 --lambda-odom 0.3 --report --json");
+    let submaps = mapped["submaps"].as_u64().unwrap();
+    assert!(submaps >= 2 && mapped["fused"]["merged"].as_u64().unwrap() > 1000, "{mapped}");
+    let summary = json(dir.path(), "report room.vox -o later.html --json");
+    let mesh = json(dir.path(), "mesh room.vox -o room.ply --json");
+    assert!(summary["fused"] == mapped["fused"] && summary["submaps"] == submaps, "{summary}");
+    assert_eq!((&summary["fused"], &summary["left_out"]), (&mesh["fused"], &mesh["left_out"]));
+    for page in ["room.html", "later.html"] {
+        let page = data(&dir.path().join(page));
+        let surfaces = page["surfaces"].as_array().unwrap();
+        let triangles =
+            |surface: &serde_json::Value| surface["chunks"].as_array().unwrap().iter().map(|chunk| chunk["t"].as_u64().unwrap()).sum::<u64>();
+        assert_eq!(surfaces.len() as u64, submaps);
+        assert_eq!(surfaces.iter().map(triangles).sum::<u64>(), mesh["triangles"].as_u64().unwrap(), "one surface, not one for each submap");
+        assert!(surfaces.iter().filter(|surface| triangles(surface) > 0).count() >= 2, "each moves with its part");
+        let table = page["tables"].as_array().unwrap().iter().find(|table| table["title"] == "One surface of several submaps").unwrap();
+        assert_eq!(table["rows"][1][1], mesh["fused"]["merged"].to_string());
+        assert_eq!(table["rows"][2][1], mesh["fused"]["refused"].to_string());
+    }
+}
+
+#[test]
 fn a_missing_or_damaged_log_leaves_out_the_charts() {
     let dir = tempfile::tempdir().unwrap();
     works(dir.path(), &format!("{ROOM} -o room"));

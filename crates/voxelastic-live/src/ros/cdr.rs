@@ -49,6 +49,7 @@ impl Writer {
     }
 
     /// A number.
+    #[cfg(any(feature = "ros2", test))]
     pub fn i64(&mut self, value: i64) -> &mut Self {
         self.align(8);
         self.0.extend(value.to_le_bytes());
@@ -132,6 +133,7 @@ impl<'a> Reader<'a> {
     }
 
     /// A number.
+    #[cfg(any(feature = "ros2", test))]
     pub fn i64(&mut self) -> Option<i64> {
         self.take().map(i64::from_le_bytes)
     }

@@ -223,22 +223,14 @@ fn compare(taken: &serde_json::Value, folder: &Path, mapper: &Mapper, scans: &[S
     assert!(grid[0] * grid[1] == grid[2] && grid[3] > 1000 && grid[4] > 50, "{grid:?}");
 }
 
-/// The vertices of the surface in the map frame, as it is published: level of detail 1, tile by tile.
+/// The vertices of the one surface in the map frame, as it is published: level of detail 1, tile by tile.
 fn surface(mapper: &Mapper) -> HashSet<[u8; 12]> {
-    use voxelastic::surface::{MeshOptions, changed_tiles, extract_tiles};
-    let mut all = HashSet::new();
-    for submap in mapper.atlas().submaps() {
-        let tiles: Vec<_> = changed_tiles(submap.tsdf(), None).0.into_iter().collect();
-        let options = MeshOptions { lod: 1, ..MeshOptions::default() };
-        for mesh in extract_tiles(submap.tsdf(), submap.voxel_size(), &options, &tiles) {
-            for p in mesh.positions {
-                let placed = submap.t_map_submap() * nalgebra::Point3::from(p.map(f64::from));
-                let bytes: Vec<u8> = placed.iter().flat_map(|c| (*c as f32).to_le_bytes()).collect();
-                all.insert(bytes.try_into().unwrap());
-            }
-        }
-    }
-    all
+    use voxelastic::meshing::LiveSurface;
+    let mut surface = LiveSurface::new(voxelastic::surface::MeshOptions { lod: 1, ..Default::default() });
+    surface.note(mapper.atlas());
+    let tiles: Vec<_> = surface.waiting().collect();
+    let vertices = surface.make(mapper.atlas(), &tiles).into_iter().flat_map(|(_, mesh)| mesh.positions);
+    vertices.map(|p| p.map(f32::to_le_bytes).concat().try_into().unwrap()).collect()
 }
 
 #[test]

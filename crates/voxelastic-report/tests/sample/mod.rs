@@ -29,6 +29,7 @@ fn lawn(submap: u32, shift: f64) -> Surface {
         errors: positions.iter().map(|p| p[0] * 0.006).collect(),
         triangles: (0..N * N).map(|i| i / N * (N + 1) + i % N).flat_map(|a| [[a, a + 1, a + N + 2], [a, a + N + 2, a + N + 1]]).collect(),
         positions,
+        ..Surface::default()
     }
 }
 

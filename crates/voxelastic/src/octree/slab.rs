@@ -42,6 +42,24 @@ impl<T: Clone> Clone for Slab<T> {
 impl<T: Zeroable> Slab<T> {
     const PAGE: usize = Pool::<T>::PAGE;
 
+    /// A slab of copies of some items with their owners, in the slots from 0 on.
+    pub fn of<'a>(items: impl Iterator<Item = (u32, &'a T)>) -> Self
+    where
+        T: Copy + 'a,
+    {
+        let mut slab = Self::default();
+        for (owner, item) in items {
+            let (page, offset) = Pool::<T>::page_and_offset(slab.len);
+            if page == slab.pages.len() {
+                slab.pages.push(zeroed_working_page(Self::PAGE));
+            }
+            slab.pages[page][offset] = *item;
+            slab.owners.push(AtomicU32::new(owner));
+            slab.len += 1;
+        }
+        slab
+    }
+
     /// Makes room for `more` items.
     fn reserve(&mut self, more: usize) {
         let slots = self.len as usize + more.saturating_sub(self.free.len());

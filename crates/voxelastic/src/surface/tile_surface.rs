@@ -119,7 +119,12 @@ impl TileIndex {
             }
         }
         self.blocks = field.ids().end;
-        self.margin = if field.colours().is_empty() { MARGIN } else { COLOUR_MARGIN };
+        self.set_coloured(!field.colours().is_empty());
+    }
+
+    /// Says whether there are colours.
+    pub fn set_coloured(&mut self, has_colours: bool) {
+        self.margin = if has_colours { COLOUR_MARGIN } else { MARGIN };
     }
 
     /// The tile of block `key`.
@@ -139,11 +144,6 @@ impl TileIndex {
         self.origin(tile).map(|c| c.div_euclid(BLOCK_EDGE as i32 * (1 << self.shift)))
     }
 
-    /// Whether a tile has blocks.
-    pub fn contains(&self, tile: u64) -> bool {
-        self.tiles.contains_key(&tile)
-    }
-
     /// The surface in a tile depends on the blocks this far around it.
     pub fn margin(&self) -> i32 {
         self.margin
@@ -155,7 +155,7 @@ impl TileIndex {
     }
 
     /// The first block of a tile, by its coordinates.
-    fn corner(&self, tile: u64) -> [i32; 3] {
+    pub fn corner(&self, tile: u64) -> [i32; 3] {
         block_coords(tile << (3 * self.shift))
     }
 

@@ -34,7 +34,9 @@ use voxelastic_slam::Corrector;
 
 /// How often an interrupt is looked for while nothing comes.
 const LOOK: Duration = Duration::from_millis(100);
-/// The surface is published at least this often while scans wait.
+/// The same while tiles of the surface are made.
+const LOOK_SOON: Duration = Duration::from_millis(5);
+/// Occupancy is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
 /// Counts of a run.
 #[derive(Debug, Default)]
@@ -53,8 +55,9 @@ pub struct Tally {
     pub delays_ms: Vec<f64>,
     /// From the coming of each scan to the first change of the surface after it that viewers were told, milliseconds.
     pub shown_ms: Vec<f64>,
-    /// When the scans came whose change viewers were not told yet.
+    /// When the scans came whose change viewers were not told yet, and how many of them are in the tiles that are being made.
     unshown: Vec<Instant>,
+    in_work: usize,
     /// Figures of the odometry, if poses were estimated.
     pub odometry: Option<OdometrySummary>,
     /// Loop closures that were tried, if they were looked for.
@@ -64,7 +67,8 @@ pub struct Tally {
 impl Tally {
     /// Notes that viewers were told about a change of the surface.
     fn note_shown(&mut self) {
-        self.shown_ms.extend(self.unshown.drain(..).map(|came| came.elapsed().as_secs_f64() * 1e3));
+        let shown = std::mem::take(&mut self.in_work).min(self.unshown.len());
+        self.shown_ms.extend(self.unshown.drain(..shown).map(|came| came.elapsed().as_secs_f64() * 1e3));
     }
 }
 
@@ -156,9 +160,8 @@ impl Node {
         let mut progress = Progress::new("scans", None, quiet);
         let mut overload = OverloadWarning::default();
         loop {
-            // Surfaces for viewers are made when nothing waits, and now and then.
-            let has_work = self.show(session, feed.counts().waiting > 0);
-            match feed.next(if has_work { Duration::ZERO } else { LOOK }) {
+            let pause = self.show(session, feed.counts().waiting > 0);
+            match feed.next(pause) {
                 Next::Incoming(incoming, arrival) => {
                     let is_scan = incoming.time().is_some();
                     let first = session.scans() == 0;
@@ -198,16 +201,32 @@ impl Node {
         Stages { input: Box::new(input), corrector: &self.corrector, jumps: &self.jumps, skipped: self.tally.skipped, came: place.came() }
     }
 
-    /// Shows and publishes some of what changed; false if nothing is due.
-    fn show(&mut self, session: &Session, scans_wait: bool) -> bool {
+    /// Shows and publishes some of what changed. Surfaces are made on other threads, and occupancy when no scan waits, and now and then. Returns how long it is to be waited for
+    /// a scan before there is more to show.
+    fn show(&mut self, session: &Session, scans_wait: bool) -> Duration {
         let atlas = session.mapper().atlas();
-        let shown = self.watch.as_mut().is_some_and(|watch| watch.step(atlas, session.pool(), scans_wait));
-        if shown {
+        let is_busy = |watch: &Option<Watch>| watch.as_ref().is_some_and(|watch| watch.publisher.is_busy());
+        let was_busy = is_busy(&self.watch);
+        let mut has_work = self.watch.as_mut().is_some_and(|watch| watch.step(atlas, session.pool()));
+        let mut is_busy = is_busy(&self.watch);
+        if has_work {
             self.tally.note_shown();
         }
-        let Some(network) = self.network.as_mut().filter(|_| !scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) else { return shown };
-        self.last_step = Instant::now();
-        session.pool().install(|| network.offers.outputs.step(atlas)) || shown
+        if is_busy && (has_work || !was_busy) {
+            // What was ordered just now has all scans until now.
+            self.tally.in_work = self.tally.unshown.len();
+        }
+        if let Some(network) = self.network.as_mut().filter(|_| !scans_wait || self.last_step.elapsed() >= LONGEST_SILENCE) {
+            self.last_step = Instant::now();
+            let outputs = &mut network.offers.outputs;
+            has_work |= session.pool().install(|| outputs.step(atlas));
+            is_busy |= outputs.is_busy();
+        }
+        match (has_work, is_busy) {
+            (true, _) => Duration::ZERO,
+            (_, true) => LOOK_SOON,
+            _ => LOOK,
+        }
     }
 
     /// Answers what others ask.

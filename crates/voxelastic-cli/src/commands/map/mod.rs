@@ -11,7 +11,7 @@ use crate::failure::{self, Failure};
 use crate::input::Input;
 use crate::joining::{self, AlignArgs, Outcome, SessionSummary, Sessions};
 use crate::mapping::{Session, TimeSummary};
-use crate::meshing::SurfaceArgs;
+use crate::meshing::{Fused, SurfaceArgs};
 use crate::odometry_log::OdometrySummary;
 use crate::reporting::{self, Subject};
 use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
@@ -160,6 +160,8 @@ struct Summary {
     file_mb: f64,
     /// Blocks of 8 x 8 x 8 finest voxels over all submaps (TSDF).
     blocks: usize,
+    /// What was found when submaps were fused for the surface of the report; `null` without `--report`, and for a single submap.
+    fused: Option<Fused>,
 }
 
 impl MapArgs {
@@ -332,11 +334,14 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     // No scan needs its arrays any more.
     keep_arrays_in_file(true);
     // A page that cannot be written is an error, but the map is there, and its summary, too.
+    let mut summary = summary;
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
         let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
         let subject = Subject { atlas, settings, details: &details, run: Some(log), surface: &SurfaceArgs::default() };
-        session.pool().install(|| reporting::write(&subject.report(&report::name_of(&output)), &page))
+        let (report, figures) = session.pool().install(|| subject.report(&report::name_of(&output)));
+        summary.fused = figures.fused;
+        session.pool().install(|| reporting::write(&report, &page))
     });
     if args.json {
         output::print_json(&summary)?;
@@ -395,6 +400,7 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         map_mb: usage::megabytes(atlas.bytes() as u64),
         file_mb: usage::megabytes(saved.bytes),
         blocks: atlas.submaps().iter().map(|s| s.tsdf().len()).sum(),
+        fused: None,
     }
 }
 

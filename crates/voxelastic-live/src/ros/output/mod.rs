@@ -2,7 +2,7 @@
 //!
 //! | topic | type | when |
 //! | --- | --- | --- |
-//! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of a submap that changed, and for all of them when somebody comes or the submap moves |
+//! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of the one surface that changed or whose submaps moved, and for all of them when somebody comes |
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
@@ -80,6 +80,8 @@ pub struct Outputs {
     last_figures: Option<Instant>,
     /// The time of a simulation, if there is one.
     clock: Clock,
+    /// The last scan, and its time stamp.
+    newest: Option<NodeId>,
     stamp: f64,
     lost: usize,
 }
@@ -101,6 +103,7 @@ impl Outputs {
             last_transform: None,
             last_figures: None,
             clock: Box::new(|| None),
+            newest: None,
             stamp: 0.0,
             lost: 0,
         }
@@ -142,7 +145,7 @@ impl Outputs {
     /// Notes the time stamp of a scan that is going to be in the map.
     pub fn add_scan(&mut self, node: NodeId, time: f64) {
         self.path.add(node, time);
-        self.stamp = time;
+        (self.newest, self.stamp) = (Some(node), time);
     }
 
     /// After an event: poses are published at once, everything else by [`step`](Self::step).
@@ -150,6 +153,9 @@ impl Outputs {
         let atlas = mapper.atlas();
         self.note_submaps(atlas);
         self.surface.note(mapper);
+        if let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) {
+            self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
+        }
         self.layers.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
             && let Some(t_map_lidar) = pose_of(atlas, link.node)
@@ -201,6 +207,11 @@ impl Outputs {
             self.publish_transform();
         }
         self.step_surface(atlas) || self.step_layers(atlas)
+    }
+
+    /// Whether tiles of the surface are being made: they are published by a [`step`](Self::step) soon.
+    pub fn is_busy(&self) -> bool {
+        self.surface.is_busy()
     }
 
     fn step_surface(&mut self, atlas: &Atlas) -> bool {

@@ -1,26 +1,24 @@
 //! The surface as messages, tile by tile.
 
 use crate::ros::messages::{MeshMarker, Rgb};
-use crate::tiles::{ChangedTiles, all_submaps};
+use crate::tiles::{ChangedTiles, OrderedTile};
 use std::collections::HashMap;
-use voxelastic::atlas::{Atlas, Submap, SubmapId};
-use voxelastic::surface::{Mesh, Tile};
-use voxelastic::{Mapper, Pose};
+use voxelastic::Mapper;
+use voxelastic::atlas::Atlas;
+use voxelastic::surface::Mesh;
 
-/// A submap that moved less than this since its tiles were sent is not sent again: metres, and radians.
-const SMALLEST_MOVE: [f64; 2] = [0.01, 0.002];
 /// Colour of a surface that has none.
 const PLAIN: Rgb = [186, 196, 206];
+const NAMESPACE: &str = "surface";
 
-/// Which tiles listeners have, and where.
+/// Which tiles listeners have.
 pub struct SurfaceTiles {
-    tiles: ChangedTiles,
-    fusions: usize,
+    detail: usize,
+    /// While somebody listens: it holds the fused surface.
+    tiles: Option<ChangedTiles<([i32; 3], Placed)>>,
     listeners: [usize; 2],
-    /// The poses with which tiles were sent.
-    sent_at: HashMap<SubmapId, Pose>,
-    /// The numbers of the tiles that listeners have, by submap.
-    ids: HashMap<SubmapId, HashMap<Tile, i32>>,
+    /// The numbers of the tiles that listeners have, by place.
+    ids: HashMap<[i32; 3], i32>,
 }
 
 /// Tiles to send.
@@ -41,88 +39,71 @@ impl Meshes {
 impl SurfaceTiles {
     /// None yet.
     pub fn new(detail: usize) -> Self {
-        Self { tiles: ChangedTiles::new(detail), fusions: 0, listeners: [0; 2], sent_at: HashMap::new(), ids: HashMap::new() }
+        Self { detail, tiles: None, listeners: [0; 2], ids: HashMap::new() }
     }
 
     /// Notes what has changed in the map.
     pub fn note(&mut self, mapper: &Mapper) {
-        let counts = mapper.elastic_counts();
-        let merged = counts.fusions_due > 0 || std::mem::replace(&mut self.fusions, counts.fusions) != counts.fusions;
-        self.tiles.note(mapper.atlas(), merged);
+        if let Some(tiles) = &mut self.tiles {
+            tiles.note(mapper.atlas());
+        }
     }
 
-    /// Makes some tiles: those that changed, all of submaps that moved, and all of them when there are more listeners than before. None if none is due, or
-    /// nobody listens.
+    /// What is near a position in the map frame, metres, is made first.
+    pub fn focus(&mut self, position: [f32; 3]) {
+        if let Some(tiles) = &mut self.tiles {
+            tiles.focus(position);
+        }
+    }
+
+    /// Takes the tiles that were made, and has others made on another thread: those that changed or whose submaps moved, and all of them when there are more listeners than
+    /// before. None if there are none, or nobody listens.
     pub fn step(&mut self, atlas: &Atlas, listeners: [usize; 2]) -> Option<Meshes> {
         let before = std::mem::replace(&mut self.listeners, listeners);
         if listeners == [0; 2] {
+            self.tiles = None;
             return None;
         }
-        if listeners.iter().zip(before).any(|(now, before)| *now > before) {
-            self.tiles.repeat(|_| true);
-        }
-        let gone = self.remove_gone(atlas);
-        let moved: Vec<SubmapId> = placed(atlas).filter(|(submap, pose)| self.has_moved(submap.id(), pose)).map(|(submap, _)| submap.id()).collect();
-        self.tiles.repeat(|id| moved.contains(&id));
-        for id in moved {
-            self.sent_at.remove(&id);
-        }
-        let poses: HashMap<SubmapId, Pose> = placed(atlas).map(|(submap, pose)| (submap.id(), pose)).collect();
-        let made = self.tiles.step(atlas, |submap, tile, mesh| {
-            let pose = poses.get(&submap.id()).copied().unwrap_or_default();
-            (submap.id(), tile, Placed::of(&mesh, &pose))
-        });
-        if made.is_none() && gone.is_empty() {
-            return None;
-        }
-        let mut meshes = Meshes { markers: gone, vertices: Vec::new() };
-        for (submap, tile, placed) in made.into_iter().flatten() {
-            if let Some(pose) = poses.get(&submap) {
-                self.sent_at.entry(submap).or_insert(*pose);
+        let mut meshes = Meshes::default();
+        let tiles = match &mut self.tiles {
+            Some(tiles) => tiles,
+            tiles => {
+                // Of those who listened before, somebody may still have what is not there any more.
+                meshes.markers = Self::removal(&mut self.ids);
+                let tiles = tiles.insert(ChangedTiles::new(self.detail));
+                tiles.note(atlas);
+                tiles
             }
-            let ids = self.ids.entry(submap).or_default();
-            let next = ids.len() as i32;
-            let id = *ids.entry(tile).or_insert(next);
+        };
+        if listeners.iter().zip(before).any(|(now, before)| *now > before) {
+            tiles.repeat();
+        }
+        let made = tiles.step(atlas, |tile: &OrderedTile, mesh| (tile.place, Placed::of(&mesh)));
+        if made.is_none() && meshes.markers.is_empty() {
+            return None;
+        }
+        for (place, placed) in made.into_iter().flatten() {
+            let next = self.ids.len() as i32;
+            let id = *self.ids.entry(place).or_insert(next);
             meshes.vertices.extend(placed.vertices);
-            meshes.markers.push(MeshMarker { namespace: namespace(submap), id, corners: placed.corners });
+            meshes.markers.push(MeshMarker { namespace: NAMESPACE.to_owned(), id, corners: placed.corners });
         }
         Some(meshes)
     }
 
-    fn has_moved(&self, id: SubmapId, pose: &Pose) -> bool {
-        self.sent_at.get(&id).is_some_and(|sent| {
-            let step = sent.inv_mul(pose);
-            step.translation.vector.norm() > SMALLEST_MOVE[0] || step.rotation.angle() > SMALLEST_MOVE[1]
-        })
+    /// Whether tiles are being made.
+    pub fn is_busy(&self) -> bool {
+        self.tiles.as_ref().is_some_and(ChangedTiles::is_busy)
     }
 
-    /// Markers that remove the tiles of submaps that are gone.
-    fn remove_gone(&mut self, atlas: &Atlas) -> Vec<MeshMarker> {
-        let gone: Vec<SubmapId> = self.ids.keys().copied().filter(|id| !all_submaps(atlas).any(|submap| submap.id() == *id)).collect();
-        gone.into_iter().flat_map(|id| self.remove(id)).collect()
-    }
-
-    fn remove(&mut self, submap: SubmapId) -> Vec<MeshMarker> {
-        self.sent_at.remove(&submap);
-        let ids = self.ids.remove(&submap).unwrap_or_default();
-        ids.into_values().map(|id| MeshMarker { namespace: namespace(submap), id, corners: Vec::new() }).collect()
+    fn removal(ids: &mut HashMap<[i32; 3], i32>) -> Vec<MeshMarker> {
+        std::mem::take(ids).into_values().map(|id| MeshMarker { namespace: NAMESPACE.to_owned(), id, corners: Vec::new() }).collect()
     }
 
     /// Markers that remove everything.
     pub fn removed(&mut self) -> Vec<MeshMarker> {
-        let all: Vec<SubmapId> = self.ids.keys().copied().collect();
-        all.into_iter().flat_map(|id| self.remove(id)).collect()
+        Self::removal(&mut self.ids)
     }
-}
-
-fn namespace(submap: SubmapId) -> String {
-    format!("submap {submap}")
-}
-
-/// All submaps with their poses in the map frame.
-fn placed(atlas: &Atlas) -> impl Iterator<Item = (&Submap, Pose)> {
-    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-    atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging)
 }
 
 /// A tile in the map frame.
@@ -132,14 +113,13 @@ struct Placed {
 }
 
 impl Placed {
-    fn of(mesh: &Mesh, pose: &Pose) -> Self {
+    fn of(mesh: &Mesh) -> Self {
         let colour = |k: usize| match (mesh.colours.get(k), mesh.intensities.get(k)) {
             (Some(colour), _) => *colour,
             (None, Some(intensity)) => [*intensity; 3],
             (None, None) => PLAIN,
         };
-        let place = |p: &[f32; 3]| <[f64; 3]>::from((pose * nalgebra::Point3::from(p.map(f64::from))).coords).map(|c| c as f32);
-        let vertices: Vec<_> = mesh.positions.iter().enumerate().map(|(k, p)| (place(p), colour(k))).collect();
+        let vertices: Vec<_> = mesh.positions.iter().enumerate().map(|(k, p)| (*p, colour(k))).collect();
         let corners = mesh.triangles.iter().flatten().filter_map(|k| vertices.get(*k as usize).copied()).collect();
         Self { vertices, corners }
     }

@@ -192,7 +192,7 @@ impl Atlas {
 }
 
 /// The displacements that bring sources onto each other, and how they agree.
-fn align(sources: &[Source<'_>]) -> (Vec<Displacement>, Vec<PairAgreement>) {
+pub(super) fn align(sources: &[Source<'_>]) -> (Vec<Displacement>, Vec<PairAgreement>) {
     let corrections = |source: &Source<'_>| Corrections::new(source.submap, &source.pose);
     let fields: Vec<_> = sources.iter().map(|source| (source.field, source.placement, corrections(source))).collect();
     let Alignment { displacements, agreement } = Alignment::new(&fields);

@@ -8,6 +8,7 @@
 mod block;
 pub(crate) mod brick;
 pub(crate) mod colour;
+mod excerpt;
 mod field;
 mod observation_count;
 pub mod propagate;

@@ -85,6 +85,12 @@ impl CompressedStore {
         number(length - 1, index)
     }
 
+    /// Stores a copy of a brick of another store for `owner` and returns its number here.
+    pub fn insert_copy(&mut self, owner: u32, other: &Self, number: u32) -> u32 {
+        // With what is behind the brick in its slot, so that it gets into the same class.
+        self.insert(owner, &other.words(number)[1..])
+    }
+
     #[inline(always)]
     fn words(&self, number: u32) -> &[u32] {
         let (class, index) = class_and_index(number);
