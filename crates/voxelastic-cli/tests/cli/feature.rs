@@ -26,7 +26,7 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 20);
     let map = json(dir.path(), &format!("map room --json --hold-out 5 {QUICK} --lambda-odom 2"));
-    let expected = "blocks checkpoints closures corrections field file_mb fusions groups_apart integrate_cpu_ms integrate_ms interrupted loops map_mb mapping_s \
+    let expected = "blocks checkpoints closures corrections field file_mb fused fusions groups_apart integrate_cpu_ms integrate_ms interrupted loops map_mb mapping_s \
                     max_range_m moving_points odometry output peak_rss_mb phases_ms scans scans_held_out scans_resumed scans_skipped sensor sensor_layout session submap_moves submaps \
                     submaps_rebuilt threads total_s voxel_m voxels_freed voxels_removed";
     assert_eq!(keys(&map), expected.split_whitespace().collect());
