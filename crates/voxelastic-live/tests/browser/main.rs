@@ -132,6 +132,7 @@ fn the_map_grows_bends_and_comes_back() {
     page.wait("[...voxelastic.view.submaps.values()].some((pose) => pose[1] === 3)");
     page.wait("voxelastic.view.loopPlaces.length === 1");
     page.wait("Math.abs(voxelastic.view.robotPose()[1] - 3) < 1e-3");
+    page.wait("[...voxelastic.view.tiles.values()].some((tile) => Math.abs(tile.matrix[13] - tile.origin[1] - 3) < 1e-3)");
     assert_eq!(page.value("String(voxelastic.seen.tiles)"), tiles, "no tile was sent again");
 
     // Then the tiles where a submap was or is are made again, and it is one surface: as many triangles as all tiles of the map have, but for crumbs.

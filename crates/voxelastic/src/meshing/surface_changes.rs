@@ -112,11 +112,11 @@ impl SurfaceChanges {
         self.index.tile_at(point.map(|c| c / self.voxel))
     }
 
-    /// The submap that has most of a tile, of several the one with the lowest number; none if none has a part of it.
+    /// The submap that has most of a tile, of several the newest, which is where the robot is; none if none has a part of it.
     pub fn carrier(&self, tile: TileKey) -> Option<SubmapId> {
         let mut blocks: BTreeMap<SubmapId, usize> = BTreeMap::new();
         self.live.parts(cubes_in(tile)).for_each(|(id, count)| *blocks.entry(id).or_default() += count);
-        blocks.into_iter().max_by_key(|(id, count)| (*count, std::cmp::Reverse(*id))).map(|(id, _)| id)
+        blocks.into_iter().max_by_key(|(id, count)| (*count, *id)).map(|(id, _)| id)
     }
 }
 
