@@ -36,7 +36,7 @@ pub(crate) fn packed(surfaces: &[Surface], error_max: f32) -> Result<(Vec<Packed
     // That of the whole map is reduced before it is split, so that its parts fit together.
     if let Some(whole) = reduced.iter().position(|s| !s.carriers.is_empty()) {
         let whole = reduced.remove(whole);
-        reduced = split(&whole, &reduced.iter().collect::<Vec<_>>());
+        reduced = split(&whole, &reduced);
     }
     let each: Vec<(PackedSurface, Vec<u8>)> = reduced.par_iter().map(|s| pack_one(s, error_max)).collect();
     let mut blob = Vec::new();

@@ -1,50 +1,52 @@
 //! The one surface of a map in parts that move with its submaps, so that a page can show how corrections bent the map.
 
 use crate::surface::{RootPose, Surface};
+use hashbrown::HashMap;
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
 /// The parts of `whole` that move with each of some submaps, in their frames.
-pub(crate) fn split(whole: &Surface, submaps: &[&Surface]) -> Vec<Surface> {
-    let number = |id: u32| submaps.iter().position(|submap| submap.submap == id);
-    let mut parts: Vec<(Surface, Vec<u32>)> = submaps.iter().map(|submap| (frame_of(submap), vec![u32::MAX; whole.positions.len()])).collect();
+pub(crate) fn split(whole: &Surface, submaps: &[Surface]) -> Vec<Surface> {
+    let numbers: HashMap<u32, usize> = submaps.iter().enumerate().map(|(number, submap)| (submap.submap, number)).collect();
+    let mut triangles = vec![Vec::new(); submaps.len()];
     for t in &whole.triangles {
         // A triangle at a border moves with its first corner.
-        let Some((part, numbers)) = number(whole.carriers[t[0] as usize]).map(|n| &mut parts[n]) else { continue };
+        if let Some(&number) = numbers.get(&whole.carriers[t[0] as usize]) {
+            triangles[number].push(*t);
+        }
+    }
+    submaps.par_iter().zip(triangles).map(|(submap, triangles)| part_of(whole, submap, &triangles)).collect()
+}
+
+/// Some triangles of `whole` in the frame of a submap.
+fn part_of(whole: &Surface, submap: &Surface, triangles: &[[u32; 3]]) -> Surface {
+    let mut part = Surface { submap: submap.submap, colour: submap.colour, pose: submap.pose, first_pose: submap.first_pose, ..Surface::default() };
+    let t_submap_map = isometry(&submap.pose).inverse();
+    let mut numbers: HashMap<u32, u32> = HashMap::with_capacity(triangles.len());
+    for t in triangles {
         let corners = t.map(|v| {
-            let new = &mut numbers[v as usize];
-            if *new == u32::MAX {
-                *new = part.positions.len() as u32;
-                append(part, whole, v as usize);
-            }
-            *new
+            *numbers.entry(v).or_insert_with(|| {
+                append(&mut part, whole, v as usize, &t_submap_map);
+                part.positions.len() as u32 - 1
+            })
         });
         part.triangles.push(corners);
     }
-    parts.into_iter().map(|(part, _)| part).collect()
+    part
 }
 
-/// A submap without a surface.
-fn frame_of(submap: &Surface) -> Surface {
-    Surface { submap: submap.submap, colour: submap.colour, pose: submap.pose, first_pose: submap.first_pose, ..Surface::default() }
-}
-
-fn append(part: &mut Surface, whole: &Surface, v: usize) {
-    let RootPose([x, y, z, ..]) = part.pose;
-    let at = whole.positions[v].map(f64::from);
-    part.positions.push(turned_back(&part.pose, [at[0] - x, at[1] - y, at[2] - z]));
-    part.normals.push(turned_back(&part.pose, whole.normals[v].map(f64::from)));
+fn append(part: &mut Surface, whole: &Surface, v: usize, t_submap_map: &Isometry3<f64>) {
+    let (position, normal) = (whole.positions[v].map(f64::from), whole.normals[v].map(f64::from));
+    part.positions.push(<[f64; 3]>::from((t_submap_map * Point3::from(position)).coords).map(|c| c as f32));
+    part.normals.push(<[f64; 3]>::from(t_submap_map * Vector3::from(normal)).map(|c| c as f32));
     part.intensities.extend(whole.intensities.get(v));
     part.colours.extend(whole.colours.get(v));
     part.scales.extend(whole.scales.get(v));
     part.errors.extend(whole.errors.get(v));
 }
 
-/// A vector of the map frame in the frame at `pose`.
-fn turned_back(RootPose([.., qx, qy, qz, qw]): &RootPose, v: [f64; 3]) -> [f32; 3] {
-    let (u, w) = ([-qx, -qy, -qz], *qw);
-    let cross = |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    let t = cross(u, v).map(|c| 2.0 * c);
-    let turn = cross(u, t);
-    std::array::from_fn(|k| (v[k] + w * t[k] + turn[k]) as f32)
+fn isometry(&RootPose([x, y, z, qx, qy, qz, qw]): &RootPose) -> Isometry3<f64> {
+    Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_quaternion(Quaternion::new(qw, qx, qy, qz)))
 }
 
 #[cfg(test)]
@@ -59,7 +61,7 @@ mod tests {
         // The second submap is turned by 90 degrees around z, and lies elsewhere.
         let half = 0.5f64.sqrt();
         let turned = Surface { submap: 3, pose: RootPose([2.0, 1.0, -0.5, 0.0, 0.0, half, half]), ..Surface::default() };
-        let parts = split(&whole, &[&turned, &Surface { submap: 7, ..Surface::default() }]);
+        let parts = split(&whole, &[turned, Surface { submap: 7, ..Surface::default() }]);
         assert_eq!(
             parts.iter().map(|part| (part.submap, part.triangles.len())).collect::<Vec<_>>(),
             [(3, 200), (7, 200)],
