@@ -76,8 +76,8 @@ fn in_map(atlas: &Atlas, points: &[[f64; 3]]) -> Vec<Option<(f32, [f32; 3])>> {
 /// Distance of a point in the room to its walls and the pillar, metres.
 fn in_room(p: &[f64; 3]) -> f64 {
     let walls = (0..3).map(|k| (p[k] - room::MIN[k]).min(room::MAX[k] - p[k])).fold(f64::INFINITY, f64::min);
-    let beside = |c: f64, low: f64, high: f64| (low - c).max(c - high);
-    let [x, y] = [beside(p[0], 4.0, 4.5), beside(p[1], 1.5, 2.0)];
+    let outside = |c: f64, low: f64, high: f64| (low - c).max(c - high);
+    let [x, y] = [outside(p[0], 4.0, 4.5), outside(p[1], 1.5, 2.0)];
     let pillar = if x.max(y) < 0.0 { -x.max(y) } else { x.max(0.0).hypot(y.max(0.0)) };
     walls.min(pillar)
 }
