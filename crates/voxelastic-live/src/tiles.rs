@@ -12,8 +12,8 @@ use voxelastic::surface::{Mesh, MeshOptions};
 const AGAIN: Duration = Duration::from_secs(1);
 /// But those around the robot are, as what is near is looked at: a scan is to be visible before the next.
 const AGAIN_NEAR: Duration = Duration::from_millis(50);
-/// What an order may take.
-const ORDER: Duration = Duration::from_millis(50);
+/// What an order may take. A scan's change waits for the end of the order before it, and for its own.
+const ORDER: Duration = Duration::from_millis(25);
 /// Tiles of an order: with fewer, more of the time goes into what is around them; many are for a map that is there already.
 const TILES: [f64; 2] = [8.0, 256.0];
 
