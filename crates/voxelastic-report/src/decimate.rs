@@ -53,7 +53,7 @@ fn mean_edge(surface: &Surface) -> f32 {
 
 /// One vertex per cell of `cell` metres and main direction of the normal, so that the two sides of a thin wall stay apart.
 fn clustered(surface: &Surface, cell: f32) -> Surface {
-    let mut clusters: HashMap<([i32; 3], u8), u32> = HashMap::new();
+    let mut clusters = Clusters::default();
     let mut sums: Vec<Sum> = Vec::new();
     let cluster_of: Vec<Option<u32>> = (0..surface.positions.len())
         .map(|v| {
@@ -61,10 +61,8 @@ fn clustered(surface: &Surface, cell: f32) -> Surface {
             if !p.iter().all(|c| c.is_finite()) {
                 return None;
             }
-            let key = (p.map(|c| (c / cell).floor() as i32), facing(surface.normals[v]));
-            let next = sums.len() as u32;
-            let cluster = *clusters.entry(key).or_insert(next);
-            if cluster == next {
+            let cluster = clusters.get_or_add(p.map(|c| (c / cell).floor() as i32), facing(surface.normals[v]));
+            if cluster as usize == sums.len() {
                 sums.push(Sum::default());
             }
             add(&mut sums[cluster as usize], surface, v);
@@ -92,6 +90,31 @@ fn clustered(surface: &Surface, cell: f32) -> Surface {
     triangles.sort_unstable();
     triangles.dedup();
     means(surface, &sums, triangles)
+}
+
+/// Edge of a block of cells, as an exponent of two.
+const BLOCK_BITS: u32 = 6;
+
+/// Numbers of clusters, in order of their first vertices. Vertices come tile by tile, so that few blocks are used at a time: one table for all cells would be in use
+/// everywhere all the time, which is slow if memory is limited.
+#[derive(Default)]
+struct Clusters {
+    /// By block, and by cell of the block and direction.
+    blocks: HashMap<[i32; 3], HashMap<u32, u32>>,
+    count: u32,
+}
+
+impl Clusters {
+    /// The cluster of a cell and a direction, 0 to 5; the next number if it has none yet.
+    fn get_or_add(&mut self, cell: [i32; 3], facing: u8) -> u32 {
+        let block = self.blocks.entry(cell.map(|c| c >> BLOCK_BITS)).or_default();
+        let within = cell.map(|c| c as u32 & ((1 << BLOCK_BITS) - 1));
+        let key = within.into_iter().fold(u32::from(facing), |key, c| key << BLOCK_BITS | c);
+        *block.entry(key).or_insert_with(|| {
+            self.count += 1;
+            self.count - 1
+        })
+    }
 }
 
 /// The axis that a normal is nearest to, and its sign: 0 to 5.
@@ -184,6 +207,20 @@ pub(crate) mod tests {
             .map(|[a, b, c]| 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs())
             .sum();
         assert!((area - 200.0).abs() < 8.0, "{area}");
+    }
+
+    #[test]
+    fn cells_and_directions_have_clusters_of_their_own() {
+        let mut clusters = Clusters::default();
+        let mut expected: HashMap<([i32; 3], u8), u32> = HashMap::new();
+        // Cells on both sides of zero and of the borders of blocks, in an order of no kind, and all of them twice.
+        for i in (0..20_000u32).map(|i| i.wrapping_mul(2_654_435_761)).chain((0..20_000).map(|i: u32| i.wrapping_mul(2_654_435_761))) {
+            let cell = [i % 151, i / 151 % 7, i / 1057 % 140].map(|c| c as i32 - 75);
+            let facing = (i / 200_000 % 6) as u8;
+            let next = expected.len() as u32;
+            assert_eq!(clusters.get_or_add(cell, facing), *expected.entry((cell, facing)).or_insert(next));
+        }
+        assert!(clusters.count as usize == expected.len() && clusters.count > 10_000);
     }
 
     #[test]

@@ -20,6 +20,8 @@ static HAS_ARRAYS: AtomicBool = AtomicBool::new(false);
 
 /// Memory is given back when less than this share of the budget is left, until that share is left twice.
 const LEFT: f64 = 0.06;
+/// The same while arrays are in the file, too: loops over them read several gigabytes a second, which the thread sees a few milliseconds later.
+const LEFT_WITH_ARRAYS: f64 = 0.15;
 /// The thread looks again before the process can have taken what is left, if it takes no more than this, bytes a second. What the system has of
 /// the file comes back sixteen pages at a time, which is faster than memory is filled.
 const FASTEST_GROWTH: f64 = 20e9;
@@ -191,7 +193,7 @@ fn keep(files: &Files) {
 /// exceeded nevertheless.
 fn give_back(files: &Files, budget: u64, next: &mut usize) -> f64 {
     let left = || resident_bytes().map_or(f64::INFINITY, |bytes| budget as f64 - bytes as f64);
-    let reserve = LEFT * budget as f64;
+    let reserve = if HAS_ARRAYS.load(Ordering::Relaxed) { LEFT_WITH_ARRAYS } else { LEFT } * budget as f64;
     let mut now = left();
     if now > reserve {
         if now > 3.0 * reserve {
