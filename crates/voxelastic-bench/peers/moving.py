@@ -9,7 +9,8 @@
 Needs numpy and scipy; open3d for the scores of the maps; dufomap for the peer (pip install dufomap). Prints the shares of static points kept (SA) and of
 points on things that move removed (DA), and AA, the root of their product. Online, a point is removed if it was set aside when it came; points on what
 stands and moves at another time do not count. Offline, it is removed if it is not within 10 cm of the clean surface, of those within 10 cm of the surface of
-everything; what stands at first and leaves counts as moving, what has come to rest does not count.
+everything; what stands at first and leaves counts as moving, what has come to rest does not count. Thin things are static points in whose neighbourhood
+points lie along a line; the share is of those within 10 cm of the surface of everything.
 """
 import sys
 import time
@@ -81,6 +82,21 @@ def score(name, removed, labels, moving):
     print(f"{name:28s} SA {sa:6.2f}  DA {da:6.2f}  AA {np.sqrt(sa * da):6.2f} %   ({len(static)} static, {len(dynamic)} moving points)", flush=True)
 
 
+def are_thin(points):
+    """Which of some points are on poles, cables or rails: points within 0.3 m lie along a line, at least 0.3 m long."""
+    from scipy.spatial import cKDTree
+
+    _, first, cell = np.unique(np.floor(points / 0.05).astype(int), axis=0, return_index=True, return_inverse=True)
+    samples = points[first]
+    neighbours = cKDTree(samples).query_ball_point(samples, 0.3, workers=-1)
+    thin = np.zeros(len(samples), bool)
+    for k, near in enumerate(neighbours):
+        if len(near) >= 6:
+            least, middle, most = np.sqrt(np.linalg.eigvalsh(np.cov(samples[near].T)).clip(0))
+            thin[k] = most > 0.1 and middle < 0.25 * most
+    return thin[cell.ravel()]
+
+
 def main():
     folder, set_aside, *meshes = map(Path, sys.argv[1:])
     all_scans = list(scans(folder))
@@ -104,6 +120,9 @@ def main():
         mapped = distances(meshes[0]) < 0.1
         gone = distances(meshes[1]) > 0.1
         score("Voxelastic, offline", gone[mapped], labels[mapped], [1, 2])
+        static = mapped & (labels == 0)
+        thin = are_thin(points[static])
+        print(f"thin things: {100 * (~gone[static][thin]).mean():.2f} % kept of {thin.sum()} points", flush=True)
     try:
         from dufomap import dufomap
     except ImportError:
