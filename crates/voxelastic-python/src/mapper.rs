@@ -4,9 +4,9 @@ use crate::dataset::{Dataset, Events, Input, Scan as DatasetScan};
 use crate::map::{Content, Map};
 use crate::session::{Corrections, Integrated, Session};
 use crate::{arrays, errors, job, settings};
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
-use pyo3::{PyErr, PyResult, Python, pyclass, pymethods};
+use pyo3::{Bound, PyErr, PyResult, Python, pyclass, pymethods};
 use rayon::ThreadPool;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -142,6 +142,12 @@ impl Mapper {
             let atlas = mapper.atlas();
             (atlas.scan_count(), atlas.submaps().len(), counts.fusions, counts.submap_moves, mapper.sensor().map(str::to_owned))
         })
+    }
+
+    /// Points of the last scan that were set aside because they are on something that moves, N x 3, in the map frame.
+    fn moving_points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let points = self.with(py, |Session { mapper, .. }| mapper.moving_points().to_vec())?;
+        arrays::from_rows(py, points)
     }
 
     /// The settings as text.

@@ -36,6 +36,16 @@ def scan_at(pose: NDArray[np.float64]) -> NDArray[np.float32]:
     return points
 
 
+def with_box(points: NDArray[np.float32], pose: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The scan with a box in the room."""
+    beams = points.astype(np.float64) @ pose[:3, :3].T
+    with np.errstate(divide="ignore"):
+        ends = np.stack([(low - pose[:3, 3]) / beams, (high - pose[:3, 3]) / beams])
+    enter, leave = ends.min(axis=0).max(axis=-1), ends.max(axis=0).min(axis=-1)
+    hits = (enter < leave) & (enter > 0) & (enter < 1)
+    return np.where(hits[..., None], points * enter[..., None], points).astype(np.float32)
+
+
 def room_scans(count: int) -> list[Scan]:
     """Scans on a short path through the room."""
     poses = [pose_at(-1 + 2 * k / count, 0.3 * np.sin(k), 0.2 * k) for k in range(count)]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import voxelastic as vx
-from conftest import Scan, pose_at, room_scans, scan_at
+from conftest import Scan, pose_at, room_scans, scan_at, with_box
 
 
 def test_a_scan_is_reported_and_counted(scans: list[Scan]) -> None:
@@ -130,6 +130,23 @@ def test_corrections_and_loops_move_and_join_submaps(scans: list[Scan]) -> None:
     mapper.add_odometry_edge(0, 1, np.linalg.inv(scans[0][1]) @ scans[1][1])
     mapper.add_loop_edge(0, 7, np.linalg.inv(scans[0][1]) @ scans[7][1])
     assert len(mapper.finish().submaps) < len(after.submaps)
+
+
+def test_points_on_what_moves_are_offered() -> None:
+    keeping, removing = (vx.Mapper(voxel_size=0.1, max_range=20, dynamic=dynamic) for dynamic in ("keep", "remove"))  # type: ignore[arg-type]
+    found = []
+    for number, (points, pose) in enumerate(room_scans(12)):
+        # It goes through the room from the seventh scan on, 1.4 m in front of a wall.
+        low = np.array([1.5, -2.0 + 0.4 * number, -1.0])
+        cloud = with_box(points, pose, low, low + [0.6, 0.6, 1.6]) if number > 6 else points
+        for mapper in (keeping, removing):
+            mapper.integrate(cloud, pose)
+        moving = removing.moving_points()
+        assert moving.dtype == np.float32 and moving.shape[1:] == (3,)
+        assert np.all((moving > low - 0.05) & (moving < low + [0.65, 0.65, 1.65]))
+        found.append(len(moving))
+        assert len(keeping.moving_points()) == 0
+    assert max(found[:7]) == 0 and min(found[8:]) > 50, found
 
 
 def test_refused_events_leave_the_mapper_usable(scans: list[Scan]) -> None:

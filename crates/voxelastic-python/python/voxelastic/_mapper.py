@@ -231,6 +231,11 @@ class Mapper:
                     report(scans)
         return total
 
+    def moving_points(self) -> NDArray[np.float32]:
+        """Points of the last scan that were set aside because they are on something that moves: N x 3, map frame, metres, with the pose that the scan came with.
+        None with `dynamic="keep"`, where nothing is set aside."""
+        return self._inner.moving_points()
+
     def snapshot(self) -> Map:
         """A copy of the map as it is now. Mapping can go on."""
         return Map._of(self._inner.snapshot())

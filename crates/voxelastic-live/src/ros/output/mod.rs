@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | `~/surface` | `visualization_msgs/MarkerArray` | a triangle mesh for each tile of the one surface that changed or whose submaps moved, and for all of them when somebody comes |
 //! | `~/surface_points` | `sensor_msgs/PointCloud2` | the vertices of the same tiles |
+//! | `~/moving_points` | `sensor_msgs/PointCloud2` | points of each scan that were set aside because they are on things that move, with `dynamic = remove` |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
@@ -28,6 +29,7 @@ use surface::SurfaceTiles;
 pub use topics::{Output, profiles};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
+use voxelastic::settings::Dynamic;
 use voxelastic::{Mapper, Pose};
 
 /// The frame of the map.
@@ -82,6 +84,8 @@ pub struct Outputs {
     clock: Clock,
     /// The last scan, and its time stamp.
     newest: Option<NodeId>,
+    /// Whether its moving points are to be published.
+    has_moving: bool,
     stamp: f64,
     lost: usize,
 }
@@ -104,6 +108,7 @@ impl Outputs {
             last_figures: None,
             clock: Box::new(|| None),
             newest: None,
+            has_moving: false,
             stamp: 0.0,
             lost: 0,
         }
@@ -145,13 +150,14 @@ impl Outputs {
     /// Notes the time stamp of a scan that is going to be in the map.
     pub fn add_scan(&mut self, node: NodeId, time: f64) {
         self.path.add(node, time);
-        (self.newest, self.stamp) = (Some(node), time);
+        (self.newest, self.stamp, self.has_moving) = (Some(node), time, true);
     }
 
     /// After an event: poses are published at once, everything else by [`step`](Self::step).
     pub fn note(&mut self, mapper: &Mapper, link: Option<OdometryLink>) {
         let atlas = mapper.atlas();
         self.note_submaps(atlas);
+        self.note_moving(mapper);
         self.surface.note(mapper);
         if let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) {
             self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
@@ -171,6 +177,13 @@ impl Outputs {
         let header = Header { stamp: self.stamp, frame: MAP_FRAME };
         if let Some(message) = self.path.step(atlas, PERIOD).map(|path| messages::path(header, path)) {
             self.publish(Output::Path, |_| message);
+        }
+    }
+
+    /// Once for each scan, also if it has none: what is shown goes then.
+    fn note_moving(&mut self, mapper: &Mapper) {
+        if std::mem::take(&mut self.has_moving) && mapper.settings().dynamic == Dynamic::Remove {
+            self.publish(Output::MovingPoints, |header| messages::point_cloud(header, mapper.moving_points(), &[]));
         }
     }
 
@@ -275,5 +288,63 @@ impl Outputs {
                 tracing::debug!("{problem}");
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::{Sender, channel};
+    use voxelastic::event::Event;
+    use voxelastic::settings::Settings;
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    struct Collected(Option<Sender<Vec<u8>>>);
+
+    impl Sink for Collected {
+        fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
+            self.0.iter().for_each(|sender| sender.send(message.to_vec()).unwrap());
+            Ok(())
+        }
+
+        fn subscribers(&self) -> usize {
+            0
+        }
+    }
+
+    /// The clouds of moving points that are published while a street is mapped, and how many points the mapper set aside of each scan.
+    fn published(dynamic: &str) -> (Vec<Vec<u8>>, Vec<usize>) {
+        let mut settings = Settings { voxel_size: 0.3, max_range: 30.0, ..Settings::default() };
+        settings.set("dynamic", dynamic).unwrap();
+        let (sender, messages) = channel();
+        let mut outputs = Outputs::new(OutputOptions::default());
+        let advertise = |profile: &TopicProfile| -> Result<Box<dyn Sink>, MiddlewareError> {
+            let sender = (profile.name == "/robot/moving_points").then(|| sender.clone());
+            Ok(Box::new(Collected(sender)))
+        };
+        outputs.add_sinks("robot", advertise).unwrap();
+        let options = SimOptions { traffic: 24, rate: Some(10.0), scans: Some(14), columns: Some(512), drift: 0.0, ..SimOptions::of("street") };
+        let simulation = Simulation::new(options).unwrap();
+        let (mut mapper, mut counts) = (Mapper::new(settings).unwrap(), Vec::new());
+        for scan in simulation.scans(PoseSource::Truth) {
+            outputs.add_scan(scan.node, scan.time);
+            let correction = Event::PoseUpdate(vec![(scan.node, scan.t_map_lidar)]);
+            mapper.handle(Event::Scan(scan)).unwrap();
+            outputs.note(&mapper, None);
+            counts.push(mapper.moving_points().len());
+            mapper.handle(correction).unwrap();
+            outputs.note(&mapper, None);
+        }
+        (messages.try_iter().collect(), counts)
+    }
+
+    #[test]
+    fn moving_points_are_published_once_for_each_scan() {
+        let (messages, counts) = published("remove");
+        assert!(counts.len() == 14 && counts.iter().sum::<usize>() > 400, "{counts:?}");
+        // Twelve bytes a point, and a header that is always the same.
+        let empty = messages[0].len() - 12 * counts[0];
+        assert_eq!(messages.iter().map(|message| (message.len() - empty) / 12).collect::<Vec<_>>(), counts);
+        assert!(published("keep").0.is_empty());
     }
 }

@@ -9,6 +9,8 @@ pub enum Output {
     Surface,
     /// Their vertices.
     SurfacePoints,
+    /// Points on things that move.
+    MovingPoints,
     /// Free and occupied space.
     Octomap,
     /// A layer of it.
@@ -26,12 +28,13 @@ pub enum Output {
 /// The topics of a node.
 pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Reliable};
-    use Output::{Diagnostics, Grid, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
+    use Output::{Diagnostics, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
     let own = |name: &str| format!("/{node}/{name}");
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
     [
         (Surface, own("surface"), "visualization_msgs/msg/MarkerArray", Reliable, 20),
         (SurfacePoints, own("surface_points"), "sensor_msgs/msg/PointCloud2", Reliable, 20),
+        (MovingPoints, own("moving_points"), "sensor_msgs/msg/PointCloud2", Reliable, 20),
         (Octomap, own("octomap"), "octomap_msgs/msg/Octomap", Latched, 1),
         (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
