@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use clap::Args;
 use std::path::Path;
 use voxelastic::atlas::Atlas;
-use voxelastic::changes::{ChangeOptions, RemovedVoxels, keep_newest};
+use voxelastic::changes::RemovedVoxels;
 use voxelastic::memory::{MemorySize, keep_arrays_in_file};
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
@@ -76,13 +76,7 @@ fn load_from(store: MapStore, args: LoadArgs) -> anyhow::Result<LoadedMap> {
 
 /// The map without what later sessions saw to be gone.
 fn newest(store: &MapStore, atlas: Atlas, settings: &Settings) -> Atlas {
-    let sessions = store.manifest().all_sessions();
-    if sessions.len() < 2 {
-        return atlas;
-    }
-    let age = |id| sessions.iter().find(|session| session.has(id)).map_or(0, |session| session.number);
-    let margin = ChangeOptions::for_voxels(settings.voxel_size).margin;
-    let (atlas, RemovedVoxels { surface, occupied }) = keep_newest(atlas, age, margin, &settings.into());
+    let (atlas, RemovedVoxels { surface, occupied }) = store.without_vanished(atlas, settings);
     if surface + occupied > 0 {
         tracing::info!("{surface} surface voxels of earlier sessions are left out: later ones saw free space there (--keep-vanished shows them)");
     }

@@ -101,14 +101,16 @@ impl Map {
 
     /// Opens a stored map; also returns what is to be said about its settings and its origin.
     #[staticmethod]
-    fn open(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Vec<String>)> {
+    fn open(py: Python<'_>, path: PathBuf, keep_vanished: bool) -> PyResult<(Self, Vec<String>)> {
         let pool = job::shared_pool()?;
         let load = move || -> voxelastic_io::Result<_> {
             let store = MapStore::open(&path)?;
             let Some(stored) = store.manifest().details.stored_settings() else { return Ok(None) };
             let details = &store.manifest().details;
             let origin = details.origin().map_err(str::to_owned);
-            Ok(Some((store.load_atlas()?, stored, details.sensor.get("description").cloned(), origin)))
+            let atlas = store.load_atlas()?;
+            let atlas = if keep_vanished { atlas } else { store.without_vanished(atlas, &stored.settings).0 };
+            Ok(Some((atlas, stored, details.sensor.get("description").cloned(), origin)))
         };
         let opened = job::run(py, move || pool.install(load))?;
         let Some((atlas, stored, sensor, origin)) = opened.map_err(|e| errors::file(py, &e))? else {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
+import subprocess
+import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 import voxelastic as vx
-from conftest import ROOM, distance_to_walls
+from conftest import ROOM, distance_to_walls, room_scans, with_box
 
 
 def test_the_mesh_is_the_walls(room: vx.Map) -> None:
@@ -169,3 +171,28 @@ def test_strange_settings_of_a_map_are_a_warning(saved: Path) -> None:
 def test_maps_are_not_made_by_hand() -> None:
     with pytest.raises(TypeError, match=r"Map\.open"):
         vx.Map()
+
+
+def test_a_map_of_two_sessions_is_as_it_was_last(tmp_path: Path) -> None:
+    low, high = np.array([1.0, -1.4, -1.0]), np.array([1.8, -0.6, 0.4])
+    for day in ("monday", "tuesday"):
+        (tmp_path / day / "scans").mkdir(parents=True)
+        poses = []
+        for number, (points, pose) in enumerate(room_scans(12)):
+            cloud = (with_box(points, pose, low, high) if day == "monday" else points).reshape(-1, 3)
+            np.hstack([cloud, np.zeros((len(cloud), 1), np.float32)]).tofile(tmp_path / day / "scans" / f"{number:06d}.bin")
+            poses.append(pose[:3].reshape(-1))
+        np.savetxt(tmp_path / day / "poses.txt", np.array(poses))
+    command = [sys.executable, "-m", "voxelastic", "map", "-q"]
+    settings = ["--voxel-size", "0.1", "--max-range", "20", "--field", "both", "--every", "scan"]
+    subprocess.run([*command, "monday", *settings, "-o", "room.vox"], cwd=tmp_path, check=True)
+    subprocess.run([*command, "tuesday", "--every", "scan", "--into", "room.vox"], cwd=tmp_path, check=True)
+
+    def of_box(room: vx.Map) -> int:
+        vertices = room.mesh().vertices
+        return int(np.all((vertices > low - 0.1) & (vertices < high + 0.1), axis=1).sum())
+
+    newest, everything = vx.Map.open(tmp_path / "room.vox"), vx.Map.open(tmp_path / "room.vox", keep_vanished=True)
+    assert of_box(newest) == 0 and of_box(everything) > 100
+    side = np.array([[low[0] + 0.03, y, z] for y in np.arange(-1.3, -0.7, 0.1) for z in np.arange(-0.5, 0.3, 0.1)])
+    assert (newest.state(side) == vx.State.FREE).mean() > 0.9 and (everything.state(side) == vx.State.OCCUPIED).mean() > 0.5

@@ -38,6 +38,7 @@ mod known_file;
 mod lock;
 mod manifest;
 mod manifest_text;
+mod newest;
 mod occupancy_section;
 mod origin_section;
 mod piece;

@@ -139,11 +139,13 @@ class Map:
         return this
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> Map:
+    def open(cls, path: str | os.PathLike[str], *, keep_vanished: bool = False) -> Map:
         """Opens a map that was saved, a directory such as `hall.vox`, and loads all of it.
 
         Args:
             path: The directory.
+            keep_vanished: Whether to keep, in a map of several sessions, what later ones saw to be gone: surfaces and occupied space where they know free space
+                only. Otherwise the map is as it was last, as the commands show it; saved again, it is without the rest.
 
         Raises:
             FileNotFoundError: There is nothing of this name.
@@ -152,7 +154,7 @@ class Map:
         path = pathlib.Path(path)
         if not path.exists():
             raise FileNotFoundError(f"{path}: there is nothing of this name; expected the directory of a map")
-        native, remarks = _native.Map.open(path)
+        native, remarks = _native.Map.open(path, keep_vanished)
         for remark in remarks:
             warnings.warn(f"{path}: {remark}", stacklevel=2)
         return cls._of(native)

@@ -200,7 +200,7 @@ def tiles(store: Store, task_key: str, region: Record) -> Record:
             for entry in json.loads(text)["submaps"]:
                 (path / entry["file"]).symlink_to(store.local(f"{MAP}/{entry['file']}", Path(folder)))
             part = _native.write_tiles(
-                _native.Map.open(path)[0], (region["level"], region["cell"]), tuple(region["heights"]), Path(folder) / "tiles"
+                _native.Map.open(path, True)[0], (region["level"], region["cell"]), tuple(region["heights"]), Path(folder) / "tiles"
             )
             if part is None:
                 return {"part": None, "files": []}
