@@ -15,7 +15,7 @@ use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::raw::{self, RawScans, TimedScans};
 use voxelastic_io::source::{self, Events as SourceEvents, Source};
-use voxelastic_io::{Error, Keyframing, OpenOptions, PoseKind};
+use voxelastic_io::{Error, Keyframing, OpenOptions, PoseKind, SensorTopic};
 use voxelastic_slam::slam::RawScan;
 
 /// A folder or a recording.
@@ -119,9 +119,9 @@ impl Dataset {
         poses: Option<PathBuf>,
         odometry: bool,
         graph: Option<PathBuf>,
-        t_base_lidar: Option<PyReadonlyArray1<'_, f64>>,
+        t_base_lidar: Vec<PyReadonlyArray1<'_, f64>>,
         every: Option<String>,
-        cloud_topic: Option<String>,
+        cloud_topics: Vec<String>,
         pose_topic: Option<String>,
         metadata: Option<PathBuf>,
         deskew: bool,
@@ -129,14 +129,17 @@ impl Dataset {
         strict: bool,
         slam: Option<bool>,
     ) -> PyResult<Self> {
+        let lidars = t_base_lidar.iter().map(arrays::pose).collect::<PyResult<Vec<_>>>()?;
+        let further = |(k, topic): (usize, &String)| SensorTopic { topic: topic.clone(), t_base_lidar: lidars.get(k).copied() };
         let options = OpenOptions {
             poses,
             pose_kind: if odometry { PoseKind::Odometry } else { PoseKind::Optimised },
             graph,
-            t_base_lidar: t_base_lidar.as_ref().map(arrays::pose).transpose()?,
+            t_base_lidar: lidars.first().copied(),
             strict,
             keyframing: every.map(|text| text.parse()).transpose().map_err(|e: String| PyValueError::new_err(format!("every: {e}")))?,
-            cloud_topic,
+            cloud_topic: cloud_topics.first().cloned(),
+            more_sensors: cloud_topics.iter().enumerate().skip(1).map(further).collect(),
             pose_topic,
             metadata,
             deskew,

@@ -105,6 +105,22 @@ def test_scans_that_cannot_be_read_are_skipped_with_a_warning(drive: Path, tmp_p
         vx.Mapper(voxel_size=0.1).replay(vx.Dataset.open(damaged), strict=True)
 
 
+def test_two_sensors_of_a_recording_are_mapped_together(tmp_path: Path) -> None:
+    simulate = "simulate room -o room --bag --sensor vlp-16 --second-lidar vlp-16 --columns 180 --scans 8 --rate 5 -q"
+    subprocess.run([COMMAND, *simulate.split()], cwd=tmp_path, check=True, timeout=120)
+    topics, poses = ["/points", "/points_2"], tmp_path / "room" / "groundtruth.tum"
+    of_topics = [vx.Dataset.open(tmp_path / "room" / "recording.mcap", poses=poses, every="scan", cloud_topic=topic) for topic in (topics[0], topics)]
+    counts = []
+    for dataset in (*of_topics, pickle.loads(pickle.dumps(of_topics[1]))):
+        mapper = vx.Mapper(voxel_size=0.1, max_range=20)
+        counts.append((mapper.replay(dataset), len(mapper.finish().mesh())))
+    assert counts[0][0] == 8 and counts[1][0] == 16 and counts[1][1] > 1.1 * counts[0][1] and counts[1] == counts[2]
+    second = [-0.6, 0, -0.3], [-0.3420201433, 0, 0.9396926208, 0]
+    given = vx.Dataset.open(tmp_path / "room" / "recording.mcap", poses=poses, every="scan", cloud_topic=topics, t_base_lidar=[np.eye(4), second])
+    mapper = vx.Mapper(voxel_size=0.1, max_range=20)
+    assert mapper.replay(given) == 16 and abs(len(mapper.finish().mesh()) - counts[1][1]) < 0.01 * counts[1][1]
+
+
 def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="nothing: there is nothing of this name"):
         vx.Dataset.open(tmp_path / "nothing")
@@ -114,6 +130,10 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
         vx.Dataset.open(tmp_path, time_tolerance=-1)
     with pytest.raises(ValueError, match="t_base_lidar"):
         vx.Dataset.open(tmp_path, t_base_lidar=np.eye(3))
+    with pytest.raises(ValueError, match="list of 2 poses, one for each topic of clouds, not 3"):
+        vx.Dataset.open(tmp_path, cloud_topic=["/a", "/b"], t_base_lidar=[np.eye(4)] * 3)
+    with pytest.raises(ValueError, match=r"t_base_lidar\[1\]"):
+        vx.Dataset.open(tmp_path, cloud_topic=["/a", "/b"], t_base_lidar=[np.eye(4), np.eye(3)])
     for made_by_hand in (vx.Dataset, vx.Scan):
         with pytest.raises(TypeError, match="Dataset"):
             made_by_hand()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Optional, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, NamedTuple, Optional, TypeAlias, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,9 +198,9 @@ class Dataset:
         poses: str | os.PathLike[str] | None = None,
         odometry: bool = False,
         graph: str | os.PathLike[str] | None = None,
-        t_base_lidar: Pose | None = None,
+        t_base_lidar: Pose | Sequence[Pose] | None = None,
         every: str | int | None = None,
-        cloud_topic: str | None = None,
+        cloud_topic: str | Sequence[str] | None = None,
         pose_topic: str | None = None,
         metadata: str | os.PathLike[str] | None = None,
         deskew: bool = True,
@@ -215,10 +215,11 @@ class Dataset:
             poses: The pose file, if there are several: a path, or a part of a file name in the folder.
             odometry: Take poses from before the optimisation, where a folder has both.
             graph: The g2o file with the edges, or a folder of corrected trajectories.
-            t_base_lidar: The lidar frame in the vehicle frame, where the poses in the files are those of the vehicle.
+            t_base_lidar: The lidar frame in the vehicle frame, where the poses in the files are those of the vehicle; for several sensors a list with that of each.
             every: Interval of the scans: a number (every Nth), "2m" or "0.5s"; by default all, and of recordings one every 2 m. Where there are no poses, all
                 scans are iterated, and a mapper leaves the others out once it has estimated where they were taken.
-            cloud_topic: The topic of the clouds in a recording, if there are several.
+            cloud_topic: The topic of the clouds in a recording, if there are several; of a list of topics the sensors are mapped together, and poses that do not
+                say whose they are are those of the first.
             pose_topic: The topic of the poses in a recording, if there are several.
             metadata: The sensor metadata of an Ouster capture, or the angles of the beams of a Hesai's, if they are not found by name.
             deskew: Compensate the motion of the sensor during a sweep, where points have times.
@@ -239,12 +240,13 @@ class Dataset:
             raise ValueError(f"time_tolerance: expected seconds, 0 or more, not {time_tolerance!r}")
         optional = (None if name is None else Path(name) for name in (poses, graph, metadata))
         pose_file, graph_file, metadata_file = optional
-        lidar = None if t_base_lidar is None else _arrays.pose(t_base_lidar, "t_base_lidar")
+        topics = [] if cloud_topic is None else [cloud_topic] if isinstance(cloud_topic, str) else list(cloud_topic)
+        lidars = _lidars(t_base_lidar, len(topics))
         interval = None if every is None else str(every)
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
         this._inner = _native.Dataset.open(
-            path, pose_file, odometry, graph_file, lidar, interval, cloud_topic, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
+            path, pose_file, odometry, graph_file, lidars, interval, topics, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
         return this
 
@@ -308,6 +310,18 @@ class Dataset:
             return f"Dataset({str(self._path)!r}, closed)"
         count = self.scan_count
         return f"Dataset({str(self._path)!r}{'' if count is None else f', {count:,} scans'})"
+
+
+def _lidars(given: Pose | Sequence[Pose] | None, sensors: int) -> list[NDArray[np.float64]]:
+    """The poses of lidars in the vehicle frame: none, one, or that of each of several sensors."""
+    if given is None:
+        return []
+    if sensors < 2:
+        return [_arrays.pose(given, "t_base_lidar")]
+    poses = list(cast("Sequence[Pose]", given))
+    if len(poses) != sensors:
+        raise ValueError(f"t_base_lidar: expected a list of {sensors} poses, one for each topic of clouds, not {len(poses)}")
+    return [_arrays.pose(pose, f"t_base_lidar[{k}]") for k, pose in enumerate(poses)]
 
 
 def _reopened(path: Path, options: dict[str, Any]) -> Dataset:

@@ -100,9 +100,9 @@ class Dataset:
         poses: str | os.PathLike[str] | None,
         odometry: bool,
         graph: str | os.PathLike[str] | None,
-        t_base_lidar: NDArray[np.float64] | None,
+        t_base_lidar: Sequence[NDArray[np.float64]],
         every: str | None,
-        cloud_topic: str | None,
+        cloud_topics: Sequence[str],
         pose_topic: str | None,
         metadata: str | os.PathLike[str] | None,
         deskew: bool,
@@ -110,7 +110,7 @@ class Dataset:
         strict: bool,
         slam: bool | None,
     ) -> Dataset:
-        """Opens a folder or a recording. Clouds are read when their turn comes."""
+        """Opens a folder or a recording. Clouds are read when their turn comes. No topic, one, or one for each sensor; and poses of as many lidars or of none."""
 
     def description(self) -> str:
         """What was found, in a few lines."""
@@ -187,6 +187,9 @@ class Mapper:
     def counts(self) -> tuple[int, int, int, int, str | None]:
         """Number of scans, submaps, fusions and corrections of root poses, and the description of the sensor."""
 
+    def moving_points(self) -> NDArray[np.float32]:
+        """Points of the last scan that were set aside because they are on something that moves, N x 3, in the map frame."""
+
     def settings(self) -> list[tuple[str, str]]:
         """The settings as text."""
 
@@ -204,8 +207,8 @@ class Map:
     """A map. It does not change, so threads share it."""
 
     @staticmethod
-    def open(path: str | os.PathLike[str]) -> tuple[Map, list[str]]:
-        """Opens a stored map; also returns what is wrong with its settings."""
+    def open(path: str | os.PathLike[str], keep_vanished: bool) -> tuple[Map, list[str]]:
+        """Opens a stored map, with or without what later sessions saw to be gone; also returns what is wrong with its settings."""
 
     def close(self) -> None:
         """Closes the map: its memory is free when no call uses it any more."""
