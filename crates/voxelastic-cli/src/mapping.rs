@@ -116,6 +116,7 @@ impl Session {
             if let (Some(points), Some(_)) = (&mut self.moving_points, report) {
                 points.extend_from_slice(self.mapper.moving_points());
             }
+            self.recorder.moving(&summary, report.as_ref(), self.mapper.moving_points());
             self.recorder.record(&summary, &Outcome { report: report.as_ref(), wall, cpu }, &self.mapper);
         }
         done

@@ -5,6 +5,7 @@ use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId};
+use voxelastic::geometry::Rigid;
 use voxelastic::mapper::{Mapper, ScanReport};
 use voxelastic_report::{Correction, FORMAT, LoopEdge, RunLog};
 
@@ -106,6 +107,14 @@ impl Recorder {
                 self.log.corrections.push(Correction { after, wall_ms, optimise_ms, moved, closed, fusions });
             }
             (EventSummary::Scan { .. } | EventSummary::Other, _) => {}
+        }
+    }
+
+    /// Logs the points of a scan that are on something that moves: map frame, metres.
+    pub fn moving(&mut self, summary: &EventSummary, report: Option<&ScanReport>, points: &[[f32; 3]]) {
+        if let (EventSummary::Scan { t_map_lidar, .. }, Some(report)) = (summary, report) {
+            let t_lidar_map = Rigid::from(&t_map_lidar.inverse());
+            self.log.moving.push(report.node, points.iter().map(|p| t_lidar_map.apply(*p)));
         }
     }
 

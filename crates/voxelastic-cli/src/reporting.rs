@@ -18,9 +18,9 @@ use voxelastic::surface::Mesh;
 use voxelastic_eval::colour::palette;
 use voxelastic_eval::metrics::Comparison;
 use voxelastic_io::store::{MapDetails, MapStore};
-use voxelastic_report::content::{Distances, Fact, Node, Table};
+use voxelastic_report::content::{Distances, Fact, MovingPoints, Node, Table};
 use voxelastic_report::surface::{RootPose, Surface};
-use voxelastic_report::{Report, RunLog};
+use voxelastic_report::{MovingLog, Report, RunLog};
 
 /// Numbers of blocks from which a map is meshed one, two and three levels of detail coarser for a page, which would be decimated anyway.
 const BLOCKS_PER_DETAIL: [usize; 3] = [600_000, 2_400_000, 9_600_000];
@@ -54,6 +54,7 @@ impl Subject<'_> {
         report.facts = self.facts(&report.nodes);
         let (surfaces, mesh) = self.surfaces();
         report.surface = surfaces;
+        report.moving = self.moving();
         let voxel = self.settings.voxel_size;
         let figures = FusedFigures { fused: mesh.as_ref().and_then(|mesh| Fused::of(mesh, voxel)), left_out: mesh.as_ref().and_then(LeftOut::of) };
         report.tables.extend(figures.fused.as_ref().map(|fused| fused_table(fused, figures.left_out)));
@@ -61,7 +62,8 @@ impl Subject<'_> {
         report.details = self.details.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
         report.details.extend(self.details.sensor.iter().map(|(k, v)| (format!("sensor {k}"), v.clone())));
         report.details.push(("generator".to_owned(), self.details.generator.clone()));
-        report.run = self.run.clone();
+        // The points that moved are in the page once.
+        report.run = self.run.clone().map(|run| RunLog { moving: MovingLog::default(), ..run });
         (report, figures)
     }
 
@@ -117,6 +119,21 @@ impl Subject<'_> {
         let carriers = if mesh.submaps.is_empty() { carriers(self.atlas, &mesh.mesh) } else { mesh.submaps.clone() };
         surfaces.push(Surface { carriers, ..surface_of(std::mem::take(&mut mesh.mesh)) });
         (surfaces, Some(mesh))
+    }
+
+    /// The points on things that moved that the log of the run has, where their scans are now.
+    fn moving(&self) -> Vec<MovingPoints> {
+        let Some(run) = &self.run else { return Vec::new() };
+        let of_submap = |submap: &Submap| {
+            let id = submap.id();
+            submap.scans().iter().map(move |scan| (scan.node, (id, Rigid::from(&scan.t_submap_lidar)))).collect::<Vec<_>>()
+        };
+        let known: HashMap<NodeId, (SubmapId, Rigid)> = self.atlas.submaps().iter().flat_map(of_submap).collect();
+        let to_submap = |(node, points): (NodeId, &[[f32; 3]])| {
+            let (submap, t_submap_lidar) = known.get(&node)?;
+            Some(MovingPoints { node, submap: *submap, points: points.iter().map(|p| t_submap_lidar.apply(*p).map(centimetres)).collect() })
+        };
+        run.moving.scans().filter_map(to_submap).collect()
     }
 
     /// Where submaps disagree, the worst pairs first; none if no two have a surface in the same place.
@@ -195,6 +212,10 @@ fn carriers(atlas: &Atlas, mesh: &Mesh) -> Vec<SubmapId> {
         *known.entry(tile).or_insert_with(|| tile.and_then(|tile| changes.carrier(tile)).filter(is_kept).unwrap_or(first))
     };
     mesh.positions.iter().map(carrier).collect()
+}
+
+fn centimetres(metres: f32) -> f32 {
+    (metres * 100.0).round() / 100.0
 }
 
 fn surface_of(mesh: Mesh) -> Surface {

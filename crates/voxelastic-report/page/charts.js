@@ -14,9 +14,10 @@ const PHASES = [
  *
  * `series`: [{name, colour, values, kind: "line" | "area" | "step", text(value)}]; areas stand on each other.
  * `marks`: scans at which something happened: [{scans, colour, name}]. `line`: a height to compare with: {at, text}.
+ * `end` and `endUnit`: across is not the number of the scan but this, from 0 to `end`.
  * `nodes`: the node of each scan, where they are not those that were mapped. `remarks`: words on each scan.
  */
-function chart({ title, lead, unit, series, marks = [], line, tall = 210, across, nodes, remarks }) {
+function chart({ title, lead, unit, series, marks = [], line, tall = 210, across, end, endUnit, nodes, remarks }) {
   const count = series[0].values.length;
   const figure = el("figure", { class: across ? "chart across" : "chart" }, el("figcaption", {}, el("h3", {}, title), el("p", {}, lead)));
   const picture = svg("svg", { role: "img", "aria-label": `${title}. ${lead}` });
@@ -42,8 +43,9 @@ function chart({ title, lead, unit, series, marks = [], line, tall = 210, across
       parts.push(svg("line", { x1: PAD.left, x2: width - PAD.right, y1: y(t), y2: y(t), stroke: "var(--grid)" }));
       parts.push(svg("text", { x: PAD.left - 8, y: y(t) + 4, "text-anchor": "end" }, short(t)));
     }
-    for (const t of ticks(0, count - 1, width / 90).filter(Number.isInteger))
-      parts.push(svg("text", { x: x(t), y: tall - 8, "text-anchor": "middle" }, short(t)));
+    const whole = end ?? count - 1;
+    for (const t of ticks(0, whole, width / 90).filter(Number.isInteger))
+      parts.push(svg("text", { x: x((t / Math.max(whole, 1e-9)) * (count - 1)), y: tall - 8, "text-anchor": "middle" }, endUnit ? `${short(t)} ${endUnit}` : short(t)));
     parts.push(svg("text", { x: PAD.left - 8, y: 9, "text-anchor": "end" }, unit));
     for (const s of stacked) parts.push(shape(s, x, y, width));
     for (const mark of marks)
@@ -56,8 +58,9 @@ function chart({ title, lead, unit, series, marks = [], line, tall = 210, across
     picture.replaceChildren(...parts, cursor);
   };
   const tip = (scan) => series.filter((s) => s.name).map((s) => `${s.name}: ${s.text ? s.text(s.values[scan]) : `${short(s.values[scan])} ${unit}`}`);
-  const words = (scan) => [`Scan ${scan}`, ...tip(scan), ...(remarks && remarks[scan] ? [remarks[scan]] : [])];
-  follow({ picture, cursor, count, tall, words, scale: () => scale, nodes });
+  const place = (index) => (endUnit ? `${short((end * index) / Math.max(count - 1, 1))} ${endUnit}` : `Scan ${index}`);
+  const words = (scan) => [place(scan), ...tip(scan), ...(remarks && remarks[scan] ? [remarks[scan]] : [])];
+  follow({ picture, cursor, count, tall, words, scale: () => scale, nodes, isAlone: Boolean(endUnit) });
   onWidth(figure, draw);
   return figure;
 }
@@ -91,10 +94,10 @@ function shape(s, x, y, width) {
 }
 
 /** Shows what is under the pointer, and updates the other charts and the top view. */
-function follow({ picture, cursor, count, tall, words, scale, nodes }) {
+function follow({ picture, cursor, count, tall, words, scale, nodes, isAlone }) {
   // Scans are known to the other charts by their place among those that were mapped.
   const mapped = nodes && new Map(DATA.run.scans.node.map((node, i) => [node, i]));
-  const shared = (scan) => (nodes ? mapped.get(nodes[scan]) ?? null : scan);
+  const shared = (scan) => (isAlone ? null : nodes ? mapped.get(nodes[scan]) ?? null : scan);
   const own = (scan) => (nodes ? nodes.indexOf(DATA.run.scans.node[scan]) : scan);
   const tip = el("div", { class: "tip", hidden: true });
   document.body.append(tip);
@@ -118,7 +121,7 @@ function follow({ picture, cursor, count, tall, words, scale, nodes }) {
     mark(scan);
   });
   picture.addEventListener("pointerleave", () => { tip.hidden = true; pointed.at(null, picture); });
-  pointed.listeners.push((scan) => {
+  if (!isAlone) pointed.listeners.push((scan) => {
     const at = scan === null ? -1 : own(scan);
     mark(at >= 0 && at < count ? at : null);
   });

@@ -31,6 +31,8 @@ function panel(view) {
     el("fieldset", {}, el("legend", {}, "Colour"), el("div", { class: "choices" }, ...buttons.filter(Boolean))),
     sliceSliders(view),
     layers(view, redraw),
+    ...(DATA.exploration ? [explorationSlider(view)] : []),
+    ...(DATA.moving.length ? [movingSlider(view)] : []),
     ...(DATA.surfaces.some((s) => s.first_pose) ? [bendSlider(view)] : []),
   );
   byId("panel").addEventListener("submit", (e) => e.preventDefault());
@@ -62,9 +64,10 @@ function layers(view, redraw) {
   const box = (key, text) => el("label", {}, el("input", {
     type: "checkbox", checked: view.show[key], id: `show-${key}`, onchange: (e) => { view.show[key] = e.target.checked; redraw(); },
   }), text);
-  const loops = view.lines.loops.count, plan = view.lines.plan.count;
+  const loops = view.lines.loops.count, plan = view.lines.plan.count, moving = DATA.moving.reduce((sum, m) => sum + m.coordinates.length / 3, 0);
   return el("fieldset", {}, el("legend", {}, "Show"), box("path", "Trajectory"),
-    ...(loops ? [box("loops", `Loop closures (${loops})`)] : []), ...(plan ? [box("plan", "Planned path")] : []), box("backs", "Backs of surfaces: roofs, ceilings"));
+    ...(loops ? [box("loops", `Loop closures (${loops})`)] : []), ...(plan ? [box("plan", "Planned path")] : []),
+    ...(DATA.exploration ? [box("exploration", "Exploration")] : []), ...(moving ? [box("moving", `Things that moved (${moving} points)`)] : []), box("backs", "Backs of surfaces: roofs, ceilings"));
 }
 
 /** How much of the corrections is applied to the submaps. */

@@ -23,6 +23,12 @@ function tables() {
   section.hidden = !section.childElementCount;
 }
 
+function explored() {
+  if (!DATA.exploration || !DATA.exploration.moments.length) return;
+  byId("charts").hidden = false;
+  byId("run-charts").append(...knownCharts(DATA.exploration));
+}
+
 function run() {
   if (!DATA.run || !DATA.run.scans.node.length) return;
   byId("charts").hidden = false;
@@ -112,5 +118,6 @@ function hint() {
 facts();
 tables();
 run();
+explored();
 details();
 scene();

@@ -4,10 +4,11 @@ class View extends Stage {
   constructor(canvas, chunks) {
     super(canvas);
     const mode = DATA.surfaces.some((s) => s.has_colours) ? COLOURS.findIndex((c) => c.wants === "has_colours") : 0;
-    Object.assign(this.show, { mode, path: true, loops: true, plan: true, bend: 1 });
+    Object.assign(this.show, { mode, path: !DATA.exploration, loops: true, plan: true, moving: false, exploration: true, bend: 1 });
     this.submaps = DATA.surfaces.map((s, i) => ({ ...s, parts: chunks[i].map((c) => this.upload(c)) }));
     this.bounds = boundsOf(chunks);
-    this.lines = { path: this.lineSet(), loops: this.lineSet(), plan: this.lineSet() };
+    this.lines = { path: this.lineSet(), loops: this.lineSet(), plan: this.lineSet(), moving: this.lineSet(), exploration: this.lineSet() };
+    this.shownMoving = [0, DATA.moving.length - 1];
     this.bend(1);
     this.reset(true);
   }
@@ -33,7 +34,20 @@ class View extends Stage {
     const at = new Map(node.map((n, i) => [n, this.path[i]]));
     const loops = DATA.run ? DATA.run.loops : [];
     this.fill(this.lines.loops, loops.filter((l) => at.has(l.from) && at.has(l.to)).map((l) => [at.get(l.from), at.get(l.to), colours[1], 3]));
+    this.poses = poses;
+    this.showMoving(this.shownMoving);
     this.fill(this.lines.plan, DATA.planned_path ? planSegments(DATA.planned_path) : []);
+  }
+
+  /** Shows a moment of the exploration. */
+  showStep(index) {
+    this.fill(this.lines.exploration, explorationSegments(index));
+  }
+
+  /** Shows the moving points of a range of the scans that have some. */
+  showMoving([first, last]) {
+    this.shownMoving = [first, last];
+    this.fill(this.lines.moving, movingSegments(this.poses, Math.max(first, 0), last));
   }
 }
 

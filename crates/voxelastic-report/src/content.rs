@@ -30,6 +30,10 @@ pub struct Report {
     pub surface: Vec<Surface>,
     /// Error at the end of the colour ramp, metres.
     pub error_max: f32,
+    /// Points on things that moved, scan by scan.
+    pub moving: Vec<MovingPoints>,
+    /// How the map was explored.
+    pub exploration: Option<Exploration>,
     /// A planned path.
     pub planned_path: Option<PlannedPath>,
     /// Settings and other details, as names and values.
@@ -65,6 +69,52 @@ pub struct Node {
     pub position: [f64; 3],
     /// Its submap.
     pub submap: u32,
+}
+
+/// Points of a scan that are on things that move.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct MovingPoints {
+    /// Its node.
+    pub node: u64,
+    /// Its submap.
+    pub submap: u32,
+    /// The points: frame of the submap, metres.
+    pub points: Vec<[f32; 3]>,
+}
+
+/// How a robot explored: map frame, metres, where the scans are now.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Exploration {
+    /// What was known when, in order.
+    pub moments: Vec<KnownShare>,
+    /// The decisions, in order.
+    pub steps: Vec<ExplorationStep>,
+}
+
+/// How much is known at a time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct KnownShare {
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// Distance travelled, metres.
+    pub distance_m: f64,
+    /// Share of the space that can be known, 0 to 1.
+    pub known_share: f64,
+}
+
+/// A decision where to go.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ExplorationStep {
+    /// Seconds since the start.
+    pub time_s: f64,
+    /// Distance travelled, metres.
+    pub distance_m: f64,
+    /// Where the robot was.
+    pub position: [f64; 3],
+    /// Clusters of the frontier between free and unknown space: centre, and area in square metres.
+    pub frontier: Vec<([f64; 3], f64)>,
+    /// The path ahead.
+    pub path: Vec<[f64; 3]>,
 }
 
 /// A table: the first column names the rows.

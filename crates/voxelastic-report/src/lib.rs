@@ -24,6 +24,7 @@
 pub mod content;
 mod decimate;
 mod error;
+mod moving_log;
 mod pack;
 mod packed_surface;
 mod page;
@@ -35,5 +36,6 @@ pub mod tiles_page;
 
 pub use content::Report;
 pub use error::{ReportError, Result};
+pub use moving_log::MovingLog;
 pub use packed_surface::{PackedBytes, pack_surface};
 pub use run_log::{Correction, FORMAT, LoopEdge, RegistrationLog, RunLog, ScanLog, TriedClosure};

@@ -12,7 +12,7 @@ use voxelastic_eval::colour::Rgb;
 
 const PAGE: &str = include_str!("../page/page.html");
 /// In the order of their dependencies.
-const SCRIPTS: [&str; 11] = [
+const SCRIPTS: [&str; 13] = [
     scripts::BASE,
     scripts::MATHS,
     scripts::UNPACK,
@@ -20,6 +20,8 @@ const SCRIPTS: [&str; 11] = [
     scripts::STAGE,
     include_str!("../page/view.js"),
     scripts::STEER,
+    include_str!("../page/moving.js"),
+    include_str!("../page/exploration.js"),
     include_str!("../page/controls.js"),
     include_str!("../page/charts.js"),
     include_str!("../page/top_view.js"),
@@ -40,9 +42,19 @@ struct Data<'a> {
     distances: &'a [crate::content::Distances],
     surfaces: Vec<PackedSurface>,
     error_max: f32,
+    moving: Vec<Moving>,
+    exploration: Option<&'a crate::content::Exploration>,
     planned_path: Option<&'a crate::content::PlannedPath>,
     details: &'a [(String, String)],
     ramps: BTreeMap<&'static str, Vec<Rgb>>,
+}
+
+/// Points of a scan on things that move, coordinates one after the other.
+#[derive(Serialize)]
+struct Moving {
+    node: u64,
+    submap: u32,
+    coordinates: Vec<f32>,
 }
 
 /// The trajectory as columns.
@@ -86,6 +98,8 @@ impl Report {
             distances: &self.distances,
             surfaces,
             error_max: self.error_max,
+            moving: self.moving.iter().map(|m| Moving { node: m.node, submap: m.submap, coordinates: m.points.as_flattened().to_vec() }).collect(),
+            exploration: self.exploration.as_ref(),
             planned_path: self.planned_path.as_ref(),
             details: &self.details,
             ramps: scripts::ramps(),

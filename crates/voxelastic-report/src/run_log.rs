@@ -4,6 +4,7 @@
 //! programs reject.
 
 use crate::error::{ReportError, Result};
+use crate::moving_log::MovingLog;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -48,6 +49,9 @@ pub struct RunLog {
     pub registrations: RegistrationLog,
     /// Loop closures that were looked for and tried, in order.
     pub closures: Vec<TriedClosure>,
+    /// Points on things that moved, which were set aside.
+    #[serde(skip_serializing_if = "MovingLog::is_empty")]
+    pub moving: MovingLog,
 }
 
 /// Registrations of raw scans, also of those that were not mapped: columns with a value per scan.
@@ -189,6 +193,9 @@ impl RunLog {
         let registered = r.node.len();
         [&mut r.score, &mut r.overlap].into_iter().for_each(|column| column.resize(registered, 0.0));
         r.remark.resize(registered, String::new());
+        if !self.moving.is_whole() {
+            self.moving = MovingLog::default();
+        }
     }
 }
 
@@ -206,6 +213,7 @@ mod tests {
             phases_ms,
             loops: vec![LoopEdge { from: 3, to: 4, after: 2, ..LoopEdge::default() }],
             registrations: RegistrationLog { node: vec![3], score: vec![0.5], overlap: vec![0.75], remark: vec![String::new()] },
+            moving: MovingLog { total: 9, every: 4, node: vec![4], count: vec![2], position: vec![[0.5, 1.0, 0.25], [2.0, 0.0, 0.75]] },
             closures: vec![TriedClosure { from: 3, to: 4, verdict: "accepted".into(), overlap: Some(0.5), ..TriedClosure::default() }],
             ..RunLog::default()
         }
@@ -218,8 +226,10 @@ mod tests {
 
     #[test]
     fn older_logs_are_read_with_defaults_and_newer_ones_are_rejected() {
-        let old = RunLog::from_json(r#"{"format":1,"scans":{"node":[1,2],"wall_ms":[3,4],"rss_mb":[1]},"later":true}"#).unwrap();
-        assert_eq!((old.scans.wall_ms.len(), old.scans.rss_mb.len(), old.threads), (2, 0, 0));
+        let old =
+            RunLog::from_json(r#"{"format":1,"scans":{"node":[1,2],"wall_ms":[3,4],"rss_mb":[1]},"moving":{"total":1,"count":[1]},"later":true}"#)
+                .unwrap();
+        assert_eq!((old.scans.wall_ms.len(), old.scans.rss_mb.len(), old.threads, old.moving.is_empty()), (2, 0, 0, true));
         let newer = RunLog::from_json(r#"{"format":2}"#).unwrap_err().to_string();
         assert!(newer.contains("format 2"), "{newer}");
         for nonsense in ["", "[]", "{}", "{\"format\":1,\"scans\":7}"] {

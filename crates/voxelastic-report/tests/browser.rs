@@ -77,8 +77,8 @@ fn page_draws_and_controls_work() {
     for (what, acted) in seen["acts"].as_object().unwrap() {
         assert_eq!(acted, true, "{what} changes nothing: {seen}");
     }
-    assert!(seen["acts"].as_object().unwrap().len() >= 21 && seen["acts"]["key 6"] == true, "{seen}");
-    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(6), Some(1), Some(6)), "{seen}");
+    assert!(seen["acts"].as_object().unwrap().len() >= 27 && seen["acts"]["key 6"] == true, "{seen}");
+    assert_eq!((seen["charts"].as_u64(), seen["facts"].as_u64(), seen["rows"].as_u64()), (Some(8), Some(1), Some(6)), "{seen}");
     assert_eq!(seen["overflow"], false, "the page is wider than the window");
 }
 
@@ -86,11 +86,19 @@ fn page_draws_and_controls_work() {
 fn page_fits_a_phone_and_omits_missing_data() {
     let mut report = sample::report();
     (report.run, report.planned_path) = (None, None);
+    report.moving.clear();
+    report.exploration = None;
     report.distances.clear();
     report.surface.iter_mut().for_each(|s| (s.errors, s.colours, s.first_pose) = (Vec::new(), Vec::new(), None));
     let Some(seen) = run_driver(&report.html().unwrap(), "500,800") else { return };
     assert_eq!(seen["complaints"], serde_json::json!([]), "{seen}");
     assert!(seen["ready"] == "yes" && seen["colours"].as_u64().unwrap() > 100 && seen["charts"].as_u64() == Some(0), "{seen}");
-    assert!(seen["acts"]["key 6"].is_null() && seen["acts"]["colour Error"].is_null(), "there are no such colours: {seen}");
+    assert!(
+        seen["acts"]["key 6"].is_null()
+            && seen["acts"]["colour Error"].is_null()
+            && seen["acts"]["moving points"].is_null()
+            && seen["acts"]["exploration"].is_null(),
+        "there are no such colours: {seen}"
+    );
     assert_eq!(seen["overflow"], false, "the page is wider than the window: {seen}");
 }

@@ -68,6 +68,23 @@
     await wait(700);
     before = await picture();
     if (find("#bend")) { await step("bend", () => slide("#bend", 0)); slide("#bend", 100); before = await picture(); }
+    if (find("#exploration-step")) {
+      await step("exploration", () => slide("#exploration-step", 3));
+      find("#play-exploration").click();
+      await wait(1500);
+      acts["exploration is played"] = find("#exploration-step").value === find("#exploration-step").max;
+      await step("hide exploration", () => tick("#show-exploration"));
+      before = await picture();
+    }
+    if (find("#show-moving")) {
+      await step("moving points", () => tick("#show-moving"));
+      await step("moving points of a scan", () => slide("#moving-scan", 1));
+      find("#play-moving").click();
+      await wait(1500);
+      acts["moving points are played"] = find("#moving-scan").value === find("#moving-scan").max;
+      tick("#show-moving");
+      before = await picture();
+    }
     if (find("#show-plan")) await step("hide plan", () => tick("#show-plan"));
     await step("hide trajectory", () => tick("#show-path"));
     await step("backs", () => { tick("#show-backs"); slide("#slice-high", 700); });

@@ -9,12 +9,16 @@ mod truth;
 pub use args::ExploreArgs;
 
 use crate::failure::{self, Failure};
+use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
+use crate::reporting::{self, Subject};
 use crate::{interrupt, meshing, output};
 use course::{Course, Summary};
 use robot::SimulatedRobot;
+use std::path::Path;
 use truth::ReachableSpace;
 use voxelastic_explore::{Explorer, Purpose};
+use voxelastic_io::store::MapDetails;
 
 /// Runs the command.
 pub fn run(args: &ExploreArgs, quiet: bool) -> anyhow::Result<u8> {
@@ -36,6 +40,16 @@ pub fn run(args: &ExploreArgs, quiet: bool) -> anyhow::Result<u8> {
         output::print_json(&summary)?;
     }
     Ok(if was_interrupted { failure::INTERRUPTED } else { failure::DONE })
+}
+
+/// Writes the page on the map and on what happened.
+fn write_report(page: &Path, args: &ExploreArgs, robot: &SimulatedRobot, course: &Course) -> anyhow::Result<()> {
+    let mapper = robot.mapper();
+    let details = MapDetails::describe(mapper.settings(), mapper.sensor());
+    let subject = Subject { atlas: mapper.atlas(), settings: mapper.settings(), details: &details, run: None, surface: &SurfaceArgs::default() };
+    let (mut report, _) = subject.report(&format!("Exploration of {}, seed {}", args.world, args.seed));
+    report.exploration = Some(course.replay(mapper));
+    reporting::write(&report, page).map(drop)
 }
 
 /// Explores; also returns whether it was interrupted.
@@ -73,6 +87,9 @@ fn explore(args: &ExploreArgs, quiet: bool) -> anyhow::Result<(Summary, bool)> {
     let was_interrupted = interrupt::requested();
     if let Some(file) = &args.picture {
         picture::draw(file, &robot, &course, explorer.settings())?;
+    }
+    if let Some(page) = &args.report {
+        write_report(page, args, &robot, &course)?;
     }
     Ok((course.summary(args, &robot, &truth), was_interrupted))
 }

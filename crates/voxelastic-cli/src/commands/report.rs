@@ -69,6 +69,8 @@ struct Summary<'a> {
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
     vertices: usize,
+    /// Points on things that moved that the page has: at most 120,000 of those that were set aside.
+    moving_points: usize,
     has_run: bool,
     has_truth: bool,
     /// Null unless submaps were fused.
@@ -115,6 +117,7 @@ fn summary<'a>(report: &Report, file: &'a Path, (bytes, submaps, submaps_damaged
         submaps,
         submaps_damaged,
         vertices: report.surface.iter().map(|s| s.positions.len()).sum(),
+        moving_points: report.moving.iter().map(|m| m.points.len()).sum(),
         has_run: report.run.is_some(),
         has_truth: !report.distances.is_empty(),
         fused: figures.fused,

@@ -1,5 +1,6 @@
 //! The robot's own space, distance fields and exploration.
 
+use crate::report::data;
 use crate::{fails, json, room, works};
 use std::path::Path;
 
@@ -87,7 +88,7 @@ fn impossible_distance_fields_have_a_remedy() {
 #[test]
 fn a_maze_is_explored_and_the_robot_comes_home() {
     let dir = tempfile::tempdir().unwrap();
-    let explore = "explore maze --time 40 --columns 256 --max-range 15 --picture maze.png --json";
+    let explore = "explore maze --time 40 --columns 256 --max-range 15 --picture maze.png --report maze.html --json";
     let run = json(dir.path(), &format!("{explore} --threads 2"));
     assert_eq!((run["is_home"].as_bool(), run["collisions"].as_u64()), (Some(true), Some(0)), "{run}");
     assert!(run["time_s"].as_f64().unwrap() <= 40.0 && run["distance_m"].as_f64().unwrap() > 20.0, "{run}");
@@ -96,6 +97,13 @@ fn a_maze_is_explored_and_the_robot_comes_home() {
     assert!(course.len() >= 3 && share(&course[course.len() - 1]) > 2.0 * share(&course[0]), "{run}");
     assert_eq!(run["known_share"], course[course.len() - 1]["known_share"]);
     assert!(std::fs::read(dir.path().join("maze.png")).unwrap().starts_with(b"\x89PNG"));
+    let page = data(&dir.path().join("maze.html"));
+    let (moments, steps) = (&page["exploration"]["moments"], page["exploration"]["steps"].as_array().unwrap());
+    assert!(moments.as_array().unwrap().len() == course.len() && moments[1]["known_share"] == course[1]["known_share"]);
+    assert!(steps.len() > 20 && steps[0]["path"].as_array().unwrap().len() > 1 && !steps[0]["frontier"].as_array().unwrap().is_empty());
+    // Of the way home, and where it is at home.
+    assert_eq!(steps.last().unwrap()["time_s"], run["time_s"]);
+    assert!(!page["surfaces"][0]["chunks"].as_array().unwrap().is_empty());
     let again = json(dir.path(), &format!("{explore} --threads 1"));
     assert_eq!(again["course"], run["course"], "the same again, with another number of threads");
     fails(dir.path(), "explore maze --speed 0", 2, &["--speed"]);

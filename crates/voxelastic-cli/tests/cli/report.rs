@@ -2,11 +2,14 @@
 
 use crate::simulation::ROOM;
 use crate::{fails, json, works};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
+use voxelastic::Pose;
+use voxelastic::geometry::Rigid;
 
 /// The data of a page.
-fn data(page: &Path) -> serde_json::Value {
+pub fn data(page: &Path) -> serde_json::Value {
     let html = fs::read_to_string(page).unwrap();
     let json = html.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
     serde_json::from_str(json).unwrap()
@@ -55,6 +58,40 @@ fn a_report_shows_one_surface_and_says_what_was_fused() {
         assert_eq!(table["rows"][1][1], mesh["fused"]["merged"].to_string());
         assert_eq!(table["rows"][2][1], mesh["fused"]["refused"].to_string());
     }
+}
+
+#[test]
+fn a_report_has_the_points_that_moved_where_their_submaps_are() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), "simulate street --traffic 24 --rate 10 --scans 14 --columns 512 --drift 0 -o street");
+    let mapped = json(
+        dir.path(),
+        "map street --poses groundtruth --every scan --voxel-size 0.3 --max-range 30 --dynamic remove --dynamic-points moving.ply --json",
+    );
+    let summary = json(dir.path(), "report street.vox --json");
+    assert!(mapped["moving_points"].as_u64().unwrap() > 400 && summary["moving_points"] == mapped["moving_points"], "{summary} {mapped}");
+    let page = data(&dir.path().join("street.html"));
+    assert!(page["run"]["moving"].is_null(), "they are in the page once");
+    let poses: BTreeMap<u64, Pose> = page["surfaces"].as_array().unwrap().iter().map(|s| (s["submap"].as_u64().unwrap(), pose(&s["pose"]))).collect();
+    let of_scan = |scan: &serde_json::Value| {
+        let t_map_submap = Rigid::from(&poses[&scan["submap"].as_u64().unwrap()]);
+        let coordinates: Vec<f32> = serde_json::from_value(scan["coordinates"].clone()).unwrap();
+        coordinates.as_chunks::<3>().0.iter().map(|p| t_map_submap.apply(*p)).collect::<Vec<_>>()
+    };
+    let of_page: Vec<[f32; 3]> = page["moving"].as_array().unwrap().iter().flat_map(of_scan).collect();
+    let cloud = fs::read(dir.path().join("moving.ply")).unwrap();
+    let header = cloud.windows(11).position(|words| words == b"end_header\n").unwrap() + 11;
+    let of_cloud: Vec<[f32; 3]> =
+        cloud[header..].as_chunks::<12>().0.iter().map(|p| std::array::from_fn(|k| f32::from_le_bytes(*p[4 * k..].first_chunk().unwrap()))).collect();
+    assert_eq!(of_page.len(), of_cloud.len());
+    let apart = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f32::max);
+    // Each was rounded to centimetres twice.
+    assert!(of_page.iter().zip(&of_cloud).map(apart).all(|apart| apart < 0.02));
+}
+
+fn pose(numbers: &serde_json::Value) -> Pose {
+    let [x, y, z, qx, qy, qz, qw]: [f64; 7] = serde_json::from_value(numbers.clone()).unwrap();
+    Pose::from_parts(nalgebra::Translation3::new(x, y, z), nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(qw, qx, qy, qz)))
 }
 
 #[test]

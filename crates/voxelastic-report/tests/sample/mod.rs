@@ -1,7 +1,7 @@
 //! A synthetic report: a hilly surface with a wall in two submaps, of which one was corrected.
 
 use voxelastic_eval::DistanceStats;
-use voxelastic_report::content::{Distances, Fact, Node, PlannedPath, Table};
+use voxelastic_report::content::{Distances, Exploration, ExplorationStep, Fact, KnownShare, MovingPoints, Node, PlannedPath, Table};
 use voxelastic_report::surface::{RootPose, Surface};
 use voxelastic_report::{Correction, FORMAT, LoopEdge, RegistrationLog, Report, RunLog, ScanLog, TriedClosure};
 
@@ -97,6 +97,25 @@ pub fn report() -> Report {
         goal: Some([17.0, 16.0, 1.0]),
         path: vec![[1.0, 1.0, 1.0], [6.0, 12.0, 1.2], [17.0, 16.0, 1.0]],
         tree: vec![[[1.0, 1.0, 1.0], [4.0, 2.0, 1.0]], [[4.0, 2.0, 1.0], [7.0, 5.0, 1.0]]],
+    });
+    // A box that drives along the lawn.
+    let of_box = |node: u64| {
+        (0..600).map(move |i| [node as f32 * 0.3 + (i % 20) as f32 * 0.1, 5.0 + (i / 20 % 10) as f32 * 0.1, 1.0 + (i / 200) as f32 * 0.5])
+    };
+    report.moving = (5..15).map(|node| MovingPoints { node, submap: 0, points: of_box(node).collect() }).collect();
+    // A robot that explores the lawn.
+    let step = |i: u32| ExplorationStep {
+        time_s: f64::from(i) * 2.0,
+        distance_m: f64::from(i) * 1.5,
+        position: [f64::from(i) * 1.5, 4.0, 1.5],
+        frontier: (0..8).map(|k| ([f64::from(i) * 1.5 + 4.0, f64::from(k) * 2.0, 1.0], 4.0)).collect(),
+        path: vec![[f64::from(i) * 1.5, 4.0, 1.5], [f64::from(i) * 1.5 + 3.0, 9.0, 1.5]],
+    };
+    report.exploration = Some(Exploration {
+        moments: (0..4)
+            .map(|i| KnownShare { time_s: f64::from(i) * 7.0, distance_m: f64::from(i) * 5.0, known_share: 0.2 + f64::from(i) * 0.25 })
+            .collect(),
+        steps: (0..11).map(step).collect(),
     });
     report.details.push(("voxel".into(), "0.1".into()));
     report

@@ -20,7 +20,7 @@ pub const MARGIN: f64 = 0.1;
 /// unknown space soon, and turns back in time. The result is compared with the world: how much of the space it could see is known, and whether it touched anything.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
-  voxelastic explore maze --picture maze.png
+  voxelastic explore maze --picture maze.png --report maze.html
   voxelastic explore mine --ground --time 900 --json
   voxelastic explore campus --seed 3 --drift 2 --strategy nearest --json
   for seed in 1 2 3 4 5 6 7 8 9 10; do voxelastic explore mine --seed $seed --json --quiet; done")]
@@ -70,6 +70,9 @@ pub struct ExploreArgs {
     /// A picture to write: the map, the path, what is left of the frontier, and how much was known when
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
+    /// A report to write, one HTML page: the map, the path, frontier and plan at any moment, and how much was known when
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Threads to use; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,

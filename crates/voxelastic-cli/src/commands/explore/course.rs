@@ -3,12 +3,19 @@
 use super::args::ExploreArgs;
 use super::robot::SimulatedRobot;
 use super::truth::ReachableSpace;
+use nalgebra::Point3;
 use serde::Serialize;
 use std::time::Duration;
+use voxelastic::event::NodeId;
+use voxelastic::{Mapper, Pose};
 use voxelastic_explore::{Decision, Explorer, FrontierCluster, Purpose};
+use voxelastic_plan::Point;
+use voxelastic_report::content::{Exploration, ExplorationStep, KnownShare};
 
 /// What is known is compared with the world at this interval, seconds of the simulation.
 const INTERVAL: f64 = 10.0;
+/// A report has at most this many decisions, evenly taken from all.
+const MOST_STEPS: usize = 500;
 
 /// How much was known when.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -70,10 +77,20 @@ pub struct Summary {
     course: Vec<Moment>,
 }
 
+/// A decision, for the report.
+struct Step {
+    /// Of the last scan, and where the robot believed that it took it.
+    node: NodeId,
+    t_map_lidar: Pose,
+    /// Map frame at that time.
+    decided: ExplorationStep,
+}
+
 /// What happened so far.
 #[derive(Default)]
 pub struct Course {
     pub moments: Vec<Moment>,
+    steps: Vec<Step>,
     decisions: Vec<(Duration, Duration, bool)>,
     pub frontier: Vec<FrontierCluster>,
     last_purpose: Option<Purpose>,
@@ -81,9 +98,29 @@ pub struct Course {
     places: usize,
 }
 
+impl Step {
+    fn in_map(&self, mapper: &Mapper) -> ExplorationStep {
+        let correction = mapper.pose(self.node).map_or_else(Pose::identity, |now| now * self.t_map_lidar.inverse());
+        let moved = |p: Point| <Point>::from((correction * Point3::from(p)).coords).map(|c| (c * 100.0).round() / 100.0);
+        let ExplorationStep { time_s, distance_m, position, frontier, path } = &self.decided;
+        ExplorationStep {
+            time_s: *time_s,
+            distance_m: *distance_m,
+            position: moved(*position),
+            frontier: frontier.iter().map(|(centre, area)| (moved(*centre), *area)).collect(),
+            path: path.iter().map(|p| moved(*p)).collect(),
+        }
+    }
+}
+
 impl Course {
     /// Notes a decision.
     pub fn record(&mut self, robot: &SimulatedRobot, explorer: &Explorer, decision: &Decision, truth: &ReachableSpace, is_last: bool) {
+        let (&t_map_lidar, _) = robot.last_scan();
+        let frontier = decision.frontier.iter().map(|cluster| (cluster.centre, cluster.area)).collect();
+        let (time_s, distance_m, position) = (robot.time(), robot.distance(), robot.position());
+        let decided = ExplorationStep { time_s, distance_m, position, frontier, path: decision.path.clone() };
+        self.steps.push(Step { node: robot.node(), t_map_lidar, decided });
         self.decisions.push((decision.time, decision.frontier_time, decision.is_new));
         if self.last_purpose != Some(decision.purpose) {
             self.last_purpose = Some(decision.purpose);
@@ -115,6 +152,15 @@ impl Course {
     fn distance_to(&self, share: f64) -> Option<f64> {
         let least = share * self.share();
         self.moments.iter().find(|moment| moment.known_share >= least).map(|moment| moment.distance_m)
+    }
+
+    /// What a report shows of it, with everything where the scans are now that it was seen from.
+    pub fn replay(&self, mapper: &Mapper) -> Exploration {
+        let every = self.steps.len().div_ceil(MOST_STEPS).max(1);
+        let is_taken = |(k, _): &(usize, &Step)| k % every == 0 || k + 1 == self.steps.len();
+        let moment = |m: &Moment| KnownShare { time_s: m.time_s, distance_m: m.distance_m, known_share: m.known_share };
+        let steps = self.steps.iter().enumerate().filter(is_taken).map(|(_, step)| step.in_map(mapper)).collect();
+        Exploration { moments: self.moments.iter().map(moment).collect(), steps }
     }
 
     /// The summary at the end.

@@ -5,7 +5,7 @@ use crate::failure::Failure;
 use anyhow::Context;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use voxelastic::atlas::Atlas;
-use voxelastic::event::{Event, Scan};
+use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::{BeamModel, preset_with_columns};
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
@@ -38,6 +38,8 @@ pub struct SimulatedRobot {
     mapper: Mapper,
     /// Lidar frame.
     last_scan: Cloud,
+    /// Its node.
+    node: NodeId,
     /// Where the robot is, and where it believes to be.
     truth: Pose,
     believed: Pose,
@@ -72,6 +74,7 @@ impl SimulatedRobot {
             slam: LiveSlam::new(args.drift, LoopSettings::default(), args.seed),
             mapper,
             last_scan: Cloud::default(),
+            node: 0,
             truth: start,
             believed: start,
             track: Vec::new(),
@@ -106,6 +109,16 @@ impl SimulatedRobot {
         (&self.believed, &self.last_scan)
     }
 
+    /// The mapper.
+    pub fn mapper(&self) -> &Mapper {
+        &self.mapper
+    }
+
+    /// The node of the last scan.
+    pub fn node(&self) -> NodeId {
+        self.node
+    }
+
     /// Where it believes to be, map frame.
     pub fn position(&self) -> Point {
         self.believed.translation.vector.into()
@@ -136,7 +149,7 @@ impl SimulatedRobot {
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
         map(&mut self.mapper, Event::Scan(scan))?;
-        self.believed = tracked.t_map_lidar;
+        (self.believed, self.node) = (tracked.t_map_lidar, tracked.node);
         if let Some(edge) = tracked.edge {
             map(&mut self.mapper, Event::OdometryEdge(edge))?;
         }
