@@ -115,8 +115,9 @@ def test_two_sensors_of_a_recording_are_mapped_together(tmp_path: Path) -> None:
         mapper = vx.Mapper(voxel_size=0.1, max_range=20)
         counts.append((mapper.replay(dataset), len(mapper.finish().mesh())))
     assert counts[0][0] == 8 and counts[1][0] == 16 and counts[1][1] > 1.1 * counts[0][1] and counts[1] == counts[2]
-    second = [-0.6, 0, -0.3], [-0.3420201433, 0, 0.9396926208, 0]
-    given = vx.Dataset.open(tmp_path / "room" / "recording.mcap", poses=poses, every="scan", cloud_topic=topics, t_base_lidar=[np.eye(4), second])
+    second = (np.array([-0.6, 0, -0.3]), np.array([-0.3420201433, 0, 0.9396926208, 0]))
+    lidars: list[vx.Pose] = [np.eye(4), second]
+    given = vx.Dataset.open(tmp_path / "room" / "recording.mcap", poses=poses, every="scan", cloud_topic=topics, t_base_lidar=lidars)
     mapper = vx.Mapper(voxel_size=0.1, max_range=20)
     assert mapper.replay(given) == 16 and abs(len(mapper.finish().mesh()) - counts[1][1]) < 0.01 * counts[1][1]
 

@@ -189,8 +189,9 @@ def test_a_map_of_two_sessions_is_as_it_was_last(tmp_path: Path) -> None:
     subprocess.run([*command, "tuesday", "--every", "scan", "--into", "room.vox"], cwd=tmp_path, check=True)
 
     def of_box(room: vx.Map) -> int:
+        # Below, the sensor does not see on Tuesday that it is gone.
         vertices = room.mesh().vertices
-        return int(np.all((vertices > low - 0.1) & (vertices < high + 0.1), axis=1).sum())
+        return int(np.all((vertices > [*(low[:2] - 0.1), -0.5]) & (vertices < high + 0.1), axis=1).sum())
 
     newest, everything = vx.Map.open(tmp_path / "room.vox"), vx.Map.open(tmp_path / "room.vox", keep_vanished=True)
     assert of_box(newest) == 0 and of_box(everything) > 100

@@ -133,7 +133,7 @@ def test_corrections_and_loops_move_and_join_submaps(scans: list[Scan]) -> None:
 
 
 def test_points_on_what_moves_are_offered() -> None:
-    keeping, removing = (vx.Mapper(voxel_size=0.1, max_range=20, dynamic=dynamic) for dynamic in ("keep", "remove"))  # type: ignore[arg-type]
+    keeping, removing = (vx.Mapper(voxel_size=0.1, max_range=20, dynamic=dynamic) for dynamic in ("keep", "remove"))
     found = []
     for number, (points, pose) in enumerate(room_scans(12)):
         # It goes through the room from the seventh scan on, 1.4 m in front of a wall.
