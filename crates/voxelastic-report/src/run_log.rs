@@ -50,7 +50,6 @@ pub struct RunLog {
     /// Loop closures that were looked for and tried, in order.
     pub closures: Vec<TriedClosure>,
     /// Points on things that moved, which were set aside.
-    #[serde(skip_serializing_if = "MovingLog::is_empty")]
     pub moving: MovingLog,
 }
 
