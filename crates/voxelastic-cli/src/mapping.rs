@@ -1,9 +1,10 @@
 //! A mapping session: a mapper with its thread pool and a log of the run.
 
-use crate::recorder::{EventSummary, Outcome, Recorder};
+use crate::recorder::{ColumnFile, EventSummary, Outcome, Recorder, StoredLog};
 use crate::usage::{self, PoolClock};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use voxelastic::atlas::SubmapId;
 use voxelastic::event::Event;
@@ -19,6 +20,8 @@ pub struct Session {
     pool: rayon::ThreadPool,
     clock: PoolClock,
     recorder: Recorder,
+    /// Where the log is, if not in memory.
+    log_folder: Option<PathBuf>,
     /// Of the map; none before the first scan.
     origin: Option<Origin>,
     /// Points on things that move, map frame, if they are wanted.
@@ -40,13 +43,13 @@ impl Session {
     /// A session of `mapper` in `pool`.
     pub fn new(mapper: Mapper, pool: rayon::ThreadPool) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::default(), origin: None, moving_points: None }
+        Self { mapper, pool, clock, recorder: Recorder::default(), log_folder: None, origin: None, moving_points: None }
     }
 
     /// A session that goes on with the log of an earlier process, and around the origin that it chose.
     pub fn resumed(mapper: Mapper, pool: rayon::ThreadPool, log: RunLog, origin: Origin) -> Self {
         let clock = PoolClock::new(&pool);
-        Self { mapper, pool, clock, recorder: Recorder::resumed(log), origin: Some(origin), moving_points: None }
+        Self { mapper, pool, clock, recorder: Recorder::resumed(log), log_folder: None, origin: Some(origin), moving_points: None }
     }
 
     /// The event with the origin of the map taken off its poses. The first scan decides where that is.
@@ -83,14 +86,32 @@ impl Session {
         self.moving_points.as_deref().unwrap_or_default()
     }
 
+    /// Keeps the log of all but the last scans in a file in `folder`, for runs that go on for hours. Where the system refuses, it stays in memory.
+    pub fn keep_log_in(&mut self, folder: &Path) {
+        self.log_folder = Some(folder.to_owned());
+        let recorder = std::mem::take(&mut self.recorder);
+        self.begin_log(recorder);
+    }
+
+    fn begin_log(&mut self, recorder: Recorder) {
+        self.recorder = recorder;
+        match self.log_folder.as_deref().map(ColumnFile::new) {
+            Some(Ok(file)) => self.recorder.keep_on_disk(file),
+            Some(Err(problem)) => tracing::warn!("the log of the run stays in memory, which grows by it: {problem}"),
+            None => {}
+        }
+    }
+
     /// Begins a new map with another mapper; the log begins anew, too.
     pub fn restart(&mut self, mapper: Mapper) {
-        (self.mapper, self.recorder, self.origin) = (mapper, Recorder::default(), None);
+        (self.mapper, self.origin) = (mapper, None);
+        self.begin_log(Recorder::default());
     }
 
     /// Goes on in another map, with the log of the run that made it, if there is one, and around its origin.
     pub fn go_on(&mut self, mapper: Mapper, log: Option<RunLog>, origin: Origin) {
-        (self.mapper, self.recorder, self.origin) = (mapper, log.map_or_else(Recorder::default, Recorder::resumed), Some(origin));
+        (self.mapper, self.origin) = (mapper, Some(origin));
+        self.begin_log(log.map_or_else(Recorder::default, Recorder::resumed));
     }
 
     /// Sets work for threads that would be idle during a scan, if the pool has more than one.
@@ -165,7 +186,7 @@ impl Session {
 
     /// Number of scans integrated so far.
     pub fn scans(&self) -> usize {
-        self.recorder.log().scans.node.len()
+        self.recorder.scans()
     }
 
     /// Statistics of the time per scan so far.
@@ -178,9 +199,9 @@ impl Session {
         }
     }
 
-    /// The log of the run so far, without totals: of a run that goes on.
-    pub fn log_so_far(&self) -> &RunLog {
-        self.recorder.log()
+    /// The log of the run so far, without totals, to be stored: of a run that goes on.
+    pub fn stored_log(&self) -> StoredLog<'_> {
+        self.recorder.stored()
     }
 
     /// The log of the run so far. The caller adds the totals of the command.
@@ -192,7 +213,7 @@ impl Session {
             groups_apart: counts.size_limited_groups,
             submap_moves: counts.submap_moves,
             peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
-            ..self.recorder.log().clone()
+            ..self.recorder.log()
         }
     }
 }

@@ -1,18 +1,29 @@
 //! The log of a run: times of scans, size of the map after each, loop closures. `map` stores it in the map directory for reports.
 
+mod columns;
+
+pub use columns::ColumnFile;
+use columns::{Columns, FirstColumns};
+
+use crate::failure::one_line;
 use crate::usage;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::time::Duration;
 use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId};
 use voxelastic::geometry::Rigid;
 use voxelastic::mapper::{Mapper, ScanReport};
-use voxelastic_report::{Correction, FORMAT, LoopEdge, RunLog};
+use voxelastic_report::{Correction, FORMAT, LoopEdge, RunLog, ScanLog};
 
 /// Writes a [`RunLog`].
 #[derive(Debug)]
 pub struct Recorder {
+    /// Without the columns that are on the disk.
     log: RunLog,
+    on_disk: Option<ColumnFile>,
     /// Time of the optimisation that the next correction is the result of.
     optimise: Option<Duration>,
 }
@@ -20,7 +31,27 @@ pub struct Recorder {
 impl Default for Recorder {
     fn default() -> Self {
         let generator = concat!("voxelastic ", env!("CARGO_PKG_VERSION")).to_owned();
-        Self { log: RunLog { format: FORMAT, generator, ..RunLog::default() }, optimise: None }
+        Self { log: RunLog { format: FORMAT, generator, ..RunLog::default() }, on_disk: None, optimise: None }
+    }
+}
+
+/// A log as a checkpoint has it.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct StoredLog<'a> {
+    first: FirstColumns<'a>,
+    /// All else.
+    rest: Cow<'a, RunLog>,
+}
+
+impl StoredLog<'_> {
+    /// The log in one piece, of one that was read.
+    pub fn whole(self) -> RunLog {
+        let rest = self.rest.into_owned();
+        let FirstColumns::Stored(columns) = self.first else { return rest };
+        let mut whole = RunLog { scans: ScanLog::default(), phases_ms: BTreeMap::new(), ..rest.clone() };
+        columns.into_iter().for_each(|columns| columns.append_to(&mut whole));
+        Columns::all_of(&rest).append_to(&mut whole);
+        whole
     }
 }
 
@@ -76,7 +107,23 @@ impl EventSummary {
 impl Recorder {
     /// One that adds to a log.
     pub fn resumed(log: RunLog) -> Self {
-        Self { log, optimise: None }
+        Self { log, on_disk: None, optimise: None }
+    }
+
+    /// Keeps the columns of all but the last scans in `file`, which is empty.
+    pub fn keep_on_disk(&mut self, file: ColumnFile) {
+        self.on_disk = Some(file);
+        self.spill();
+    }
+
+    /// Moves columns to the disk, if there are enough of them. Where the disk refuses, they stay in memory, as do those that follow.
+    fn spill(&mut self) {
+        let Some(file) = &mut self.on_disk else { return };
+        if let Err(problem) = file.move_from(&mut self.log) {
+            tracing::warn!("the log of the run stays in memory, which grows by it: {problem}");
+            let whole = self.log();
+            (self.log, self.on_disk) = (whole, None);
+        }
     }
 
     /// Logs the time of the optimisation that the next correction is the result of.
@@ -86,7 +133,7 @@ impl Recorder {
 
     /// Logs an event that the mapper has handled.
     pub fn record(&mut self, summary: &EventSummary, outcome: &Outcome<'_>, mapper: &Mapper) {
-        let (after, wall_ms) = (self.log.scans.node.len(), milliseconds(outcome.wall));
+        let (after, wall_ms) = (self.scans(), milliseconds(outcome.wall));
         match (summary, outcome.report) {
             (EventSummary::Scan { time, t_map_lidar }, Some(report)) => {
                 self.scan(*time, t_map_lidar, report, mapper.atlas());
@@ -94,6 +141,7 @@ impl Recorder {
                 self.log.scans.wall_ms.push(wall_ms);
                 self.log.scans.cpu_ms.extend(outcome.cpu.map(milliseconds));
                 self.phases(report);
+                self.spill();
             }
             (EventSummary::Loop { from, to, before }, _) => {
                 let fusions = ElasticState::of(mapper).fusions - before.fusions;
@@ -119,8 +167,25 @@ impl Recorder {
     }
 
     /// The log so far.
-    pub fn log(&self) -> &RunLog {
-        &self.log
+    pub fn log(&self) -> RunLog {
+        let Some(file) = &self.on_disk else { return self.log.clone() };
+        let mut whole = RunLog { scans: ScanLog::default(), phases_ms: BTreeMap::new(), ..self.log.clone() };
+        let read = file.pieces().try_for_each(|columns| columns.map(|columns| columns.append_to(&mut whole)));
+        if let Err(problem) = read {
+            tracing::warn!("the log of the run lacks scans: {}", one_line(&problem.into()));
+        }
+        Columns::all_of(&self.log).append_to(&mut whole);
+        whole
+    }
+
+    /// Number of scans in it.
+    pub fn scans(&self) -> usize {
+        self.on_disk.as_ref().map_or(0, ColumnFile::scans) + self.log.scans.node.len()
+    }
+
+    /// The log so far, to be stored.
+    pub fn stored(&self) -> StoredLog<'_> {
+        StoredLog { first: FirstColumns::OnDisk(self.on_disk.as_ref()), rest: Cow::Borrowed(&self.log) }
     }
 
     fn scan(&mut self, time: f64, t_map_lidar: &Pose, report: &ScanReport, atlas: &Atlas) {

@@ -1,6 +1,7 @@
 //! `voxelastic live`: maps scans as they come.
 
 mod beginning;
+mod delays;
 mod figures;
 mod loading;
 mod network;
@@ -300,6 +301,7 @@ fn play(
     let resumed = unfinished.as_ref().map_or(0, Unfinished::scans);
     let begun = Begun::new(args.elastic, unfinished, &source, is_raw, (new_mapper(sensor.clone())?, sensor.clone()), pool)?;
     let Begun { mut session, corrector, jumps, skipped, place } = begun;
+    target.iter().for_each(|target| session.keep_log_in(target.path()));
     let before = place.before;
     let mut keeper = Keeper::new(args.resume.checkpoints(), identity, &corrector, is_raw, session.scans());
     if !is_recorded {
@@ -360,7 +362,7 @@ fn play(
     }
     if let Some(mut watch) = watch.filter(|_| is_recorded && !run.tally.interrupted) {
         watch.publisher.note(session.mapper(), None);
-        let figures = figures::figures("finished", run.counts.left_out, run.tally.delays_ms.last().copied(), &session);
+        let figures = figures::figures("finished", run.counts.left_out, run.tally.delays_ms.last(), &session);
         watch.stay(session.mapper().atlas(), session.pool(), figures);
     }
     Ok(match () {
@@ -401,10 +403,10 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
         loops: log.loops.len(),
         corrections: log.corrections.len(),
         submap_moves: log.submap_moves,
-        delay_ms: SeriesStats::new(&run.tally.delays_ms),
-        delay_p99_ms: node::quantile(&run.tally.delays_ms, 0.99),
-        shown_ms: SeriesStats::new(&run.tally.shown_ms),
-        shown_p99_ms: node::quantile(&run.tally.shown_ms, 0.99),
+        delay_ms: run.tally.delays_ms.stats(),
+        delay_p99_ms: run.tally.delays_ms.quantile(0.99),
+        shown_ms: run.tally.shown_ms.stats(),
+        shown_p99_ms: run.tally.shown_ms.quantile(0.99),
         late_ms: run.late_ms,
         scans_paused: run.tally.paused,
         messages_lost: run.messages_lost,

@@ -7,7 +7,7 @@ use voxelastic::settings::Settings;
 /// Settings that do not change the map.
 const FREE: [&str; 2] = ["memory", "threads"];
 /// Version of the states that this program writes.
-const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 4");
+const VERSION: &str = concat!("voxelastic ", env!("CARGO_PKG_VERSION"), ", state 5");
 
 /// Of the hash FNV-1a with 64 bits.
 const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;

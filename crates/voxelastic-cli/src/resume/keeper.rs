@@ -174,7 +174,7 @@ fn state<'a>(session: &'a Session, stages: &Stages<'a>) -> Option<RunState<'a>> 
         jumps: Cow::Borrowed(stages.jumps),
         skipped: stages.skipped,
         came: stages.came,
-        log: Cow::Borrowed(session.log_so_far()),
+        log: session.stored_log(),
         origin: session.origin().coordinates(),
         searches: stages.corrector.searches(),
         loop_voxel_m: stages.corrector.voxel_size(),

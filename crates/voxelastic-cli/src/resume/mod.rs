@@ -175,7 +175,7 @@ fn unfinished(found: Checkpoint) -> Result<Unfinished, String> {
         jumps: jumps.into_owned(),
         skipped,
         came,
-        log: log.into_owned(),
+        log: log.whole(),
         origin,
         searches,
         loop_voxel_m,

@@ -2,10 +2,10 @@
 
 use crate::input::InputState;
 use crate::jumps::Jumps;
+use crate::recorder::StoredLog;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use voxelastic::mapper::MapperState;
-use voxelastic_report::RunLog;
 use voxelastic_slam::loops::Searches;
 
 /// What a run knows. What grows with it is borrowed: it is serialised from where it is.
@@ -16,7 +16,7 @@ pub(super) struct RunState<'a> {
     pub(super) skipped: usize,
     /// Scans that came, and those that were left out, while they came.
     pub(super) came: [usize; 2],
-    pub(super) log: Cow<'a, RunLog>,
+    pub(super) log: StoredLog<'a>,
     pub(super) origin: [f64; 3],
     pub(super) searches: Option<Searches>,
     /// The edge of the voxels in which loop closures are looked for.

@@ -222,6 +222,8 @@ impl Checkpoints {
             files::sync_dir(dir)
         })?;
         (self.rows, self.state) = (rows, written);
+        // They grow with the run, and nobody asks for them here.
+        self.writer.forget_scans();
         Ok(report)
     }
 

@@ -64,6 +64,10 @@ impl MapStore {
         self.manifest = manifest;
     }
 
+    pub(super) fn forget_scans(&mut self) {
+        self.manifest.submaps.iter_mut().for_each(|entry| (entry.scans, entry.corrected) = (Vec::new(), Vec::new()));
+    }
+
     /// The directory.
     pub fn dir(&self) -> &Path {
         &self.dir

@@ -117,6 +117,11 @@ impl MapWriter {
         &self.store
     }
 
+    /// Forgets the scans in the manifest of the map that was saved: they are on the disk.
+    pub(super) fn forget_scans(&mut self) {
+        self.store.forget_scans();
+    }
+
     /// Saves `atlas`. Submaps whose content is that of their file are not written again. When this returns, the map is
     /// durable; when it fails or the process dies, the map is the one saved before.
     ///

@@ -1,5 +1,6 @@
 //! The loop between the feed and the mapper.
 
+use super::delays::Delays;
 use super::figures::{OverloadWarning, diagnosis, figures};
 use super::loading::Loaded;
 use super::offers::Offers;
@@ -52,9 +53,9 @@ pub struct Tally {
     /// Scans that had been left out when figures were published last.
     left_out: usize,
     /// From the coming of each scan to the end of its integration, milliseconds.
-    pub delays_ms: Vec<f64>,
+    pub delays_ms: Delays,
     /// From the coming of each scan to the first change of the surface after it that viewers were told, milliseconds.
-    pub shown_ms: Vec<f64>,
+    pub shown_ms: Delays,
     /// When the scans came whose change viewers were not told yet, and how many of them are in the tiles that are being made.
     unshown: Vec<Instant>,
     in_work: usize,
@@ -68,15 +69,8 @@ impl Tally {
     /// Notes that viewers were told about a change of the surface.
     fn note_shown(&mut self) {
         let shown = std::mem::take(&mut self.in_work).min(self.unshown.len());
-        self.shown_ms.extend(self.unshown.drain(..shown).map(|came| came.elapsed().as_secs_f64() * 1e3));
+        self.unshown.drain(..shown).for_each(|came| self.shown_ms.push(came.elapsed().as_secs_f64() * 1e3));
     }
-}
-
-/// The delay that a share of the scans does not exceed; none without scans.
-pub fn quantile(delays_ms: &[f64], share: f64) -> Option<f64> {
-    let mut sorted = delays_ms.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    sorted.get((sorted.len() as f64 * share).ceil() as usize - usize::from(!sorted.is_empty())).copied()
 }
 
 /// A robot's node in a network.
@@ -437,7 +431,7 @@ impl Node {
     }
 
     fn show_figures(&mut self, feed: &Feed, session: &Session) {
-        let delay_ms = self.tally.delays_ms.last().copied();
+        let delay_ms = self.tally.delays_ms.last();
         if let Some(watch) = &mut self.watch {
             watch.figures(|| figures("mapping", feed.counts().left_out, delay_ms, session));
         }

@@ -1,6 +1,6 @@
 //! The poses of the scans as a path, of bounded length: a robot that drives for hours does not send more every second.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
@@ -13,8 +13,8 @@ const MOST_POSES: usize = 4096;
 #[derive(Debug)]
 pub struct PathState {
     most: usize,
-    /// Time stamps of the scans, seconds.
-    times: HashMap<NodeId, f64>,
+    /// Time stamps of the scans that a path may have, seconds.
+    times: BTreeMap<NodeId, f64>,
     /// When the last path was published, and of which poses.
     published: Option<(Instant, Vec<(f64, Pose)>)>,
     /// Scans in the map when it was looked at last.
@@ -29,7 +29,7 @@ impl Default for PathState {
 
 impl PathState {
     fn of(most: usize) -> Self {
-        Self { most, times: HashMap::new(), published: None, scans: 0 }
+        Self { most, times: BTreeMap::new(), published: None, scans: 0 }
     }
 
     /// Notes the time stamp of a scan, seconds.
@@ -62,8 +62,13 @@ impl PathState {
         Some(&self.published.insert((Instant::now(), path)).1)
     }
 
+    /// The time stamp of a scan; of one that is not known any more, that of the nearest scan before it.
+    fn time(&self, node: NodeId) -> f64 {
+        self.times.range(..=node).next_back().map_or(0.0, |(_, time)| *time)
+    }
+
     /// The scans in the order of their nodes, in the map frame: all of them, or every second, fourth, ... and the last one where there are too many.
-    fn path(&self, atlas: &Atlas) -> Vec<(f64, Pose)> {
+    fn path(&mut self, atlas: &Atlas) -> Vec<(f64, Pose)> {
         let mut nodes: Vec<NodeId> = placed(atlas).flat_map(|(submap, _)| submap.scans().iter().map(|scan| scan.node)).collect();
         nodes.sort_unstable();
         let step = nodes.len().div_ceil(self.most.max(1)).next_power_of_two();
@@ -75,7 +80,11 @@ impl PathState {
             path.extend(scans.map(|scan| (scan.node, t_map_submap * scan.t_submap_lidar)));
         }
         path.sort_unstable_by_key(|(node, _)| *node);
-        path.into_iter().map(|(node, pose)| (self.times.get(&node).copied().unwrap_or(0.0), pose)).collect()
+        // Longer paths have none of those that this one leaves out.
+        if self.times.len() > 2 * self.most {
+            self.times.retain(|node, _| chosen.binary_search(node).is_ok() || Some(*node) >= last);
+        }
+        path.into_iter().map(|(node, pose)| (self.time(node), pose)).collect()
     }
 }
 
@@ -133,6 +142,8 @@ mod tests {
             let (path, newest) = drive(&mut state, node);
             assert!(path.len() <= 5 && path.first() == Some(&(100.0, 0.0)), "{path:?}");
             assert_eq!(path.last(), Some(&(100.0 + node as f64, newest)), "the robot is at the end");
+            assert!(path.iter().all(|(time, x)| (time - 100.0 - x).abs() < 1e-9), "each with its own time: {path:?}");
+            assert!(state.times.len() <= 9, "times of scans that no path has any more are kept");
         }
         assert_eq!(state.last().unwrap().translation.x, 19.0);
     }
