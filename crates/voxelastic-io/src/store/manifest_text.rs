@@ -29,23 +29,34 @@ struct Document {
     submaps: Vec<SubmapEntry>,
 }
 
-/// The text of `manifest`: one line per setting, session and submap.
+/// The text of `manifest`: one line per setting, session and submap. It is as long as the run, so there is one copy of it only.
 pub(super) fn write(manifest: &Manifest) -> std::result::Result<String, serde_json::Error> {
     let before = format!("{START}{FORMAT_VERSION}{BEFORE_CRC}");
-    let mut after = format!("\",\n\"generator\": {},\n", serde_json::to_string(&manifest.details.generator)?);
-    after += &format!("\"settings\": {},\n", serde_json::to_string_pretty(&manifest.details.settings)?);
-    after += &format!("\"sensor\": {},\n", serde_json::to_string_pretty(&manifest.details.sensor)?);
+    let mut text = format!("{before}{NO_CRC}\",\n\"generator\": {},\n", serde_json::to_string(&manifest.details.generator)?);
+    text += &format!("\"settings\": {},\n", serde_json::to_string_pretty(&manifest.details.settings)?);
+    text += &format!("\"sensor\": {},\n", serde_json::to_string_pretty(&manifest.details.sensor)?);
+    let mut text = text.into_bytes();
     if !manifest.sessions.is_empty() {
-        after += &format!("\"sessions\": [{}],\n", lines(&manifest.sessions)?);
+        text.extend(b"\"sessions\": [");
+        write_lines(&manifest.sessions, &mut text)?;
+        text.extend(b"],\n");
     }
-    after += &format!("\"submaps\": [{}]\n}}\n", lines(&manifest.submaps)?);
-    let crc32 = checksum(before.as_bytes(), after.as_bytes());
-    Ok(before + &crc32 + &after)
+    text.extend(b"\"submaps\": [");
+    write_lines(&manifest.submaps, &mut text)?;
+    text.extend(b"]\n}\n");
+    let crc32 = checksum(before.as_bytes(), &text[before.len() + NO_CRC.len()..]);
+    text[before.len()..before.len() + NO_CRC.len()].copy_from_slice(crc32.as_bytes());
+    String::from_utf8(text).map_err(serde::ser::Error::custom)
 }
 
-fn lines(items: &[impl Serialize]) -> std::result::Result<String, serde_json::Error> {
-    let lines: Vec<String> = items.iter().map(serde_json::to_string).collect::<std::result::Result<_, _>>()?;
-    Ok(if lines.is_empty() { String::new() } else { format!("\n{}\n", lines.join(",\n")) })
+/// Each in a line.
+fn write_lines(items: &[impl Serialize], text: &mut Vec<u8>) -> std::result::Result<(), serde_json::Error> {
+    for (number, item) in items.iter().enumerate() {
+        text.extend(if number == 0 { &b"\n"[..] } else { b",\n" });
+        serde_json::to_writer(&mut *text, item)?;
+    }
+    text.extend(items.last().map(|_| b'\n'));
+    Ok(())
 }
 
 /// The checksum, in the form in which the text holds it, of a text that is `before` and `after` the checksum.
