@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 /// Scans that may wait. At 10 Hz a pause of 0.4 s, as a correction of a large pose graph may take, leaves none out.
 pub const WAITING_SCANS: usize = 4;
+/// Scans that may wait because of a [pause](Feed::begin_pause): a disk that others write to may keep a checkpoint waiting for seconds. Six at 10 Hz.
+pub const WAITING_IN_PAUSE: usize = 64;
 /// Other inputs that may wait; the transport waits when there are more.
 const WAITING_OTHERS: usize = 1 << 16;
 /// How often a thread that waits looks whether to stop.
@@ -17,7 +19,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// What happens when scans come faster than they are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overload {
-    /// The newest [`WAITING_SCANS`] wait; the oldest one that waits is left out for each that comes. For sensors: they cannot wait. Edges and
+    /// The newest [`WAITING_SCANS`] wait, or [`WAITING_IN_PAUSE`]; the oldest one that waits is left out for each that comes. For sensors: they cannot wait. Edges and
     /// corrected poses are never left out.
     NewestWin,
     /// The transport waits, and no scan is left out. For recordings that are to be mapped whole.
@@ -79,8 +81,38 @@ struct Queue {
     /// Inputs that came.
     came: u64,
     counts: FeedCounts,
+    pause: Pause,
     stopped: bool,
     ended: bool,
+}
+
+/// When more scans may wait than usual.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pause {
+    /// When a pause began that has not ended.
+    begun: Option<Instant>,
+    /// Until when the scans that came in the last one may wait.
+    until: Option<Instant>,
+}
+
+impl Pause {
+    fn begin(&mut self, now: Instant) {
+        self.begun = Some(now);
+    }
+
+    /// What came in the pause may wait for as long again as it took, in which it is to be worked off: it is if scans come half as fast as they can be mapped.
+    fn end(&mut self, now: Instant, waiting: usize) {
+        let took = self.begun.take().map(|begun| now.saturating_duration_since(begun));
+        if waiting > WAITING_SCANS {
+            self.until = took.map(|took| now + took).max(self.until);
+        }
+    }
+
+    /// Scans that may wait now.
+    fn most(&self, now: Instant) -> usize {
+        let is_long = self.begun.is_some() || self.until.is_some_and(|until| now < until);
+        if is_long { WAITING_IN_PAUSE } else { WAITING_SCANS }
+    }
 }
 
 impl Feed {
@@ -114,6 +146,18 @@ impl Feed {
             }
             queue = self.shared.came.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0;
         }
+    }
+
+    /// The mapper does something else now, such as writing a checkpoint: more scans may wait.
+    pub fn begin_pause(&self) {
+        self.shared.lock().pause.begin(Instant::now());
+    }
+
+    /// The mapper goes on. What waits may wait for as long again as the pause took.
+    pub fn end_pause(&self) {
+        let mut queue = self.shared.lock();
+        let waiting = queue.counts.waiting;
+        queue.pause.end(Instant::now(), waiting);
     }
 
     /// Asks the transport to end. What waits can still be taken.
@@ -177,14 +221,15 @@ impl Shared {
         }
         if is_scan {
             queue.counts.scans += 1;
-            if queue.counts.waiting >= WAITING_SCANS {
+            let most = queue.pause.most(at);
+            while queue.counts.waiting >= most {
                 // There are few scans, but edges may be between them.
                 let oldest = queue.waiting.iter().position(|(input, ..)| input.time().is_some());
                 oldest.and_then(|oldest| queue.waiting.remove(oldest));
                 queue.counts.left_out += 1;
-            } else {
-                queue.counts.waiting += 1;
+                queue.counts.waiting -= 1;
             }
+            queue.counts.waiting += 1;
         }
         queue.came += 1;
         let number = queue.came;
@@ -244,6 +289,42 @@ mod tests {
         assert_eq!(scans, [96, 97, 98, 99]);
         assert_eq!(edges, (0..100).collect::<Vec<_>>());
         assert_eq!(feed.counts().waiting, 0);
+    }
+
+    #[test]
+    fn more_scans_wait_while_the_mapper_does_something_else() {
+        /// A burst that begins when it may.
+        struct Later(Burst, std::sync::mpsc::Receiver<()>);
+        impl Transport for Later {
+            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+                let _ = self.1.recv();
+                self.0.next(is_stopped)
+            }
+        }
+        let (begin, may) = std::sync::mpsc::channel();
+        let feed = Feed::start(Box::new(Later(Burst(0, false), may)), Overload::NewestWin).unwrap();
+        feed.begin_pause();
+        drop(begin);
+        while !feed.shared.lock().ended {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        feed.end_pause();
+        assert_eq!(feed.counts(), FeedCounts { scans: 100, left_out: 100 - WAITING_IN_PAUSE, waiting: WAITING_IN_PAUSE });
+        assert_eq!(take_all(&feed).0, (36..100).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_came_in_a_pause_has_as_long_again_to_be_worked_off() {
+        let (mut pause, begin, second) = (Pause::default(), Instant::now(), Duration::from_secs(1));
+        assert_eq!(pause.most(begin), WAITING_SCANS);
+        pause.begin(begin);
+        assert_eq!(pause.most(begin + 100 * second), WAITING_IN_PAUSE);
+        pause.end(begin + 3 * second, 30);
+        assert_eq!([5, 6].map(|k| pause.most(begin + k * second)), [WAITING_IN_PAUSE, WAITING_SCANS]);
+        // One in which no more came than usual changes nothing.
+        pause.begin(begin + 10 * second);
+        pause.end(begin + 20 * second, WAITING_SCANS);
+        assert_eq!(pause.most(begin + 21 * second), WAITING_SCANS);
     }
 
     #[test]

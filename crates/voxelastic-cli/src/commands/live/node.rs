@@ -172,10 +172,13 @@ impl Node {
                 Next::Nothing => {}
                 Next::End => break,
             }
+            // A disk may keep it waiting.
+            feed.begin_pause();
             self.answer(session, &mut requests);
             if let Some(target) = requests.service.target.as_deref_mut() {
                 requests.keeper.keep_between_scans(target, session, &self.stages(), feed.counts().waiting > 0);
             }
+            feed.end_pause();
             self.show_figures(feed, session);
             if interrupt::requested() && !std::mem::replace(&mut self.tally.interrupted, true) {
                 feed.stop();
