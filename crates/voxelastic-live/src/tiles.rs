@@ -17,6 +17,9 @@ const ORDER: Duration = Duration::from_millis(25);
 /// Tiles of an order: with fewer, more of the time goes into what is around them; many are for a map that is there already.
 const TILES: [f64; 2] = [8.0, 256.0];
 
+/// Tiles of the order that follows a scan: those around the robot by themselves, so that what the scan has changed there is sent before all else.
+const NEAREST: usize = 4;
+
 /// The tiles of the one surface that changed since viewers were told about them, and the thread that makes them. `T` is what is made of a tile.
 #[derive(Debug)]
 pub struct ChangedTiles<T> {
@@ -31,6 +34,10 @@ pub struct ChangedTiles<T> {
     pace: f64,
     /// The tile with the robot: what is near is made first.
     focus: Option<[i32; 3]>,
+    /// Whether a scan came since the last order.
+    has_new_scan: bool,
+    /// Whether the last order followed a scan.
+    follows_scan: bool,
 }
 
 /// A tile that is made.
@@ -63,6 +70,8 @@ impl<T: Send + 'static> ChangedTiles<T> {
             ordered: HashMap::new(),
             pace: TILES[0],
             focus: None,
+            has_new_scan: false,
+            follows_scan: false,
         }
     }
 
@@ -76,13 +85,14 @@ impl<T: Send + 'static> ChangedTiles<T> {
         self.changes.note(atlas);
     }
 
-    /// What is near a position in the map frame, metres, is made first.
+    /// A scan came from a position in the map frame, metres: what is near is made first.
     pub fn focus(&mut self, position: [f32; 3]) {
         self.focus = self.changes.tile_at(position).map(|tile| self.changes.place(tile));
+        self.has_new_scan = true;
     }
 
-    /// Takes the tiles that were made since the last call, and orders others that changed: first those that viewers do not have yet, then those that they have, the
-    /// longest ago first. Waits for nothing: tiles are made on another thread. Returns what `finish` makes of each of their meshes, metres in the map frame; a tile without
+    /// Takes the tiles that were made since the last call, and orders others that changed: after a scan some around the robot, then those that viewers do not have yet, then
+    /// those that they have, the longest ago first. Waits for nothing: tiles are made on another thread. Returns what `finish` makes of each of their meshes, metres in the map frame; a tile without
     /// a surface is left out if viewers had none. None if nothing was made.
     pub fn step(&mut self, atlas: &Atlas, finish: impl Fn(&OrderedTile, Mesh) -> T + Send + Sync + 'static) -> Option<Vec<T>> {
         let delivery = self.thread.as_mut().and_then(TileThread::delivery);
@@ -90,8 +100,10 @@ impl<T: Send + 'static> ChangedTiles<T> {
         if self.is_busy() {
             return result;
         }
+        self.follows_scan = self.has_new_scan;
         let tiles = self.choose(Instant::now());
         if !tiles.is_empty() {
+            self.has_new_scan = false;
             let ordered = |tile: &TileKey| (*tile, OrderedTile { place: self.changes.place(*tile), carrier: self.changes.carrier(*tile) });
             self.ordered = tiles.iter().map(ordered).collect();
             let ordered = self.ordered.clone();
@@ -105,9 +117,11 @@ impl<T: Send + 'static> ChangedTiles<T> {
 
     fn take(&mut self, delivery: Delivery<T>) -> Vec<T> {
         let at = Some(Instant::now());
-        // No slower than half, no faster than twice as many as in this order.
-        let possible = delivery.tiles.len() as f64 * ORDER.as_secs_f64() / delivery.took.as_secs_f64().max(1e-6);
-        self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
+        if !self.follows_scan {
+            // No slower than half, no faster than twice as many as in this order.
+            let possible = delivery.tiles.len() as f64 * ORDER.as_secs_f64() / delivery.took.as_secs_f64().max(1e-6);
+            self.pace = possible.clamp(self.pace / 2.0, self.pace * 2.0).clamp(TILES[0], TILES[1]);
+        }
         self.changes.wait_for(&delivery.again);
         // A piece of theirs is missing: they are due at once.
         for tile in &delivery.again {
@@ -158,12 +172,16 @@ impl<T: Send + 'static> ChangedTiles<T> {
             let pause = if distance <= 1 { AGAIN_NEAR } else { AGAIN };
             at.is_none_or(|at| now.duration_since(at) >= pause)
         };
-        let made = self.changes.waiting().map(|tile| (self.made.get(&tile).and_then(|made| made.at), self.distance(tile), tile));
+        let waiting = self.changes.waiting().map(|tile| (self.made.get(&tile).and_then(|made| made.at), self.distance(tile), tile));
         // What has not been made at all comes first: `None` is less than any time.
-        let mut due: Vec<(Option<Instant>, i64, TileKey)> = made.filter(|(at, distance, _)| is_due(at, *distance)).collect();
-        let most = self.pace as usize;
+        let mut due: Vec<(Option<Instant>, i64, TileKey)> = waiting.filter(|(at, distance, _)| is_due(at, *distance)).collect();
+        let most = if self.follows_scan { NEAREST } else { self.pace as usize };
         if due.len() > most {
-            due.select_nth_unstable(most);
+            if self.follows_scan {
+                due.select_nth_unstable_by_key(most, |(at, distance, tile)| (*distance, *at, *tile));
+            } else {
+                due.select_nth_unstable(most);
+            }
             due.truncate(most);
         }
         let mut tiles: Vec<TileKey> = due.into_iter().map(|(.., tile)| tile).collect();
@@ -239,6 +257,58 @@ mod tests {
         let (near, later) = (due(AGAIN_NEAR), due(AGAIN));
         assert!(!near.is_empty() && near.iter().all(|tile| tiles.distance(*tile) <= 1), "{near:?}");
         assert!(later.len() > near.len(), "{later:?}");
+    }
+
+    #[test]
+    fn the_order_that_follows_a_scan_has_the_nearest_tiles_alone() {
+        let room = Simulation::new(SimOptions { scans: Some(2), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
+        let mut tiles = ChangedTiles::<([i32; 3], usize)>::new(0);
+        for scan in room.scans(PoseSource::Truth) {
+            mapper.handle(Event::Scan(scan)).unwrap();
+            tiles.note(mapper.atlas());
+            tiles.focus(robot(mapper.atlas()));
+        }
+        let distances = |tiles: &ChangedTiles<_>, chosen: &[TileKey]| -> Vec<i64> {
+            let mut all: Vec<i64> = chosen.iter().map(|tile| tiles.distance(*tile)).collect();
+            all.sort_unstable();
+            all
+        };
+        let waiting: Vec<TileKey> = tiles.changes.waiting().collect();
+        let all = distances(&tiles, &waiting);
+        assert!(all.len() > 2 * NEAREST, "{all:?}");
+        // Also of tiles that were made before, where farther ones never were.
+        let now = Instant::now();
+        let nearest = *waiting.iter().min_by_key(|tile| tiles.distance(**tile)).unwrap();
+        tiles.made.insert(nearest, Made { at: Some(now), carrier: None, is_shown: true });
+        (tiles.follows_scan, tiles.pace) = (true, TILES[1]);
+        let first = tiles.choose(now + AGAIN);
+        assert!(first.contains(&nearest) && first.is_sorted());
+        assert_eq!(distances(&tiles, &first), all[..NEAREST]);
+        // All others come in the next order, which does not follow a scan.
+        tiles.changes.gather(mapper.atlas(), &first);
+        tiles.follows_scan = false;
+        assert_eq!(distances(&tiles, &tiles.choose(now + AGAIN)), all[NEAREST..]);
+    }
+
+    #[test]
+    fn an_order_follows_each_scan_once() {
+        let room = Simulation::new(SimOptions { scans: Some(1), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
+        let mut tiles = ChangedTiles::<([i32; 3], usize)>::new(0);
+        mapper.handle(Event::Scan(room.scans(PoseSource::Truth).next().unwrap())).unwrap();
+        tiles.note(mapper.atlas());
+        tiles.focus(robot(mapper.atlas()));
+        tiles.pace = TILES[1];
+        let mut orders = Vec::new();
+        while tiles.is_behind() {
+            tiles.step(mapper.atlas(), triangles);
+            if tiles.is_busy() && orders.last() != Some(&tiles.ordered.len()) {
+                orders.push(tiles.ordered.len());
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(orders.len() >= 2 && orders[0] == NEAREST && orders[1] > NEAREST, "{orders:?}");
     }
 
     #[test]

@@ -36,7 +36,7 @@ use voxelastic_slam::Corrector;
 /// How often an interrupt is looked for while nothing comes.
 const LOOK: Duration = Duration::from_millis(100);
 /// The same while tiles of the surface are made.
-const LOOK_SOON: Duration = Duration::from_millis(5);
+const LOOK_SOON: Duration = Duration::from_millis(2);
 /// Occupancy is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
 /// Counts of a run.
