@@ -26,6 +26,8 @@ mod origin;
 #[cfg(target_os = "linux")]
 mod out_of_memory;
 mod planning;
+#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
+mod recorded_topics;
 mod recordings;
 mod reliability;
 mod report;
