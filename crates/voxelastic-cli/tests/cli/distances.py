@@ -1,7 +1,7 @@
 """Asks `voxelastic live` for distances: `distances.py PORT HEALTH SCANS FOLDER`, over Zenoh as rmw_zenoh calls a service; messages by rosbags.
 
 It listens at PORT, waits until the node whose health is at the URL HEALTH has mapped SCANS scans, and asks about the points of FOLDER/points.f64. What the node
-answers is in FOLDER/answer.json then.
+answers is in FOLDER/answer.json then, with the slice of distances that it publishes about the last of these scans, which is 0.1 s after the one before.
 """
 import json
 import math
@@ -35,7 +35,17 @@ def mapped():
         return 0
 
 
+slices = {}
+
+
+def take(sample):
+    cloud = store.deserialize_cdr(bytes(sample.payload), "sensor_msgs/msg/PointCloud2")
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "intensity"] and cloud.point_step == 16 and cloud.header.frame_id == "map"
+    slices[round(cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec, 3)] = cloud.data.view("<f4").reshape(-1, 4).tolist()
+
+
 with zenoh.open(config) as session:
+    held = session.declare_subscriber("0/voxelastic/distance_slice/**", take)
     while mapped() < scans:
         time.sleep(0.05)
     points = [store.types["geometry_msgs/msg/Point"](*p) for p in numpy.fromfile(folder / "points.f64").reshape(-1, 3).tolist()]
@@ -51,4 +61,9 @@ with zenoh.open(config) as session:
         "distances": [None if math.isnan(d) else float(d) for d in answer.distances],
         "gradients": [[g.x, g.y, g.z] for g in answer.gradients],
     }
+    begin = time.monotonic()
+    while (last := round(0.1 * (scans - 1), 3)) not in slices:
+        assert time.monotonic() - begin < 60, f"no slice of {last}, but of {sorted(slices)}"
+        time.sleep(0.05)
+    said["slice"] = slices[last]
     (folder / "answer.json").write_text(json.dumps(said))

@@ -82,6 +82,19 @@ fn in_room(p: &[f64; 3]) -> f64 {
     walls.min(pillar)
 }
 
+/// The published slice has the points around the robot of which the map knows something, with the map's distances.
+fn check_slice(slice: &serde_json::Value, atlas: &Atlas) {
+    let step = 20.0 / 128.0;
+    let submap = atlas.submaps().last().unwrap();
+    let robot = (submap.t_map_submap() * submap.scans().last().unwrap().t_submap_lidar).translation;
+    let range = |c: f64| ((c - 10.0) / step).ceil() as i64..=((c + 10.0) / step).floor() as i64;
+    let points: Vec<[f64; 3]> = range(robot.y).flat_map(|y| range(robot.x).map(move |x| [x as f64 * step, y as f64 * step, robot.z])).collect();
+    let known = points.iter().zip(in_map(atlas, &points)).filter_map(|(p, found)| Some([p[0] as f32, p[1] as f32, p[2] as f32, found?.0]));
+    let known: Vec<[f32; 4]> = known.collect();
+    let said: Vec<[f32; 4]> = serde_json::from_value(slice.clone()).unwrap();
+    assert!(said.len() > 200 && said.len() < points.len() && said == known, "{} points of {}", said.len(), known.len());
+}
+
 #[test]
 fn the_service_of_distances_answers_what_the_map_knows() {
     let Some(python) = voxelastic_testing::python("numpy, zenoh, rosbags") else { return };
@@ -112,6 +125,7 @@ fn the_service_of_distances_answers_what_the_map_knows() {
         let [median, most] = [0.5, 0.9].map(|share| off[(off.len() as f64 * share) as usize]);
         println!("{field}: {known} of {} known, {differ:e} from the map; from the room median {median:.3} m, 90 % {most:.3} m", points.len());
         assert!(differ < 1e-6, "{field}: {differ}");
+        check_slice(&answer["slice"], &atlas);
         let least = if field == "both" { points.len() / 3 } else { 100 };
         assert!(known > least && known < points.len() && median < 0.5 * VOXEL, "{field}: {known}, {median}");
     }

@@ -35,18 +35,33 @@ fn write_pose<'w>(message: &'w mut Writer, pose: &Pose) -> &'w mut Writer {
 /// A colour, sRGB.
 pub type Rgb = [u8; 3];
 
-/// `sensor_msgs/PointCloud2`: x, y, z as `f32`, metres, and rgb if there is a colour for each point.
-pub fn point_cloud(header: Header<'_>, points: &[[f32; 3]], colours: &[Rgb]) -> Vec<u8> {
-    let colours = Some(colours).filter(|colours| colours.len() == points.len() && !points.is_empty());
-    let fields = if colours.is_some() { &["x", "y", "z", "rgb"][..] } else { &["x", "y", "z"][..] };
+/// `sensor_msgs/PointCloud2` until its points, which have these fields of four bytes.
+fn cloud_head(header: Header<'_>, fields: &[&str], points: usize) -> Writer {
     let step = 4 * fields.len();
-    let mut message = Writer::with_capacity(points.len() * step + 256);
-    header.write(&mut message).u32(1).u32(points.len() as u32).u32(fields.len() as u32);
+    let mut message = Writer::with_capacity(points * step + 256);
+    header.write(&mut message).u32(1).u32(points as u32).u32(fields.len() as u32);
     for (k, name) in fields.iter().enumerate() {
         // 7 is FLOAT32.
         message.text(name).u32(4 * k as u32).u8(7).u32(1);
     }
-    message.bool(false).u32(step as u32).u32((step * points.len()) as u32).u32((step * points.len()) as u32);
+    message.bool(false).u32(step as u32).u32((step * points) as u32).u32((step * points) as u32);
+    message
+}
+
+/// `sensor_msgs/PointCloud2`: x, y, z and, as `intensity`, a distance, all as `f32`, metres.
+pub fn distance_cloud(header: Header<'_>, points: &[[f32; 4]]) -> Vec<u8> {
+    let mut message = cloud_head(header, &["x", "y", "z", "intensity"], points.len());
+    for number in points.iter().flatten() {
+        message.raw(&number.to_le_bytes());
+    }
+    message.bool(true).finish()
+}
+
+/// `sensor_msgs/PointCloud2`: x, y, z as `f32`, metres, and rgb if there is a colour for each point.
+pub fn point_cloud(header: Header<'_>, points: &[[f32; 3]], colours: &[Rgb]) -> Vec<u8> {
+    let colours = Some(colours).filter(|colours| colours.len() == points.len() && !points.is_empty());
+    let fields = if colours.is_some() { &["x", "y", "z", "rgb"][..] } else { &["x", "y", "z"][..] };
+    let mut message = cloud_head(header, fields, points.len());
     for (k, point) in points.iter().enumerate() {
         for c in point {
             message.raw(&c.to_le_bytes());
@@ -249,6 +264,7 @@ print(json.dumps(out))
             ("geometry_msgs/msg/PoseArray", pose_array(header, &[pose])),
             ("tf2_msgs/msg/TFMessage", transforms(&[(header, "odom", pose)])),
             ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans", "12".into())])),
+            ("sensor_msgs/msg/PointCloud2", distance_cloud(header, &[[1.0, 2.0, 3.0, 0.25]])),
         ];
         let Some(read) = read_by_rosbags(&messages) else { return };
         assert_eq!(read[0]["header"]["stamp"], serde_json::json!({"sec": 1_700_000_000, "nanosec": 250_000_000}));
@@ -264,5 +280,6 @@ print(json.dumps(out))
         assert_eq!((&read[5]["poses"][0]["pose"]["position"]["y"], &read[5]["poses"][1]["header"]["stamp"]["sec"]), (&(-2.0).into(), &6.into()));
         assert_eq!(read[7]["transforms"][0]["transform"]["translation"]["z"], 3.0);
         assert_eq!((&read[8]["status"][0]["level"], &read[8]["status"][0]["values"][0]["value"]), (&1.into(), &"12".into()));
+        assert_eq!((&read[9]["fields"][3]["name"], &read[9]["data"][15], &read[9]["data"][14]), (&"intensity".into(), &0x3e.into(), &0x80.into()));
     }
 }

@@ -175,6 +175,7 @@ impl Node {
             // A disk may keep it waiting.
             feed.begin_pause();
             self.answer(session, &mut requests);
+            self.show_distances(session, &mut requests.service, feed.counts().waiting > 0);
             if let Some(target) = requests.service.target.as_deref_mut() {
                 requests.keeper.keep_between_scans(target, session, &self.stages(), feed.counts().waiting > 0);
             }
@@ -224,6 +225,19 @@ impl Node {
             (_, true) => LOOK_SOON,
             _ => LOOK,
         }
+    }
+
+    /// Publishes distances around the robot, if it is time for that and no scan waits.
+    fn show_distances(&mut self, session: &Session, service: &mut Service<'_>, scans_wait: bool) {
+        let Some(network) = self.network.as_mut().filter(|_| !scans_wait) else { return };
+        let distances = |points: &[[f64; 3]]| match service.distances(points, session) {
+            Ok(found) => found.into_iter().map(|at| at.map(|at| at.distance)).collect(),
+            Err(problem) => {
+                tracing::warn!("no distances are published: {problem}");
+                Vec::new()
+            }
+        };
+        session.pool().install(|| network.offers.outputs.step_slice(session.mapper().atlas(), distances));
     }
 
     /// Answers what others ask.

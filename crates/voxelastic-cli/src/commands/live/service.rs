@@ -57,7 +57,7 @@ impl Service<'_> {
     }
 
     /// Distances to the nearest surface: of maps with occupancy up to some metres in all known space, else near surfaces only. They are those of the moment.
-    fn distances(&mut self, points: &[[f64; 3]], session: &Session) -> Result<Vec<Option<Distance>>, String> {
+    pub fn distances(&mut self, points: &[[f64; 3]], session: &Session) -> Result<Vec<Option<Distance>>, String> {
         let (atlas, origin) = (session.mapper().atlas(), session.origin().coordinates());
         let points: Vec<[f64; 3]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
         let space = atlas.query();

@@ -7,6 +7,7 @@
 //! | `~/moving_points` | `sensor_msgs/PointCloud2` | points of each scan that were set aside because they are on things that move, with `dynamic = remove` |
 //! | `~/octomap` | `octomap_msgs/Octomap` | free and occupied space, if the map has occupancy |
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
+//! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
 //! | `~/submaps` | `geometry_msgs/PoseArray` | root poses of the submaps, when they change |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
@@ -14,6 +15,7 @@
 //!
 //! Everything is in the frame `map`. What takes work is made only if somebody listens.
 
+mod distances;
 mod occupancy;
 mod path;
 mod surface;
@@ -21,6 +23,7 @@ mod topics;
 
 use super::messages::{self, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
+use distances::SliceState;
 use occupancy::Layers;
 use path::{PathState, pose_of};
 use std::collections::HashMap;
@@ -75,6 +78,7 @@ pub struct Outputs {
     options: OutputOptions,
     surface: SurfaceTiles,
     layers: Layers,
+    slice: SliceState,
     poses: Vec<Pose>,
     path: PathState,
     link: Option<(Instant, OdometryLink, Pose)>,
@@ -101,6 +105,7 @@ impl Outputs {
             options,
             surface: SurfaceTiles::new(options.detail),
             layers: Layers::default(),
+            slice: SliceState::default(),
             poses: Vec::new(),
             path: PathState::default(),
             link: None,
@@ -163,6 +168,7 @@ impl Outputs {
             self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
         }
         self.layers.note();
+        self.slice.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
             && let Some(t_map_lidar) = pose_of(atlas, link.node)
         {
@@ -208,7 +214,7 @@ impl Outputs {
             self.publish(Output::Surface, |header| messages::mesh_markers(header, &removed));
         }
         self.surface = SurfaceTiles::new(self.options.detail);
-        self.layers = Layers::default();
+        (self.layers, self.slice) = (Layers::default(), SliceState::default());
         (self.poses, self.path, self.link) = (Vec::new(), PathState::default(), None);
         self.publish(Output::Path, |header| messages::path(header, &[]));
         self.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
@@ -245,6 +251,21 @@ impl Outputs {
         self.publish_if(Output::Octomap, |header| made.octomap.as_ref().map(|(voxel, nodes)| messages::octomap(header, *voxel, nodes)));
         self.publish_if(Output::Grid, |header| made.grid.as_ref().map(|grid| messages::occupancy_grid(header, &grid.as_message())));
         true
+    }
+
+    /// Publishes distances around the robot, if somebody listens and the map has changed. `distances` says them for points of the map frame, metres; none where nothing is
+    /// known.
+    pub fn step_slice(&mut self, atlas: &Atlas, distances: impl FnOnce(&[[f64; 3]]) -> Vec<Option<f32>>) {
+        let begin = Instant::now();
+        if !self.slice.is_due(self.subscribers(Output::DistanceSlice), begin) {
+            return;
+        }
+        let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) else { return };
+        let points = distances::points(t_map_lidar.translation.vector.into(), f64::from(atlas.voxel_size()));
+        let known = points.iter().zip(distances(&points)).filter_map(|(p, distance)| Some([p[0] as f32, p[1] as f32, p[2] as f32, distance?]));
+        let known: Vec<[f32; 4]> = known.collect();
+        self.slice.made(begin, begin.elapsed());
+        self.publish(Output::DistanceSlice, |header| messages::distance_cloud(header, &known));
     }
 
     /// How the node is, once a second: in words, and as figures.

@@ -15,6 +15,8 @@ pub enum Output {
     Octomap,
     /// A layer of it.
     Grid,
+    /// Distances to the nearest surface, around the robot.
+    DistanceSlice,
     /// Poses of the scans.
     Path,
     /// Root poses of the submaps.
@@ -28,7 +30,7 @@ pub enum Output {
 /// The topics of a node.
 pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Reliable};
-    use Output::{Diagnostics, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
+    use Output::{Diagnostics, DistanceSlice, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
     let own = |name: &str| format!("/{node}/{name}");
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
     [
@@ -37,6 +39,7 @@ pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
         (MovingPoints, own("moving_points"), "sensor_msgs/msg/PointCloud2", Reliable, 20),
         (Octomap, own("octomap"), "octomap_msgs/msg/Octomap", Latched, 1),
         (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
+        (DistanceSlice, own("distance_slice"), "sensor_msgs/msg/PointCloud2", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
         (Submaps, own("submaps"), "geometry_msgs/msg/PoseArray", Latched, 1),
         (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Reliable, 10),
