@@ -172,3 +172,52 @@ impl Transport for TopicInput {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ros::middleware::{Answer, Deliver, Sink};
+
+    /// A network that keeps what it is asked for.
+    #[derive(Default)]
+    struct Asked(Vec<(TopicProfile, Deliver)>);
+
+    impl Middleware for Asked {
+        fn name(&self) -> &'static str {
+            "test"
+        }
+        fn published(&self) -> Vec<(String, String)> {
+            let topics = [
+                ("/points", "sensor_msgs/msg/PointCloud2"),
+                ("/odom", "nav_msgs/msg/Odometry"),
+                ("/tf", "tf2_msgs/msg/TFMessage"),
+                ("/tf_static", "tf2_msgs/msg/TFMessage"),
+            ];
+            topics.map(|(name, kind)| (name.to_owned(), kind.to_owned())).into()
+        }
+        fn subscribe(&mut self, topic: &TopicProfile, deliver: Deliver) -> Result<Handle, MiddlewareError> {
+            self.0.push((topic.clone(), deliver));
+            Ok(Handle::new(()))
+        }
+        fn advertise(&mut self, _: &TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError> {
+            Err(MiddlewareError::new("advertise", "not here"))
+        }
+        fn serve(&mut self, _: &str, _: &str, _: Answer) -> Result<Handle, MiddlewareError> {
+            Ok(Handle::new(()))
+        }
+    }
+
+    #[test]
+    fn messages_that_nobody_takes_are_counted_and_keep_nobody_waiting() {
+        let (mut network, options) = (Asked::default(), OpenOptions::default());
+        let topics = LiveTopics::choose("test", &network.published(), false, &options).unwrap();
+        let input = TopicInput::subscribe(&mut network, topics, false, &options, &|_| Ok(None)).unwrap();
+        let asked = |name: &str| network.0.iter().find(|(topic, _)| topic.name == name).unwrap();
+        // As REP 2003 says: sensors' data are not sent again, and what is published once is kept for those who come late.
+        assert_eq!((asked("/points").0.delivery, asked("/points").0.depth), (Delivery::SensorData, CLOUDS));
+        assert_eq!([asked("/odom").0.delivery, asked("/tf_static").0.delivery], [Delivery::Reliable, Delivery::Latched]);
+        let deliver = &asked("/points").1;
+        (0..WAITING + 10).for_each(|_| deliver(Vec::new()));
+        assert_eq!(input.lost().count(), 10);
+    }
+}
