@@ -6,6 +6,9 @@ use crate::file::write_atomically;
 use std::io::Write;
 use std::path::Path;
 
+/// Vertices or triangles that are encoded at a time.
+const RECORDS_AT_ONCE: usize = 4096;
+
 /// Writes a mesh as binary little-endian PLY, atomically: `x y z`, then where present `nx ny nz`, `red green blue`
 /// and `intensity`; triangles as lists of `uint`. A mesh without triangles is a cloud. With an origin, positions are in double precision, and a
 /// comment has the origin.
@@ -18,32 +21,38 @@ pub fn write_ply(path: impl AsRef<Path>, mesh: &MeshRef<'_>) -> Result<()> {
     mesh.check(path)?;
     write_atomically(path, |w| {
         w.write_all(header(mesh).as_bytes())?;
-        let mut record = Vec::with_capacity(32);
-        let push = |record: &mut Vec<u8>, numbers: &[f32]| numbers.iter().for_each(|v| record.extend_from_slice(&v.to_le_bytes()));
-        for (k, position) in mesh.positions.iter().enumerate() {
-            record.clear();
-            if mesh.has_origin() {
-                position.iter().zip(mesh.origin).for_each(|(c, o)| record.extend_from_slice(&(f64::from(*c) + o).to_le_bytes()));
-            } else {
-                push(&mut record, position);
+        let mut records = Vec::with_capacity(RECORDS_AT_ONCE * 48);
+        let numbers = |records: &mut Vec<u8>, numbers: &[f32]| numbers.iter().for_each(|v| records.extend_from_slice(&v.to_le_bytes()));
+        for first in (0..mesh.positions.len()).step_by(RECORDS_AT_ONCE) {
+            records.clear();
+            for k in first..mesh.positions.len().min(first + RECORDS_AT_ONCE) {
+                if mesh.has_origin() {
+                    mesh.positions[k].iter().zip(mesh.origin).for_each(|(c, o)| records.extend_from_slice(&(f64::from(*c) + o).to_le_bytes()));
+                } else {
+                    numbers(&mut records, &mesh.positions[k]);
+                }
+                if let Some(normal) = mesh.normals.get(k) {
+                    numbers(&mut records, normal);
+                }
+                if let Some(colours) = mesh.colours {
+                    records.extend_from_slice(&colours[k]);
+                }
+                if let Some(intensity) = mesh.intensity {
+                    numbers(&mut records, &intensity[k..=k]);
+                }
             }
-            if let Some(normal) = mesh.normals.get(k) {
-                push(&mut record, normal);
-            }
-            if let Some(colours) = mesh.colours {
-                record.extend_from_slice(&colours[k]);
-            }
-            if let Some(intensity) = mesh.intensity {
-                push(&mut record, &intensity[k..=k]);
-            }
-            w.write_all(&record)?;
+            w.write_all(&records)?;
         }
-        for triangle in mesh.triangles {
-            let mut record = [3u8; 13];
-            for (slot, vertex) in record[1..].chunks_exact_mut(4).zip(triangle) {
-                slot.copy_from_slice(&vertex.to_le_bytes());
+        for triangles in mesh.triangles.chunks(RECORDS_AT_ONCE) {
+            records.clear();
+            for triangle in triangles {
+                let mut record = [3u8; 13];
+                for (slot, vertex) in record[1..].as_chunks_mut::<4>().0.iter_mut().zip(triangle) {
+                    *slot = vertex.to_le_bytes();
+                }
+                records.extend_from_slice(&record);
             }
-            w.write_all(&record)?;
+            w.write_all(&records)?;
         }
         Ok(())
     })

@@ -169,3 +169,16 @@ fn meshes_that_make_no_sense_are_not_written() {
     }
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0);
 }
+
+#[test]
+fn a_large_ply_reads_back_as_it_was() {
+    let positions: Vec<[f32; 3]> = (0..10_000).map(|i| [i as f32, 0.5 * i as f32, -(i as f32)]).collect();
+    let intensity: Vec<f32> = (0..10_000).map(|i| (i % 251) as f32).collect();
+    let triangles: Vec<[u32; 3]> = (0..9_001).map(|i| [i, 9_999 - i, 37 * i % 10_000]).collect();
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("m.ply");
+    let mesh = MeshRef { positions: &positions, intensity: Some(&intensity), triangles: &triangles, ..MeshRef::default() };
+    write_ply(&path, &mesh).unwrap();
+    let back = ply::read_mesh(&path).unwrap();
+    assert!(back.positions == positions && back.intensity == Some(intensity) && back.triangles == triangles);
+}
