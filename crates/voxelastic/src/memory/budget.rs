@@ -21,7 +21,7 @@ static HAS_ARRAYS: AtomicBool = AtomicBool::new(false);
 /// Memory is given back when less than this share of the budget is left, until that share is left twice.
 const LEFT: f64 = 0.06;
 /// The same while arrays are in the file, too: loops over them read several gigabytes a second, which the thread sees a few milliseconds later.
-const LEFT_WITH_ARRAYS: f64 = 0.15;
+const LEFT_WITH_ARRAYS: f64 = 0.25;
 /// The thread looks again before the process can have taken what is left, if it takes no more than this, bytes a second. What the system has of
 /// the file comes back sixteen pages at a time, which is faster than memory is filled.
 const FASTEST_GROWTH: f64 = 20e9;
