@@ -70,6 +70,23 @@ function layers(view, redraw) {
     ...(DATA.exploration ? [box("exploration", "Exploration")] : []), ...(moving ? [box("moving", `Things that moved (${moving} points)`)] : []), box("backs", "Backs of surfaces: roofs, ceilings"));
 }
 
+/** A button that plays: it calls `set` with shares from 0 to 1 for so many milliseconds, unless `stop` is called. */
+function player(id, title, length, set) {
+  let playing = 0;
+  const play = () => {
+    const start = performance.now();
+    const step = (time) => {
+      if (playing !== step) return;
+      const share = Math.min(Math.max(time - start, 0) / length, 1);
+      set(share);
+      if (share < 1) requestAnimationFrame(step);
+    };
+    playing = step;
+    requestAnimationFrame(step);
+  };
+  return { button: el("button", { type: "button", id, title, onclick: play }, "▶"), stop: () => { playing = 0; } };
+}
+
 /** How much of the corrections is applied to the submaps. */
 function bendSlider(view) {
   const output = el("output", {}, "100 %");
@@ -80,17 +97,13 @@ function bendSlider(view) {
     view.bend(percent / 100);
     view.draw();
   };
-  input.addEventListener("input", () => set(Number(input.value)));
-  const play = el("button", { type: "button", title: "From the poses as they came to the corrected ones", onclick: () => {
-    const start = performance.now();
-    const step = (time) => {
-      const t = Math.min(Math.max((time - start - 350) / 1800, 0), 1);
-      set(100 * t * t * (3 - 2 * t));
-      if (t < 1) requestAnimationFrame(step);
-    };
-    requestAnimationFrame(step);
-  } }, "▶");
-  return el("fieldset", {}, el("legend", {}, "Corrections of the poses"), el("label", {}, play, input, output));
+  const { button, stop } = player("play-bend", "From the poses as they came to the corrected ones", 2150, (share) => {
+    // It begins after a moment.
+    const t = Math.max((2150 * share - 350) / 1800, 0);
+    set(100 * t * t * (3 - 2 * t));
+  });
+  input.addEventListener("input", () => { stop(); set(Number(input.value)); });
+  return el("fieldset", {}, el("legend", {}, "Corrections of the poses"), el("label", {}, button, input, output));
 }
 
 /** What the colours mean. */

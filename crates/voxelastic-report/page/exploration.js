@@ -3,8 +3,8 @@
 const EXPLORED = { track: "#2aa745", frontier: "#e2702e", plan: "#2f6fe0" };
 /** Points of a chart of what was known. */
 const KNOWN_POINTS = 240;
-/** Longest time in which an exploration is played. */
-const PLAY_MS = 30000;
+/** How long a moment is shown when an exploration is played, and the longest time in which all are. */
+const STEP_MS = 60, LONGEST_PLAY_MS = 30000;
 
 /** The robot's path to a step, the frontier then as crosses that are larger where its area is, and the plan. */
 function explorationSegments(index) {
@@ -33,7 +33,6 @@ function explorationSlider(view) {
   const { steps } = DATA.exploration, last = steps.length - 1;
   const output = el("output", {});
   const input = el("input", { type: "range", min: 0, max: last, value: last, id: "exploration-step", "aria-label": "The moment of the exploration that is shown" });
-  let playing = 0;
   const set = (index) => {
     const { time_s: time, distance_m: distance } = steps[index], known = momentAt(time);
     input.value = index;
@@ -41,21 +40,12 @@ function explorationSlider(view) {
     view.showStep(index);
     view.draw();
   };
-  input.addEventListener("input", () => { playing = 0; set(Number(input.value)); });
-  const play = el("button", { type: "button", id: "play-exploration", title: "Plays the exploration", onclick: () => {
-    const start = performance.now(), length = Math.min(steps.length * 60, PLAY_MS);
-    const step = (time) => {
-      if (playing !== step) return;
-      const share = Math.min(Math.max((time - start) / length, 0), 1);
-      set(Math.round(share * last));
-      if (share < 1) requestAnimationFrame(step);
-    };
-    playing = step;
-    requestAnimationFrame(step);
-  } }, "▶");
+  const length = Math.min(steps.length * STEP_MS, LONGEST_PLAY_MS);
+  const { button, stop } = player("play-exploration", "Plays the exploration", length, (share) => set(Math.round(share * last)));
+  input.addEventListener("input", () => { stop(); set(Number(input.value)); });
   const key = Object.entries({ "where it was": EXPLORED.track, frontier: EXPLORED.frontier, plan: EXPLORED.plan });
   set(last);
-  return el("fieldset", {}, el("legend", {}, "Exploration"), el("label", {}, play, input, output),
+  return el("fieldset", {}, el("legend", {}, "Exploration"), el("label", {}, button, input, output),
     el("div", { class: "key" }, ...key.map(([name, colour]) => el("span", { style: `--c:${colour}` }, name))));
 }
 

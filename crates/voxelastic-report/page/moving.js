@@ -5,12 +5,12 @@ const TRAIL = 4, SCAN_MS = 100, LONGEST_MS = 20000;
 
 /** Segments that show the points of `moving[first]` to `moving[last]`, where their submaps are now. */
 function movingSegments(poses, first, last) {
-  const segments = [];
+  const segments = [], colour = themed("--warm");
   for (const { submap, coordinates } of DATA.moving.slice(first, last + 1)) {
     const s = poses.get(submap);
     for (let i = 0; s && i < coordinates.length; i += 3) {
       const p = moved(s.now, coordinates.slice(i, i + 3));
-      segments.push([p, add(p, [0, 0, 0.04]), themed("--warm"), 3]);
+      segments.push([p, add(p, [0, 0, 0.04]), colour, 3]);
     }
   }
   return segments;
@@ -21,7 +21,6 @@ function movingSlider(view) {
   const count = DATA.moving.length;
   const output = el("output", {}, "all");
   const input = el("input", { type: "range", min: 0, max: count, value: count, id: "moving-scan", "aria-label": "The scan whose moving points are shown" });
-  let playing = 0;
   const set = (index) => {
     input.value = index;
     output.value = index < count ? `scan ${scanOf(DATA.moving[index].node)}` : "all";
@@ -29,20 +28,12 @@ function movingSlider(view) {
     view.draw();
   };
   const shown = () => { if (!view.show.moving) byId("show-moving").click(); };
-  input.addEventListener("input", () => { playing = 0; shown(); set(Number(input.value)); });
-  const play = el("button", { type: "button", id: "play-moving", title: "Plays the scans", onclick: () => {
+  const { button, stop } = player("play-moving", "Plays the scans", Math.min(count * SCAN_MS, LONGEST_MS), (share) => {
     shown();
-    const start = performance.now(), length = Math.min(count * SCAN_MS, LONGEST_MS);
-    const step = (time) => {
-      if (playing !== step) return;
-      const share = Math.max(time - start, 0) / length;
-      set(Math.min(Math.floor(share * count), count));
-      if (share < 1) requestAnimationFrame(step);
-    };
-    playing = step;
-    requestAnimationFrame(step);
-  } }, "▶");
-  return el("fieldset", {}, el("legend", {}, "Things that moved"), el("label", {}, play, input, output));
+    set(Math.min(Math.floor(share * count), count));
+  });
+  input.addEventListener("input", () => { stop(); shown(); set(Number(input.value)); });
+  return el("fieldset", {}, el("legend", {}, "Things that moved"), el("label", {}, button, input, output));
 }
 
 /** The number of the scan of a node in the charts of the run, if there is one. */

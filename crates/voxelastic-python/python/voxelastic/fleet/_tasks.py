@@ -199,6 +199,7 @@ def tiles(store: Store, task_key: str, region: Record) -> Record:
             (path / "manifest.json").write_text(text)
             for entry in json.loads(text)["submaps"]:
                 (path / entry["file"]).symlink_to(store.local(f"{MAP}/{entry['file']}", Path(folder)))
+            # Sessions of a fleet have no order in time: nothing of one is taken to be gone because another does not see it.
             part = _native.write_tiles(
                 _native.Map.open(path, True)[0], (region["level"], region["cell"]), tuple(region["heights"]), Path(folder) / "tiles"
             )
