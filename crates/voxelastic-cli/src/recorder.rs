@@ -39,18 +39,18 @@ impl Default for Recorder {
 #[derive(Debug, Serialize, Deserialize)]
 pub struct StoredLog<'a> {
     first: FirstColumns<'a>,
-    /// All else.
-    rest: Cow<'a, RunLog>,
+    /// The columns of the last scans, and what is no column.
+    last: Cow<'a, RunLog>,
 }
 
 impl StoredLog<'_> {
     /// The log in one piece, of one that was read.
     pub fn whole(self) -> RunLog {
-        let rest = self.rest.into_owned();
-        let FirstColumns::Stored(columns) = self.first else { return rest };
-        let mut whole = RunLog { scans: ScanLog::default(), phases_ms: BTreeMap::new(), ..rest.clone() };
+        let last = self.last.into_owned();
+        let FirstColumns::Stored(columns) = self.first else { return last };
+        let mut whole = RunLog { scans: ScanLog::default(), phases_ms: BTreeMap::new(), ..last.clone() };
         columns.into_iter().for_each(|columns| columns.append_to(&mut whole));
-        Columns::all_of(&rest).append_to(&mut whole);
+        Columns::all_of(&last).append_to(&mut whole);
         whole
     }
 }
@@ -185,7 +185,7 @@ impl Recorder {
 
     /// The log so far, to be stored.
     pub fn stored(&self) -> StoredLog<'_> {
-        StoredLog { first: FirstColumns::OnDisk(self.on_disk.as_ref()), rest: Cow::Borrowed(&self.log) }
+        StoredLog { first: FirstColumns::OnDisk(self.on_disk.as_ref()), last: Cow::Borrowed(&self.log) }
     }
 
     fn scan(&mut self, time: f64, t_map_lidar: &Pose, report: &ScanReport, atlas: &Atlas) {

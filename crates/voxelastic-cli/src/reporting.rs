@@ -131,7 +131,7 @@ impl Subject<'_> {
         let known: HashMap<NodeId, (SubmapId, Rigid)> = self.atlas.submaps().iter().flat_map(of_submap).collect();
         let to_submap = |(node, points): (NodeId, &[[f32; 3]])| {
             let (submap, t_submap_lidar) = known.get(&node)?;
-            Some(MovingPoints { node, submap: *submap, points: points.iter().map(|p| t_submap_lidar.apply(*p).map(centimetres)).collect() })
+            Some(MovingPoints { node, submap: *submap, points: points.iter().map(|p| t_submap_lidar.apply(*p)).collect() })
         };
         run.moving.scans().filter_map(to_submap).collect()
     }
@@ -212,10 +212,6 @@ fn carriers(atlas: &Atlas, mesh: &Mesh) -> Vec<SubmapId> {
         *known.entry(tile).or_insert_with(|| tile.and_then(|tile| changes.carrier(tile)).filter(is_kept).unwrap_or(first))
     };
     mesh.positions.iter().map(carrier).collect()
-}
-
-fn centimetres(metres: f32) -> f32 {
-    (metres * 100.0).round() / 100.0
 }
 
 fn surface_of(mesh: Mesh) -> Surface {

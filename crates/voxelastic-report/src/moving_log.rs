@@ -22,11 +22,6 @@ pub struct MovingLog {
 }
 
 impl MovingLog {
-    /// Whether nothing was set aside.
-    pub fn is_empty(&self) -> bool {
-        self.total == 0
-    }
-
     /// Adds the points of the next scan: frame of its lidar, metres.
     pub fn push(&mut self, node: u64, points: impl IntoIterator<Item = [f32; 3]>) {
         self.every = self.every.max(1);
@@ -80,7 +75,8 @@ impl MovingLog {
     }
 }
 
-fn centimetres(metres: f32) -> f32 {
+/// Rounds, to keep logs and pages short.
+pub(crate) fn centimetres(metres: f32) -> f32 {
     (metres * 100.0).round() / 100.0
 }
 
@@ -91,7 +87,7 @@ mod tests {
     #[test]
     fn long_runs_keep_an_even_part_of_the_points() {
         let mut log = MovingLog::default();
-        assert!(log.is_empty() && log.is_whole());
+        assert!(log.is_whole());
         // Scans of 0 to 12 points; x is the number of the point, y that of the scan.
         let mut total = 0u32;
         for node in 0..100_000u64 {

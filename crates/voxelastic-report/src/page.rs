@@ -2,6 +2,7 @@
 
 use crate::content::Report;
 use crate::error::Result;
+use crate::moving_log::centimetres;
 use crate::packed_surface::{PackedSurface, packed};
 use crate::scripts::{self, escaped, filled, script_safe};
 use base64::Engine;
@@ -98,7 +99,11 @@ impl Report {
             distances: &self.distances,
             surfaces,
             error_max: self.error_max,
-            moving: self.moving.iter().map(|m| Moving { node: m.node, submap: m.submap, coordinates: m.points.as_flattened().to_vec() }).collect(),
+            moving: self
+                .moving
+                .iter()
+                .map(|m| Moving { node: m.node, submap: m.submap, coordinates: m.points.as_flattened().iter().copied().map(centimetres).collect() })
+                .collect(),
             exploration: self.exploration.as_ref(),
             planned_path: self.planned_path.as_ref(),
             details: &self.details,

@@ -23,8 +23,8 @@ impl Columns {
     /// Takes those of the first `scans` scans out of `log`.
     fn take(log: &mut RunLog, scans: usize) -> Self {
         fn first<T>(column: &mut Vec<T>, scans: usize) -> Vec<T> {
-            let rest = column.split_off(scans.min(column.len()));
-            std::mem::replace(column, rest)
+            let following = column.split_off(scans.min(column.len()));
+            std::mem::replace(column, following)
         }
         let s = &mut log.scans;
         let taken = ScanLog {
@@ -101,9 +101,9 @@ impl ColumnFile {
             let columns = Columns::take(log, PIECE);
             let written = self.write(&columns);
             if let Err(problem) = written {
-                let rest = Columns::take(log, log.scans.node.len());
+                let following = Columns::take(log, log.scans.node.len());
                 columns.append_to(log);
-                rest.append_to(log);
+                following.append_to(log);
                 return Err(problem);
             }
             self.scans += PIECE;
@@ -181,11 +181,11 @@ mod tests {
         RunLog { input: "room".to_owned(), scans, phases_ms: [("prepare".to_owned(), column(7.0))].into_iter().collect(), ..RunLog::default() }
     }
 
-    fn whole(first: FirstColumns<'_>, rest: &RunLog) -> RunLog {
+    fn whole(first: FirstColumns<'_>, last: &RunLog) -> RunLog {
         let FirstColumns::Stored(columns) = first else { panic!("not stored") };
         let mut whole = RunLog { input: "room".to_owned(), ..RunLog::default() };
         columns.into_iter().for_each(|columns| columns.append_to(&mut whole));
-        Columns::all_of(rest).append_to(&mut whole);
+        Columns::all_of(last).append_to(&mut whole);
         whole
     }
 
@@ -193,11 +193,11 @@ mod tests {
     fn what_is_on_the_disk_is_stored_and_read_as_if_it_were_in_memory() {
         let folder = tempfile::tempdir().unwrap();
         for scans in [0, PIECE - 1, PIECE, 3 * PIECE + 5] {
-            let (mut file, mut rest) = (ColumnFile::new(folder.path()).unwrap(), log(scans));
-            file.move_from(&mut rest).unwrap();
-            assert_eq!((file.scans(), rest.scans.node.len()), (scans / PIECE * PIECE, scans % PIECE));
+            let (mut file, mut last) = (ColumnFile::new(folder.path()).unwrap(), log(scans));
+            file.move_from(&mut last).unwrap();
+            assert_eq!((file.scans(), last.scans.node.len()), (scans / PIECE * PIECE, scans % PIECE));
             let bytes = postcard::to_stdvec(&FirstColumns::OnDisk(Some(&file))).unwrap();
-            assert_eq!(whole(postcard::from_bytes(&bytes).unwrap(), &rest), log(scans), "{scans} scans");
+            assert_eq!(whole(postcard::from_bytes(&bytes).unwrap(), &last), log(scans), "{scans} scans");
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "the file has no name");
     }
