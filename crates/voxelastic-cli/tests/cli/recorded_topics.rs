@@ -55,11 +55,9 @@ impl Robot {
             assert!(begin.elapsed() < PATIENCE, "{k} scans were sent, and not enough came");
             let (stamp, pose) = (from + 0.1 * k as f64, room::pose((first + k) % 24));
             self.odom.publish(&odometry(stamp, &pose)).unwrap();
-            // In this order also when they come: a recording whose clock goes back loses scans that come before their poses (docs/experiments/live-topics.md).
-            std::thread::sleep(Duration::from_millis(15));
             let points = room::scan(&pose).points;
             self.points.publish(&point_cloud(Header { stamp, frame: "lidar" }, &points, &[])).unwrap();
-            std::thread::sleep(Duration::from_millis(25));
+            std::thread::sleep(Duration::from_millis(40));
             if is_enough() {
                 return first + k + 1;
             }

@@ -2,7 +2,7 @@
 
 use crate::Result;
 use crate::motion::{ImuMount, time_span};
-use crate::playback::{DeliveredScan, MessageStream, PlaybackLog, Polled, SensorMessage};
+use crate::playback::{ClockWatch, DeliveredScan, MessageStream, PlaybackLog, Polled, SensorMessage};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use voxelastic::Cloud;
@@ -26,7 +26,7 @@ pub(crate) struct RecordedScan {
 /// Plays a stream.
 pub(super) struct RawPlayer {
     /// `None` once it has ended.
-    stream: Option<Box<dyn MessageStream>>,
+    stream: Option<ClockWatch>,
     mount: Option<ImuMount>,
     log: Arc<PlaybackLog>,
     /// Clouds so far.
@@ -41,7 +41,7 @@ pub(super) struct RawPlayer {
 
 impl RawPlayer {
     pub(super) fn new(stream: Box<dyn MessageStream>, mount: Option<ImuMount>, log: Arc<PlaybackLog>) -> Self {
-        Self { stream: Some(stream), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
+        Self { stream: Some(ClockWatch::new(stream)), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
     }
 
     /// One that has nothing to play.

@@ -134,12 +134,13 @@ impl SensorMessages {
             return Ok(SensorMessage::Corrected(track));
         }
         let is_fixed = is_static(&message.topic.name);
-        for p in poses {
+        let last = poses.len().saturating_sub(1);
+        for (k, p) in poses.into_iter().enumerate() {
             self.pending.push_back(match message.role {
                 TopicRole::Transforms => {
                     SensorMessage::Transform { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_fixed }
                 }
-                _ => SensorMessage::Pose { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child },
+                _ => SensorMessage::Pose { time: p.time, parent: p.parent, child: p.child, pose: p.t_parent_child, is_last: k == last },
             });
         }
         Ok(self.pending().unwrap_or(SensorMessage::Other))

@@ -21,6 +21,8 @@ pub(crate) enum SensorMessage {
         child: String,
         /// Its pose in the map frame.
         pose: Pose,
+        /// Whether it is the last in its message: a path begins with old poses each time.
+        is_last: bool,
     },
     /// A pose of one frame in another.
     Transform {

@@ -3,6 +3,7 @@
 //! A recording is read once, from front to back. Scans wait until the poses around them have arrived, which SLAM systems publish late; then
 //! the keyframes among them are decoded. Memory does not grow with the recording's length.
 
+mod clock_watch;
 mod corrections;
 mod message_stream;
 mod playback_log;
@@ -11,6 +12,7 @@ mod pose_lookup;
 mod reread_clouds;
 mod selection;
 
+pub(crate) use clock_watch::ClockWatch;
 pub(crate) use corrections::{Corrections, read_track};
 pub(crate) use message_stream::{CloudMessage, MessageStream, OpenStream, SensorMessage};
 pub(crate) use playback_log::{DeliveredScan, PlaybackLog};

@@ -1,5 +1,6 @@
 //! Turns the messages of a recording into registered scans.
 
+use super::clock_watch::ClockWatch;
 use super::corrections::{Correction, Corrections};
 use super::message_stream::{CloudMessage, MessageStream, SensorMessage};
 use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
@@ -82,7 +83,7 @@ pub enum Polled<T> {
 
 /// Iterator over the registered cloud list of a recording.
 pub(crate) struct Player {
-    stream: Box<dyn MessageStream>,
+    stream: ClockWatch,
     path: PathBuf,
     poses: PoseLookup,
     keyframes: KeyframeFilter,
@@ -122,7 +123,7 @@ impl Player {
             loops_at.entry(edge.to).or_default().push(k);
         }
         Self {
-            stream,
+            stream: ClockWatch::new(stream),
             path: options.path,
             poses: PoseLookup::new(options.poses, options.mounts, options.tolerance_s),
             keyframes: options.keyframes,

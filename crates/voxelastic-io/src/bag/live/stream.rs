@@ -7,7 +7,6 @@ use super::{LiveFrames, LiveMessages, LiveTopics};
 use crate::Result;
 use crate::motion::ImuMount;
 use crate::playback::{MessageStream, SensorMessage};
-use std::collections::{HashMap, VecDeque};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::RecvTimeoutError;
@@ -15,11 +14,10 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How long a call waits for a message.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// A stamp that is this much older than the one before on the same topic, seconds, means that the clock went back: a simulation was started again, or a
-/// recording is played a second time.
+/// A message whose stamp is this far from the clock of a simulation, seconds, may be of another run of it.
 const LARGEST_DISORDER_S: f64 = 1.0;
 
-/// The same for the clock of a simulation, which comes in order.
+/// The clock of a simulation comes in order: if it goes back by this much, seconds, the simulation was started again.
 const LARGEST_TICK_BACK_S: f64 = 0.1;
 
 /// A stream of the messages that a middleware delivers. Its time is that of their coming, so that scans do not wait for ever for what was lost; with a clock, that
@@ -33,9 +31,6 @@ pub(super) struct LiveStream {
     path: Arc<Path>,
     start: Instant,
     clock: Option<Clock>,
-    /// The last stamp of each topic, and of each link of the transform tree.
-    stamps: HashMap<String, f64>,
-    pending: VecDeque<SensorMessage>,
 }
 
 /// The clock of a simulation.
@@ -89,8 +84,6 @@ impl LiveStream {
             path,
             start: Instant::now(),
             clock,
-            stamps: HashMap::new(),
-            pending: VecDeque::new(),
         }
     }
 
@@ -101,7 +94,6 @@ impl LiveStream {
         clock.now.into_iter().for_each(|now| self.frames.set_clock(now));
         let Some(back) = back else { return SensorMessage::Other };
         tracing::warn!("the simulation was started again: its clock went back by {back:.1} s; the poses that came before are not used any more");
-        self.stamps.clear();
         SensorMessage::ClockJump
     }
 
@@ -118,7 +110,7 @@ impl LiveStream {
         if self.is_of_before(&decoded) {
             return Ok(SensorMessage::Other);
         }
-        self.note(&decoded);
+        self.note_frames(&decoded);
         Ok(match (decoded, imu_frame) {
             (SensorMessage::Imu(sample), Some(frame)) => {
                 self.imu = self.imu.take().or_else(|| self.frames.beside_lidar(&frame).map(ImuMount::new));
@@ -133,64 +125,28 @@ impl LiveStream {
         stamp_of(message).zip(self.clock.as_ref()).is_some_and(|(stamp, clock)| clock.is_of_before(stamp))
     }
 
-    /// Notes frames, and whether the clock went back.
-    fn note(&mut self, message: &SensorMessage) {
-        let (name, time) = match message {
-            SensorMessage::Cloud(cloud) => {
-                self.frames.set_lidar(&cloud.frame);
-                ("", cloud.time)
-            }
-            SensorMessage::Pose { time, parent, .. } => {
-                self.frames.set_poses(parent);
-                ("/", *time)
-            }
-            SensorMessage::Transform { time, parent, child, pose, is_fixed } => {
-                self.frames.add_transform([parent, child], *pose, *is_fixed);
-                if *is_fixed {
-                    return;
-                }
-                (child.as_str(), *time)
-            }
-            _ => return,
-        };
-        match self.stamps.get_mut(name) {
-            Some(last) if time < *last - LARGEST_DISORDER_S => {
-                tracing::warn!("the clock of the messages went back by {:.1} s: the poses that came before are not used any more", *last - time);
-                self.stamps.clear();
-                self.stamps.insert(name.to_owned(), time);
-                self.pending.push_back(SensorMessage::ClockJump);
-            }
-            Some(last) => *last = last.max(time),
-            None => drop(self.stamps.insert(name.to_owned(), time)),
-        }
-    }
-
-    /// The message, after a jump of the clock that it showed.
-    fn in_order(&mut self, message: SensorMessage) -> SensorMessage {
-        match self.pending.pop_front() {
-            None => message,
-            Some(jump) => {
-                self.pending.push_back(message);
-                jump
-            }
+    /// Notes the frames that a message names.
+    fn note_frames(&self, message: &SensorMessage) {
+        match message {
+            SensorMessage::Cloud(cloud) => self.frames.set_lidar(&cloud.frame),
+            SensorMessage::Pose { parent, .. } => self.frames.set_poses(parent),
+            SensorMessage::Transform { parent, child, pose, is_fixed, .. } => self.frames.add_transform([parent, child], *pose, *is_fixed),
+            _ => {}
         }
     }
 }
 
 impl MessageStream for LiveStream {
     fn next(&mut self) -> Option<Result<SensorMessage>> {
-        if let Some(message) = self.pending.pop_front() {
-            return Some(Ok(message));
-        }
         if let Some(message) = self.sensor.pending() {
             if self.is_of_before(&message) {
                 return Some(Ok(SensorMessage::Other));
             }
-            self.note(&message);
-            return Some(Ok(self.in_order(message)));
+            self.note_frames(&message);
+            return Some(Ok(message));
         }
         match self.messages.recv_timeout(PATIENCE) {
-            Ok((topic, data)) => Some(self.decode(topic, data).map(|message| self.in_order(message))),
+            Ok((topic, data)) => Some(self.decode(topic, data)),
             Err(RecvTimeoutError::Timeout) => Some(Ok(SensorMessage::Other)),
             Err(RecvTimeoutError::Disconnected) => None,
         }
