@@ -133,6 +133,9 @@ impl Session {
         let done = self.pool.install(|| mapper.handle(event));
         let wall = clock.elapsed();
         if let Ok(report) = &done {
+            if let Some(ScanReport { node, submap, counts, .. }) = report {
+                tracing::debug!("scan {node} in submap {submap}: {} points, {:.1} ms", counts.usable, wall.as_secs_f64() * 1e3);
+            }
             let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
             if let (Some(points), Some(_)) = (&mut self.moving_points, report) {
                 points.extend_from_slice(self.mapper.moving_points());

@@ -31,7 +31,7 @@ pub struct DetailArgs {
 /// Figures of a node.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
-    /// What it does: `mapping`, `finished`, `a saved map`.
+    /// What it does: `starting`, `mapping`, `finished`, `a saved map`.
     pub state: &'static str,
     /// Scans in the map, and those that were left out.
     pub scans: usize,
@@ -85,6 +85,7 @@ impl Watch {
             tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; {controlled}", viewer.address());
         }
         let publisher = Publisher::new(scene, detail.view_detail.into());
+        publisher.statistics(&Figures { state: "starting", ..Figures::default() }.json());
         Ok(Self { publisher, viewer, last_figures: None })
     }
 

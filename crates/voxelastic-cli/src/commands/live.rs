@@ -286,6 +286,11 @@ fn play(
     let mut network = Network::join(&args.network, &settings)?;
     let nothing = |what: &str| Failure::new(format!("{}: {what}; no map was written", args.name().display()), "");
     let recording = args.network.record.as_deref().map(InputRecording::begin).transpose()?;
+    let (sender, pending) = channel();
+    let desk = Desk::new(sender);
+    let watch = || args.view.map(|address| Watch::start(args.name(), address, args.detail, args.control(&desk)?)).transpose();
+    // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
+    let early = if args.from.is_none() { watch()? } else { None };
     let Some(source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
         return Err(nothing("interrupted before the topics were there").into());
     };
@@ -307,12 +312,7 @@ fn play(
     if !is_recorded {
         keeper = keeper.of_passing_scans(&corrector);
     }
-    let (sender, pending) = channel();
-    let desk = Desk::new(sender);
-    let watch = match args.view {
-        Some(address) => Some(Watch::start(args.name(), address, args.detail, args.control(&desk)?)?),
-        None => None,
-    };
+    let watch = if early.is_some() { early } else { watch()? };
     let offers = Offers::announce(&args.network, network.as_mut(), &desk)?;
     let on_network = offers.map(|mut offers| {
         if let Some(frames) = frames.clone().filter(|_| args.network.use_sim_time) {

@@ -242,6 +242,27 @@ fn a_map_can_be_watched_while_it_grows_and_afterwards() {
 }
 
 #[test]
+fn how_much_is_said_is_chosen_by_a_flag_or_the_environment() {
+    let dir = tempfile::tempdir().unwrap();
+    room::write(&dir.path().join("room"), 4);
+    let said = |flag: &str, environment: Option<&str>| {
+        let mut command = voxelastic(dir.path());
+        command.args(format!("live --from room --rate max --overwrite {flag} {QUICK}").split_whitespace());
+        command.envs(environment.map(|levels| ("RUST_LOG", levels)));
+        let output = command.output().unwrap();
+        assert!(output.status.success() && output.stdout.is_empty(), "{output:?}");
+        let text = String::from_utf8(output.stderr).unwrap();
+        let of = |level: &str| text.lines().filter(|line| line.trim_start().starts_with(level)).count();
+        [of("INFO") > 0, of("DEBUG") >= 4, text.is_empty()]
+    };
+    assert_eq!(said("", None), [true, false, false]);
+    assert_eq!(said("-v", None), [true, true, false], "a line for each scan");
+    assert_eq!(said("-q", None), [false, false, true], "nothing but warnings and errors");
+    assert_eq!(said("-q", Some("voxelastic=debug")), [true, true, false], "the environment wins");
+    assert_eq!(said("-v", Some("error")), [false, false, true]);
+}
+
+#[test]
 fn impossible_viewers_have_a_remedy() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 1);

@@ -41,6 +41,8 @@ mod simulation;
 mod slam;
 mod tiles;
 mod two_sensors;
+#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
+mod zenoh_router;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -66,17 +66,22 @@ impl Robot {
     }
 }
 
-/// Scans that the node has mapped.
-fn mapped(page: u16) -> u64 {
+/// What the node says about itself; null where it does not answer.
+pub fn health(page: u16) -> serde_json::Value {
     use std::io::{Read, Write};
-    let Ok(mut stream) = std::net::TcpStream::connect(("127.0.0.1", page)) else { return 0 };
+    let Ok(mut stream) = std::net::TcpStream::connect(("127.0.0.1", page)) else { return serde_json::Value::Null };
     let mut answer = String::new();
     let _ = write!(stream, "GET /health HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").and_then(|()| stream.read_to_string(&mut answer));
     let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
-    serde_json::from_str::<serde_json::Value>(body).map_or(0, |health| health["scans"].as_u64().unwrap_or(0))
+    serde_json::from_str(body).unwrap_or_default()
 }
 
-fn ended(mut node: Child) {
+/// Scans that the node has mapped.
+pub fn mapped(page: u16) -> u64 {
+    health(page)["scans"].as_u64().unwrap_or(0)
+}
+
+pub fn ended(mut node: Child) {
     kill_process(Pid::from_child(&node), Signal::TERM).unwrap();
     assert_eq!(node.wait().unwrap().code(), Some(0));
 }

@@ -1,4 +1,5 @@
-"""A program that speaks ROS 2 over Zenoh: `zenoh_peer.py give|take LOCATOR FOLDER`, as dds_peer.py. It connects to LOCATOR, and reads messages by rosbags."""
+"""A program that speaks ROS 2 over Zenoh: `zenoh_peer.py give|take LOCATOR FOLDER`, as dds_peer.py. It connects to LOCATOR, and reads messages by rosbags.
+`zenoh_peer.py route LOCATOR FOLDER` is the router at LOCATOR."""
 import json
 import sys
 import time
@@ -179,11 +180,17 @@ def take(session, folder):
     (folder / "taken.tmp").rename(folder / "taken.json")
 
 
+def route(session, folder):
+    while not (folder / "done").exists():
+        time.sleep(0.1)
+
+
 mode, locator, folder = sys.argv[1], sys.argv[2], File(sys.argv[3])
+is_router = mode == "route"
 config = zenoh.Config()
-for name, value in [("mode", '"peer"'), ("scouting/multicast/enabled", "false"), ("timestamping/enabled", "true")]:
+for name, value in [("mode", '"router"' if is_router else '"peer"'), ("scouting/multicast/enabled", "false"), ("timestamping/enabled", "true")]:
     config.insert_json5(name, value)
-config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')
-config.insert_json5("connect/endpoints", json.dumps([locator]))
+config.insert_json5("listen/endpoints", json.dumps([locator if is_router else "tcp/127.0.0.1:0"]))
+config.insert_json5("connect/endpoints", json.dumps([] if is_router else [locator]))
 with zenoh.open(config) as session:
-    {"give": give, "take": take}[mode](session, folder)
+    {"give": give, "take": take, "route": route}[mode](session, folder)
