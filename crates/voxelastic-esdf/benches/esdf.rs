@@ -1,11 +1,11 @@
-//! Distance fields of a simulated mine at 20 cm: `cargo bench -p voxelastic-esdf`. One thread.
+//! Distance fields of a simulated mine at 20 cm: `cargo bench -p voxelastic-esdf`. One thread; slices with all.
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::hint::black_box;
 use voxelastic::query::UnknownAs;
 use voxelastic::settings::FieldKind;
 use voxelastic::{Settings, event::Event, mapper::Mapper};
-use voxelastic_esdf::{Esdf, EsdfSettings};
+use voxelastic_esdf::{Esdf, EsdfSettings, LocalEsdf};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 const VOXEL: f32 = 0.2;
@@ -42,5 +42,26 @@ fn fields(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, fields);
+/// A slice of 20 m x 20 m around the robot, of a field that is made where it is asked for: the first, and after one more scan.
+fn slices(c: &mut Criterion) {
+    let simulation = Simulation::new(SimOptions { scans: Some(9), ..SimOptions::of("mine") }).expect("a world");
+    let mut mapper = Mapper::new(Settings { voxel_size: VOXEL, field: FieldKind::Both, ..Settings::default() }).expect("settings");
+    let mut scans: Vec<_> = simulation.scans(PoseSource::Truth).collect();
+    let last = scans.pop().expect("scans");
+    scans.into_iter().for_each(|scan| assert!(mapper.handle(Event::Scan(scan)).expect("a scan").is_some()));
+    let here = last.t_map_lidar.translation;
+    let step = |k: i32| 20.0 / 128.0 * f64::from(k);
+    let points: Vec<[f64; 3]> = (-64..=64).flat_map(|y| (-64..=64).map(move |x| [here.x + step(x), here.y + step(y), here.z])).collect();
+    let new = || LocalEsdf::new(EsdfSettings::default(), VOXEL).expect("settings");
+    let mut group = c.benchmark_group("slice");
+    group.sample_size(10);
+    group.bench_function("the first", |b| b.iter_batched(new, |mut esdf| esdf.sample_many(mapper.atlas(), &points), BatchSize::LargeInput));
+    let mut before = new();
+    before.sample_many(mapper.atlas(), &points);
+    mapper.handle(Event::Scan(last)).expect("a scan");
+    let again = || before.clone();
+    group.bench_function("after a scan", |b| b.iter_batched(again, |mut esdf| esdf.sample_many(mapper.atlas(), &points), BatchSize::LargeInput));
+}
+
+criterion_group!(benches, fields, slices);
 criterion_main!(benches);

@@ -76,8 +76,13 @@ impl Esdf {
     }
 
     /// The largest distance in finest voxels, rounded up.
-    fn reach(&self) -> usize {
+    pub(crate) fn reach(&self) -> usize {
         ((self.settings.max_distance / self.voxel_size - 1e-6).ceil() as usize).clamp(1, MAX_REACH)
+    }
+
+    /// Whether distances end at unknown space, too.
+    pub(crate) fn has_unknown(&self) -> bool {
+        self.settings.unknown == UnknownAs::Blocked
     }
 
     /// Brings the field up to date with an atlas: recomputes what lies within the largest distance of voxels that changed their state since the last update. The
@@ -85,7 +90,7 @@ impl Esdf {
     pub fn update(&mut self, atlas: &Atlas) -> EsdfStats {
         let all: Vec<&Submap> = submaps(atlas).map(|(submap, _)| submap).collect();
         self.submaps.retain(|id, _| all.iter().any(|submap| submap.id() == *id));
-        let (reach, with_unknown) = (self.reach(), self.settings.unknown == UnknownAs::Blocked);
+        let (reach, with_unknown) = (self.reach(), self.has_unknown());
         let recomputed = all.iter().map(|submap| self.submaps.entry(submap.id()).or_default().update(submap, reach, with_unknown)).sum();
         EsdfStats { recomputed, blocks: self.blocks() }
     }

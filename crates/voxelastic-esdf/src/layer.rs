@@ -5,13 +5,18 @@ use crate::targets::{BlockSet, TILE, block_of_bit};
 use crate::transform::{BlockBox, Transform};
 use hashbrown::HashMap;
 use rayon::prelude::*;
-use voxelastic::octree::{BLOCK_EDGE, block_key};
+use voxelastic::octree::{BLOCK_EDGE, block_coords, block_key};
 
 /// Squared distance of a voxel without a seed within reach.
 pub(crate) const FAR: u16 = u16::MAX;
 
 /// Squared distances of a block's finest voxels, voxels squared.
 pub(crate) type Distances = [u16; 512];
+
+/// How many blocks away a seed may be that is within `reach` voxels: centres of voxels in neighbouring blocks are at least one voxel apart, in the next ones nine.
+pub(crate) fn blocks_within(reach: usize) -> usize {
+    (reach - 1) / BLOCK_EDGE + 1
+}
 
 /// Distances by block. A block that is missing has no seed within reach, or consists of seeds only.
 #[derive(Clone, Debug, Default)]
@@ -34,6 +39,12 @@ impl Layer {
         self.blocks.clear();
     }
 
+    /// Keeps the blocks of a set only.
+    pub fn retain(&mut self, set: &BlockSet) {
+        self.blocks.retain(|key, _| set.contains(block_coords(*key)));
+        self.blocks.shrink_to_fit();
+    }
+
     pub fn bytes(&self) -> usize {
         self.blocks.len() * size_of::<Distances>() + self.blocks.capacity() * size_of::<(u64, Box<Distances>)>()
     }
@@ -46,8 +57,12 @@ impl Layer {
 
     /// Recomputes everything within `reach` voxels of the `changed` blocks; returns how many blocks that were.
     pub fn update(&mut self, seeds: Seeds<'_>, changed: &BlockSet, reach: usize) -> usize {
-        // Centres of voxels in neighbouring blocks are at least one voxel apart, in the next ones nine.
-        let tiles = changed.dilated((reach - 1) / BLOCK_EDGE + 1).into_tiles();
+        self.recompute(seeds, changed.dilated(blocks_within(reach)), reach)
+    }
+
+    /// Recomputes `blocks`; returns how many they are.
+    pub fn recompute(&mut self, seeds: Seeds<'_>, blocks: BlockSet, reach: usize) -> usize {
+        let tiles = blocks.into_tiles();
         let recompute = |transform: &mut Transform, &(tile, mask): &([i32; 3], u64)| recompute_tile(transform, seeds, tile, mask, reach);
         let results: Vec<Vec<(u64, Option<Box<Distances>>)>> = tiles.par_iter().with_max_len(4).map_init(Transform::default, recompute).collect();
         let mut count = 0;

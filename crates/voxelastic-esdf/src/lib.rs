@@ -2,7 +2,7 @@
 //!
 //! An [`Esdf`] holds one field per submap, in the frame of the submap, so a correction of poses costs nothing. [`Esdf::update`] brings it up to date with an
 //! [`Atlas`](voxelastic::atlas::Atlas): it recomputes only what lies within the largest distance of voxels that changed their state since. [`EsdfQuery`] answers in
-//! the map frame, over all submaps.
+//! the map frame, over all submaps. A [`LocalEsdf`] is made only around the points that it is asked about.
 //!
 //! Distances are exact: from the centre of a finest voxel to the centre of the nearest occupied one, as a dense transform of the whole map would give them,
 //! however the map came to be. A removed obstacle leaves nothing behind. Where the map has surfaces (a TSDF), queries correct the distance to them by a
@@ -30,7 +30,9 @@
 //! ```
 
 mod atlas;
+mod frame;
 mod layer;
+mod local;
 mod query;
 mod seeds;
 mod submap;
@@ -38,4 +40,5 @@ mod targets;
 mod transform;
 
 pub use atlas::{Esdf, EsdfError, EsdfSettings, EsdfStats};
+pub use local::LocalEsdf;
 pub use query::{EsdfQuery, EsdfSample};

@@ -1,15 +1,16 @@
 //! Distances and gradients in the map frame.
 
 use crate::atlas::{Esdf, submaps};
+use crate::frame::{SubmapFrame, corner_below};
 use crate::layer::{Distances, FAR, Layer};
 use crate::submap::SubmapEsdf;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use voxelastic::Pose;
-use voxelastic::atlas::Atlas;
+use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::{OccupancyField, State};
-use voxelastic::octree::{BLOCK_EDGE, BLOCK_SHIFT, MAX_BLOCK_COORD, block_coords, block_key};
-use voxelastic::query::{DistanceQuery, UnknownAs};
+use voxelastic::octree::{BLOCK_EDGE, BLOCK_SHIFT, block_key};
+use voxelastic::query::DistanceQuery;
 
 /// Points that a thread takes at a time.
 const PER_TASK: usize = 2048;
@@ -42,28 +43,7 @@ pub struct EsdfQuery<'a> {
 struct Part<'a> {
     esdf: &'a SubmapEsdf,
     occupancy: &'a OccupancyField,
-    /// Rows of the rotation from the map frame to the submap frame, and the translation.
-    rotation: [[f64; 3]; 3],
-    translation: [f64; 3],
-    /// Box around the submap's voxels and what is within reach of them, submap frame, metres.
-    low: [f64; 3],
-    high: [f64; 3],
-}
-
-impl Part<'_> {
-    fn to_submap(&self, p: [f64; 3]) -> [f64; 3] {
-        let r = &self.rotation;
-        std::array::from_fn(|i| r[i][0] * p[0] + r[i][1] * p[1] + r[i][2] * p[2] + self.translation[i])
-    }
-
-    fn to_map(&self, sample: EsdfSample) -> EsdfSample {
-        let (r, g) = (&self.rotation, sample.gradient.map(f64::from));
-        EsdfSample { gradient: std::array::from_fn(|j| (r[0][j] * g[0] + r[1][j] * g[1] + r[2][j] * g[2]) as f32), ..sample }
-    }
-
-    fn reaches(&self, p: &[f64; 3]) -> bool {
-        (0..3).all(|k| p[k] >= self.low[k] && p[k] <= self.high[k])
-    }
+    frame: SubmapFrame,
 }
 
 /// Looks up voxels of a layer and remembers the last block.
@@ -133,30 +113,16 @@ impl<'a> EsdfQuery<'a> {
     fn new(esdf: &'a Esdf, atlas: &'a Atlas) -> Self {
         let voxel = esdf.voxel_size;
         let max_distance = esdf.settings().max_distance;
-        let part = |(submap, t_map_submap): (&'a voxelastic::atlas::Submap, Pose)| {
-            let t_submap_map = t_map_submap.inverse();
-            let rotation = t_submap_map.rotation.to_rotation_matrix();
-            let (key, level) = match submap.occupancy().is_empty() {
-                true => (submap.tsdf().tree().root_key(), submap.tsdf().tree().root_level()),
-                false => (submap.occupancy().tree().root_key(), submap.occupancy().tree().root_level()),
-            };
-            let block = BLOCK_EDGE as f64 * voxel;
-            let low = block_coords(key).map(|c| f64::from(c) * block - max_distance);
-            Some(Part {
-                esdf: esdf.submaps.get(&submap.id())?,
-                occupancy: submap.occupancy(),
-                rotation: std::array::from_fn(|i| std::array::from_fn(|j| rotation[(i, j)])),
-                translation: t_submap_map.translation.vector.into(),
-                low,
-                high: low.map(|c| c + f64::from(1u32 << level) * block + 2.0 * max_distance),
-            })
+        let part = |(submap, t_map_submap): (&'a Submap, Pose)| {
+            let frame = SubmapFrame::new(submap, &t_map_submap, voxel, max_distance);
+            Some(Part { esdf: esdf.submaps.get(&submap.id())?, occupancy: submap.occupancy(), frame })
         };
         let surfaces = DistanceQuery::new(atlas);
         let farthest = (max_distance / voxel).ceil().powi(2) as usize;
         Self {
             voxel,
             max_distance: max_distance as f32,
-            with_unknown: esdf.settings().unknown == UnknownAs::Blocked,
+            with_unknown: esdf.has_unknown(),
             parts: submaps(atlas).filter_map(part).collect(),
             surfaces: (!surfaces.is_empty()).then_some(surfaces),
             roots: (0..=farthest).map(|squared| ((squared as f64).sqrt() * voxel).min(max_distance) as f32).collect(),
@@ -220,19 +186,19 @@ impl<'a> EsdfQuery<'a> {
             let mut obstacles = Lookup::new(&part.esdf.obstacles, None);
             let mut not_free = part.esdf.not_free.as_ref().filter(|_| self.with_unknown).map(|layer| Lookup::new(layer, Some(part.occupancy)));
             for (i, (answer, p)) in answers.iter_mut().zip(points).enumerate() {
-                let local = part.to_submap(*p);
-                if !part.reaches(&local) {
+                let local = part.frame.to_submap(*p);
+                if !part.frame.reaches(&local) {
                     continue;
                 }
                 let sample = self.interpolate(&mut obstacles, local);
                 // The first of equals stays.
                 if sample.distance < answer.distance {
-                    *answer = part.to_map(sample);
+                    *answer = part.frame.to_map(sample);
                 }
                 if let Some(not_free) = &mut not_free {
                     let sample = self.interpolate(not_free, local);
                     if sample.distance > known[i].distance {
-                        known[i] = part.to_map(sample);
+                        known[i] = part.frame.to_map(sample);
                     }
                 }
             }
@@ -248,15 +214,10 @@ impl<'a> EsdfQuery<'a> {
     /// Interpolates between the eight voxels around `p`, submap frame.
     #[inline]
     fn interpolate(&self, lookup: &mut Lookup<'_>, p: [f64; 3]) -> EsdfSample {
-        const LIMIT: f64 = (MAX_BLOCK_COORD - 1) as f64 * BLOCK_EDGE as f64;
-        // Between the centres of voxels.
-        let q = p.map(|c| c / self.voxel - 0.5);
-        if q.iter().any(|c| c.abs() > LIMIT) {
+        let Some((base, [fx, fy, fz])) = corner_below(p, self.voxel) else {
             return EsdfSample { distance: if lookup.not_free.is_some() { 0.0 } else { self.max_distance }, gradient: [0.0; 3] };
-        }
-        let base = q.map(f64::floor);
-        let [fx, fy, fz] = std::array::from_fn(|k| (q[k] - base[k]) as f32);
-        let squared = lookup.corners(base.map(|c| c as i32));
+        };
+        let squared = lookup.corners(base);
         if squared == [FAR; 8] {
             return EsdfSample { distance: self.max_distance, gradient: [0.0; 3] };
         }

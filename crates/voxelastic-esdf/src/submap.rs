@@ -1,6 +1,6 @@
 //! The distance field of a submap, in its frame.
 
-use crate::layer::Layer;
+use crate::layer::{Layer, blocks_within};
 use crate::seeds::Seeds;
 use crate::targets::BlockSet;
 use voxelastic::atlas::Submap;
@@ -58,6 +58,38 @@ impl SubmapEsdf {
         obstacles + self.not_free.as_mut().map_or(0, |layer| update(layer, Seeds::NotFree(field), |kind| kind.free))
     }
 
+    /// Brings the blocks of `wanted` up to date, and no others. `made` has those that are: no other block may be looked up. Returns the number of blocks recomputed.
+    pub fn update_near(&mut self, submap: &Submap, reach: usize, with_unknown: bool, wanted: &BlockSet, made: &mut BlockSet) -> usize {
+        let occupancy = submap.occupancy();
+        let has_occupancy = !occupancy.is_empty();
+        if with_unknown && self.not_free.is_none() {
+            (self.not_free, self.revision) = (Some(Layer::default()), None);
+        }
+        let now = if has_occupancy { Revision::Occupancy(occupancy.revision()) } else { Revision::Surfaces(submap.revision()) };
+        match self.revision.replace(now) {
+            Some(before) if before == now => {}
+            Some(Revision::Occupancy(before)) if has_occupancy => match occupancy.changes_since(before) {
+                Some(flips) => made.remove(&changed_by(flips, with_unknown).dilated(blocks_within(reach))),
+                None => self.keep(&BlockSet::default(), made),
+            },
+            _ => self.keep(&BlockSet::default(), made),
+        }
+        let mut missing = wanted.clone();
+        missing.remove(made);
+        made.extend(&missing);
+        let seeds = if has_occupancy { Seeds::Occupied(occupancy) } else { Seeds::Surface(submap.tsdf()) };
+        let not_free = self.not_free.as_mut().filter(|_| has_occupancy);
+        let count = not_free.map_or(0, |layer| layer.recompute(Seeds::NotFree(occupancy), missing.clone(), reach));
+        count + self.obstacles.recompute(seeds, missing, reach)
+    }
+
+    /// Removes all blocks that are not in `set`.
+    pub fn keep(&mut self, set: &BlockSet, made: &mut BlockSet) {
+        *made = set.clone();
+        self.obstacles.retain(set);
+        self.not_free.iter_mut().for_each(|layer| layer.retain(set));
+    }
+
     pub fn blocks(&self) -> usize {
         self.obstacles.len() + self.not_free.as_ref().map_or(0, Layer::len)
     }
@@ -65,6 +97,20 @@ impl SubmapEsdf {
     pub fn bytes(&self) -> usize {
         self.obstacles.bytes() + self.not_free.as_ref().map_or(0, Layer::bytes)
     }
+}
+
+/// The blocks in which seeds began or ended.
+fn changed_by<'a>(flips: impl Iterator<Item = &'a Flip>, with_unknown: bool) -> BlockSet {
+    let mut changed = BlockSet::default();
+    for flip in flips {
+        if flip.kind.occupied {
+            changed.add_octant(flip.key, u32::from(flip.level), false);
+        }
+        if flip.kind.free && with_unknown {
+            changed.add_octant(flip.key, u32::from(flip.level), true);
+        }
+    }
+    changed
 }
 
 fn rebuild(layer: &mut Layer, seeds: Seeds<'_>, reach: usize) -> usize {

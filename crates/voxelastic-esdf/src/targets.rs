@@ -86,9 +86,32 @@ impl BlockSet {
         tiles
     }
 
+    pub fn add(&mut self, block: [i32; 3]) {
+        *self.tiles.entry(block.map(|c| c >> 2)).or_default() |= 1 << bit(block);
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.tiles.is_empty()
+    }
+
+    /// Number of blocks.
+    pub fn len(&self) -> usize {
+        self.tiles.values().map(|mask| mask.count_ones() as usize).sum()
+    }
+
+    pub fn extend(&mut self, other: &Self) {
+        other.tiles.iter().for_each(|(tile, mask)| *self.tiles.entry(*tile).or_default() |= mask);
+    }
+
+    pub fn remove(&mut self, other: &Self) {
+        self.tiles.retain(|tile, mask| {
+            *mask &= !other.tiles.get(tile).copied().unwrap_or(0);
+            *mask != 0
+        });
+    }
+
     /// Whether a block is in the set.
-    #[cfg(test)]
-    fn contains(&self, block: [i32; 3]) -> bool {
+    pub fn contains(&self, block: [i32; 3]) -> bool {
         self.tiles.get(&block.map(|c| c >> 2)).is_some_and(|mask| mask >> bit(block) & 1 == 1)
     }
 }

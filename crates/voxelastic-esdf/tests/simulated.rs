@@ -6,7 +6,7 @@ use voxelastic::field::occupancy::State;
 use voxelastic::query::UnknownAs;
 use voxelastic::settings::FieldKind;
 use voxelastic::{Pose, Settings, event::Event, mapper::Mapper};
-use voxelastic_esdf::{Esdf, EsdfError, EsdfSettings};
+use voxelastic_esdf::{Esdf, EsdfError, EsdfSettings, LocalEsdf};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 fn room(scans: usize, field: FieldKind, voxel_size: f32) -> (Atlas, Simulation) {
@@ -79,6 +79,42 @@ fn what_is_unknown_to_one_submap_may_be_free_in_another() {
             }
         }
         assert!(seen[0] > 100 && seen[1] > 100, "{seen:?}");
+    }
+}
+
+/// Scans of a room, then of a plane where it was, then of the room again, in several submaps: obstacles appear and vanish between the questions.
+#[test]
+fn a_field_that_is_made_where_it_is_asked_for_answers_the_same() {
+    let simulated = |world: &str, scans| Simulation::new(SimOptions { scans: Some(scans), columns: Some(256), ..SimOptions::of(world) }).unwrap();
+    for (field, unknown) in [(FieldKind::Both, UnknownAs::Free), (FieldKind::Occupancy, UnknownAs::Blocked), (FieldKind::Tsdf, UnknownAs::Free)] {
+        let settings = Settings { voxel_size: 0.15, max_range: 12.0, field, lambda_odom: 3.0, min_overlap: 1.0, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        let settings = EsdfSettings { max_distance: 1.5, unknown };
+        let mut whole = Esdf::new(settings, 0.15).unwrap();
+        let mut local = LocalEsdf::new(settings, 0.15).unwrap();
+        let (mut node, mut near) = (0, 0);
+        for (world, scans) in [("room", 3), ("plane", 6), ("room", 3)] {
+            for scan in simulated(world, scans).scans(PoseSource::Truth) {
+                let here = scan.t_map_lidar.translation.vector;
+                mapper.handle(Event::Scan(voxelastic::event::Scan { node, ..scan })).unwrap();
+                node += 1;
+                if node == 7 {
+                    let moved = |id: u64| Pose::translation(0.07 * id as f64, 0.0, 0.03) * mapper.pose(id).unwrap();
+                    let update = (0..node).map(|id| (id, moved(id))).collect();
+                    mapper.handle(Event::PoseUpdate(update)).unwrap();
+                }
+                // Around the robot, so that some blocks are asked for again and others are not; and what is in no submap.
+                let mut points: Vec<[f64; 3]> = points().into_iter().filter(|p| (p[0] - here.x).abs() < 1.0 && (p[1] - here.y).abs() < 2.0).collect();
+                points.extend([[1e9, 0.0, 0.0], [f64::NAN, 0.0, 0.0], [-30.0, 2.0, 1.0]]);
+                whole.update(mapper.atlas());
+                let query = whole.query(mapper.atlas());
+                assert_eq!(local.sample_many(mapper.atlas(), &points), query.sample_many(&points), "{field:?}, scan {node}");
+                assert_eq!(local.sample_many_to_surfaces(mapper.atlas(), &points), query.sample_many_to_surfaces(&points));
+                near += query.sample_many(&points).iter().filter(|sample| sample.distance < 1.5).count();
+            }
+        }
+        assert!(mapper.atlas().submaps().len() > 1 && near > 1000, "{} submaps, {near} points near obstacles", mapper.atlas().submaps().len());
+        assert!(local.bytes() < whole.bytes() / 2, "{field:?}: {} bytes instead of {}", local.bytes(), whole.bytes());
     }
 }
 

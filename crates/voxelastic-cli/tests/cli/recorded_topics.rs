@@ -57,7 +57,7 @@ impl Robot {
             self.odom.publish(&odometry(stamp, &pose)).unwrap();
             let points = room::scan(&pose).points;
             self.points.publish(&point_cloud(Header { stamp, frame: "lidar" }, &points, &[])).unwrap();
-            std::thread::sleep(Duration::from_millis(40));
+            std::thread::sleep(Duration::from_millis(80));
             if is_enough() {
                 return first + k + 1;
             }
@@ -86,8 +86,18 @@ pub fn ended(mut node: Child) {
     assert_eq!(node.wait().unwrap().code(), Some(0));
 }
 
-/// Maps a robot that is restarted after some scans, with a clock that says `then` seconds; the recording of it must give the same map.
-fn same_after_a_restart(dir: &Path, domain: u16, then: f64) {
+/// Maps a robot that is restarted after some scans, with a clock that says `then` seconds; the recording of it must give the same map. Not where a busy machine left
+/// scans out, which the recording has: then it is done again.
+fn same_after_a_restart(domain: u16, then: f64) {
+    let is_done = (0..4).any(|_| {
+        let dir = tempfile::tempdir().unwrap();
+        is_same_after_a_restart(dir.path(), domain, then)
+    });
+    assert!(is_done, "scans were left out each time");
+}
+
+/// Whether no scan was left out.
+fn is_same_after_a_restart(dir: &Path, domain: u16, then: f64) -> bool {
     let page = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let network = format!("--ros2=dds --domain {domain} --local --record drive.mcap --view=127.0.0.1:{page}");
     let node = voxelastic(dir).args(format!("-q live {network} {FLAGS} -o live.vox").split_whitespace()).spawn().unwrap();
@@ -97,22 +107,26 @@ fn same_after_a_restart(dir: &Path, domain: u16, then: f64) {
     std::thread::sleep(Duration::from_millis(500));
     let before = mapped(page);
     Robot::start(domain).drive(next, then, || mapped(page) >= before + 8);
+    std::thread::sleep(Duration::from_millis(500));
+    let left_out = health(page)["scans_left_out"].as_u64().unwrap();
     ended(node);
+    if left_out > 0 {
+        return false;
+    }
     let recorded: serde_json::Value = serde_json::from_str(&works(dir, &format!("map drive.mcap {FLAGS} --json -o map.vox"))).unwrap();
     assert!(recorded["scans"].as_u64().unwrap() >= before + 8, "{recorded}");
     let [live, again] = ["live.vox", "map.vox"].map(|map| content(&dir.join(map)));
     assert!(live.iter().any(|(name, _)| name.ends_with(".vxs")));
     assert!(live == again, "the recording of what came gives another map");
+    true
 }
 
 #[test]
 fn a_recording_of_topics_gives_the_map_that_was_made_of_them() {
-    let dir = tempfile::tempdir().unwrap();
-    same_after_a_restart(dir.path(), 71 + (std::process::id() % 40) as u16, 1100.0);
+    same_after_a_restart(71 + (std::process::id() % 40) as u16, 1100.0);
 }
 
 #[test]
 fn so_it_does_where_the_robots_clock_went_back() {
-    let dir = tempfile::tempdir().unwrap();
-    same_after_a_restart(dir.path(), 121 + (std::process::id() % 40) as u16, 900.0);
+    same_after_a_restart(121 + (std::process::id() % 40) as u16, 900.0);
 }

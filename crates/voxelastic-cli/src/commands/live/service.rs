@@ -10,7 +10,7 @@ use std::time::Duration;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::DistanceQuery;
 use voxelastic::{Pose, Settings};
-use voxelastic_esdf::{Esdf, EsdfSettings};
+use voxelastic_esdf::{EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_live::ros::services::{Distance, Request, Response};
@@ -30,7 +30,7 @@ pub struct Service<'a> {
     /// The settings of the map.
     pub settings: &'a Settings,
     /// Distances to obstacles, once somebody has asked for them.
-    pub esdf: Option<Esdf>,
+    pub esdf: Option<LocalEsdf>,
 }
 
 impl Service<'_> {
@@ -68,14 +68,13 @@ impl Service<'_> {
                 .collect());
         }
         let most = EsdfSettings::default().max_distance.min(MOST_VOXELS * f64::from(self.settings.voxel_size));
-        let new = || Esdf::new(EsdfSettings { max_distance: most, ..EsdfSettings::default() }, self.settings.voxel_size);
+        let new = || LocalEsdf::new(EsdfSettings { max_distance: most, ..EsdfSettings::default() }, self.settings.voxel_size);
         let esdf = match self.esdf.take() {
             Some(esdf) => esdf,
             None => new().map_err(|problem| problem.to_string())?,
         };
         let esdf = self.esdf.insert(esdf);
-        esdf.update(atlas);
-        let samples = esdf.query(atlas).sample_many_to_surfaces(&points);
+        let samples = esdf.sample_many_to_surfaces(atlas, &points);
         let known = |(sample, state): (voxelastic_esdf::EsdfSample, State)| {
             (state != State::Unknown).then_some(Distance { distance: sample.distance, gradient: sample.gradient })
         };

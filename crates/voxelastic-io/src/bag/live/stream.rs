@@ -75,16 +75,7 @@ impl LiveStream {
         });
         let (topics_of_roles, path) = (known.collect(), topics.origin.as_path().into());
         let clock = topics.clock().map(|topic| Clock { topic, now: None, elapsed: 0.0, before: None });
-        Self {
-            messages,
-            topics: topics_of_roles,
-            sensor: SensorMessages::new(topics.stream),
-            frames,
-            imu: None,
-            path,
-            start: Instant::now(),
-            clock,
-        }
+        Self { messages, topics: topics_of_roles, sensor: SensorMessages::new(topics.stream), frames, imu: None, path, start: Instant::now(), clock }
     }
 
     /// A message of the clock.
