@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 /// Two fields are pulled together in a cell only if this share of the places of one of them, at least, has a partner: of two surfaces that are the same one,
 /// one may be seen in part, but hardly both.
 const MOST: f64 = 0.5;
-/// Bending two fields onto each other must leave at most this share of the mean distance of their pairs: 0.2 to 0.6 where submaps had drifted apart, 0.7 to 0.9 in a hall
-/// where they had not, whose surface became worse by it.
-const MOST_LEFT: f64 = 0.65;
+/// Bending two fields onto each other must leave at most this share of the mean distance of their pairs: 0.7 to 0.9 was left in a hall, and 0.5 in a street with foliage,
+/// where poses were right and the surface became worse by bending.
+const MOST_LEFT: f64 = 0.4;
 /// So many pairs in a cell weigh half as much as any number of them.
 const HALF_KNOWN: f64 = 4.0;
 /// Cells are summed up in so many groups side by side, each of which looks at all pairs: sums keep their order.

@@ -158,3 +158,32 @@ proptest! {
         prop_assert!(count > 500, "{count} voxels");
     }
 }
+
+/// Of two fields of level plates, each as high as `height` says for the field and the plate, those that are refused.
+fn refused(plate: i32, height: impl Fn(u32, [i32; 2]) -> f32) -> HashSet<[usize; 2]> {
+    let place = |field: u32, x: i32, y: i32| {
+        let number = [x.div_euclid(plate), y.div_euclid(plate)];
+        SurfacePoint { position: [x as f32, y as f32, 32.0 + height(field, number)], normal: [0.0, 0.0, 1.0], field }
+    };
+    let axis = || (0..256).step_by(4);
+    let points: Vec<SurfacePoint> =
+        (0..2).flat_map(|field| axis().flat_map(move |x| axis().map(move |y| (field, x, y)))).map(|(f, x, y)| place(f, x, y)).collect();
+    let mut cells = [HashMap::new(), HashMap::new()];
+    points.iter().for_each(|point| _ = cells[point.field as usize].insert(cell_of(point.position), [0.0; 3]));
+    let pairs = Pairs::new(points, 2);
+    let first = pairs.find(&[Displacement::default(), Displacement::default()], REACH);
+    let after = pairs.find(&bent(&pairs, &cells, &first, &HashSet::new()), REACH);
+    let mean = |found: &Found| found.distances().values().map(|(count, sum)| sum / *count as f64).sum::<f64>();
+    println!("{:.2} of {:.2} voxels are left", mean(&after), mean(&first));
+    first.not_explained(&after)
+}
+
+#[test]
+fn different_things_that_stand_close_together_are_not_bent_onto_each_other() {
+    // Drift raises all plates of a field by about as much.
+    let drifted = |field: u32, [x, y]: [i32; 2]| field as f32 * (1.5 + 0.1 * (x + y) as f32 * 0.2);
+    assert!(refused(24, drifted).is_empty());
+    // Clutter: of each plate, smaller than a cell, either field has another height.
+    let clutter = |field: u32, [x, y]: [i32; 2]| ((field as i32 * 7 + x * 13 + y * 29) as f32 * 0.618_034).fract() * 4.0;
+    assert!(refused(24, clutter) == HashSet::from([[0, 1]]));
+}
