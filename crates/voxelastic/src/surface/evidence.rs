@@ -2,7 +2,8 @@
 //!
 //! Returns from dust, from leaves and from the edges of things, scans that are a little off and things that moved leave crumbs: pieces of a few triangles that few rays
 //! saw. A piece's evidence is the sum of the observations at its vertices, so that one that is large, or was seen often, stays. Measurements of a
-//! surface that is there agree on its direction, and those of a crumb do not: a flat piece needs much less evidence.
+//! surface that is there agree on its direction, and those of a crumb do not: a flat piece needs much less evidence. Normals of a pole, a rail or a cable have all
+//! directions across its axis and none along it: such a piece needs less, too.
 //!
 //! All sums are of whole numbers, so that a piece that lies in several tiles has the same evidence however it is divided.
 
@@ -15,6 +16,7 @@ use super::resolved_blocks::ResolvedBlocks;
 use super::vertices::mask_index;
 use crate::field::tsdf::{Voxel, WEIGHT_ONE};
 use crate::octree::{voxel_index, voxels_at};
+use nalgebra::Matrix3;
 
 /// Least evidence of a piece that stays: observations, summed over its vertices.
 const LEAST_EVIDENCE: u32 = 120;
@@ -22,6 +24,10 @@ const LEAST_EVIDENCE: u32 = 120;
 const LEAST_OF_FLAT: u32 = 12;
 /// ... whose mean normal is at least this long.
 const FLAT: f64 = 0.95;
+/// The same for a piece whose normals are across one axis ...
+const LEAST_OF_BAR: u32 = 40;
+/// ... which is if the mean square of their components along it is at most this.
+const ACROSS: f64 = 0.05;
 /// A vertex counts as this many observations at most, so that a piece of a few triangles is a crumb however often it was seen.
 const MOST_OF_ONE: u16 = 8;
 /// Steps of the components of normals, and of areas in square metres.
@@ -57,6 +63,8 @@ pub(crate) struct Evidence {
     observations: u32,
     /// Sum of the normals at its vertices, in steps.
     normals: [i64; 3],
+    /// Sums of the products of their components, in squared steps: xx, xy, xz, yy, yz, zz.
+    products: [i64; 6],
     /// In steps.
     area: u64,
 }
@@ -69,14 +77,38 @@ impl Evidence {
         self.observations = self.observations.saturating_add(other.observations);
         self.area += other.area;
         (0..3).for_each(|k| self.normals[k] += other.normals[k]);
+        (0..6).for_each(|k| self.products[k] += other.products[k]);
+    }
+
+    /// Adds the normal at a vertex.
+    fn add_vertex(&mut self, normal: [f32; 3]) {
+        let [x, y, z] = normal.map(|c| (c * NORMAL_STEPS) as i64);
+        self.vertices += 1;
+        self.normals = [self.normals[0] + x, self.normals[1] + y, self.normals[2] + z];
+        let products = [x * x, x * y, x * z, y * y, y * z, z * z];
+        (0..6).for_each(|k| self.products[k] += products[k]);
     }
 
     /// Whether it is enough for the piece to stay.
     pub fn is_enough(&self) -> bool {
-        let flat = FLAT * f64::from(self.vertices) * f64::from(NORMAL_STEPS);
-        let is_flat = self.normals.iter().map(|c| (*c as f64).powi(2)).sum::<f64>() >= flat * flat;
-        let least = if is_flat { LEAST_OF_FLAT } else { LEAST_EVIDENCE };
-        self.vertices >= LEAST_EVIDENCE || self.observations >= least * u32::from(WEIGHT_ONE)
+        let is_seen = |times: u32| self.observations >= times * u32::from(WEIGHT_ONE);
+        self.vertices >= LEAST_EVIDENCE
+            || is_seen(LEAST_EVIDENCE)
+            || is_seen(LEAST_OF_FLAT) && self.is_flat()
+            || is_seen(LEAST_OF_BAR) && self.is_across_an_axis()
+    }
+
+    /// Whether its normals have one direction.
+    fn is_flat(&self) -> bool {
+        let least = FLAT * f64::from(self.vertices) * f64::from(NORMAL_STEPS);
+        self.normals.iter().map(|c| (*c as f64).powi(2)).sum::<f64>() >= least * least
+    }
+
+    /// Whether there is an axis that its normals are all across.
+    fn is_across_an_axis(&self) -> bool {
+        let [xx, xy, xz, yy, yz, zz] = self.products.map(|sum| sum as f64);
+        let products = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        products.symmetric_eigenvalues().min() <= ACROSS * products.trace()
     }
 }
 
@@ -99,9 +131,7 @@ pub(super) fn pieces_of(
         }
         piece_of[v] = piece_of[lowest];
         if v < own {
-            let piece = &mut evidence[piece_of[v] as usize];
-            piece.vertices += 1;
-            (0..3).for_each(|k| piece.normals[k] += (mesh.normals[v][k] * NORMAL_STEPS) as i64);
+            evidence[piece_of[v] as usize].add_vertex(mesh.normals[v]);
         }
     }
     for t in &mesh.triangles {
@@ -157,4 +187,37 @@ fn less_known(a: u16, b: u16) -> u16 {
 fn area([a, b, c]: [[f32; 3]; 3]) -> f64 {
     let side = |p: [f32; 3]| nalgebra::Vector3::from(std::array::from_fn::<f64, 3, _>(|k| f64::from(p[k]) - f64::from(a[k])));
     0.5 * side(b).cross(&side(c)).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A piece of `vertices` vertices that were observed once each, with the normals that `normal` gives.
+    fn piece(vertices: usize, normal: impl Fn(usize) -> [f32; 3]) -> Evidence {
+        let mut piece = Evidence { observations: vertices as u32 * u32::from(WEIGHT_ONE), ..Evidence::default() };
+        (0..vertices).for_each(|i| piece.add_vertex(normal(i)));
+        piece
+    }
+
+    /// A direction around the axis `(0.6, 0, 0.8)`, and a share of it.
+    fn around(angle: f32, along: f32) -> [f32; 3] {
+        let (sine, cosine, across) = (angle.sin(), angle.cos(), (1.0 - along * along).sqrt());
+        [0.6 * along + across * 0.8 * cosine, across * sine, 0.8 * along - across * 0.6 * cosine]
+    }
+
+    #[test]
+    fn flat_pieces_and_bars_need_less_evidence_than_others() {
+        let flat = |vertices| piece(vertices, |i| around(i as f32, if i % 2 == 0 { 0.99 } else { 0.97 })).is_enough();
+        let bar = |vertices| piece(vertices, |i| around(i as f32, 0.3 * (i as f32).sin())).is_enough();
+        let any = |vertices| piece(vertices, |i| around(2.4 * i as f32, 1.0 - 2.0 * (i as f32 + 0.5) / vertices as f32)).is_enough();
+        assert_eq!([11, 12].map(flat), [false, true]);
+        assert_eq!([39, 40].map(bar), [false, true]);
+        assert_eq!([119, 120].map(any), [false, true]);
+        // Half a piece is not judged: its parts add up.
+        let (mut one, other) = (piece(20, |i| around(i as f32, 0.0)), piece(20, |i| around(i as f32 + 0.5, 0.0)));
+        assert!(!one.is_enough() && !other.is_enough());
+        one.add(&other);
+        assert!(one.is_enough());
+    }
 }
