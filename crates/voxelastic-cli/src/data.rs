@@ -14,7 +14,7 @@ use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorTopic};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct DataArgs {
-    /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, a .pcap of an Ouster, Velodyne or Hesai sensor
+    /// Folder with scans and poses, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, a .pcap of an Ouster, Velodyne, Hesai or RoboSense sensor
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
     #[command(flatten)]
@@ -54,7 +54,7 @@ pub struct ReadingArgs {
     /// Without poses: do not use the inertial measurement unit of the data
     #[arg(long, hide_short_help = true)]
     no_imu: bool,
-    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai, if they are not found by name
+    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
     /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times

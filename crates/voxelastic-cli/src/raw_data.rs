@@ -9,7 +9,7 @@ use voxelastic_io::raw::{self, RawScans};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Input")]
 pub struct RawDataArgs {
-    /// Folder with scans, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, a .pcap of an Ouster, Velodyne or Hesai sensor. Poses in it are not used
+    /// Folder with scans, or a recording: .bag, .mcap, .db3, the folder of a ROS 2 bag, a .pcap of an Ouster, Velodyne, Hesai or RoboSense sensor. Poses in it are not used
     #[arg(value_name = "DATA", help_heading = None)]
     data: PathBuf,
     /// The topic of the clouds in a recording, if there are several
@@ -21,7 +21,7 @@ pub struct RawDataArgs {
     /// Do not use the inertial measurement unit of the data
     #[arg(long)]
     no_imu: bool,
-    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai, if they are not found by name
+    /// Of a capture: the metadata (.json) of an Ouster sensor, or the angles of the beams (.csv) of a Hesai or RoboSense, if they are not found by name
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
 }

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | [`transport`] | where inputs come from: the trait that a robot's middleware or a recording implements |
 //! | [`replay`] | a recording as a transport, at its own or another rate |
-//! | [`ouster`], [`spinning`] | the packets of an Ouster sensor, and of Velodyne's and Hesai's, as a transport |
+//! | [`ouster`], [`spinning`] | the packets of an Ouster sensor, and of Velodyne's, Hesai's and RoboSense's, as a transport |
 //! | [`ros`] | topics and services of ROS 2 |
 //! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
 //! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |

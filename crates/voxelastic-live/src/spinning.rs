@@ -1,4 +1,4 @@
-//! A sensor that turns, Velodyne's or Hesai's, as a transport: its UDP packets, without a driver.
+//! A sensor that turns, Velodyne's, Hesai's or RoboSense's, as a transport: its UDP packets, without a driver.
 
 use crate::transport::{Incoming, Transport};
 use crate::udp::{Listener, next_scan};
@@ -24,7 +24,7 @@ pub struct SpinningInput {
 
 impl SpinningInput {
     /// Listens at `address` for packets of a sensor. With `from`, packets of other machines are ignored; without, those of others than the first that is
-    /// recognised. `angles` is the angle correction of a Hesai.
+    /// recognised. `angles` is a table of the angles of a Hesai or a RoboSense.
     ///
     /// # Errors
     /// When the port is taken.

@@ -76,7 +76,7 @@ use voxelastic_slam::Corrector;
   voxelastic live --ros2=zenoh --cloud-topic /os/points --slam -o site.vox
   voxelastic live --from drive.mcap --ros2              play a recording, and publish its map
   voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver
-  voxelastic live --velodyne 192.168.1.201 --view       straight from a Velodyne, or a Hesai")]
+  voxelastic live --velodyne 192.168.1.201 --view       straight from a Velodyne, Hesai or RoboSense")]
 pub struct LiveArgs {
     /// Folder with scans, or a recording, to be played: as for `voxelastic map`
     #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster", "velodyne"])]
@@ -84,8 +84,8 @@ pub struct LiveArgs {
     /// An Ouster sensor: its name or address, which is asked what it is, or the port to which packets come (with --metadata). Poses are estimated
     #[arg(long, value_name = "HOST|PORT", value_parser = OusterAddress::parse, conflicts_with = "from")]
     ouster: Option<OusterAddress>,
-    /// A Velodyne or a Hesai, which its packets tell: its name or address, or the port to which packets come (2368 unless it is given). Poses are estimated
-    #[arg(long, visible_alias = "hesai", value_name = "HOST[:PORT]|PORT", value_parser = SpinningAddress::parse, conflicts_with_all = ["from", "ouster"])]
+    /// A Velodyne, a Hesai or a RoboSense, which its packets tell: its name or address, or the port to which packets come (2368 unless it is given; 6699 is usual for RoboSense). Poses are estimated
+    #[arg(long, visible_aliases = ["hesai", "robosense"], value_name = "HOST[:PORT]|PORT", value_parser = SpinningAddress::parse, conflicts_with_all = ["from", "ouster"])]
     velodyne: Option<SpinningAddress>,
     /// Speed at which it is played: 1 is its own, `max` as fast as it can be mapped, with no scan left out
     #[arg(long, value_name = "RATE", default_value = "1", value_parser = Rate::parse)]

@@ -1,6 +1,6 @@
 //! The packets of a sensor that turns, as they come.
 
-use super::recognise::{Shown, sensor_of};
+use super::recognise::{Shown, is_about_device, sensor_of};
 use super::stream::message;
 use super::turn_assembler::TurnAssembler;
 use crate::Result;
@@ -39,6 +39,8 @@ pub(crate) struct SpinningStream {
     /// The file with the angles of the beams, if there is one.
     angles: Option<PathBuf>,
     sensor: Option<Sensor>,
+    /// What a sensor that was not recognised yet said about itself.
+    device: Option<(IpAddr, Vec<u8>)>,
     /// Whether it was said that packets cannot be read.
     is_refused: bool,
     /// Where the datagrams come from, for messages.
@@ -49,12 +51,18 @@ pub(crate) struct SpinningStream {
 
 impl SpinningStream {
     pub(crate) fn new(packets: Receiver<SensorPacket>, angles: Option<PathBuf>, origin: PathBuf) -> Self {
-        Self { packets, angles, sensor: None, is_refused: false, origin, start: Instant::now(), pending: VecDeque::new() }
+        Self { packets, angles, sensor: None, device: None, is_refused: false, origin, start: Instant::now(), pending: VecDeque::new() }
     }
 
     fn add(&mut self, packet: &SensorPacket) -> Result<()> {
+        if self.sensor.is_none() && is_about_device(&packet.payload) {
+            // Perhaps it was refused for want of this.
+            (self.device, self.is_refused) = (Some((packet.source, packet.payload.clone())), false);
+            return Ok(());
+        }
         if self.sensor.is_none() && !self.is_refused {
-            let found = sensor_of(&packet.payload, self.angles.as_deref(), &self.origin).inspect_err(|_| self.is_refused = true)?;
+            let device = self.device.as_ref().filter(|(source, _)| *source == packet.source).map(|(_, device)| device.clone());
+            let found = sensor_of(&packet.payload, self.angles.as_deref(), device, &self.origin).inspect_err(|_| self.is_refused = true)?;
             self.sensor = found.map(|Shown { packets, frame, words }| {
                 tracing::info!("sensor: {words}, at {}", packet.source);
                 Sensor { source: packet.source, assembler: TurnAssembler::new(packets), frame }

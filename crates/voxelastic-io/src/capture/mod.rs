@@ -1,17 +1,19 @@
 //! Captures: the packets of a sensor in a `.pcap` or `.pcapng` file, as a network sniffer or the maker's program records them.
 //!
-//! [`Pcap`] reads the datagrams. Sensors that turn ([`velodyne`], [`hesai`]) share everything but the layout of their packets: each is a [`SpinningPackets`],
+//! [`Pcap`] reads the datagrams. Sensors that turn ([`velodyne`], [`hesai`], [`robosense`]) share everything but the layout of their packets: each is a [`SpinningPackets`],
 //! which turns packets into returns, and a [`TurnAssembler`] makes scans of them. Ouster's packets have the columns of a fixed image and need the sensor's own
 //! description, see [`crate::ouster`]. Which sensor it is is recognised from the packets.
 
 mod clock;
 mod datagrams;
+mod date;
 mod files;
 mod frames;
 mod hesai;
 mod kind;
 mod live;
 mod recognise;
+mod robosense;
 mod spinning;
 mod spinning_capture;
 mod stream;

@@ -3,6 +3,7 @@
 use super::datagrams::Pcap;
 use super::files::find_angles;
 use super::hesai::{self, HesaiPackets};
+use super::robosense::{self, RoboSensePackets};
 use super::spinning::SpinningPackets;
 use super::velodyne::{self, Product, VelodynePackets};
 use crate::{Error, Result};
@@ -27,6 +28,7 @@ pub(crate) struct SpinningSensor {
 enum Make {
     Velodyne(&'static velodyne::Model),
     Hesai(&'static hesai::Model, Option<PathBuf>),
+    RoboSense(&'static robosense::Model, robosense::Piece),
 }
 
 impl SpinningSensor {
@@ -35,6 +37,7 @@ impl SpinningSensor {
         Ok(match &self.make {
             Make::Velodyne(model) => Box::new(VelodynePackets::new(model)),
             Make::Hesai(model, angles) => Box::new(HesaiPackets::new(model, angles.as_deref())?),
+            Make::RoboSense(model, piece) => Box::new(RoboSensePackets::new(model, piece.clone())),
         })
     }
 
@@ -43,6 +46,7 @@ impl SpinningSensor {
         match self.make {
             Make::Velodyne(_) => "velodyne",
             Make::Hesai(..) => "hesai_lidar",
+            Make::RoboSense(..) => "rslidar",
         }
     }
 }
@@ -61,40 +65,69 @@ pub(super) enum Recognised {
 enum Kind {
     Velodyne(Product),
     Hesai(hesai::ModelId),
+    RoboSense(robosense::Kind),
 }
 
 impl Kind {
     fn of(packet: &[u8]) -> Option<Self> {
-        Product::of(packet).map(Self::Velodyne).or_else(|| hesai::ModelId::of(packet).map(Self::Hesai))
+        let hesai = || hesai::ModelId::of(packet).map(Self::Hesai);
+        Product::of(packet).map(Self::Velodyne).or_else(hesai).or_else(|| robosense::Kind::of(packet).map(Self::RoboSense))
     }
 
     fn name(self) -> String {
         match self {
             Self::Velodyne(product) => format!("Velodyne {}", product.name()),
             Self::Hesai(id) => format!("Hesai {}", id.model().name),
+            Self::RoboSense(kind) => format!("RoboSense {}", kind.name()),
         }
     }
 }
 
+/// Why nothing reads the packets of a sensor.
+enum Unmade {
+    /// It is not known, or something is missing: what to do instead.
+    Remedy(String),
+    /// The file with the angles cannot be used.
+    File(Error),
+}
+
+/// What is known of a piece of a sensor: the file with the angles of its beams, and a packet about the device.
+#[derive(Clone, Debug, Default)]
+struct Particulars {
+    angles: Option<PathBuf>,
+    device: Option<Vec<u8>>,
+}
+
 impl Kind {
-    /// What reads its packets, and a remark; what to do instead if nothing does. A Hesai has the `angles` of a file, if there is one.
-    fn make(self, angles: Option<PathBuf>) -> std::result::Result<(Make, Option<String>), String> {
+    /// What reads its packets, and a remark.
+    fn make(self, particulars: Particulars) -> std::result::Result<(Make, Option<String>), Unmade> {
+        let Particulars { angles, device } = particulars;
+        let drivers = |names: Vec<&str>| format!("those of {} are; have the sensor's driver make clouds of it, and record those", names.join(", "));
+        let of_a_file = |file: &PathBuf| format!("the angles of its beams are those of {}", file.display());
         match self {
             Self::Velodyne(product) => {
                 let model = if let Product::Known(number) = product { velodyne::Model::of(number) } else { None };
-                let names = || velodyne::Model::names().join(", ");
-                let remedy = || format!("those of {} are; have the sensor's driver make clouds of it, and record those", names());
-                Ok((Make::Velodyne(model.ok_or_else(remedy)?), None))
+                Ok((Make::Velodyne(model.ok_or_else(|| Unmade::Remedy(drivers(velodyne::Model::names())))?), None))
             }
             Self::Hesai(id) => {
-                let note = match &angles {
-                    Some(file) => format!("the angles of its beams are those of {}", file.display()),
-                    None => {
-                        "the angles of its beams are those of its kind, not of the piece: give the sensor's angle correction (.csv) with --metadata"
-                            .into()
+                let usual =
+                    "the angles of its beams are those of its kind, not of the piece: give the sensor's angle correction (.csv) with --metadata";
+                let note = angles.as_ref().map_or_else(|| usual.into(), of_a_file);
+                Ok((Make::Hesai(id.model(), angles), Some(note)))
+            }
+            Self::RoboSense(kind) => {
+                let model = kind.model().ok_or_else(|| Unmade::Remedy(drivers(robosense::Model::names())))?;
+                let piece = robosense::Piece::new(model, angles.as_deref(), device.as_deref()).map_err(Unmade::File)?;
+                let remedy = "each piece has its own angles: record its packets about the device, too (DIFOP, usually to port 7788), or give a table (.csv with Channel,Elevation,Azimuth) with --metadata";
+                let piece = piece.ok_or_else(|| Unmade::Remedy(remedy.into()))?;
+                let note = match (&angles, robosense::Piece::of(model, device.as_deref())) {
+                    (Some(file), _) => of_a_file(file),
+                    (None, (Some(_), _)) => "the angles of its beams are in its packets about the device (usually to port 7788)".into(),
+                    (None, (None, _)) => {
+                        "the angles of its beams are those of its kind, not of the piece: record its packets to port 7788, too".into()
                     }
                 };
-                Ok((Make::Hesai(id.model(), angles), Some(note)))
+                Ok((Make::RoboSense(model, piece), Some(note)))
             }
         }
     }
@@ -110,14 +143,22 @@ pub(super) struct Shown {
     pub(super) words: String,
 }
 
-/// The sensor that sent a packet; none if it is of none that is known. A Hesai has the `angles` of a file, if there is one.
+/// Whether a packet is about a device, and not one with returns.
+pub(super) fn is_about_device(packet: &[u8]) -> bool {
+    robosense::is_about_device(packet)
+}
+
+/// The sensor that sent a packet; none if it is of none that is known. Its beams have the `angles` of a file, if there is one, or what a packet about the `device`
+/// says.
 ///
 /// # Errors
 /// [`Error::Dataset`] for sensors whose packets are not read; [`Error::Content`] if the file with the angles is damaged; [`Error::Io`].
-pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, origin: &Path) -> Result<Option<Shown>> {
+pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, device: Option<Vec<u8>>, origin: &Path) -> Result<Option<Shown>> {
     let Some(kind) = Kind::of(packet) else { return Ok(None) };
-    let made = kind.make(angles.map(Path::to_owned));
-    let (make, note) = made.map_err(|remedy| Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy))?;
+    let (make, note) = kind.make(Particulars { angles: angles.map(Path::to_owned), device }).map_err(|unmade| match unmade {
+        Unmade::Remedy(remedy) => Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy),
+        Unmade::File(error) => error,
+    })?;
     let sensor = SpinningSensor { make, source: 0, port: 0 };
     let words = note.map_or_else(|| kind.name(), |note| format!("{}; {note}", kind.name()));
     Ok(Some(Shown { packets: sensor.packets()?, frame: sensor.frame(), words }))
@@ -126,7 +167,8 @@ pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, origin: &Path) -> 
 /// The sensors that are read from their packets.
 pub(super) fn known() -> Vec<String> {
     let velodyne = velodyne::Model::names().into_iter().map(|name| format!("Velodyne {name}"));
-    velodyne.chain(hesai::Model::names().into_iter().map(|name| format!("Hesai {name}"))).collect()
+    let hesai = hesai::Model::names().into_iter().map(|name| format!("Hesai {name}"));
+    velodyne.chain(hesai).chain(robosense::Model::names().into_iter().map(|name| format!("RoboSense {name}"))).collect()
 }
 
 /// Looks at the beginning of a capture. `angles` is the file with the angles of the sensor's beams, if the user names one.
@@ -136,28 +178,33 @@ pub(super) fn known() -> Vec<String> {
 pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised> {
     let mut pcap = Pcap::open(path)?;
     let mut found: BTreeMap<(Kind, u32, u16), usize> = BTreeMap::new();
+    let mut devices: BTreeMap<u32, Vec<u8>> = BTreeMap::new();
     // What is damaged is reported when the capture is played.
     for datagram in std::iter::from_fn(|| pcap.next()).take(DATAGRAMS).flatten() {
         if let Some(kind) = Kind::of(&datagram.payload) {
             *found.entry((kind, datagram.source, datagram.port)).or_default() += 1;
+        } else if is_about_device(&datagram.payload) {
+            devices.entry(datagram.source).or_insert(datagram.payload);
         }
     }
     // The one with the most packets; of several, the first.
     let Some((&(kind, source, port), _)) = found.iter().max_by(|a, b| a.1.cmp(b.1).then(b.0.cmp(a.0))) else { return Ok(Recognised::Nothing) };
     let mut notes = vec![format!("sensor: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(source))];
-    let make = match kind.make(angles.map(Path::to_owned).or_else(|| find_angles(path))) {
+    let particulars = Particulars { angles: angles.map(Path::to_owned).or_else(|| find_angles(path)), device: devices.remove(&source) };
+    let make = match kind.make(particulars) {
         Ok((make, note)) => {
             notes.extend(note);
             make
         }
-        Err(remedy) => return Ok(Recognised::Unreadable(kind.name(), remedy)),
+        Err(Unmade::Remedy(remedy)) => return Ok(Recognised::Unreadable(kind.name(), remedy)),
+        Err(Unmade::File(error)) => return Err(error),
     };
     let sensor = SpinningSensor { make, source, port };
     // So that a damaged file is reported now.
     sensor.packets()?;
     let others = found.keys().filter(|key| **key != (kind, source, port));
     notes.extend(others.map(|(kind, source, port)| format!("not read: {}, at {}, port {port}", kind.name(), Ipv4Addr::from(*source))));
-    if angles.is_some() && !matches!(sensor.make, Make::Hesai(..)) {
+    if angles.is_some() && matches!(sensor.make, Make::Velodyne(_)) {
         return Err(Error::dataset(path, format!("a {} needs no file with angles", kind.name()), "do without --metadata"));
     }
     Ok(Recognised::Sensor(sensor, notes))

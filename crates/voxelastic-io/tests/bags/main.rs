@@ -8,6 +8,7 @@ mod harm;
 mod images;
 mod ouster;
 mod packets;
+mod robosense;
 mod two_sensors;
 mod written;
 

@@ -12,12 +12,12 @@ use voxelastic_io::{Error, OpenOptions};
 use voxelastic_testing::run_python;
 
 /// When the first packet is captured, seconds: 25 minutes past the hour.
-const START: f64 = 1_700_000_700.0;
+pub(crate) const START: f64 = 1_700_000_700.0;
 /// A turn takes a tenth of a second.
-const DEGREES_PER_US: f64 = 3600.0 / 1e6;
+pub(crate) const DEGREES_PER_US: f64 = 3600.0 / 1e6;
 const SENSOR: [u8; 4] = [192, 168, 1, 201];
 /// Walls of the room around the sensor, metres.
-const WALLS: [[f64; 2]; 3] = [[-8.0, 12.0], [-6.0, 9.0], [-1.5, 4.0]];
+pub(crate) const WALLS: [[f64; 2]; 3] = [[-8.0, 12.0], [-6.0, 9.0], [-1.5, 4.0]];
 
 /// Distance to the walls from a point of the sensor's axis along a direction.
 fn to_wall(height: f64, direction: [f64; 3]) -> f64 {
@@ -33,14 +33,14 @@ fn off_wall(p: [f32; 3]) -> f64 {
 
 /// A capture with datagrams from a sensor, each with its time.
 #[derive(Default)]
-struct Capture(Vec<(f64, [u8; 4], u16, Vec<u8>)>);
+pub(crate) struct Capture(pub(crate) Vec<(f64, [u8; 4], u16, Vec<u8>)>);
 
 impl Capture {
-    fn add(&mut self, time: f64, port: u16, payload: Vec<u8>) {
+    pub(crate) fn add(&mut self, time: f64, port: u16, payload: Vec<u8>) {
         self.0.push((time, SENSOR, port, payload));
     }
 
-    fn bytes(&self) -> Vec<u8> {
+    pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut bytes = [0xa1b2_c3d4u32.to_le_bytes(), [2, 0, 4, 0], [0; 4], [0; 4], [0, 0, 1, 0], 1u32.to_le_bytes()].concat();
         for (time, source, port, payload) in &self.0 {
             let udp = payload.len() as u16 + 8;
@@ -231,7 +231,7 @@ fn tilted(channel: usize) -> [f64; 2] {
     [15.0 - channel as f64 * 0.97, 0.3 * ((channel % 3) as f64 - 1.0)]
 }
 
-fn table(channels: usize, angles: fn(usize) -> [f64; 2]) -> String {
+pub(crate) fn table(channels: usize, angles: fn(usize) -> [f64; 2]) -> String {
     let line = |channel| format!("{},{:.3},{:.3}\n", channel + 1, angles(channel)[0], angles(channel)[1]);
     format!("Channel,Elevation,Azimuth\n{}", (0..channels).map(line).collect::<String>())
 }
@@ -241,7 +241,7 @@ fn scans(path: &Path) -> Vec<raw::TimedScan> {
 }
 
 /// Writes a capture and reads its scans again; checks that all points are on the walls, and that turns are whole, each in its time.
-fn check_room(capture: &Capture, path: &Path, turns: usize, per_turn: usize, off: f64) {
+pub(crate) fn check_room(capture: &Capture, path: &Path, turns: usize, per_turn: usize, off: f64) {
     std::fs::write(path, capture.bytes()).unwrap();
     let scans = scans(path);
     let name = path.display();

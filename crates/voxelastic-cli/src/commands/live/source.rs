@@ -109,7 +109,7 @@ impl Source {
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, sensor) })
     }
 
-    /// A Velodyne or a Hesai, whose packets come here. Poses are estimated.
+    /// A Velodyne, a Hesai or a RoboSense, whose packets come here. Poses are estimated.
     pub fn spinning(address: &SpinningAddress, reading: &ReadingArgs, threads: usize) -> anyhow::Result<Self> {
         let options = DataArgs::at(Path::new("sensor"), reading).options(false);
         let at = SocketAddr::from(([0, 0, 0, 0], address.port));

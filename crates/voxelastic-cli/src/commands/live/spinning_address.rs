@@ -1,9 +1,9 @@
-//! Where the packets of a Velodyne or a Hesai come from.
+//! Where the packets of a Velodyne, a Hesai or a RoboSense come from.
 
 use crate::failure::Failure;
 use std::net::{IpAddr, ToSocketAddrs};
 
-/// The port to which sensors of both makes send their packets, unless they are told otherwise.
+/// The port to which Velodyne's and Hesai's sensors send their packets, unless they are told otherwise.
 const PORT: u16 = 2368;
 
 /// A sensor's name or address, if only its packets are to be taken, and the port of this machine that they come to.
