@@ -190,7 +190,7 @@ impl Map {
         shells: bool,
     ) -> PyResult<Bound<'py, PyTuple>> {
         let content = self.content()?;
-        let options = MeshOptions { min_weight, lod, close_gaps, keep_all };
+        let options = MeshOptions { min_weight, lod, close_gaps, keep_all, interpolated: false };
         let pool = job::shared_pool()?;
         let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
         // There are fewer than 2^31 vertices, and few programs take unsigned indices.

@@ -15,6 +15,7 @@ mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
 mod images;
+mod interpolated;
 #[cfg(unix)]
 mod kills;
 mod live;

@@ -54,6 +54,7 @@ impl Owned {
             normals: &self.normals,
             colours: self.colours.as_deref(),
             intensity: self.intensity.as_deref(),
+            interpolated: None,
             triangles: &self.triangles,
         }
     }
@@ -181,4 +182,20 @@ fn a_large_ply_reads_back_as_it_was() {
     write_ply(&path, &mesh).unwrap();
     let back = ply::read_mesh(&path).unwrap();
     assert!(back.positions == positions && back.intensity == Some(intensity) && back.triangles == triangles);
+}
+
+#[test]
+fn marks_of_interpolation_are_a_property_of_ply_files() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("m.ply");
+    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let mesh = MeshRef { positions: &positions, interpolated: Some(&[false, true, false]), triangles: &[[0, 1, 2]], ..MeshRef::default() };
+    write_ply(&path, &mesh).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
+    assert!(String::from_utf8_lossy(&bytes[..end]).contains("property float z\nproperty uchar interpolated\n"));
+    assert_eq!([bytes[end + 12], bytes[end + 25], bytes[end + 38]], [0, 1, 0]);
+    assert_eq!(ply::read_mesh(&path).unwrap().positions, positions);
+    let error = write_ply(&path, &MeshRef { interpolated: Some(&[true]), ..mesh }).unwrap_err().to_string();
+    assert!(error.contains("1 marks of interpolation for 3 vertices"), "{error}");
 }

@@ -1,7 +1,8 @@
 //! The usable returns of a scan.
 
 /// The usable returns of one scan, one entry a return in all vectors: pixel by pixel (row-major), and within a pixel in the order of the cloud. Returns whose
-/// pixel shows a nearer one are included. Of [scattered](crate::sensor::CloudLayout::Scattered) clouds, points between returns may follow them.
+/// pixel shows a nearer one are included. Points between returns may follow them: of [scattered](crate::sensor::CloudLayout::Scattered) clouds, and where gaps between rows
+/// are [interpolated](crate::settings::Settings::interpolate).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Returns {
     /// The measured points, lidar frame at the cloud's time stamp, metres.
@@ -30,6 +31,26 @@ impl Returns {
     /// Number of usable returns, and points between them.
     pub fn len(&self) -> usize {
         self.points.len()
+    }
+
+    /// Adds a point on the way from return `i` to return `j`, at `share` of it. What is not measured in metres is that of the nearer return.
+    pub(super) fn push_between(&mut self, i: usize, j: usize, share: f32) {
+        let nearest = if share <= 0.5 { i } else { j };
+        let mix = |a: [f32; 3], b: [f32; 3]| -> [f32; 3] { std::array::from_fn(|k| a[k] + share * (b[k] - a[k])) };
+        let normal = mix(self.normals[i], self.normals[j]);
+        let length = normal.iter().map(|c| c * c).sum::<f32>().sqrt();
+        self.points.push(mix(self.points[i], self.points[j]));
+        self.normals.push(normal.map(|c| c / length));
+        self.roughness.push(self.roughness[nearest]);
+        self.ranges.push(self.ranges[i] + share * (self.ranges[j] - self.ranges[i]));
+        if !self.origins.is_empty() {
+            self.origins.push(mix(self.origins[i], self.origins[j]));
+        }
+        self.source.push(self.source[nearest]);
+        self.pixel.push(self.pixel[nearest]);
+        if !self.spacing.is_empty() {
+            self.spacing.push(self.spacing[nearest]);
+        }
     }
 
     /// Whether the scan has no usable return.

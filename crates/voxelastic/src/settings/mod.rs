@@ -175,6 +175,8 @@ settings! {
         "For many scans a second, such as 10: a surface that so many rays have met is known. Where a part of a scan shows known surfaces only, the TSDF takes its returns from one scan in four, or in eight after twice as many rays, with four or eight times the weight. That is faster, and rougher where poses are not exact; 0 to take all of every scan.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
+    interpolate: f32 = 0.0, "m", Between(0.0, 20.0), Advanced,
+        "Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only, marked; 0 for none.";
     dynamic: Dynamic = Dynamic::Keep, "", OneOf(&["keep", "remove"]), Advanced,
         "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,

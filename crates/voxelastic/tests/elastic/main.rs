@@ -4,6 +4,7 @@
 mod bad_input;
 mod correction;
 mod fusion;
+mod interpolated;
 mod known_surfaces;
 mod laps;
 mod moving;

@@ -95,7 +95,7 @@ fn write_cloud_ply(path: &Path, mesh: &Mesh, origin: Origin) -> voxelastic_io::R
     let intensity: Option<Vec<f32>> = (!mesh.intensities.is_empty()).then(|| mesh.intensities.iter().map(|&s| f32::from(s)).collect());
     let colours = (!mesh.colours.is_empty()).then_some(&mesh.colours[..]);
     let (positions, normals, intensity) = (&mesh.positions, &mesh.normals, intensity.as_deref());
-    write_ply(path, &MeshRef { positions, origin: origin.coordinates(), normals, colours, intensity, triangles: &[] })
+    write_ply(path, &MeshRef { positions, origin: origin.coordinates(), normals, colours, intensity, ..MeshRef::default() })
 }
 
 /// The vertices with their colours and intensities; intensities, 0 to 255, are multiplied by `scale`.

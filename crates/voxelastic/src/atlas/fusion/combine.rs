@@ -1,7 +1,7 @@
 //! Several submaps' samples of one block become one: means by observations and nearness, and a decision where they contradict.
 
 use super::sampled_block::{SampledBlock, WORDS, for_each_bit};
-use crate::field::tsdf::{ObservationCount, Voxel};
+use crate::field::tsdf::{ObservationCount, Voxel, WEIGHT_ONE};
 use crate::octree::voxels_at;
 
 /// Samples on both sides of a surface that are farther apart than this, voxels, are of different surfaces: twice the usual reach of the band in front
@@ -142,14 +142,17 @@ fn combine_voxel(votes: &[Vote], edge: f32, agreement: &mut Agreement) -> Voxel 
 
 /// The mean of the distances by observations and nearness; the observations add up.
 fn mean<'a>(votes: impl Iterator<Item = &'a Vote>) -> Voxel {
-    let (mut sum, mut shares, mut weight) = (0.0, 0.0, 0.0);
+    let (mut sum, mut shares, mut weight, mut most) = (0.0, 0.0, 0.0, 0);
     for vote in votes {
         let share = vote.weight * nearness(vote.voxel.distance_in_voxels());
         sum += share * f32::from(vote.voxel.distance);
         shares += share;
         weight += vote.weight;
+        most = most.max(vote.voxel.weight);
     }
     let limits = (f32::from(i16::MIN), f32::from(i16::MAX));
+    // However many submaps interpolate a surface, it is not measured.
+    let weight = if most < WEIGHT_ONE { weight.min(f32::from(WEIGHT_ONE - 1)) } else { weight };
     Voxel { distance: (sum / shares).round().clamp(limits.0, limits.1) as i16, weight: weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 }
 }
 
@@ -176,7 +179,7 @@ fn mean_intensities(blocks: &[SampledBlock], observed: [u64; WORDS]) -> Option<B
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tsdf::{DISTANCE_STEPS, WEIGHT_ONE};
+    use crate::field::tsdf::DISTANCE_STEPS;
     use crate::octree::voxels_at;
     use proptest::prelude::*;
 

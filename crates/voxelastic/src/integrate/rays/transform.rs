@@ -72,7 +72,8 @@ pub(crate) fn build_rays(returns: &ReturnsView<'_>, frame: &RayFrame, surface: O
             origins: returns.origins.get(part.clone()).unwrap_or(&[]),
             intensities: returns.intensities.get(part.clone()).unwrap_or(&[]),
             weights: returns.weights.get(part.clone()).unwrap_or(&[]),
-            spacing: returns.spacing.get(part).unwrap_or(&[]),
+            spacing: returns.spacing.get(part.clone()).unwrap_or(&[]),
+            measured_points: if returns.spacing.is_empty() { returns.measured.saturating_sub(part.start) } else { usize::MAX },
             frame,
             surface: surface_params.zip(surface.as_deref_mut()),
             measured: measured_rule.zip(measured.as_deref_mut()),
@@ -126,6 +127,8 @@ struct Transform<'a> {
     intensities: &'a [u8],
     weights: &'a [u8],
     spacing: &'a [f32],
+    /// Number of points that were measured; the surface at those after them is interpolated.
+    measured_points: usize,
     frame: &'a RayFrame,
     surface: Option<(SurfaceRayParams, &'a mut [Ray])>,
     measured: Option<(ScaleRule, &'a mut [Ray])>,
@@ -136,7 +139,7 @@ type Lanes = [f32; LANES];
 impl Kernel for Transform<'_> {
     #[inline(always)]
     fn run(self) {
-        let Self { points, normals, origins, intensities, weights, spacing, frame, mut surface, mut measured } = self;
+        let Self { points, normals, origins, intensities, weights, spacing, measured_points, frame, mut surface, mut measured } = self;
         let per_metre = 1.0 / frame.voxel;
         for (step, points) in points.chunks(LANES).enumerate() {
             let first = step * LANES;
@@ -171,6 +174,8 @@ impl Kernel for Transform<'_> {
                 for (ray, &weight) in rays[first..].iter_mut().take(points.len()).zip(weights.get(first..).unwrap_or(&[])) {
                     ray.count = weight;
                 }
+                let interpolated = measured_points.saturating_sub(first).min(points.len());
+                rays[first..][interpolated..points.len()].iter_mut().for_each(|ray| ray.count = 0);
                 for (ray, &spacing) in rays[first..].iter_mut().take(points.len()).zip(spacing.get(first..).unwrap_or(&[])) {
                     ray.scale = params.rule.fitting_between(spacing) as u32;
                 }
@@ -327,7 +332,7 @@ mod tests {
             Ray {
                 scale: returns.spacing.get(i).map_or(ray.scale, |&spacing| rule.fitting_between(spacing) as u32),
                 direction: steepened(direction, normal, slope, params.least_slope),
-                count: returns.weights.get(i).copied().unwrap_or(1),
+                count: if i >= returns.measured && returns.spacing.is_empty() { 0 } else { returns.weights.get(i).copied().unwrap_or(1) },
                 intensity: returns.intensities.get(i).copied().unwrap_or(0),
                 has_plane,
                 normal,
@@ -344,6 +349,7 @@ mod tests {
             returns in prop::collection::vec((prop::array::uniform3(-40f32..40.0), prop::array::uniform3(-1f32..1.0), any::<u8>(), any::<bool>()), 0..100),
             [has_normals, has_intensities, has_origins, has_spacing, has_weights] in any::<[bool; 5]>(),
             translation in prop::array::uniform3(-5f32..5.0),
+            measured_points in 0usize..120,
         ) {
             let points: Vec<[f32; 3]> = returns.iter().map(|r| r.0).collect();
             let normals: Vec<[f32; 3]> = returns.iter().map(|r| if r.3 { r.1.map(|c| c / dot(r.1, r.1).sqrt()) } else { [0.0; 3] }).collect();
@@ -358,7 +364,7 @@ mod tests {
                 origins: if has_origins { &normals } else { &[] },
                 weights: if has_weights { &weights } else { &[] },
                 spacing: if has_spacing { &spacing } else { &[] },
-                measured: points.len(),
+                measured: measured_points.min(points.len()),
                 smallest_angle,
             };
             let frame = RayFrame { t_submap_lidar: Rigid { rotation, translation }, voxel: 0.1, max_range: 50.0 };

@@ -49,20 +49,7 @@ pub(super) fn add_between<'a>(returns: &mut Returns, neighbours: impl Fn(usize) 
     returns.measured = measured;
     for Between { from, to, share } in points.into_iter().flatten() {
         let (i, j) = (from as usize, to as usize);
-        let nearest = if share <= 0.5 { i } else { j };
-        let mix = |a: [f32; 3], b: [f32; 3]| -> [f32; 3] { std::array::from_fn(|k| a[k] + share * (b[k] - a[k])) };
-        let normal = mix(returns.normals[i], returns.normals[j]);
-        let length = normal.iter().map(|c| c * c).sum::<f32>().sqrt();
-        returns.points.push(mix(returns.points[i], returns.points[j]));
-        returns.normals.push(normal.map(|c| c / length));
-        returns.roughness.push(returns.roughness[nearest]);
-        returns.ranges.push(returns.ranges[i] + share * (returns.ranges[j] - returns.ranges[i]));
-        if !returns.origins.is_empty() {
-            returns.origins.push(mix(returns.origins[i], returns.origins[j]));
-        }
-        returns.source.push(returns.source[nearest]);
-        returns.pixel.push(returns.pixel[nearest]);
-        returns.spacing.push(returns.spacing[nearest]);
+        returns.push_between(i, j, share);
     }
 }
 
