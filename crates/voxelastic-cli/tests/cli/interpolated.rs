@@ -20,5 +20,5 @@ fn gaps_between_rings_are_closed_where_that_is_asked_for() {
     };
     let (without, with) = (within(""), within("--interpolated"));
     assert!(with > without, "{with} {without}");
-    assert!(crate::works(dir.path(), "info street.vox --json").contains("\"interpolate\":\"3\""));
+    assert!(works(dir.path(), "info street.vox --json").contains("\"interpolate\":\"3\""));
 }
