@@ -34,6 +34,7 @@ mod recorder;
 mod reporting;
 mod resume;
 mod target;
+mod texturing;
 mod usage;
 mod watching;
 

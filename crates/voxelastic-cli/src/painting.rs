@@ -2,6 +2,7 @@
 
 use crate::failure::{Failure, one_line};
 use crate::map_files::LoadedMap;
+use crate::texturing::{self, MeshTexture, TextureSummary};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -10,7 +11,7 @@ use std::time::Instant;
 use voxelastic::Pose;
 use voxelastic::event::NodeId;
 use voxelastic::surface::Mesh;
-use voxelastic_colour::{PaintOptions, Painted, Painter, Picture, PoseTrack, Surface};
+use voxelastic_colour::{PaintOptions, Painted, Painter, Picture, Places, PoseTrack, Surface};
 use voxelastic_io::images::{self, Image, ImageOptions, Images};
 use voxelastic_io::poses;
 use voxelastic_report::RunLog;
@@ -49,6 +50,9 @@ pub struct ImageArgs {
     /// Largest distance from a camera at which surfaces are coloured, metres
     #[arg(long, value_name = "M", default_value_t = 40.0, requires = "images", value_parser = reach)]
     image_range: f32,
+    /// With .glb: a texture instead of colours of vertices, with texels so many metres apart, such as 0.01
+    #[arg(long, value_name = "M", requires = "images", value_parser = texel)]
+    texture: Option<f32>,
     /// Do not even out the exposures of the images: for cameras with a fixed exposure
     #[arg(long, requires = "images")]
     keep_exposure: bool,
@@ -56,6 +60,10 @@ pub struct ImageArgs {
 
 fn reach(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|m: &f32| *m >= 0.1 && *m <= 1e4).ok_or_else(|| "must be a number from 0.1 to 10000".to_owned())
+}
+
+fn texel(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|m: &f32| *m >= 0.001 && *m <= 10.0).ok_or_else(|| "must be a number from 0.001 to 10".to_owned())
 }
 
 /// What was done, as `--json` has it.
@@ -76,6 +84,8 @@ pub struct PaintSummary {
     vertices_uncoloured: usize,
     /// Smallest and largest exposure of an image, of all channels; their geometric mean is 1. Null without images, or with `--keep-exposure`.
     exposures: Option<[f32; 2]>,
+    /// Null without `--texture`.
+    texture: Option<TextureSummary>,
     paint_s: f64,
 }
 
@@ -96,6 +106,11 @@ impl ImageArgs {
     /// Where the images are, if they are to be used.
     pub fn data(&self) -> Option<&Path> {
         self.images.as_deref()
+    }
+
+    /// Whether there is to be a texture.
+    pub fn has_texture(&self) -> bool {
+        self.texture.is_some()
     }
 
     fn options(&self) -> ImageOptions {
@@ -128,40 +143,54 @@ impl ImageArgs {
         })
     }
 
-    /// Colours `mesh`, the surface of `map`, which was loaded from `path`. Vertices that no image shows keep the colours that they have.
+    /// Colours `mesh`, the surface of `map`, which was loaded from `path`, and makes a texture if there is to be one. Vertices that no image shows keep the
+    /// colours that they have.
     ///
     /// # Errors
     /// Where images or poses cannot be read, and if no image could be used.
-    pub fn paint(&self, data: &Path, map: &LoadedMap, path: &Path, mesh: &mut Mesh) -> anyhow::Result<PaintSummary> {
+    pub fn paint(&self, data: &Path, map: &LoadedMap, path: &Path, mesh: &mut Mesh) -> anyhow::Result<(PaintSummary, Option<MeshTexture>)> {
         let clock = Instant::now();
         let track = self.track(map, path)?;
         let images = images::open(data, &self.options())?;
         images.notes().iter().for_each(|note| tracing::warn!("{}: {note}", data.display()));
         let surface = Surface { positions: &mesh.positions, normals: &mesh.normals, triangles: &mesh.triangles };
+        let layout = self.texture.map(|texel| texturing::layout(&surface, texel)).transpose()?;
         let options = PaintOptions {
             reach: self.image_range,
             accuracy: map.settings.voxel_size,
             even_exposure: !self.keep_exposure,
             ..PaintOptions::default()
         };
-        let mut painting = Painting { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None };
+        let mut painting =
+            Painting { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None, is_first: true };
         painting.summary.cameras = images.cameras().len();
         painting.add_all(&images, &track, self.image_every as usize);
-        let Painting { painter, mut summary, first_problem } = painting;
+        let Painting { painter, mut summary, first_problem, .. } = painting;
         if summary.used == 0 {
             return Err(nothing_used(data, &summary, &track, first_problem));
         }
         let painted = painter.finish();
         summary.add(&painted, self.keep_exposure);
+        let Painted { known, colours, exposures, .. } = painted;
         if mesh.colours.is_empty() {
-            mesh.colours = painted.colours;
+            mesh.colours = colours;
         } else {
-            let known = painted.known.into_iter().zip(painted.colours);
+            let known = known.into_iter().zip(colours);
             mesh.colours.iter_mut().zip(known).filter(|(_, (known, _))| *known).for_each(|(old, (_, new))| *old = new);
         }
+        let surface = Surface { positions: &mesh.positions, normals: &mesh.normals, triangles: &mesh.triangles };
+        let paint = |places: Places<'_>| {
+            let painter = Painter::of_places(surface, places, options);
+            let mut again = Painting { painter, summary: PaintSummary::default(), first_problem: None, is_first: false };
+            again.add_all(&images, &track, self.image_every as usize);
+            Ok(again.painter.finish_with(&exposures))
+        };
+        let texture =
+            self.texture.zip(layout.as_ref()).map(|(texel, layout)| MeshTexture::paint(surface, &mesh.colours, texel, layout, paint)).transpose()?;
+        summary.texture = texture.as_ref().map(MeshTexture::summary);
         summary.paint_s = clock.elapsed().as_secs_f64();
         summary.log();
-        Ok(summary)
+        Ok((summary, texture))
     }
 }
 
@@ -190,6 +219,8 @@ struct Painting<'a> {
     painter: Painter<'a>,
     summary: PaintSummary,
     first_problem: Option<anyhow::Error>,
+    /// Whether the images are looked at for the first time: then problems are said.
+    is_first: bool,
 }
 
 /// Problems with single images that are warned of one by one.
@@ -240,6 +271,7 @@ impl Painting<'_> {
     fn leave_out(&mut self, problem: anyhow::Error) {
         self.summary.left_out.unreadable += 1;
         match self.summary.left_out.unreadable {
+            _ if !self.is_first => {}
             count if count <= MOST_WARNINGS => tracing::warn!("left out: {}", one_line(&problem)),
             count if count == MOST_WARNINGS + 1 => tracing::warn!("left out: more images for such reasons"),
             _ => {}

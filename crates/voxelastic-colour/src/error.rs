@@ -26,6 +26,14 @@ pub enum ColourError {
         /// Pixels down, of the camera.
         height: usize,
     },
+    /// A texture would be too large.
+    #[error("{texels} texels are more than fit into a texture of {most} x {most}")]
+    Texture {
+        /// Texels of all triangles.
+        texels: usize,
+        /// Longest side of a texture.
+        most: usize,
+    },
 }
 
 /// Result of this crate.

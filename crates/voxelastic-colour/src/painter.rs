@@ -24,6 +24,17 @@ pub struct Surface<'a> {
     pub triangles: &'a [[u32; 3]],
 }
 
+/// Places on a mesh that get colours.
+#[derive(Clone, Copy, Debug)]
+pub struct Places<'a> {
+    /// Where they are, map frame, metres.
+    pub positions: &'a [[f32; 3]],
+    /// Unit normals of the surface there, towards the side that is seen.
+    pub normals: &'a [[f32; 3]],
+    /// Typical distance between neighbours, metres: each has the mean colour of a patch so wide.
+    pub spacing: f32,
+}
+
 /// How a mesh is coloured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaintOptions {
@@ -70,9 +81,10 @@ const CHUNK: usize = 4096;
 /// Colours the vertices of a mesh, image by image.
 pub struct Painter<'a> {
     surface: Surface<'a>,
+    places: Places<'a>,
     options: PaintOptions,
-    /// Centre and radius of each [`CHUNK`] of vertices.
-    spheres: Vec<([f32; 3], f32)>,
+    /// Centre and radius of each [`CHUNK`] of vertices, and of places.
+    spheres: [Vec<([f32; 3], f32)>; 2],
     /// Typical distance between neighbouring vertices, metres.
     spacing: f32,
     vertices: Vec<Observations>,
@@ -85,15 +97,23 @@ impl<'a> Painter<'a> {
     /// # Panics
     /// If it has not, or triangles name vertices that do not exist.
     pub fn new(surface: Surface<'a>, options: PaintOptions) -> Self {
-        let count = surface.positions.len();
-        assert_eq!(count, surface.normals.len(), "normals");
-        assert!(surface.triangles.par_iter().flatten().all(|v| (*v as usize) < count), "a triangle names a missing vertex");
-        let spheres = surface.positions.par_chunks(CHUNK).map(sphere).collect();
-        let vertices = vec![Observations::default(); count];
-        Self { surface, options, spheres, spacing: spacing(&surface), vertices, images: 0 }
+        Self::of_places(surface, Places { positions: surface.positions, normals: surface.normals, spacing: spacing(&surface) }, options)
     }
 
-    /// Adds an image that `camera` took at `t_map_camera`; returns the number of vertices that are seen in it.
+    /// Colours `places` on `surface`, each of them with a normal.
+    ///
+    /// # Panics
+    /// If one has none, or triangles name vertices that do not exist.
+    pub fn of_places(surface: Surface<'a>, places: Places<'a>, options: PaintOptions) -> Self {
+        assert_eq!(places.positions.len(), places.normals.len(), "normals");
+        let count = surface.positions.len();
+        assert!(surface.triangles.par_iter().flatten().all(|v| (*v as usize) < count), "a triangle names a missing vertex");
+        let spheres = [surface.positions, places.positions].map(|all| all.par_chunks(CHUNK).map(sphere).collect());
+        let vertices = vec![Observations::default(); places.positions.len()];
+        Self { surface, places, options, spheres, spacing: spacing(&surface), vertices, images: 0 }
+    }
+
+    /// Adds an image that `camera` took at `t_map_camera`; returns the number of vertices, or places, that are seen in it.
     ///
     /// # Errors
     /// [`ColourError::Size`] if the image has another size than those of the camera.
@@ -103,10 +123,10 @@ impl<'a> Painter<'a> {
             return Err(ColourError::Size { found_width: picture.width, found_height: picture.height, width, height });
         }
         let t_camera_map = Rigid::from(&t_map_camera.inverse());
-        let mut view = View { camera, t_camera_map, depth: None, options: self.options, spacing: self.spacing, margin: self.margin() };
+        let mut view = View { camera, t_camera_map, depth: None, options: self.options, spacing: self.places.spacing, margin: self.margin() };
         view.depth = self.options.occlusion.then(|| self.depth_image(&view));
         let pyramid = Pyramid::new(picture);
-        let (image, surface, spheres) = (self.images, self.surface, &self.spheres);
+        let (image, places, spheres) = (self.images, self.places, &self.spheres[1]);
         let visible = self
             .vertices
             .par_chunks_mut(CHUNK)
@@ -116,7 +136,7 @@ impl<'a> Painter<'a> {
                 let mut visible = 0;
                 for (k, vertex) in vertices.iter_mut().enumerate() {
                     let v = chunk * CHUNK + k;
-                    if let Some(Visible { pixel, weight, patch }) = view.visible(surface.positions[v], surface.normals[v]) {
+                    if let Some(Visible { pixel, weight, patch }) = view.visible(places.positions[v], places.normals[v]) {
                         vertex.add(Observation::new(image, weight, pyramid.at(pixel, patch)));
                         visible += 1;
                     }
@@ -144,6 +164,11 @@ impl<'a> Painter<'a> {
         }
     }
 
+    /// The colours of the places, sRGB, with exposures that are known from the same images in the same order; none for those that no image shows.
+    pub fn finish_with(self, exposures: &[[f32; 3]]) -> Vec<Option<[u8; 3]>> {
+        self.vertices.par_iter().map(|place| Some(blend(place, exposures)?.map(to_srgb))).collect()
+    }
+
     /// How far the camera sees at each pixel.
     fn depth_image(&self, view: &View<'_>) -> DepthImage {
         let Surface { positions, triangles, .. } = self.surface;
@@ -156,7 +181,7 @@ impl<'a> Painter<'a> {
         };
         let corners: Vec<Corner> = positions
             .par_chunks(CHUNK)
-            .zip(&self.spheres)
+            .zip(&self.spheres[0])
             .flat_map_iter(|(vertices, sphere)| {
                 let is_near = view.may_see(*sphere);
                 vertices.iter().map(move |p| if is_near { project(p) } else { nothing })

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::map_files::LoadArgs;
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::painting::{ImageArgs, PaintSummary};
+use crate::texturing::MeshTexture;
 use crate::{failure, output};
 use anyhow::Context;
 use clap::Args;
@@ -11,7 +12,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::Origin;
-use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
+use voxelastic_io::mesh_io::{MeshRef, Texture, write_glb, write_ply, write_textured_glb};
 
 /// Extract the surface of a map as a triangle mesh
 ///
@@ -30,7 +31,8 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
   voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..
   voxelastic mesh hall.vox -o shells.ply --shells --colour submap
   voxelastic mesh hall.vox -o hall.glb --images hall/images   coloured by a camera: hall/images/cameras.toml describes it
-  voxelastic mesh hall.vox -o hall.glb --images hall.mcap     by the images in a recording")]
+  voxelastic mesh hall.vox -o hall.glb --images hall.mcap     by the images in a recording
+  voxelastic mesh hall.vox -o hall.glb --images hall/images --texture 0.01     as sharp as a texel a centimetre allows")]
 pub struct MeshArgs {
     /// The map
     #[arg(value_name = "MAP.vox")]
@@ -93,6 +95,9 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
         let remedy = "leave out --separate and --colour: one submap may hide another, and images give the colours";
         return Err(Failure::usage("--images colours the surface of the whole map", remedy).into());
     }
+    if args.images.has_texture() && !matches!(format, Format::Glb) {
+        return Err(Failure::usage("PLY files have no textures", "use the extension .glb, or leave out --texture").into());
+    }
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| args.surface.load(&args.map, args.load))?;
@@ -110,13 +115,16 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
     let left_out = meshes.first().and_then(|(_, mesh)| LeftOut::of(mesh));
     let extract_s = clock.elapsed().as_secs_f64();
-    let painted = match (args.images.data(), meshes.first_mut()) {
-        (Some(data), Some((_, mesh))) => Some(pool.install(|| args.images.paint(data, &map, &args.map, &mut mesh.mesh))?),
-        _ => None,
+    let (painted, texture) = match (args.images.data(), meshes.first_mut()) {
+        (Some(data), Some((_, mesh))) => {
+            let (summary, texture) = pool.install(|| args.images.paint(data, &map, &args.map, &mut mesh.mesh))?;
+            (Some(summary), texture)
+        }
+        _ => (None, None),
     };
     let clock = Instant::now();
     for (path, mesh) in &meshes {
-        write(path, format, mesh, map.origin, args.colour)?;
+        write(path, format, mesh, map.origin, args.colour, texture.as_ref())?;
     }
     let summary = Summary {
         vertices: meshes.iter().map(|(_, m)| m.mesh.positions.len()).sum(),
@@ -163,7 +171,7 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
     path.with_file_name(format!("{stem}-{id:06}.{ending}"))
 }
 
-fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Option<Colour>) -> anyhow::Result<()> {
+fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Option<Colour>, texture: Option<&MeshTexture>) -> anyhow::Result<()> {
     let colours = mesh.colours(colour.unwrap_or_else(|| mesh.default_colour()))?;
     let intensity: Vec<f32> = mesh.mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
@@ -175,9 +183,10 @@ fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Op
         intensity: (!intensity.is_empty()).then_some(&intensity),
         triangles: &mesh.mesh.triangles,
     };
-    match format {
-        Format::Ply => write_ply(path, &file),
-        Format::Glb => write_glb(path, &file),
+    match (format, texture) {
+        (Format::Ply, _) => write_ply(path, &file),
+        (Format::Glb, None) => write_glb(path, &file),
+        (Format::Glb, Some(MeshTexture { size, texels, corners, .. })) => write_textured_glb(path, &file, &Texture { size: *size, texels, corners }),
     }
     .with_context(|| format!("cannot write the mesh {}", path.display()))
 }

@@ -46,7 +46,8 @@ fn vertices_have_the_true_colours() {
     assert_eq!((images(&summary, "cameras"), images(&summary, "found"), images(&summary, "used")), (1, 48, 47), "{summary}");
     assert_eq!(summary["images"]["left_out"], serde_json::json!({ "not_chosen": 0, "without_pose": 1, "unreadable": 0, "show_nothing": 0 }));
     let keys: Vec<&str> = summary["images"].as_object().unwrap().keys().map(String::as_str).collect();
-    let documented = ["cameras", "exposures", "found", "left_out", "paint_s", "used", "vertices_filled", "vertices_uncoloured", "vertices_visible"];
+    let documented =
+        ["cameras", "exposures", "found", "left_out", "paint_s", "texture", "used", "vertices_filled", "vertices_uncoloured", "vertices_visible"];
     assert!(documented.iter().all(|key| keys.contains(key)) && keys.len() == documented.len(), "{keys:?}");
     let (visible, uncoloured) = (images(&summary, "vertices_visible"), images(&summary, "vertices_uncoloured"));
     assert_eq!(visible + uncoloured + images(&summary, "vertices_filled"), summary["vertices"].as_u64().unwrap());
@@ -68,6 +69,70 @@ fn vertices_have_the_true_colours() {
     works(dir.path(), "mesh room.vox -o one.ply --images room/images --threads 1");
     works(dir.path(), "mesh room.vox -o three.ply --images room/images --threads 3");
     assert!(fs::read(dir.path().join("one.ply")).unwrap() == fs::read(dir.path().join("three.ply")).unwrap());
+}
+
+/// The error of the colours of a texture, as [`errors`] has it for vertices: in the middle of each triangle of a GLB file.
+fn texture_errors(dir: &Path, name: &str) -> [f64; 2] {
+    let world = World::load(dir.join("room")).unwrap();
+    let bytes = fs::read(dir.join(name)).unwrap();
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&bytes[20..20 + number(12)]).unwrap();
+    let binary = &bytes[28 + number(12)..];
+    let view = |index: &Value| {
+        let view = &json["bufferViews"][index.as_u64().unwrap() as usize];
+        let [from, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
+        &binary[from..from + length]
+    };
+    let attributes = &json["meshes"][0]["primitives"][0]["attributes"];
+    let floats = |name: &str| -> Vec<f32> {
+        let accessor = &json["accessors"][attributes[name].as_u64().unwrap() as usize];
+        view(&accessor["bufferView"]).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
+    };
+    let image = image::load_from_memory(view(&json["images"][0]["bufferView"])).unwrap().into_rgb8();
+    let (positions, places) = (floats("POSITION"), floats("TEXCOORD_0"));
+    let mut off = Vec::new();
+    for (p, uv) in positions.chunks_exact(9).zip(places.chunks_exact(6)) {
+        let at: [f64; 3] = std::array::from_fn(|k| (0..3).map(|c| f64::from(p[3 * c + k])).sum::<f64>() / 3.0);
+        let place: [f32; 2] = std::array::from_fn(|k| (0..3).map(|c| uv[2 * c + k]).sum::<f32>() / 3.0);
+        let texel = image.get_pixel((place[0] * image.width() as f32) as u32, (place[1] * image.height() as f32) as u32).0;
+        let truth = |shift: [f64; 3]| world.colour_at(std::array::from_fn(|k| at[k] + shift[k])).unwrap();
+        let here = truth([0.0; 3]);
+        let around = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, -0.1, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, -0.1]];
+        let apart = |a: [u8; 3], b: [u8; 3]| (0..3).map(|k| f64::from(a[k].abs_diff(b[k]))).fold(0.0, f64::max);
+        if texel != [128; 3] && around.into_iter().all(|shift| apart(here, truth(shift)) < 12.0) {
+            off.push(apart(here, texel));
+        }
+    }
+    assert!(off.len() > 5000, "{} triangles", off.len());
+    off.sort_by(f64::total_cmp);
+    [0.5, 0.95].map(|share| off[(share * (off.len() - 1) as f64) as usize])
+}
+
+#[test]
+fn textures_have_the_true_colours() {
+    let dir = tempfile::tempdir().unwrap();
+    works(dir.path(), &format!("{ROOM} --drift 0"));
+    works(dir.path(), MAP);
+    let summary = json(dir.path(), "mesh room.vox -o fine.glb --images room/images --texture 0.02 --json");
+    let texture = &summary["images"]["texture"];
+    let number = |key: &str| texture[key].as_u64().unwrap_or_else(|| panic!("{key} of {summary}"));
+    assert!(number("width") * number("height") >= number("texels") && number("texels") > 3 * summary["triangles"].as_u64().unwrap(), "{summary}");
+    assert!(10 * number("texels_visible") > 6 * number("texels"), "{summary}");
+    let fine = texture_errors(dir.path(), "fine.glb");
+    // A quarter of the triangles: colours of vertices would be coarser, texels are not.
+    works(dir.path(), "mesh room.vox -o coarse.glb --lod 2 --images room/images --texture 0.02");
+    let coarse = texture_errors(dir.path(), "coarse.glb");
+    println!("texels off by {fine:?} of 255 (half, 95 %); on a mesh of level of detail 2 {coarse:?}; {summary}");
+    assert!(fine[0] < 8.0 && fine[1] < 10.0 && coarse[0] < 8.0 && coarse[1] < 12.0, "{fine:?} {coarse:?}");
+    for threads in ["1", "3"] {
+        works(
+            dir.path(),
+            &format!("mesh room.vox -o t{threads}.glb --lod 2 --images room/images --image-every 6 --texture 0.05 --threads {threads}"),
+        );
+    }
+    assert!(fs::read(dir.path().join("t1.glb")).unwrap() == fs::read(dir.path().join("t3.glb")).unwrap());
+    fails(dir.path(), "mesh room.vox -o x.ply --images room/images --texture 0.02", 2, &["PLY files have no textures", ".glb"]);
+    fails(dir.path(), "mesh room.vox -o x.glb --texture 0.02", 2, &["--images"]);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 #![allow(clippy::print_stdout)]
 
 use super::*;
-use crate::Distortion;
+use crate::{Distortion, TextureLayout};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 /// A wall at 6 m in front of the origin (x ahead, z up) with vertices 0.05 m apart, and a plate of 1 x 1 m at 3 m; the plate's vertices come last.
@@ -150,6 +150,61 @@ fn the_same_bits_for_any_number_of_threads() {
     let scene = Scene::new();
     let on = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| paint(&scene, fine()).0);
     assert_eq!(on(1), on(5));
+}
+
+#[test]
+fn a_texture_is_sharper_than_the_vertices() {
+    // A wall of triangles that are two metres wide.
+    let positions: Vec<[f32; 3]> = (0..16).map(|k| [6.0, 3.0 - 2.0 * (k % 4) as f32, 3.0 - 2.0 * (k / 4) as f32]).collect();
+    let cells = (0..12u32).filter(|k| k % 4 < 3);
+    let triangles: Vec<[u32; 3]> = cells.flat_map(|k| [[k, k + 4, k + 1], [k + 1, k + 4, k + 5]]).collect();
+    let normals = vec![[-1.0, 0.0, 0.0]; 16];
+    let surface = Surface { positions: &positions, normals: &normals, triangles: &triangles };
+    let layout = TextureLayout::new(&surface, 0.2).unwrap();
+    let texels: Vec<_> = (0..triangles.len()).flat_map(|t| layout.of(t).map(move |texel| (t, texel))).collect();
+    let at = |(t, texel): &(usize, crate::Texel)| -> [f32; 3] {
+        std::array::from_fn(|axis| (0..3).map(|c| texel.shares[c] * positions[triangles[*t][c] as usize][axis]).sum())
+    };
+    let (places, facing): (Vec<[f32; 3]>, Vec<[f32; 3]>) = (texels.iter().map(at).collect(), vec![[-1.0, 0.0, 0.0]; texels.len()]);
+    let places = Places { positions: &places, normals: &facing, spacing: 0.2 };
+    let add = |painter: &mut Painter<'_>| {
+        for (place, exposure) in PLACES.iter().zip(EXPOSURES) {
+            let (camera, pose) = (camera(), looking(*place));
+            // Beside the plate, which is not part of this surface.
+            painter.add(&camera, &pose, &picture(&camera, &pose, exposure)).unwrap();
+        }
+    };
+    let mut dense = Painter::new(Surface { positions: places.positions, normals: places.normals, triangles: &[] }, fine());
+    add(&mut dense);
+    let exposures = dense.finish().exposures;
+    let mut painter = Painter::of_places(surface, places, fine());
+    add(&mut painter);
+    let found = painter.finish_with(&exposures);
+    let off = |p: [f32; 3], colour: [f32; 3]| {
+        let truth = wall_light(p[1].into(), p[2].into()).map(|c| f64::from(to_srgb(c as f32)));
+        (0..3).map(|k| (truth[k] - f64::from(colour[k])).abs()).fold(0.0, f64::max)
+    };
+    let (mut texture, mut vertices, mut count) = (0.0, 0.0, 0.0);
+    for (k, colour) in found.iter().enumerate() {
+        // What the plate hides in any of the images is beside the point.
+        let p = places.positions[k];
+        let Some(colour) = colour.filter(|_| p[1].abs() > 2.2 || p[2].abs() > 2.2) else { continue };
+        let (t, texel) = texels[k];
+        let of_vertices: [f32; 3] = std::array::from_fn(|channel| {
+            let light = |c: usize| positions[triangles[t][c] as usize];
+            (0..3).map(|c| texel.shares[c] * f32::from(to_srgb(wall_light(light(c)[1].into(), light(c)[2].into())[channel] as f32))).sum()
+        });
+        texture += off(p, colour.map(f32::from));
+        vertices += off(p, of_vertices);
+        count += 1.0;
+    }
+    println!(
+        "{count} of {} texels: the texture is off by {:.2} of 255, exact colours of vertices by {:.2} (means)",
+        found.len(),
+        texture / count,
+        vertices / count
+    );
+    assert!(count > 500.0 && texture / count < 4.0 && vertices > 3.0 * texture);
 }
 
 #[test]

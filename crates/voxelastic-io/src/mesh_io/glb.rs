@@ -74,6 +74,14 @@ impl GlbFile {
         self.accessors.len() - 1
     }
 
+    /// Adds bytes that are no array, such as an image, and returns the number of their view.
+    pub(super) fn add_blob(&mut self, bytes: &[u8]) -> usize {
+        self.views.push(json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len() }));
+        self.binary.extend_from_slice(bytes);
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
+        self.views.len() - 1
+    }
+
     pub(super) fn views(&self) -> &[Value] {
         &self.views
     }

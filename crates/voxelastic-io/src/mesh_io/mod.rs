@@ -1,10 +1,12 @@
 //! Meshes out: PLY for tools, GLB for viewers. ([`crate::ply::read_mesh`] reads PLY back.)
 
 mod glb;
+mod glb_textured;
 mod glb_tile;
 mod ply;
 
 pub use glb::write_glb;
+pub use glb_textured::{Texture, write_textured_glb};
 pub use glb_tile::{Lattice, tile_glb};
 pub use ply::write_ply;
 

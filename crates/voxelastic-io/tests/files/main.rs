@@ -9,3 +9,4 @@ mod formats;
 mod meshes;
 mod oracle;
 mod surveys;
+mod textures;

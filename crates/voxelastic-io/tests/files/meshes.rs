@@ -6,7 +6,7 @@ use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply};
 use voxelastic_io::{Error, ply};
 
 /// A chunk-by-chunk reader of GLB that shares no code with the writer.
-fn open_glb(bytes: &[u8]) -> (Value, Vec<u8>) {
+pub(crate) fn open_glb(bytes: &[u8]) -> (Value, Vec<u8>) {
     let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     assert_eq!(&bytes[..4], b"glTF");
     assert_eq!((number(4), number(8)), (2, bytes.len()));
@@ -24,7 +24,7 @@ fn open_glb(bytes: &[u8]) -> (Value, Vec<u8>) {
 }
 
 /// The bytes of an accessor, with the rules of the specification checked.
-fn accessor<'a>(document: &'a Value, binary: &'a [u8], index: &Value) -> (&'a Value, &'a [u8]) {
+pub(crate) fn accessor<'a>(document: &'a Value, binary: &'a [u8], index: &Value) -> (&'a Value, &'a [u8]) {
     let accessor = &document["accessors"][index.as_u64().unwrap() as usize];
     let view = &document["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
     let (offset, length) = (view["byteOffset"].as_u64().unwrap() as usize, view["byteLength"].as_u64().unwrap() as usize);
@@ -33,7 +33,7 @@ fn accessor<'a>(document: &'a Value, binary: &'a [u8], index: &Value) -> (&'a Va
     (accessor, &binary[offset..offset + length])
 }
 
-fn floats(bytes: &[u8]) -> Vec<f32> {
+pub(crate) fn floats(bytes: &[u8]) -> Vec<f32> {
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect()
 }
 
