@@ -11,24 +11,16 @@ use super::date::seconds;
 use super::files::read_angles;
 use super::spinning::{HUNDREDTH, PacketReturns, SpinningPackets, SpinningReturn};
 use crate::{Error, Position, Result};
+use models::{BLOCK, BLOCKS, HEAD, PACKET, big_endian};
 pub(super) use models::{Kind, Model};
 use std::path::Path;
 
-/// Bytes of a packet, of either kind.
-const PACKET: usize = 1248;
-const HEAD: usize = 42;
-const BLOCK: usize = 100;
-const BLOCKS: usize = 12;
 /// Returns of a block.
 const RETURNS: usize = 32;
-const FLAG: [u8; 2] = [0xff, 0xee];
-/// How packets with returns begin, up to firmware of about 2020 and after it.
-const MSOP: [&[u8]; 2] = [&[0x55, 0xaa, 0x05, 0x0a, 0x5a, 0xa5, 0x50, 0xa0], &[0x55, 0xaa, 0x05, 0x5a]];
 /// How packets about the device begin.
 const DIFOP: [u8; 8] = [0xa5, 0xff, 0x00, 0x5a, 0x11, 0x11, 0x55, 0x55];
-/// Places in packets: the time, and the number of the kind of sensor.
+/// Place of the time in packets with returns.
 const TIME: usize = 20;
-const NUMBER: usize = 30;
 /// The return mode in packets about the device, and its value for two returns.
 const MODE: usize = 300;
 const DUAL: u8 = 0;
@@ -167,11 +159,6 @@ impl SpinningPackets for RoboSensePackets {
         }
         true
     }
-}
-
-/// A number of up to eight bytes.
-fn big_endian(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }
 
 impl Model {

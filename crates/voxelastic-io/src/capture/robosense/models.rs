@@ -1,6 +1,15 @@
 //! RoboSense's sensors: when their lasers fire, and where their angles are.
 
-use super::{BLOCK, BLOCKS, FLAG, HEAD, MSOP, NUMBER, PACKET, big_endian};
+/// Bytes of a packet, of either kind.
+pub(super) const PACKET: usize = 1248;
+pub(super) const HEAD: usize = 42;
+pub(super) const BLOCK: usize = 100;
+pub(super) const BLOCKS: usize = 12;
+const FLAG: [u8; 2] = [0xff, 0xee];
+/// How packets with returns begin, up to firmware of about 2020 and after it.
+const MSOP: [&[u8]; 2] = [&[0x55, 0xaa, 0x05, 0x0a, 0x5a, 0xa5, 0x50, 0xa0], &[0x55, 0xaa, 0x05, 0x5a]];
+/// Place of the number of the kind of sensor in packets with returns.
+const NUMBER: usize = 30;
 
 /// A sensor.
 #[derive(Debug)]
@@ -17,6 +26,11 @@ pub(in crate::capture) struct Model {
     pub(super) fired_us: fn(usize) -> f64,
     /// Whether its clock counts seconds since 1970 and microseconds; else it has a date.
     pub(super) counts_seconds: bool,
+}
+
+/// A number of up to eight bytes.
+pub(super) fn big_endian(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0, |number, byte| number << 8 | u64::from(*byte))
 }
 
 /// What a packet with returns says about its sensor: how it begins, and its number.
