@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Pose;
 use voxelastic_io::source::{self, Source};
-use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorTopic};
+use voxelastic_io::{Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
 
 /// Arguments that select and describe the input.
 #[derive(Debug, Args)]
@@ -42,6 +42,10 @@ pub struct ReadingArgs {
     /// are those of the first
     #[arg(long, value_name = "TOPIC")]
     cloud_topic: Vec<String>,
+    /// A folder with the scans and poses of a further sensor, which is mapped together with DATA; may be given several times. With --t-base-lidar there is one
+    /// for each folder, in their order
+    #[arg(long, value_name = "FOLDER")]
+    also: Vec<PathBuf>,
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
     #[arg(long, value_name = "TOPIC")]
     pose_topic: Option<String>,
@@ -104,6 +108,7 @@ impl DataArgs {
             keyframing: self.reading.every,
             cloud_topic: self.reading.cloud_topic.first().cloned(),
             more_sensors: self.more_sensors(),
+            more_folders: self.more_folders(),
             pose_topic: self.reading.pose_topic.clone(),
             correction_topic: self.reading.correction_topic.clone(),
             imu_topic: self.reading.imu_topic.clone(),
@@ -121,12 +126,31 @@ impl DataArgs {
         cloud_topic.iter().enumerate().skip(1).map(sensor).collect()
     }
 
+    /// The folders after the first.
+    fn more_folders(&self) -> Vec<SensorFolder> {
+        let ReadingArgs { also, t_base_lidar, .. } = &self.reading;
+        let folder = |(k, path): (usize, &PathBuf)| SensorFolder { path: path.clone(), t_base_lidar: t_base_lidar.get(k + 1).copied() };
+        also.iter().enumerate().map(folder).collect()
+    }
+
+    /// Whether there are folders of further sensors.
+    pub fn has_more_folders(&self) -> bool {
+        !self.reading.also.is_empty()
+    }
+
     /// Refuses poses of sensors that are not named.
     ///
     /// # Errors
     /// A usage error.
     pub fn check(&self) -> Result<(), Failure> {
-        let (topics, poses) = (self.reading.cloud_topic.len(), self.reading.t_base_lidar.len());
+        let (topics, poses, also) = (self.reading.cloud_topic.len(), self.reading.t_base_lidar.len(), self.reading.also.len());
+        if also > 0 && poses > 0 && poses != also + 1 {
+            let problem = format!("{poses} x --t-base-lidar, but {} folders", also + 1);
+            return Err(Failure::usage(problem, "give one pose for each folder, in their order, or none"));
+        }
+        if also > 0 {
+            return Ok(());
+        }
         if poses > 1 && poses != topics {
             let problem = format!("{poses} x --t-base-lidar, but {topics} x --cloud-topic");
             return Err(Failure::usage(problem, "give one pose for each topic of clouds, in their order"));

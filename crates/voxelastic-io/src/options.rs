@@ -24,6 +24,15 @@ pub struct SensorTopic {
     pub t_base_lidar: Option<Pose>,
 }
 
+/// A folder of a further sensor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorFolder {
+    /// The folder, with scans and poses.
+    pub path: PathBuf,
+    /// The sensor's pose in the base frame, if the poses in the folder are those of the base.
+    pub t_base_lidar: Option<Pose>,
+}
+
 /// How to open a folder or a recording. The default fits most data.
 #[derive(Clone, Debug)]
 pub struct OpenOptions {
@@ -46,6 +55,8 @@ pub struct OpenOptions {
     pub cloud_topic: Option<String>,
     /// Further sensors of a recording, which are mapped together with the one of `cloud_topic`.
     pub more_sensors: Vec<SensorTopic>,
+    /// Folders of further sensors, which are mapped together with the one that is opened.
+    pub more_folders: Vec<SensorFolder>,
     /// The topic of a recording that holds the poses.
     pub pose_topic: Option<String>,
     /// The topic of a recording whose paths are corrected poses of the scans so far, in the clock of the scans.
@@ -73,6 +84,7 @@ impl Default for OpenOptions {
             keyframing: None,
             cloud_topic: None,
             more_sensors: Vec::new(),
+            more_folders: Vec::new(),
             pose_topic: None,
             correction_topic: None,
             imu_topic: None,

@@ -6,10 +6,9 @@ use crate::dataset::{self, Dataset};
 use crate::folders::holds_clouds;
 use crate::read_ahead::IdleStep;
 use crate::read_position::{Place, ReadPosition};
-use crate::{OpenOptions, Result};
+use crate::{Error, OpenOptions, Result};
 use std::collections::HashMap;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId};
 use voxelastic::mapper::ScanSource;
@@ -32,6 +31,13 @@ pub enum Source {
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Source> {
     let path = path.as_ref();
     let is_recording = (path.is_file() && CloudFormat::of(path) != Some(CloudFormat::E57)) || (!holds_clouds(path) && bag::is_recording(path)?);
+    if is_recording && !options.more_folders.is_empty() {
+        return Err(Error::dataset(
+            path,
+            "a recording, which has all of its sensors",
+            "name the further sensor with --cloud-topic instead of --also",
+        ));
+    }
     if is_recording {
         Recording::open(path, options).map(|r| Source::Recording(Box::new(r)))
     } else {
@@ -88,12 +94,16 @@ impl Source {
         }
     }
 
-    /// Keeps only the scans for which `keep` holds, by their index among those taken so far.
+    /// Keeps only the scans for which `keep` holds, by their index among those of their sensor taken so far.
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool + Send + Sync + 'static) {
         match self {
             Self::Folder(folder) => {
-                let index = AtomicUsize::new(0);
-                folder.retain(|_| keep(index.fetch_add(1, Ordering::Relaxed)));
+                let mut indices: HashMap<u16, usize> = HashMap::new();
+                folder.retain(|scan| {
+                    let index = indices.entry(scan.sensor).or_default();
+                    *index += 1;
+                    keep(*index - 1)
+                });
             }
             Self::Recording(recording) => recording.retain(keep),
         }

@@ -64,3 +64,60 @@ fn what_is_missing_for_two_sensors_is_said() {
     assert!(made["sensor"].as_str().unwrap().contains("sensor 2"), "{made}");
     fails(dir, "simulate room -o other --second-lidar vlp-16", 2, &["--bag"]);
 }
+
+#[test]
+fn folders_of_two_sensors_are_mapped_as_one() {
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    let simulate = "simulate room --drift 0 --scans 24 --columns 450 -q";
+    works(dir, &format!("{simulate} -o front --sensor vlp-16"));
+    works(dir, &format!("{simulate} -o rear --sensor os1-32"));
+    // The poses of the second folder become those of a base that is half a metre beside its lidar, and turned.
+    let (t_base_lidar, given) = (second_mount(), "0.1,0.5,-0.2,0,0,0.6,0.8");
+    let path = dir.join("rear/groundtruth.tum");
+    let trajectory = voxelastic_io::poses::read(&path).unwrap();
+    let base: Vec<_> =
+        trajectory.times.unwrap().into_iter().zip(trajectory.poses).map(|(time, pose)| (time, pose * t_base_lidar.inverse())).collect();
+    voxelastic_io::poses::write_tum(dir.join("rear/groundtruth_base.tum"), &base).unwrap();
+    for file in ["groundtruth.tum", "poses.tum", "graph.g2o"] {
+        std::fs::remove_file(dir.join("rear").join(file)).unwrap();
+    }
+    for file in ["poses.tum", "graph.g2o"] {
+        std::fs::remove_file(dir.join("front").join(file)).unwrap();
+    }
+    let also = format!("--also rear --t-base-lidar 0,0,0,0,0,0,1 --t-base-lidar {given} --poses groundtruth --hold-out 6");
+    let made = json(dir, &format!("map front -o both.vox {also} --json"));
+    assert_eq!((made["scans"].as_u64(), made["scans_held_out"].as_u64()), (Some(40), Some(8)), "{made}");
+    let sensors = made["sensor"].as_str().unwrap();
+    assert!(sensors.contains("sensor 1: 16 rows") && sensors.contains("sensor 2: 32 rows"), "{sensors}");
+    works(dir, "map front -o front.vox --poses groundtruth --hold-out 6");
+    let within = |map: &str| {
+        let heldout = json(dir, &format!("heldout {map} front {also} --json -q"));
+        heldout["distances"]["fraction_under_5cm"].as_f64().unwrap()
+    };
+    let (front, both) = (within("front.vox"), within("both.vox"));
+    println!("within 5 cm of the map of one {front}, of both {both}");
+    assert!(both > front && both > 0.97, "{front} {both}");
+    // The same from the other side, and on one thread.
+    works(dir, &format!("map front -o again.vox {also} --threads 1"));
+    let mesh = |name: &str| {
+        works(dir, &format!("mesh {name} -o {name}.ply -q"));
+        std::fs::read(dir.join(format!("{name}.ply"))).unwrap()
+    };
+    assert!(mesh("both.vox") == mesh("again.vox"));
+    fails(dir, &format!("map front -o x.vox --also rear --t-base-lidar {given}"), 2, &["1 x --t-base-lidar", "2 folders"]);
+    fails(dir, "map front -o x.vox --also rear --slam", 2, &["--also", "voxelastic odometry"]);
+    fails(dir, "map front -o x.vox --poses groundtruth --also nowhere", 1, &["nowhere"]);
+    let information = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1";
+    let graph = format!("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 0 0 0 0 0 1\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {information}\n");
+    std::fs::write(dir.join("rear/graph.g2o"), graph).unwrap();
+    fails(dir, "map front -o x.vox --poses groundtruth --also rear", 1, &["rear", "one sensor"]);
+}
+
+/// The lidar in the base frame of the second folder.
+fn second_mount() -> voxelastic::Pose {
+    voxelastic::Pose::from_parts(
+        nalgebra::Translation3::new(0.1, 0.5, -0.2),
+        nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(0.8, 0.0, 0.0, 0.6)),
+    )
+}

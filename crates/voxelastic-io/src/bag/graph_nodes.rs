@@ -16,7 +16,7 @@ pub(super) fn read_nodes(graph: &Path, poses_path: &Path, options: &OpenOptions)
         let problem = format!("{} nodes, but {} poses in {}", ids.len(), times.len(), poses_path.display());
         return Err(Error::dataset(graph, problem, "give a trajectory with one pose per node, in their order"));
     }
-    let entry = |k: usize| ScanEntry { path: PathBuf::new(), index: k, node: ids[k], time: times[k], t_map_lidar: trajectory.poses[k] };
+    let entry = |k: usize| ScanEntry { path: PathBuf::new(), index: k, node: ids[k], time: times[k], t_map_lidar: trajectory.poses[k], sensor: 0 };
     let entries: Vec<ScanEntry> = (0..ids.len()).map(entry).collect();
     let edges = ScanEdges::of(Some(&graph_read), &entries, options.t_base_lidar.as_ref());
     Ok((entries, edges))

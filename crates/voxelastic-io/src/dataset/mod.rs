@@ -27,6 +27,7 @@ mod pose_file;
 mod registered;
 mod snapshot;
 mod tie_graph;
+mod together;
 
 pub use crate::options::{OpenOptions, PoseKind};
 pub use crate::scan_list::{Keyframing, ScanEntry};

@@ -10,6 +10,7 @@ use super::pose_file::PoseFile;
 use super::registered::Dataset;
 use super::snapshot::SnapshotContext;
 use super::tie_graph::{Nodes, tie};
+use super::together::together;
 use crate::clouds::CloudFormat;
 use crate::dumps::{self, Dump};
 use crate::folders::name_of;
@@ -28,7 +29,12 @@ use voxelastic::event::NodeId;
 /// there are no clouds or it is unclear which poses belong to them; [`Error::Content`] if a pose, graph or time file is damaged; with
 /// [`OpenOptions::strict`], also if a cloud has no pose.
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
-    let path = path.as_ref();
+    let first = open_one(path.as_ref(), options)?;
+    together(first, options, open_one)
+}
+
+/// Opens the folder of one sensor.
+fn open_one(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     check_options(path, options)?;
     if options.poses.is_none()
         && let Some(dump) = dumps::find(path)?
@@ -101,7 +107,7 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     }
     let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
     let track = (options.deskew && has_times).then(|| pose_track(&trajectory, &stamped));
-    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds, track };
+    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };
     Ok(Dataset {
@@ -137,7 +143,7 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
     }
     let track = options.deskew.then(|| pose_track(&Trajectory::default(), &stamped));
     let times = Some(stamped.iter().map(|(time, _)| *time).collect());
-    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times, track };
+    let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times, has_times: true, track, further: Vec::new() };
     Ok(Dataset {
         path: path.into(),
         scans: scans.into(),
@@ -165,7 +171,7 @@ fn entries(clouds: Clouds<'_>, matched: &Matched, nodes: &[NodeId]) -> Vec<ScanE
     let entry = |index: usize| {
         let time = clouds.times.map(|t| t[index]).or(matched.times[index]).unwrap_or(index as f64);
         let path = clouds.files[index].path.clone();
-        matched.poses[index].map(|t_map_lidar| ScanEntry { path, index, node: nodes[index], time, t_map_lidar })
+        matched.poses[index].map(|t_map_lidar| ScanEntry { path, index, node: nodes[index], time, t_map_lidar, sensor: 0 })
     };
     (0..clouds.files.len()).filter_map(entry).collect()
 }

@@ -19,14 +19,22 @@ pub(super) struct SnapshotContext {
     pub(super) nodes: Vec<NodeId>,
     /// Time of every cloud, if known, seconds.
     pub(super) times: Option<Vec<f64>>,
+    /// Whether scans have times.
+    pub(super) has_times: bool,
     /// Poses of the lidar by time, if clouds are to get the lidar's motion.
     pub(super) track: Option<PoseTrack>,
+    /// The same of further sensors.
+    pub(super) further: Vec<Option<PoseTrack>>,
 }
 
 impl SnapshotContext {
     /// The cloud with the lidar's motion during its sweep, if that is known.
     pub(super) fn with_motion(&self, mut cloud: Cloud, entry: &ScanEntry) -> Cloud {
-        if let Some(track) = &self.track {
+        let track = match entry.sensor.checked_sub(1) {
+            None => self.track.as_ref(),
+            Some(k) => self.further.get(usize::from(k)).and_then(Option::as_ref),
+        };
+        if let Some(track) = track {
             cloud.motion = sweep_motion(&cloud, entry.time, &entry.t_map_lidar, |time| track.at(time, LONGEST_GAP_S, 0.0));
         }
         cloud

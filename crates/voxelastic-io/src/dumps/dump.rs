@@ -30,7 +30,7 @@ impl Dump {
 
     /// Adds a scan.
     pub(super) fn add(&mut self, path: PathBuf, node: NodeId, time: f64, t_map_lidar: Pose) {
-        self.scans.push(ScanEntry { path, index: self.scans.len(), node, time, t_map_lidar });
+        self.scans.push(ScanEntry { path, index: self.scans.len(), node, time, t_map_lidar, sensor: 0 });
     }
 
     /// Sorts the scans by time.

@@ -7,7 +7,7 @@ use super::playback_log::{DeliveredScan, PlaybackLog, ReportedPose};
 use super::pose_lookup::{PoseLookup, PoseSource, SensorMounts};
 use super::selection::Selection;
 use crate::motion::{PoseTrack, sweep_motion, time_span};
-use crate::scan_list::{Continuation, KeyframeFilter, ScanEdges, ScanEntry};
+use crate::scan_list::{Continuation, KeyframeFilter, NODES_OF_SENSOR, ScanEdges, ScanEntry};
 use crate::{Error, Result};
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::path::PathBuf;
@@ -44,9 +44,6 @@ pub(crate) struct PlayerOptions {
     pub(crate) deskew: bool,
     pub(crate) log: Arc<PlaybackLog>,
 }
-
-/// Nodes of a further sensor are numbered from here on, times its index, so that those of the first do not depend on what else is mapped.
-const NODES_OF_SENSOR: NodeId = 1_000_000_000;
 
 /// What is kept of each sensor.
 struct SensorTrail {
@@ -238,7 +235,7 @@ impl Player {
     /// The scan as a node; `None` if a graph is given and the scan is not one of its nodes.
     fn entry(&self, index: u64, node: NodeId, time: f64, t_map_lidar: Pose) -> Option<ScanEntry> {
         let Some((nodes, _)) = &self.nodes else {
-            return Some(ScanEntry { path: self.path.clone(), index: index as usize, node, time, t_map_lidar });
+            return Some(ScanEntry { path: self.path.clone(), index: index as usize, node, time, t_map_lidar, sensor: 0 });
         };
         let tolerance = self.tolerance_s;
         let k = nodes.partition_point(|n| n.time < time - tolerance);

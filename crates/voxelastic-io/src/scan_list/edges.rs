@@ -40,6 +40,11 @@ impl ScanEdges {
         before - self.loops.len()
     }
 
+    /// Whether there is none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.odometry.is_empty() && self.loops.is_empty()
+    }
+
     /// The measured motion from one scan to the next, if there is one.
     pub(crate) fn measured(&self, from: &ScanEntry, to: &ScanEntry) -> Option<Pose> {
         let edge = self.odometry.get(&(from.node.min(to.node), from.node.max(to.node)))?.first()?;

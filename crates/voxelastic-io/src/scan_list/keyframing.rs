@@ -105,6 +105,7 @@ mod tests {
             node: k as u64,
             time: 0.1 * k as f64,
             t_map_lidar: Pose::translation(0.5 * k as f64, 0.0, 0.0),
+            sensor: 0,
         };
         let scans: Vec<ScanEntry> = (0..9).map(scan).collect();
         select(scans, keyframing.parse().unwrap()).iter().map(|s| s.index).collect()

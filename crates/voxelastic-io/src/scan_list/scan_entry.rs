@@ -21,12 +21,19 @@ pub struct ScanEntry {
     pub time: f64,
     /// Pose of the lidar frame in the map frame.
     pub t_map_lidar: Pose,
+    /// Which sensor took it, if several are mapped together: see [`Cloud::sensor`](voxelastic::Cloud::sensor).
+    pub sensor: u16,
 }
+
+/// Nodes of a further sensor are numbered from here on, times its index, so that those of the first do not depend on what else is mapped.
+pub(crate) const NODES_OF_SENSOR: NodeId = 1_000_000_000;
 
 impl ScanEntry {
     /// Decodes the cloud as it is in its file.
     pub(crate) fn read(&self) -> Result<StampedCloud> {
-        read_scan(&self.path, self.index)
+        let mut read = read_scan(&self.path, self.index)?;
+        read.cloud.sensor = self.sensor;
+        Ok(read)
     }
 }
 
