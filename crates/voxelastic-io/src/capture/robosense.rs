@@ -134,14 +134,13 @@ impl SpinningPackets for RoboSensePackets {
             let (azimuth, per_us) = (f64::from(azimuths[k]), step / block_us);
             for cycle in 0..cycles {
                 let cycle_us = model.cycle_us * cycle as f64;
-                for laser in 0..lasers {
+                for (laser, (&ring, [elevation, offset])) in rings.iter().zip(&piece.angles).enumerate() {
                     let at = 4 + 3 * (cycle * lasers + laser);
                     let distance = big_endian(&block[at..at + 2]);
                     if distance == 0 {
                         continue;
                     }
                     let fired_us = cycle_us + (model.fired_us)(laser);
-                    let [elevation, offset] = piece.angles[laser];
                     let head = ((azimuth + per_us * fired_us) * HUNDREDTH).to_radians();
                     let (angle, (sin, cos)) = (head + offset.to_radians(), elevation.to_radians().sin_cos());
                     let range = distance as f64 * model.unit;
@@ -149,7 +148,7 @@ impl SpinningPackets for RoboSensePackets {
                     let [x, y] = [range * cos * angle.cos() + model.lens * head.cos(), -range * cos * angle.sin() - model.lens * head.sin()];
                     out.returns.push(SpinningReturn {
                         time: start + (block_us * k as f64 + fired_us) * 1e-6,
-                        ring: rings[laser],
+                        ring,
                         intensity: block[at + 2],
                         point: [x, y, range * sin].map(|v| v as f32),
                     });
