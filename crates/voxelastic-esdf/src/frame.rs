@@ -1,6 +1,5 @@
 //! Where points of the map are in a submap, and between which of its voxels.
 
-use crate::query::EsdfSample;
 use voxelastic::Pose;
 use voxelastic::atlas::Submap;
 use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, block_coords};
@@ -39,9 +38,10 @@ impl SubmapFrame {
         std::array::from_fn(|i| r[i][0] * p[0] + r[i][1] * p[1] + r[i][2] * p[2] + self.translation[i])
     }
 
-    pub fn to_map(&self, sample: EsdfSample) -> EsdfSample {
-        let (r, g) = (&self.rotation, sample.gradient.map(f64::from));
-        EsdfSample { gradient: std::array::from_fn(|j| (r[0][j] * g[0] + r[1][j] * g[1] + r[2][j] * g[2]) as f32), ..sample }
+    /// A direction in the submap, in the frame of the map.
+    pub fn to_map(&self, direction: [f32; 3]) -> [f32; 3] {
+        let (r, d) = (&self.rotation, direction.map(f64::from));
+        std::array::from_fn(|j| (r[0][j] * d[0] + r[1][j] * d[1] + r[2][j] * d[2]) as f32)
     }
 
     pub fn reaches(&self, p: &[f64; 3]) -> bool {

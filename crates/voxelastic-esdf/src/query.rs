@@ -46,6 +46,12 @@ struct Part<'a> {
     frame: SubmapFrame,
 }
 
+impl Part<'_> {
+    fn in_map(&self, sample: EsdfSample) -> EsdfSample {
+        EsdfSample { gradient: self.frame.to_map(sample.gradient), ..sample }
+    }
+}
+
 /// Looks up voxels of a layer and remembers the last block.
 struct Lookup<'a> {
     layer: &'a Layer,
@@ -193,12 +199,12 @@ impl<'a> EsdfQuery<'a> {
                 let sample = self.interpolate(&mut obstacles, local);
                 // The first of equals stays.
                 if sample.distance < answer.distance {
-                    *answer = part.frame.to_map(sample);
+                    *answer = part.in_map(sample);
                 }
                 if let Some(not_free) = &mut not_free {
                     let sample = self.interpolate(not_free, local);
                     if sample.distance > known[i].distance {
-                        known[i] = part.frame.to_map(sample);
+                        known[i] = part.in_map(sample);
                     }
                 }
             }
