@@ -9,6 +9,10 @@ use std::time::{Duration, Instant};
 
 /// Scans that may wait. At 10 Hz a pause of 0.4 s, as a correction of a large pose graph may take, leaves none out.
 pub const WAITING_SCANS: usize = 4;
+/// Scans that may wait as long as all of them came within 0.4 s: what comes at once after a moment in which nothing came is not too fast.
+pub const WAITING_IN_BURST: usize = 16;
+/// As long as four scans take at 10 Hz.
+const BURST: Duration = Duration::from_millis(400);
 /// Scans that may wait because of a [pause](Feed::begin_pause): a disk that others write to may keep a checkpoint waiting for seconds. Six at 10 Hz.
 pub const WAITING_IN_PAUSE: usize = 64;
 /// Other inputs that may wait; the transport waits when there are more.
@@ -19,8 +23,8 @@ const LOOK: Duration = Duration::from_millis(50);
 /// What happens when scans come faster than they are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overload {
-    /// The newest [`WAITING_SCANS`] wait, or [`WAITING_IN_PAUSE`]; the oldest one that waits is left out for each that comes. For sensors: they cannot wait. Edges and
-    /// corrected poses are never left out.
+    /// The newest [`WAITING_SCANS`] wait, or [`WAITING_IN_BURST`], or [`WAITING_IN_PAUSE`]; the oldest one that waits is left out for each that comes. For sensors: they
+    /// cannot wait. Edges and corrected poses are never left out.
     NewestWin,
     /// The transport waits, and no scan is left out. For recordings that are to be mapped whole.
     Wait,
@@ -108,10 +112,22 @@ impl Pause {
         }
     }
 
-    /// Scans that may wait now.
-    fn most(&self, now: Instant) -> usize {
+    /// Scans that may wait now, of which the oldest came at a time.
+    fn most(&self, oldest: Option<Instant>, now: Instant) -> usize {
         let is_long = self.begun.is_some() || self.until.is_some_and(|until| now < until);
-        if is_long { WAITING_IN_PAUSE } else { WAITING_SCANS }
+        let is_burst = oldest.is_none_or(|came| now.saturating_duration_since(came) < BURST);
+        match (is_long, is_burst) {
+            (true, _) => WAITING_IN_PAUSE,
+            (_, true) => WAITING_IN_BURST,
+            _ => WAITING_SCANS,
+        }
+    }
+}
+
+impl Queue {
+    /// The position of the oldest scan that waits. There are few scans, but edges may be between them.
+    fn oldest_scan(&self) -> Option<usize> {
+        self.waiting.iter().position(|(input, ..)| input.time().is_some())
     }
 }
 
@@ -221,10 +237,10 @@ impl Shared {
         }
         if is_scan {
             queue.counts.scans += 1;
-            let most = queue.pause.most(at);
+            let oldest_came = queue.oldest_scan().map(|oldest| queue.waiting[oldest].1);
+            let most = queue.pause.most(oldest_came, at);
             while queue.counts.waiting >= most {
-                // There are few scans, but edges may be between them.
-                let oldest = queue.waiting.iter().position(|(input, ..)| input.time().is_some());
+                let oldest = queue.oldest_scan();
                 oldest.and_then(|oldest| queue.waiting.remove(oldest));
                 queue.counts.left_out += 1;
                 queue.counts.waiting -= 1;
@@ -284,9 +300,9 @@ mod tests {
         while !feed.shared.lock().ended {
             std::thread::sleep(Duration::from_millis(1));
         }
-        assert_eq!(feed.counts(), FeedCounts { scans: 100, left_out: 96, waiting: WAITING_SCANS });
+        assert_eq!(feed.counts(), FeedCounts { scans: 100, left_out: 100 - WAITING_IN_BURST, waiting: WAITING_IN_BURST });
         let (scans, edges) = take_all(&feed);
-        assert_eq!(scans, [96, 97, 98, 99]);
+        assert_eq!(scans, (84..100).collect::<Vec<_>>());
         assert_eq!(edges, (0..100).collect::<Vec<_>>());
         assert_eq!(feed.counts().waiting, 0);
     }
@@ -316,15 +332,25 @@ mod tests {
     #[test]
     fn what_came_in_a_pause_has_as_long_again_to_be_worked_off() {
         let (mut pause, begin, second) = (Pause::default(), Instant::now(), Duration::from_secs(1));
-        assert_eq!(pause.most(begin), WAITING_SCANS);
+        // The oldest scan came a second before.
+        let most = |pause: &Pause, now: Instant| pause.most(Some(now - second), now);
+        assert_eq!(most(&pause, begin + second), WAITING_SCANS);
         pause.begin(begin);
-        assert_eq!(pause.most(begin + 100 * second), WAITING_IN_PAUSE);
+        assert_eq!(most(&pause, begin + 100 * second), WAITING_IN_PAUSE);
         pause.end(begin + 3 * second, 30);
-        assert_eq!([5, 6].map(|k| pause.most(begin + k * second)), [WAITING_IN_PAUSE, WAITING_SCANS]);
+        assert_eq!([5, 6].map(|k| most(&pause, begin + k * second)), [WAITING_IN_PAUSE, WAITING_SCANS]);
         // One in which no more came than usual changes nothing.
         pause.begin(begin + 10 * second);
         pause.end(begin + 20 * second, WAITING_SCANS);
-        assert_eq!(pause.most(begin + 21 * second), WAITING_SCANS);
+        assert_eq!(most(&pause, begin + 21 * second), WAITING_SCANS);
+    }
+
+    #[test]
+    fn what_comes_at_once_may_wait_and_what_waits_for_long_may_not() {
+        let (pause, now) = (Pause::default(), Instant::now() + Duration::from_secs(1));
+        let most = |ms: u64| pause.most(Some(now - Duration::from_millis(ms)), now);
+        assert_eq!([most(0), most(399), most(400)], [WAITING_IN_BURST, WAITING_IN_BURST, WAITING_SCANS]);
+        assert_eq!(pause.most(None, now), WAITING_IN_BURST);
     }
 
     #[test]

@@ -59,7 +59,7 @@ use voxelastic_slam::Corrector;
 ///
 /// The input is a recording, or a folder of scans, that is played at its own speed or another: each scan comes when its time stamp says, and waits for nothing.
 /// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster or --velodyne they are the packets of a sensor.
-/// When scans come faster than they can be mapped, four wait, and the newest win: for each that comes, the oldest that waits is left out and
+/// When scans come faster than they can be mapped, four wait (sixteen that came within 0.4 s), and the newest win: for each that comes, the oldest that waits is left out and
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
 /// Ctrl-C or a termination request ends the input; what has come is mapped and the map is saved. While it maps, it keeps what it has in the folder

@@ -9,6 +9,7 @@ mod datagrams;
 mod date;
 mod files;
 mod frames;
+mod head_turn;
 mod hesai;
 mod kind;
 mod live;

@@ -9,6 +9,7 @@ mod models;
 use super::clock::SensorClock;
 use super::date::seconds;
 use super::files::read_angles;
+use super::head_turn::HeadTurn;
 use super::spinning::{HUNDREDTH, PacketReturns, SpinningPackets, SpinningReturn};
 use crate::{Error, Position, Result};
 use models::{BLOCK, BLOCKS, HEAD, PACKET, big_endian};
@@ -24,8 +25,6 @@ const TIME: usize = 20;
 /// The return mode in packets about the device, and its value for two returns.
 const MODE: usize = 300;
 const DUAL: u8 = 0;
-/// Between two blocks the head turns by less than this; else there is a gap, hundredths of a degree.
-const LARGEST_STEP: u32 = 1000;
 
 /// Whether a packet is about the device.
 pub(super) fn is_about_device(packet: &[u8]) -> bool {
@@ -76,15 +75,14 @@ pub(super) struct RoboSensePackets {
     /// Row of each laser, counted from below, as the maker's driver does.
     rings: Vec<u16>,
     clock: SensorClock,
-    /// How far the head turned between the last two blocks, hundredths of a degree.
-    step: f64,
+    turn: HeadTurn,
 }
 
 impl RoboSensePackets {
     pub(super) fn new(model: &'static Model, piece: Piece) -> Self {
         let below = |[elevation, _]: &[f64; 2]| piece.angles.iter().filter(|[other, _]| other < elevation).count() as u16;
         let rings = piece.angles.iter().map(below).collect();
-        Self { model, piece, rings, clock: SensorClock::default(), step: 0.0 }
+        Self { model, piece, rings, clock: SensorClock::default(), turn: HeadTurn::default() }
     }
 
     /// The blocks that are used: of two returns the first, in a block of its own or in the first half of each.
@@ -92,25 +90,6 @@ impl RoboSensePackets {
         let blocks = packet[HEAD..].chunks(BLOCK).take(BLOCKS);
         let in_pairs = self.piece.is_dual && self.model.lasers == RETURNS;
         blocks.step_by(1 + usize::from(in_pairs)).collect()
-    }
-
-    /// Turn of the head from each block to the next one, hundredths of a degree.
-    fn steps(&mut self, azimuths: &[u16]) -> Vec<f64> {
-        let between = |pair: &[u16]| (u32::from(pair[1]) + 36_000 - u32::from(pair[0])) % 36_000;
-        // A gap at the beginning takes what comes after it.
-        if let Some(step) = azimuths.windows(2).map(between).find(|step| *step < LARGEST_STEP) {
-            self.step = f64::from(step);
-        }
-        let mut steps: Vec<f64> = Vec::with_capacity(azimuths.len());
-        for pair in azimuths.windows(2) {
-            let step = between(pair);
-            if step < LARGEST_STEP {
-                self.step = f64::from(step);
-            }
-            steps.push(self.step);
-        }
-        steps.push(self.step);
-        steps
     }
 }
 
@@ -124,7 +103,7 @@ impl SpinningPackets for RoboSensePackets {
         if azimuths.iter().any(|azimuth| *azimuth >= 36_000) {
             return false;
         }
-        let steps = self.steps(&azimuths);
+        let steps = self.turn.steps(&azimuths);
         let Self { model, piece, rings, clock, .. } = self;
         let lasers = model.lasers;
         let cycles = if piece.is_dual { 1 } else { RETURNS / lasers };

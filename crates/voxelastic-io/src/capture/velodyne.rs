@@ -6,6 +6,7 @@
 mod models;
 
 use super::clock::SensorClock;
+use super::head_turn::HeadTurn;
 use super::spinning::{HUNDREDTH, PacketReturns, SpinningPackets, SpinningReturn, u16_at, u32_at};
 pub(super) use models::Model;
 
@@ -21,8 +22,6 @@ const MODE: usize = 1204;
 const PRODUCT: usize = 1205;
 /// Both the strongest and the last return.
 const DUAL: u8 = 0x39;
-/// Between two blocks the head turns by less than this; else there is a gap, hundredths of a degree.
-const LARGEST_STEP: u32 = 1000;
 
 /// What a packet says about the sensor, if it is one of Velodyne's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -63,35 +62,13 @@ pub(super) struct VelodynePackets {
     /// Row of each laser, counted from below, as the ROS driver does.
     rings: Vec<u16>,
     clock: SensorClock,
-    /// How far the head turned between the last two blocks, hundredths of a degree.
-    step: f64,
+    turn: HeadTurn,
 }
 
 impl VelodynePackets {
     pub(super) fn new(model: &'static Model) -> Self {
         let below = |elevation: &f64| model.elevations.iter().filter(|other| *other < elevation).count() as u16;
-        Self { model, rings: model.elevations.iter().map(below).collect(), clock: SensorClock::of_the_hour(), step: 0.0 }
-    }
-
-    /// Turns of the head from each of the used blocks to the next one, hundredths of a degree.
-    fn steps(&mut self, azimuths: &[u16]) -> Vec<f64> {
-        let between = |pair: &[u16]| (u32::from(pair[1]) + 36_000 - u32::from(pair[0])) % 36_000;
-        let mut steps: Vec<f64> = Vec::with_capacity(azimuths.len());
-        for pair in azimuths.windows(2) {
-            let step = between(pair);
-            if step < LARGEST_STEP {
-                self.step = f64::from(step);
-            }
-            steps.push(self.step);
-        }
-        steps.push(self.step);
-        // A gap at the beginning takes what comes after it.
-        if let (Some(first), Some(pair)) = (steps.first_mut(), azimuths.get(..2))
-            && between(pair) >= LARGEST_STEP
-        {
-            *first = self.step;
-        }
-        steps
+        Self { model, rings: model.elevations.iter().map(below).collect(), clock: SensorClock::of_the_hour(), turn: HeadTurn::default() }
     }
 }
 
@@ -107,7 +84,7 @@ impl SpinningPackets for VelodynePackets {
         if azimuths.iter().any(|azimuth| *azimuth >= 36_000) {
             return false;
         }
-        let steps = self.steps(&azimuths);
+        let steps = self.turn.steps(&azimuths);
         let model = self.model;
         let lasers = model.elevations.len();
         let cycles = LASERS / lasers;
