@@ -148,8 +148,12 @@ def take(session, folder):
         history = zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
         held.append(zenoh.ext.declare_advanced_subscriber(session, key(name, kind), handle, history=history))
         held.append(announce(session, k, "MS", name, kind))
+    begin, is_late = time.monotonic(), False
     while not all(taken.values()) or time.monotonic() - quiet[0] < 1.5:
         time.sleep(0.02)
+        if not is_late and time.monotonic() - begin > 60:
+            is_late = True
+            print("nothing came of", [name for name, messages in taken.items() if not messages], file=sys.stderr)
     last = {name.removeprefix(own): messages[-1] for name, messages in taken.items()}
     trigger = "0/voxelastic/save/std_srvs::srv::dds_::Trigger_/RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
     parts = service_types()
