@@ -133,8 +133,8 @@ class Settings:
     """
     interpolate: float = 0.0
     """Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is
-    interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only, marked;
-    0 for none. Allowed: 0 to 20 m.
+    interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only,
+    marked; 0 for none. Allowed: 0 to 20 m.
     """
     dynamic: Literal["keep", "remove"] = "keep"
     """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set
