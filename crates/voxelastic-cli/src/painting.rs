@@ -183,10 +183,9 @@ impl ImageArgs {
             let painter = Painter::of_places(surface, places, options);
             let mut again = Painting { painter, summary: PaintSummary::default(), first_problem: None, is_first: false };
             again.add_all(&images, &track, self.image_every as usize);
-            Ok(again.painter.finish_with(&exposures))
+            again.painter.finish_with(&exposures)
         };
-        let texture =
-            self.texture.zip(layout.as_ref()).map(|(texel, layout)| MeshTexture::paint(surface, &mesh.colours, texel, layout, paint)).transpose()?;
+        let texture = self.texture.zip(layout.as_ref()).map(|(texel, layout)| MeshTexture::paint(surface, &mesh.colours, texel, layout, paint));
         summary.texture = texture.as_ref().map(MeshTexture::summary);
         summary.paint_s = clock.elapsed().as_secs_f64();
         summary.log();

@@ -48,16 +48,13 @@ impl MeshTexture {
     }
 
     /// A texture of this `layout`, with texels about `texel` metres apart. `paint` colours some places of the surface; where it does not, the `colours` of the vertices are taken.
-    ///
-    /// # Errors
-    /// Those of `paint`.
     pub fn paint(
         surface: Surface<'_>,
         colours: &[[u8; 3]],
         texel: f32,
         layout: &TextureLayout,
-        mut paint: impl FnMut(Places<'_>) -> anyhow::Result<Vec<Option<[u8; 3]>>>,
-    ) -> anyhow::Result<Self> {
+        mut paint: impl FnMut(Places<'_>) -> Vec<Option<[u8; 3]>>,
+    ) -> Self {
         let [width, height] = layout.size();
         let count = surface.triangles.len();
         let mut texture = Self { size: [width, height], texels: vec![[128; 3]; width * height], corners: Vec::new(), painted: [0; 2] };
@@ -76,7 +73,7 @@ impl MeshTexture {
             };
             let positions: Vec<[f32; 3]> = all.par_iter().map(|at| mix(surface.positions, at)).collect();
             let normals: Vec<[f32; 3]> = all.par_iter().map(|at| unit(mix(surface.normals, at))).collect();
-            let found = paint(Places { positions: &positions, normals: &normals, spacing: texel })?;
+            let found = paint(Places { positions: &positions, normals: &normals, spacing: texel });
             for ((corners, texel), colour) in all.iter().zip(&found) {
                 let of_vertices = || -> [u8; 3] {
                     let mean = |k: usize| (0..3).map(|c| texel.shares[c].max(0.0) * f32::from(colours[corners[c] as usize][k])).sum::<f32>();
@@ -89,7 +86,7 @@ impl MeshTexture {
             texture.painted[1] += found.iter().flatten().count();
             first = last;
         }
-        Ok(texture)
+        texture
     }
 }
 

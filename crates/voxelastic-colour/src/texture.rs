@@ -187,6 +187,7 @@ mod tests {
         let texels = |texel: f32| TextureLayout::new(&surface, texel).unwrap().texels(0);
         assert_eq!([texels(1.0), texels(0.43), texels(0.11), texels(0.05), texels(0.001)], [6, 6, 21, 105, 171]);
     }
+
     #[test]
     fn what_does_not_fit_into_8192_texels_is_refused() {
         let positions = [[0.0; 3], [3.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
