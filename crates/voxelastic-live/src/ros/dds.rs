@@ -188,7 +188,7 @@ fn profile(topic: &TopicProfile) -> QosProfile {
     let reliable = Reliability::Reliable { when_full: WhenFull::Fail };
     let (reliability, durability) = match topic.delivery {
         Delivery::SensorData => (Reliability::BestEffort, Durability::Volatile),
-        Delivery::Reliable => (reliable, Durability::Volatile),
+        Delivery::Reliable | Delivery::Periodic => (reliable, Durability::Volatile),
         Delivery::Latched => (reliable, Durability::TransientLocal),
     };
     QosProfile { reliability, durability, history: History::KeepLast { depth: topic.depth }, ..QosProfile::subscription_default() }

@@ -11,6 +11,8 @@ pub enum Delivery {
     SensorData,
     /// Every message arrives while there is room for it.
     Reliable,
+    /// Offered as reliable, but the next message comes soon, so one that finds a connection congested may be dropped.
+    Periodic,
     /// As reliable, and who comes late gets the last messages that were published before (transient-local).
     Latched,
 }
@@ -56,6 +58,11 @@ pub trait Sink: Send {
     /// # Errors
     /// When the message could not be handed over; it is lost.
     fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError>;
+
+    /// Whether another message would be sent soon. Where it is false, earlier ones wait for slow listeners; what can be made later had better be.
+    fn has_room(&self) -> bool {
+        true
+    }
 
     /// How many listen, as far as known.
     fn subscribers(&self) -> usize;

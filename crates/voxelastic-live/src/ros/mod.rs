@@ -22,6 +22,8 @@ pub mod input;
 mod interfaces;
 pub mod messages;
 pub mod middleware;
+#[cfg(feature = "ros2")]
+mod outbox;
 pub mod output;
 #[cfg(feature = "ros2")]
 mod parameters;

@@ -2,6 +2,7 @@
 
 use super::interfaces;
 use super::middleware::{Answer, Deliver, Delivery, Handle, Middleware, MiddlewareError, NodeOptions, Sink, TopicProfile};
+use super::outbox::{Outbox, OutboxTopic};
 use super::parameters;
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -9,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use zenoh::liveliness::LivelinessToken;
-use zenoh::qos::CongestionControl;
+use zenoh::qos::{CongestionControl, Priority};
 use zenoh::sample::SampleKind;
 use zenoh::{Config, Session, Wait};
 use zenoh_ext::{
@@ -18,6 +19,8 @@ use zenoh_ext::{
 
 /// How often a publisher tells late messages apart from lost ones.
 const HEARTBEAT: Duration = Duration::from_millis(500);
+/// Messages of a topic that may wait while there is room for more to be made.
+const ROOM: usize = 2;
 /// The file with the configuration of a session, as for `rmw_zenoh`.
 const CONFIG_FILE: &str = "ZENOH_SESSION_CONFIG_URI";
 /// Changes of the configuration, as for `rmw_zenoh`: `key=value;key=value`.
@@ -30,6 +33,7 @@ pub struct Zenoh {
     domain: u16,
     next_entity: AtomicU64,
     graph: Arc<Mutex<Graph>>,
+    outbox: Outbox,
     /// What follows who is there, what says that this node is, and its parameters.
     held: Vec<Handle>,
 }
@@ -41,8 +45,12 @@ impl Zenoh {
     /// # Errors
     /// When the configuration is wrong, or no port can be opened.
     pub fn open(options: &NodeOptions) -> Result<Self, MiddlewareError> {
+        Self::join(config()?, options)
+    }
+
+    fn join(config: Config, options: &NodeOptions) -> Result<Self, MiddlewareError> {
         let failed = |problem: &dyn Display| MiddlewareError::new("cannot join the Zenoh network", problem);
-        let session = zenoh::open(config()?).wait().map_err(|e| failed(&e))?;
+        let session = zenoh::open(config).wait().map_err(|e| failed(&e))?;
         let graph = Arc::<Mutex<Graph>>::default();
         let changed = Arc::clone(&graph);
         let own = session.zid().to_string();
@@ -61,7 +69,8 @@ impl Zenoh {
         let key = format!("@ros2_lv/{}/{}/0/0/NN/%/%/{}", options.domain, session.zid(), options.name);
         let token = session.liveliness().declare_token(key).wait().map_err(|e| failed(&e))?;
         let held = vec![Handle::new(subscriber), Handle::new(token)];
-        let mut node = Self { session, node: options.name.clone(), domain: options.domain, next_entity: AtomicU64::new(1), graph, held };
+        let outbox = Outbox::start("zenoh-outbox").map_err(|e| failed(&e))?;
+        let mut node = Self { session, node: options.name.clone(), domain: options.domain, next_entity: AtomicU64::new(1), graph, outbox, held };
         let parameters = parameters::offer(&mut node, options)?;
         node.held.extend(parameters);
         Ok(node)
@@ -120,14 +129,21 @@ impl Middleware for Zenoh {
         let failed = |problem: &dyn Display| MiddlewareError::new(format!("cannot publish {}", topic.name), problem);
         let hash = interfaces::hash(&topic.kind);
         let key = self.key(&topic.name, &topic.kind, Some(&hash)).ok_or_else(|| failed(&"no type of a message"))?;
-        let mut publisher = self.session.declare_publisher(key).congestion_control(CongestionControl::Drop).advanced();
+        // What comes again soon is dropped where a connection is congested, and what is sent on change only waits for it, on a thread. While that one waits, so
+        // does everybody who sends with the same priority.
+        let (congestion, priority, outbox) = match topic.delivery {
+            Delivery::SensorData | Delivery::Periodic => (CongestionControl::Drop, Priority::DataHigh, None),
+            Delivery::Reliable | Delivery::Latched => (CongestionControl::Block, Priority::Data, Some(self.outbox.topic(topic.depth))),
+        };
+        let mut publisher = self.session.declare_publisher(key).congestion_control(congestion).priority(priority).advanced();
         if topic.delivery == Delivery::Latched {
             let detection = MissDetectionConfig::default().sporadic_heartbeat(HEARTBEAT);
             publisher = publisher.cache(CacheConfig::default().max_samples(topic.depth)).sample_miss_detection(detection).publisher_detection();
         }
         let publisher = publisher.wait().map_err(|e| failed(&e))?;
         let (token, gid) = self.announce("MP", &topic.name, &topic.kind, &qos(topic)).map_err(|e| failed(&e))?;
-        Ok(Box::new(ZenohSink { publisher, gid, sequence: 0, name: topic.name.clone(), graph: Arc::clone(&self.graph), _token: token }))
+        let (name, graph, is_newest_enough) = (topic.name.clone(), Arc::clone(&self.graph), topic.delivery == Delivery::Latched);
+        Ok(Box::new(ZenohSink { outbox, publisher: Arc::new(publisher), gid, sequence: 0, name, is_newest_enough, graph, _token: token }))
     }
 
     fn serve(&mut self, name: &str, kind: &str, answer: Answer) -> Result<Handle, MiddlewareError> {
@@ -161,10 +177,14 @@ impl Middleware for Zenoh {
 }
 
 struct ZenohSink {
-    publisher: AdvancedPublisher<'static>,
+    /// Dropped first: it waits for what is still to be sent.
+    outbox: Option<OutboxTopic>,
+    publisher: Arc<AdvancedPublisher<'static>>,
     gid: [u8; 16],
     sequence: i64,
     name: String,
+    /// Whether nothing is lost with a message that gives way to a newer one.
+    is_newest_enough: bool,
     graph: Arc<Mutex<Graph>>,
     _token: LivelinessToken,
 }
@@ -172,8 +192,22 @@ struct ZenohSink {
 impl Sink for ZenohSink {
     fn publish(&mut self, message: &[u8]) -> Result<(), MiddlewareError> {
         self.sequence += 1;
-        let sent = self.publisher.put(message).attachment(attachment(self.sequence, &self.gid)).wait();
-        sent.map_err(|e| MiddlewareError::new(format!("a message of {} is lost", self.name), e))
+        let lost = |problem: &dyn Display| MiddlewareError::new(format!("a message of {} is lost", self.name), problem);
+        let attachment = attachment(self.sequence, &self.gid);
+        let Some(outbox) = &self.outbox else {
+            return self.publisher.put(message).attachment(attachment).wait().map_err(|e| lost(&e));
+        };
+        let (publisher, message, name) = (Arc::clone(&self.publisher), message.to_vec(), self.name.clone());
+        let has_room = outbox.push(Box::new(move || {
+            if let Err(problem) = publisher.put(message).attachment(attachment).wait() {
+                tracing::warn!("Zenoh: a message of {name} is lost: {problem}");
+            }
+        }));
+        if has_room || self.is_newest_enough { Ok(()) } else { Err(lost(&"who listens is too slow")) }
+    }
+
+    fn has_room(&self) -> bool {
+        self.outbox.as_ref().is_none_or(|outbox| outbox.waiting() < ROOM)
     }
 
     fn subscribers(&self) -> usize {
@@ -216,7 +250,7 @@ impl Entity {
 fn qos(topic: &TopicProfile) -> String {
     let [reliability, durability] = match topic.delivery {
         Delivery::SensorData => ["2", ""],
-        Delivery::Reliable => ["", ""],
+        Delivery::Reliable | Delivery::Periodic => ["", ""],
         Delivery::Latched => ["", "1"],
     };
     format!("{reliability}:{durability}:,{}:,:,:,,", topic.depth)
@@ -275,6 +309,8 @@ fn config() -> Result<Config, MiddlewareError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::mpsc::channel;
+    use std::time::Instant;
 
     #[test]
     fn tokens_say_who_is_there() {
@@ -282,6 +318,72 @@ mod tests {
         let entity = Entity::of(key).unwrap();
         assert_eq!([&entity.session, &entity.role, &entity.name, &entity.kind], ["aa", "MP", "/lidar/points", "sensor_msgs/msg/PointCloud2"]);
         assert!(Entity::of("@ros2_lv/0/aa/3/3/NN/%/%/driver").is_none() && Entity::of("").is_none());
+    }
+
+    /// A node that connects to those at `locators`.
+    fn node(locators: &[String]) -> Zenoh {
+        let mut config = config().unwrap();
+        config.insert_json5("connect/endpoints", &format!("{locators:?}")).unwrap();
+        Zenoh::join(config, &NodeOptions { name: "test".into(), local_only: true, ..NodeOptions::default() }).unwrap()
+    }
+
+    fn topic(name: &str, delivery: Delivery) -> TopicProfile {
+        TopicProfile { name: name.into(), kind: "sensor_msgs/msg/PointCloud2".into(), delivery, depth: 20 }
+    }
+
+    fn wait_until(is_so: impl Fn() -> bool) {
+        let begin = Instant::now();
+        while !is_so() {
+            assert!(begin.elapsed() < Duration::from_secs(60));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn large_messages_reach_a_slow_listener_and_nobody_waits_for_it() {
+        let mut robot = node(&[]);
+        let mut listener = node(&robot.locators());
+        let (sender, taken) = channel();
+        let slow = Box::new(move |message: Vec<u8>| {
+            std::thread::sleep(Duration::from_millis(100));
+            sender.send((message.len(), message[0])).unwrap();
+        });
+        let _subscription = listener.subscribe(&topic("/surface", Delivery::Reliable), slow).unwrap();
+        let mut surface = robot.advertise(&topic("/surface", Delivery::Reliable)).unwrap();
+        let mut frames = robot.advertise(&topic("/tf", Delivery::Periodic)).unwrap();
+        wait_until(|| surface.subscribers() == 1);
+        let begin = Instant::now();
+        let sizes = [8 << 20, 1 << 10].into_iter().cycle().take(20);
+        for (k, size) in sizes.clone().enumerate() {
+            surface.publish(&vec![k as u8; size]).unwrap();
+            frames.publish(&[0; 100]).unwrap();
+        }
+        assert!(begin.elapsed() < Duration::from_secs(1), "{:?}", begin.elapsed());
+        assert!(!surface.has_room());
+        let taken: Vec<_> = sizes.clone().map(|_| taken.recv_timeout(Duration::from_secs(30)).expect("every message comes")).collect();
+        assert_eq!(taken, sizes.zip(0..).collect::<Vec<(usize, u8)>>());
+        assert!(surface.has_room());
+    }
+
+    #[test]
+    fn a_listener_that_is_stuck_keeps_nothing_from_others() {
+        let mut robot = node(&[]);
+        let [mut stuck, mut listener] = [node(&robot.locators()), node(&robot.locators())];
+        let (release, held) = channel::<()>();
+        let held = Mutex::new(held);
+        let never = Box::new(move |_| assert!(held.lock().unwrap().recv().is_err()));
+        let (sender, taken) = channel();
+        let usual = Box::new(move |message: Vec<u8>| sender.send(message[0]).unwrap());
+        let _stuck = stuck.subscribe(&topic("/surface", Delivery::Reliable), never).unwrap();
+        let _subscription = listener.subscribe(&topic("/surface", Delivery::Reliable), usual).unwrap();
+        let mut surface = robot.advertise(&topic("/surface", Delivery::Reliable)).unwrap();
+        wait_until(|| surface.subscribers() == 2);
+        for k in 0..10 {
+            surface.publish(&vec![k; 8 << 20]).unwrap();
+        }
+        let taken: Vec<u8> = (0..10).map(|_| taken.recv_timeout(Duration::from_secs(60)).expect("every message comes")).collect();
+        assert_eq!(taken, (0..10).collect::<Vec<u8>>());
+        drop(release);
     }
 
     #[test]

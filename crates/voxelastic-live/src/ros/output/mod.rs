@@ -13,7 +13,7 @@
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
 //! | `/tf` | `tf2_msgs/TFMessage` | `map` to the frame of the odometry, with each scan and ten times a second |
 //!
-//! Everything is in the frame `map`. What takes work is made only if somebody listens.
+//! Everything is in the frame `map`. What takes work is made only if somebody listens, and when listeners have taken what was made before.
 
 mod distances;
 mod occupancy;
@@ -235,6 +235,9 @@ impl Outputs {
 
     fn step_surface(&mut self, atlas: &Atlas) -> bool {
         let listeners = [Output::Surface, Output::SurfacePoints].map(|output| self.subscribers(output));
+        if !self.has_room(&[Output::Surface, Output::SurfacePoints]) {
+            return false;
+        }
         let Some(meshes) = self.surface.step(atlas, listeners) else { return false };
         let (points, colours) = meshes.vertices();
         self.publish_if(Output::SurfacePoints, |header| (!points.is_empty()).then(|| messages::point_cloud(header, &points, &colours)));
@@ -244,6 +247,9 @@ impl Outputs {
 
     fn step_layers(&mut self, atlas: &Atlas) -> bool {
         let listeners = [Output::Octomap, Output::Grid].map(|output| self.subscribers(output));
+        if !self.has_room(&[Output::Octomap, Output::Grid]) {
+            return false;
+        }
         let height = self.link.as_ref().map_or(0.0, |(_, link, t_map_odom)| (t_map_odom * link.t_odom_lidar).translation.z);
         let height = self.path.last().map_or(height, |pose| pose.translation.z);
         let layer = self.options.layer.map(|end| height + end);
@@ -257,7 +263,7 @@ impl Outputs {
     /// known.
     pub fn step_slice(&mut self, atlas: &Atlas, distances: impl FnOnce(&[[f64; 3]]) -> Vec<Option<f32>>) {
         let begin = Instant::now();
-        if !self.slice.is_due(self.subscribers(Output::DistanceSlice), begin) {
+        if !self.has_room(&[Output::DistanceSlice]) || !self.slice.is_due(self.subscribers(Output::DistanceSlice), begin) {
             return;
         }
         let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) else { return };
@@ -294,6 +300,10 @@ impl Outputs {
 
     fn subscribers(&self, output: Output) -> usize {
         self.sinks.get(&output).into_iter().flatten().map(|sink| sink.subscribers()).sum()
+    }
+
+    fn has_room(&self, outputs: &[Output]) -> bool {
+        outputs.iter().filter_map(|output| self.sinks.get(output)).flatten().all(|sink| sink.has_room())
     }
 
     fn publish(&mut self, output: Output, message: impl FnOnce(Header<'_>) -> Vec<u8>) {

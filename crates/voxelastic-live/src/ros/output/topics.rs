@@ -29,7 +29,7 @@ pub enum Output {
 
 /// The topics of a node.
 pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
-    use Delivery::{Latched, Reliable};
+    use Delivery::{Latched, Periodic, Reliable};
     use Output::{Diagnostics, DistanceSlice, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
     let own = |name: &str| format!("/{node}/{name}");
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
@@ -42,8 +42,8 @@ pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
         (DistanceSlice, own("distance_slice"), "sensor_msgs/msg/PointCloud2", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
         (Submaps, own("submaps"), "geometry_msgs/msg/PoseArray", Latched, 1),
-        (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Reliable, 10),
-        (Transforms, "/tf".to_owned(), "tf2_msgs/msg/TFMessage", Reliable, 100),
+        (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Periodic, 10),
+        (Transforms, "/tf".to_owned(), "tf2_msgs/msg/TFMessage", Periodic, 100),
     ]
     .into_iter()
     .map(|(output, name, kind, delivery, depth)| (output, TopicProfile { name, kind: kind.to_owned(), delivery, depth }))
