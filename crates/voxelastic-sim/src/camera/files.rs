@@ -1,7 +1,9 @@
 //! Images in a simulated folder: `images/cameras.toml`, and `images/front/TIME.png`.
 
 use super::lens::t_lidar_camera;
-use crate::{SimError, Simulation, picture};
+use crate::{SimError, Simulation};
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
@@ -17,9 +19,12 @@ pub(crate) const NAME: &str = "front";
 impl Simulation {
     /// Image `k` as a PNG.
     pub(crate) fn encoded_image(&self, k: usize) -> Option<Result<Vec<u8>, SimError>> {
-        let image = self.image(k)?;
-        let colours: Vec<[f64; 3]> = image.pixels.iter().map(|p| p.map(f64::from)).collect();
-        Some(picture::png(image.width, image.height, &colours))
+        let picture = self.image(k)?;
+        let mut png = Vec::new();
+        // Compressing hard would take a quarter of the whole simulation.
+        let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Sub);
+        let written = encoder.write_image(picture.pixels.as_flattened(), picture.width as u32, picture.height as u32, ExtendedColorType::Rgb8);
+        Some(written.map(|()| png).map_err(|e| SimError::Picture(e.to_string())))
     }
 
     /// Makes the folder and writes what describes the camera, if there is one.

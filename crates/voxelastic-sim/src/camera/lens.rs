@@ -2,6 +2,7 @@
 
 use nalgebra::{Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
+use std::sync::OnceLock;
 use voxelastic::Pose;
 use voxelastic_colour::{CameraModel, Distortion};
 
@@ -37,6 +38,16 @@ impl Lens {
         let centre = SIZE.map(|pixels| 0.5 * f64::from(pixels) - 1.7);
         // These numbers are possible.
         CameraModel::new(SIZE, [focal, 1.01 * focal], centre, distortion).unwrap_or_else(|e| unreachable!("{e}"))
+    }
+
+    /// Unit vectors along which the pixels see, row by row, in the camera frame; none beyond the lens. Undistorting takes longer than casting, so it is done once.
+    pub(super) fn rays(self) -> &'static [Option<Vector3<f64>>] {
+        static RAYS: [OnceLock<Vec<Option<Vector3<f64>>>>; 2] = [const { OnceLock::new() }; 2];
+        RAYS[self as usize].get_or_init(|| {
+            let (camera, [width, height]) = (self.model(), SIZE);
+            let row = |v: u32| (0..width).map(move |u| [f64::from(u), f64::from(v)]);
+            (0..height).flat_map(row).map(|pixel| camera.unproject(pixel).map(Vector3::from)).collect()
+        })
     }
 }
 

@@ -13,7 +13,7 @@ use crate::{Simulation, World};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use voxelastic::Pose;
-use voxelastic_colour::{CameraModel, Picture, to_srgb};
+use voxelastic_colour::{Picture, to_srgb};
 
 /// Images are taken so long after a scan, as a share of the time to the next.
 const DELAY: f64 = 0.25;
@@ -42,13 +42,13 @@ impl World {
         Some(self.light(solid, p).map(|c| to_srgb(c as f32)))
     }
 
-    /// What a camera at `t_map_camera` sees, each channel times its exposure.
-    pub fn image(&self, camera: &CameraModel, t_map_camera: &Pose, exposure: [f64; 3]) -> Picture {
+    /// What a camera with `lens` at `t_map_camera` sees, each channel times its exposure.
+    pub fn image(&self, lens: Lens, t_map_camera: &Pose, exposure: [f64; 3]) -> Picture {
+        let (camera, all) = (lens.model(), lens.rays());
         let (width, height) = (camera.width(), camera.height());
         let origin = t_map_camera.translation.vector;
         let row = |v: usize| {
-            let rays: Vec<Option<Vector3<f64>>> =
-                (0..width).map(|u| camera.unproject([u as f64, v as f64]).map(|ray| t_map_camera.rotation * Vector3::from(ray))).collect();
+            let rays: Vec<Option<Vector3<f64>>> = all[v * width..][..width].iter().map(|ray| ray.map(|ray| t_map_camera.rotation * ray)).collect();
             let cast: Vec<_> = rays.iter().flatten().map(|ray| (origin, *ray)).collect();
             let mut hits = vec![None; cast.len()];
             self.cast_all(&cast, FARTHEST, &mut hits);
@@ -84,9 +84,9 @@ impl Simulation {
 
     /// Image `k`, taken at [`image_time`](Self::image_time).
     pub fn image(&self, k: usize) -> Option<Picture> {
-        let (camera, time) = (self.options().camera?.model(), self.image_time(k)?);
+        let (lens, time) = (self.options().camera?, self.image_time(k)?);
         let t_map_camera = self.scene().trajectory.pose(time) * t_lidar_camera();
-        Some(self.world().image(&camera, &t_map_camera, self.exposure(k)))
+        Some(self.world().image(lens, &t_map_camera, self.exposure(k)))
     }
 }
 
