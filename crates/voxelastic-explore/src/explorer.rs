@@ -2,6 +2,8 @@
 
 use crate::choice::choose;
 use crate::clusters::{FrontierCluster, Frontiers};
+use crate::decision::{Decision, Purpose, ReturnReason};
+use crate::last_scans::LastScans;
 use crate::leg::Leg;
 use crate::near_returns::NearReturns;
 use crate::retreat;
@@ -9,7 +11,7 @@ use crate::roadmap::{Roadmap, Ways};
 use crate::robot_space::{Clear, RobotSpace, newest_submap};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
 use crate::viewpoints::{Viewpoint, viewpoints};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
@@ -34,37 +36,12 @@ const LOST_PATIENCE: usize = 2;
 const RETREAT: f64 = 2.0;
 /// After more ways back in a row it goes home: it cannot get where there is more to see.
 const MOST_RETREATS: u32 = 4;
-
-/// What the robot is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
-    /// It goes to see more.
-    Explore,
-    /// It goes home: nothing is left to see, or the time is up.
-    Return,
-    /// It is at home, or cannot move.
-    Done,
-}
-
-/// What to do next.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct Decision {
-    /// What for.
-    pub purpose: Purpose,
-    /// The path from the robot on, map frame, metres; empty when it is done.
-    pub path: Vec<Point>,
-    /// Whether the path is new.
-    pub is_new: bool,
-    /// Clusters of the frontier in the box.
-    pub frontier: Vec<FrontierCluster>,
-    /// Viewpoints that were worth a visit, if the path is new.
-    pub viewpoints: usize,
-    /// Time to bring the frontier up to date and to cluster it.
-    pub frontier_time: Duration,
-    /// Time of the whole decision.
-    pub time: Duration,
-}
+/// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
+const MOST_BEGINNINGS: u32 = 2;
+/// Noise of returns that are near the body, metres.
+const TOUCHING: f64 = 0.03;
+/// Times that it leaves home, if there is time.
+const MOST_OUTINGS: u32 = 2;
 
 /// Decides where a robot goes to explore. See the [crate documentation](crate).
 #[derive(Clone, Debug)]
@@ -73,11 +50,12 @@ pub struct Explorer {
     frontiers: Frontiers,
     roadmap: Option<Roadmap>,
     home: Option<(Point, Vec<Anchor>)>,
-    /// The newest scan of the map at the first decision: later ones are the robot's track.
-    first_node: Option<NodeId>,
+    /// Where it was at each decision.
+    track: Vec<(Point, Vec<Anchor>)>,
     leg: Option<Leg>,
-    /// Of the last scan.
-    returns: NearReturns,
+    scans: LastScans,
+    /// The newest scan of the map at the last decision.
+    last_node: Option<NodeId>,
     purpose: Purpose,
     /// Places from which everything was seen that can be seen, and their anchors.
     exhausted: Vec<(Point, Vec<Anchor>)>,
@@ -91,12 +69,20 @@ pub struct Explorer {
     way_home: f64,
     /// Ways back along the track since it last got where it wanted to.
     retreats: u32,
+    /// How often it has begun anew since it last got where it wanted to.
+    beginnings: u32,
+    /// How often it has come home.
+    outings: u32,
+    /// Why it turned back last.
+    turned_back: Option<ReturnReason>,
 }
 
 /// What a decision is made of.
 struct Situation<'a, S> {
     atlas: &'a Atlas,
     map: &'a AtlasQuery<'a>,
+    /// Whether a correction has moved submaps since the last decision.
+    is_moved: bool,
     returns: &'a NearReturns,
     space: &'a S,
     robot: Point,
@@ -115,9 +101,10 @@ impl Explorer {
             settings,
             roadmap: None,
             home: None,
-            first_node: None,
+            track: Vec::new(),
             leg: None,
-            returns: NearReturns::default(),
+            scans: LastScans::default(),
+            last_node: None,
             purpose: Purpose::Explore,
             exhausted: Vec::new(),
             poses: Vec::new(),
@@ -125,6 +112,9 @@ impl Explorer {
             stuck: 0,
             way_home: f64::INFINITY,
             retreats: 0,
+            beginnings: 0,
+            outings: 0,
+            turned_back: None,
         })
     }
 
@@ -138,15 +128,20 @@ impl Explorer {
         self.roadmap.as_ref().map_or(0, Roadmap::len)
     }
 
+    /// Why it turned back last, if it has.
+    pub fn reason_to_return(&self) -> Option<ReturnReason> {
+        self.turned_back
+    }
+
     /// Where the robot is after `metres` along its path, map frame; none if it has no path.
     pub fn advance(&mut self, metres: f64) -> Option<Point> {
         self.leg.as_mut()?.advance(metres)
     }
 
-    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns also where the map does not show them yet. To be called before
+    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns, and of those before it on the last two metres, also where the map does not show them yet. To be called before
     /// [`decide`](Self::decide), with the pose as corrections left it. Without it the map alone decides.
     pub fn see(&mut self, t_map_lidar: &Pose, cloud: &Cloud) {
-        self.returns = NearReturns::new(t_map_lidar, cloud);
+        self.scans.push(t_map_lidar, cloud);
     }
 
     /// Decides what to do at `robot` (map frame, metres). To be called after every scan, and after every correction. `seconds_left` is the time until the robot must be
@@ -167,7 +162,8 @@ impl Explorer {
         let newest = newest_submap(atlas);
         let newest = AtlasQuery::of_submaps(atlas, |submap| Some(submap) == newest);
         let body = self.settings.body();
-        let returns = std::mem::take(&mut self.returns);
+        let is_moved = self.follow_submaps(atlas);
+        let returns = self.scans.returns();
         let decided = if let Some(wheels) = robot_type.ground {
             let on = |map, robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
             // The whole map tells the height above the floor, for all of them.
@@ -176,14 +172,15 @@ impl Explorer {
             let of_body = |map| on(map, Robot { radius: body, ground, ..robot_type });
             let wide = Clear::new([whole, on(&newest, Robot { ground, ..robot_type })?], &returns, robot_type.radius);
             let space = &RobotSpace::new(wide, Clear::new([of_body(&map)?, of_body(&newest)?], &returns, body), robot);
-            self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
         } else {
-            let bounds = shrunk(bounds, robot_type.radius);
-            let on = |radius| Clear::new([&map, &newest].map(|map| FlyingSpace::new(map, &Robot { radius, ..robot_type }, bounds)), &returns, radius);
+            let on = |radius| {
+                let space = |map| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
+                Clear::new([&map, &newest].map(space), &returns, radius)
+            };
             let space = &RobotSpace::new(on(robot_type.radius), on(body), robot);
-            self.decide_in(&Situation { atlas, map: &map, returns: &returns, space, robot, seconds_left }, &frontier)
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
         };
-        self.returns = returns;
         let (is_new, viewpoints) = decided;
         let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());
         Ok(Decision { purpose: self.purpose, path, is_new, frontier, viewpoints, frontier_time, time: clock.elapsed() })
@@ -193,12 +190,18 @@ impl Explorer {
     fn decide_in<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> (bool, usize) {
         self.follow_map(now);
         if self.is_at_home(now) && self.purpose != Purpose::Explore {
-            (self.purpose, self.leg) = (Purpose::Done, None);
-            return (false, 0);
+            self.leg = None;
+            self.outings += 1;
+            if self.purpose == Purpose::Return && self.outings < MOST_OUTINGS && self.begin_anew() {
+                self.purpose = Purpose::Explore;
+            } else {
+                self.purpose = Purpose::Done;
+                return (false, 0);
+            }
         }
         self.since_planned += 1;
         if self.purpose == Purpose::Explore && self.must_go_home(now) {
-            self.turn_back();
+            self.turn_back(ReturnReason::Time);
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
         }
@@ -209,26 +212,41 @@ impl Explorer {
         (true, self.plan(now, frontier))
     }
 
-    /// Moves everything that is remembered with the map.
-    fn follow_map<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let poses: Vec<(SubmapId, Pose)> = now.atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
+    /// Moves the last scans with the map; returns whether it has moved.
+    fn follow_submaps(&mut self, atlas: &Atlas) -> bool {
+        let poses: Vec<(SubmapId, Pose)> = atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
         let is_moved = self.poses.iter().any(|(id, pose)| poses.iter().any(|(other, now)| other == id && now != pose));
         self.poses = poses;
+        let newest = retreat::newest(atlas);
+        if let Some(node) = newest.filter(|_| newest != self.last_node) {
+            self.scans.set_node(node);
+        }
+        self.last_node = newest;
+        if is_moved {
+            self.scans.follow(|node| retreat::pose_of(atlas, node));
+        }
+        is_moved
+    }
+
+    /// Moves everything else that is remembered with the map.
+    fn follow_map<S: Space>(&mut self, now: &Situation<'_, S>) {
         let place = |place: Point| (place, anchor_path(now.atlas, &[place]));
         let robot = now.robot;
         self.home.get_or_insert_with(|| place(robot));
-        self.first_node = self.first_node.or_else(|| retreat::newest(now.atlas));
-        if is_moved {
+        if self.track.last().is_none_or(|(last, _)| distance(*last, robot) > 0.1 * self.settings.spacing) {
+            self.track.push(place(robot));
+        }
+        if now.is_moved {
             // Places of the roadmap do not move, so it is grown again.
             self.roadmap = None;
-            let remembered = self.home.iter_mut().chain(&mut self.exhausted);
+            let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.track);
             for (place, anchors) in remembered {
                 if let Some(Some(moved)) = resolve_anchors(now.atlas, anchors).first() {
                     *place = *moved;
                 }
             }
         }
-        if self.leg.as_mut().is_some_and(|leg| !leg.follow(now.atlas, robot, is_moved)) {
+        if self.leg.as_mut().is_some_and(|leg| !leg.follow(now.atlas, robot, now.is_moved)) {
             self.leg = None;
         }
     }
@@ -243,9 +261,15 @@ impl Explorer {
         now.seconds_left.is_some_and(|left| is_too_long(left, 2.0 * self.way_home) && is_too_long(left, self.track_home(now)))
     }
 
-    /// Length of the way home along the track, metres.
+    /// The way home along the track.
+    fn way_back(&self, robot: Point) -> Vec<Point> {
+        let places: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
+        retreat::track(&places, robot)
+    }
+
+    /// Its length, metres.
     fn track_home<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
-        self.first_node.map_or(f64::INFINITY, |first| length(&retreat::track(now.atlas, now.robot, first)))
+        length(&self.way_back(now.robot))
     }
 
     /// Whether the path is done, blocked, not worth it, or old; or the time has come to go home.
@@ -254,19 +278,17 @@ impl Explorer {
         let Some(end) = leg.end() else { return true };
         if distance(end, now.robot) < 0.5 * self.settings.spacing {
             if leg.volume.is_some() {
-                self.retreats = 0;
+                (self.retreats, self.beginnings) = (0, 0);
                 self.exhausted.push((end, anchor_path(now.atlas, &[end])));
             }
             return true;
         }
         if leg.is_retreat {
-            return retreat::free_part(now.map, now.returns, &leg.path, self.settings.body()) < leg.path.len();
+            return retreat::free_part(now.map, now.returns, &leg.path, self.body(now)) < leg.path.len();
         }
         if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {
-            let (a, b) = (leg.path[blocked.segment], leg.path[blocked.segment + 1]);
-            let at = blocked.at;
             if let Some(roadmap) = &mut self.roadmap {
-                roadmap.block(at, if distance(at, b) < distance(at, a) { b } else { at });
+                roadmap.block(now.space, blocked.at);
             }
             return true;
         }
@@ -287,6 +309,10 @@ impl Explorer {
     /// Plans a path; returns the number of viewpoints considered.
     fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
         let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
+        if self.purpose == Purpose::Return {
+            // The way home may lead through what was found shut on the way out.
+            roadmap.unblock();
+        }
         roadmap.extend(now.space, now.robot, EXTENDED);
         let mut count = 0;
         self.leg = None;
@@ -309,14 +335,24 @@ impl Explorer {
                     let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, home));
                     worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
                 }
+                if worth.is_empty() && attempt == 0 && self.begin_anew() {
+                    roadmap = Roadmap::new(self.settings.spacing, now.robot);
+                    roadmap.extend(now.space, now.robot, f64::INFINITY);
+                    let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, home));
+                    worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
+                }
                 count = count.max(worth.len());
                 target = choose(&self.settings, now.space, &roadmap, worth);
+            }
+            if target.is_none() && self.purpose == Purpose::Explore {
+                self.turn_back(ReturnReason::NothingLeft);
+                roadmap.unblock();
+                roadmap.extend(now.space, now.robot, f64::INFINITY);
             }
             let ways = roadmap.ways(now.space, now.robot);
             let (node, volume) = match target {
                 Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
                 None => {
-                    self.turn_back();
                     let near = roadmap.near(home, 3.0 * self.settings.spacing);
                     (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
                 }
@@ -332,7 +368,7 @@ impl Explorer {
                     self.leg = Some(Leg::new(now.atlas, path, volume));
                     break;
                 }
-                Some(blocked) => roadmap.block(blocked.at, path[blocked.segment + 1]),
+                Some(blocked) => roadmap.block(now.space, blocked.at),
             }
         }
         self.roadmap = Some(roadmap);
@@ -349,24 +385,33 @@ impl Explorer {
             self.retreat(now);
         }
         match self.purpose {
-            Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(),
+            Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(ReturnReason::Stuck),
             Purpose::Return if self.stuck >= PATIENCE => self.purpose = Purpose::Done,
             _ => {}
         }
     }
 
+    /// Forgets what it took for shut, if that may help: false if it did so some times and got nowhere since.
+    fn begin_anew(&mut self) -> bool {
+        let may_help = self.turned_back != Some(ReturnReason::Time) && self.beginnings < MOST_BEGINNINGS;
+        if may_help {
+            (self.roadmap, self.retreats, self.stuck) = (None, 0, 0);
+            self.beginnings += 1;
+        }
+        may_help
+    }
+
     /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
-    fn turn_back(&mut self) {
+    fn turn_back(&mut self, reason: ReturnReason) {
         if self.purpose == Purpose::Explore {
-            (self.purpose, self.stuck) = (Purpose::Return, 0);
+            (self.purpose, self.stuck, self.turned_back) = (Purpose::Return, 0, Some(reason));
         }
     }
 
     /// A path back along the track, if there is one, as far as the next plan needs.
     fn retreat<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let Some(first) = self.first_node else { return };
-        let mut path = retreat::track(now.atlas, now.robot, first);
-        path.truncate(retreat::free_part(now.map, now.returns, &path, self.settings.body()));
+        let track = self.way_back(now.robot);
+        let mut path = retreat::passable(now.map, now.returns, &track, [self.settings.robot.radius, self.body(now)]);
         // Each way back is twice as long as the one before, so that it ends somewhere else, and at last at home.
         retreat::cut(&mut path, RETREAT * self.settings.spacing * 2f64.powi(self.retreats.min(20) as i32));
         if length(&path) <= 0.5 * self.settings.spacing {
@@ -379,9 +424,14 @@ impl Explorer {
         }
         self.retreats += 1;
         if self.retreats > MOST_RETREATS {
-            self.turn_back();
+            self.turn_back(ReturnReason::Stuck);
         }
         self.leg = Some(Leg::back(now.atlas, path));
+    }
+
+    /// Radius of the body, metres; less where something has come too near to it, so that it may go where that is no nearer.
+    fn body<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
+        self.settings.body().min(now.returns.nearest(now.robot) - TOUCHING).max(0.0)
     }
 
     /// The viewpoints from which there is something to see, and from which the robot still gets home in time.

@@ -15,9 +15,11 @@
 
 mod choice;
 mod clusters;
+mod decision;
 mod explorer;
 mod frontier;
 mod gain;
+mod last_scans;
 mod leg;
 mod near_returns;
 mod retreat;
@@ -28,6 +30,7 @@ mod tour;
 mod viewpoints;
 
 pub use clusters::{FrontierCluster, FrontierSettings, Frontiers};
-pub use explorer::{Decision, Explorer, Purpose};
+pub use decision::{Decision, Purpose, ReturnReason};
+pub use explorer::Explorer;
 pub use gain::SensorView;
 pub use settings::{ExploreError, ExploreSettings, Strategy};

@@ -1,39 +1,50 @@
-//! What the last scan saw near the robot: a map that drift has shifted, or that many earlier scans saw free, may not show yet what is there now.
+//! What the last scans saw near the robot: a map that drift has shifted, or that many earlier scans saw free, may not show yet what is there now.
 
 use hashbrown::HashMap;
 use hashbrown::hash_map::Entry;
-use nalgebra::Point3;
-use voxelastic::{Cloud, Pose};
-use voxelastic_plan::Point;
+use voxelastic_plan::{Point, distance};
 
 /// Returns within this distance of the sensor are kept along every axis, metres: motions beyond it are decided again before the robot gets there.
-const REACH: f64 = 4.0;
+pub(crate) const REACH: f64 = 4.0;
 /// Edge of the cells that returns are sorted into, metres.
 const CELL: f64 = 0.5;
 /// One return is kept of those in a cube of this edge, metres.
-const THINNED: f64 = 0.05;
+pub(crate) const THINNED: f64 = 0.05;
 
-/// Returns of one scan around the sensor, map frame.
+/// Returns around a robot, map frame.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NearReturns {
     low: Point,
     high: Point,
+    /// Of the lowest and of the highest return; no limit where none is above the robot, as under the sky.
+    heights: [f64; 2],
     cells: HashMap<[i32; 3], Vec<Point>>,
 }
 
 impl NearReturns {
-    /// The returns of `cloud` (lidar frame) near the sensor.
-    pub fn new(t_map_lidar: &Pose, cloud: &Cloud) -> Self {
-        let centre = Point::from(t_map_lidar.translation.vector);
-        let mut near = Self { low: centre.map(|c| c - REACH), high: centre.map(|c| c + REACH), cells: HashMap::new() };
+    /// Those of one scan.
+    #[cfg(test)]
+    pub fn new(t_map_lidar: &voxelastic::Pose, cloud: &voxelastic::Cloud) -> Self {
+        let mut scans = crate::last_scans::LastScans::default();
+        scans.push(t_map_lidar, cloud);
+        scans.returns()
+    }
+
+    /// Those of `points` (map frame, metres) that are near `centre`.
+    pub fn of(centre: Point, points: impl Iterator<Item = Point>) -> Self {
+        let [low, high] = [-REACH, REACH].map(|reach| centre.map(|c| c + reach));
+        let mut near = Self { low, high, heights: [f64::INFINITY, f64::NEG_INFINITY], cells: HashMap::new() };
         let mut taken = HashMap::new();
-        for p in cloud.points.iter().filter(|p| Cloud::is_return(p)) {
-            let p: Point = (t_map_lidar * Point3::from(p.map(f64::from))).coords.into();
+        for p in points {
             let is_near = (0..3).all(|k| p[k] >= near.low[k] && p[k] <= near.high[k]);
             if is_near && let Entry::Vacant(cube) = taken.entry(p.map(|c| (c / THINNED).floor() as i32)) {
                 cube.insert(());
+                near.heights = [near.heights[0].min(p[2]), near.heights[1].max(p[2])];
                 near.cells.entry(p.map(cell)).or_default().push(p);
             }
+        }
+        if near.heights[1] < centre[2] {
+            near.heights[1] = f64::INFINITY;
         }
         near
     }
@@ -41,6 +52,19 @@ impl NearReturns {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.cells.is_empty()
+    }
+
+    /// Distance from `p` to the nearest of them, metres.
+    pub fn nearest(&self, p: Point) -> f64 {
+        self.cells.values().flatten().map(|q| distance(*q, p)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether a ball of `radius` metres that moves from `from` to `to` stays between the heights of what was seen around the robot, or comes nearer to that: a sensor sees
+    /// neither the floor below it nor the ceiling above, and a map that has drifted has them elsewhere.
+    pub fn keep_height(&self, from: Point, to: Point, radius: f64) -> bool {
+        let is_beside = (0..2).all(|k| (self.low[k]..=self.high[k]).contains(&to[k]));
+        let off = |p: Point| (self.heights[0] - (p[2] - radius)).max(p[2] + radius - self.heights[1]).max(0.0);
+        self.is_empty() || !is_beside || off(to) <= off(from) + 1e-9
     }
 
     /// Whether a ball of `radius` metres that moves straight from `from` to `to` touches none of the returns.
@@ -77,7 +101,8 @@ fn squared_distance(p: Point, a: Point, b: Point) -> f64 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use voxelastic_plan::{between, distance};
+    use voxelastic::{Cloud, Pose};
+    use voxelastic_plan::between;
 
     fn places(n: usize) -> impl Strategy<Value = Vec<Point>> {
         prop::collection::vec(prop::array::uniform3(-6.0f64..6.0), n)
@@ -107,5 +132,18 @@ mod tests {
         assert!(near.cells.values().map(Vec::len).sum::<usize>() <= 22);
         assert!(!near.are_clear_of([1.0, 0.5, 0.0], [3.0, 0.5, 0.0], 0.3) && near.are_clear_of([1.0, 0.5, 0.0], [1.6, 0.5, 0.0], 0.3));
         assert!(NearReturns::default().are_clear_of([0.0; 3], [9.0; 3], 1.0));
+    }
+
+    #[test]
+    fn a_ball_stays_between_the_heights_that_were_seen() {
+        let cloud = |heights: &[f32]| Cloud::from_points(heights.iter().map(|z| [2.0, 1.0, *z]).collect());
+        let near = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &cloud(&[-1.0, 1.5]));
+        let may = |near: &NearReturns, from: f64, to: f64| near.keep_height([0.0, 0.0, from], [0.5, 0.0, to], 0.4);
+        assert!(may(&near, 1.0, 0.5) && may(&near, 1.0, 2.0) && !may(&near, 1.0, 0.3) && !may(&near, 1.0, 2.2));
+        assert!(may(&near, 0.2, 0.3) && !may(&near, 0.3, 0.2), "out of them it may only come nearer");
+        assert!(near.keep_height([0.0; 3], [9.0, 0.0, -3.0], 0.4), "far away nothing was seen");
+        let below_the_sky = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &cloud(&[-1.0]));
+        assert!(may(&below_the_sky, 1.0, 30.0) && !may(&below_the_sky, 1.0, 0.3) && may(&NearReturns::default(), 1.0, -9.0));
+        assert!((near.nearest([2.0, 1.0, 0.5]) - 0.5).abs() < 1e-6 && NearReturns::default().nearest([0.0; 3]).is_infinite());
     }
 }

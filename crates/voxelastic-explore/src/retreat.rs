@@ -2,31 +2,39 @@
 
 use crate::near_returns::NearReturns;
 use std::collections::HashMap;
-use voxelastic::atlas::Atlas;
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::NodeId;
 use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
-use voxelastic_plan::{Point, between, distance};
+use voxelastic_plan::{Point, between, distance, length};
 
 /// Places of the track in one cell of this size are one place, metres.
 const CELL: f64 = 0.5;
 /// Share of the body's radius that must be free of obstacles in the map, whose voxels reach into where it fitted.
 const SLIM: f64 = 0.8;
+/// A robot that can follow its track this far gets on, metres.
+const ENOUGH: f64 = 1.5;
+/// Drift is looked for up to this distance ...
+const MOST_SHIFT: f64 = 0.75;
+/// ... in these steps, metres.
+const SHIFT_STEP: f64 = 0.15;
 
 /// The newest scan of a map.
 pub(crate) fn newest(atlas: &Atlas) -> Option<NodeId> {
     atlas.submaps().iter().flat_map(|submap| submap.scans()).map(|scan| scan.node).max()
 }
 
-/// From the robot back to where it was when scan `first` came, without the loops between.
-pub(crate) fn track(atlas: &Atlas, robot: Point, first: NodeId) -> Vec<Point> {
-    let place = |t: voxelastic::Pose| Point::from(t.translation.vector);
-    let scans =
-        atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(|scan| (scan.node, place(submap.t_map_submap() * scan.t_submap_lidar))));
-    let mut places: Vec<(NodeId, Point)> = scans.filter(|(node, _)| *node >= first).collect();
-    places.sort_by_key(|(node, _)| *node);
+/// Where a corrected map has a scan's sensor.
+pub(crate) fn pose_of(atlas: &Atlas, node: NodeId) -> Option<Pose> {
+    let in_submap = |submap: &Submap| submap.scans().iter().find(|scan| scan.node == node).map(|scan| submap.t_map_submap() * scan.t_submap_lidar);
+    atlas.submaps().iter().find_map(in_submap)
+}
+
+/// From the robot back to the first of the places where it was, in order, without the loops between.
+pub(crate) fn track(places: &[Point], robot: Point) -> Vec<Point> {
     let cell = |p: &Point| p.map(|c| (c / CELL).floor() as i64);
     let mut earliest: HashMap<[i64; 3], usize> = HashMap::new();
-    for (k, (_, p)) in places.iter().enumerate() {
+    for (k, p) in places.iter().enumerate() {
         earliest.entry(cell(p)).or_insert(k);
     }
     let mut path = vec![robot];
@@ -34,15 +42,15 @@ pub(crate) fn track(atlas: &Atlas, robot: Point, first: NodeId) -> Vec<Point> {
     while at > 0 {
         at -= 1;
         // The earliest visit to where this is.
-        at = earliest[&cell(&places[at].1)];
-        if path.last().is_some_and(|last| distance(*last, places[at].1) > 1e-3) {
-            path.push(places[at].1);
+        at = earliest[&cell(&places[at])];
+        if path.last().is_some_and(|last| distance(*last, places[at]) > 1e-3) {
+            path.push(places[at]);
         }
     }
     path
 }
 
-/// How many waypoints of its track the body of a robot reaches: it has been there, so only what the last scan sees there now is in its way. Without a scan, what the map
+/// How many waypoints of its track the body of a robot reaches: it has been there, so only what the last scans see there now is in its way. Without a scan, what the map
 /// says to be occupied.
 pub(crate) fn free_part(map: &AtlasQuery<'_>, returns: &NearReturns, path: &[Point], body: f64) -> usize {
     let is_free = |segment: &[Point]| {
@@ -54,6 +62,38 @@ pub(crate) fn free_part(map: &AtlasQuery<'_>, returns: &NearReturns, path: &[Poi
         }
     };
     path.windows(2).take_while(|segment| is_free(segment)).count() + 1
+}
+
+/// The track as far as a robot can follow it where it is: where drift has moved the map since it came, what the last scans see may stand in the way of the track, which
+/// then lies beside it. The least shift is taken with which the robot gets on, with its margin (`clearances[0]`, metres) or else without.
+pub(crate) fn passable(map: &AtlasQuery<'_>, returns: &NearReturns, track: &[Point], clearances: [f64; 2]) -> Vec<Point> {
+    let follow = |shift: Point, clearance: f64| {
+        let moved = |p: &Point| -> Point { std::array::from_fn(|k| p[k] + shift[k]) };
+        let mut path: Vec<Point> = track[..1].iter().copied().chain(track[1..].iter().map(moved)).collect();
+        path.truncate(free_part(map, returns, &path, clearance));
+        path
+    };
+    let gets_on = |path: &Vec<Point>| length(path) >= ENOUGH || path.len() == track.len();
+    // Without returns the map alone decides, which has the track where it is.
+    let shifted = |clearance| shifts().filter(|_| !returns.is_empty()).map(move |shift| follow(shift, clearance));
+    let straight = clearances.map(|clearance| follow([0.0; 3], clearance));
+    let [wide, narrow] = straight;
+    if gets_on(&wide) {
+        return wide;
+    }
+    let found = shifted(clearances[0]).find(&gets_on);
+    found.or_else(|| shifted(clearances[1]).find(&gets_on).filter(|_| !gets_on(&narrow))).unwrap_or(narrow)
+}
+
+/// Displacements up to [`MOST_SHIFT`], the shortest first.
+fn shifts() -> impl Iterator<Item = Point> {
+    let reach = (MOST_SHIFT / SHIFT_STEP) as i32;
+    let axis = move || -reach..=reach;
+    let all = axis().flat_map(move |x| axis().flat_map(move |y| axis().map(move |z| [x, y, z])));
+    let squared = |shift: &[i32; 3]| shift.iter().map(|c| c * c).sum::<i32>();
+    let mut all: Vec<[i32; 3]> = all.filter(|shift| squared(shift) <= reach * reach).collect();
+    all.sort_by_key(squared);
+    all.into_iter().map(|shift| shift.map(|c| SHIFT_STEP * f64::from(c)))
 }
 
 /// Ends a path after `metres`.
@@ -85,21 +125,34 @@ mod tests {
         // A loop of 12 m, and on.
         let places = [[0.2, 0.2], [3.2, 0.2], [3.2, 3.2], [0.2, 3.2], [0.3, 0.3], [0.3, -3.2]];
         for (node, [x, y]) in (0..).zip(places) {
-            mapper
-                .handle(Event::Scan(Scan { node, time: node as f64, t_map_lidar: voxelastic::Pose::translation(x, y, 1.0), cloud: wall.clone() }))
-                .unwrap();
+            mapper.handle(Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::translation(x, y, 1.0), cloud: wall.clone() })).unwrap();
         }
-        let back = track(mapper.atlas(), [0.3, -4.0, 1.0], 0);
+        let places = places.map(|[x, y]| [x, y, 1.0]);
+        let back = track(&places, [0.3, -4.0, 1.0]);
         assert_eq!(back, [[0.3, -4.0, 1.0], [0.3, -3.2, 1.0], [0.2, 0.2, 1.0]]);
-        assert_eq!(track(mapper.atlas(), [0.3, -4.0, 1.0], 5), [[0.3, -4.0, 1.0], [0.3, -3.2, 1.0]]);
+        assert_eq!(track(&places[5..], [0.3, -4.0, 1.0]), [[0.3, -4.0, 1.0], [0.3, -3.2, 1.0]]);
         let mut short = back.clone();
         cut(&mut short, 2.0);
         assert!(short.len() == 3 && (distance(short[1], short[2]) - 1.2).abs() < 1e-9);
         let map = mapper.atlas().query();
         assert_eq!(free_part(&map, &NearReturns::default(), &back, 0.25), 3);
+        // A post stands on the track as it is seen now, and the robot passes beside it.
+        let post = Cloud::from_points((0..40).map(|k| [0.0, 0.5, k as f32 * 0.05 - 1.0]).collect());
+        let post = NearReturns::new(&Pose::translation(0.3, -4.0, 1.0), &post);
+        let straight = [[0.3, -4.0, 1.0], [0.3, -3.2, 1.0], [0.3, -1.0, 1.0]];
+        assert_eq!(free_part(&map, &post, &straight, 0.25), 1);
+        let beside = passable(&map, &post, &straight, [0.35, 0.25]);
+        assert!(beside.len() == 3 && beside[0] == straight[0] && free_part(&map, &post, &beside, 0.35) == 3, "{beside:?}");
+        let shifts = [1, 2].map(|k| distance(beside[k], straight[k]));
+        assert!((shifts[0] - shifts[1]).abs() < 1e-9 && shifts[0] > 0.3 && shifts[0] <= MOST_SHIFT, "{shifts:?}");
+        assert_eq!(passable(&map, &NearReturns::default(), &straight, [0.35, 0.25]), straight);
+        // A wall across the whole way is none that it could pass.
+        let wall = Cloud::from_points((0..1600).map(|k| [(k % 40) as f32 * 0.1 - 2.0, 0.5, (k / 40) as f32 * 0.1 - 2.0]).collect());
+        let wall = NearReturns::new(&Pose::translation(0.3, -4.0, 1.0), &wall);
+        assert_eq!(passable(&map, &wall, &straight, [0.35, 0.25]).len(), 1);
         let into_wall = [[9.0, -5.0, 1.0], [9.5, -5.0, 1.0], [11.0, -5.0, 1.0]];
         assert_eq!(free_part(&map, &NearReturns::default(), &into_wall, 0.25), 2);
-        let seen = NearReturns::new(&voxelastic::Pose::translation(0.3, -3.7, 1.0), &Cloud::from_points(vec![[0.0, 0.2, 0.24]]));
+        let seen = NearReturns::new(&Pose::translation(0.3, -3.7, 1.0), &Cloud::from_points(vec![[0.0, 0.2, 0.24]]));
         assert_eq!([free_part(&map, &seen, &back, 0.25), free_part(&map, &seen, &back, 0.2), free_part(&map, &seen, &into_wall, 0.25)], [1, 3, 3]);
     }
 }

@@ -4,10 +4,12 @@
 use hashbrown::HashMap;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use voxelastic_plan::{Point, Space, distance};
+use voxelastic_plan::{Point, Space, between, distance};
 
 /// No node.
 pub(crate) const NOBODY: u32 = u32::MAX;
+/// No node either: the way there was found not to be free, and is not tried again.
+const BLOCKED: u32 = u32::MAX - 1;
 /// Most nodes near the robot that it is joined to.
 const JOINED: usize = 8;
 /// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found. Less than half, or
@@ -32,6 +34,8 @@ pub(crate) struct Roadmap {
     origin: Point,
     nodes: Vec<Node>,
     by_key: HashMap<[i32; 3], u32>,
+    /// Places between two nodes whose edge is not straight, in the order from the first to the second.
+    bends: HashMap<[u32; 2], Vec<Point>>,
     /// Lowest and highest key along z.
     layers: [i32; 2],
 }
@@ -48,7 +52,7 @@ pub(crate) struct Ways {
 impl Roadmap {
     /// An empty graph with neighbours `spacing` metres apart, one of them at `origin`.
     pub fn new(spacing: f64, origin: Point) -> Self {
-        Self { spacing, origin, nodes: Vec::new(), by_key: HashMap::new(), layers: [0; 2] }
+        Self { spacing, origin, nodes: Vec::new(), by_key: HashMap::new(), bends: HashMap::new(), layers: [0; 2] }
     }
 
     pub fn len(&self) -> usize {
@@ -107,34 +111,69 @@ impl Roadmap {
         // Wheels may arrive higher or lower than they started.
         let heights = if space.dimensions() == 2 { [0, 1, -1] } else { [0; 3] };
         let known = heights.into_iter().find_map(|dz| self.by_key.get(&[next[0], next[1], next[2] + dz]).copied());
-        if let Some(other) = known {
-            if space.connects(place, self.place(other)) {
-                self.connect(node, other, step);
-            }
-            return None;
-        }
         let mut to: Point = std::array::from_fn(|k| self.origin[k] + f64::from(next[k]) * self.spacing);
         if space.dimensions() == 2 {
             to[2] = place[2];
         }
-        let arrived = space.steer(place, to).or_else(|| self.step_aside(space, place, to, step))?;
+        if let Some(other) = known {
+            if space.connects(place, self.place(other)) {
+                self.connect(node, other, step);
+            } else if let Some(bend) = self.bend_to(space, place, (self.place(other), to), step) {
+                self.connect(node, other, step);
+                self.bends.insert([node, other], bend);
+            }
+            return None;
+        }
+        let straight = || space.steer(place, to).or_else(|| self.asides(to, to, step).into_iter().find_map(|to| space.steer(place, to)));
+        if let Some(arrived) = straight() {
+            let new = self.add(arrived);
+            self.connect(node, new, step);
+            return Some(new);
+        }
+        let (bend, arrived) = self.step_aside(space, place, to, step)?;
         let new = self.add(arrived);
         self.connect(node, new, step);
+        self.bends.insert([node, new], vec![bend]);
         Some(new)
     }
 
-    /// Tries to arrive beside the place that a straight step leads to: a doorway is seldom on the lattice.
-    fn step_aside<S: Space>(&self, space: &S, place: Point, to: Point, step: usize) -> Option<Point> {
+    /// `p` moved beside the lattice's line through `line`, across a step: a doorway is seldom on the lattice.
+    fn asides(&self, p: Point, line: Point, step: usize) -> Vec<Point> {
         let across = match STEPS[step] {
             [_, 0, 0] => 1,
             [0, _, 0] => 0,
-            _ => return None,
+            _ => return Vec::new(),
         };
-        ASIDE.into_iter().find_map(|aside| {
-            let mut to = to;
-            to[across] += aside * self.spacing;
-            space.steer(place, to)
+        let beside = |aside: f64| {
+            let mut p = p;
+            p[across] = line[across] + aside * self.spacing;
+            p
+        };
+        ASIDE.into_iter().map(beside).collect()
+    }
+
+    /// A step that goes aside first and then straight ahead, as into a doorway: where it turns, and where it arrives.
+    fn step_aside<S: Space>(&self, space: &S, place: Point, to: Point, step: usize) -> Option<(Point, Point)> {
+        self.asides(place, to, step).into_iter().zip(self.asides(to, to, step)).find_map(|(aside, ahead)| {
+            let bend = space.steer(place, aside)?;
+            Some((bend, space.steer(bend, ahead)?))
         })
+    }
+
+    /// Where a way to a node turns that goes aside, straight ahead, and back.
+    fn bend_to<S: Space>(&self, space: &S, place: Point, (other, line): (Point, Point), step: usize) -> Option<Vec<Point>> {
+        self.asides(place, line, step).into_iter().zip(self.asides(other, line, step)).find_map(|(aside, ahead)| {
+            let first = space.steer(place, aside)?;
+            let second = space.steer(first, ahead)?;
+            space.connects(second, other).then(|| vec![first, second])
+        })
+    }
+
+    /// The places between two neighbours, from the first to the second.
+    fn bend(&self, a: u32, b: u32) -> Vec<Point> {
+        let there = || self.bends.get(&[a, b]).cloned();
+        let back = || self.bends.get(&[b, a]).map(|bend| bend.iter().rev().copied().collect());
+        there().or_else(back).unwrap_or_default()
     }
 
     fn connect(&mut self, a: u32, b: u32, step: usize) {
@@ -143,18 +182,41 @@ impl Roadmap {
         self.nodes[b as usize].edges[back] = a;
     }
 
-    /// Removes the edges between nodes that are within half a spacing of the segment from `a` to `b`: it is not free any more.
-    pub fn block(&mut self, a: Point, b: Point) {
-        let reach = 1.5 * self.spacing;
-        let near: Vec<u32> = self.near(a, reach).into_iter().chain(self.near(b, reach)).collect();
-        for &node in &near {
-            for step in 0..STEPS.len() {
-                let other = self.nodes[node as usize].edges[step];
-                if other != NOBODY && near.contains(&other) {
-                    self.nodes[node as usize].edges[step] = NOBODY;
-                }
-            }
+    /// A motion near `at` is not free any more: removes the edges there that are not either. If all of them are, as checks from elsewhere may differ, those that pass next to
+    /// it are blocked: not tried again, or each plan would lead there.
+    pub fn block<S: Space>(&mut self, space: &S, at: Point) {
+        let around: Vec<(u32, usize)> =
+            self.near(at, 2.0 * self.spacing).into_iter().flat_map(|node| (0..STEPS.len()).map(move |step| (node, step))).collect();
+        let next_to = |roadmap: &Self, node: u32, other: u32| {
+            let way = roadmap.way(node, other);
+            way.windows(2).any(|ends| distance_from(at, ends[0], ends[1]) < 0.5 * roadmap.spacing)
+        };
+        let edges: Vec<(u32, usize, u32)> = around
+            .into_iter()
+            .map(|(node, step)| (node, step, self.nodes[node as usize].edges[step]))
+            .filter(|(node, _, other)| *other < BLOCKED && next_to(self, *node, *other))
+            .collect();
+        let is_free = |(node, _, other): &(u32, usize, u32)| self.way(*node, *other).windows(2).all(|ends| space.is_segment_free(ends[0], ends[1]));
+        let shut: Vec<(u32, usize, u32)> = edges.iter().filter(|edge| !is_free(edge)).copied().collect();
+        let (removed, mark) = if shut.is_empty() { (&edges, BLOCKED) } else { (&shut, NOBODY) };
+        for &(node, step, other) in removed {
+            self.nodes[node as usize].edges[step] = mark;
+            let back = &mut self.nodes[other as usize].edges;
+            back.iter_mut().filter(|edge| **edge == node).for_each(|edge| *edge = mark);
         }
+    }
+
+    /// The places from a node to a neighbour.
+    fn way(&self, a: u32, b: u32) -> Vec<Point> {
+        let mut way = vec![self.place(a)];
+        way.extend(self.bend(a, b));
+        way.push(self.place(b));
+        way
+    }
+
+    /// Has everything that was blocked tried again.
+    pub fn unblock(&mut self) {
+        self.nodes.iter_mut().flat_map(|node| &mut node.edges).filter(|edge| **edge == BLOCKED).for_each(|edge| *edge = NOBODY);
     }
 
     /// Nodes within `radius` metres of `p`, the nearest first.
@@ -184,7 +246,7 @@ impl Roadmap {
             if length > ways.lengths[node as usize] {
                 continue;
             }
-            for &next in self.nodes[node as usize].edges.iter().filter(|next| **next != NOBODY) {
+            for &next in self.nodes[node as usize].edges.iter().filter(|next| **next < BLOCKED) {
                 let length = length + distance(self.place(node), self.place(next));
                 if length < ways.lengths[next as usize] {
                     (ways.lengths[next as usize], ways.before[next as usize]) = (length, node);
@@ -209,13 +271,24 @@ impl Ways {
 
     /// The way to a node, from the start.
     pub fn path(&self, roadmap: &Roadmap, node: u32) -> Vec<Point> {
-        let mut path: Vec<Point> = std::iter::successors(Some(node), |node| Some(self.before[*node as usize]).filter(|before| *before != NOBODY))
-            .map(|node| roadmap.place(node))
-            .collect();
+        let before = |node: &u32| Some(self.before[*node as usize]).filter(|before| *before != NOBODY);
+        let nodes: Vec<u32> = std::iter::successors(Some(node), before).collect();
+        let mut path: Vec<Point> = nodes.first().map(|node| roadmap.place(*node)).into_iter().collect();
+        for pair in nodes.windows(2) {
+            path.extend(roadmap.bend(pair[0], pair[1]));
+            path.push(roadmap.place(pair[1]));
+        }
         path.push(self.from);
         path.reverse();
         path
     }
+}
+
+/// Distance of `p` from the segment between `a` and `b`, metres.
+fn distance_from(p: Point, a: Point, b: Point) -> f64 {
+    let (along, off): (Point, Point) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| p[k] - a[k]));
+    let dot = |u: Point, v: Point| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+    distance(p, between(a, b, (dot(along, off) / dot(along, along).max(1e-12)).clamp(0.0, 1.0)))
 }
 
 /// A length with a total order.
@@ -233,5 +306,82 @@ impl PartialOrd for Length {
 impl Ord for Length {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.0.total_cmp(&other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall between x = 0.2 and 0.5 with a gap of 12 cm, through which the robot, a point, can go; it may be shut.
+    #[derive(Clone, Debug)]
+    struct Gap {
+        centre: f64,
+        is_shut: bool,
+    }
+
+    impl Space for Gap {
+        fn steer(&self, from: Point, to: Point) -> Option<Point> {
+            (0..=200).all(|i| self.state_at(between(from, to, f64::from(i) / 200.0)).is_some()).then_some(to)
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            let is_in_wall = (0.2..=0.5).contains(&p[0]) && (self.is_shut || (p[1] - self.centre).abs() > 0.06);
+            (!is_in_wall && (0..2).all(|k| p[k].abs() <= 2.0) && p[2].abs() < 0.1).then_some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-2.0, -2.0, -0.1], [2.0, 2.0, 0.1]]
+        }
+    }
+
+    /// A roadmap around a robot before the wall, and the places behind it that can be reached.
+    fn grown(space: &Gap) -> (Roadmap, Vec<u32>) {
+        let robot = [-1.2, 0.0, 0.0];
+        let mut roadmap = Roadmap::new(0.6, robot);
+        roadmap.extend(space, robot, f64::INFINITY);
+        let ways = roadmap.ways(space, robot);
+        let behind = roadmap.places().filter(|(node, place)| place[0] > 0.5 && ways.length(*node).is_finite()).map(|(node, _)| node).collect();
+        (roadmap, behind)
+    }
+
+    #[test]
+    fn a_doorway_is_found_wherever_it_is_and_the_way_through_it_is_free() {
+        for centre in [0.0, 0.1, 0.17, 0.25, -0.22, -0.3, 0.75] {
+            let space = Gap { centre, is_shut: false };
+            let (roadmap, behind) = grown(&space);
+            assert!(!behind.is_empty(), "gap at {centre}");
+            let ways = roadmap.ways(&space, [-1.2, 0.0, 0.0]);
+            for node in behind {
+                let path = ways.path(&roadmap, node);
+                assert!(path.windows(2).all(|ends| space.is_segment_free(ends[0], ends[1])), "gap at {centre}: {path:?}");
+            }
+        }
+        assert!(grown(&Gap { centre: 0.0, is_shut: true }).1.is_empty());
+    }
+
+    #[test]
+    fn what_is_shut_is_removed_and_nothing_else() {
+        let open = Gap { centre: 0.25, is_shut: false };
+        let (mut roadmap, behind) = grown(&open);
+        let edges = |roadmap: &Roadmap| roadmap.nodes.iter().flat_map(|node| &node.edges).filter(|edge| **edge < BLOCKED).count();
+        let (before, shut) = (edges(&roadmap), Gap { is_shut: true, ..open.clone() });
+        roadmap.block(&shut, [0.19, 0.25, 0.0]);
+        assert!(before - edges(&roadmap) <= 8, "{before} {}", edges(&roadmap));
+        let ways = roadmap.ways(&shut, [-1.2, 0.0, 0.0]);
+        assert!(behind.iter().all(|node| ways.length(*node).is_infinite()));
+        // The door opens.
+        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        assert!(roadmap.ways(&open, [-1.2, 0.0, 0.0]).length(behind[0]).is_finite());
+        // A check from elsewhere differs: those next to it are blocked until everything is tried again.
+        let whole = edges(&roadmap);
+        roadmap.block(&open, [-0.6, 0.0, 0.0]);
+        let left = edges(&roadmap);
+        assert!(left < whole && left > whole / 2, "{left} of {whole}");
+        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        assert_eq!(edges(&roadmap), left);
+        roadmap.unblock();
+        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        assert_eq!(edges(&roadmap), whole);
     }
 }

@@ -1,4 +1,4 @@
-//! Where the robot can be in a map that drift bends: the whole map's space, that of the newest submap, what the last scan saw, and a way out for a robot that stands where
+//! Where the robot can be in a map that drift bends: the whole map's space, that of the newest submap, what the last scans saw, and a way out for a robot that stands where
 //! it does not fit.
 
 use crate::near_returns::NearReturns;
@@ -17,7 +17,7 @@ pub(crate) fn newest_submap(atlas: &Atlas) -> Option<SubmapId> {
 /// The space of a robot in the whole map and in its newest submap.
 ///
 /// Until a loop closes, walls that an older submap saw may stand in a doorway as it is seen now. So a motion is free if the whole map says so, or the newest submap by
-/// itself: it saw the place last. In both it keeps clear of the last scan's returns. And a robot that a correction, or a wall seen late, leaves where it does not fit may
+/// itself: it saw the place last. In both it keeps clear of the last scans' returns. And a robot that a correction, or a wall seen late, leaves where it does not fit may
 /// use up its margin for a motion to where it does.
 #[derive(Clone, Debug)]
 pub(crate) struct RobotSpace<'a, S> {
@@ -27,7 +27,7 @@ pub(crate) struct RobotSpace<'a, S> {
     start: Point,
 }
 
-/// The spaces of a ball in the whole map and in the newest submap, without what the last scan's returns block.
+/// The spaces of a ball in the whole map and in the newest submap, without what the last scans' returns block.
 #[derive(Clone, Debug)]
 pub(crate) struct Clear<'a, S> {
     whole: S,
@@ -47,7 +47,14 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn steer(&self, from: Point, to: Point) -> Option<Point> {
-        self.either(|space| space.steer(from, to).filter(|arrived| self.returns.are_clear_of(from, *arrived, self.radius)))
+        self.either(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
+    }
+
+    /// Whether the last scans' returns allow a motion.
+    fn is_clear(&self, from: Point, to: Point) -> bool {
+        // Wheels follow the floor.
+        let keeps_height = self.whole.dimensions() == 2 || self.returns.keep_height(from, to, self.radius);
+        keeps_height && self.returns.are_clear_of(from, to, self.radius)
     }
 
     fn state_at(&self, p: Point) -> Option<Point> {
@@ -55,7 +62,7 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn is_segment_free(&self, from: Point, to: Point) -> bool {
-        self.returns.are_clear_of(from, to, self.radius) && (self.whole.is_segment_free(from, to) || self.newest.is_segment_free(from, to))
+        self.is_clear(from, to) && (self.whole.is_segment_free(from, to) || self.newest.is_segment_free(from, to))
     }
 }
 

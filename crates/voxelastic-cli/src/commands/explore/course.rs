@@ -124,7 +124,8 @@ impl Course {
         self.decisions.push((decision.time, decision.frontier_time, decision.is_new));
         if self.last_purpose != Some(decision.purpose) {
             self.last_purpose = Some(decision.purpose);
-            tracing::debug!("{:?} after {:.0} s", decision.purpose, robot.time());
+            let reason = explorer.reason_to_return().filter(|_| decision.purpose == Purpose::Return);
+            tracing::debug!("{:?} after {:.0} s{}", decision.purpose, robot.time(), reason.map_or_else(String::new, |reason| format!(": {reason}")));
         }
         let is_due = self.moments.last().is_none_or(|last| robot.time() >= last.time_s + INTERVAL);
         if is_due || is_last {
