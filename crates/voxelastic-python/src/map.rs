@@ -138,7 +138,8 @@ impl Map {
     fn renumbered(&self, first: u32) -> PyResult<Self> {
         let content = self.content()?;
         let Content { atlas, settings, sensor, origin } = &*content;
-        let submaps = atlas.submaps().iter().zip(first..).map(|(submap, id)| submap.clone().with_id(id)).collect();
+        let number = |id| first + atlas.submaps().iter().take_while(|submap| submap.id() < id).count() as u32;
+        let submaps = atlas.submaps().iter().map(|submap| submap.clone().renumbered(number)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
         Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin: *origin }.into())
     }

@@ -7,6 +7,7 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use voxelastic::atlas::fusion::{TakeBack, take_back};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 
 /// A stored map. Opening reads the manifest only.
@@ -102,7 +103,7 @@ impl MapStore {
         self.manifest.submaps.binary_search_by_key(&id, |entry| entry.id).ok().map(|i| &self.manifest.submaps[i])
     }
 
-    /// Loads submap `id`.
+    /// Loads submap `id`. What it handed over to other submaps is not in it, see [`hand_over`](fn@voxelastic::atlas::fusion::hand_over).
     ///
     /// # Errors
     /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::Newer`],
@@ -116,13 +117,13 @@ impl MapStore {
         Ok(entry.submap(fields, self.voxel_size()?))
     }
 
-    /// Loads all submaps.
+    /// Loads all submaps. Where poses were corrected since the map was made, they take back what they handed over to others.
     ///
     /// # Errors
     /// As for [`load_submap`](Self::load_submap), for the first submap that cannot be loaded.
     pub fn load_atlas(&self) -> Result<Atlas> {
         let submaps: Vec<Result<Submap>> = self.manifest.submaps.par_iter().map(|entry| self.load(entry)).collect();
-        Ok(Atlas::from_submaps(self.voxel_size()?, submaps.into_iter().collect::<Result<_>>()?))
+        self.atlas_of(submaps.into_iter().collect::<Result<_>>()?)
     }
 
     /// Loads the submaps that can be loaded, and says what is wrong with the others, ordered by submap.
@@ -139,9 +140,15 @@ impl MapStore {
             }
         }
         match damage.is_empty() || !whole.is_empty() {
-            true => Ok((Atlas::from_submaps(self.voxel_size()?, whole), damage)),
+            true => Ok((self.atlas_of(whole)?, damage)),
             false => Err(damage.swap_remove(0)),
         }
+    }
+
+    fn atlas_of(&self, submaps: Vec<Submap>) -> Result<Atlas> {
+        let mut atlas = Atlas::from_submaps(self.voxel_size()?, submaps);
+        take_back(&mut atlas, TakeBack::Moved);
+        Ok(atlas)
     }
 
     fn voxel_size(&self) -> Result<f32> {

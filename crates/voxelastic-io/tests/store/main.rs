@@ -12,4 +12,5 @@ mod python_reader;
 mod repair;
 mod resume;
 mod roundtrip;
+mod stored_once;
 mod world;

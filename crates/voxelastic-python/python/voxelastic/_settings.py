@@ -41,6 +41,7 @@ class SettingArguments(TypedDict, total=False):
     max_scale: int
     interpolate: float
     dynamic: Literal["keep", "remove"]
+    storage: Literal["all", "once"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
     scale_hysteresis: float
@@ -139,6 +140,11 @@ class Settings:
     dynamic: Literal["keep", "remove"] = "keep"
     """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set
     aside, and surfaces in space that is free before or after are removed at the end). Allowed: keep | remove.
+    """
+    storage: Literal["all", "once"] = "all"
+    """How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks
+    are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart). Allowed:
+    all | once.
     """
     no_return: Literal["unknown", "free"] = "unknown"
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for

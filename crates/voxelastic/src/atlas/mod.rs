@@ -24,4 +24,4 @@ mod submap;
 pub use assignment::NodeAssignments;
 pub use collection::{Atlas, MergingSubmap};
 pub(crate) use node_map::NodeSet;
-pub use submap::{Submap, SubmapId, SubmapScan};
+pub use submap::{HandedOver, Submap, SubmapId, SubmapScan};

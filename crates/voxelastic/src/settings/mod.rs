@@ -18,7 +18,7 @@ mod error;
 mod value;
 
 pub use error::SettingError;
-pub use value::{Allowed, Dynamic, FieldKind, NoReturn, RobotRadius};
+pub use value::{Allowed, Dynamic, FieldKind, NoReturn, RobotRadius, Storage};
 
 use crate::memory::{MemoryError, MemorySize};
 use crate::sensor::{preset, preset_names};
@@ -179,6 +179,8 @@ settings! {
         "Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only, marked; 0 for none.";
     dynamic: Dynamic = Dynamic::Keep, "", OneOf(&["keep", "remove"]), Advanced,
         "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
+    storage: Storage = Storage::All, "", OneOf(&["all", "once"]), Advanced,
+        "How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart).";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,

@@ -38,6 +38,11 @@ pub(super) struct TargetBlock {
 }
 
 impl TargetBlock {
+    /// A block to be sampled at `scale`.
+    pub fn new(key: u64, scale: u8) -> Self {
+        Self { key, scale, observation_count: ObservationCount::default() }
+    }
+
     /// Its Morton key in the target's lattice.
     pub fn key(&self) -> u64 {
         self.key
