@@ -4,7 +4,7 @@ use super::align::aligned;
 use super::cells::Cells;
 use super::kept::KeptScans;
 use super::view::{Care, PlacedView, View, extent};
-use super::votes::{Votes, votes_of};
+use super::votes::{Places, Votes, votes_of};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
@@ -112,24 +112,28 @@ impl MovingDetector {
             returns.points[..returns.measured].iter().step_by(returns.measured / ALIGNED_BY + 1).map(|p| pose.apply(*p)).collect();
         let placed_views: Vec<PlacedView<'_>> = all_ages.par_iter().map(|age| aligned(&self.views[count - age], &points, model)).collect();
         let was_off = placed_views[0].was_off;
-        let votes = |ages: &[usize], which: &[usize]| {
+        let votes = |ages: &[usize], which: &[usize], settled: fn(&Votes, u16) -> bool| {
             let ages = within(ages);
             let placed_views: Vec<PlacedView<'_>> =
                 all_ages.iter().zip(&placed_views).filter(|(age, _)| ages.contains(age)).map(|(_, placed_view)| *placed_view).collect();
-            votes_of(&placed_views, model, which.len(), |i| {
-                let (place, pixel) = (pose.apply(returns.points[which[i]]), returns.pixel[which[i]] as usize);
-                (place, if pixel < image.ranges.len() { extent(image, model, pixel) } else { [0.0; 2] })
-            })
+            let size = |i: usize| {
+                let pixel = returns.pixel[which[i]] as usize;
+                if pixel < image.ranges.len() { extent(image, model, pixel) } else { [0.0; 2] }
+            };
+            votes_of(&placed_views, model, which.len(), &Places { place: |i| pose.apply(returns.points[which[i]]), size }, settled)
+        };
+        let in_pixels = |pixels: &[bool]| -> Vec<usize> {
+            (0..returns.measured).filter(|&i| pixels.get(returns.pixel[i] as usize).is_some_and(|is_in| *is_in)).collect()
         };
         // In staggered rows.
-        let is_first = |&i: &usize| {
-            let (row, column) = (returns.pixel[i] as usize / columns, returns.pixel[i] as usize % columns);
-            row < rows && row.is_multiple_of(STRIDE[0]) && (column + row / STRIDE[0] % 2 * STRIDE[1] / 2).is_multiple_of(STRIDE[1])
-        };
-        let first: Vec<usize> = (0..returns.measured).filter(is_first).collect();
+        let mut is_first = vec![false; rows * columns];
+        for (row, is_first) in is_first.chunks_exact_mut(columns).enumerate().step_by(STRIDE[0]) {
+            is_first.iter_mut().skip(row / STRIDE[0] % 2 * STRIDE[1] / 2).step_by(STRIDE[1]).for_each(|is_first| *is_first = true);
+        }
+        let first = in_pixels(&is_first);
         let mut around = vec![false; rows * columns];
         let mut any = false;
-        for (&i, _) in first.iter().zip(votes(&FIRST_AGES, &first)).filter(|(_, votes)| votes.has_come()) {
+        for (&i, _) in first.iter().zip(votes(&FIRST_AGES, &first, Votes::cannot_have_come)).filter(|(_, votes)| votes.has_come()) {
             any = true;
             let (row, column) = (returns.pixel[i] as usize / columns, returns.pixel[i] as usize % columns);
             for r in row.saturating_sub(STRIDE[0])..(row + STRIDE[0] + 1).min(rows) {
@@ -140,12 +144,11 @@ impl MovingDetector {
             return (Vec::new(), was_off);
         }
         let mut moves = vec![false; returns.len()];
-        let is_around = |&i: &usize| around.get(returns.pixel[i] as usize).is_some_and(|around| *around);
-        let dense: Vec<usize> = (0..returns.measured).filter(is_around).collect();
-        for (&i, votes) in dense.iter().zip(votes(&AGES, &dense)) {
+        let dense = in_pixels(&around);
+        for (&i, votes) in dense.iter().zip(votes(&AGES, &dense, Votes::cannot_have_come)) {
             moves[i] = votes.has_come();
         }
-        grow(&mut moves, returns, image, |which| votes(&AGES, which).iter().map(Votes::may_join).collect());
+        grow(&mut moves, returns, image, |which| votes(&AGES, which, Votes::cannot_join).iter().map(Votes::may_join).collect());
         // Points between returns are as the return that they are nearest to.
         let sources: HashSet<u32> = (0..returns.measured).filter(|&i| moves[i]).map(|i| returns.source[i]).collect();
         (returns.measured..returns.len()).for_each(|i| moves[i] = sources.contains(&returns.source[i]));

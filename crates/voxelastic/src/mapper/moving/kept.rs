@@ -5,7 +5,7 @@
 
 use super::cells::Cells;
 use super::view::{Care, PlacedView, View};
-use super::votes::{Votes, votes_of_few};
+use super::votes::{Places, Votes, votes_of_few};
 use crate::atlas::graph::PoseGraph;
 use crate::atlas::{Submap, SubmapId};
 use crate::event::NodeId;
@@ -107,9 +107,9 @@ impl KeptScans {
         let voxel = submap.voxel_size;
         let is_gone = |centres: &[[f32; 3]]| -> Vec<bool> {
             let places: Vec<[f32; 3]> = centres.iter().map(|c| c.map(|c| c * voxel)).collect();
-            let sizes = vec![[THIN; 2]; places.len()];
-            let now = votes_of_few(&same_time, model, &places, &sizes);
-            let then = votes_of_few(&later, model, &places, &sizes);
+            let (count, places) = (places.len(), Places { place: |i: usize| places[i], size: |_| [THIN; 2] });
+            let now = votes_of_few(&same_time, model, count, &places, Votes::cannot_have_gone);
+            let then = votes_of_few(&later, model, count, &places, Votes::cannot_be_gone_later);
             now.iter().zip(&then).map(|(now, then)| Votes::has_gone(now) || Votes::is_gone_later(then)).collect()
         };
         let removed = submap.tsdf.remove_voxels(RemoveFrom::BlocksWithSurface, &is_gone);

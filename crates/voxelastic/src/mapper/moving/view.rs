@@ -108,22 +108,34 @@ pub(super) struct PlacedView<'a> {
 }
 
 impl PlacedView<'_> {
-    /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres, on things of these widths and heights, metres.
-    pub fn look(&self, model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]], scratch: &mut Scratch, mut tell: impl FnMut(usize, Observation)) {
+    /// What it tells of up to [`PROJECT_CHUNK`](crate::sensor::PROJECT_CHUNK) places, submap frame, metres. `size` is the width and the height of the thing at a
+    /// place, metres; it is asked for only where beams passed.
+    pub fn look(
+        &self,
+        model: &BeamModel,
+        places: impl Iterator<Item = [f32; 3]>,
+        mut size: impl FnMut(usize) -> [f32; 2],
+        scratch: &mut Scratch,
+        mut tell: impl FnMut(usize, Observation),
+    ) {
         let Scratch { points, pixels, ranges } = scratch;
         points.clear();
-        points.extend(places.iter().map(|p| self.t_lidar_submap.apply(*p)));
-        pixels.resize(places.len(), 0);
-        ranges.resize(places.len(), 0.0);
+        points.extend(places.map(|p| self.t_lidar_submap.apply(p)));
+        pixels.resize(points.len(), 0);
+        ranges.resize(points.len(), 0.0);
         project_chunk(points, model, pixels, ranges);
         let columns = model.columns() as u32;
-        for (i, ((&pixel, &range), size)) in pixels.iter().zip(ranges.iter()).zip(sizes).enumerate() {
+        let mut is_thin = |i: usize, gaps: [f32; 2]| {
+            let size = size(i);
+            size[0] < gaps[0] || size[1] < gaps[1]
+        };
+        for (i, (&pixel, &range)) in pixels.iter().zip(ranges.iter()).enumerate() {
             let gaps = self.view.gaps.map(|gap| gap * range);
             if pixel < OUTSIDE && gaps[0].max(gaps[1]) <= LARGEST_GAP {
                 let observation =
                     self.observation((pixel / columns) as usize, ((pixel % columns) >> self.view.cells.shift) as usize, range, points[i]);
-                let is_missed = observation == Observation::Void && (size[0] < gaps[0] || size[1] < gaps[1]);
-                tell(i, if is_missed { Observation::Sparse } else { observation });
+                let may_be_missed = observation == Observation::Void && is_thin(i, gaps);
+                tell(i, if may_be_missed { Observation::Sparse } else { observation });
             }
         }
     }
@@ -163,6 +175,9 @@ impl PlacedView<'_> {
                 let Some(height) = cells.planes[r * cells.columns + c % cells.columns].height(place) else { continue };
                 if height.abs() < most {
                     return Observation::Seen;
+                }
+                if height < least && most <= 0.0 {
+                    return Observation::Unknown;
                 }
                 lowest = lowest.min(height);
             }
@@ -228,9 +243,9 @@ mod tests {
     fn look(place: [f32; 3]) -> Observation {
         let (view, model) = view();
         let mut observed = Observation::Unknown;
-        view.as_known().look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
+        view.as_known().look(&model, [place].into_iter(), |_| [1.0; 2], &mut Scratch::default(), |_, observation| observed = observation);
         let mut of_thin = Observation::Unknown;
-        view.as_known().look(&model, &[place], &[[0.01, 1.0]], &mut Scratch::default(), |_, observation| of_thin = observation);
+        view.as_known().look(&model, [place].into_iter(), |_| [0.01, 1.0], &mut Scratch::default(), |_, observation| of_thin = observation);
         assert_eq!(of_thin, if observed == Observation::Void { Observation::Sparse } else { observed });
         observed
     }
@@ -281,7 +296,7 @@ mod tests {
             let at = |height: f32| {
                 let mut observed = Observation::Unknown;
                 let place = [distance * azimuth.cos(), distance * azimuth.sin(), height - 1.7];
-                view.as_known().look(&model, &[place], &[[1.0; 2]], &mut Scratch::default(), |_, observation| observed = observation);
+                view.as_known().look(&model, [place].into_iter(), |_| [1.0; 2], &mut Scratch::default(), |_, observation| observed = observation);
                 observed
             };
             prop_assert_ne!(at(off), Observation::Void);

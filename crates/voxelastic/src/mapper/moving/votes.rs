@@ -49,9 +49,19 @@ impl Votes {
         came || (self.seen == 0 && self.void + self.sparse >= 2)
     }
 
+    /// Whether [`has_come`](Self::has_come) is false whatever so many more views tell.
+    pub fn cannot_have_come(&self, more: u16) -> bool {
+        !self.has_come() && 2 * self.seen >= self.void + more && (self.seen > 0 || self.void + self.sparse + more < 2)
+    }
+
     /// Whether a point there that is beside points on something that moves may be on it, too: hardly any view saw it.
     pub fn may_join(&self) -> bool {
         self.seen <= 1
+    }
+
+    /// Whether [`may_join`](Self::may_join) is false whatever so many more views tell.
+    pub fn cannot_join(&self, _more: u16) -> bool {
+        !self.may_join()
     }
 
     /// Whether a surface there does not belong in the map: the place is void in many views, or in the last ones.
@@ -61,45 +71,104 @@ impl Votes {
         mostly || lately || (self.seen == 0 && self.void + self.sparse >= 2)
     }
 
+    /// Whether [`has_gone`](Self::has_gone) is false whatever so many more views tell.
+    pub fn cannot_have_gone(&self, more: u16) -> bool {
+        !self.has_gone() && self.seen > 0 && self.seen >= 2 * (self.void + more) && self.seen > 4 * (self.void_since + more)
+    }
+
     /// Whether a surface there has gone, by views of later times: several are void and none saw anything.
     pub fn is_gone_later(&self) -> bool {
         self.void + self.sparse >= 2 && self.seen == 0
     }
+
+    /// Whether [`is_gone_later`](Self::is_gone_later) is false whatever so many more views tell.
+    pub fn cannot_be_gone_later(&self, more: u16) -> bool {
+        self.seen > 0 || self.void + self.sparse + more < 2
+    }
 }
 
-/// What `views`, oldest first, tell of `count` places, submap frame, metres, on things of a width and height, metres.
-pub(super) fn votes_of(
+/// Places that views are asked about, submap frame, metres.
+pub(super) struct Places<P, S> {
+    /// The place of a number.
+    pub place: P,
+    /// Width and height of the thing there, metres; asked for only where it could have been missed.
+    pub size: S,
+}
+
+/// What `views`, oldest first, tell of `count` places. A place whose votes are `settled`, with so many more views to come, is asked about no further.
+pub(super) fn votes_of<P, S>(
     views: &[PlacedView<'_>],
     model: &BeamModel,
     count: usize,
-    place: impl Fn(usize) -> ([f32; 3], [f32; 2]) + Sync,
-) -> Vec<Votes> {
+    places: &Places<P, S>,
+    settled: impl Fn(&Votes, u16) -> bool + Sync,
+) -> Vec<Votes>
+where
+    P: Fn(usize) -> [f32; 3] + Sync,
+    S: Fn(usize) -> [f32; 2] + Sync,
+{
     let mut votes = vec![Votes::default(); count];
     votes.par_chunks_mut(PROJECT_CHUNK).enumerate().for_each(|(chunk, votes)| {
         let first = chunk * PROJECT_CHUNK;
-        let (places, sizes): (Vec<[f32; 3]>, Vec<[f32; 2]>) = (first..first + votes.len()).map(&place).unzip();
-        votes.copy_from_slice(&votes_of_few(views, model, &places, &sizes));
+        let places = Places { place: |i| (places.place)(first + i), size: |i| (places.size)(first + i) };
+        votes_of_chunk(views, model, votes, &places, &settled);
     });
     votes
 }
 
 /// As [`votes_of`], on the calling thread.
-pub(super) fn votes_of_few(views: &[PlacedView<'_>], model: &BeamModel, places: &[[f32; 3]], sizes: &[[f32; 2]]) -> Vec<Votes> {
-    let mut votes = vec![Votes::default(); places.len()];
+pub(super) fn votes_of_few<P, S>(
+    views: &[PlacedView<'_>],
+    model: &BeamModel,
+    count: usize,
+    places: &Places<P, S>,
+    settled: impl Fn(&Votes, u16) -> bool,
+) -> Vec<Votes>
+where
+    P: Fn(usize) -> [f32; 3],
+    S: Fn(usize) -> [f32; 2],
+{
+    let mut votes = vec![Votes::default(); count];
+    for (chunk, votes) in votes.chunks_mut(PROJECT_CHUNK).enumerate() {
+        let first = chunk * PROJECT_CHUNK;
+        let places = Places { place: |i| (places.place)(first + i), size: |i| (places.size)(first + i) };
+        votes_of_chunk(views, model, votes, &places, &settled);
+    }
+    votes
+}
+
+/// Fills the votes of up to [`PROJECT_CHUNK`] places.
+fn votes_of_chunk<P, S>(
+    views: &[PlacedView<'_>],
+    model: &BeamModel,
+    votes: &mut [Votes],
+    places: &Places<P, S>,
+    settled: impl Fn(&Votes, u16) -> bool,
+) where
+    P: Fn(usize) -> [f32; 3],
+    S: Fn(usize) -> [f32; 2],
+{
+    let mut asked: Vec<(usize, [f32; 3])> = (0..votes.len()).map(|i| (i, (places.place)(i))).collect();
+    let mut sizes: Vec<Option<[f32; 2]>> = vec![None; votes.len()];
     SCRATCH.with_borrow_mut(|scratch| {
-        for view in views {
-            let chunks = places.chunks(PROJECT_CHUNK).zip(sizes.chunks(PROJECT_CHUNK)).zip(votes.chunks_mut(PROJECT_CHUNK));
-            for ((places, sizes), votes) in chunks {
-                view.look(model, places, sizes, scratch, |i, observation: Observation| votes[i].add(observation));
+        for (view, more) in views.iter().zip((0..views.len() as u16).rev()) {
+            let size = |k: usize| {
+                let i = asked[k].0;
+                *sizes[i].get_or_insert_with(|| (places.size)(i))
+            };
+            view.look(model, asked.iter().map(|(_, place)| *place), size, scratch, |k, observation| votes[asked[k].0].add(observation));
+            asked.retain(|(i, _)| !settled(&votes[*i], more));
+            if asked.is_empty() {
+                break;
             }
         }
     });
-    votes
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn votes(observations: &str) -> Votes {
         let mut votes = Votes::default();
@@ -133,6 +202,29 @@ mod tests {
             (".vs.", true, true),
         ] {
             assert_eq!((votes(observations).has_come(), votes(observations).has_gone()), (came, gone), "{observations}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn settled_votes_stay_as_they_are(observations in prop::collection::vec(0usize..4, 1..30)) {
+            let observations: Vec<Observation> =
+                observations.into_iter().map(|k| [Observation::Unknown, Observation::Sparse, Observation::Seen, Observation::Void][k]).collect();
+            let of = |count: usize| {
+                let mut votes = Votes::default();
+                observations[..count].iter().for_each(|observation| votes.add(*observation));
+                votes
+            };
+            let end = of(observations.len());
+            for count in 0..=observations.len() {
+                let (votes, more) = (of(count), (observations.len() - count) as u16);
+                prop_assert!(!(votes.cannot_have_come(more) && end.has_come()), "{votes:?} {end:?}");
+                prop_assert!(!(votes.cannot_join(more) && end.may_join()), "{votes:?} {end:?}");
+                prop_assert!(!(votes.cannot_have_gone(more) && end.has_gone()), "{votes:?} {end:?}");
+                prop_assert!(!(votes.cannot_be_gone_later(more) && end.is_gone_later()), "{votes:?} {end:?}");
+            }
+            // With nothing more to come, all is known.
+            prop_assert_eq!((end.cannot_have_come(0), end.cannot_be_gone_later(0)), (!end.has_come(), !end.is_gone_later()));
         }
     }
 }
