@@ -3,11 +3,12 @@
 use super::void::are_void;
 use crate::atlas::fusion::{BlockVotes, FusionSettings, add_votes};
 use crate::atlas::{Atlas, Submap, SubmapId};
-use crate::field::occupancy::{BlockBox, OccupancyField, UNKNOWN};
+use crate::field::occupancy::{BlockBox, OccupancyField, State, UNKNOWN};
 use crate::field::tsdf::RemoveFrom;
 use crate::geometry::{Pose, morton};
 use crate::octree::{BLOCK_SHIFT, NONE, SCALES, block_key, voxel_coords, voxel_index, voxels_at};
 use crate::query::AtlasQuery;
+use hashbrown::HashMap;
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
@@ -91,7 +92,8 @@ impl<'a> GoneSpace<'a> {
         let edge = (margin / voxel).ceil().max(1.0) as i32;
         let mut gone = Self { newer, t_map_submap: submap.t_map_submap, voxel, margin, edge, cubes: HashSet::new(), blocks: HashSet::new() };
         let cubes_of = |blocks: &[OccupiedBlock<'_>]| -> Vec<[i32; 3]> {
-            let centres: Vec<[f32; 3]> = blocks.iter().flat_map(|block| block.occupied().into_iter().map(|i| block.centre(i))).collect();
+            let occupied: Vec<[f32; 3]> = blocks.iter().flat_map(|block| block.occupied().into_iter().map(|i| block.centre(i))).collect();
+            let centres = gone.not_settled(&occupied);
             let are_gone = gone.are_void(&centres, margin);
             centres.iter().zip(are_gone).filter(|(_, gone)| *gone).map(|(c, _)| gone.cube(*c)).collect()
         };
@@ -101,6 +103,34 @@ impl<'a> GoneSpace<'a> {
         gone.cubes = found.iter().flat_map(|c| -> Vec<[i32; 3]> { around(c) }).collect();
         gone.blocks = gone.cubes.iter().flat_map(|c| gone.blocks_of(c)).collect();
         gone
+    }
+
+    /// Those of some points of the submap, finest voxels, that may have nothing but free space within the margin: one point of each cube is asked first, and where that is
+    /// not free, those within the margin of it are settled. As a rule what was there is there still.
+    fn not_settled(&self, centres: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        let between = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|k| f64::from(a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+        let middle = |cube: &[i32; 3]| cube.map(|c| (c as f32 + 0.5) * self.edge as f32);
+        let mut first: HashMap<[i32; 3], [f32; 3]> = HashMap::new();
+        for c in centres {
+            let cube = self.cube(*c);
+            let middle = middle(&cube);
+            first.entry(cube).and_modify(|first| *first = if between(c, &middle) < between(first, &middle) { *c } else { *first }).or_insert(*c);
+        }
+        let points: Vec<[f64; 3]> = first.values().map(|c| self.in_map(c)).collect();
+        let states = self.newer.states(&points);
+        let is_free: HashMap<[i32; 3], bool> = first.keys().copied().zip(states.into_iter().map(|state| state == State::Free)).collect();
+        // A little less than the margin, for the rounding of points on its border.
+        let near = 0.99 * self.margin / self.voxel;
+        let may_be_void = |c: &&[f32; 3]| {
+            let cube = self.cube(**c);
+            is_free.get(&cube) != Some(&false) || first.get(&cube).is_none_or(|first| between(first, c) > near)
+        };
+        centres.iter().filter(may_be_void).copied().collect()
+    }
+
+    /// A point of the submap, finest voxels, in the map frame, metres.
+    fn in_map(&self, c: &[f32; 3]) -> [f64; 3] {
+        (self.t_map_submap * Point3::from(c.map(|c| f64::from(c) * self.voxel))).coords.into()
     }
 
     fn cube(&self, c: [f32; 3]) -> [i32; 3] {
@@ -132,8 +162,7 @@ impl<'a> GoneSpace<'a> {
 
     /// Which of some points of the submap, finest voxels, have nothing but free space of the newer map within `margin`.
     fn are_void(&self, centres: &[[f32; 3]], margin: f64) -> Vec<bool> {
-        let in_map = |c: &[f32; 3]| (self.t_map_submap * Point3::from(c.map(|c| f64::from(c) * self.voxel))).coords.into();
-        let points: Vec<[f64; 3]> = centres.iter().map(in_map).collect();
+        let points: Vec<[f64; 3]> = centres.iter().map(|c| self.in_map(c)).collect();
         are_void(self.newer, &points, &self.newer.states(&points), margin)
     }
 }
