@@ -106,7 +106,7 @@ fn open_folder(path: &Path, options: &OpenOptions) -> Result<Dataset> {
         description.graph(file, graph, &edges);
     }
     let has_times = times.of_clouds.is_some() || trajectory.times.is_some();
-    let track = (options.deskew && has_times).then(|| pose_track(&trajectory, &stamped));
+    let track = (options.deskew && has_times).then(|| Arc::new(pose_track(&trajectory, &stamped)));
     let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times: times.of_clouds, has_times, track, further: Vec::new() };
     // Snapshots correct an estimate. The ground truth needs no corrections.
     let snapshots = if pose_file.is_ground_truth() { description.drop_snapshots() } else { folder.snapshots };
@@ -141,7 +141,7 @@ fn open_dump(path: &Path, dump: Dump, options: &OpenOptions) -> Result<Dataset> 
     if let Some((file, graph)) = &graph {
         description.graph(&PoseFile { path: file.clone(), format: PoseFormat::G2o }, graph, &edges);
     }
-    let track = options.deskew.then(|| pose_track(&Trajectory::default(), &stamped));
+    let track = options.deskew.then(|| Arc::new(pose_track(&Trajectory::default(), &stamped)));
     let times = Some(stamped.iter().map(|(time, _)| *time).collect());
     let context = SnapshotContext { t_base_lidar: options.t_base_lidar, nodes, times, has_times: true, track, further: Vec::new() };
     Ok(Dataset {

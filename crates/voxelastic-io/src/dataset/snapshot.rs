@@ -5,6 +5,7 @@ use crate::motion::{LONGEST_GAP_S, PoseTrack, sweep_motion};
 use crate::scan_list::ScanEntry;
 use crate::{Error, Result, poses};
 use std::collections::HashSet;
+use std::sync::Arc;
 use voxelastic::event::NodeId;
 use voxelastic::{Cloud, Pose};
 
@@ -12,7 +13,7 @@ use voxelastic::{Cloud, Pose};
 const SAME_TIME_S: f64 = 1e-3;
 
 /// What is needed to match the poses of a snapshot to scans, and to give clouds their motion.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct SnapshotContext {
     pub(super) t_base_lidar: Option<Pose>,
     /// Node of every cloud of the folder.
@@ -22,9 +23,9 @@ pub(super) struct SnapshotContext {
     /// Whether scans have times.
     pub(super) has_times: bool,
     /// Poses of the lidar by time, if clouds are to get the lidar's motion.
-    pub(super) track: Option<PoseTrack>,
+    pub(super) track: Option<Arc<PoseTrack>>,
     /// The same of further sensors.
-    pub(super) further: Vec<Option<PoseTrack>>,
+    pub(super) further: Vec<Option<Arc<PoseTrack>>>,
 }
 
 impl SnapshotContext {

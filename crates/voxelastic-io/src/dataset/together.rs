@@ -31,14 +31,12 @@ pub(super) fn together(mut first: Dataset, options: &OpenOptions, open: impl Fn(
             (scan.sensor, scan.node) = (sensor, scan.node % NODES_OF_SENSOR + NodeId::from(sensor) * NODES_OF_SENSOR);
             scan
         }));
-        tracks.push(Arc::into_inner(other.context).and_then(|context| context.track));
+        tracks.push(other.context.track.clone());
     }
     scans.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.sensor.cmp(&b.sensor)));
     first.scans = scans.into();
     first.ground_truth = None;
-    if let Some(SnapshotContext { further, .. }) = Arc::get_mut(&mut first.context) {
-        *further = tracks;
-    }
+    first.context = Arc::new(SnapshotContext { further: tracks, ..SnapshotContext::clone(&first.context) });
     Ok(first)
 }
 
@@ -55,4 +53,35 @@ fn check(folder: &Dataset) -> Result<()> {
         return refused("scans without times: their order among those of the other sensor is not known", "add times.txt, or poses with times");
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{SensorFolder, pcd, poses};
+    use voxelastic::{Cloud, Pose};
+
+    #[test]
+    fn data_that_are_in_use_elsewhere_keep_their_motion() {
+        let dir = tempfile::tempdir().unwrap();
+        let path_of = |name: &str| dir.path().join(name);
+        let cloud = Cloud { time: Some(vec![0.0, 0.05]), ..Cloud::from_points(vec![[5.0, 0.0, 0.0], [0.0, 5.0, 0.0]]) };
+        let stamped: Vec<(f64, Pose)> = (0..4).map(|k| (0.1 * f64::from(k), Pose::translation(0.1 * f64::from(k), 0.0, 0.0))).collect();
+        for name in ["front", "rear"] {
+            (0..4).for_each(|k| pcd::write(path_of(name).join(format!("{k}.pcd")), &cloud).unwrap());
+            poses::write_tum(path_of(name).join("poses.tum"), &stamped).unwrap();
+        }
+        let options = OpenOptions { more_folders: vec![SensorFolder { path: path_of("rear"), t_base_lidar: None }], ..OpenOptions::default() };
+        let opened = std::cell::RefCell::new(Vec::new());
+        let open = |path: &Path, options: &OpenOptions| {
+            let alone = crate::dataset::open(path, &OpenOptions { more_folders: Vec::new(), ..options.clone() })?;
+            opened.borrow_mut().push(alone.clone());
+            Ok(alone)
+        };
+        let both = together(open(&path_of("front"), &options).unwrap(), &options, open).unwrap();
+        assert_eq!((both.scans().len(), opened.borrow().len()), (8, 2));
+        for scan in &both.scans()[..6] {
+            assert!(both.cloud(scan).unwrap().motion.is_some(), "sensor {} at {} s", scan.sensor, scan.time);
+        }
+    }
 }
