@@ -15,7 +15,7 @@ use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::raw::{self, RawScans, TimedScans};
 use voxelastic_io::source::{self, Events as SourceEvents, Source};
-use voxelastic_io::{Error, Keyframing, OpenOptions, PoseKind, SensorTopic};
+use voxelastic_io::{Error, Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
 use voxelastic_slam::slam::RawScan;
 
 /// A folder or a recording.
@@ -43,8 +43,9 @@ impl Data {
         if slam == Some(true) {
             return raw();
         }
+        let is_one_sensor = options.more_sensors.is_empty() && options.more_folders.is_empty();
         match source::open(&path, options) {
-            Err(Error::NoPoses { .. }) if slam.is_none() && options.poses.is_none() && options.graph.is_none() => raw(),
+            Err(Error::NoPoses { .. }) if is_one_sensor && slam.is_none() && options.poses.is_none() && options.graph.is_none() => raw(),
             opened => Ok(Self::Registered(opened?)),
         }
     }
@@ -122,6 +123,7 @@ impl Dataset {
         t_base_lidar: Vec<PyReadonlyArray1<'_, f64>>,
         every: Option<String>,
         cloud_topics: Vec<String>,
+        more_folders: Vec<PathBuf>,
         pose_topic: Option<String>,
         metadata: Option<PathBuf>,
         deskew: bool,
@@ -139,6 +141,7 @@ impl Dataset {
             strict,
             keyframing: every.map(|text| text.parse()).transpose().map_err(|e: String| PyValueError::new_err(format!("every: {e}")))?,
             cloud_topic: cloud_topics.first().cloned(),
+            more_folders: (1..).zip(more_folders).map(|(k, path)| SensorFolder { path, t_base_lidar: lidars.get(k).copied() }).collect(),
             more_sensors: cloud_topics.iter().enumerate().skip(1).map(further).collect(),
             pose_topic,
             metadata,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import voxelastic as vx
 
@@ -120,6 +121,57 @@ def test_two_sensors_of_a_recording_are_mapped_together(tmp_path: Path) -> None:
     given = vx.Dataset.open(tmp_path / "room" / "recording.mcap", poses=poses, every="scan", cloud_topic=topics, t_base_lidar=lidars)
     mapper = vx.Mapper(voxel_size=0.1, max_range=20)
     assert mapper.replay(given) == 16 and abs(len(mapper.finish().mesh()) - counts[1][1]) < 0.01 * counts[1][1]
+
+
+def test_folders_of_two_sensors_are_mapped_together(tmp_path: Path) -> None:
+    for name, sensor in (("front", "vlp-16"), ("rear", "os1-32")):
+        simulate = f"simulate room --drift 0 --scans 8 --columns 180 -q -o {name} --sensor {sensor}"
+        subprocess.run([COMMAND, *simulate.split()], cwd=tmp_path, check=True, timeout=120)
+        for file in ("poses.tum", "graph.g2o"):
+            (tmp_path / name / file).unlink()
+    # The poses of the second folder become those of a base that is half a metre beside its lidar, and turned.
+    mounts = [np.eye(4), np.array([[0.28, -0.96, 0, 0.1], [0.96, 0.28, 0, 0.5], [0, 0, 1, -0.2], [0, 0, 0, 1.0]])]
+    poses = np.loadtxt(tmp_path / "rear" / "groundtruth.tum")
+    for row in poses:
+        # The lidar's quaternion times the inverse of the mount's.
+        x, y, z, w = row[4:]
+        row[4:] = [0.8 * x - 0.6 * y, 0.8 * y + 0.6 * x, 0.8 * z - 0.6 * w, 0.8 * w + 0.6 * z]
+        row[1:4] -= _rotation(*row[4:]) @ mounts[1][:3, 3]
+    np.savetxt(tmp_path / "rear" / "groundtruth.tum", poses, fmt="%.12g")
+    front, rear = tmp_path / "front", tmp_path / "rear"
+    alone = vx.Dataset.open(front, poses="groundtruth")
+    together = vx.Dataset.open(front, poses="groundtruth", also=rear, t_base_lidar=mounts)
+    sizes = []
+    for dataset, count in ((alone, 8), (together, 16), (pickle.loads(pickle.dumps(together)), 16)):
+        mapper = vx.Mapper(voxel_size=0.1, max_range=20)
+        assert dataset.scan_count == count and mapper.replay(dataset) == count
+        sizes.append(len(mapper.finish().mesh()))
+    assert sizes[1] > 1.1 * sizes[0] and sizes[1] == sizes[2]
+    # What the second sensor sees lies on what the first one does.
+    mapper = vx.Mapper(voxel_size=0.1, max_range=20)
+    mapper.replay(alone)
+    surface = mapper.finish().mesh()
+    for scan in list(vx.Dataset.open(front, poses="groundtruth", also=[str(rear)], t_base_lidar=mounts))[1::2]:
+        assert scan.pose is not None
+        points = scan.points[np.isfinite(scan.points).all(axis=-1)].astype(np.float64) @ scan.pose[:3, :3].T + scan.pose[:3, 3]
+        assert np.median(surface.distance(points)) < 0.05
+    with pytest.raises(ValueError, match="list of 2 poses, one for each folder, not 3"):
+        vx.Dataset.open(front, also=rear, t_base_lidar=[np.eye(4)] * 3)
+    with pytest.raises(vx.FileError, match="nowhere"):
+        vx.Dataset.open(front, poses="groundtruth", also=[tmp_path / "nowhere"])
+    with pytest.raises(ValueError, match="slam: the poses of several sensors"):
+        vx.Dataset.open(front, also=rear, slam=True)
+
+
+def _rotation(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:
+    """The matrix of a quaternion."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:

@@ -201,6 +201,7 @@ class Dataset:
         t_base_lidar: Pose | Sequence[Pose] | None = None,
         every: str | int | None = None,
         cloud_topic: str | Sequence[str] | None = None,
+        also: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
         pose_topic: str | None = None,
         metadata: str | os.PathLike[str] | None = None,
         deskew: bool = True,
@@ -220,6 +221,7 @@ class Dataset:
                 scans are iterated, and a mapper leaves the others out once it has estimated where they were taken.
             cloud_topic: The topic of the clouds in a recording, if there are several; of a list of topics the sensors are mapped together, and poses that do not
                 say whose they are are those of the first.
+            also: A folder, or several, with the scans and poses of further sensors, which are mapped together with `path`.
             pose_topic: The topic of the poses in a recording, if there are several.
             metadata: The sensor metadata of an Ouster capture, or the angles of the beams of a Hesai's, if they are not found by name.
             deskew: Compensate the motion of the sensor during a sweep, where points have times.
@@ -230,7 +232,7 @@ class Dataset:
         Raises:
             FileNotFoundError: There is nothing of this name.
             FileError: The data cannot be recognised or read; the message lists what was found.
-            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so.
+            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so, or `slam` is asked for with several sensors.
         """
         options = {name: value for name, value in locals().items() if name not in ("cls", "path")}
         path = Path(path)
@@ -241,12 +243,15 @@ class Dataset:
         optional = (None if name is None else Path(name) for name in (poses, graph, metadata))
         pose_file, graph_file, metadata_file = optional
         topics = [] if cloud_topic is None else [cloud_topic] if isinstance(cloud_topic, str) else list(cloud_topic)
-        lidars = _lidars(t_base_lidar, len(topics))
+        folders = [Path(folder) for folder in ([also] if isinstance(also, str | os.PathLike) else also)]
+        lidars = _lidars(t_base_lidar, len(topics), len(folders))
+        if slam and (folders or len(topics) > 1):
+            raise ValueError("slam: the poses of several sensors are estimated by the command alone (voxelastic map); here they have to be in the data")
         interval = None if every is None else str(every)
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
         this._inner = _native.Dataset.open(
-            path, pose_file, odometry, graph_file, lidars, interval, topics, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
+            path, pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
         return this
 
@@ -312,15 +317,16 @@ class Dataset:
         return f"Dataset({str(self._path)!r}{'' if count is None else f', {count:,} scans'})"
 
 
-def _lidars(given: Pose | Sequence[Pose] | None, sensors: int) -> list[NDArray[np.float64]]:
+def _lidars(given: Pose | Sequence[Pose] | None, topics: int, more_folders: int) -> list[NDArray[np.float64]]:
     """The poses of lidars in the vehicle frame: none, one, or that of each of several sensors."""
+    sensors, what = (more_folders + 1, "folder") if more_folders else (topics, "topic of clouds")
     if given is None:
         return []
     if sensors < 2:
         return [_arrays.pose(given, "t_base_lidar")]
     poses = list(cast("Sequence[Pose]", given))
     if len(poses) != sensors:
-        raise ValueError(f"t_base_lidar: expected a list of {sensors} poses, one for each topic of clouds, not {len(poses)}")
+        raise ValueError(f"t_base_lidar: expected a list of {sensors} poses, one for each {what}, not {len(poses)}")
     return [_arrays.pose(pose, f"t_base_lidar[{k}]") for k, pose in enumerate(poses)]
 
 

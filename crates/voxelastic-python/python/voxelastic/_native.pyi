@@ -103,6 +103,7 @@ class Dataset:
         t_base_lidar: Sequence[NDArray[np.float64]],
         every: str | None,
         cloud_topics: Sequence[str],
+        more_folders: Sequence[str | os.PathLike[str]],
         pose_topic: str | None,
         metadata: str | os.PathLike[str] | None,
         deskew: bool,
@@ -110,7 +111,7 @@ class Dataset:
         strict: bool,
         slam: bool | None,
     ) -> Dataset:
-        """Opens a folder or a recording. Clouds are read when their turn comes. No topic, one, or one for each sensor; and poses of as many lidars or of none."""
+        """Opens a folder or a recording. Clouds are read when their turn comes. No topic, one, or one for each sensor; or folders of further sensors; and poses of as many lidars or of none."""
 
     def description(self) -> str:
         """What was found, in a few lines."""
