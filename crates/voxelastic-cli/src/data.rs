@@ -43,7 +43,7 @@ pub struct ReadingArgs {
     #[arg(long, value_name = "TOPIC")]
     cloud_topic: Vec<String>,
     /// A folder with the scans and poses of a further sensor, which is mapped together with DATA; may be given several times. With --t-base-lidar there is one
-    /// for each folder, in their order
+    /// for each folder, in their order. Where the poses are estimated, they are those of DATA, and --t-base-lidar says where the others are
     #[arg(long, value_name = "FOLDER")]
     also: Vec<PathBuf>,
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
@@ -85,14 +85,14 @@ impl DataArgs {
         format!("{:?}", self.options(false))
     }
 
-    /// The flag about poses that was given, if one was.
+    /// The flag about poses that was given, if one was. Of several sensors --t-base-lidar says where they are on each other, with poses and without.
     pub fn names_poses(&self) -> Option<&'static str> {
         let given = [
             ("--poses", self.reading.poses.is_some()),
             ("--graph", self.reading.graph.is_some()),
             ("--pose-topic", self.reading.pose_topic.is_some()),
             ("--correction-topic", self.reading.correction_topic.is_some()),
-            ("--t-base-lidar", !self.reading.t_base_lidar.is_empty()),
+            ("--t-base-lidar", !self.reading.t_base_lidar.is_empty() && !self.has_several_sensors()),
         ];
         given.into_iter().find(|(_, is_given)| *is_given).map(|(flag, _)| flag)
     }
@@ -133,9 +133,9 @@ impl DataArgs {
         also.iter().enumerate().map(folder).collect()
     }
 
-    /// Whether there are folders of further sensors.
-    pub fn has_more_folders(&self) -> bool {
-        !self.reading.also.is_empty()
+    /// Whether several sensors are named.
+    fn has_several_sensors(&self) -> bool {
+        !self.reading.also.is_empty() || self.reading.cloud_topic.len() > 1
     }
 
     /// Refuses poses of sensors that are not named.

@@ -37,16 +37,12 @@ impl Input {
         if slam && let Some(flag) = named {
             return Err(Failure::usage(format!("--slam estimates the poses, so {flag} has no meaning with it"), "do without one of the two").into());
         }
-        if slam && data.has_more_folders() {
-            let remedy = "estimate them from one folder with `voxelastic odometry`, and name them with --poses";
-            return Err(Failure::usage("poses are estimated from one sensor only, so --also has no meaning with --slam", remedy).into());
-        }
         if slam {
             return Ok(Self::Raw(Box::new(RawInput::open(data)?)));
         }
         match data.open_with(strict, pose_kind) {
             Ok(source) => Ok(Self::Registered(Box::new(source))),
-            Err(Error::NoPoses { .. }) if named.is_none() && !data.has_more_folders() => {
+            Err(Error::NoPoses { path, .. }) if named.is_none() && path == data.path() => {
                 tracing::info!("no poses in {}: they are estimated from the scans", data.path().display());
                 Ok(Self::Raw(Box::new(RawInput::open(data)?)))
             }

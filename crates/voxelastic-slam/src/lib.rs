@@ -12,11 +12,13 @@
 mod corrector;
 mod deskew;
 mod error;
+mod followers;
 mod free_space;
 pub mod graph;
 pub mod join;
 pub mod loops;
 pub mod odometry;
+mod raw_scan;
 mod registration;
 pub mod slam;
 

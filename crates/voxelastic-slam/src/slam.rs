@@ -1,23 +1,13 @@
 //! Raw scans in, the mapper's events out.
 
+use crate::followers::{Followers, FollowingScan, TimedPose};
 use crate::odometry::{ImuSample, MeasuredVertical, Odometry, OdometryReport, OdometrySettings, OdometryState, Status, VERTICAL_SIGMA};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan, Vertical};
-use voxelastic::{Cloud, Pose};
 
-/// A scan without a pose.
-#[derive(Clone, Debug)]
-pub struct RawScan {
-    /// The node that it becomes.
-    pub node: NodeId,
-    /// Time stamp in seconds.
-    pub time: f64,
-    /// The points, in the lidar frame.
-    pub cloud: Cloud,
-    /// Samples of an inertial measurement unit at the lidar since the scan before, up to the end of this one; empty without one.
-    pub imu: Vec<ImuSample>,
-}
+pub use crate::raw_scan::RawScan;
 
 /// What became of a scan.
 #[derive(Debug)]
@@ -28,8 +18,20 @@ pub struct Step {
     pub events: Vec<Event>,
 }
 
+/// What became of scans of further sensors.
+#[derive(Debug, Default)]
+pub struct Followed {
+    /// What the mapper should be told, in this order.
+    pub events: Vec<Event>,
+    /// Nodes of the scans that have no pose: the first sensor was not registered around their times.
+    pub without_pose: Vec<NodeId>,
+}
+
 /// Turns raw scans into the events of a registered cloud list (paper Sec. IV): scans with their poses by odometry, an odometry edge from
 /// the scan before, and where up is, where an inertial unit tells.
+///
+/// Of several sensors ([`with_sensors`](Self::with_sensors)) the first is registered. The others follow it: their scans have its poses, interpolated at their own
+/// times, and hang on its nodes.
 ///
 /// ```
 /// use voxelastic::Cloud;
@@ -59,6 +61,7 @@ pub struct Slam {
     last: Option<Taken>,
     /// Where up was measured to be since the last scan that was taken: measured and expected, map frame.
     vertical: Option<[[f64; 3]; 2]>,
+    followers: Followers,
 }
 
 /// What a [`Slam`] knows between two scans; see [`Slam::state`].
@@ -69,6 +72,7 @@ pub struct SlamState {
     odometry: OdometryState,
     last: Option<Taken>,
     vertical: Option<[[f64; 3]; 2]>,
+    followed: Vec<TimedPose>,
 }
 
 /// The last scan that was taken.
@@ -83,17 +87,26 @@ struct Taken {
 impl Slam {
     /// One that has seen no scan.
     pub fn new(settings: OdometrySettings) -> Self {
-        Self { odometry: Odometry::new(settings), last: None, vertical: None }
+        Self { odometry: Odometry::new(settings), last: None, vertical: None, followers: Followers::default() }
     }
 
-    /// What it knows.
-    pub fn state(&self) -> SlamState {
-        SlamState { odometry: self.odometry.state(), last: self.last, vertical: self.vertical }
+    /// For several sensors: the pose of each further one in the frame of the first, in the order of [`Cloud::sensor`](voxelastic::Cloud::sensor) from 1 on.
+    #[must_use]
+    pub fn with_sensors(self, t_first_sensor: Vec<Pose>) -> Self {
+        Self { followers: Followers::new(t_first_sensor), ..self }
     }
 
-    /// One that goes on from `state`, with the settings of the one that it is of: it gives out the same events, bit for bit.
-    pub fn resume(settings: OdometrySettings, state: SlamState) -> Self {
-        Self { odometry: Odometry::resume(settings, state.odometry), last: state.last, vertical: state.vertical }
+    /// What it knows; none while scans of further sensors wait for their poses.
+    pub fn state(&self) -> Option<SlamState> {
+        let followed = self.followers.state()?;
+        Some(SlamState { odometry: self.odometry.state(), last: self.last, vertical: self.vertical, followed })
+    }
+
+    /// One that goes on from `state`, with the settings and the sensors of the one that it is of: it gives out the same events, bit for bit.
+    pub fn resume(settings: OdometrySettings, t_first_sensor: Vec<Pose>, state: SlamState) -> Self {
+        let mut followers = Followers::new(t_first_sensor);
+        followers.resume(state.followed);
+        Self { odometry: Odometry::resume(settings, state.odometry), last: state.last, vertical: state.vertical, followers }
     }
 
     /// Adds a sample of an inertial measurement unit, as [`Odometry::add_imu`].
@@ -101,13 +114,46 @@ impl Slam {
         self.odometry.add_imu(sample);
     }
 
-    /// Registers a scan. If `takes` holds for its pose and it could be registered, it becomes a node.
+    /// Adds a scan of a further sensor, which waits for the pose of the first at its time. Samples of an inertial unit that come with it are used.
+    pub fn follow(&mut self, mut scan: RawScan) {
+        std::mem::take(&mut scan.imu).into_iter().for_each(|sample| self.odometry.add_imu(sample));
+        self.followers.wait(scan);
+    }
+
+    /// The scans of further sensors that have a pose since the last scan of the first. Those become nodes for which `takes` holds, by their sensor, pose and time.
+    pub fn followed(&mut self, mut takes: impl FnMut(u16, &Pose, f64) -> bool) -> Followed {
+        let (due, without_pose) = self.followers.take_due();
+        let mut events = Vec::new();
+        for FollowingScan { scan: RawScan { node, time, cloud, .. }, t_map_lidar, piece } in due {
+            if !takes(cloud.sensor, &t_map_lidar, time) {
+                continue;
+            }
+            events.push(Event::Scan(Scan { node, time, t_map_lidar, cloud }));
+            // A chain through all sensors would be longer than what was travelled.
+            if let Some(last) = self.last.filter(|last| last.piece == piece) {
+                let t_from_to = last.t_map_lidar.inv_mul(&t_map_lidar);
+                events.push(Event::OdometryEdge(Edge { from: last.node, to: node, t_from_to, information: None }));
+            }
+        }
+        Followed { events, without_pose }
+    }
+
+    /// After the last scan: the scans of further sensors that still wait have no pose.
+    pub fn finish(&mut self) -> Followed {
+        Followed { events: Vec::new(), without_pose: self.followers.finish() }
+    }
+
+    /// Registers a scan of the first sensor. If `takes` holds for its pose and it could be registered, it becomes a node.
     pub fn register(&mut self, scan: RawScan, takes: impl FnOnce(&Pose) -> bool) -> Step {
         let RawScan { node, time, mut cloud, imu } = scan;
         imu.into_iter().for_each(|sample| self.odometry.add_imu(sample));
         let report = self.odometry.register(&cloud, Some(time));
         self.vertical = report.vertical.map(|MeasuredVertical { measured, expected, .. }| [measured.into(), expected.into()]).or(self.vertical);
-        if matches!(report.status, Status::Failed(_)) || !takes(&report.t_map_lidar) {
+        let has_failed = matches!(report.status, Status::Failed(_));
+        if !has_failed {
+            self.followers.add_pose(time, report.piece, &report.t_map_lidar);
+        }
+        if has_failed || !takes(&report.t_map_lidar) {
             return Step { report, events: Vec::new() };
         }
         let t_map_lidar = report.t_map_lidar;

@@ -5,19 +5,19 @@ use crate::meshing;
 use crate::odometry_log::{OdometryLog, OdometrySummary};
 use crate::usage::PoolClock;
 use serde::{Deserialize, Serialize};
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::error::Error;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use voxelastic::Cloud;
 use voxelastic::event::{Event, NodeId};
 use voxelastic::mapper::ScanSource;
 use voxelastic::motion::Motion;
 use voxelastic::sensor::BeamModel;
+use voxelastic::{Cloud, Pose};
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::raw::{RawScans, TimedScan, TimedScans};
 use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions, ReadPosition};
-use voxelastic_slam::odometry::OdometrySettings;
+use voxelastic_slam::odometry::{OdometrySettings, Status};
 use voxelastic_slam::slam::{RawScan, Slam, SlamState};
 
 /// How the lidar moved during each sweep that was mapped.
@@ -46,7 +46,8 @@ impl RawInput {
     }
 
     pub(super) fn description(&self) -> String {
-        format!("{}\nscans taken: {}\nposes: by odometry", self.scans.description(), self.keyframing)
+        let of = if self.scans.t_first_sensor().is_empty() { "" } else { " of the first sensor, which the others follow" };
+        format!("{}\nscans taken: {}\nposes: by odometry{of}", self.scans.description(), self.keyframing)
     }
 
     pub(super) fn scans(&self) -> Option<usize> {
@@ -95,8 +96,9 @@ impl RawInput {
 
     /// The stage that registers raw scans in order.
     pub(super) fn stage(&self, threads: usize) -> anyhow::Result<OdometryStage> {
-        let stage = OdometryStage::new(self.settings.clone(), self.keyframing, threads)?;
-        Ok(OdometryStage { hold_out: self.hold_out.clone(), left: self.most, motions: Arc::clone(&self.motions), ..stage })
+        let stage = OdometryStage::new(self.settings.clone(), self.scans.t_first_sensor(), self.keyframing, threads)?;
+        let selection = ScanSelection { hold_out: self.hold_out.clone(), left: self.most, ..stage.selection };
+        Ok(OdometryStage { selection, motions: Arc::clone(&self.motions), ..stage })
     }
 
     pub(super) fn clouds(&self) -> Box<dyn ScanSource + Send> {
@@ -108,42 +110,78 @@ impl RawInput {
 pub struct OdometryStage {
     slam: Slam,
     settings: OdometrySettings,
+    /// Pose of each further sensor in the frame of the first.
+    t_first_sensor: Vec<Pose>,
     pool: rayon::ThreadPool,
     clock: PoolClock,
-    keyframes: KeyframeFilter,
-    hold_out: Option<(HoldOut, Arc<AtomicUsize>)>,
-    /// Keyframes seen.
-    selected: usize,
-    /// Scans that may still be taken.
-    left: usize,
+    selection: ScanSelection,
     motions: Motions,
     log: OdometryLog,
+}
+
+/// Which scans are taken.
+struct ScanSelection {
+    keyframing: Keyframing,
+    /// By sensor.
+    chosen: BTreeMap<u16, Chosen>,
+    hold_out: Option<(HoldOut, Arc<AtomicUsize>)>,
+    /// Scans that may still be taken.
+    left: usize,
+}
+
+impl ScanSelection {
+    /// Whether the next scan of a sensor is taken, by its pose in the map frame and its time in seconds.
+    fn takes(&mut self, sensor: u16, pose: &Pose, time: f64) -> bool {
+        let keyframing = self.keyframing;
+        let Chosen { keyframes, selected } =
+            self.chosen.entry(sensor).or_insert_with(|| Chosen { keyframes: KeyframeFilter::new(keyframing), selected: 0 });
+        if self.left == 0 || !keyframes.takes(pose, time) {
+            return false;
+        }
+        let index = *selected;
+        *selected += 1;
+        match &self.hold_out {
+            Some((hold_out, count)) if hold_out.holds_out(index) => {
+                count.fetch_add(1, Ordering::Relaxed);
+                false
+            }
+            _ => {
+                self.left -= 1;
+                true
+            }
+        }
+    }
+}
+
+/// Which scans of a sensor are taken.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct Chosen {
+    keyframes: KeyframeFilter,
+    /// Keyframes seen.
+    selected: usize,
 }
 
 /// What an [`OdometryStage`] knows between two scans.
 #[derive(Serialize, Deserialize)]
 pub struct StageState {
     slam: SlamState,
-    keyframes: KeyframeFilter,
+    chosen: BTreeMap<u16, Chosen>,
     held_out: usize,
-    selected: usize,
     left: usize,
     log: OdometryLog,
 }
 
 impl OdometryStage {
-    fn new(settings: OdometrySettings, keyframing: Keyframing, threads: usize) -> anyhow::Result<Self> {
+    fn new(settings: OdometrySettings, t_first_sensor: &[Pose], keyframing: Keyframing, threads: usize) -> anyhow::Result<Self> {
         let pool = meshing::pool(threads)?;
         let clock = PoolClock::new(&pool);
         Ok(Self {
-            slam: Slam::new(settings.clone()),
+            slam: Slam::new(settings.clone()).with_sensors(t_first_sensor.to_vec()),
             settings,
+            t_first_sensor: t_first_sensor.to_vec(),
             pool,
             clock,
-            keyframes: KeyframeFilter::new(keyframing),
-            hold_out: None,
-            selected: 0,
-            left: usize::MAX,
+            selection: ScanSelection { keyframing, chosen: BTreeMap::new(), hold_out: None, left: usize::MAX },
             motions: Motions::default(),
             log: OdometryLog::default(),
         })
@@ -156,28 +194,27 @@ impl OdometryStage {
     pub fn of_recording(options: &OpenOptions, threads: usize) -> anyhow::Result<Self> {
         let mut settings = OdometrySettings::default();
         settings.deskew = options.deskew;
-        Self::new(settings, options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)), threads)
+        Self::new(settings, &[], options.keyframing.unwrap_or(Keyframing::Metres(KEYFRAME_DISTANCE_M)), threads)
     }
 
-    /// What it knows.
-    pub fn state(&self) -> StageState {
-        StageState {
-            slam: self.slam.state(),
-            keyframes: self.keyframes,
-            held_out: self.hold_out.as_ref().map_or(0, |(_, count)| count.load(Ordering::Relaxed)),
-            selected: self.selected,
-            left: self.left,
+    /// What it knows; none while scans of further sensors wait for their poses.
+    pub fn state(&self) -> Option<StageState> {
+        Some(StageState {
+            slam: self.slam.state()?,
+            chosen: self.selection.chosen.clone(),
+            held_out: self.selection.hold_out.as_ref().map_or(0, |(_, count)| count.load(Ordering::Relaxed)),
+            left: self.selection.left,
             log: self.log.clone(),
-        }
+        })
     }
 
     /// Goes on with what the stage of another process knew, and the scans after those that it has seen.
     pub fn resume(&mut self, state: StageState) {
-        self.slam = Slam::resume(self.settings.clone(), state.slam);
-        if let Some((_, count)) = &self.hold_out {
+        self.slam = Slam::resume(self.settings.clone(), self.t_first_sensor.clone(), state.slam);
+        if let Some((_, count)) = &self.selection.hold_out {
             count.store(state.held_out, Ordering::Relaxed);
         }
-        (self.keyframes, self.selected, self.left, self.log) = (state.keyframes, state.selected, state.left, state.log);
+        (self.selection.chosen, self.selection.left, self.log) = (state.chosen, state.left, state.log);
     }
 
     /// Goes on with the figures of another process, from scans of another time.
@@ -192,41 +229,28 @@ impl OdometryStage {
 
     /// Whether as many scans were taken as may be.
     pub fn is_full(&self) -> bool {
-        self.left == 0
+        self.selection.left == 0
     }
 
-    /// Registers a scan, which messages call `name`. Returns its events.
+    /// Registers a scan, which messages call `name`. Returns its events, and those of scans of further sensors that waited for its pose.
     ///
     /// # Errors
     /// A scan that could not be registered.
     pub fn take(&mut self, raw: RawScan, name: &str) -> Result<Vec<Event>, String> {
-        let Self { slam, keyframes, hold_out, selected, .. } = self;
-        let (node, time) = (raw.node, raw.time);
-        let takes = |pose: &voxelastic::Pose| {
-            if !keyframes.takes(pose, time) {
-                return false;
-            }
-            let index = *selected;
-            *selected += 1;
-            match hold_out {
-                Some((hold_out, count)) if hold_out.holds_out(index) => {
-                    count.fetch_add(1, Ordering::Relaxed);
-                    false
-                }
-                _ => true,
-            }
-        };
-        let before = self.clock.now();
-        let step = self.pool.install(|| slam.register(raw, takes));
-        let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
-        for event in &step.events {
-            if let Event::Scan(scan) = event {
-                self.left -= 1;
-                if let Some(motion) = &scan.cloud.motion {
-                    self.motions.lock().unwrap_or_else(PoisonError::into_inner).insert(scan.node, motion.clone());
-                }
-            }
+        if raw.cloud.sensor > 0 {
+            self.slam.follow(raw);
+            return Ok(Vec::new());
         }
+        let Self { slam, selection, .. } = self;
+        let (node, time) = (raw.node, raw.time);
+        let before = self.clock.now();
+        let mut step = self.pool.install(|| slam.register(raw, |pose| selection.takes(0, pose, time)));
+        let cpu = before.zip(self.clock.now()).map(|(before, after)| after.saturating_sub(before));
+        // A scan that failed says nothing new of the others, and is said by itself.
+        if !matches!(step.report.status, Status::Failed(_)) {
+            step.events.extend(self.followed());
+        }
+        self.note_motions(&step.events);
         match self.log.add(node, &step.report, cpu).map(|problem| format!("scan {name}: {problem}")) {
             Some(problem) if step.events.is_empty() => Err(problem),
             Some(problem) => {
@@ -235,6 +259,43 @@ impl OdometryStage {
             }
             None => Ok(step.events),
         }
+    }
+
+    /// The last scans of further sensors, after all scans have come.
+    pub fn finish(&mut self) -> Vec<Event> {
+        let events = self.followed();
+        warn_without_pose(&self.slam.finish().without_pose);
+        self.note_motions(&events);
+        events
+    }
+
+    /// Events of scans of further sensors whose poses are known now.
+    fn followed(&mut self) -> Vec<Event> {
+        let Self { slam, selection, .. } = self;
+        let followed = slam.followed(|sensor, pose, time| selection.takes(sensor, pose, time));
+        warn_without_pose(&followed.without_pose);
+        followed.events
+    }
+
+    /// Keeps how the lidars moved, for those who read the clouds again.
+    fn note_motions(&self, events: &[Event]) {
+        for event in events {
+            if let Event::Scan(scan) = event
+                && let Some(motion) = &scan.cloud.motion
+            {
+                self.motions.lock().unwrap_or_else(PoisonError::into_inner).insert(scan.node, motion.clone());
+            }
+        }
+    }
+}
+
+/// Says which scans of further sensors have no pose.
+fn warn_without_pose(nodes: &[NodeId]) {
+    if let Some(first) = nodes.first() {
+        let count = nodes.len();
+        tracing::warn!(
+            "{count} scans of further sensors have no pose, the first is node {first}: those of the first sensor around their times are missing"
+        );
     }
 }
 
@@ -261,7 +322,7 @@ impl RawEvents {
 
     /// Where it is; none between the events of one scan.
     pub(super) fn state(&self) -> Option<(ReadPosition, StageState)> {
-        self.ready.is_empty().then(|| (self.scans.read_position(), self.stage.state()))
+        self.ready.is_empty().then(|| Some((self.scans.read_position(), self.stage.state()?)))?
     }
 
     /// Drops the next scan; false if there is none.
@@ -281,9 +342,13 @@ impl Iterator for RawEvents {
             if self.stage.is_full() {
                 return None;
             }
-            let scan = match self.scans.next()? {
-                Ok(scan) => raw_scan(scan),
-                Err(problem) => return Some(Err(problem.into())),
+            let scan = match self.scans.next() {
+                Some(Ok(scan)) => raw_scan(scan),
+                Some(Err(problem)) => return Some(Err(problem.into())),
+                None => {
+                    self.ready.extend(self.stage.finish());
+                    return self.ready.pop_front().map(Ok);
+                }
             };
             match self.stage.take(scan.0, &scan.1) {
                 Ok(events) => self.ready.extend(events),

@@ -1,7 +1,10 @@
 //! Two sensors in one recording, mapped together: a simulated room, whose surfaces are known.
 
 use crate::{fails, json, works};
+use std::collections::BTreeMap;
 use std::path::Path;
+use voxelastic::geometry::PoseExt;
+use voxelastic_io::store::{MapStore, SubmapEntry};
 
 const COMMON: &str = "--poses room/groundtruth.tum --every scan --hold-out 5";
 /// Where the second sensor is on the first: 0.6 m behind and 0.3 m below it, turned back and 40 degrees down.
@@ -55,7 +58,7 @@ fn what_is_missing_for_two_sensors_is_said() {
     works(dir, "simulate room -o room --bag --sensor vlp-16 --second-lidar avia --scans 4 --columns 64 -q");
     let bag = "room/recording.mcap";
     fails(dir, &format!("map {bag}"), 1, &["/points", "/points_2", "--cloud-topic"]);
-    fails(dir, &format!("map {bag} --cloud-topic /points --cloud-topic /points_2"), 1, &["/points_2", "voxelastic odometry", "--poses"]);
+    fails(dir, &format!("map {bag} --slam --cloud-topic /points --cloud-topic points"), 1, &["named twice"]);
     let poses = format!("map {bag} --poses room/groundtruth.tum --cloud-topic /points");
     fails(dir, &format!("{poses} --cloud-topic points"), 1, &["named twice"]);
     fails(dir, &format!("{poses} --t-base-lidar 0,0,0,0,0,0,1 --t-base-lidar 0,0,0,0,0,0,1"), 2, &["2 x --t-base-lidar", "1 x --cloud-topic"]);
@@ -106,12 +109,72 @@ fn folders_of_two_sensors_are_mapped_as_one() {
     };
     assert!(mesh("both.vox") == mesh("again.vox"));
     fails(dir, &format!("map front -o x.vox --also rear --t-base-lidar {given}"), 2, &["1 x --t-base-lidar", "2 folders"]);
-    fails(dir, "map front -o x.vox --also rear --slam", 2, &["--also", "voxelastic odometry"]);
+    // Their poses estimated: those of the first folder, which the second follows. Both sensors are in one place.
+    fails(dir, "map front -o x.vox --also rear --slam", 1, &["rear", "--t-base-lidar"]);
+    let own = "--also rear --t-base-lidar 0,0,0,0,0,0,1 --t-base-lidar 0,0,0,0,0,0,1 --slam";
+    fails(dir, &format!("map front -o x.vox {own}"), 1, &["front", "times.txt"]);
+    let times: String = (0..24).map(|k| format!("{}\n", 0.1 * f64::from(k))).collect();
+    ["front", "rear"].iter().for_each(|name| std::fs::write(dir.join(name).join("times.txt"), &times).unwrap());
+    let made = json(dir, &format!("map front -o own.vox {own} --json -q"));
+    assert_eq!((made["scans"].as_u64(), made["odometry"]["registered_of"].as_u64()), (Some(48), Some(24)), "{made}");
+    works(dir, "map front -o alone.vox --slam -q");
+    let [own, alone] = ["own.vox", "alone.vox"].map(|map| complete(dir, map, "front"));
+    assert!(own > alone && own > 0.95, "{own} {alone}");
     fails(dir, "map front -o x.vox --poses groundtruth --also nowhere", 1, &["nowhere"]);
     let information = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1";
     let graph = format!("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 0 0 0 0 0 1\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 {information}\n");
     std::fs::write(dir.join("rear/graph.g2o"), graph).unwrap();
     fails(dir, "map front -o x.vox --poses groundtruth --also rear", 1, &["rear", "one sensor"]);
+}
+
+#[test]
+fn without_poses_the_second_sensor_follows_the_first() {
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    works(dir, "simulate street -o street --bag --sensor vlp-16 --second-lidar vlp-16 --columns 450 --scans 80 --rate 10 --moving -q");
+    let map = |arguments: &str| json(dir, &format!("map street/recording.mcap --voxel-size 0.1 --max-range 40 --every scan --json -q {arguments}"));
+    let both = "--cloud-topic /points --cloud-topic /points_2";
+    let alone = map("--cloud-topic /points -o first.vox");
+    let made = map(&format!("{both} -o both.vox"));
+    assert_eq!((alone["scans"].as_u64(), made["odometry"]["registered_of"].as_u64()), (Some(80), Some(80)), "{made}");
+    // One may be before the first pose, or after the last.
+    assert!(made["scans"].as_u64() >= Some(158), "{made}");
+    map(&format!("{both} -o one_thread.vox --threads 1"));
+    let mesh = |name: &str| {
+        works(dir, &format!("mesh {name} -o {name}.ply -q"));
+        std::fs::read(dir.join(format!("{name}.ply"))).unwrap()
+    };
+    assert!(mesh("both.vox") == mesh("one_thread.vox"), "the same for any number of threads");
+    let [first, both] = ["first.vox", "both.vox"].map(|map| complete(dir, map, "street"));
+    assert!(both > first, "{both} {first}");
+    // Half a period after each scan of the first, the second is where the first is between two scans, but for its mounting.
+    let poses = poses_of(&dir.join("both.vox"));
+    let quaternion = nalgebra::Quaternion::new(0.0, -0.342_020_143_3, 0.0, 0.939_692_620_8);
+    let mounted = voxelastic::Pose::from_parts(nalgebra::Translation3::new(-0.6, 0.0, -0.3), nalgebra::UnitQuaternion::from_quaternion(quaternion));
+    let mut followed = 0;
+    for k in 0..79 {
+        let Some(second) = poses.get(&(1_000_000_000 + k)) else { continue };
+        let expected = poses[&k].lerp_slerp(&poses[&(k + 1)], 0.5) * mounted;
+        let (off, turned) = (second.translation_distance(&expected), second.rotation_distance(&expected));
+        assert!(off < 0.05 && turned < 0.01, "scan {k}: {off} m, {turned}");
+        followed += 1;
+    }
+    assert!(followed >= 78, "{followed}");
+}
+
+/// Poses of the scans of a map by their nodes.
+fn poses_of(map: &Path) -> BTreeMap<u64, voxelastic::Pose> {
+    let store = MapStore::open(map).unwrap();
+    let of_submap = |entry: &SubmapEntry| {
+        let scans = if entry.corrected.is_empty() { &entry.scans } else { &entry.corrected };
+        scans.iter().map(|scan| (scan.node, entry.t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
+    };
+    store.manifest().submaps.iter().flat_map(of_submap).collect()
+}
+
+fn complete(dir: &Path, map: &str, truth: &str) -> f64 {
+    let eval = json(dir, &format!("eval {map} --truth {truth} --align --json -q"));
+    eval["surface"]["completeness"]["fraction_under_5cm"].as_f64().unwrap()
 }
 
 /// The lidar in the base frame of the second folder.

@@ -3,7 +3,8 @@
 use crate::Result;
 use crate::motion::{ImuMount, time_span};
 use crate::playback::{ClockWatch, DeliveredScan, MessageStream, PlaybackLog, Polled, SensorMessage};
-use std::collections::VecDeque;
+use crate::scan_list::NODES_OF_SENSOR;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use voxelastic::Cloud;
 use voxelastic::event::NodeId;
@@ -16,6 +17,7 @@ const LONGEST_WAIT_S: f64 = 0.5;
 pub(crate) struct RecordedScan {
     /// Index among all clouds of the recording.
     pub(crate) index: usize,
+    pub(crate) node: NodeId,
     /// Seconds.
     pub(crate) time: f64,
     pub(crate) cloud: Cloud,
@@ -29,8 +31,9 @@ pub(super) struct RawPlayer {
     stream: Option<ClockWatch>,
     mount: Option<ImuMount>,
     log: Arc<PlaybackLog>,
-    /// Clouds so far.
+    /// Clouds so far, and those of each sensor.
     clouds: usize,
+    of_sensors: BTreeMap<u16, NodeId>,
     /// Samples that belong to no cloud yet.
     samples: Vec<ImuSample>,
     /// Clouds that wait for the samples of their sweeps, with the time at which each came.
@@ -41,12 +44,21 @@ pub(super) struct RawPlayer {
 
 impl RawPlayer {
     pub(super) fn new(stream: Box<dyn MessageStream>, mount: Option<ImuMount>, log: Arc<PlaybackLog>) -> Self {
-        Self { stream: Some(ClockWatch::new(stream)), mount, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
+        Self {
+            stream: Some(ClockWatch::new(stream)),
+            mount,
+            log,
+            clouds: 0,
+            of_sensors: BTreeMap::new(),
+            samples: Vec::new(),
+            waiting: VecDeque::new(),
+            jumped: false,
+        }
     }
 
     /// One that has nothing to play.
     pub(super) fn ended(log: Arc<PlaybackLog>) -> Self {
-        Self { stream: None, mount: None, log, clouds: 0, samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
+        Self { stream: None, mount: None, log, clouds: 0, of_sensors: BTreeMap::new(), samples: Vec::new(), waiting: VecDeque::new(), jumped: false }
     }
 
     /// The next cloud, or a part that cannot be read.
@@ -75,12 +87,15 @@ impl RawPlayer {
                 self.release().map_or(Polled::End, |scan| Polled::Item(Ok(scan)))
             }
             Some(Ok(SensorMessage::Cloud(message))) => {
-                let (index, time) = (self.clouds, message.time);
+                let (index, time, sensor) = (self.clouds, message.time, message.sensor);
                 self.clouds += 1;
+                let of_sensor = self.of_sensors.entry(sensor).or_default();
+                let node = NodeId::from(sensor) * NODES_OF_SENSOR + *of_sensor;
+                *of_sensor += 1;
                 match (message.decode)() {
                     Ok(decoded) => {
-                        self.log.add(index as NodeId, DeliveredScan { index: index as u64, motion: None });
-                        let scan = RecordedScan { index, time, cloud: decoded.relative_to(time), imu: Vec::new() };
+                        self.log.add(node, DeliveredScan { index: index as u64, motion: None });
+                        let scan = RecordedScan { index, node, time, cloud: Cloud { sensor, ..decoded.relative_to(time) }, imu: Vec::new() };
                         self.waiting.push_back((self.stream.as_ref().map_or(0.0, |stream| stream.now()), scan));
                         Polled::Nothing
                     }

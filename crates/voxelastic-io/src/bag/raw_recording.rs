@@ -3,11 +3,11 @@
 use super::describe::{describe_bag, describe_capture, is_capture, summarise};
 use super::raw_player::{RawPlayer, RecordedScan};
 use super::stream::{BagStream, StreamTopics};
-use super::topics::{choose_clouds, choose_imu};
+use super::topics::{choose_clouds, choose_further_clouds, choose_imu};
 use crate::capture::CaptureKind;
 use crate::motion::ImuMount;
 use crate::playback::{CloudRereader, MessageStream, OpenStream, PlaybackLog};
-use crate::{Error, OpenOptions, Result};
+use crate::{OpenOptions, Result};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -27,6 +27,8 @@ pub(crate) struct RawRecording {
     description: String,
     /// Where the inertial measurement unit is in the lidar frame, if one is used.
     t_lidar_imu: Option<Pose>,
+    /// Pose of each further sensor in the frame of the first.
+    t_first_sensor: Vec<Pose>,
     log: Arc<PlaybackLog>,
 }
 
@@ -50,24 +52,30 @@ impl RawRecording {
             let open: OpenStream = Arc::new(move || read.stream(&capture));
             let description = format!("recording: {}\nnote: {}", description.format, description.notes.join("\nnote: "));
             let t_lidar_imu = if options.use_imu { kind.t_sensor_imu(path)? } else { None };
-            return Ok(Self { path: path.into(), capture: Some(kind), open, count: None, description, t_lidar_imu, log });
+            return Ok(Self { path: path.into(), capture: Some(kind), open, count: None, description, t_lidar_imu, t_first_sensor: Vec::new(), log });
         }
         let (files, summary) = summarise(path)?;
-        if let [second, ..] = options.more_sensors.as_slice() {
-            let problem = format!("poses are estimated from the scans of one sensor, not of {} besides", second.topic);
-            let remedy = "estimate them first (`voxelastic odometry DATA --cloud-topic FIRST -o first.tum`), then map both with --poses first.tum";
-            return Err(Error::dataset(path, problem, remedy));
-        }
         let clouds = choose_clouds(&summary, path, options.cloud_topic.as_deref())?;
-        let count = summary.count(&clouds).and_then(|n| usize::try_from(n).ok());
+        let further = choose_further_clouds(&summary, path, &clouds, options)?;
+        let of_topics: Option<Vec<u64>> =
+            std::iter::once(&clouds).chain(further.iter().map(|(topic, _)| topic)).map(|name| summary.count(name)).collect();
+        let count = of_topics.and_then(|counts| usize::try_from(counts.iter().sum::<u64>()).ok());
         let described = describe_bag(files.clone(), &summary, options)?;
-        let description = format!("recording: {}\nclouds: {clouds}", described.format) + &count.map_or(String::new(), |n| format!(", {n}"));
+        let (more, t_first_sensor): (Vec<String>, Vec<Pose>) = further.into_iter().unzip();
+        let topics: Vec<String> = std::iter::once(clouds.clone()).chain(more).collect();
+        let description =
+            format!("recording: {}\nclouds: {}", described.format, topics.join(", ")) + &count.map_or(String::new(), |n| format!(", {n}"));
         let imu = choose_imu(&summary, path, &clouds, options)?;
         let description = if imu.remark.is_empty() { description } else { format!("{description}\n{}", imu.remark) };
         let (imu, t_lidar_imu) = imu.topic.map_or((None, None), |(name, pose)| (Some(name), Some(pose)));
-        let topics = StreamTopics { clouds: vec![clouds], imu, ..StreamTopics::default() };
+        let topics = StreamTopics { clouds: topics, imu, ..StreamTopics::default() };
         let open: OpenStream = Arc::new(move || Ok(Box::new(BagStream::new(&files, topics.clone())) as Box<dyn MessageStream>));
-        Ok(Self { path: path.into(), capture: None, open, count, description, t_lidar_imu, log })
+        Ok(Self { path: path.into(), capture: None, open, count, description, t_lidar_imu, t_first_sensor, log })
+    }
+
+    /// Pose of each further sensor in the frame of the first.
+    pub(crate) fn t_first_sensor(&self) -> &[Pose] {
+        &self.t_first_sensor
     }
 
     /// What is in it, in a few lines.

@@ -128,6 +128,28 @@ pub(super) fn choose_clouds(summary: &RecordingSummary, path: &Path, requested: 
     }
 }
 
+/// The topics of further sensors whose poses are estimated, with the pose of each in the frame of the first: as the user says, else by fixed transforms.
+///
+/// # Errors
+/// As [`choose`].
+pub(super) fn choose_further_clouds(summary: &RecordingSummary, path: &Path, first: &str, options: &OpenOptions) -> Result<Vec<(String, Pose)>> {
+    let frame = |topic: &str| summary.cloud_topics.get(topic).map(|g| g.frame.clone()).unwrap_or_default();
+    let mut found: Vec<(String, Pose)> = Vec::new();
+    for sensor in &options.more_sensors {
+        let topic = choose_clouds(summary, path, Some(&sensor.topic))?;
+        if topic == first || found.iter().any(|(other, _)| *other == topic) {
+            return Err(Error::dataset(path, format!("{topic} is named twice"), "name each topic of clouds once"));
+        }
+        let given = options.t_base_lidar.zip(sensor.t_base_lidar).map(|(first, further)| first.inv_mul(&further));
+        let t_first_sensor = given.or_else(|| summary.tree.fixed(&frame(first), &frame(&topic))).ok_or_else(|| {
+            let problem = format!("no fixed transform leads from {} ({first}) to {} ({topic})", frame(first), frame(&topic));
+            Error::dataset(path, problem, "say where the sensors are: one --t-base-lidar for each --cloud-topic, in their order")
+        })?;
+        found.push((topic, t_first_sensor));
+    }
+    Ok(found)
+}
+
 /// The topic of an inertial measurement unit, the pose of the unit in the frame of the clouds, and a remark.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ChosenImu {

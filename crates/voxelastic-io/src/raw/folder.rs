@@ -4,8 +4,8 @@ use super::timed_scan::TimedScan;
 use crate::clouds::CloudFormat;
 use crate::dumps;
 use crate::folders::{CloudFolder, ScanTimes, find_clouds, has_extension, list, match_times, name_of, read_scan_times, scan_numbers, stem_of};
-use crate::scan_list::read_scan;
-use crate::{Error, Result, poses};
+use crate::scan_list::{NODES_OF_SENSOR, read_scan};
+use crate::{Error, Result, SensorFolder, poses};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use voxelastic::event::NodeId;
@@ -20,6 +20,8 @@ pub(super) struct RawScan {
     name: String,
     index: usize,
     pub(super) node: NodeId,
+    /// Which sensor took it, if there are several.
+    sensor: u16,
     /// Seconds, if known from files or names.
     time: Option<f64>,
     sweep: Option<[f64; 2]>,
@@ -36,7 +38,8 @@ impl RawScan {
     /// # Errors
     /// As [`crate::clouds::read`].
     pub(super) fn read(&self) -> Result<TimedScan> {
-        let decoded = read_scan(&self.path, self.index)?;
+        let mut decoded = read_scan(&self.path, self.index)?;
+        decoded.cloud.sensor = self.sensor;
         // A cloud may have a time of its own.
         let time = self.time.or(decoded.stamp).unwrap_or(ASSUMED_PERIOD_S * self.index as f64);
         Ok(TimedScan {
@@ -49,6 +52,35 @@ impl RawScan {
             imu: Vec::new(),
         })
     }
+}
+
+/// The scans of further folders among those of the first, in the order of their times, with nodes of their own.
+///
+/// # Errors
+/// [`Error::Dataset`] if scans of one have no times, and as [`read_folder`].
+pub(super) fn read_further_folders(path: &Path, scans: &mut Vec<RawScan>, further: &[SensorFolder]) -> Result<String> {
+    let mut text = String::new();
+    check_times(path, scans)?;
+    for (sensor, SensorFolder { path, .. }) in (1u16..).zip(further) {
+        let (others, described) = read_folder(path)?;
+        check_times(path, &others)?;
+        let _ = write!(text, "\nsensor {}: {}: {}", sensor + 1, path.display(), described.lines().collect::<Vec<_>>().join("; "));
+        scans.extend(others.into_iter().map(|scan| RawScan {
+            sensor,
+            node: scan.node % NODES_OF_SENSOR + NodeId::from(sensor) * NODES_OF_SENSOR,
+            ..scan
+        }));
+    }
+    scans.sort_by(|a, b| a.time.unwrap_or(0.0).total_cmp(&b.time.unwrap_or(0.0)).then(a.sensor.cmp(&b.sensor)));
+    Ok(text)
+}
+
+fn check_times(path: &Path, scans: &[RawScan]) -> Result<()> {
+    if scans.iter().all(|scan| scan.time.is_some_and(f64::is_finite)) {
+        return Ok(());
+    }
+    let problem = "scans without times: their order among those of the other sensor is not known";
+    Err(Error::dataset(path, problem, "add times.txt, a time in seconds for each scan"))
 }
 
 /// The scans of a folder, and their description.
@@ -78,6 +110,7 @@ fn of_clouds(path: &Path, folder: CloudFolder) -> Result<(Vec<RawScan>, String)>
         name: stem_of(&cloud.path),
         index,
         node: numbers.as_ref().map_or(index as NodeId, |n| n[index]),
+        sensor: 0,
         time: times.times.as_ref().map(|t| t[index]),
         sweep: times.sweeps.as_ref().map(|s| s[index]),
     };
@@ -92,6 +125,7 @@ fn of_dump(path: &Path) -> Result<Option<(Vec<RawScan>, String)>> {
         name: entry.path.strip_prefix(path).unwrap_or(&entry.path).with_extension("").display().to_string(),
         index: entry.index,
         node: entry.node,
+        sensor: 0,
         time: Some(entry.time),
         sweep: None,
     };

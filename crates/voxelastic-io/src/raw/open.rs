@@ -1,6 +1,6 @@
 //! Opening scans without poses.
 
-use super::folder::{RawScan, read_folder};
+use super::folder::{RawScan, read_folder, read_further_folders};
 use super::imu_feed::FolderImu;
 use super::timed_scan::TimedScan;
 use crate::bag::{self, RawRecording};
@@ -8,41 +8,62 @@ use crate::fingerprint::Fingerprint;
 use crate::folders::holds_clouds;
 use crate::read_ahead::{IdleStep, ReadAhead};
 use crate::read_position::{Place, ReadPosition};
-use crate::{Error, OpenOptions, Result, imu_csv};
+use crate::{Error, OpenOptions, Result, SensorFolder, imu_csv};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use voxelastic::Cloud;
 use voxelastic::event::NodeId;
 use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
+use voxelastic::{Cloud, Pose};
 
 /// Number of clouds that are decoded ahead.
 const AHEAD: usize = 2;
 
 /// Opens the scans of a folder, a recording or a capture without poses. Of the options, [`OpenOptions::use_imu`] applies, and to
-/// recordings [`OpenOptions::cloud_topic`], [`OpenOptions::imu_topic`] and [`OpenOptions::metadata`]; the others are not used.
+/// recordings [`OpenOptions::cloud_topic`], [`OpenOptions::imu_topic`] and [`OpenOptions::metadata`]. Scans of several sensors ([`OpenOptions::more_sensors`] of a
+/// recording, [`OpenOptions::more_folders`]) come as one list; where the sensors are on each other is said by [`OpenOptions::t_base_lidar`] and those beside
+/// it, or by fixed transforms of the recording. Other options are not used.
 ///
 /// # Errors
-/// [`Error::Dataset`](crate::Error::Dataset) if there are no clouds, if several folders or formats could be meant, or if a file of times does
-/// not fit the clouds; [`Error::Ambiguous`](crate::Error::Ambiguous) if a recording has several topics of clouds;
+/// [`Error::Dataset`](crate::Error::Dataset) if there are no clouds, if several folders or formats could be meant, if where a further sensor is is not known, or if a
+/// file of times does not fit the clouds; [`Error::Ambiguous`](crate::Error::Ambiguous) if a recording has several topics of clouds;
 /// [`Error::Content`](crate::Error::Content) if a file of times is damaged; [`Error::Io`](crate::Error::Io).
 pub fn open(path: impl AsRef<Path>, options: &OpenOptions) -> Result<RawScans> {
     let path = path.as_ref();
     let is_recording = if path.is_file() { bag::BagFormat::of(path)?.is_some() } else { !holds_clouds(path) && bag::is_recording(path)? };
-    let (input, description) = if is_recording {
+    let (input, description, t_first_sensor) = if is_recording {
+        if !options.more_folders.is_empty() {
+            return Err(Error::dataset(path, "a recording, which has all of its sensors", "name the further sensor by its topic, not by a folder"));
+        }
         let recording = RawRecording::open(path, options)?;
-        let description = recording.description();
-        (Input::Recording(recording), description)
+        let (description, t_first_sensor) = (recording.description(), recording.t_first_sensor().to_vec());
+        (Input::Recording(recording), description, t_first_sensor)
     } else {
-        let (scans, mut description) = read_folder(path)?;
+        let (mut scans, mut description) = read_folder(path)?;
+        let t_first_sensor = mounts_of_folders(options)?;
+        if !t_first_sensor.is_empty() {
+            description.push_str(&read_further_folders(path, &mut scans, &options.more_folders)?);
+        }
         let imu = if options.use_imu { FolderImu::find(path)? } else { None };
         if let Some(imu) = &imu {
             description.push_str(&format!("\nimu: {} samples in {}/{}", imu.len(), imu_csv::FOLDER, imu_csv::FILE));
         }
-        (Input::Folder(scans.into(), imu), description)
+        (Input::Folder(scans.into(), imu), description, t_first_sensor)
     };
-    Ok(RawScans { path: path.into(), description, input })
+    Ok(RawScans { path: path.into(), description, input, t_first_sensor })
+}
+
+/// Where the sensors of further folders are in the frame of the first.
+fn mounts_of_folders(options: &OpenOptions) -> Result<Vec<Pose>> {
+    let of_folder = |folder: &SensorFolder| {
+        let known = options.t_base_lidar.zip(folder.t_base_lidar).map(|(first, further)| first.inv_mul(&further));
+        let remedy = "say where the sensors are: one --t-base-lidar for each folder, in their order";
+        known.ok_or_else(|| {
+            Error::dataset(&folder.path, "where its sensor is beside the first is not known, and there are no poses that say it", remedy)
+        })
+    };
+    options.more_folders.iter().map(of_folder).collect()
 }
 
 /// Scans without poses. No cloud has been decoded.
@@ -51,6 +72,7 @@ pub struct RawScans {
     path: PathBuf,
     description: String,
     input: Input,
+    t_first_sensor: Vec<Pose>,
 }
 
 #[derive(Clone, Debug)]
@@ -68,6 +90,11 @@ impl RawScans {
     /// What was found, in a few lines; to be shown to the user.
     pub fn description(&self) -> &str {
         &self.description
+    }
+
+    /// Pose of each further sensor in the frame of the first, in the order of [`Cloud::sensor`] from 1 on; empty for one sensor.
+    pub fn t_first_sensor(&self) -> &[Pose] {
+        &self.t_first_sensor
     }
 
     /// Whether the scans come from a recording, and not from a folder of clouds.
@@ -113,6 +140,7 @@ impl RawScans {
             }
             Input::Recording(_) => print.file(&self.path),
         }
+        self.t_first_sensor.iter().for_each(|pose| print.pose(pose));
         print.digest()
     }
 
@@ -136,7 +164,7 @@ impl RawScans {
                 scan.map(|scan| TimedScan {
                     name: scan.index.to_string(),
                     index: scan.index,
-                    node: scan.index as NodeId,
+                    node: scan.node,
                     time: scan.time,
                     sweep: None,
                     cloud: scan.cloud,

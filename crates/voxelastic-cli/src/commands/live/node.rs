@@ -195,7 +195,13 @@ impl Node {
 
     fn stages(&self) -> Stages<'_> {
         let Self { place, odometry, .. } = self;
-        let input = || place.position().map(|position| InputState { position, stage: odometry.as_ref().map(OdometryStage::state) });
+        let input = || {
+            let stage = match odometry {
+                Some(odometry) => Some(odometry.state()?),
+                None => None,
+            };
+            place.position().map(|position| InputState { position, stage })
+        };
         Stages { input: Box::new(input), corrector: &self.corrector, jumps: &self.jumps, skipped: self.tally.skipped, came: place.came() }
     }
 

@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use voxelastic::Pose;
-use voxelastic::event::{Event, NodeId};
+use voxelastic::event::Event;
 
 /// The registered cloud list of a robot that runs.
 pub struct LiveEvents {
@@ -106,6 +106,6 @@ impl LiveScans {
 }
 
 fn timed(scan: RecordedScan) -> TimedScan {
-    let RecordedScan { index, time, cloud, imu } = scan;
-    TimedScan { name: index.to_string(), index, node: index as NodeId, time, sweep: None, cloud, imu }
+    let RecordedScan { index, node, time, cloud, imu } = scan;
+    TimedScan { name: index.to_string(), index, node, time, sweep: None, cloud, imu }
 }
