@@ -166,8 +166,8 @@ fn without_poses_the_second_sensor_follows_the_first() {
 fn poses_of(map: &Path) -> BTreeMap<u64, voxelastic::Pose> {
     let store = MapStore::open(map).unwrap();
     let of_submap = |entry: &SubmapEntry| {
-        let scans = if entry.corrected.is_empty() { &entry.scans } else { &entry.corrected };
-        scans.iter().map(|scan| (scan.node, entry.t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
+        // What was corrected takes the place of what was not.
+        entry.scans.iter().chain(&entry.corrected).map(|scan| (scan.node, entry.t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
     };
     store.manifest().submaps.iter().flat_map(of_submap).collect()
 }
