@@ -18,7 +18,7 @@ fn submaps(map: &Path) -> BTreeMap<String, Vec<u8>> {
 fn a_map_larger_than_its_budget_is_the_same_map() {
     let temporary = tempfile::tempdir().unwrap();
     let dir = temporary.path();
-    works(dir, "simulate street -o street --laps 1 --spacing 4 --columns 1024 -q");
+    works(dir, "simulate street -o street --scans 50 --spacing 4 --columns 1024 -q");
     let map = "map street --voxel-size 0.05 --field both --threads 2 --json -q";
     let free = json(dir, &format!("{map} -o free.vox"));
     let peak = free["peak_rss_mb"].as_f64().unwrap();
