@@ -15,6 +15,7 @@ const TRAVEL: f64 = 2.0;
 const MOST_AGE: usize = 30;
 /// A scan from within this distance of the one before takes its place, metres.
 const STANDING: f64 = 0.2;
+
 /// The last scans of a robot.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LastScans {

@@ -90,7 +90,7 @@ fn cell(c: f64) -> i32 {
 }
 
 /// Squared distance of `p` from the segment between `a` and `b`, square metres.
-fn squared_distance(p: Point, a: Point, b: Point) -> f64 {
+pub(crate) fn squared_distance(p: Point, a: Point, b: Point) -> f64 {
     let (along, off): (Point, Point) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| p[k] - a[k]));
     let dot = |u: Point, v: Point| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
     let share = (dot(along, off) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);

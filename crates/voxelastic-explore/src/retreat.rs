@@ -75,14 +75,9 @@ pub(crate) fn passable(map: &AtlasQuery<'_>, returns: &NearReturns, track: &[Poi
     };
     let gets_on = |path: &Vec<Point>| length(path) >= ENOUGH || path.len() == track.len();
     // Without returns the map alone decides, which has the track where it is.
-    let shifted = |clearance| shifts().filter(|_| !returns.is_empty()).map(move |shift| follow(shift, clearance));
-    let straight = clearances.map(|clearance| follow([0.0; 3], clearance));
-    let [wide, narrow] = straight;
-    if gets_on(&wide) {
-        return wide;
-    }
-    let found = shifted(clearances[0]).find(&gets_on);
-    found.or_else(|| shifted(clearances[1]).find(&gets_on).filter(|_| !gets_on(&narrow))).unwrap_or(narrow)
+    let most = if returns.is_empty() { 1 } else { usize::MAX };
+    let found = clearances.into_iter().find_map(|clearance| shifts().take(most).map(|shift| follow(shift, clearance)).find(&gets_on));
+    found.unwrap_or_else(|| follow([0.0; 3], clearances[1]))
 }
 
 /// Displacements up to [`MOST_SHIFT`], the shortest first.
@@ -152,7 +147,10 @@ mod tests {
         assert_eq!(passable(&map, &wall, &straight, [0.35, 0.25]).len(), 1);
         let into_wall = [[9.0, -5.0, 1.0], [9.5, -5.0, 1.0], [11.0, -5.0, 1.0]];
         assert_eq!(free_part(&map, &NearReturns::default(), &into_wall, 0.25), 2);
-        let seen = NearReturns::new(&Pose::translation(0.3, -3.7, 1.0), &Cloud::from_points(vec![[0.0, 0.2, 0.24]]));
-        assert_eq!([free_part(&map, &seen, &back, 0.25), free_part(&map, &seen, &back, 0.2), free_part(&map, &seen, &into_wall, 0.25)], [1, 3, 3]);
+        let pebble = NearReturns::new(&Pose::translation(0.3, -3.7, 1.0), &Cloud::from_points(vec![[0.0, 0.2, 0.24]]));
+        assert_eq!(
+            [free_part(&map, &pebble, &back, 0.25), free_part(&map, &pebble, &back, 0.2), free_part(&map, &pebble, &into_wall, 0.25)],
+            [1, 3, 3]
+        );
     }
 }

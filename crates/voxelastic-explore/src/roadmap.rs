@@ -1,10 +1,11 @@
 //! A graph of places that the robot can reach, on a lattice, kept from plan to plan. Every edge was a free motion when it was added; a path along it is checked again
 //! before it is used.
 
+use crate::near_returns::squared_distance;
 use hashbrown::HashMap;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use voxelastic_plan::{Point, Space, between, distance};
+use voxelastic_plan::{Point, Space, distance};
 
 /// No node.
 pub(crate) const NOBODY: u32 = u32::MAX;
@@ -189,7 +190,7 @@ impl Roadmap {
             self.near(at, 2.0 * self.spacing).into_iter().flat_map(|node| (0..STEPS.len()).map(move |step| (node, step))).collect();
         let next_to = |roadmap: &Self, node: u32, other: u32| {
             let way = roadmap.way(node, other);
-            way.windows(2).any(|ends| distance_from(at, ends[0], ends[1]) < 0.5 * roadmap.spacing)
+            way.windows(2).any(|ends| squared_distance(at, ends[0], ends[1]) < (0.5 * roadmap.spacing).powi(2))
         };
         let edges: Vec<(u32, usize, u32)> = around
             .into_iter()
@@ -275,20 +276,12 @@ impl Ways {
         let nodes: Vec<u32> = std::iter::successors(Some(node), before).collect();
         let mut path: Vec<Point> = nodes.first().map(|node| roadmap.place(*node)).into_iter().collect();
         for pair in nodes.windows(2) {
-            path.extend(roadmap.bend(pair[0], pair[1]));
-            path.push(roadmap.place(pair[1]));
+            path.extend(roadmap.way(pair[0], pair[1]).into_iter().skip(1));
         }
         path.push(self.from);
         path.reverse();
         path
     }
-}
-
-/// Distance of `p` from the segment between `a` and `b`, metres.
-fn distance_from(p: Point, a: Point, b: Point) -> f64 {
-    let (along, off): (Point, Point) = (std::array::from_fn(|k| b[k] - a[k]), std::array::from_fn(|k| p[k] - a[k]));
-    let dot = |u: Point, v: Point| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
-    distance(p, between(a, b, (dot(along, off) / dot(along, along).max(1e-12)).clamp(0.0, 1.0)))
 }
 
 /// A length with a total order.
@@ -312,6 +305,7 @@ impl Ord for Length {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use voxelastic_plan::between;
 
     /// A wall between x = 0.2 and 0.5 with a gap of 12 cm, through which the robot, a point, can go; it may be shut.
     #[derive(Clone, Debug)]

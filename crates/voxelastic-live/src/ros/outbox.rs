@@ -9,7 +9,7 @@ use std::time::Duration;
 const LAST_WAIT: Duration = Duration::from_secs(6);
 
 /// Sends a message; it may wait for the network.
-pub type Send = Box<dyn FnOnce() + std::marker::Send>;
+pub type SendTask = Box<dyn FnOnce() + Send>;
 
 /// A thread that sends messages in their order.
 pub struct Outbox {
@@ -52,7 +52,7 @@ pub struct OutboxTopic {
 
 impl OutboxTopic {
     /// Hands over a message; false if the oldest one that waited is lost for it, because there were too many.
-    pub fn push(&self, send: Send) -> bool {
+    pub fn push(&self, send: SendTask) -> bool {
         let mut state = self.shared.lock();
         let is_full = state.waiting(self.number) >= self.depth;
         if is_full {
@@ -86,7 +86,7 @@ struct Shared {
 
 #[derive(Default)]
 struct State {
-    messages: VecDeque<(usize, Send)>,
+    messages: VecDeque<(usize, SendTask)>,
     /// The topic of the message that is being sent; topics are counted from one.
     sending: usize,
     topics: usize,
@@ -125,7 +125,7 @@ mod tests {
     use std::time::Instant;
 
     /// A message that is sent when the gate opens, and then says its name.
-    fn message(gate: &Arc<Mutex<Receiver<()>>>, sent: &Arc<Mutex<Vec<String>>>, name: &str) -> Send {
+    fn message(gate: &Arc<Mutex<Receiver<()>>>, sent: &Arc<Mutex<Vec<String>>>, name: &str) -> SendTask {
         let (gate, sent, name) = (Arc::clone(gate), Arc::clone(sent), name.to_owned());
         Box::new(move || {
             gate.lock().unwrap().recv().ok();
