@@ -2,33 +2,37 @@
 
 use crate::roadmap::Roadmap;
 use crate::settings::{ExploreSettings, Strategy};
-use crate::tour;
+use crate::tour::{self, Lengths};
 use crate::viewpoints::Viewpoint;
 use voxelastic_plan::Space;
 
-/// Viewpoints of a tour.
-const STOPS: usize = 8;
-/// Worth falls to a third in this time, seconds.
-const HORIZON: f64 = 40.0;
+/// A viewpoint that shows less is not worth a stop on the way, cubic metres: most such volumes are gaps in what was seen, not places behind a corner.
+const LEAST_STOP: f64 = 30.0;
+/// A stop is worth this much of a detour for a cubic metre that it shows, metres.
+const DETOUR: f64 = 0.05;
 
 /// The next target of the viewpoints that are worth a visit, by the strategy.
-pub(crate) fn choose<S: Space>(settings: &ExploreSettings, space: &S, roadmap: &Roadmap, mut worth: Vec<Viewpoint>) -> Option<Viewpoint> {
-    let seconds = |metres: f64| metres / settings.speed;
-    let rate = |v: &Viewpoint| v.volume / (seconds(v.length) + 1.0);
+pub(crate) fn choose<S: Space>(settings: &ExploreSettings, space: &S, roadmap: &Roadmap, worth: &[Viewpoint]) -> Option<Viewpoint> {
+    let rate = |v: &Viewpoint| v.volume / (v.length / settings.speed + 1.0);
+    let nearest = || worth.iter().min_by(|a, b| a.length.total_cmp(&b.length)).copied();
+    let best = || worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied();
     match settings.strategy {
-        Strategy::Nearest => worth.into_iter().min_by(|a, b| a.length.total_cmp(&b.length)),
-        Strategy::NextBest => worth.into_iter().max_by(|a, b| rate(a).total_cmp(&rate(b))),
-        Strategy::Tour => {
-            worth.sort_by(|a, b| rate(b).total_cmp(&rate(a)).then(a.node.cmp(&b.node)));
-            worth.truncate(STOPS);
-            let times = |from: &Viewpoint| -> Vec<f64> {
-                let ways = roadmap.ways(space, from.place);
-                worth.iter().map(|to| seconds(ways.length(to.node))).collect()
-            };
-            let between: Vec<Vec<f64>> = worth.iter().map(times).collect();
-            let volumes: Vec<f64> = worth.iter().map(|v| v.volume).collect();
-            let first: Vec<f64> = worth.iter().map(|v| seconds(v.length)).collect();
-            tour::order(&volumes, &first, &between, HORIZON).first().map(|best| worth[*best])
-        }
+        Strategy::Nearest => nearest(),
+        Strategy::NextBest => best(),
+        Strategy::Tour => best().map(|target| first_stop(space, roadmap, worth, target)),
     }
+}
+
+/// The first stop of a tour to the target.
+fn first_stop<S: Space>(space: &S, roadmap: &Roadmap, worth: &[Viewpoint], target: Viewpoint) -> Viewpoint {
+    let mut stops: Vec<Viewpoint> = worth.iter().filter(|v| v.volume >= LEAST_STOP && v.node != target.node).copied().collect();
+    stops.sort_by(|a, b| b.volume.total_cmp(&a.volume).then(a.node.cmp(&b.node)));
+    let from = |from: &Viewpoint| -> Vec<f64> {
+        let ways = roadmap.ways(space, from.place);
+        stops.iter().chain([&target]).map(|to| ways.length(to.node)).collect()
+    };
+    let between = stops.iter().map(from).collect();
+    let lengths = Lengths { first: stops.iter().chain([&target]).map(|v| v.length).collect(), between };
+    let most: Vec<f64> = stops.iter().map(|v| DETOUR * v.volume).collect();
+    tour::stops(&lengths, &most).first().map_or(target, |first| stops[*first])
 }

@@ -7,8 +7,8 @@ use crate::last_scans::LastScans;
 use crate::leg::Leg;
 use crate::near_returns::NearReturns;
 use crate::retreat;
-use crate::roadmap::{Roadmap, Ways};
-use crate::robot_space::{Clear, RobotSpace, newest_submap};
+use crate::roadmap::Roadmap;
+use crate::robot_space::{Clear, RobotSpace, newest_submaps};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
 use crate::viewpoints::{Viewpoint, viewpoints};
 use std::time::Instant;
@@ -36,10 +36,16 @@ const LOST_PATIENCE: usize = 2;
 const RETREAT: f64 = 2.0;
 /// After more ways back in a row it goes home: it cannot get where there is more to see.
 const MOST_RETREATS: u32 = 4;
+/// On its way home it goes back along its track this often, each time twice as far: after more the track is shut.
+const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
 const MOST_BEGINNINGS: u32 = 2;
 /// Noise of returns that are near the body, metres.
 const TOUCHING: f64 = 0.03;
+/// Until a loop closes, the map may be off by this share of the distance since the last correction ...
+const DRIFT: f64 = 0.01;
+/// ... and by at most this, metres.
+const MOST_DRIFT: f64 = 1.0;
 /// Times that it leaves home, if there is time.
 const MOST_OUTINGS: u32 = 2;
 
@@ -59,6 +65,8 @@ pub struct Explorer {
     purpose: Purpose,
     /// Places from which everything was seen that can be seen, and their anchors.
     exhausted: Vec<(Point, Vec<Anchor>)>,
+    /// Distance travelled since the map was corrected, metres.
+    uncorrected: f64,
     /// Poses of the submaps at the last decision.
     poses: Vec<(SubmapId, Pose)>,
     /// Decisions since the path was planned.
@@ -107,6 +115,7 @@ impl Explorer {
             last_node: None,
             purpose: Purpose::Explore,
             exhausted: Vec::new(),
+            uncorrected: 0.0,
             poses: Vec::new(),
             since_planned: 0,
             stuck: 0,
@@ -160,26 +169,33 @@ impl Explorer {
         let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
         let frontier_time = clock.elapsed();
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
-        let newest = newest_submap(atlas);
-        let newest = AtlasQuery::of_submaps(atlas, |submap| Some(submap) == newest);
+        let newest = newest_submaps(atlas);
+        let [newest, recent] = [1, 2].map(|n| AtlasQuery::of_submaps(atlas, |submap| newest.iter().take(n).any(|recent| *recent == submap)));
         let body = self.settings.body();
         let is_moved = self.follow_submaps(atlas);
+        let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
+        self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
+        // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
+        let drift = (DRIFT * self.uncorrected).min(MOST_DRIFT);
+        let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
+        let maps = [(&map, bounds), (&newest, wider), (&recent, wider)];
         let returns = self.scans.returns();
         let decided = if let Some(wheels) = robot_type.ground {
-            let on = |map, robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
+            let on = |(map, bounds), robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
             // The whole map tells the height above the floor, for all of them.
-            let whole = on(&map, robot_type)?;
-            let ground = Some(Wheels { height: Some(whole.height()), ..wheels });
-            let of_body = |map| on(map, Robot { radius: body, ground, ..robot_type });
-            let wide = Clear::new([whole, on(&newest, Robot { ground, ..robot_type })?], &returns, robot_type.radius);
-            let space = &RobotSpace::new(wide, Clear::new([of_body(&map)?, of_body(&newest)?], &returns, body), robot);
+            let ground = Some(Wheels { height: Some(on(maps[0], robot_type)?.height()), ..wheels });
+            let clear = |radius| -> Result<_, ExploreError> {
+                let [whole, newest, recent] = maps.map(|map| on(map, Robot { radius, ground, ..robot_type }));
+                Ok(Clear::new([whole?, newest?, recent?], &returns, radius))
+            };
+            let space = &RobotSpace::new(clear(robot_type.radius)?, clear(body)?, robot);
             self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
         } else {
-            let on = |radius| {
-                let space = |map| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
-                Clear::new([&map, &newest].map(space), &returns, radius)
+            let clear = |radius| {
+                let space = |(map, bounds)| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
+                Clear::new(maps.map(space), &returns, radius)
             };
-            let space = &RobotSpace::new(on(robot_type.radius), on(body), robot);
+            let space = &RobotSpace::new(clear(robot_type.radius), clear(body), robot);
             self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
         };
         let (is_new, viewpoints) = decided;
@@ -319,7 +335,7 @@ impl Explorer {
         self.leg = None;
         for attempt in 0..TRIES {
             let ways = roadmap.ways(now.space, now.robot);
-            let home = self.home.as_ref().map_or(now.robot, |home| home.0);
+            let home = self.home_or(now.robot);
             let ways_home = roadmap.ways(now.space, home);
             let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
             self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
@@ -329,21 +345,9 @@ impl Explorer {
             }
             let mut target = None;
             if self.purpose == Purpose::Explore {
-                let mut worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
-                if worth.is_empty() && attempt == 0 {
-                    // What was not reachable may be by now.
-                    roadmap.extend(now.space, now.robot, f64::INFINITY);
-                    let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, home));
-                    worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
-                }
-                if worth.is_empty() && attempt == 0 && self.begin_anew() {
-                    roadmap = Roadmap::new(self.settings.spacing, now.robot);
-                    roadmap.extend(now.space, now.robot, f64::INFINITY);
-                    let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, home));
-                    worth = self.worthwhile(now, (&roadmap, &ways), &ways_home, frontier);
-                }
+                let worth = self.search(now, &mut roadmap, frontier, attempt == 0);
                 count = count.max(worth.len());
-                target = choose(&self.settings, now.space, &roadmap, worth);
+                target = choose(&self.settings, now.space, &roadmap, &worth);
             }
             if target.is_none() && self.purpose == Purpose::Explore {
                 self.turn_back(ReturnReason::NothingLeft);
@@ -420,8 +424,9 @@ impl Explorer {
         }
         match self.purpose {
             Purpose::Explore => self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot]))),
-            // The whole track leads home.
-            _ => self.stuck = 0,
+            // The whole track leads home, if nothing has shut it since.
+            _ if self.retreats < MOST_WAYS_BACK => self.stuck = 0,
+            _ => {}
         }
         self.retreats += 1;
         if self.retreats > MOST_RETREATS {
@@ -435,14 +440,25 @@ impl Explorer {
         self.settings.body().min(now.returns.nearest(now.robot) - TOUCHING).max(0.0)
     }
 
-    /// The viewpoints from which there is something to see, and from which the robot still gets home in time.
-    fn worthwhile<S: Space>(
-        &self,
-        now: &Situation<'_, S>,
-        (roadmap, ways): (&Roadmap, &Ways),
-        ways_home: &Ways,
-        frontier: &[FrontierCluster],
-    ) -> Vec<Viewpoint> {
+    /// The viewpoints from which there is something to see, and from which the robot still gets home in time. At the first try, where there are none, the roadmap is
+    /// extended to all that can be reached by now, and then made anew.
+    fn search<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster], is_first: bool) -> Vec<Viewpoint> {
+        let mut worth = self.worthwhile(now, roadmap, frontier);
+        if worth.is_empty() && is_first {
+            roadmap.extend(now.space, now.robot, f64::INFINITY);
+            worth = self.worthwhile(now, roadmap, frontier);
+        }
+        if worth.is_empty() && is_first && self.begin_anew() {
+            *roadmap = Roadmap::new(self.settings.spacing, now.robot);
+            roadmap.extend(now.space, now.robot, f64::INFINITY);
+            worth = self.worthwhile(now, roadmap, frontier);
+        }
+        worth
+    }
+
+    /// Those that the roadmap reaches as it is.
+    fn worthwhile<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
+        let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
         let reach = self.settings.spacing * 1.6;
         let seconds_left = now.seconds_left;
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
@@ -453,7 +469,12 @@ impl Explorer {
             let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
             seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
         };
-        viewpoints(now.map, (roadmap, ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
+        viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
+    }
+
+    /// Where home is; where the robot is if it has none yet.
+    fn home_or(&self, robot: Point) -> Point {
+        self.home.as_ref().map_or(robot, |home| home.0)
     }
 }
 

@@ -1,4 +1,4 @@
-//! Where the robot can be in a map that drift bends: the whole map's space, that of the newest submap, what the last scans saw, and a way out for a robot that stands where
+//! Where the robot can be in a map that drift bends: the whole map's space, those of the newest submaps, what the last scans saw, and a way out for a robot that stands where
 //! it does not fit.
 
 use crate::near_returns::NearReturns;
@@ -8,17 +8,19 @@ use voxelastic_plan::{Point, Space, distance};
 /// The way out is at most this long, metres.
 const LONGEST: f64 = 2.0;
 
-/// The submap of the newest scan.
-pub(crate) fn newest_submap(atlas: &Atlas) -> Option<SubmapId> {
+/// The submaps of the newest scans, the newest first.
+pub(crate) fn newest_submaps(atlas: &Atlas) -> Vec<SubmapId> {
     let newest = |submap: &Submap| submap.scans().iter().map(|scan| scan.node).max();
-    atlas.submaps().iter().max_by_key(|submap| newest(submap)).map(Submap::id)
+    let mut submaps: Vec<&Submap> = atlas.submaps().iter().collect();
+    submaps.sort_by_key(|submap| std::cmp::Reverse(newest(submap)));
+    submaps.into_iter().map(Submap::id).collect()
 }
 
-/// The space of a robot in the whole map and in its newest submap.
+/// The space of a robot in the whole map and in its newest submaps.
 ///
 /// Until a loop closes, walls that an older submap saw may stand in a doorway as it is seen now. So a motion is free if the whole map says so, or the newest submap by
-/// itself: it saw the place last. In both it keeps clear of the last scans' returns. And a robot that a correction, or a wall seen late, leaves where it does not fit may
-/// use up its margin for a motion to where it does.
+/// itself: it saw the place last; or the two newest, as a submap that has just begun has seen little. In all it keeps clear of the last scans' returns. And a robot that a
+/// correction, or a wall seen late, leaves where it does not fit may use up its margin for a motion to where it does.
 #[derive(Clone, Debug)]
 pub(crate) struct RobotSpace<'a, S> {
     wide: Clear<'a, S>,
@@ -27,42 +29,46 @@ pub(crate) struct RobotSpace<'a, S> {
     start: Point,
 }
 
-/// The spaces of a ball in the whole map and in the newest submap, without what the last scans' returns block.
+/// The spaces of a ball in the whole map, in the newest submap and in the two newest, without what the last scans' returns block.
 #[derive(Clone, Debug)]
 pub(crate) struct Clear<'a, S> {
-    whole: S,
-    newest: S,
+    spaces: [S; 3],
     returns: &'a NearReturns,
     /// Of the ball, metres.
     radius: f64,
 }
 
 impl<'a, S: Space> Clear<'a, S> {
-    pub fn new([whole, newest]: [S; 2], returns: &'a NearReturns, radius: f64) -> Self {
-        Self { whole, newest, returns, radius }
+    /// `spaces` are those of the whole map, of the newest submap, and of the two newest.
+    pub fn new(spaces: [S; 3], returns: &'a NearReturns, radius: f64) -> Self {
+        Self { spaces, returns, radius }
     }
 
-    fn either<T>(&self, ask: impl Fn(&S) -> Option<T>) -> Option<T> {
-        ask(&self.whole).or_else(|| ask(&self.newest))
+    fn whole(&self) -> &S {
+        &self.spaces[0]
+    }
+
+    fn any<T>(&self, ask: impl Fn(&S) -> Option<T>) -> Option<T> {
+        self.spaces.iter().find_map(ask)
     }
 
     fn steer(&self, from: Point, to: Point) -> Option<Point> {
-        self.either(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
+        self.any(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
     }
 
     /// Whether the last scans' returns allow a motion.
     fn is_clear(&self, from: Point, to: Point) -> bool {
         // Wheels follow the floor.
-        let keeps_height = self.whole.dimensions() == 2 || self.returns.keep_height(from, to, self.radius);
+        let keeps_height = self.whole().dimensions() == 2 || self.returns.keep_height(from, to, self.radius);
         keeps_height && self.returns.are_clear_of(from, to, self.radius)
     }
 
     fn state_at(&self, p: Point) -> Option<Point> {
-        self.either(|space| space.state_at(p).filter(|state| self.returns.are_clear_of(*state, *state, self.radius)))
+        self.any(|space| space.state_at(p).filter(|state| self.returns.are_clear_of(*state, *state, self.radius)))
     }
 
     fn is_segment_free(&self, from: Point, to: Point) -> bool {
-        self.is_clear(from, to) && (self.whole.is_segment_free(from, to) || self.newest.is_segment_free(from, to))
+        self.is_clear(from, to) && self.spaces.iter().any(|space| space.is_segment_free(from, to))
     }
 }
 
@@ -90,32 +96,32 @@ impl<S: Space> Space for RobotSpace<'_, S> {
     }
 
     fn project(&self, p: Point) -> Option<Point> {
-        self.wide.either(|space| space.project(p))
+        self.wide.any(|space| space.project(p))
     }
 
     fn bounds(&self) -> [Point; 2] {
-        self.wide.whole.bounds()
+        self.wide.whole().bounds()
     }
 
     fn is_same(&self, a: Point, b: Point) -> bool {
-        self.wide.whole.is_same(a, b)
+        self.wide.whole().is_same(a, b)
     }
 
     fn max_step(&self) -> f64 {
-        self.wide.whole.max_step()
+        self.wide.whole().max_step()
     }
 
     fn dimensions(&self) -> usize {
-        self.wide.whole.dimensions()
+        self.wide.whole().dimensions()
     }
 
     fn trace(&self, from: Point, to: Point, path: &mut Vec<Point>) {
-        let by = if self.wide.whole.steer(from, to).is_some() { &self.wide.whole } else { &self.wide.newest };
-        by.trace(from, to, path);
+        let by = self.wide.spaces.iter().find(|space| space.steer(from, to).is_some());
+        by.unwrap_or(self.wide.whole()).trace(from, to, path);
     }
 
     fn is_reversible(&self, from: Point, arrived: Point) -> bool {
-        self.wide.whole.is_reversible(from, arrived) || self.wide.newest.is_reversible(from, arrived)
+        self.wide.spaces.iter().any(|space| space.is_reversible(from, arrived))
     }
 
     fn is_segment_free(&self, from: Point, to: Point) -> bool {
@@ -124,7 +130,7 @@ impl<S: Space> Space for RobotSpace<'_, S> {
     }
 
     fn neighbour_state(&self, from: Point, to: Point) -> Option<Point> {
-        self.wide.either(|space| space.neighbour_state(from, to))
+        self.wide.any(|space| space.neighbour_state(from, to))
     }
 }
 
@@ -153,7 +159,7 @@ mod tests {
 
     /// A robot at `start`; the pole looks wider in the whole map than in the newest submap, and half a metre less for the body.
     fn robot(start: Point, returns: &NearReturns) -> RobotSpace<'_, Around> {
-        let clear = |less: f64, radius| Clear::new([Around(2.0 - less), Around(1.0 - less)], returns, radius);
+        let clear = |less: f64, radius| Clear::new([2.0, 1.5, 1.0].map(|pole| Around(pole - less)), returns, radius);
         RobotSpace::new(clear(0.0, 0.4), clear(0.5, 0.3), start)
     }
 
@@ -163,6 +169,16 @@ mod tests {
         let space = robot([3.0, 0.0, 0.0], &returns);
         assert!(space.connects([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]) && space.is_segment_free([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]));
         assert!(!space.connects([-3.0, 0.5, 0.0], [3.0, 0.5, 0.0]) && !space.is_segment_free([-3.0, 0.5, 0.0], [3.0, 0.5, 0.0]));
+    }
+
+    #[test]
+    fn a_submap_that_has_just_begun_does_not_shut_the_way() {
+        let returns = NearReturns::default();
+        let clear = |poles: [f64; 3]| Clear::new(poles.map(Around), &returns, 0.4);
+        let (from, to) = ([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]);
+        let space = |poles| RobotSpace::new(clear(poles), clear(poles), from);
+        assert!(space([2.0, 9.0, 1.0]).connects(from, to) && space([2.0, 9.0, 1.0]).is_segment_free(from, to));
+        assert!(!space([2.0, 9.0, 2.0]).connects(from, to) && !space([2.0, 9.0, 2.0]).is_segment_free(from, to));
     }
 
     #[test]

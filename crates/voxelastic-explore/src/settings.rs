@@ -7,7 +7,7 @@ use voxelastic_plan::{PlanError, Point, Robot};
 /// How the next target is chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
-    /// The first viewpoint of a tour that gathers unknown volume soon.
+    /// The first stop of a tour to the viewpoint with the largest unknown volume per second of travel, over those whose detour is worth what they show.
     #[default]
     Tour,
     /// The viewpoint at the shortest way: the greedy rule, to compare with.
@@ -26,6 +26,7 @@ pub struct ExploreSettings {
     /// Speed, metres per second.
     pub speed: f64,
     /// Corners of the box to explore, map frame, metres: the robot stays in it (with its whole ball when it flies, with its centre on wheels), and nothing outside counts.
+    /// While no loop closes, what the newest submaps saw may be off by 1 % of the way, and the box is as much larger in them, up to 1 m.
     pub bounds: [Point; 2],
     /// What the sensor sees.
     pub view: SensorView,

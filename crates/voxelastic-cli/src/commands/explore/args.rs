@@ -84,7 +84,7 @@ pub struct ExploreArgs {
 /// How the next target is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Rule {
-    /// The first stop of a tour that sees much soon
+    /// The first stop on the way to the viewpoint that shows most per second: what is beside the way is looked at first
     Tour,
     /// The nearest viewpoint of the frontier, to compare with
     Nearest,
