@@ -91,5 +91,5 @@ fn explore(args: &ExploreArgs, quiet: bool) -> anyhow::Result<(Summary, bool)> {
     if let Some(page) = &args.report {
         write_report(page, args, &robot, &course)?;
     }
-    Ok((course.summary(args, &robot, &truth), was_interrupted))
+    Ok((course.summary(args, &robot, &truth, settings.bounds), was_interrupted))
 }

@@ -2,7 +2,7 @@
 
 use super::args::ExploreArgs;
 use super::robot::SimulatedRobot;
-use super::truth::ReachableSpace;
+use super::truth::{ReachableSpace, SurfaceError};
 use nalgebra::Point3;
 use serde::Serialize;
 use std::time::Duration;
@@ -24,6 +24,8 @@ pub struct Moment {
     distance_m: f64,
     /// Share of the space that could be known.
     known_share: f64,
+    /// Explored volume as TARE measures it, cubic metres.
+    tare_volume_m3: f64,
     /// Distance between where the robot was and where it believed to be.
     error_m: f64,
 }
@@ -63,6 +65,10 @@ pub struct Summary {
     /// Distance travelled until nine tenths, and 95 %, of what is known at the end was known.
     distance_to_90_percent_m: Option<f64>,
     distance_to_95_percent_m: Option<f64>,
+    /// Explored volume as TARE measures it, cubic metres, at true poses.
+    tare_volume_m3: f64,
+    /// Of the final map; none without obstacles in the box.
+    surface_error_m: Option<SurfaceError>,
     pub is_home: bool,
     pub collisions: usize,
     scans: usize,
@@ -130,7 +136,13 @@ impl Course {
         let is_due = self.moments.last().is_none_or(|last| robot.time() >= last.time_s + INTERVAL);
         if is_due || is_last {
             let known_share = truth.known_share(&robot.atlas().query());
-            self.moments.push(Moment { time_s: robot.time(), distance_m: robot.distance(), known_share, error_m: robot.error() });
+            self.moments.push(Moment {
+                time_s: robot.time(),
+                distance_m: robot.distance(),
+                known_share,
+                tare_volume_m3: robot.tare_volume(),
+                error_m: robot.error(),
+            });
         }
         if is_last {
             self.frontier.clone_from(&decision.frontier);
@@ -165,7 +177,7 @@ impl Course {
     }
 
     /// The summary at the end.
-    pub fn summary(&self, args: &ExploreArgs, robot: &SimulatedRobot, truth: &ReachableSpace) -> Summary {
+    pub fn summary(&self, args: &ExploreArgs, robot: &SimulatedRobot, truth: &ReachableSpace, bounds: [Point; 2]) -> Summary {
         let strategy = match args.strategy {
             super::args::Rule::Tour => "tour",
             super::args::Rule::Nearest => "nearest",
@@ -183,6 +195,8 @@ impl Course {
             known_share: self.share(),
             distance_to_90_percent_m: self.distance_to(0.9),
             distance_to_95_percent_m: self.distance_to(0.95),
+            tare_volume_m3: robot.tare_volume(),
+            surface_error_m: SurfaceError::new(robot.world(), &robot.atlas().query(), bounds),
             is_home: self.is_home,
             collisions: robot.collisions,
             scans: robot.track.len(),

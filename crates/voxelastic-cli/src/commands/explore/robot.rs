@@ -4,6 +4,7 @@ use super::args::{ExploreArgs, MARGIN, elevations};
 use crate::failure::Failure;
 use anyhow::Context;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use std::collections::HashSet;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::mapper::Mapper;
@@ -19,6 +20,9 @@ use voxelastic_sim::{Scene, World};
 
 /// The true motion is checked for collisions at this interval, metres.
 const CHECKED: f64 = 0.1;
+
+/// Edge of the cubes by which TARE measures what was explored, metres.
+const CUBE: f64 = 0.5;
 
 /// Radius within which space is free because the robot is there, metres: farther away the sensor's field of view is high enough for it. On wheels it must not
 /// reach below the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
@@ -50,6 +54,8 @@ pub struct SimulatedRobot {
     spacing: f64,
     distance: f64,
     is_touching: bool,
+    /// Cubes of the world with returns.
+    seen_cubes: HashSet<[i32; 3]>,
     /// Times that the body touched something.
     pub collisions: usize,
     /// Loops that closed.
@@ -83,6 +89,7 @@ impl SimulatedRobot {
             spacing: args.spacing,
             distance: 0.0,
             is_touching: false,
+            seen_cubes: HashSet::new(),
             collisions: 0,
             closures: 0,
             scene,
@@ -139,6 +146,11 @@ impl SimulatedRobot {
         self.truth.translation_distance(&self.believed)
     }
 
+    /// Explored volume as TARE measures it, cubic metres: that of all cubes with a return.
+    pub fn tare_volume(&self) -> f64 {
+        CUBE.powi(3) * self.seen_cubes.len() as f64
+    }
+
     /// Scans, and maps the scan with what the SLAM system says.
     pub fn scan(&mut self) -> anyhow::Result<()> {
         let truth = self.truth;
@@ -146,6 +158,8 @@ impl SimulatedRobot {
         let tracked = self.slam.step(&self.scene.world, truth);
         let cloud = self.lidar.scan(&self.scene.world, |_| truth, &self.noise.fork(tracked.node));
         self.last_scan.clone_from(&cloud);
+        let cube = |p: &[f32; 3]| -> [i32; 3] { (truth * Point3::from(p.map(f64::from))).coords.map(|c| (c / CUBE).floor() as i32).into() };
+        self.seen_cubes.extend(cloud.points.iter().filter(|p| Cloud::is_return(p)).map(cube));
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
         map(&mut self.mapper, Event::Scan(scan))?;
