@@ -1,6 +1,7 @@
 //! The distance fields of all submaps of an atlas.
 
 use crate::submap::SubmapEsdf;
+use crate::surfaces::Surfaces;
 use crate::transform::MAX_REACH;
 use std::collections::BTreeMap;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
@@ -54,6 +55,8 @@ pub struct Esdf {
     settings: EsdfSettings,
     pub(crate) voxel_size: f64,
     pub(crate) submaps: BTreeMap<SubmapId, SubmapEsdf>,
+    /// Triangles of the submaps' surfaces, where queries have needed them.
+    pub(crate) surfaces: Surfaces,
 }
 
 impl Esdf {
@@ -67,7 +70,7 @@ impl Esdf {
         if !(settings.max_distance > 0.0 && settings.max_distance <= most) {
             return Err(EsdfError::MaxDistance { value: settings.max_distance, most, voxel_size });
         }
-        Ok(Self { settings, voxel_size, submaps: BTreeMap::new() })
+        Ok(Self { settings, voxel_size, submaps: BTreeMap::new(), surfaces: Surfaces::default() })
     }
 
     /// Its settings.
@@ -89,10 +92,16 @@ impl Esdf {
     /// result is the same as that of a field made anew. Uses the threads of the current pool; the result does not depend on them.
     pub fn update(&mut self, atlas: &Atlas) -> EsdfStats {
         let all: Vec<&Submap> = submaps(atlas).map(|(submap, _)| submap).collect();
-        self.submaps.retain(|id, _| all.iter().any(|submap| submap.id() == *id));
+        self.retain(|id| all.iter().any(|submap| submap.id() == id));
         let (reach, with_unknown) = (self.reach(), self.has_unknown());
         let recomputed = all.iter().map(|submap| self.submaps.entry(submap.id()).or_default().update(submap, reach, with_unknown)).sum();
         EsdfStats { recomputed, blocks: self.blocks() }
+    }
+
+    /// Forgets submaps that are no more.
+    pub(crate) fn retain(&mut self, is_kept: impl Fn(SubmapId) -> bool) {
+        self.submaps.retain(|id, _| is_kept(*id));
+        self.surfaces.retain(is_kept);
     }
 
     /// Blocks of 8 x 8 x 8 voxels that are stored.
@@ -100,9 +109,9 @@ impl Esdf {
         self.submaps.values().map(SubmapEsdf::blocks).sum()
     }
 
-    /// Memory held, bytes.
+    /// Memory held, bytes, with that of the surfaces around points that were asked about.
     pub fn bytes(&self) -> usize {
-        self.submaps.values().map(SubmapEsdf::bytes).sum()
+        self.submaps.values().map(SubmapEsdf::bytes).sum::<usize>() + self.surfaces.bytes()
     }
 }
 

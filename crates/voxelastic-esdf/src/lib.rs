@@ -5,8 +5,8 @@
 //! the map frame, over all submaps. A [`LocalEsdf`] is made only around the points that it is asked about.
 //!
 //! Distances are exact: from the centre of a finest voxel to the centre of the nearest occupied one, as a dense transform of the whole map would give them,
-//! however the map came to be. A removed obstacle leaves nothing behind. Where the map has surfaces (a TSDF), queries correct the distance to them by a
-//! fraction of a voxel.
+//! however the map came to be. A removed obstacle leaves nothing behind. Where the map has surfaces (a TSDF), queries can give the distance to their nearest
+//! triangle instead ([`EsdfQuery::sample_many_to_surfaces`]).
 //!
 //! ```
 //! use voxelastic::{Settings, event::Event, mapper::Mapper};
@@ -36,8 +36,10 @@ mod local;
 mod query;
 mod seeds;
 mod submap;
+mod surfaces;
 mod targets;
 mod transform;
+mod triangle_index;
 
 pub use atlas::{Esdf, EsdfError, EsdfSettings, EsdfStats};
 pub use local::LocalEsdf;

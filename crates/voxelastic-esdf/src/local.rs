@@ -36,7 +36,8 @@ impl LocalEsdf {
         self.field.query(atlas).sample_many(points)
     }
 
-    /// As [`sample_many`](Self::sample_many), corrected by the surfaces of the map where it has them.
+    /// As [`sample_many`](Self::sample_many), but to the surfaces of the map where it has them:
+    /// [`EsdfQuery::sample_many_to_surfaces`](crate::EsdfQuery::sample_many_to_surfaces).
     pub fn sample_many_to_surfaces(&mut self, atlas: &Atlas, points: &[[f64; 3]]) -> Vec<EsdfSample> {
         self.make(atlas, points);
         self.field.query(atlas).sample_many_to_surfaces(points)
@@ -50,7 +51,7 @@ impl LocalEsdf {
     /// Brings the blocks up to date that a query of `points` looks up.
     fn make(&mut self, atlas: &Atlas, points: &[[f64; 3]]) {
         let all: Vec<_> = submaps(atlas).collect();
-        self.field.submaps.retain(|id, _| all.iter().any(|(submap, _)| submap.id() == *id));
+        self.field.retain(|id| all.iter().any(|(submap, _)| submap.id() == id));
         self.made.retain(|id, _| self.field.submaps.contains_key(id));
         let settings = self.field.settings();
         let (reach, with_unknown) = (self.field.reach(), self.field.has_unknown());

@@ -4,18 +4,18 @@ use crate::atlas::{Esdf, submaps};
 use crate::frame::{SubmapFrame, corner_below};
 use crate::layer::{Distances, FAR, Layer};
 use crate::submap::SubmapEsdf;
-use nalgebra::{Point3, Vector3};
+use crate::surfaces::Surfaces;
 use rayon::prelude::*;
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::{OccupancyField, State};
 use voxelastic::octree::{BLOCK_EDGE, BLOCK_SHIFT, block_key};
-use voxelastic::query::DistanceQuery;
 
 /// Points that a thread takes at a time.
 const PER_TASK: usize = 2048;
-/// A surface is looked for this many voxels around where the field says that it is.
-const SURFACE_WITHIN: f64 = 2.0;
+/// Nearer than this to a surface, metres, there is no direction away from it.
+const LEAST: f32 = 1e-5;
+const NOTHING: EsdfSample = EsdfSample { distance: 0.0, gradient: [0.0; 3] };
 
 /// The distance at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +34,7 @@ pub struct EsdfQuery<'a> {
     /// Whether unknown space ends distances, too.
     with_unknown: bool,
     parts: Vec<Part<'a>>,
-    surfaces: Option<DistanceQuery<'a>>,
+    surfaces: &'a Surfaces,
     /// Distances in metres by squared distances in voxels.
     roots: Vec<f32>,
 }
@@ -42,13 +42,22 @@ pub struct EsdfQuery<'a> {
 /// The field of a submap and where it is.
 struct Part<'a> {
     esdf: &'a SubmapEsdf,
-    occupancy: &'a OccupancyField,
+    submap: &'a Submap,
     frame: SubmapFrame,
 }
 
 impl Part<'_> {
     fn in_map(&self, sample: EsdfSample) -> EsdfSample {
         EsdfSample { gradient: self.frame.to_map(sample.gradient), ..sample }
+    }
+}
+
+/// Replaces what is larger than in `known`; nothing if that is empty. Also for a point that is not finite, which is in no submap.
+fn lower(answers: &mut [EsdfSample], known: &[EsdfSample]) {
+    for (answer, known) in answers.iter_mut().zip(known) {
+        if known.distance < answer.distance {
+            *answer = *known;
+        }
     }
 }
 
@@ -121,16 +130,15 @@ impl<'a> EsdfQuery<'a> {
         let max_distance = esdf.settings().max_distance;
         let part = |(submap, t_map_submap): (&'a Submap, Pose)| {
             let frame = SubmapFrame::new(submap, &t_map_submap, voxel, max_distance);
-            Some(Part { esdf: esdf.submaps.get(&submap.id())?, occupancy: submap.occupancy(), frame })
+            Some(Part { esdf: esdf.submaps.get(&submap.id())?, submap, frame })
         };
-        let surfaces = DistanceQuery::new(atlas);
         let farthest = (max_distance / voxel).ceil().powi(2) as usize;
         Self {
             voxel,
             max_distance: max_distance as f32,
             with_unknown: esdf.has_unknown(),
             parts: submaps(atlas).filter_map(part).collect(),
-            surfaces: (!surfaces.is_empty()).then_some(surfaces),
+            surfaces: &esdf.surfaces,
             roots: (0..=farthest).map(|squared| ((squared as f64).sqrt() * voxel).min(max_distance) as f32).collect(),
         }
     }
@@ -138,59 +146,71 @@ impl<'a> EsdfQuery<'a> {
     /// The distance at `p` (metres, map frame), interpolated between the eight voxels around it. To obstacles it is the least of all submaps. To space that is not
     /// free it is never too large: everything nearer is free in one submap and occupied in none.
     pub fn sample(&self, p: [f64; 3]) -> EsdfSample {
-        let mut answer = [EsdfSample { distance: 0.0, gradient: [0.0; 3] }];
-        self.look_up(&[p], &mut answer);
+        let mut answer = [NOTHING];
+        let known = self.look_up(&[p], &mut answer);
+        lower(&mut answer, &known);
         answer[0]
     }
 
     /// The distance at each of `points` (metres, map frame), as [`sample`](Self::sample) gives it. Uses the threads of the current pool.
     pub fn sample_many<T: Copy + Into<f64> + Sync>(&self, points: &[[T; 3]]) -> Vec<EsdfSample> {
-        let mut samples = vec![EsdfSample { distance: 0.0, gradient: [0.0; 3] }; points.len()];
+        let mut samples = vec![NOTHING; points.len()];
         samples.par_chunks_mut(PER_TASK).zip(points.par_chunks(PER_TASK)).for_each(|(samples, points)| {
             let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(Into::into)).collect();
-            self.look_up(&points, samples);
+            let known = self.look_up(&points, samples);
+            lower(samples, &known);
         });
         samples
     }
 
-    /// As [`sample_many`](Self::sample_many), corrected by the surfaces of the map where it has them: voxels say where a surface is to half a voxel only. For
-    /// distances to obstacles.
+    /// As [`sample_many`](Self::sample_many), but the distance to obstacles is that to the nearest triangle of the submaps' surfaces (their meshes at full detail), with
+    /// the gradient away from it, of unit length. It is exact, at most the field's largest distance. Voxels decide only where the map has no surface no farther
+    /// than a voxel behind the nearest occupied one. The first question makes triangles around its points, which stay for the next ones.
     pub fn sample_many_to_surfaces<T: Copy + Into<f64> + Sync>(&self, points: &[[T; 3]]) -> Vec<EsdfSample> {
-        let samples = self.sample_many(points);
-        let Some(surfaces) = &self.surfaces else { return samples };
-        let correct = |(p, sample): (&[T; 3], EsdfSample)| self.corrected(surfaces, p.map(Into::into), sample);
-        points.par_iter().zip(samples).with_min_len(PER_TASK).map(correct).collect()
+        let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(Into::into)).collect();
+        let mut voxels = vec![NOTHING; points.len()];
+        let chunks = voxels.par_chunks_mut(PER_TASK).zip(points.par_chunks(PER_TASK));
+        let known: Vec<EsdfSample> = chunks.flat_map_iter(|(voxels, points)| self.look_up(points, voxels)).collect();
+        let mut nearest: Vec<Option<EsdfSample>> = vec![None; points.len()];
+        for part in self.parts.iter().filter(|part| !part.submap.tsdf().is_empty()) {
+            let ball = |(p, voxels): (&[f64; 3], &EsdfSample)| self.ball(part, *p, voxels);
+            let surface = self.surfaces.near(part.submap, self.voxel, points.iter().zip(&voxels).filter_map(ball));
+            nearest.par_iter_mut().zip(&points).zip(&voxels).with_min_len(PER_TASK).for_each(|((nearest, p), voxels)| {
+                let Some((local, radius)) = self.ball(part, *p, voxels) else { return };
+                let radius = nearest.map_or(radius, |nearest| radius.min(f64::from(nearest.distance)));
+                let Some(found) = surface.nearest(local, radius) else { return };
+                let distance = found.squared.sqrt();
+                // The first of equals stays.
+                if nearest.is_none_or(|nearest| distance < nearest.distance) {
+                    let away = std::array::from_fn(|k| (local[k] as f32 - found.point[k]) / distance);
+                    let gradient = if distance > LEAST { part.frame.to_map(away) } else { voxels.gradient };
+                    *nearest = Some(EsdfSample { distance, gradient });
+                }
+            });
+        }
+        let mut answers: Vec<EsdfSample> = nearest.into_iter().zip(voxels).map(|(nearest, voxels)| nearest.unwrap_or(voxels)).collect();
+        lower(&mut answers, &known);
+        answers
     }
 
-    /// Samples the surface where the field says that it is; what is missing is the distance that is left.
-    fn corrected(&self, surfaces: &DistanceQuery<'_>, p: [f64; 3], sample: EsdfSample) -> EsdfSample {
-        let gradient = Vector3::from(sample.gradient.map(f64::from));
-        let distance = f64::from(sample.distance);
-        if distance < SURFACE_WITHIN * self.voxel
-            && let Some(at) = surfaces.sample(p).filter(|at| at.gradient != [0.0; 3])
-        {
-            let side = if at.distance < 0.0 { -1.0 } else { 1.0 };
-            return EsdfSample { distance: at.distance.abs(), gradient: at.gradient.map(|c| side * c) };
+    /// Where the surface of a submap may be that is nearest to `p`: around this point of the submap frame, within this radius, metres.
+    fn ball(&self, part: &Part<'_>, p: [f64; 3], voxels: &EsdfSample) -> Option<([f64; 3], f64)> {
+        if voxels.distance >= self.max_distance {
+            return None;
         }
-        if gradient.norm() < 0.1 {
-            return sample;
-        }
-        let foot = Point3::from(p) - gradient.normalize() * distance;
-        let left = surfaces.sample(foot.coords.into()).map_or(0.0, |at| f64::from(at.distance));
-        if left.abs() > SURFACE_WITHIN * self.voxel {
-            return sample;
-        }
-        EsdfSample { distance: ((distance + left).max(0.0) as f32).min(self.max_distance), ..sample }
+        let local = part.frame.to_submap(p);
+        part.frame.reaches(&local).then(|| (local, (f64::from(voxels.distance) + self.voxel).min(f64::from(self.max_distance))))
     }
 
-    fn look_up(&self, points: &[[f64; 3]], answers: &mut [EsdfSample]) {
+    /// Writes distances to obstacles, and returns those to what is not free, if unknown space ends distances: of the two, the smaller one counts.
+    fn look_up(&self, points: &[[f64; 3]], answers: &mut [EsdfSample]) -> Vec<EsdfSample> {
         let far = EsdfSample { distance: self.max_distance, gradient: [0.0; 3] };
-        let nothing = EsdfSample { distance: 0.0, gradient: [0.0; 3] };
-        let mut known = vec![nothing; if self.with_unknown { points.len() } else { 0 }];
+        let mut known = vec![NOTHING; if self.with_unknown { points.len() } else { 0 }];
         answers.fill(far);
         for part in &self.parts {
             let mut obstacles = Lookup::new(&part.esdf.obstacles, None);
-            let mut not_free = part.esdf.not_free.as_ref().filter(|_| self.with_unknown).map(|layer| Lookup::new(layer, Some(part.occupancy)));
+            let mut not_free =
+                part.esdf.not_free.as_ref().filter(|_| self.with_unknown).map(|layer| Lookup::new(layer, Some(part.submap.occupancy())));
             for (i, (answer, p)) in answers.iter_mut().zip(points).enumerate() {
                 let local = part.frame.to_submap(*p);
                 if !part.frame.reaches(&local) {
@@ -209,12 +229,7 @@ impl<'a> EsdfQuery<'a> {
                 }
             }
         }
-        // Also for a point that is not finite, which is in no submap.
-        for (answer, known) in answers.iter_mut().zip(known) {
-            if known.distance < answer.distance {
-                *answer = known;
-            }
-        }
+        known
     }
 
     /// Interpolates between the eight voxels around `p`, submap frame.
