@@ -2,10 +2,11 @@
 
 use crate::seeds::Seeds;
 use crate::targets::{BlockSet, TILE, block_of_bit};
-use crate::transform::{BlockBox, Transform};
+use crate::transform::{BlockBox, SeedBits, Transform};
 use hashbrown::HashMap;
 use rayon::prelude::*;
-use voxelastic::octree::{BLOCK_EDGE, block_coords, block_key};
+use voxelastic::field::occupancy::BlockBits;
+use voxelastic::octree::{block_coords, block_key};
 
 /// Squared distance of a voxel without a seed within reach.
 pub(crate) const FAR: u16 = u16::MAX;
@@ -13,15 +14,12 @@ pub(crate) const FAR: u16 = u16::MAX;
 /// Squared distances of a block's finest voxels, voxels squared.
 pub(crate) type Distances = [u16; 512];
 
-/// How many blocks away a seed may be that is within `reach` voxels: centres of voxels in neighbouring blocks are at least one voxel apart, in the next ones nine.
-pub(crate) fn blocks_within(reach: usize) -> usize {
-    (reach - 1) / BLOCK_EDGE + 1
-}
-
 /// Distances by block. A block that is missing has no seed within reach, or consists of seeds only.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Layer {
     blocks: HashMap<u64, Box<Distances>>,
+    /// Lowest and highest coordinates of all blocks that were ever stored.
+    bounds: Option<[[i32; 3]; 2]>,
 }
 
 impl Layer {
@@ -35,8 +33,14 @@ impl Layer {
         self.blocks.len()
     }
 
+    /// Lowest and highest coordinates of a box of blocks: those outside of it are missing.
+    pub fn bounds(&self) -> Option<[[i32; 3]; 2]> {
+        self.bounds
+    }
+
     pub fn clear(&mut self) {
         self.blocks.clear();
+        self.bounds = None;
     }
 
     /// Keeps the blocks of a set only.
@@ -55,9 +59,24 @@ impl Layer {
         self.blocks.iter().map(|(key, distances)| (*key, distances.as_ref()))
     }
 
-    /// Recomputes everything within `reach` voxels of the `changed` blocks; returns how many blocks that were.
+    /// Recomputes what may differ because of seeds that began or ended in the `changed` blocks; returns how many blocks that were.
     pub fn update(&mut self, seeds: Seeds<'_>, changed: &BlockSet, reach: usize) -> usize {
-        self.recompute(seeds, changed.dilated(blocks_within(reach)), reach)
+        let targets = changed.within_reach(reach, |block| bounds(&self.changed_seeds(seeds, block)));
+        self.recompute(seeds, targets, reach)
+    }
+
+    /// The voxels of a block that are seeds and were not, or were and are not.
+    fn changed_seeds(&self, seeds: Seeds<'_>, block: [i32; 3]) -> BlockBits {
+        let now = seeds.of_block(block);
+        match self.get(block_key(block)) {
+            Some(distances) => std::array::from_fn(|z| {
+                let before = distances[64 * z..64 * (z + 1)].iter().enumerate().fold(0, |bits, (i, d)| bits | u64::from(*d == 0) << i);
+                before ^ now[z]
+            }),
+            // It may have had none, or seeds only.
+            None if matches!(seeds, Seeds::NotFree(_)) => [u64::MAX; 8],
+            None => now,
+        }
     }
 
     /// Recomputes `blocks`; returns how many they are.
@@ -69,7 +88,12 @@ impl Layer {
         for (key, distances) in results.into_iter().flatten() {
             count += 1;
             match distances {
-                Some(distances) => drop(self.blocks.insert(key, distances)),
+                Some(distances) => {
+                    let block = block_coords(key);
+                    let [low, high] = self.bounds.unwrap_or([block; 2]);
+                    self.bounds = Some([std::array::from_fn(|k| low[k].min(block[k])), std::array::from_fn(|k| high[k].max(block[k]))]);
+                    self.blocks.insert(key, distances);
+                }
                 None => drop(self.blocks.remove(&key)),
             }
         }
@@ -87,11 +111,36 @@ fn recompute_tile(transform: &mut Transform, seeds: Seeds<'_>, tile: [i32; 3], m
     let bound = |k: usize, pick: fn(usize, usize) -> usize| computed.iter().map(|at| at[k]).reduce(pick).unwrap_or(0);
     let low = [0, 1, 2].map(|k| bound(k, usize::min));
     let size = [0, 1, 2].map(|k| bound(k, usize::max) + 1 - low[k]);
-    let any = !computed.is_empty() && transform.run(BlockBox { low: absolute(low), size }, reach, |block| seeds.of_block(block));
+    let any = !computed.is_empty() && transform.run(BlockBox { low: absolute(low), size }, reach, &seeds);
     for at in computed {
         let distances = if any { transform.block(std::array::from_fn(|k| at[k] - low[k]), reach, FAR) } else { [FAR; 512] };
         let is_stored = distances.iter().any(|d| *d != FAR) && !(matches!(seeds, Seeds::NotFree(_)) && distances == [0; 512]);
         results.push((block_key(absolute(at)), is_stored.then(|| Box::new(distances))));
     }
     results
+}
+
+/// The box around the bits of a block, lowest and highest coordinates; none if no bit is set.
+fn bounds(bits: &BlockBits) -> Option<[[i32; 3]; 2]> {
+    let all = bits.iter().fold(0, |all, word| all | word);
+    let rows = (0..8).fold(0, |rows, y| rows | u64::from(all >> (8 * y) & 0xff != 0) << y);
+    let columns = (0..8).fold(0, |columns, y| columns | all >> (8 * y) & 0xff);
+    let planes = (0..8).fold(0, |planes, z| planes | u64::from(bits[z] != 0) << z);
+    let ends = [columns, rows, planes].map(|set| [set.trailing_zeros() as i32, 63 - set.leading_zeros() as i32]);
+    (all != 0).then(|| [ends.map(|e| e[0]), ends.map(|e| e[1])])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_around_bits_has_their_lowest_and_highest_coordinates() {
+        assert_eq!(bounds(&[0; 8]), None);
+        for (a, b) in [([1, 7, 3], [5, 0, 3]), ([0, 0, 0], [7, 7, 7]), ([4, 2, 6], [4, 2, 6])] {
+            let mut bits = [0; 8];
+            [a, b].iter().for_each(|c: &[i32; 3]| bits[c[2] as usize] |= 1 << (c[0] + 8 * c[1]));
+            assert_eq!(bounds(&bits), Some([std::array::from_fn(|k| a[k].min(b[k])), std::array::from_fn(|k| a[k].max(b[k]))]));
+        }
+    }
 }

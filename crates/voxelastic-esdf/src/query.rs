@@ -86,27 +86,43 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Squared distance of finest voxel `c`.
+    /// The squared distance in all voxels of a block that is missing and has voxel `c`.
+    fn of_missing(&self, c: [i32; 3]) -> u16 {
+        if self.not_free.is_some_and(|field| field.state_at(c) != State::Free) { 0 } else { FAR }
+    }
+
+    /// Whether a block around the voxel at `base` and next above it may be stored.
     #[inline]
-    fn squared(&mut self, c: [i32; 3]) -> u16 {
-        match self.block(block_key(c.map(|v| v >> BLOCK_SHIFT))) {
-            Some(distances) => distances[index(c)],
-            None if self.not_free.is_some_and(|field| field.state_at(c) != State::Free) => 0,
-            None => FAR,
-        }
+    fn may_have(&self, base: [i32; 3]) -> bool {
+        let Some([low, high]) = self.layer.bounds() else { return false };
+        (0..3).all(|k| (base[k] + 1) >> BLOCK_SHIFT >= low[k] && base[k] >> BLOCK_SHIFT <= high[k])
     }
 
     /// The eight voxels at `base` and next above it, x fastest.
     #[inline]
     fn corners(&mut self, base: [i32; 3]) -> [u16; 8] {
         // Most often all of them are in one block.
-        if base.iter().all(|c| c & 7 != 7)
-            && let Some(distances) = self.block(block_key(base.map(|v| v >> BLOCK_SHIFT)))
-        {
-            let first = index(base);
-            return std::array::from_fn(|i| distances[first + (i & 1) + (i >> 1 & 1) * BLOCK_EDGE + (i >> 2) * BLOCK_EDGE * BLOCK_EDGE]);
+        let across = (0..3).fold(0, |across, k| across | usize::from(base[k] & 7 == 7) << k);
+        if across == 0 {
+            return match self.block(block_key(base.map(|v| v >> BLOCK_SHIFT))) {
+                Some(distances) => {
+                    let first = index(base);
+                    std::array::from_fn(|i| distances[first + (i & 1) + (i >> 1 & 1) * BLOCK_EDGE + (i >> 2) * BLOCK_EDGE * BLOCK_EDGE])
+                }
+                None => [self.of_missing(base); 8],
+            };
         }
-        std::array::from_fn(|i| self.squared(std::array::from_fn(|k| base[k] + (i >> k & 1) as i32)))
+        let mut corners = [FAR; 8];
+        // Each of the blocks once: in the next one along each of some of the axes along which the voxels are in two blocks.
+        for next in (0..8).filter(|next| next & !across == 0) {
+            let voxel = |i: usize| -> [i32; 3] { std::array::from_fn(|k| base[k] + (i >> k & 1) as i32) };
+            let block = self.block(block_key(voxel(next).map(|v| v >> BLOCK_SHIFT)));
+            let of_missing = if block.is_none() { self.of_missing(voxel(next)) } else { FAR };
+            for i in (0..8).filter(|i| i & across == next) {
+                corners[i] = block.map_or(of_missing, |distances| distances[index(voxel(i))]);
+            }
+        }
+        corners
     }
 }
 
@@ -204,14 +220,10 @@ impl<'a> EsdfQuery<'a> {
 
     /// Writes distances to obstacles, and returns those to what is not free, if unknown space ends distances: of the two, the smaller one counts.
     fn look_up(&self, points: &[[f64; 3]], answers: &mut [EsdfSample]) -> Vec<EsdfSample> {
-        let far = EsdfSample { distance: self.max_distance, gradient: [0.0; 3] };
-        let mut known = vec![NOTHING; if self.with_unknown { points.len() } else { 0 }];
-        answers.fill(far);
+        answers.fill(EsdfSample { distance: self.max_distance, gradient: [0.0; 3] });
         for part in &self.parts {
             let mut obstacles = Lookup::new(&part.esdf.obstacles, None);
-            let mut not_free =
-                part.esdf.not_free.as_ref().filter(|_| self.with_unknown).map(|layer| Lookup::new(layer, Some(part.submap.occupancy())));
-            for (i, (answer, p)) in answers.iter_mut().zip(points).enumerate() {
+            for (answer, p) in answers.iter_mut().zip(points) {
                 let local = part.frame.to_submap(*p);
                 if !part.frame.reaches(&local) {
                     continue;
@@ -221,10 +233,22 @@ impl<'a> EsdfQuery<'a> {
                 if sample.distance < answer.distance {
                     *answer = part.in_map(sample);
                 }
-                if let Some(not_free) = &mut not_free {
-                    let sample = self.interpolate(not_free, local);
-                    if sample.distance > known[i].distance {
-                        known[i] = part.in_map(sample);
+            }
+        }
+        let mut known = vec![NOTHING; if self.with_unknown { points.len() } else { 0 }];
+        for part in &self.parts {
+            let Some(layer) = part.esdf.not_free.as_ref().filter(|_| self.with_unknown) else { continue };
+            let mut not_free = Lookup::new(layer, Some(part.submap.occupancy()));
+            for ((known, p), answer) in known.iter_mut().zip(points).zip(&*answers) {
+                // Beyond this it does not matter: surfaces are at most a voxel farther than what voxels say.
+                if known.distance >= (answer.distance + self.voxel as f32).min(self.max_distance) {
+                    continue;
+                }
+                let local = part.frame.to_submap(*p);
+                if part.frame.reaches(&local) {
+                    let sample = self.interpolate(&mut not_free, local);
+                    if sample.distance > known.distance {
+                        *known = part.in_map(sample);
                     }
                 }
             }
@@ -238,6 +262,9 @@ impl<'a> EsdfQuery<'a> {
         let Some((base, [fx, fy, fz])) = corner_below(p, self.voxel) else {
             return EsdfSample { distance: if lookup.not_free.is_some() { 0.0 } else { self.max_distance }, gradient: [0.0; 3] };
         };
+        if lookup.not_free.is_none() && !lookup.may_have(base) {
+            return EsdfSample { distance: self.max_distance, gradient: [0.0; 3] };
+        }
         let squared = lookup.corners(base);
         if squared == [FAR; 8] {
             return EsdfSample { distance: self.max_distance, gradient: [0.0; 3] };

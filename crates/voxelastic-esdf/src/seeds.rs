@@ -1,5 +1,6 @@
 //! What distances are measured to.
 
+use crate::transform::SeedBits;
 use voxelastic::field::occupancy::{BlockBits, OccupancyField};
 use voxelastic::field::tsdf::TsdfField;
 use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_key, voxel_coords};
@@ -18,9 +19,8 @@ pub(crate) enum Seeds<'a> {
     Surface(&'a TsdfField),
 }
 
-impl Seeds<'_> {
-    /// The seeds among the finest voxels of a block.
-    pub fn of_block(&self, block: [i32; 3]) -> BlockBits {
+impl SeedBits for Seeds<'_> {
+    fn of_block(&self, block: [i32; 3]) -> BlockBits {
         if block.iter().any(|c| c.abs() > MAX_BLOCK_COORD) {
             return match self {
                 Self::NotFree(_) => [u64::MAX; 8],
@@ -35,6 +35,21 @@ impl Seeds<'_> {
         }
     }
 
+    fn are_none(&self, blocks: [i32; 3]) -> bool {
+        if blocks.iter().any(|c| c.abs() >= MAX_BLOCK_COORD) {
+            return false;
+        }
+        // An octant of level one, or a larger one that is uniform.
+        let octant = |field: &OccupancyField| field.tree().find_at_least(block_key(blocks), 1).map(|(_, octant)| octant.payload);
+        match self {
+            Self::Occupied(field) => octant(field).is_none_or(|summary| summary.max <= 0),
+            Self::NotFree(field) => octant(field).is_some_and(|summary| summary.observed && summary.max < 0),
+            Self::Surface(_) => false,
+        }
+    }
+}
+
+impl Seeds<'_> {
     /// Whether all voxels of a block are seeds, which is quick to tell for large cubes.
     pub fn are_all(&self, block: [i32; 3]) -> bool {
         match self {
@@ -87,4 +102,32 @@ fn surface_bits(field: &TsdfField, key: u64) -> BlockBits {
         }
     }
     seeds
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::settings::FieldKind;
+    use voxelastic::{Settings, event::Event, mapper::Mapper};
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    #[test]
+    fn where_there_are_none_no_block_has_any() {
+        let settings = Settings { voxel_size: 0.06, max_range: 12.0, field: FieldKind::Occupancy, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        let room = Simulation::new(SimOptions { scans: Some(2), columns: Some(256), ..SimOptions::of("room") }).unwrap();
+        room.scans(PoseSource::Truth).for_each(|scan| assert!(mapper.handle(Event::Scan(scan)).unwrap().is_some()));
+        let field = mapper.atlas().submaps()[0].occupancy();
+        for seeds in [Seeds::Occupied(field), Seeds::NotFree(field)] {
+            let (mut none, mut some) = (0, 0);
+            for i in 0..20i32.pow(3) {
+                let low = [i % 20, i / 20 % 20, i / 400].map(|c| 2 * c - 20);
+                let any = (0..8).any(|j| seeds.of_block(std::array::from_fn(|k| low[k] + (j >> k & 1))) != [0; 8]);
+                assert!(!(any && seeds.are_none(low)), "{seeds:?} at {low:?}");
+                none += usize::from(seeds.are_none(low));
+                some += usize::from(any);
+            }
+            assert!(none > 5 && some > 50, "{none} without, {some} with");
+        }
+    }
 }

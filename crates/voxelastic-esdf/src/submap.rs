@@ -1,8 +1,8 @@
 //! The distance field of a submap, in its frame.
 
-use crate::layer::{Layer, blocks_within};
+use crate::layer::Layer;
 use crate::seeds::Seeds;
-use crate::targets::BlockSet;
+use crate::targets::{BlockSet, blocks_within};
 use voxelastic::atlas::Submap;
 use voxelastic::field::occupancy::{Flip, FlipKind, OccupancyField};
 

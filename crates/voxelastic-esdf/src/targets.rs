@@ -1,13 +1,20 @@
 //! Which blocks have to be recomputed: those within reach of changed ones, gathered in tiles of 4 x 4 x 4 blocks.
 
 use hashbrown::HashMap;
-use voxelastic::octree::block_coords;
+use voxelastic::octree::{BLOCK_EDGE, block_coords};
 
 /// Blocks along the edge of a tile.
 pub(crate) const TILE: usize = 4;
 /// Room around a tile for its dilation, blocks: two tiles on each side.
 const MARGIN: usize = 2 * TILE;
 const WINDOW: usize = TILE + 2 * MARGIN;
+
+const EDGE: i32 = BLOCK_EDGE as i32;
+
+/// How many blocks away a seed may be that is within `reach` voxels: centres of voxels in neighbouring blocks are at least one voxel apart, in the next ones nine.
+pub(crate) fn blocks_within(reach: usize) -> usize {
+    (reach - 1) / BLOCK_EDGE + 1
+}
 
 /// A set of blocks: a bit per block of a tile, x fastest, by the tile's coordinates.
 #[derive(Clone, Debug, Default)]
@@ -53,6 +60,35 @@ impl BlockSet {
             for z in MARGIN..MARGIN + TILE {
                 for plane in &mut planes[z - by..=z + by] {
                     plane.iter_mut().zip(&rows[z]).for_each(|(all, row)| *all |= row);
+                }
+            }
+            result.add_window(*tile, &planes);
+        }
+        result
+    }
+
+    /// All blocks with a voxel whose centre is at most `reach` voxels, at most 48, from a voxel that changed. `changed_in` gives the box around the changed voxels of a
+    /// block of this set, lowest and highest coordinates in the block; none if nothing in it changed.
+    pub fn within_reach(&self, reach: usize, changed_in: impl Fn([i32; 3]) -> Option<[[i32; 3]; 2]>) -> Self {
+        let by = blocks_within(reach) as i32;
+        let mut result = Self::default();
+        for (tile, mask) in &self.tiles {
+            let mut planes = [[0u32; WINDOW]; WINDOW];
+            for at in (0..64).filter(|bit| mask >> bit & 1 == 1).map(block_of_bit) {
+                let Some([low, high]) = changed_in(std::array::from_fn(|k| (tile[k] << 2) + at[k] as i32)) else { continue };
+                // Squared distance along an axis to the voxels of the block `d` blocks away.
+                let squared = |k: usize, d: i32| {
+                    let gap = if d > 0 { EDGE * d - high[k] } else { low[k] - EDGE * d - (EDGE - 1) };
+                    if d == 0 { 0 } else { gap * gap }
+                };
+                let along_x: [i32; WINDOW] = std::array::from_fn(|i| squared(0, i as i32 - by));
+                for z in -by..=by {
+                    for y in -by..=by {
+                        let left = (reach * reach) as i32 - squared(1, y) - squared(2, z);
+                        let row = (0..=2 * by as usize).filter(|i| along_x[*i] <= left).fold(0, |row, i| row | 1u32 << i);
+                        let plane = &mut planes[(MARGIN as i32 + at[2] as i32 + z) as usize];
+                        plane[(MARGIN as i32 + at[1] as i32 + y) as usize] |= row << (MARGIN + at[0] - by as usize);
+                    }
                 }
             }
             result.add_window(*tile, &planes);
@@ -128,6 +164,34 @@ mod tests {
     use voxelastic::octree::block_key;
 
     proptest! {
+        #[test]
+        fn blocks_within_reach_have_a_voxel_that_is(
+            voxels in prop::collection::vec(prop::array::uniform3(-20i32..20), 1..4),
+            reach in 1usize..=48,
+        ) {
+            let mut set = BlockSet::default();
+            voxels.iter().for_each(|v| set.add(v.map(|c| c >> 3)));
+            // And one in which nothing changed.
+            set.add([9, 9, 9]);
+            let in_block = |block: [i32; 3]| voxels.iter().filter(move |v| v.map(|c| c >> 3) == block).map(|v| v.map(|c| c & 7));
+            let bounds = |block: [i32; 3]| {
+                let low = in_block(block).reduce(|a, b| std::array::from_fn(|k| a[k].min(b[k])))?;
+                Some([low, in_block(block).reduce(|a, b| std::array::from_fn(|k| a[k].max(b[k])))?])
+            };
+            let reached = set.within_reach(reach, bounds);
+            let boxes: Vec<[[i32; 3]; 2]> = voxels.iter().map(|v| v.map(|c| c >> 3)).filter_map(|block| {
+                Some(bounds(block)?.map(|c| std::array::from_fn(|k| 8 * block[k] + c[k])))
+            }).collect();
+            for i in 0..24i32.pow(3) {
+                let block = [i % 24 - 12, i / 24 % 24 - 12, i / 576 - 12];
+                let is_near = |[low, high]: &[[i32; 3]; 2]| {
+                    let gap = |k: usize| (8 * block[k] - high[k]).max(low[k] - 8 * block[k] - 7).max(0);
+                    (0..3).map(|k| gap(k).pow(2)).sum::<i32>() <= (reach * reach) as i32
+                };
+                prop_assert_eq!(reached.contains(block), boxes.iter().any(is_near), "{:?}, reach {}", block, reach);
+            }
+        }
+
         #[test]
         fn a_dilated_set_has_the_blocks_around_its_octants(
             octants in prop::collection::vec((prop::array::uniform3(-20i32..20), 0u32..4), 1..4),

@@ -160,7 +160,7 @@ impl<P: Copy + Default> Octree<P> {
     }
 
     /// The smallest existing octant of at least `lowest` level that contains block `key`, and its level.
-    pub(crate) fn find_at_least(&self, key: u64, lowest: u32) -> Option<(u32, &Octant<P>)> {
+    pub fn find_at_least(&self, key: u64, lowest: u32) -> Option<(u32, &Octant<P>)> {
         if !self.covers(key) {
             return None;
         }
