@@ -4,6 +4,7 @@ use crate::seeds::Seeds;
 use crate::targets::{BlockSet, TILE, block_of_bit};
 use crate::transform::{BlockBox, SeedBits, Transform};
 use hashbrown::HashMap;
+use hashbrown::hash_map::Entry;
 use rayon::prelude::*;
 use voxelastic::field::occupancy::BlockBits;
 use voxelastic::octree::{block_coords, block_key};
@@ -61,8 +62,16 @@ impl Layer {
 
     /// Recomputes what may differ because of seeds that began or ended in the `changed` blocks; returns how many blocks that were.
     pub fn update(&mut self, seeds: Seeds<'_>, changed: &BlockSet, reach: usize) -> usize {
-        let targets = changed.within_reach(reach, |block| bounds(&self.changed_seeds(seeds, block)));
+        let mut limits: HashMap<[i32; 3], i32> = HashMap::new();
+        let limit = |block: [i32; 3]| *limits.entry(block).or_insert_with(|| self.largest(block, reach));
+        let targets = changed.within_reach(reach, |block| bounds(&self.changed_seeds(seeds, block)), limit);
         self.recompute(seeds, targets, reach)
+    }
+
+    /// The largest squared distance in a block, at most that of the reach: seeds that are farther than that, new ones or old ones, change nothing in it.
+    fn largest(&self, block: [i32; 3], reach: usize) -> i32 {
+        let largest = self.get(block_key(block)).map_or(FAR, |distances| distances.iter().fold(0, |largest, d| largest.max(*d)));
+        i32::from(largest).min((reach * reach) as i32)
     }
 
     /// The voxels of a block that are seeds and were not, or were and are not.
@@ -83,41 +92,67 @@ impl Layer {
     pub fn recompute(&mut self, seeds: Seeds<'_>, blocks: BlockSet, reach: usize) -> usize {
         let tiles = blocks.into_tiles();
         let recompute = |transform: &mut Transform, &(tile, mask): &([i32; 3], u64)| recompute_tile(transform, seeds, tile, mask, reach);
-        let results: Vec<Vec<(u64, Option<Box<Distances>>)>> = tiles.par_iter().with_max_len(4).map_init(Transform::default, recompute).collect();
+        let results: Vec<TileDistances> = tiles.par_iter().with_max_len(4).map_init(Transform::default, recompute).collect();
         let mut count = 0;
-        for (key, distances) in results.into_iter().flatten() {
-            count += 1;
-            match distances {
-                Some(distances) => {
-                    let block = block_coords(key);
-                    let [low, high] = self.bounds.unwrap_or([block; 2]);
-                    self.bounds = Some([std::array::from_fn(|k| low[k].min(block[k])), std::array::from_fn(|k| high[k].max(block[k]))]);
-                    self.blocks.insert(key, distances);
+        for tile in results {
+            count += tile.keys.len();
+            let mut distances = tile.distances.iter();
+            for (key, is_stored) in tile.keys {
+                match if is_stored { distances.next() } else { None } {
+                    Some(distances) => self.set(key, distances),
+                    None => drop(self.blocks.remove(&key)),
                 }
-                None => drop(self.blocks.remove(&key)),
             }
         }
         count
     }
+
+    /// Stores the distances of a block, where they were if it was stored.
+    fn set(&mut self, key: u64, distances: &Distances) {
+        match self.blocks.entry(key) {
+            Entry::Occupied(mut block) => **block.get_mut() = *distances,
+            Entry::Vacant(place) => {
+                place.insert(Box::new(*distances));
+                let block = block_coords(key);
+                let [low, high] = self.bounds.unwrap_or([block; 2]);
+                self.bounds = Some([std::array::from_fn(|k| low[k].min(block[k])), std::array::from_fn(|k| high[k].max(block[k]))]);
+            }
+        }
+    }
+}
+
+/// Blocks of a tile that were recomputed.
+#[derive(Default)]
+struct TileDistances {
+    /// Their keys, and whether they are stored.
+    keys: Vec<(u64, bool)>,
+    /// The distances of those that are, in the same order.
+    distances: Vec<Distances>,
 }
 
 /// The distances of the blocks of a tile that `mask` holds; none for blocks that are not stored.
-fn recompute_tile(transform: &mut Transform, seeds: Seeds<'_>, tile: [i32; 3], mask: u64, reach: usize) -> Vec<(u64, Option<Box<Distances>>)> {
+fn recompute_tile(transform: &mut Transform, seeds: Seeds<'_>, tile: [i32; 3], mask: u64, reach: usize) -> TileDistances {
     let corner = tile.map(|c| c * TILE as i32);
     let absolute = |at: [usize; 3]| -> [i32; 3] { std::array::from_fn(|k| corner[k] + at[k] as i32) };
     let wanted: Vec<[usize; 3]> = (0..64).filter(|bit| mask >> bit & 1 == 1).map(block_of_bit).collect();
     let (skipped, computed): (Vec<_>, Vec<_>) = wanted.into_iter().partition(|at| seeds.are_all(absolute(*at)));
-    let mut results: Vec<_> = skipped.into_iter().map(|at| (block_key(absolute(at)), None)).collect();
+    let mut result = TileDistances { keys: skipped.into_iter().map(|at| (block_key(absolute(at)), false)).collect(), ..TileDistances::default() };
     let bound = |k: usize, pick: fn(usize, usize) -> usize| computed.iter().map(|at| at[k]).reduce(pick).unwrap_or(0);
     let low = [0, 1, 2].map(|k| bound(k, usize::min));
     let size = [0, 1, 2].map(|k| bound(k, usize::max) + 1 - low[k]);
     let any = !computed.is_empty() && transform.run(BlockBox { low: absolute(low), size }, reach, &seeds);
     for at in computed {
-        let distances = if any { transform.block(std::array::from_fn(|k| at[k] - low[k]), reach, FAR) } else { [FAR; 512] };
-        let is_stored = distances.iter().any(|d| *d != FAR) && !(matches!(seeds, Seeds::NotFree(_)) && distances == [0; 512]);
-        results.push((block_key(absolute(at)), is_stored.then(|| Box::new(distances))));
+        let mut is_stored = false;
+        if any {
+            let distances = transform.block(std::array::from_fn(|k| at[k] - low[k]), reach, FAR);
+            is_stored = distances.iter().any(|d| *d != FAR) && !(matches!(seeds, Seeds::NotFree(_)) && distances == [0; 512]);
+            if is_stored {
+                result.distances.push(distances);
+            }
+        }
+        result.keys.push((block_key(absolute(at)), is_stored));
     }
-    results
+    result
 }
 
 /// The box around the bits of a block, lowest and highest coordinates; none if no bit is set.

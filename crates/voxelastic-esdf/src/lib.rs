@@ -33,6 +33,7 @@ mod atlas;
 mod frame;
 mod layer;
 mod local;
+mod point_order;
 mod query;
 mod seeds;
 mod submap;

@@ -3,6 +3,7 @@
 use crate::atlas::{Esdf, submaps};
 use crate::frame::{SubmapFrame, corner_below};
 use crate::layer::{Distances, FAR, Layer};
+use crate::point_order::by_cells;
 use crate::submap::SubmapEsdf;
 use crate::surfaces::Surfaces;
 use rayon::prelude::*;
@@ -171,11 +172,23 @@ impl<'a> EsdfQuery<'a> {
     /// The distance at each of `points` (metres, map frame), as [`sample`](Self::sample) gives it. Uses the threads of the current pool.
     pub fn sample_many<T: Copy + Into<f64> + Sync>(&self, points: &[[T; 3]]) -> Vec<EsdfSample> {
         let mut samples = vec![NOTHING; points.len()];
-        samples.par_chunks_mut(PER_TASK).zip(points.par_chunks(PER_TASK)).for_each(|(samples, points)| {
-            let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(Into::into)).collect();
-            let known = self.look_up(&points, samples);
-            lower(samples, &known);
+        let Some(order) = by_cells(points) else {
+            samples.par_chunks_mut(PER_TASK).zip(points.par_chunks(PER_TASK)).for_each(|(samples, points)| {
+                let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(Into::into)).collect();
+                let known = self.look_up(&points, samples);
+                lower(samples, &known);
+            });
+            return samples;
+        };
+        let ordered = order.par_chunks(PER_TASK).flat_map_iter(|numbers| {
+            let points: Vec<[f64; 3]> = numbers.iter().map(|i| points[*i as usize].map(Into::into)).collect();
+            let mut samples = vec![NOTHING; points.len()];
+            let known = self.look_up(&points, &mut samples);
+            lower(&mut samples, &known);
+            samples
         });
+        let ordered: Vec<EsdfSample> = ordered.collect();
+        order.iter().zip(ordered).for_each(|(i, sample)| samples[*i as usize] = sample);
         samples
     }
 

@@ -68,14 +68,16 @@ impl BlockSet {
     }
 
     /// All blocks with a voxel whose centre is at most `reach` voxels, at most 48, from a voxel that changed. `changed_in` gives the box around the changed voxels of a
-    /// block of this set, lowest and highest coordinates in the block; none if nothing in it changed.
-    pub fn within_reach(&self, reach: usize, changed_in: impl Fn([i32; 3]) -> Option<[[i32; 3]; 2]>) -> Self {
+    /// block of this set, lowest and highest coordinates in the block; none if nothing in it changed. `limit` gives the largest squared distance from there that matters
+    /// in a block.
+    pub fn within_reach(&self, reach: usize, changed_in: impl Fn([i32; 3]) -> Option<[[i32; 3]; 2]>, mut limit: impl FnMut([i32; 3]) -> i32) -> Self {
         let by = blocks_within(reach) as i32;
         let mut result = Self::default();
         for (tile, mask) in &self.tiles {
             let mut planes = [[0u32; WINDOW]; WINDOW];
             for at in (0..64).filter(|bit| mask >> bit & 1 == 1).map(block_of_bit) {
-                let Some([low, high]) = changed_in(std::array::from_fn(|k| (tile[k] << 2) + at[k] as i32)) else { continue };
+                let block: [i32; 3] = std::array::from_fn(|k| (tile[k] << 2) + at[k] as i32);
+                let Some([low, high]) = changed_in(block) else { continue };
                 // Squared distance along an axis to the voxels of the block `d` blocks away.
                 let squared = |k: usize, d: i32| {
                     let gap = if d > 0 { EDGE * d - high[k] } else { low[k] - EDGE * d - (EDGE - 1) };
@@ -84,10 +86,16 @@ impl BlockSet {
                 let along_x: [i32; WINDOW] = std::array::from_fn(|i| squared(0, i as i32 - by));
                 for z in -by..=by {
                     for y in -by..=by {
-                        let left = (reach * reach) as i32 - squared(1, y) - squared(2, z);
-                        let row = (0..=2 * by as usize).filter(|i| along_x[*i] <= left).fold(0, |row, i| row | 1u32 << i);
+                        let across = squared(1, y) + squared(2, z);
                         let plane = &mut planes[(MARGIN as i32 + at[2] as i32 + z) as usize];
-                        plane[(MARGIN as i32 + at[1] as i32 + y) as usize] |= row << (MARGIN + at[0] - by as usize);
+                        let row = &mut plane[(MARGIN as i32 + at[1] as i32 + y) as usize];
+                        for x in -by..=by {
+                            let (squared, bit) = (across + along_x[(x + by) as usize], 1u32 << (MARGIN as i32 + at[0] as i32 + x));
+                            let is_within = squared <= (reach * reach) as i32 && *row & bit == 0;
+                            if is_within && squared <= limit([block[0] + x, block[1] + y, block[2] + z]) {
+                                *row |= bit;
+                            }
+                        }
                     }
                 }
             }
@@ -178,7 +186,9 @@ mod tests {
                 let low = in_block(block).reduce(|a, b| std::array::from_fn(|k| a[k].min(b[k])))?;
                 Some([low, in_block(block).reduce(|a, b| std::array::from_fn(|k| a[k].max(b[k])))?])
             };
-            let reached = set.within_reach(reach, bounds);
+            // Where the first coordinate is odd, only what is nearer matters.
+            let limit = |block: [i32; 3]| if block[0] % 2 == 0 { i32::MAX } else { 40 };
+            let reached = set.within_reach(reach, bounds, limit);
             let boxes: Vec<[[i32; 3]; 2]> = voxels.iter().map(|v| v.map(|c| c >> 3)).filter_map(|block| {
                 Some(bounds(block)?.map(|c| std::array::from_fn(|k| 8 * block[k] + c[k])))
             }).collect();
@@ -186,7 +196,7 @@ mod tests {
                 let block = [i % 24 - 12, i / 24 % 24 - 12, i / 576 - 12];
                 let is_near = |[low, high]: &[[i32; 3]; 2]| {
                     let gap = |k: usize| (8 * block[k] - high[k]).max(low[k] - 8 * block[k] - 7).max(0);
-                    (0..3).map(|k| gap(k).pow(2)).sum::<i32>() <= (reach * reach) as i32
+                    (0..3).map(|k| gap(k).pow(2)).sum::<i32>() <= limit(block).min((reach * reach) as i32)
                 };
                 prop_assert_eq!(reached.contains(block), boxes.iter().any(is_near), "{:?}, reach {}", block, reach);
             }

@@ -92,12 +92,12 @@ impl Transform {
     pub fn block(&self, at: [usize; 3], reach: usize, far: u16) -> [u16; 512] {
         let [nx, ny, _] = self.size;
         let mut distances = [far; 512];
+        let limit = (reach * reach) as i16;
         for (row, out) in distances.as_chunks_mut::<EDGE>().0.iter_mut().enumerate() {
             let (y, z) = (at[1] * EDGE + row % EDGE, at[2] * EDGE + row / EDGE);
             let first = (z * ny + y) * nx + at[0] * EDGE;
             for (out, squared) in out.iter_mut().zip(&self.squared[first..first + EDGE]) {
-                let squared = *squared as u16;
-                *out = if usize::from(squared) <= reach * reach { squared } else { far };
+                *out = if *squared <= limit { *squared as u16 } else { far };
             }
         }
         distances
@@ -214,23 +214,34 @@ fn distances_along_row<const N: usize>(row: u128, reach: usize) -> [i16; N] {
 fn nearest_across<'a, const N: usize>(squared: &mut [i16; N], at: usize, reach: usize, row: impl Fn(usize) -> Option<&'a [i16; N]>) -> bool {
     let mut nearest = [NOTHING; N];
     let mut any = false;
-    let mut lower = |nearest: &mut [i16; N], at: usize, across: i16| {
-        if let Some(row) = row(at) {
-            any = true;
+    let lower = |nearest: &mut [i16; N], at: usize, across: i16| {
+        let row = row(at);
+        if let Some(row) = row {
             nearest.iter_mut().zip(row).for_each(|(nearest, row)| *nearest = (*nearest).min(*row + across));
         }
+        row.is_some()
     };
-    lower(&mut nearest, at, 0);
+    any |= lower(&mut nearest, at, 0);
     for offset in 1..=reach {
         let across = (offset * offset) as i16;
-        if offset.is_power_of_two() && nearest.iter().fold(0, |most, v| most.max(*v)) <= across {
+        if any && offset.is_power_of_two() && most(&nearest) <= across {
             break;
         }
-        lower(&mut nearest, at - offset, across);
-        lower(&mut nearest, at + offset, across);
+        any |= lower(&mut nearest, at - offset, across);
+        any |= lower(&mut nearest, at + offset, across);
     }
     *squared = nearest;
     any
+}
+
+/// The largest of some numbers, eight at a time.
+#[inline]
+fn most<const N: usize>(numbers: &[i16; N]) -> i16 {
+    let mut most = [0i16; 8];
+    for eight in numbers.as_chunks::<8>().0 {
+        most.iter_mut().zip(eight).for_each(|(most, v)| *most = (*most).max(*v));
+    }
+    most.into_iter().fold(0, i16::max)
 }
 
 #[cfg(test)]

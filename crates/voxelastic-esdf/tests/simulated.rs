@@ -118,6 +118,19 @@ fn a_field_that_is_made_where_it_is_asked_for_answers_the_same() {
     }
 }
 
+#[test]
+fn any_number_of_points_has_the_same_answers() {
+    let (atlas, _) = room(3, FieldKind::Occupancy, 0.1);
+    let esdf = esdf(&atlas, 1.0, UnknownAs::Blocked);
+    let query = esdf.query(&atlas);
+    let share = |i: usize, step: f64| (i as f64 * step).fract();
+    let points: Vec<[f64; 3]> =
+        (0..40_000).map(|i| [12.0 * share(i, 0.7549) - 6.0, 10.0 * share(i, 0.5698) - 5.0, 4.0 * share(i, 0.4302) - 0.5]).collect();
+    let few: Vec<_> = points.chunks(1000).flat_map(|points| query.sample_many(points)).collect();
+    assert_eq!(query.sample_many(&points), few);
+    assert!(few.iter().filter(|sample| sample.distance > 0.1).count() > 5000);
+}
+
 proptest! {
     #[test]
     fn one_by_one_or_many_at_once_is_the_same(p in prop::array::uniform3(-8.0f64..8.0)) {
