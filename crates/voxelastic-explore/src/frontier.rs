@@ -1,7 +1,8 @@
 //! The frontier of a submap: where free space meets unknown space, by blocks, recomputed only where voxels changed their state.
 
 use hashbrown::{HashMap, HashSet};
-use voxelastic::field::occupancy::{BlockBits, OccupancyField};
+use std::collections::BTreeMap;
+use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField};
 use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_coords, block_key};
 
 /// The frontier in one block: the faces of its free voxels towards unknown ones.
@@ -15,75 +16,170 @@ pub(crate) struct BlockFrontier {
     pub faces: u32,
     /// Centre of an unknown voxel at one of the faces, finest voxels of the submap: what another submap may know.
     pub probe: [f32; 3],
+    /// Whether another submap knows it; none until that was looked up.
+    pub is_known_elsewhere: Option<bool>,
+}
+
+/// Where voxels of a field changed their state between two updates.
+#[derive(Clone, Debug)]
+pub(crate) enum Changes {
+    /// In these octants: by level, the keys of their first blocks without the bits below that level.
+    Octants(Vec<(u32, HashSet<u64>)>),
+    /// Anywhere.
+    Anywhere,
+}
+
+impl Changes {
+    fn of(octants: &[(u64, u32)]) -> Self {
+        let mut levels: Vec<(u32, HashSet<u64>)> = Vec::new();
+        for &(key, level) in octants {
+            match levels.iter_mut().find(|(other, _)| *other == level) {
+                Some((_, keys)) => {
+                    keys.insert(key >> (3 * level));
+                }
+                None => levels.push((level, HashSet::from([key >> (3 * level)]))),
+            }
+        }
+        Self::Octants(levels)
+    }
+
+    pub fn is_empty(&self) -> bool {
+        matches!(self, Self::Octants(levels) if levels.is_empty())
+    }
+
+    /// Whether voxels of a block may have changed.
+    pub fn has(&self, block: [i32; 3]) -> bool {
+        let key = block_key(block);
+        match self {
+            Self::Octants(levels) => levels.iter().any(|(level, keys)| keys.contains(&(key >> (3 * level)))),
+            Self::Anywhere => true,
+        }
+    }
 }
 
 /// The frontier of one submap.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SubmapFrontier {
     revision: Option<u64>,
-    pub blocks: HashMap<u64, BlockFrontier>,
+    /// In Morton order.
+    pub blocks: BTreeMap<u64, BlockFrontier>,
 }
 
 impl SubmapFrontier {
-    /// Brings the frontier up to date with a field; returns how many blocks were looked at.
-    pub fn update(&mut self, field: &OccupancyField) -> usize {
+    /// Brings the frontier up to date with a field; returns how many blocks were looked at, and where the field changed since the last time.
+    pub fn update(&mut self, field: &OccupancyField) -> (usize, Changes) {
         let flips = self.revision.replace(field.revision()).and_then(|revision| field.changes_since(revision));
-        let mut changed: HashSet<[i32; 3]> = HashSet::new();
+        let (mut octants, is_logged): (Vec<(u64, u32)>, bool) = (Vec::new(), flips.is_some());
         match flips {
-            Some(flips) => flips.for_each(|flip| add_with_neighbours(&mut changed, flip.key, u32::from(flip.level))),
+            Some(flips) => octants.extend(flips.map(|flip| (flip.key, u32::from(flip.level)))),
             None => {
                 self.blocks.clear();
                 field.tree().for_each(|key, level, octant| {
                     // Frontier belongs to free space.
                     if (octant.link == NONE || level == 0) && octant.payload.max != i8::MIN {
-                        add_with_neighbours(&mut changed, key, level);
+                        octants.push((key, level));
                     }
                 });
             }
         }
-        for block in &changed {
-            match block_frontier(field, *block) {
-                Some(frontier) => drop(self.blocks.insert(block_key(*block), frontier)),
-                None => drop(self.blocks.remove(&block_key(*block))),
+        octants.sort_unstable();
+        octants.dedup();
+        // In Morton order, so that what is looked up one after the other is near each other in memory.
+        let mut changed: Vec<u64> = Vec::with_capacity(7 * octants.len());
+        octants.iter().for_each(|(key, level)| add_with_neighbours(&mut changed, *key, *level));
+        changed.sort_unstable();
+        changed.dedup();
+        let mut states = States::new(field, changed.len());
+        for key in &changed {
+            match block_frontier(&mut states, *key) {
+                Some(frontier) => drop(self.blocks.insert(*key, frontier)),
+                None => drop(self.blocks.remove(key)),
             }
         }
-        changed.len()
+        (changed.len(), if is_logged { Changes::of(&octants) } else { Changes::Anywhere })
     }
 }
 
-/// Adds the blocks at the faces of an octant, on both sides: nothing changes within it, and nothing beyond.
-fn add_with_neighbours(blocks: &mut HashSet<[i32; 3]>, key: u64, level: u32) {
+/// The states of blocks that were looked up.
+struct States<'a> {
+    field: &'a OccupancyField,
+    blocks: HashMap<u64, BlockStates>,
+}
+
+impl<'a> States<'a> {
+    fn new(field: &'a OccupancyField, count: usize) -> Self {
+        Self { field, blocks: HashMap::with_capacity(2 * count) }
+    }
+
+    fn of(&mut self, key: u64) -> &BlockStates {
+        self.blocks.entry(key).or_insert_with(|| self.field.block_states(key))
+    }
+}
+
+/// Adds the keys of the blocks at the faces of an octant, on both sides: nothing changes within it, and nothing beyond.
+fn add_with_neighbours(blocks: &mut Vec<u64>, key: u64, level: u32) {
     let (low, edge) = (block_coords(key), 1i32 << level);
+    let mut add = |block: [i32; 3]| {
+        if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
+            blocks.push(block_key(block));
+        }
+    };
+    if level == 0 {
+        add(low);
+    }
     for axis in 0..3 {
         for depth in [-1, 0, edge - 1, edge] {
+            if level == 0 && depth == 0 {
+                continue;
+            }
             for i in 0..edge * edge {
-                let mut offset = [0; 3];
-                (offset[axis], offset[(axis + 1) % 3], offset[(axis + 2) % 3]) = (depth, i % edge, i / edge);
-                let block: [i32; 3] = std::array::from_fn(|k| low[k] + offset[k]);
-                if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
-                    blocks.insert(block);
-                }
+                let mut block = low;
+                block[axis] += depth;
+                block[(axis + 1) % 3] += i % edge;
+                block[(axis + 2) % 3] += i / edge;
+                add(block);
             }
         }
+    }
+}
+
+/// The free voxels of a block at its face towards `side` along `axis`.
+fn at_face(free: &BlockBits, axis: usize, side: i32) -> bool {
+    const LOWEST: u64 = 0x0101_0101_0101_0101;
+    let all = || free.iter().fold(0, |all, word| all | word);
+    match (axis, side) {
+        (0, 1) => all() & LOWEST << 7 != 0,
+        (0, _) => all() & LOWEST != 0,
+        (1, 1) => all() >> 56 != 0,
+        (1, _) => all() & 0xff != 0,
+        (_, 1) => free[7] != 0,
+        _ => free[0] != 0,
     }
 }
 
 /// The frontier in a block; none if there is none.
-pub(crate) fn block_frontier(field: &OccupancyField, block: [i32; 3]) -> Option<BlockFrontier> {
-    let states = field.block_states(block_key(block));
-    if states.free == [0; 8] {
+fn block_frontier(states: &mut States<'_>, key: u64) -> Option<BlockFrontier> {
+    let own = *states.of(key);
+    if own.free == [0; 8] {
         return None;
     }
-    let own = states.unknown();
+    let (free, own) = (own.free, own.unknown());
+    let block = block_coords(key);
     let (mut faces, mut sum, mut normal, mut probe) = (0u32, [0u32; 3], [0i32; 3], None);
     for axis in 0..3 {
         for side in [-1i32, 1] {
-            let mut neighbour = block;
-            neighbour[axis] += side;
-            let next = field.block_states(block_key(neighbour)).unknown();
+            let next = if at_face(&free, axis, side) {
+                let mut neighbour = block;
+                neighbour[axis] += side;
+                states.of(block_key(neighbour)).unknown()
+            } else if own == [0; 8] {
+                continue;
+            } else {
+                [0; 8]
+            };
             let found: BlockBits = {
                 let unknown = shifted(&own, &next, axis, side);
-                std::array::from_fn(|z| states.free[z] & unknown[z])
+                std::array::from_fn(|z| free[z] & unknown[z])
             };
             for (z, &word) in found.iter().enumerate().filter(|(_, word)| **word != 0) {
                 let mut bits = word;
@@ -112,6 +208,7 @@ pub(crate) fn block_frontier(field: &OccupancyField, block: [i32; 3]) -> Option<
         normal: normal.map(|c| c as f32),
         faces,
         probe: absolute(probe),
+        is_known_elsewhere: None,
     })
 }
 
@@ -132,7 +229,6 @@ fn shifted(own: &BlockBits, next: &BlockBits, axis: usize, side: i32) -> BlockBi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
     use voxelastic::field::occupancy::State;
     use voxelastic::settings::FieldKind;
     use voxelastic::{Settings, event::Event, mapper::Mapper};
@@ -174,10 +270,11 @@ mod tests {
                 mapper.handle(Event::Scan(voxelastic::event::Scan { node, ..scan })).unwrap();
                 node += 1;
                 let field = mapper.atlas().submaps()[0].occupancy();
-                looked += frontier.update(field);
-                assert_eq!(frontier.update(field), 0);
+                looked += frontier.update(field).0;
+                let (again, changes) = frontier.update(field);
+                assert!(again == 0 && changes.is_empty());
                 let mut anew = SubmapFrontier::default();
-                whole += anew.update(field);
+                whole += anew.update(field).0;
                 let sorted = |frontier: &SubmapFrontier| {
                     frontier.blocks.iter().map(|(k, b)| (*k, (b.faces, b.position, b.normal))).collect::<BTreeMap<_, _>>()
                 };
