@@ -172,7 +172,7 @@ static OF_BITS: [[i16; 8]; 256] = {
     let mut of_bits = [[NOTHING; 8]; 256];
     let mut i = 0;
     while i < 8 * 256 {
-        if i / 8 >> (i % 8) & 1 == 1 {
+        if ((i / 8) >> (i % 8)) & 1 == 1 {
             of_bits[i / 8][i % 8] = 0;
         }
         i += 1;

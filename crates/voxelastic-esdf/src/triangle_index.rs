@@ -62,9 +62,9 @@ impl Node {
     #[inline]
     fn squared_distances(&self, p: [f32; 3]) -> [f32; WIDTH] {
         let mut squared = [0.0; WIDTH];
-        for k in 0..3 {
-            for (i, squared) in squared.iter_mut().enumerate() {
-                let outside = (self.low[k][i] - p[k]).max(p[k] - self.high[k][i]).max(0.0);
+        for ((low, high), c) in self.low.iter().zip(&self.high).zip(p) {
+            for ((squared, low), high) in squared.iter_mut().zip(low).zip(high) {
+                let outside = (low - c).max(c - high).max(0.0);
                 *squared += outside * outside;
             }
         }
