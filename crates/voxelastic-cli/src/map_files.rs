@@ -28,7 +28,7 @@ pub struct LoadArgs {
     /// Leave out submaps whose files are damaged or missing, and count them, instead of failing
     #[arg(long)]
     pub skip_damaged: bool,
-    /// Show, too, what later sessions saw to be gone: otherwise surfaces and occupied space where they know free space only are left out
+    /// Show, too, what later sessions, or laps with --laps apart, saw to be gone: otherwise surfaces and occupied space where they know free space only are left out
     #[arg(long)]
     pub keep_vanished: bool,
     /// Memory that the program may have, such as 500MB: what of the map, and of what is made of it, is beyond that is kept in files in TMPDIR or /var/tmp
@@ -52,11 +52,11 @@ pub fn load(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     load_from(open(path)?, args)
 }
 
-/// Loads a map for its surfaces: without the occupancy of submaps that have a TSDF, unless sessions tell by it what is gone.
+/// Loads a map for its surfaces: without the occupancy of submaps that have a TSDF, unless sessions or laps tell by it what is gone.
 pub fn load_surfaces(path: &Path, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     let store = open(path)?;
-    let compares_sessions = !args.keep_vanished && store.manifest().all_sessions().len() > 1;
-    load_from(if compares_sessions { store } else { store.for_surfaces() }, args)
+    let compares_ages = !args.keep_vanished && store.has_ages(&settings_of(&store)?);
+    load_from(if compares_ages { store } else { store.for_surfaces() }, args)
 }
 
 fn load_from(store: MapStore, args: LoadArgs) -> anyhow::Result<LoadedMap> {
@@ -74,11 +74,13 @@ fn load_from(store: MapStore, args: LoadArgs) -> anyhow::Result<LoadedMap> {
     Ok(LoadedMap { atlas, settings, origin, damaged })
 }
 
-/// The map without what later sessions saw to be gone.
+/// The map without what later sessions and laps saw to be gone.
 fn newest(store: &MapStore, atlas: Atlas, settings: &Settings) -> Atlas {
     let (atlas, RemovedVoxels { surface, occupied }) = store.without_vanished(atlas, settings);
     if surface + occupied > 0 {
-        tracing::info!("{surface} surface voxels of earlier sessions are left out: later ones saw free space there (--keep-vanished shows them)");
+        tracing::info!(
+            "{surface} surface voxels of earlier sessions or laps are left out: later ones saw free space there (--keep-vanished shows them)"
+        );
     }
     atlas
 }

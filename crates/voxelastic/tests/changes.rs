@@ -1,12 +1,13 @@
 //! What two maps of one place differ in, against worlds that are known exactly.
 
-use voxelastic::atlas::Atlas;
 use voxelastic::atlas::fusion::FusionSettings;
+use voxelastic::atlas::{Atlas, SubmapId, laps};
 use voxelastic::changes::{ChangeError, ChangeOptions, ChangedPiece, Changes, RemovedVoxels, changes, keep_newest};
-use voxelastic::event::{Event, Scan};
+use voxelastic::event::{Edge, Event, Scan};
 use voxelastic::field::occupancy::State;
+use voxelastic::mapper::Assignment;
 use voxelastic::sensor::BeamModel;
-use voxelastic::settings::FieldKind;
+use voxelastic::settings::{Dynamic, FieldKind, Laps};
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Mapper, Pose, Settings};
 use voxelastic_sim::random::Stream;
@@ -218,4 +219,145 @@ fn what_later_sessions_saw_to_be_gone_leaves_the_map() {
         pool.install(|| keep_newest(all.clone(), age, 0.3, &settings).0.mesh(&MeshOptions::default()))
     };
     assert_eq!(with(1), with(3));
+}
+
+/// A car that is parked during the first lap, and a chest that is there during the second.
+const CAR: [[f64; 3]; 2] = [[9.5, -2.0, 0.0], [11.3, 2.0, 1.5]];
+const CHEST: [[f64; 3]; 2] = [[-11.5, -3.0, 0.0], [-10.3, -1.8, 1.2]];
+
+/// A yard of 26 x 26 m with a house in its middle, in the first or in the second lap.
+fn around_a_house(lap: u32) -> World {
+    let mut builder = WorldBuilder::new("around", 1);
+    builder.ground(0.0, 0.4);
+    builder.cuboid([-4.0, -4.0, 0.0], [4.0, 4.0, 3.0], 0.5);
+    for (a, b) in [([-13.2, -13.2], [13.2, -13.0]), ([-13.2, 13.0], [13.2, 13.2]), ([-13.2, -13.0], [-13.0, 13.0]), ([13.0, -13.0], [13.2, 13.0])] {
+        builder.cuboid([a[0], a[1], 0.0], [b[0], b[1], 3.0], 0.5);
+    }
+    let [low, high] = if lap == 1 { CAR } else { CHEST };
+    builder.cuboid(low, high, 0.5);
+    builder.build().unwrap()
+}
+
+/// Scans of nearly two laps around the house, 1.6 m apart: 37 of the first and 37 of the second, which lies `aside` metres beside the first.
+fn two_laps(settings: Settings, aside: [f64; 3]) -> (Mapper, Vec<Assignment>) {
+    let lidar = Lidar::new(BeamModel::even(64, 1024, 0.39, -0.39).unwrap(), LidarSettings::default()).unwrap();
+    let worlds = [1, 2].map(around_a_house);
+    let mut mapper = Mapper::new(Settings { voxel_size: 0.1, max_range: 30.0, lambda_odom: 12.0, ..settings }).unwrap();
+    let mut assignments = Vec::new();
+    for node in 0..74u32 {
+        let (way, lap) = (1.6 * f64::from(node), usize::from(node >= 37));
+        let (side, along) = ((way / 16.0) as usize % 4, way % 16.0 - 8.0);
+        let [x, y] = [[8.0, along], [-along, 8.0], [-8.0, -along], [along, -8.0]][side];
+        let cloud = lidar.scan(&worlds[lap], |_| Pose::translation(x, y, 1.5), &Stream::new(5, &[u64::from(node)]));
+        let [dx, dy, dz] = aside.map(|c| c * lap as f64);
+        let t_map_lidar = Pose::translation(x + dx, y + dy, 1.5 + dz);
+        let report = mapper.handle(Event::Scan(Scan { node: node.into(), time: f64::from(node), t_map_lidar, cloud })).unwrap().unwrap();
+        assignments.push(report.assignment);
+        if node >= 40 {
+            // A loop that is closed by the poses as they are.
+            let t_from_to = mapper.pose((node - 40).into()).unwrap().inv_mul(&t_map_lidar);
+            mapper.handle(Event::LoopEdge(Edge { from: (node - 40).into(), to: node.into(), t_from_to, information: None })).unwrap();
+        }
+    }
+    mapper.finish();
+    (mapper, assignments)
+}
+
+/// The first lap, and the second.
+fn parts(atlas: &Atlas) -> [Atlas; 2] {
+    let laps = laps(atlas.submaps());
+    [1, 2].map(|lap| {
+        let submaps = atlas.submaps().iter().filter(|submap| laps[&submap.id()] == lap);
+        Atlas::from_submaps(atlas.voxel_size(), submaps.cloned().collect())
+    })
+}
+
+/// Whether a point is within `by` metres of a box.
+fn is_near_box(p: &[f32; 3], [low, high]: [[f64; 3]; 2], by: f64) -> bool {
+    (0..3).all(|k| f64::from(p[k]) > low[k] - by && f64::from(p[k]) < high[k] + by)
+}
+
+/// Fails unless one thing vanished, the car, and one appeared, the chest.
+fn assert_car_and_chest(found: &Changes, by: f64, least_area: f64) {
+    for (pieces, thing) in [(&found.vanished, CAR), (&found.appeared, CHEST)] {
+        let at: Vec<_> = pieces.iter().map(|piece| (piece.bounds, piece.area)).collect();
+        assert!(pieces.len() == 1 && pieces[0].area > least_area, "{at:?}");
+        assert!(pieces[0].mesh.positions.iter().all(|p| is_near_box(p, thing, by)), "{at:?}");
+    }
+}
+
+#[test]
+fn what_changed_between_laps_is_found_and_the_map_shows_the_last() {
+    let apart = Settings { field: FieldKind::Both, laps: Laps::Apart, ..Settings::default() };
+    // The second lap lies 11 cm beside the first and 2 cm above it.
+    let aside = [0.09, -0.07, 0.02];
+    let (mapper, assignments) = two_laps(apart.clone(), aside);
+    assert!(assignments.iter().all(|assignment| matches!(assignment, Assignment::NewSubmap | Assignment::Continue)));
+    assert_eq!(mapper.elastic_counts().fusions, 0);
+    let atlas = mapper.into_atlas();
+    let of_lap = |lap: u32| laps(atlas.submaps()).into_iter().filter(|(_, of)| *of == lap).map(|(id, _)| id).collect::<Vec<SubmapId>>();
+    assert_eq!(of_lap(1).len() + of_lap(2).len(), atlas.submaps().len());
+    for lap in [1, 2] {
+        let nodes: Vec<u64> = of_lap(lap).iter().flat_map(|id| atlas.submap(*id).unwrap().scans()).map(|scan| scan.node).collect();
+        assert!(nodes.iter().all(|node| (*node >= 37) == (lap == 2)), "{nodes:?}");
+        assert!(of_lap(lap).len() >= 3);
+    }
+    let [first, second] = parts(&atlas);
+    assert_car_and_chest(&compare(&first, &second), 0.3, 1.5);
+
+    let settings = FusionSettings::from(&Settings { voxel_size: 0.1, ..Settings::default() });
+    let lap_of = laps(atlas.submaps());
+    let (newest, removed) = keep_newest(atlas.clone(), |id| lap_of[&id], 0.3, &settings);
+    assert!(removed.surface > 500 && removed.occupied > 100, "{removed:?}");
+    let count =
+        |atlas: &Atlas, wanted: &dyn Fn(&[f32; 3]) -> bool| atlas.mesh(&MeshOptions::default()).positions.iter().filter(|p| wanted(p)).count();
+    let on_car = |p: &[f32; 3]| is_near_box(p, CAR, 0.3) && p[2] > 0.45;
+    let (was, is) = (count(&atlas, &on_car), count(&newest, &on_car));
+    assert!(was > 500 && is == 0, "{is} of {was} vertices of the car");
+    let elsewhere = |p: &[f32; 3]| !is_near_box(p, CAR, 0.5);
+    let (old, new) = (count(&atlas, &elsewhere), count(&newest, &elsewhere));
+    assert!(new * 1000 > old * 998 && old > 20_000, "{new} of {old} vertices");
+
+    // What moves is removed within a lap: a car that stood all the time is there, and vanishes with the second.
+    let (mapper, _) = two_laps(Settings { dynamic: Dynamic::Remove, ..apart }, aside);
+    let [first, second] = parts(&mapper.into_atlas());
+    assert_car_and_chest(&compare(&first, &second), 0.3, 1.5);
+
+    // Laps that are not kept apart share submaps.
+    let (mapper, assignments) = two_laps(Settings { field: FieldKind::Both, ..Settings::default() }, aside);
+    assert!(assignments.iter().any(|assignment| !matches!(assignment, Assignment::NewSubmap | Assignment::Continue)));
+    assert!(mapper.atlas().submaps().len() < atlas.submaps().len());
+}
+
+#[test]
+fn laps_that_do_not_fit_erase_no_walls() {
+    // Farther than the margin, to one side and upwards.
+    let apart = Settings { field: FieldKind::Both, laps: Laps::Apart, ..Settings::default() };
+    let atlas = two_laps(apart.clone(), [0.47, 0.0, 0.05]).0.into_atlas();
+    let [first, second] = parts(&atlas);
+    let with_margin = |is_fitted| changes(&first, &second, &ChangeOptions { is_fitted, ..ChangeOptions::for_voxels(0.1) }).unwrap();
+    let exact = with_margin(false);
+    let walls: f64 = exact.vanished.iter().filter(|piece| !is_near_box(&piece.mesh.positions[0], CAR, 0.5)).map(|piece| piece.area).sum();
+    assert!(walls > 5.0 && (exact.widest_margin - 0.3).abs() < 1e-6, "{walls} m2 of walls beside their places");
+    let fitted = with_margin(true);
+    assert!(fitted.widest_margin > 0.5 && fitted.widest_margin <= 1.0, "{}", fitted.widest_margin);
+    assert_car_and_chest(&fitted, 0.6, 0.3);
+
+    let settings = FusionSettings::from(&Settings { voxel_size: 0.1, ..Settings::default() });
+    let lap_of = laps(atlas.submaps());
+    let newest = |atlas: &Atlas| keep_newest(atlas.clone(), |id| lap_of[&id], 0.3, &settings).0;
+    let elsewhere = |atlas: &Atlas| {
+        let positions: Vec<[f32; 3]> = parts(atlas)[0].mesh(&MeshOptions::default()).positions;
+        positions.iter().filter(|p| !is_near_box(p, CAR, 0.8)).count()
+    };
+    let (old, new) = (elsewhere(&atlas), elsewhere(&newest(&atlas)));
+    assert!(new * 1000 > old * 998 && old > 20_000, "{new} of {old} vertices");
+
+    // A metre apart, nothing can be told.
+    let atlas = two_laps(apart, [1.0, 0.3, 0.0]).0.into_atlas();
+    let [first, second] = parts(&atlas);
+    let found = compare(&first, &second);
+    assert!(found.appeared.is_empty() && found.vanished.is_empty());
+    let removed = keep_newest(atlas, |id| lap_of[&id], 0.3, &settings).1;
+    assert_eq!(removed, RemovedVoxels::default());
 }

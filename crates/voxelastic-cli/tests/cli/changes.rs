@@ -135,3 +135,80 @@ fn maps_with_other_origins_are_compared_and_those_without_free_space_are_refused
     fails(dir, "changes first.vox second.vox --margin 11", 1, &["a margin is 0 to 10 metres"]);
     fails(dir, "changes first.vox missing.vox", 1, &["missing.vox"]);
 }
+
+/// Two laps around a house in a yard of 26 x 26 m, 37 scans each, as a folder. During the first a car is parked there, during the second a chest stands elsewhere.
+fn write_laps(dir: &Path) {
+    let world = |lap: u32| {
+        let mut builder = WorldBuilder::new("around", 1);
+        builder.ground(0.0, 0.4);
+        builder.cuboid([-4.0, -4.0, 0.0], [4.0, 4.0, 3.0], 0.5);
+        builder.cuboid([-13.2, -13.2, 0.0], [13.2, -13.0, 3.0], 0.5);
+        builder.cuboid([-13.2, 13.0, 0.0], [13.2, 13.2, 3.0], 0.5);
+        builder.cuboid([-13.2, -13.0, 0.0], [-13.0, 13.0, 3.0], 0.5);
+        builder.cuboid([13.0, -13.0, 0.0], [13.2, 13.0, 3.0], 0.5);
+        if lap == 0 {
+            builder.cuboid([9.5, -2.0, 0.0], [11.3, 2.0, 1.5], 0.5);
+        } else {
+            builder.cuboid([-11.5, -3.0, 0.0], [-10.3, -1.8, 1.2], 0.5);
+        }
+        builder.build().unwrap()
+    };
+    let (worlds, lidar) = ([world(0), world(1)], Lidar::new(BeamModel::even(64, 1024, 0.39, -0.39).unwrap(), LidarSettings::default()).unwrap());
+    fs::create_dir_all(dir.join("laps/scans")).unwrap();
+    let mut all = Vec::new();
+    for node in 0..74u32 {
+        let (way, lap) = (1.6 * f64::from(node), usize::from(node >= 37));
+        let (side, along) = ((way / 16.0) as usize % 4, way % 16.0 - 8.0);
+        let [x, y] = [[8.0, along], [-along, 8.0], [-8.0, -along], [along, -8.0]][side];
+        let cloud = lidar.scan(&worlds[lap], |_| Pose::translation(x, y, 1.5), &Stream::new(5, &[u64::from(node)]));
+        pcd::write(dir.join(format!("laps/scans/{node:06}.pcd")), &cloud).unwrap();
+        // The second lap lies 11 cm beside the first.
+        let [dx, dy] = if lap == 0 { [0.0; 2] } else { [0.09, -0.07] };
+        all.push((f64::from(node), Pose::translation(x + dx, y + dy, 1.5)));
+    }
+    poses::write_tum(dir.join("laps/poses.tum"), &all).unwrap();
+}
+
+#[test]
+fn changes_between_laps_of_one_run_are_listed_and_drawn() {
+    let temporary = tempfile::tempdir().unwrap();
+    let dir = temporary.path();
+    write_laps(dir);
+    let mapped = "map laps --field both --voxel-size 0.1 --max-range 30 --lambda-odom 12 -q";
+    works(dir, &format!("{mapped} --laps apart -o laps.vox"));
+    let found = json(dir, "changes laps.vox --json --appeared new.ply --vanished gone.ply --picture changes.png -q");
+    for (key, centre) in [("appeared", [-10.9, -2.4]), ("vanished", [10.4, 0.0])] {
+        let list = found[key].as_array().unwrap();
+        assert_eq!((list.len(), &list[0]["lap"]), (1, &2.into()), "{key}: {list:?}");
+        let at = [0, 1].map(|k| list[0]["centre_m"][k].as_f64().unwrap());
+        assert!((0..2).all(|k| (at[k] - centre[k]).abs() < 0.6), "{key} at {at:?}");
+    }
+    assert!(found["widest_margin_m"].as_f64().unwrap() < 0.5);
+    assert!(ply::read_mesh(dir.join("gone.ply")).unwrap().positions.iter().all(|p| p[0] > 9.0 && p[1].abs() < 2.5));
+    assert!(fs::read(dir.join("changes.png")).unwrap().starts_with(b"\x89PNG"));
+    assert_eq!(json(dir, "changes laps.vox --lap 2 --json -q")["vanished"], found["vanished"]);
+    let text = works(dir, "changes laps.vox -q");
+    assert_eq!(text.lines().map(|line| &line[..18]).collect::<Vec<_>>(), ["appeared  in lap 2", "vanished  in lap 2"]);
+    fails(dir, "changes laps.vox --lap 1", 2, &["nothing was there before lap 1"]);
+    fails(dir, "changes laps.vox --lap 3", 2, &["it has 2 lap(s)"]);
+
+    // The map shows the last lap, and everything where that is asked for.
+    let car_in = |mesh: &str| {
+        let is_car = |p: &&[f32; 3]| p[0] > 9.2 && p[0] < 11.6 && p[1].abs() < 2.3 && p[2] > 0.45;
+        ply::read_mesh(dir.join(mesh)).unwrap().positions.iter().filter(is_car).count()
+    };
+    works(dir, "mesh laps.vox -o newest.ply -q");
+    works(dir, "mesh laps.vox -o all.ply --keep-vanished -q");
+    assert_eq!(car_in("newest.ply"), 0);
+    assert!(car_in("all.ply") > 300);
+
+    // In a map of several sessions, those are compared.
+    fs::rename(dir.join("laps"), dir.join("again")).unwrap();
+    works(dir, "map again --into laps.vox -q");
+    fails(dir, "changes laps.vox --lap 2", 2, &["it has 2 sessions"]);
+
+    works(dir, &format!("{} -o fused.vox", mapped.replace("laps", "again")));
+    fails(dir, "changes fused.vox --lap 2", 2, &["its laps were not kept apart", "--laps apart"]);
+    fails(dir, "changes fused.vox", 2, &["--laps apart"]);
+    fails(dir, &format!("{} --laps apart --storage once -o x.vox", mapped.replace("laps", "again")), 2, &["each lap keeps what it saw"]);
+}

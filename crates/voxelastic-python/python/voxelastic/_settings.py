@@ -41,6 +41,7 @@ class SettingArguments(TypedDict, total=False):
     max_scale: int
     interpolate: float
     dynamic: Literal["keep", "remove"]
+    laps: Literal["fused", "apart"]
     storage: Literal["all", "once"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
@@ -140,6 +141,11 @@ class Settings:
     dynamic: Literal["keep", "remove"] = "keep"
     """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set
     aside, and surfaces in space that is free before or after are removed at the end). Allowed: keep | remove.
+    """
+    laps: Literal["fused", "apart"] = "fused"
+    """What becomes of the laps of a run, each of which ends where the sensor comes back after 10 m or more: fused (what is seen again
+    goes into the submaps that are there), or apart (each lap has submaps of its own, so that changes between them can be told, at the
+    price of memory). Allowed: fused | apart.
     """
     storage: Literal["all", "once"] = "all"
     """How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks

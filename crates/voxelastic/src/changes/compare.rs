@@ -1,5 +1,6 @@
 //! The comparison of two maps.
 
+use super::fit::{Fit, Margins};
 use super::pieces::{ChangedPiece, area, pieces};
 use super::void::are_void;
 use crate::atlas::Atlas;
@@ -12,6 +13,9 @@ use crate::surface::{Mesh, MeshOptions};
 pub struct ChangeOptions {
     /// How far from a changed surface the other map must know nothing but free space, metres: more than the two maps lie beside each other.
     pub margin: f64,
+    /// Whether the margin is wider where the maps fit less well: twice as wide as three quarters of the surfaces around that face one way lie beside the other map's, at most.
+    /// Nothing has changed where most surfaces along one axis have none of the other map within half a metre.
+    pub is_fitted: bool,
     /// Smallest area of a piece, square metres. Smaller ones are not listed.
     pub least_area: f64,
     /// The surfaces.
@@ -19,9 +23,9 @@ pub struct ChangeOptions {
 }
 
 impl ChangeOptions {
-    /// A margin of three voxels, at least 15 cm, and pieces from 0.1 square metres on, for maps of voxels of `voxel_size` metres.
+    /// A margin of three voxels, at least 15 cm, wider where maps fit less well, and pieces from 0.1 square metres on, for maps of voxels of `voxel_size` metres.
     pub fn for_voxels(voxel_size: f32) -> Self {
-        Self { margin: (3.0 * f64::from(voxel_size)).max(0.15), least_area: 0.1, mesh: MeshOptions::default() }
+        Self { margin: (3.0 * f64::from(voxel_size)).max(0.15), is_fitted: true, least_area: 0.1, mesh: MeshOptions::default() }
     }
 }
 
@@ -51,6 +55,8 @@ pub struct Changes {
     pub compared_area: f64,
     /// Area of the newer map's surface, square metres.
     pub area: f64,
+    /// The widest margin that was taken, metres.
+    pub widest_margin: f64,
     /// The newer map's surface, map frame, metres.
     pub surface: Mesh,
 }
@@ -81,18 +87,24 @@ pub fn changes(before: &Atlas, after: &Atlas, options: &ChangeOptions) -> Result
     let (older, newer) = (before.query(), after.query());
     let mesh = after.mesh(&options.mesh);
     let states = older.states(&mesh.positions);
-    let appeared = changed(&mesh, &states, &older, options);
+    let margins = |atlas: &Atlas, other| match options.is_fitted {
+        true => Fit::of(atlas.submaps(), other, options.margin).margins(),
+        false => Margins::even(options.margin),
+    };
+    let (of_appeared, of_vanished) = (margins(after, &older), margins(before, &newer));
+    let appeared = changed(&mesh, &states, (&older, &of_appeared), options);
     let is_compared = |triangle: &&[u32; 3]| triangle.iter().any(|&vertex| states[vertex as usize] != State::Unknown);
     let area_of = |triangle: &[u32; 3]| area(&mesh, *triangle);
     let compared_area = mesh.triangles.iter().filter(is_compared).map(area_of).sum();
     let area = mesh.triangles.iter().map(area_of).sum();
     let old_mesh = before.mesh(&options.mesh);
-    let vanished = changed(&old_mesh, &newer.states(&old_mesh.positions), &newer, options);
-    Ok(Changes { appeared, vanished, compared_area, area, surface: mesh })
+    let vanished = changed(&old_mesh, &newer.states(&old_mesh.positions), (&newer, &of_vanished), options);
+    let widest_margin = of_appeared.widest().max(of_vanished.widest());
+    Ok(Changes { appeared, vanished, compared_area, area, widest_margin, surface: mesh })
 }
 
-/// The pieces of a surface where the `other` map, in which its vertices have `states`, knows free space only.
-fn changed(mesh: &Mesh, states: &[State], other: &AtlasQuery<'_>, options: &ChangeOptions) -> Vec<ChangedPiece> {
-    let is_changed = are_void(other, &mesh.positions, states, options.margin);
+/// The pieces of a surface where the `other` map, in which its vertices have `states`, knows free space only, with these margins.
+fn changed(mesh: &Mesh, states: &[State], (other, margins): (&AtlasQuery<'_>, &Margins), options: &ChangeOptions) -> Vec<ChangedPiece> {
+    let is_changed = are_void(other, &mesh.positions, states, |p| margins.at(p));
     pieces(mesh, |triangle| triangle.iter().all(|&vertex| is_changed[vertex as usize]), options.margin.max(0.05), options.least_area)
 }

@@ -5,6 +5,7 @@
 //! other's. What stands on the ground is found from that height on.
 
 mod compare;
+mod fit;
 mod newest;
 mod pieces;
 mod void;

@@ -1,5 +1,6 @@
 //! A map as it was at last: what later sessions saw to be gone is removed from earlier ones.
 
+use super::fit::Fit;
 use super::void::are_void;
 use crate::atlas::fusion::{BlockVotes, FusionSettings, add_votes};
 use crate::atlas::{Atlas, Submap, SubmapId};
@@ -25,8 +26,8 @@ pub struct RemovedVoxels {
     pub occupied: usize,
 }
 
-/// Removes surfaces and occupied space from submaps where submaps of a larger `age`, such as those of a later session, know free space only, within `margin` metres
-/// as well; beside what is gone, a third of the margin is enough, so that of a thing on the ground little more than its foot stays. Nothing changes where the newer submaps or the
+/// Removes surfaces and occupied space from submaps where submaps of a larger `age`, such as those of a later session or lap, know free space only, within `margin` metres
+/// as well, or more where the submap fits less well on the newer ones, see [`ChangeOptions::is_fitted`](super::ChangeOptions::is_fitted); beside what is gone, a third of the margin is enough, so that of a thing on the ground little more than its foot stays. Nothing changes where the newer submaps or the
 /// older ones have no occupancy.
 ///
 /// Runs in parallel; the result does not depend on the number of threads.
@@ -39,6 +40,10 @@ pub fn keep_newest(atlas: Atlas, age: impl Fn(SubmapId) -> u32, margin: f64, set
         let query = newer.query();
         if !query.is_empty() {
             for submap in &mut submaps {
+                let margin = Fit::of([&*submap], &query, margin).margin_of_all();
+                if !margin.is_finite() {
+                    continue;
+                }
                 let RemovedVoxels { surface, occupied } = remove_vanished(submap, &query, margin, settings);
                 removed = RemovedVoxels { surface: removed.surface + surface, occupied: removed.occupied + occupied };
             }
@@ -163,7 +168,7 @@ impl<'a> GoneSpace<'a> {
     /// Which of some points of the submap, finest voxels, have nothing but free space of the newer map within `margin`.
     fn are_void(&self, centres: &[[f32; 3]], margin: f64) -> Vec<bool> {
         let points: Vec<[f64; 3]> = centres.iter().map(|c| self.in_map(c)).collect();
-        are_void(self.newer, &points, &self.newer.states(&points), margin)
+        are_void(self.newer, &points, &self.newer.states(&points), |_| margin)
     }
 }
 

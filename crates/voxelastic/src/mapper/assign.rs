@@ -9,7 +9,7 @@ use super::frontend::FrontendScan;
 use super::report::Assignment;
 use crate::atlas::graph::LinkKind;
 use crate::atlas::overlap::{OverlapQuery, overlap};
-use crate::atlas::{Atlas, NodeSet, SubmapId};
+use crate::atlas::{Atlas, NodeSet, SubmapId, ends_lap, laps};
 use crate::event::{Edge, NodeId, Scan};
 use crate::geometry::{Pose, PoseExt, Rigid};
 
@@ -51,6 +51,29 @@ pub(super) fn assign(
         return (found.submap, Assignment::Overlap);
     }
     (atlas.spawn(*t_map_lidar), Assignment::NewSubmap)
+}
+
+/// The submap for `scan`, its node in the graph already, where laps are kept apart: the one that the last scan went into, as long as its root is near and the scan does
+/// not end the lap that began with submap `lap`. May add a submap, and begin a lap with it.
+pub(super) fn assign_within_lap(clusters: &Clusters, atlas: &mut Atlas, scan: &Scan, lap: &mut Option<SubmapId>) -> (SubmapId, Assignment) {
+    let current = clusters.graph.odometry_neighbours(scan.node).find_map(|n| clusters.assignments.submap_of(n));
+    let first = *lap.get_or_insert_with(|| {
+        let laps = laps(atlas.submaps());
+        let last = laps.values().last().copied();
+        laps.into_iter().find(|(_, lap)| Some(*lap) == last).map_or(0, |(id, _)| id)
+    });
+    let ends_lap = ends_lap(atlas.submaps(), first, &scan.t_map_lidar);
+    let is_near = || clusters.rule.submap_by_distance(&clusters.graph, &clusters.assignments, scan.node, current) == current;
+    match current {
+        Some(id) if !ends_lap && is_near() => (id, Assignment::Continue),
+        _ => {
+            let id = atlas.spawn(scan.t_map_lidar);
+            if ends_lap {
+                *lap = Some(id);
+            }
+            (id, Assignment::NewSubmap)
+        }
+    }
 }
 
 /// The submap nearby that contains the largest share of the scan, if that is at least `min_overlap`.

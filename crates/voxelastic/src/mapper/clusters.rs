@@ -5,7 +5,7 @@ use crate::atlas::cluster::{ClusterRule, Clustered, Fusion};
 use crate::atlas::graph::{Agreement, EdgeOutcome, LinkKind, PoseGraph};
 use crate::atlas::{NodeAssignments, NodeSet, SubmapId};
 use crate::event::{Edge, NodeId};
-use crate::settings::Settings;
+use crate::settings::{Laps, Settings};
 use std::collections::BTreeMap;
 
 /// The pose graph and the clusters of its nodes.
@@ -16,6 +16,8 @@ pub(super) struct Clusters {
     pub assignments: NodeAssignments,
     /// Groups of submaps whose fusion the size bound refused, each with the ends of a closed loop that connects them.
     pub size_limited: BTreeMap<Vec<SubmapId>, [NodeId; 2]>,
+    /// Whether submaps are never fused.
+    keep_apart: bool,
 }
 
 impl Clusters {
@@ -29,6 +31,7 @@ impl Clusters {
             graph: PoseGraph::new(agreement).with_passes(rule.passes()),
             assignments: NodeAssignments::default(),
             size_limited: BTreeMap::new(),
+            keep_apart: settings.laps == Laps::Apart,
         }
     }
 
@@ -41,7 +44,7 @@ impl Clusters {
     /// earlier.
     pub fn fusions(&mut self) -> Vec<Fusion> {
         let closed = self.graph.take_closed();
-        if closed.is_empty() {
+        if closed.is_empty() || self.keep_apart {
             return Vec::new();
         }
         let near = if self.size_limited.is_empty() { Vec::new() } else { self.graph.within(closed.as_flattened(), self.rule.influence()) };

@@ -1,6 +1,6 @@
 //! The mapper itself: what happens with each event, in order.
 
-use super::assign::assign;
+use super::assign::{assign, assign_within_lap};
 use super::background_fusion::BackgroundFusion;
 use super::clusters::Clusters;
 use super::correct::{Deformation, correct_scans, deformations, move_submaps};
@@ -15,12 +15,13 @@ use super::revisit::RevisitDetector;
 use super::sensors::{Sensor, Sensors};
 use crate::atlas::fusion::{TakeBack, hand_over, resolve_conflicts, take_back};
 use crate::atlas::graph::{GraphCounts, LinkKind, is_rigid};
-use crate::atlas::{Atlas, SubmapId};
+use crate::atlas::{Atlas, Submap, SubmapId, laps};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancySettings, Redundancy};
 use crate::sensor::BeamModel;
-use crate::settings::{Dynamic, SettingError, Settings, Storage};
+use crate::settings::{Dynamic, Laps, SettingError, Settings, Storage};
+use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 /// A scan, with what its sensor knows about things that move.
@@ -43,6 +44,8 @@ pub struct Mapper {
     pub(super) sensor_model: Option<BeamModel>,
     pub(super) integrators: Integrators,
     pub(super) revisits: RevisitDetector,
+    /// Where laps are kept apart, the first submap of this one, if it is known.
+    lap: Option<SubmapId>,
     /// Points of the last scan that were set aside, map frame, metres.
     moving_points: Vec<[f32; 3]>,
     idle_task: Option<IdleTask>,
@@ -69,6 +72,7 @@ impl Mapper {
             sensor_model: None,
             integrators: Integrators::new(&settings),
             revisits: RevisitDetector::new(&settings),
+            lap: None,
             moving_points: Vec::new(),
             idle_task: None,
             last_node: None,
@@ -112,10 +116,32 @@ impl Mapper {
         self.clean_submaps();
         self.atlas.compact();
         if !std::mem::replace(&mut self.conflicts_resolved, true) {
-            let hit = OccupancySettings::from(&self.settings).hit;
-            self.counts.voxels_freed += resolve_conflicts(&mut self.atlas, &(&self.settings).into(), hit);
+            self.resolve_conflicts();
         }
         self.store_once();
+    }
+
+    /// Resolves conflicts between submaps; between those of one lap only, where laps are kept apart: what one says of another time is no conflict.
+    fn resolve_conflicts(&mut self) {
+        let hit = OccupancySettings::from(&self.settings).hit;
+        let settings = (&self.settings).into();
+        if self.settings.laps == Laps::Fused {
+            self.counts.voxels_freed += resolve_conflicts(&mut self.atlas, &settings, hit);
+            return;
+        }
+        let (laps, voxel_size, next) = (laps(self.atlas.submaps()), self.atlas.voxel_size(), self.atlas.next_id());
+        let mut by_lap: BTreeMap<Option<u32>, Vec<Submap>> = BTreeMap::new();
+        for submap in std::mem::replace(&mut self.atlas, Atlas::new(voxel_size)).into_submaps() {
+            by_lap.entry(laps.get(&submap.id()).copied()).or_default().push(submap);
+        }
+        let mut resolved = Vec::new();
+        for submaps in by_lap.into_values() {
+            let mut lap = Atlas::from_submaps(voxel_size, submaps);
+            self.counts.voxels_freed += resolve_conflicts(&mut lap, &settings, hit);
+            resolved.extend(lap.into_submaps());
+        }
+        self.atlas = Atlas::from_submaps(voxel_size, resolved);
+        self.atlas.skip_ids(next);
     }
 
     /// Hands blocks over to submaps that know them better, unless that was done and nothing came since.
@@ -172,9 +198,13 @@ impl Mapper {
         if self.settings.dynamic != Dynamic::Remove {
             return;
         }
+        let laps = if self.settings.laps == Laps::Apart { laps(self.atlas.submaps()) } else { BTreeMap::new() };
+        let Clusters { graph, assignments, .. } = &self.clusters;
+        let lap_of = |node| assignments.submap_of(node).and_then(|id| laps.get(&id));
         for Sensor { frontend, moving, .. } in self.sensors.iter_mut() {
             for submap in self.atlas.submaps_mut() {
-                self.counts.voxels_removed += moving.clean(submap, &self.clusters.graph, frontend.model());
+                let lap = laps.get(&submap.id());
+                self.counts.voxels_removed += moving.clean(submap, graph, frontend.model(), &|node| lap_of(node) == lap);
             }
         }
     }
@@ -331,7 +361,10 @@ impl Mapper {
             return Err(MapError::NoReturns { node, counts });
         }
         let clock = Instant::now();
-        let (id, assignment) = assign(&mut self.clusters, &mut self.atlas, scan, prepared, self.settings.min_overlap);
+        let (id, assignment) = match self.settings.laps {
+            Laps::Fused => assign(&mut self.clusters, &mut self.atlas, scan, prepared, self.settings.min_overlap),
+            Laps::Apart => assign_within_lap(&self.clusters, &mut self.atlas, scan, &mut self.lap),
+        };
         let revisited = self.revisits.revisited_submaps(&self.clusters, node, &scan.t_map_lidar);
         let elastic = clock.elapsed();
         // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.

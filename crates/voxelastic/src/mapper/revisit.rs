@@ -8,7 +8,7 @@ use crate::atlas::{Atlas, NodeSet, SubmapId};
 use crate::event::NodeId;
 use crate::geometry::{Pose, PoseExt};
 use crate::integrate::EarlierBlocks;
-use crate::settings::Settings;
+use crate::settings::{Laps, Settings};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -55,7 +55,9 @@ pub(super) struct RevisitDetector {
 
 impl RevisitDetector {
     pub fn new(settings: &Settings) -> Self {
-        Self { radius: settings.revisit_radius, max_range: f64::from(settings.max_range), current: None }
+        // A lap that is kept apart needs all that it sees.
+        let radius = if settings.laps == Laps::Apart { 0.0 } else { settings.revisit_radius };
+        Self { radius, max_range: f64::from(settings.max_range), current: None }
     }
 
     /// The submaps that observed the surroundings of `node` in an earlier pass; none unless a scan of that pass was taken within the radius

@@ -92,6 +92,36 @@ impl Value for Dynamic {
     }
 }
 
+/// What becomes of the laps of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Laps {
+    /// What a lap sees again goes into the submaps of the one before.
+    #[default]
+    Fused,
+    /// Each has submaps of its own.
+    Apart,
+}
+
+impl Value for Laps {
+    fn parse(text: &str) -> Option<Self> {
+        match text {
+            "fused" => Some(Self::Fused),
+            "apart" => Some(Self::Apart),
+            _ => None,
+        }
+    }
+    fn text(&self) -> String {
+        match self {
+            Self::Fused => "fused",
+            Self::Apart => "apart",
+        }
+        .to_owned()
+    }
+    fn is_within(&self, _: &Allowed) -> bool {
+        true
+    }
+}
+
 /// How often what several submaps know is stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Storage {

@@ -41,6 +41,7 @@ mod tsdf_sampling;
 mod window;
 
 pub use alignment::PairAgreement;
+pub(crate) use alignment::places_on_surface;
 pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;
 pub(crate) use conflict_resolution::{BlockVotes, add_votes};

@@ -182,8 +182,8 @@ impl MovingDetector {
     }
 
     /// Removes surfaces of `submap` from places where nothing is before or after. Returns the number of voxels removed.
-    pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel) -> usize {
-        self.kept.clean(submap, graph, model)
+    pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel, may_judge: &dyn Fn(NodeId) -> bool) -> usize {
+        self.kept.clean(submap, graph, model, may_judge)
     }
 
     /// The submap is made anew, and has to be cleaned again.

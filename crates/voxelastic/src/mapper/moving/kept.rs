@@ -90,9 +90,9 @@ impl KeptScans {
         self.cleaned.remove(&submap);
     }
 
-    /// Removes surfaces of `submap` from places where nothing is before or after. Returns the number of voxels removed.
-    pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel) -> usize {
-        let chosen = self.choose(submap, graph);
+    /// Removes surfaces of `submap` from places where nothing is before or after, as far as scans tell that `may_judge`. Returns the number of voxels removed.
+    pub fn clean(&mut self, submap: &mut Submap, graph: &PoseGraph, model: &BeamModel, may_judge: &dyn Fn(NodeId) -> bool) -> usize {
+        let chosen = self.choose(submap, graph, may_judge);
         let key = (submap.scans.len(), chosen.same_time.iter().chain(&chosen.later).map(|(i, _)| self.scans[*i].node).collect());
         if self.cleaned.get(&submap.id) == Some(&key) || chosen.same_time.len() + chosen.later.len() < 3 {
             return 0;
@@ -123,12 +123,12 @@ impl KeptScans {
     }
 
     /// The kept scans that tell of a submap, as indices with their poses in it.
-    fn choose(&self, submap: &Submap, graph: &PoseGraph) -> Chosen {
+    fn choose(&self, submap: &Submap, graph: &PoseGraph, may_judge: &dyn Fn(NodeId) -> bool) -> Chosen {
         let poses: HashMap<NodeId, &Pose> = submap.scans.iter().map(|scan| (scan.node, &scan.t_submap_lidar)).collect();
         let own: Vec<(usize, &Pose)> = self.nodes().enumerate().filter_map(|(i, node)| Some((i, *poses.get(&node)?))).collect();
         let Some(&(last, _)) = own.last() else { return Chosen::default() };
         let (mut same_time, mut later) = (Vec::new(), Vec::new());
-        for (i, node) in self.nodes().enumerate() {
+        for (i, node) in self.nodes().enumerate().filter(|(_, node)| may_judge(*node)) {
             // From the nearest scan of the submap on, poses follow the graph.
             let at = own.partition_point(|(j, _)| *j < i);
             let nearest = own[at.saturating_sub(1)..(at + 1).min(own.len())].iter().min_by_key(|(j, _)| j.abs_diff(i));

@@ -28,6 +28,7 @@ use found::{Found, Term};
 use hashbrown::{HashMap, HashSet};
 pub use pairs::PairAgreement;
 use pairs::{Pairs, REACH};
+pub(crate) use surface_points::places_on_surface;
 use surface_points::surface_points;
 
 /// How far apart two places may be that are taken for the same surface, voxels: less in each round, once the displacements of the round before are known.

@@ -2,10 +2,19 @@
 
 use super::super::placement::Placement;
 use super::displacement::{Cell, cell_of};
+use crate::atlas::Submap;
 use crate::field::tsdf::resolve::resolve_block;
 use crate::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
+use crate::geometry::Pose;
 use crate::octree::{BLOCK_EDGE, block_coords, edge_at, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
+
+/// Places on the surface of a submap, one for each block that has a clear one, with the directions to their fronts: submap frame, metres and length one.
+pub(crate) fn places_on_surface(submap: &Submap) -> Vec<([f32; 3], [f32; 3])> {
+    let voxel = submap.voxel_size;
+    let points = surface_points(&submap.tsdf, &Placement::new(&Pose::identity(), voxel), 0, |_| true);
+    points.into_iter().map(|point| (point.position.map(|c| c * voxel), point.normal)).collect()
+}
 
 /// A voxel farther from the surface than this, voxels, is not taken as a place on it.
 const NEAR: f32 = 0.75;
