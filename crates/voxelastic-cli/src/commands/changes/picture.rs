@@ -18,7 +18,8 @@ const SIZE: Size = Size { width: 1600, height: 1200 };
 pub(super) fn draw(path: &Path, found: &Changes) -> anyhow::Result<()> {
     let (appeared, vanished) = (ChangedPiece::join(&found.appeared), ChangedPiece::join(&found.vanished));
     let mut scene = Scene::default();
-    for (mesh, colour) in [(&found.surface, MAP), (&appeared, APPEARED), (&vanished, VANISHED)] {
+    // Of surfaces at one place the first is seen: the map has what appeared, too.
+    for (mesh, colour) in [(&appeared, APPEARED), (&vanished, VANISHED), (&found.surface, MAP)] {
         if !mesh.triangles.is_empty() {
             scene.meshes.push(item(mesh, colour)?);
         }
