@@ -31,7 +31,7 @@ pub struct SurfaceArgs {
     /// Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of single submaps always have them
     #[arg(long)]
     keep_all: bool,
-    /// Add what is interpolated between returns of a map made with --interpolate, marked in PLY files
+    /// Add what is interpolated between returns of a map made with --interpolate, marked vertex by vertex in PLY and GLB files
     #[arg(long)]
     pub interpolated: bool,
     /// Number of threads; 0 for all cores. The result does not depend on it

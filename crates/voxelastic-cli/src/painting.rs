@@ -2,7 +2,7 @@
 
 use crate::failure::{Failure, one_line};
 use crate::map_files::LoadedMap;
-use crate::texturing::{self, MeshTexture, TextureSummary};
+use crate::texturing::{MeshTexture, TextureSummary};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -154,7 +154,6 @@ impl ImageArgs {
         let images = images::open(data, &self.options())?;
         images.notes().iter().for_each(|note| tracing::warn!("{}: {note}", data.display()));
         let surface = Surface { positions: &mesh.positions, normals: &mesh.normals, triangles: &mesh.triangles };
-        let layout = self.texture.map(|texel| texturing::layout(&surface, texel)).transpose()?;
         let options = PaintOptions {
             reach: self.image_range,
             accuracy: map.settings.voxel_size,
@@ -162,10 +161,10 @@ impl ImageArgs {
             ..PaintOptions::default()
         };
         let mut painting =
-            Painting { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None, is_first: true };
+            Painting { painter: Painter::new(surface, options), summary: PaintSummary::default(), first_problem: None, counted: Counted::default() };
         painting.summary.cameras = images.cameras().len();
         painting.add_all(&images, &track, self.image_every as usize);
-        let Painting { painter, mut summary, first_problem, .. } = painting;
+        let Painting { painter, mut summary, first_problem, mut counted } = painting;
         if summary.used == 0 {
             return Err(nothing_used(data, &summary, &track, first_problem));
         }
@@ -181,11 +180,13 @@ impl ImageArgs {
         let surface = Surface { positions: &mesh.positions, normals: &mesh.normals, triangles: &mesh.triangles };
         let paint = |places: Places<'_>| {
             let painter = Painter::of_places(surface, places, options);
-            let mut again = Painting { painter, summary: PaintSummary::default(), first_problem: None, is_first: false };
+            counted.is_known = true;
+            let mut again = Painting { painter, summary: PaintSummary::default(), first_problem: None, counted: std::mem::take(&mut counted) };
             again.add_all(&images, &track, self.image_every as usize);
+            counted = again.counted;
             again.painter.finish_with(&exposures)
         };
-        let texture = self.texture.zip(layout.as_ref()).map(|(texel, layout)| MeshTexture::paint(surface, &mesh.colours, texel, layout, paint));
+        let texture = self.texture.map(|texel| MeshTexture::paint(surface, &mesh.colours, texel, paint)).transpose()?;
         summary.texture = texture.as_ref().map(MeshTexture::summary);
         summary.paint_s = clock.elapsed().as_secs_f64();
         summary.log();
@@ -218,8 +219,15 @@ struct Painting<'a> {
     painter: Painter<'a>,
     summary: PaintSummary,
     first_problem: Option<anyhow::Error>,
-    /// Whether the images are looked at for the first time: then problems are said.
-    is_first: bool,
+    counted: Counted,
+}
+
+/// Which images the painter counted when they were looked at first, problems being said then.
+#[derive(Debug, Default)]
+struct Counted {
+    is_known: bool,
+    /// By image, in the order in which they come.
+    images: Vec<bool>,
 }
 
 /// Problems with single images that are warned of one by one.
@@ -228,16 +236,19 @@ const MOST_WARNINGS: usize = 3;
 impl Painting<'_> {
     fn add_all(&mut self, images: &Images, track: &PoseTrack, every: usize) {
         let batch = 2 * rayon::current_num_threads();
-        let mut waiting: Vec<(Image, Pose)> = Vec::new();
+        let mut waiting: Vec<(usize, Image, Pose)> = Vec::new();
         for (k, image) in images.iter().enumerate() {
             self.summary.found += 1;
+            if !self.counted.is_known {
+                self.counted.images.push(false);
+            }
             if k % every != 0 {
                 self.summary.left_out.not_chosen += 1;
                 continue;
             }
             match image {
                 Ok(image) => match track.at(image.time) {
-                    Some(t_map_lidar) => waiting.push((image, t_map_lidar)),
+                    Some(t_map_lidar) => waiting.push((k, image, t_map_lidar)),
                     None => self.summary.left_out.without_pose += 1,
                 },
                 Err(problem) => self.leave_out(problem.into()),
@@ -250,15 +261,27 @@ impl Painting<'_> {
     }
 
     /// Decodes images beside each other and adds them in their order.
-    fn add_batch(&mut self, images: &Images, batch: Vec<(Image, Pose)>) {
-        let decode = |(image, _): &(Image, Pose)| image.decode(&images.cameras()[image.camera]);
-        let pictures: Vec<voxelastic_io::Result<Picture>> = batch.par_iter().map(decode).collect();
-        for ((image, t_map_lidar), picture) in batch.into_iter().zip(pictures) {
+    fn add_batch(&mut self, images: &Images, batch: Vec<(usize, Image, Pose)>) {
+        // An image that was good once is not decoded again where it is too far away.
+        let is_far = |k: usize, t_map_camera: &Pose| self.counted.is_known && self.counted.images[k] && self.painter.sees_none(t_map_camera);
+        let decode = |(k, image, t_map_lidar): &(usize, Image, Pose)| {
             let camera = &images.cameras()[image.camera];
+            (!is_far(*k, &(t_map_lidar * camera.t_lidar_camera))).then(|| image.decode(camera))
+        };
+        let pictures: Vec<Option<voxelastic_io::Result<Picture>>> = batch.par_iter().map(decode).collect();
+        for ((k, image, t_map_lidar), picture) in batch.into_iter().zip(pictures) {
+            let camera = &images.cameras()[image.camera];
+            let Some(picture) = picture else {
+                self.painter.skip();
+                continue;
+            };
             let added = picture.map_err(anyhow::Error::from).and_then(|picture| {
                 let t_map_camera = t_map_lidar * camera.t_lidar_camera;
                 self.painter.add(&camera.model, &t_map_camera, &picture).map_err(anyhow::Error::from)
             });
+            if !self.counted.is_known {
+                self.counted.images[k] = added.is_ok();
+            }
             match added {
                 Ok(0) => self.summary.left_out.show_nothing += 1,
                 Ok(_) => self.summary.used += 1,
@@ -270,7 +293,7 @@ impl Painting<'_> {
     fn leave_out(&mut self, problem: anyhow::Error) {
         self.summary.left_out.unreadable += 1;
         match self.summary.left_out.unreadable {
-            _ if !self.is_first => {}
+            _ if self.counted.is_known => {}
             count if count <= MOST_WARNINGS => tracing::warn!("left out: {}", one_line(&problem)),
             count if count == MOST_WARNINGS + 1 => tracing::warn!("left out: more images for such reasons"),
             _ => {}

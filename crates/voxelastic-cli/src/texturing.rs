@@ -3,90 +3,93 @@
 use crate::failure::Failure;
 use rayon::prelude::*;
 use serde::Serialize;
-use voxelastic_colour::{Places, Surface, TextureLayout};
+use voxelastic_colour::{Places, Surface, Texel, TextureLayout, texture_pages};
+use voxelastic_io::mesh_io::{EncodedTexture, Texture};
 
-/// Texels that are painted together: the images are looked at once for each so many, and memory is bounded.
+/// Texels of an image of a texture: the images of cameras are looked at once for each, and what is known of its texels is held in memory meanwhile.
 const TOGETHER: usize = 1 << 22;
 
 /// A texture of a mesh.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct MeshTexture {
-    pub size: [usize; 2],
-    /// sRGB, row by row.
-    pub texels: Vec<[u8; 3]>,
-    /// Where the corners of each triangle lie.
-    pub corners: Vec<[[f32; 2]; 3]>,
-    /// Of all texels of triangles, how many there are, and how many an image shows.
-    painted: [usize; 2],
+    pub images: Vec<EncodedTexture>,
+    summary: TextureSummary,
 }
 
 /// A texture, as `--json` has it.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct TextureSummary {
+    /// Images that it has.
+    images: usize,
+    /// Size of the largest one.
     width: usize,
     height: usize,
     /// Texels of triangles.
     texels: usize,
-    /// Those that an image shows; others have the colours of vertices.
+    /// Those that an image of a camera shows; others have the colours of vertices.
     texels_visible: usize,
 }
 
-/// Where triangles lie in a texture with texels about `texel` metres apart.
-///
-/// # Errors
-/// If the texture would be too large.
-pub fn layout(surface: &Surface<'_>, texel: f32) -> anyhow::Result<TextureLayout> {
-    let too_large = |e| Failure::new(format!("{e}"), "use larger texels (--texture), or a coarser mesh (--lod 1)");
-    Ok(TextureLayout::new(surface, texel).map_err(too_large)?)
-}
+/// The colours of some places on a mesh by the images of cameras; none for those that no image shows.
+pub trait PaintPlaces: FnMut(Places<'_>) -> Vec<Option<[u8; 3]>> {}
+impl<F: FnMut(Places<'_>) -> Vec<Option<[u8; 3]>>> PaintPlaces for F {}
 
 impl MeshTexture {
     /// What `--json` says of it.
     pub fn summary(&self) -> TextureSummary {
-        let ([width, height], [texels, texels_visible]) = (self.size, self.painted);
-        TextureSummary { width, height, texels, texels_visible }
+        self.summary
     }
 
-    /// A texture of this `layout`, with texels about `texel` metres apart. `paint` colours some places of the surface; where it does not, the `colours` of the vertices are taken.
-    pub fn paint(
-        surface: Surface<'_>,
-        colours: &[[u8; 3]],
-        texel: f32,
-        layout: &TextureLayout,
-        mut paint: impl FnMut(Places<'_>) -> Vec<Option<[u8; 3]>>,
-    ) -> Self {
-        let [width, height] = layout.size();
-        let count = surface.triangles.len();
-        let mut texture = Self { size: [width, height], texels: vec![[128; 3]; width * height], corners: Vec::new(), painted: [0; 2] };
-        texture.corners = (0..count).into_par_iter().map(|t| layout.corners(t)).collect();
-        let mut first = 0;
-        while first < count {
-            let (mut last, mut texels) = (first, 0);
-            while last < count && (texels == 0 || texels + layout.texels(last) <= TOGETHER) {
-                texels += layout.texels(last);
-                last += 1;
+    /// A texture with texels about `texel` metres apart, one image after the other. Where `paint` has no colour, the `colours` of the vertices are taken.
+    ///
+    /// # Errors
+    /// If an image cannot be encoded.
+    pub fn paint(surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, mut paint: impl PaintPlaces) -> anyhow::Result<Self> {
+        let mut texture = Self::default();
+        for page in texture_pages(&surface, texel, TOGETHER) {
+            if !page.is_empty() {
+                texture.add(surface, colours, texel, &page, &mut paint)?;
             }
-            let of = |t: usize| layout.of(t).map(move |texel| (surface.triangles[t], texel));
-            let all: Vec<_> = (first..last).into_par_iter().flat_map_iter(of).collect();
-            let mix = |values: &[[f32; 3]], (corners, texel): &([u32; 3], voxelastic_colour::Texel)| -> [f32; 3] {
-                std::array::from_fn(|axis| (0..3).map(|c| texel.shares[c] * values[corners[c] as usize][axis]).sum())
-            };
-            let positions: Vec<[f32; 3]> = all.par_iter().map(|at| mix(surface.positions, at)).collect();
-            let normals: Vec<[f32; 3]> = all.par_iter().map(|at| unit(mix(surface.normals, at))).collect();
-            let found = paint(Places { positions: &positions, normals: &normals, spacing: texel });
-            for ((corners, texel), colour) in all.iter().zip(&found) {
-                let of_vertices = || -> [u8; 3] {
-                    let mean = |k: usize| (0..3).map(|c| texel.shares[c].max(0.0) * f32::from(colours[corners[c] as usize][k])).sum::<f32>();
-                    let sum: f32 = texel.shares.iter().map(|share| share.max(0.0)).sum();
-                    std::array::from_fn(|k| (mean(k) / sum).round() as u8)
-                };
-                texture.texels[texel.at] = colour.unwrap_or_else(of_vertices);
-            }
-            texture.painted[0] += found.len();
-            texture.painted[1] += found.iter().flatten().count();
-            first = last;
         }
-        texture
+        Ok(texture)
+    }
+
+    /// Adds the image of some triangles.
+    fn add(&mut self, surface: Surface<'_>, colours: &[[u8; 3]], texel: f32, page: &[u32], paint: &mut impl PaintPlaces) -> anyhow::Result<()> {
+        let triangles: Vec<[u32; 3]> = page.iter().map(|t| surface.triangles[*t as usize]).collect();
+        let too_large = |e| Failure::new(format!("{e}"), "use larger texels (--texture), or a coarser mesh (--lod 1)");
+        let layout = TextureLayout::new(&Surface { triangles: &triangles, ..surface }, texel).map_err(too_large)?;
+        let [width, height] = layout.size();
+        let of = |t: usize| layout.of(t).map(move |texel| (t as u32, texel));
+        let all: Vec<(u32, Texel)> = (0..triangles.len()).into_par_iter().flat_map_iter(of).collect();
+        let mix = |values: &[[f32; 3]], (t, texel): &(u32, Texel)| -> [f32; 3] {
+            let corners = triangles[*t as usize];
+            std::array::from_fn(|axis| (0..3).map(|c| texel.shares[c] * values[corners[c] as usize][axis]).sum())
+        };
+        let positions: Vec<[f32; 3]> = all.par_iter().map(|at| mix(surface.positions, at)).collect();
+        let normals: Vec<[f32; 3]> = all.par_iter().map(|at| unit(mix(surface.normals, at))).collect();
+        let found = paint(Places { positions: &positions, normals: &normals, spacing: texel });
+        drop((positions, normals));
+        let mut texels = vec![[128; 3]; width * height];
+        for ((t, texel), colour) in all.iter().zip(&found) {
+            let of_vertices = || -> [u8; 3] {
+                let corners = triangles[*t as usize];
+                let mean = |k: usize| (0..3).map(|c| texel.shares[c].max(0.0) * f32::from(colours[corners[c] as usize][k])).sum::<f32>();
+                let sum: f32 = texel.shares.iter().map(|share| share.max(0.0)).sum();
+                std::array::from_fn(|k| (mean(k) / sum).round() as u8)
+            };
+            texels[texel.at] = colour.unwrap_or_else(of_vertices);
+        }
+        let corners: Vec<[[f32; 2]; 3]> = (0..triangles.len()).into_par_iter().map(|t| layout.corners(t)).collect();
+        let image = Texture { size: [width, height], texels: &texels, triangles: page, corners: &corners }.encode();
+        self.images.push(image.map_err(|problem| Failure::new(problem, ""))?);
+        let summary = &mut self.summary;
+        summary.images += 1;
+        (summary.texels, summary.texels_visible) = (summary.texels + found.len(), summary.texels_visible + found.iter().flatten().count());
+        if width * height > summary.width * summary.height {
+            (summary.width, summary.height) = (width, height);
+        }
+        Ok(())
     }
 }
 

@@ -4,7 +4,8 @@
 //! something hides are left out by a depth image drawn from the mesh, and each vertex keeps its best observations. [`Painter::finish`] evens out the
 //! exposures of the images and takes a robust mean. Poses at the times of images come from a [`PoseTrack`].
 //!
-//! A texture is painted in the same way: a [`TextureLayout`] says where on the mesh its texels lie, and [`Painter::of_places`] colours those.
+//! A texture is painted in the same way: [`texture_pages`] cuts a large mesh into parts with an image each, a [`TextureLayout`] says where on the mesh the texels of an
+//! image lie, and [`Painter::of_places`] colours those.
 //!
 //! Light is added up on a linear scale; pictures and results are sRGB. The same images in the same order give the same bits for any number of threads.
 //!
@@ -37,6 +38,7 @@ mod picture;
 mod pose_track;
 mod spread;
 mod texture;
+mod texture_pages;
 
 pub use camera::{CameraModel, Distortion};
 pub use error::{ColourError, Result};
@@ -45,3 +47,4 @@ pub use painter::{PaintOptions, Painted, Painter, Places, Surface};
 pub use picture::Picture;
 pub use pose_track::{LONGEST_GAP_S, PoseTrack};
 pub use texture::{Texel, TextureLayout};
+pub use texture_pages::texture_pages;

@@ -148,6 +148,17 @@ impl<'a> Painter<'a> {
         Ok(visible)
     }
 
+    /// Counts an image that shows none of the places, as [`sees_none`](Self::sees_none) says, so that those that follow keep their numbers.
+    pub fn skip(&mut self) {
+        self.images += 1;
+    }
+
+    /// Whether no camera at `t_map_camera`, of any model, can colour any of the places: all are beyond its reach.
+    pub fn sees_none(&self, t_map_camera: &Pose) -> bool {
+        let t_camera_map = Rigid::from(&t_map_camera.inverse());
+        self.spheres[1].iter().all(|(centre, radius)| length(t_camera_map.apply(*centre)) - radius > self.options.reach)
+    }
+
     /// The colours.
     pub fn finish(self) -> Painted {
         let images = self.images as usize;

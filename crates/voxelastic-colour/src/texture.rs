@@ -14,7 +14,7 @@ const LONGEST: usize = 8192;
 
 /// The place of a triangle's patch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Patch {
+pub(crate) struct Patch {
     /// The lowest column and row of the rectangle.
     corner: [u16; 2],
     /// Steps from corner to corner of the triangle.
@@ -53,9 +53,18 @@ impl Patch {
     }
 
     /// Number of texels.
-    fn texels(self) -> usize {
+    pub(crate) fn texels(self) -> usize {
         self.leg() * (self.leg() + 1) / 2
     }
+}
+
+/// The patch of a triangle with texels about `texel` metres apart, without its place.
+pub(crate) fn patch_for(surface: &Surface<'_>, triangle: &[u32; 3], texel: f32) -> Patch {
+    let corner = |k: usize| surface.positions[triangle[k % 3] as usize];
+    let length = |k: usize| (0..3).map(|axis| (corner(k)[axis] - corner(k + 1)[axis]).powi(2)).sum::<f32>().sqrt();
+    let wanted = (0..3).map(length).fold(0.0, f32::max) / texel;
+    let steps = STEPS.into_iter().find(|steps| f32::from(*steps) >= wanted).unwrap_or(STEPS[STEPS.len() - 1]);
+    Patch { steps, ..Patch::default() }
 }
 
 impl TextureLayout {
@@ -64,13 +73,7 @@ impl TextureLayout {
     /// # Errors
     /// [`ColourError::Texture`] if it would be larger than 8192 x 8192.
     pub fn new(surface: &Surface<'_>, texel: f32) -> Result<Self> {
-        let steps_of = |t: &[u32; 3]| {
-            let corner = |k: usize| surface.positions[t[k % 3] as usize];
-            let length = |k: usize| (0..3).map(|axis| (corner(k)[axis] - corner(k + 1)[axis]).powi(2)).sum::<f32>().sqrt();
-            let wanted = (0..3).map(length).fold(0.0, f32::max) / texel;
-            STEPS.into_iter().find(|steps| f32::from(*steps) >= wanted).unwrap_or(STEPS[STEPS.len() - 1])
-        };
-        let mut patches: Vec<Patch> = surface.triangles.iter().map(|t| Patch { steps: steps_of(t), ..Patch::default() }).collect();
+        let mut patches: Vec<Patch> = surface.triangles.iter().map(|t| patch_for(surface, t, texel)).collect();
         let counts = STEPS.map(|steps| patches.iter().filter(|patch| patch.steps == steps).count());
         let width = width_for(&counts);
         let mut row = 0;

@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::Origin;
-use voxelastic_io::mesh_io::{MeshRef, Texture, write_glb, write_ply, write_textured_glb};
+use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply, write_textured_glb};
 
 /// Extract the surface of a map as a triangle mesh
 ///
@@ -186,7 +186,7 @@ fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Op
     match (format, texture) {
         (Format::Ply, _) => write_ply(path, &file),
         (Format::Glb, None) => write_glb(path, &file),
-        (Format::Glb, Some(MeshTexture { size, texels, corners, .. })) => write_textured_glb(path, &file, &Texture { size: *size, texels, corners }),
+        (Format::Glb, Some(texture)) => write_textured_glb(path, &file, &texture.images),
     }
     .with_context(|| format!("cannot write the mesh {}", path.display()))
 }

@@ -33,7 +33,7 @@ fn is_there(place: [f64; 3]) -> bool {
 }
 
 /// What Khronos' validator and the rules of 3D Tiles say of a folder of tiles; none, after noting the skip, where the validator cannot be had.
-fn validate(tiles: &Path) -> Option<(bool, serde_json::Value)> {
+pub(crate) fn validate(tiles: &Path) -> Option<(bool, serde_json::Value)> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../voxelastic-report/page/tiles/validate.sh");
     let reason = match Command::new("bash").arg(script).arg(tiles).output() {
         Ok(said) if said.status.code() != Some(2) && !said.stdout.is_empty() => {

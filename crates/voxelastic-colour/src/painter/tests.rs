@@ -217,3 +217,30 @@ fn an_image_of_another_size_is_refused() {
     assert_eq!(error, "the image has 160 x 120 pixels, but the intrinsics are for 320 x 240");
     assert!(painter.finish().exposures.is_empty());
 }
+
+#[test]
+fn cameras_out_of_reach_are_skipped_without_a_trace() {
+    let scene = Scene::new();
+    let normals = scene.normals();
+    let surface = Surface { positions: &scene.positions, normals: &normals, triangles: &scene.triangles };
+    let places = Places { positions: &scene.positions[scene.wall..], normals: &normals[scene.wall..], spacing: 0.05 };
+    let (near, far) = ([0.0; 3], [-30.0, 0.0, 0.0]);
+    let options = PaintOptions { reach: 10.0, ..fine() };
+    let exposures = [[2.0; 3], [0.5; 3], [1.0; 3]];
+    let of = |skips: bool| {
+        let mut painter = Painter::of_places(surface, places, options);
+        for place in [far, near, far] {
+            let (camera, pose) = (camera(), looking(place));
+            assert_eq!(painter.sees_none(&pose), place == far);
+            if skips && place == far {
+                painter.skip();
+            } else {
+                let seen = painter.add(&camera, &pose, &picture(&camera, &pose, [1.0; 3])).unwrap();
+                assert_eq!(seen == 0, place == far);
+            }
+        }
+        painter.finish_with(&exposures)
+    };
+    let all = of(false);
+    assert!(all == of(true) && all.iter().flatten().count() > 100);
+}

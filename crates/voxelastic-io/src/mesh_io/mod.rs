@@ -6,7 +6,7 @@ mod glb_tile;
 mod ply;
 
 pub use glb::write_glb;
-pub use glb_textured::{Texture, write_textured_glb};
+pub use glb_textured::{EncodedTexture, Texture, write_textured_glb};
 pub use glb_tile::{Lattice, tile_glb};
 pub use ply::write_ply;
 
@@ -26,7 +26,7 @@ pub struct MeshRef<'a> {
     pub colours: Option<&'a [[u8; 3]]>,
     /// Strength of return per vertex.
     pub intensity: Option<&'a [f32]>,
-    /// Whether the surface at each vertex is interpolated and not measured; PLY files have it.
+    /// Whether the surface at each vertex is interpolated and not measured.
     pub interpolated: Option<&'a [bool]>,
     /// Vertex indices of each triangle, counter-clockwise seen from free space; empty for a cloud.
     pub triangles: &'a [[u32; 3]],

@@ -23,7 +23,8 @@ fn written(dir: &std::path::Path) -> std::path::PathBuf {
     let path = dir.join("t.glb");
     let normals = [[0.0, 0.0, 1.0]; 4];
     let mesh = MeshRef { positions: &POSITIONS, normals: &normals, triangles: &TRIANGLES, ..MeshRef::default() };
-    write_textured_glb(&path, &mesh, &Texture { size: SIZE, texels: &texels(), corners: &corners() }).unwrap();
+    let texture = Texture { size: SIZE, texels: &texels(), triangles: &[0, 1], corners: &corners() };
+    write_textured_glb(&path, &mesh, &[texture.encode().unwrap()]).unwrap();
     path
 }
 
@@ -52,14 +53,52 @@ fn what_does_not_fit_together_is_refused() {
     let path = dir.path().join("t.glb");
     let mesh = MeshRef { positions: &POSITIONS, triangles: &TRIANGLES, ..MeshRef::default() };
     let (texels, corners) = (texels(), corners());
-    let wrong = [
-        (Texture { size: [4, 4], texels: &texels, corners: &corners }, mesh),
-        (Texture { size: SIZE, texels: &texels, corners: &corners[..1] }, mesh),
-        (Texture { size: SIZE, texels: &texels, corners: &[] }, MeshRef { triangles: &[], ..mesh }),
-    ];
-    for (texture, mesh) in wrong {
-        let error = write_textured_glb(&path, &mesh, &texture).unwrap_err().to_string();
-        assert!(error.contains("in the texture") && !path.exists(), "{error}");
+    let good = Texture { size: SIZE, texels: &texels, triangles: &[0, 1], corners: &corners };
+    let wrong = [Texture { size: [4, 4], ..good }, Texture { corners: &corners[..1], ..good }, Texture { triangles: &[], corners: &[], ..good }];
+    for texture in wrong {
+        let error = texture.encode().unwrap_err();
+        assert!(error.contains("in the texture"), "{error}");
+    }
+    let image = |triangles: &[u32]| Texture { triangles, corners: &corners[..triangles.len()], ..good }.encode().unwrap();
+    for (images, expected) in [
+        (vec![], "0 of 2 triangles"),
+        (vec![image(&[1])], "1 of 2 triangles"),
+        (vec![image(&[0, 1]), image(&[1])], "triangle 1 is missing, or in two places"),
+        (vec![image(&[0, 2])], "triangle 2 is missing"),
+    ] {
+        let error = write_textured_glb(&path, &mesh, &images).unwrap_err().to_string();
+        assert!(error.contains(expected) && !path.exists(), "{error}");
+    }
+}
+
+#[test]
+fn a_texture_may_have_several_images() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("t.glb");
+    let (texels, corners) = (texels(), corners());
+    let mesh = MeshRef { positions: &POSITIONS, normals: &[[0.0, 0.0, 1.0]; 4], triangles: &TRIANGLES, ..MeshRef::default() };
+    // The second triangle first; images of sizes that need padding.
+    let one = |triangle: u32, size: [usize; 2]| {
+        let texture = Texture { size, texels: &texels[..size[0] * size[1]], triangles: &[triangle], corners: &corners[..1] };
+        texture.encode().unwrap()
+    };
+    write_textured_glb(&path, &mesh, &[one(1, [4, 3]), one(0, [5, 1])]).unwrap();
+    let (document, binary) = open_glb(&std::fs::read(&path).unwrap());
+    assert_eq!(document["buffers"][0]["byteLength"].as_u64().unwrap() as usize, binary.len());
+    for (number, triangle, size) in [(0, 1, (4, 3)), (1, 0, (5, 1))] {
+        let primitive = &document["meshes"][0]["primitives"][number];
+        let expected: Vec<f32> = TRIANGLES[triangle].iter().flat_map(|v| POSITIONS[*v as usize]).collect();
+        assert_eq!(floats(accessor(&document, &binary, &primitive["attributes"]["POSITION"]).1), expected);
+        assert_eq!(floats(accessor(&document, &binary, &primitive["attributes"]["TEXCOORD_0"]).1), corners[0].as_flattened());
+        let (_, indices) = accessor(&document, &binary, &primitive["indices"]);
+        assert_eq!(indices, [0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
+        let texture = &document["materials"][primitive["material"].as_u64().unwrap() as usize]["pbrMetallicRoughness"]["baseColorTexture"]["index"];
+        let source = &document["textures"][texture.as_u64().unwrap() as usize]["source"];
+        let view = &document["bufferViews"][document["images"][source.as_u64().unwrap() as usize]["bufferView"].as_u64().unwrap() as usize];
+        let (from, length) = (view["byteOffset"].as_u64().unwrap() as usize, view["byteLength"].as_u64().unwrap() as usize);
+        let image = image::load_from_memory(&binary[from..from + length]).unwrap().into_rgb8();
+        assert_eq!((image.width(), image.height()), size);
+        assert_eq!(*image.as_raw(), texels[..(size.0 * size.1) as usize].concat());
     }
 }
 
