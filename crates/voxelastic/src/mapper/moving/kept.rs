@@ -25,7 +25,7 @@ const SAME_TIME: usize = 5;
 const MOST: usize = 24;
 const MOST_LATER: usize = 12;
 /// Thinner things may be missed between beams, metres.
-const THIN: f32 = 0.15;
+const THIN: f32 = 0.12;
 /// Later scans tell of a submap if they were taken this near to one of its scans, metres.
 const IN_SIGHT: f64 = 30.0;
 
