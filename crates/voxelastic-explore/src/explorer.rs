@@ -1,6 +1,7 @@
 //! The explorer: decides after every scan whether to go on, where to go next, and when to go home.
 
-use crate::choice::choose;
+mod plan;
+
 use crate::clusters::{FrontierCluster, Frontiers};
 use crate::decision::{Decision, Purpose, ReturnReason};
 use crate::last_scans::LastScans;
@@ -10,15 +11,12 @@ use crate::retreat;
 use crate::roadmap::Roadmap;
 use crate::robot_space::{Clear, RobotSpace, newest_submaps};
 use crate::settings::{ExploreError, ExploreSettings, Strategy};
-use crate::viewpoints::{Viewpoint, viewpoints};
 use std::time::Instant;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
-use voxelastic_plan::{
-    Anchor, Effort, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors, shorten,
-};
+use voxelastic_plan::{Anchor, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors};
 
 /// The roadmap is extended around the robot within this radius, metres.
 const EXTENDED: f64 = 25.0;
@@ -28,20 +26,6 @@ const LEFT: f64 = 0.35;
 const PATIENCE: usize = 6;
 /// The way home takes up to this much longer than planned, and this many seconds.
 const RESERVE: (f64, f64) = (1.15, 10.0);
-/// Tries to find a path that is still free.
-const TRIES: usize = 6;
-/// Plans in a row that led nowhere, after which the robot goes back along its track.
-const LOST_PATIENCE: usize = 2;
-/// It goes back this far before it plans again, in spacings of the roadmap.
-const RETREAT: f64 = 2.0;
-/// After more ways back in a row it goes home: it cannot get where there is more to see.
-const MOST_RETREATS: u32 = 4;
-/// On its way home it goes back along its track this often, each time twice as far: after more the track is shut.
-const MOST_WAYS_BACK: u32 = 12;
-/// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
-const MOST_BEGINNINGS: u32 = 2;
-/// Noise of returns that are near the body, metres.
-const TOUCHING: f64 = 0.03;
 /// Until a loop closes, the map may be off by this share of the distance since the last correction ...
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
@@ -321,160 +305,6 @@ impl Explorer {
     /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.
     fn is_time_up<S: Space>(&self, now: &Situation<'_, S>, ahead: f64) -> bool {
         now.seconds_left.is_some_and(|left| (ahead + 2.0 * EXTENDED) / self.settings.speed > left || self.since_planned >= PATIENCE / 2)
-    }
-
-    /// Plans a path; returns the number of viewpoints considered.
-    fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
-        let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
-        if self.purpose == Purpose::Return {
-            // The way home may lead through what was found shut on the way out.
-            roadmap.unblock();
-        }
-        roadmap.extend(now.space, now.robot, EXTENDED);
-        let mut count = 0;
-        self.leg = None;
-        for attempt in 0..TRIES {
-            let ways = roadmap.ways(now.space, now.robot);
-            let home = self.home_or(now.robot);
-            let ways_home = roadmap.ways(now.space, home);
-            let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
-            self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
-            if self.purpose == Purpose::Explore && !ways.lead_anywhere() {
-                // It stands where it does not fit, which says nothing about what is left to see.
-                break;
-            }
-            let mut target = None;
-            if self.purpose == Purpose::Explore {
-                let worth = self.search(now, &mut roadmap, frontier, attempt == 0);
-                count = count.max(worth.len());
-                target = choose(&self.settings, now.space, &roadmap, &worth);
-            }
-            if target.is_none() && self.purpose == Purpose::Explore {
-                self.turn_back(ReturnReason::NothingLeft);
-                roadmap.unblock();
-                roadmap.extend(now.space, now.robot, f64::INFINITY);
-            }
-            let ways = roadmap.ways(now.space, now.robot);
-            let (node, volume) = match target {
-                Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
-                None => {
-                    let near = roadmap.near(home, 3.0 * self.settings.spacing);
-                    (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
-                }
-            };
-            let Some(node) = node else { break };
-            let mut path = ways.path(&roadmap, node);
-            if volume.is_none() && now.space.connects(roadmap.place(node), home) {
-                path.push(home);
-            }
-            let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
-            match recheck(now.space, now.map, &path).first() {
-                None => {
-                    self.leg = Some(Leg::new(now.atlas, path, volume));
-                    break;
-                }
-                Some(blocked) => roadmap.block(now.space, blocked.at),
-            }
-        }
-        self.roadmap = Some(roadmap);
-        self.note_progress(now);
-        count
-    }
-
-    /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
-    /// and then it ends: it is shut in. The map may show more after another scan.
-    fn note_progress<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let leads_on = self.leg.as_ref().is_some_and(|leg| length(&leg.path) > 0.3 * self.settings.spacing);
-        self.stuck = if leads_on { 0 } else { self.stuck + 1 };
-        if self.stuck >= LOST_PATIENCE {
-            self.retreat(now);
-        }
-        match self.purpose {
-            Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(ReturnReason::Stuck),
-            Purpose::Return if self.stuck >= PATIENCE => self.purpose = Purpose::Done,
-            _ => {}
-        }
-    }
-
-    /// Forgets what it took for shut, if that may help: false if it did so some times and got nowhere since.
-    fn begin_anew(&mut self) -> bool {
-        let may_help = self.turned_back != Some(ReturnReason::Time) && self.beginnings < MOST_BEGINNINGS;
-        if may_help {
-            (self.roadmap, self.retreats, self.stuck) = (None, 0, 0);
-            self.beginnings += 1;
-        }
-        may_help
-    }
-
-    /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
-    fn turn_back(&mut self, reason: ReturnReason) {
-        if self.purpose == Purpose::Explore {
-            (self.purpose, self.stuck, self.turned_back) = (Purpose::Return, 0, Some(reason));
-        }
-    }
-
-    /// A path back along the track, if there is one, as far as the next plan needs.
-    fn retreat<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let track = self.way_back(now.robot);
-        let mut path = retreat::passable(now.map, now.returns, &track, [self.settings.robot.radius, self.body(now)]);
-        // Each way back is twice as long as the one before, so that it ends somewhere else, and at last at home.
-        retreat::cut(&mut path, RETREAT * self.settings.spacing * 2f64.powi(self.retreats.min(20) as i32));
-        if length(&path) <= 0.5 * self.settings.spacing {
-            return;
-        }
-        match self.purpose {
-            Purpose::Explore => self.exhausted.push((now.robot, anchor_path(now.atlas, &[now.robot]))),
-            // The whole track leads home, if nothing has shut it since.
-            _ if self.retreats < MOST_WAYS_BACK => self.stuck = 0,
-            _ => {}
-        }
-        self.retreats += 1;
-        if self.retreats > MOST_RETREATS {
-            self.turn_back(ReturnReason::Stuck);
-        }
-        self.leg = Some(Leg::back(now.atlas, path));
-    }
-
-    /// Radius of the body, metres; less where something has come too near to it, so that it may go where that is no nearer.
-    fn body<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
-        self.settings.body().min(now.returns.nearest(now.robot) - TOUCHING).max(0.0)
-    }
-
-    /// The viewpoints from which there is something to see, and from which the robot still gets home in time. At the first try, where there are none, the roadmap is
-    /// extended to all that can be reached by now, and then made anew.
-    fn search<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster], is_first: bool) -> Vec<Viewpoint> {
-        let mut worth = self.worthwhile(now, roadmap, frontier);
-        if worth.is_empty() && is_first {
-            roadmap.extend(now.space, now.robot, f64::INFINITY);
-            worth = self.worthwhile(now, roadmap, frontier);
-        }
-        if worth.is_empty() && is_first && self.begin_anew() {
-            *roadmap = Roadmap::new(self.settings.spacing, now.robot);
-            roadmap.extend(now.space, now.robot, f64::INFINITY);
-            worth = self.worthwhile(now, roadmap, frontier);
-        }
-        worth
-    }
-
-    /// Those that the roadmap reaches as it is.
-    fn worthwhile<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
-        let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
-        let reach = self.settings.spacing * 1.6;
-        let seconds_left = now.seconds_left;
-        // Where no way home is known, the robot comes back to where it is and goes home along its track.
-        let track = self.track_home(now);
-        let is_excluded = |node: u32| {
-            let place = roadmap.place(node);
-            let home = ways_home.length(node).min(ways.length(node) + track);
-            let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
-            seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
-        };
-        viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
-    }
-
-    /// Where home is; where the robot is if it has none yet.
-    fn home_or(&self, robot: Point) -> Point {
-        self.home.as_ref().map_or(robot, |home| home.0)
     }
 }
 

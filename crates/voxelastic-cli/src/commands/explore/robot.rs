@@ -206,10 +206,12 @@ impl SimulatedRobot {
         let truth = t_truth_map * self.believed;
         // Each motion is a product with the last one, so rounding would grow.
         self.truth = Pose::from_parts(truth.translation, UnitQuaternion::new_normalize(truth.rotation.into_inner()));
-        let is_touching = self.scene.world.distance(self.truth.translation.vector.into()) < self.radius;
+        let off = self.scene.world.distance(self.truth.translation.vector.into());
+        let is_touching = off < self.radius;
         if is_touching && !self.is_touching {
             self.collisions += 1;
-            tracing::debug!("touches something at {:.2?}, where it believes to be at {next:.2?}", self.truth.translation.vector.as_slice());
+            let at = self.truth.translation.vector;
+            tracing::debug!("touches something {off:.2} m from {:.2?}, where it believes to be at {next:.2?}", at.as_slice());
         }
         self.is_touching = is_touching;
     }
