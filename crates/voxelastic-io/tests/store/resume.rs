@@ -3,10 +3,10 @@
 use crate::world::{details, same_atlas};
 use nalgebra::{Translation3, UnitQuaternion};
 use std::error::Error;
-use voxelastic::atlas::Atlas;
+use voxelastic::atlas::{Atlas, laps};
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::mapper::{Mapper, ScanSource};
-use voxelastic::settings::Settings;
+use voxelastic::settings::{Laps, Settings};
 use voxelastic::{Cloud, Pose};
 use voxelastic_io::store::{Checkpoints, MapDetails, MapWriter};
 
@@ -82,14 +82,14 @@ fn settings() -> Settings {
     settings
 }
 
-fn described() -> MapDetails {
-    MapDetails { settings: MapDetails::describe(&settings(), None).settings, ..details("resume") }
+fn described(settings: &Settings) -> MapDetails {
+    MapDetails { settings: MapDetails::describe(settings, None).settings, ..details("resume") }
 }
 
 /// The map, with the mapper stored and taken up again after every so many events. `forget` may change what is stored.
-fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value)) -> (Atlas, [usize; 3]) {
+fn mapped(settings: &Settings, events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value)) -> (Atlas, [usize; 3]) {
     let dir = tempfile::tempdir().unwrap();
-    let mut mapper = Mapper::new(settings()).unwrap();
+    let mut mapper = Mapper::new(settings.clone()).unwrap();
     let (mut stored, mut with_fusions_due) = (0, 0);
     for (k, event) in events.iter().enumerate() {
         mapper.handle(event.clone()).unwrap();
@@ -101,11 +101,11 @@ fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value
         forget(&mut state);
         let state = serde_json::to_vec(&state).unwrap();
         let writer = MapWriter::create(dir.path().join("run.vox")).unwrap();
-        Checkpoints::begin(&writer).unwrap().write(mapper.atlas(), &described(), &state).unwrap();
+        Checkpoints::begin(&writer).unwrap().write(mapper.atlas(), &described(settings), &state).unwrap();
         drop(mapper);
         let (found, _) = Checkpoints::resume(&writer).unwrap().unwrap();
         let state = serde_json::from_slice(&found.state).unwrap();
-        mapper = Mapper::resume(settings(), None, state, found.atlas, &mut Scans).unwrap();
+        mapper = Mapper::resume(settings.clone(), None, state, found.atlas, &mut Scans).unwrap();
         stored += 1;
     }
     mapper.finish();
@@ -118,10 +118,10 @@ fn mapped(events: &[Event], every: usize, forget: impl Fn(&mut serde_json::Value
 #[test]
 fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
     let events = events();
-    let (whole, [_, _, fusions]) = mapped(&events, usize::MAX, |_| ());
+    let (whole, [_, _, fusions]) = mapped(&settings(), &events, usize::MAX, |_| ());
     assert!(fusions > 1 && whole.submaps().len() > 2, "{fusions} fusions, {} submaps", whole.submaps().len());
     for every in [3, 40, 101] {
-        let (resumed, [stored, due, _]) = mapped(&events, every, |_| ());
+        let (resumed, [stored, due, _]) = mapped(&settings(), &events, every, |_| ());
         println!("every {every} events: stored {stored} times, {due} times with fusions due, {fusions} fusions");
         assert!(stored > 1 && due > 0);
         assert!(same_atlas(&whole, &resumed), "every {every} events");
@@ -133,7 +133,17 @@ fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
     };
     let no_fusions = |state: &mut serde_json::Value| state["fusions"]["queue"] = serde_json::json!([]);
     let no_views = |state: &mut serde_json::Value| state["sensors"][0][2]["views"] = serde_json::json!([]);
-    assert!(!same_atlas(&whole, &mapped(&events, 40, no_observations).0), "observation counts");
-    assert!(!same_atlas(&whole, &mapped(&events, 40, no_views).0), "scans to find what moves");
-    assert!(!same_atlas(&whole, &mapped(&events, 40, no_fusions).0), "fusions that are due");
+    assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_observations).0), "observation counts");
+    assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_views).0), "scans to find what moves");
+    assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_fusions).0), "fusions that are due");
+}
+
+#[test]
+fn a_stored_mapper_that_keeps_laps_apart_goes_on_as_if_nothing_had_happened() {
+    let (settings, events) = (Settings { laps: Laps::Apart, ..settings() }, events());
+    let (whole, [_, _, fusions]) = mapped(&settings, &events, usize::MAX, |_| ());
+    assert!(fusions == 0 && laps(whole.submaps()).into_values().max() > Some(1));
+    for every in [20, 101] {
+        assert!(same_atlas(&whole, &mapped(&settings, &events, every, |_| ()).0), "every {every} events");
+    }
 }

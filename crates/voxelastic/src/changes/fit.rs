@@ -41,12 +41,12 @@ impl Fit {
             let t_map_submap = Rigid::from(&submap.t_map_submap);
             let on_map = |(p, n): ([f32; 3], [f32; 3])| (t_map_submap.apply(p), t_map_submap.rotate(n));
             let (places, normals): (Vec<[f32; 3]>, Vec<[f32; 3]>) = places_on_surface(submap).into_iter().map(on_map).unzip();
-            let beside = |(p, state): (&[f32; 3], State)| match state {
+            let distance_of = |(p, state): (&[f32; 3], State)| match state {
                 State::Unknown => None,
                 State::Occupied => Some(0.0),
                 State::Free => Some(other.clearance(p.map(f64::from), FARTHEST, UnknownAs::Blocked)),
             };
-            let distances: Vec<Option<f64>> = places.par_iter().zip(other.states(&places)).map(beside).collect();
+            let distances: Vec<Option<f64>> = places.par_iter().zip(other.states(&places)).map(distance_of).collect();
             for ((place, normal), distance) in places.iter().zip(&normals).zip(distances) {
                 if let Some(distance) = distance {
                     by_square.entry(square(&place.map(f64::from))).or_default()[direction(normal)].push(distance);
@@ -106,7 +106,7 @@ fn margin<'a>(all: impl Iterator<Item = &'a Distances>, least: f64) -> f64 {
     if together.chunks(2).any(is_apart) {
         return f64::INFINITY;
     }
-    let beside = |mut distances: Vec<f64>| {
+    let most_of = |mut distances: Vec<f64>| {
         // What has nothing near is gone, and so is what lies around it, on the same things: as much again.
         let gone = distances.iter().filter(|d| is_nothing_near(d)).count();
         distances.sort_unstable_by(f64::total_cmp);
@@ -114,7 +114,7 @@ fn margin<'a>(all: impl Iterator<Item = &'a Distances>, least: f64) -> f64 {
         let rank = (SHARE * distances.len() as f64) as usize;
         (distances.len() >= LEAST_PLACES).then(|| distances[rank])
     };
-    least.max(TIMES * together.into_iter().filter_map(beside).fold(0.0, f64::max))
+    least.max(TIMES * together.into_iter().filter_map(most_of).fold(0.0, f64::max))
 }
 
 fn square(place: &[f64; 3]) -> [i64; 2] {

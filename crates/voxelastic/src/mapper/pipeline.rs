@@ -45,7 +45,7 @@ pub struct Mapper {
     pub(super) integrators: Integrators,
     pub(super) revisits: RevisitDetector,
     /// Where laps are kept apart, the first submap of this one, if it is known.
-    lap: Option<SubmapId>,
+    pub(super) lap: Option<SubmapId>,
     /// Points of the last scan that were set aside, map frame, metres.
     moving_points: Vec<[f32; 3]>,
     idle_task: Option<IdleTask>,

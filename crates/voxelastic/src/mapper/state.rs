@@ -38,6 +38,8 @@ pub struct MapperState<'a> {
     last_node: Option<NodeId>,
     counts: ElasticCounts,
     next_submap: SubmapId,
+    /// Where laps are kept apart, the first submap of this one.
+    lap: Option<SubmapId>,
     /// By submap, the observation counts of the blocks of its TSDF in Morton order.
     observed: Vec<(SubmapId, Vec<u8>)>,
 }
@@ -47,7 +49,7 @@ impl MapperState<'_> {
     /// what moves is looked for from there on, and no revisit is in progress.
     #[must_use]
     pub fn for_other_scans(self) -> Self {
-        Self { sensors: Vec::new(), revisit: None, ..self }
+        Self { sensors: Vec::new(), revisit: None, lap: None, ..self }
     }
 
     /// The node that came last.
@@ -110,6 +112,7 @@ impl Mapper {
             last_node: self.last_node,
             counts: self.counts,
             next_submap: self.atlas.next_id(),
+            lap: self.lap,
             observed: self.atlas.submaps().iter().map(|submap| (submap.id, observed(&submap.tsdf))).collect(),
         })
     }
@@ -158,7 +161,7 @@ impl Mapper {
         mapper.clusters.assignments = state.assignments.into_owned();
         mapper.clusters.size_limited = state.size_limited.into_iter().collect();
         mapper.fusion.set_schedule(state.fusions);
-        (mapper.last_node, mapper.counts) = (state.last_node, state.counts);
+        (mapper.last_node, mapper.counts, mapper.lap) = (state.last_node, state.counts, state.lap);
         mapper.conflicts_resolved = false;
         mapper.atlas = atlas;
         Ok(mapper)
