@@ -1,4 +1,4 @@
-"""Two sensors of one recording: distances of held-out points to the mesh of VDBFusion and to those of other programs, in one run.
+"""One or two sensors of one recording: distances of held-out points to the mesh of VDBFusion and to those of other programs, in one run.
 
     voxelastic simulate street -o street --bag --sensor vlp-16 --second-lidar vlp-16 --columns 900 --spacing 0.5 --scans 150
     voxelastic map street/recording.mcap --poses street/groundtruth.tum --cloud-topic /points --cloud-topic /points_2 --every scan --hold-out 10 \

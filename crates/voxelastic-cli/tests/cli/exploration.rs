@@ -95,8 +95,8 @@ fn a_maze_is_explored_and_the_robot_comes_home() {
     let course = run["course"].as_array().unwrap();
     let share = |moment: &serde_json::Value| moment["known_share"].as_f64().unwrap();
     assert!(course.len() >= 3 && share(&course[course.len() - 1]) > 2.0 * share(&course[0]), "{run}");
-    let seen = |moment: &serde_json::Value| moment["tare_volume_m3"].as_f64().unwrap();
-    assert!(course.windows(2).all(|pair| seen(&pair[0]) <= seen(&pair[1])) && seen(&course[0]) > 5.0, "{run}");
+    let volume = |moment: &serde_json::Value| moment["tare_volume_m3"].as_f64().unwrap();
+    assert!(course.windows(2).all(|pair| volume(&pair[0]) <= volume(&pair[1])) && volume(&course[0]) > 5.0, "{run}");
     assert_eq!(run["tare_volume_m3"], course[course.len() - 1]["tare_volume_m3"]);
     // Obstacles of 10 cm: half of their edge, and what drift leaves in 40 s.
     assert!(run["surface_error_m"]["median"].as_f64().unwrap() < 0.1 && run["surface_error_m"]["p95"].as_f64().unwrap() < 0.4, "{run}");

@@ -55,7 +55,7 @@ pub struct SimulatedRobot {
     distance: f64,
     is_touching: bool,
     /// Cubes of the world with returns.
-    seen_cubes: HashSet<[i32; 3]>,
+    cubes: HashSet<[i32; 3]>,
     /// Times that the body touched something.
     pub collisions: usize,
     /// Loops that closed.
@@ -89,7 +89,7 @@ impl SimulatedRobot {
             spacing: args.spacing,
             distance: 0.0,
             is_touching: false,
-            seen_cubes: HashSet::new(),
+            cubes: HashSet::new(),
             collisions: 0,
             closures: 0,
             scene,
@@ -148,7 +148,7 @@ impl SimulatedRobot {
 
     /// Explored volume as TARE measures it, cubic metres: that of all cubes with a return.
     pub fn tare_volume(&self) -> f64 {
-        CUBE.powi(3) * self.seen_cubes.len() as f64
+        CUBE.powi(3) * self.cubes.len() as f64
     }
 
     /// Scans, and maps the scan with what the SLAM system says.
@@ -159,7 +159,7 @@ impl SimulatedRobot {
         let cloud = self.lidar.scan(&self.scene.world, |_| truth, &self.noise.fork(tracked.node));
         self.last_scan.clone_from(&cloud);
         let cube = |p: &[f32; 3]| -> [i32; 3] { (truth * Point3::from(p.map(f64::from))).coords.map(|c| (c / CUBE).floor() as i32).into() };
-        self.seen_cubes.extend(cloud.points.iter().filter(|p| Cloud::is_return(p)).map(cube));
+        self.cubes.extend(cloud.points.iter().filter(|p| Cloud::is_return(p)).map(cube));
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
         map(&mut self.mapper, Event::Scan(scan))?;
