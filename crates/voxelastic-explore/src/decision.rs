@@ -45,6 +45,8 @@ pub enum ReturnReason {
     NothingLeft,
     /// It found no way to where there is more to see.
     Stuck,
+    /// It was asked to.
+    Asked,
 }
 
 impl fmt::Display for ReturnReason {
@@ -53,6 +55,7 @@ impl fmt::Display for ReturnReason {
             Self::Time => "the time is up",
             Self::NothingLeft => "nothing more is worth a visit",
             Self::Stuck => "there is no way to where there is more to see",
+            Self::Asked => "it was asked to",
         })
     }
 }

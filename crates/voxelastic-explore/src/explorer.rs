@@ -1,5 +1,6 @@
 //! The explorer: decides after every scan whether to go on, where to go next, and when to go home.
 
+mod following;
 mod plan;
 
 use crate::clusters::{FrontierCluster, Frontiers};

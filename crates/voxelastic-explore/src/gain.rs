@@ -25,6 +25,23 @@ impl Default for SensorView {
 }
 
 impl SensorView {
+    /// That of a sensor with rows at these elevations, radians, whose returns are mapped up to `max_range` metres; no more than 20 m of them count.
+    pub fn of(elevations: impl IntoIterator<Item = f64>, max_range: f64) -> Self {
+        let (low, high) = elevations.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
+        let view = Self::default();
+        Self { elevations: if low < high { [low, high] } else { view.elevations }, range: max_range.min(view.range), ..view }
+    }
+
+    /// Radius within which space has to count as free because the robot is there (the mapper's setting `robot_radius`), metres: farther away the field of view is high
+    /// enough for a ball of `radius` metres in voxels of `voxel` metres. On wheels, with the sensor `height` metres above the floor, it must not reach below
+    /// the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
+    pub fn own_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
+        let [low, high] = self.elevations;
+        let voxels = if height.is_some() { 2.0 } else { 1.0 };
+        let needed = (radius + voxels * voxel) / (-low).min(high).clamp(0.1, 1.5).sin();
+        height.map_or(needed, |height| needed.min(height - 0.1)).clamp(0.0, 5.0)
+    }
+
     /// The volume of unknown space that the sensor at `place` would see within the box `bounds`, cubic metres. All in the map frame.
     pub fn unknown_volume(&self, map: &AtlasQuery<'_>, place: Point, bounds: [Point; 2]) -> f64 {
         let [rows, columns] = self.rays;

@@ -1,7 +1,11 @@
 //! The path that the robot is on, with waypoints that move with corrections of the map.
 
+use crate::near_returns::squared_distance;
 use voxelastic::atlas::Atlas;
 use voxelastic_plan::{Anchor, Point, Space, anchor_path, between, distance, resolve_anchors};
+
+/// A robot is looked for on its path this far ahead of where it was, metres: where a path comes back to itself, it is not taken to be farther along.
+const AHEAD: f64 = 5.0;
 
 /// A path that the robot follows.
 #[derive(Clone, Debug)]
@@ -74,5 +78,31 @@ impl Leg {
             *first = robot;
         }
         true
+    }
+
+    /// Drops the waypoints that the robot has passed; returns its distance from the path as it was planned, metres.
+    pub fn keep_up(&mut self, atlas: &Atlas, robot: Point) -> f64 {
+        let planned: Option<Vec<Point>> = resolve_anchors(atlas, &self.anchors).into_iter().collect();
+        let planned = planned.filter(|planned| planned.len() == self.path.len()).unwrap_or_else(|| self.path.clone());
+        let (mut passed, mut nearest, mut along) = (0, f64::INFINITY, 0.0);
+        for (k, segment) in planned.windows(2).enumerate() {
+            let off = squared_distance(robot, segment[0], segment[1]).sqrt();
+            if off < nearest {
+                (passed, nearest) = (k, off);
+            }
+            along += distance(segment[0], segment[1]);
+            if along > AHEAD {
+                break;
+            }
+        }
+        self.path.drain(..passed);
+        self.anchors.drain(..passed.min(self.anchors.len()));
+        if nearest.is_finite() { nearest } else { planned.first().map_or(0.0, |only| distance(*only, robot)) }
+    }
+
+    /// Where its end is in the map of now.
+    pub fn end_in(&self, atlas: &Atlas) -> Option<Point> {
+        let moved = self.anchors.last().and_then(|anchor| resolve_anchors(atlas, std::slice::from_ref(anchor)).first().copied().flatten());
+        moved.or_else(|| self.end())
     }
 }

@@ -92,19 +92,23 @@ pub enum Rule {
     NextBest,
 }
 
-fn within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
+/// Parses a number from `low` to `high`.
+pub fn within(text: &str, low: f64, high: f64, unit: &str) -> Result<f64, String> {
     text.parse().ok().filter(|v| (low..=high).contains(v)).ok_or_else(|| format!("must be {low} to {high} {unit}"))
 }
 
-fn seconds(text: &str) -> Result<f64, String> {
+/// Parses a time.
+pub fn seconds(text: &str) -> Result<f64, String> {
     within(text, 1.0, 86_400.0, "seconds")
 }
 
-fn speed(text: &str) -> Result<f64, String> {
+/// Parses a speed.
+pub fn speed(text: &str) -> Result<f64, String> {
     within(text, 0.01, 100.0, "metres per second")
 }
 
-fn radius(text: &str) -> Result<f64, String> {
+/// Parses the radius of a robot.
+pub fn radius(text: &str) -> Result<f64, String> {
     within(text, 0.05, 2.0, "metres")
 }
 
@@ -124,10 +128,9 @@ fn range_wide(text: &str) -> Result<f64, String> {
     within(text, 0.1, 20.0, "metres")
 }
 
-/// Lowest and highest elevation of a sensor, radians.
-pub fn elevations(model: &BeamModel) -> (f64, f64) {
-    let elevations = model.elevations().iter().copied().map(f64::from);
-    elevations.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)))
+/// What a sensor sees whose returns are mapped up to `max_range` metres.
+pub fn view(model: &BeamModel, max_range: f32) -> SensorView {
+    SensorView::of(model.elevations().iter().copied().map(f64::from), f64::from(max_range))
 }
 
 impl ExploreArgs {
@@ -149,8 +152,7 @@ impl ExploreArgs {
         let ground = self.ground.then_some(Wheels { height: Some(start[2]), step: None });
         let robot = Robot { radius: self.radius + MARGIN, unknown: UnknownAs::Blocked, ground };
         let model = preset(self.sensor()).map_err(|error| Failure::usage(error.to_string(), "see `voxelastic map --help` for the sensors"))?;
-        let (low, high) = elevations(&model);
-        let view = SensorView { elevations: [low, high], range: f64::from(self.max_range).min(20.0), ..SensorView::default() };
+        let view = view(&model, self.max_range);
         let strategy = match self.strategy {
             Rule::Tour => Strategy::Tour,
             Rule::Nearest => Strategy::Nearest,

@@ -1,6 +1,6 @@
 //! The simulated robot: it moves as it believes it does, scans, and maps.
 
-use super::args::{ExploreArgs, MARGIN, elevations};
+use super::args::{ExploreArgs, MARGIN, view};
 use crate::failure::Failure;
 use anyhow::Context;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::mapper::Mapper;
-use voxelastic::sensor::{BeamModel, preset_with_columns};
+use voxelastic::sensor::preset_with_columns;
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
 use voxelastic::{Cloud, Pose, geometry::PoseExt};
 use voxelastic_explore::Explorer;
@@ -23,15 +23,6 @@ const CHECKED: f64 = 0.1;
 
 /// Edge of the cubes by which TARE measures what was explored, metres.
 const CUBE: f64 = 0.5;
-
-/// Radius within which space is free because the robot is there, metres: farther away the sensor's field of view is high enough for it. On wheels it must not
-/// reach below the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
-fn own_radius(args: &ExploreArgs, model: &BeamModel, height: f64) -> f32 {
-    let (low, high) = elevations(model);
-    let voxels = if args.ground { 2.0 } else { 1.0 };
-    let needed = (args.radius + MARGIN + voxels * f64::from(args.voxel_size)) / (-low).min(high).clamp(0.1, 1.5).sin();
-    (if args.ground { needed.min(height - 0.1) } else { needed }).clamp(0.0, 5.0) as f32
-}
 
 /// A robot in a world, with its map.
 pub struct SimulatedRobot {
@@ -70,7 +61,9 @@ impl SimulatedRobot {
             .map_err(|error| Failure::usage(error.to_string(), "see `voxelastic map --help` for the sensors, and use other --columns"))?;
         let mut settings = Settings { voxel_size: args.voxel_size, max_range: args.max_range, field: FieldKind::Occupancy, ..Settings::default() };
         let start = scene.trajectory.pose(0.0);
-        settings.robot_radius = RobotRadius::Metres(own_radius(args, &model, start.translation.z));
+        let height = args.ground.then_some(start.translation.z);
+        let own = view(&model, args.max_range).own_radius(args.radius + MARGIN, f64::from(args.voxel_size), height);
+        settings.robot_radius = RobotRadius::Metres(own as f32);
         let start = Pose::from_parts(start.translation, UnitQuaternion::from_axis_angle(&Vector3::z_axis(), start.rotation.euler_angles().2));
         let mut mapper = Mapper::new(settings)?;
         mapper.set_sensor_model(model.clone());
