@@ -33,6 +33,7 @@ pub mod imu;
 mod options;
 pub mod picture;
 pub mod random;
+mod reachable;
 mod recording;
 pub mod route;
 pub mod scenes;
@@ -45,6 +46,7 @@ pub mod world;
 
 pub use error::SimError;
 pub use options::{SecondLidar, SimOptions};
+pub use reachable::ReachableSpace;
 pub use scenes::Scene;
 pub use simulation::{PoseSource, Simulation};
 pub use world::{Hit, Ray, SurfacePoint, World, WorldBuilder};

@@ -6,7 +6,7 @@ mod picture;
 mod robot;
 mod truth;
 
-pub use args::ExploreArgs;
+pub use args::{ExploreArgs, MARGIN, radius, seconds, speed, within};
 
 use crate::failure::{self, Failure};
 use crate::meshing::SurfaceArgs;
@@ -16,9 +16,9 @@ use crate::{interrupt, meshing, output};
 use course::{Course, Summary};
 use robot::SimulatedRobot;
 use std::path::Path;
-use truth::ReachableSpace;
 use voxelastic_explore::{Explorer, Purpose};
 use voxelastic_io::store::MapDetails;
+use voxelastic_sim::ReachableSpace;
 
 /// Runs the command.
 pub fn run(args: &ExploreArgs, quiet: bool) -> anyhow::Result<u8> {

@@ -2,7 +2,7 @@
 
 use super::args::ExploreArgs;
 use super::robot::SimulatedRobot;
-use super::truth::{ReachableSpace, SurfaceError};
+use super::truth::SurfaceError;
 use nalgebra::Point3;
 use serde::Serialize;
 use std::time::Duration;
@@ -11,6 +11,7 @@ use voxelastic::{Mapper, Pose};
 use voxelastic_explore::{Decision, Explorer, FrontierCluster, Purpose};
 use voxelastic_plan::Point;
 use voxelastic_report::content::{Exploration, ExplorationStep, KnownShare};
+use voxelastic_sim::ReachableSpace;
 
 /// What is known is compared with the world at this interval, seconds of the simulation.
 const INTERVAL: f64 = 10.0;
