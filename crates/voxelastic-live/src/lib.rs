@@ -7,6 +7,7 @@
 //! | [`ouster`], [`spinning`] | the packets of an Ouster sensor, and of Velodyne's, Hesai's and RoboSense's, as a transport |
 //! | [`ros`] | topics and services of ROS 2 |
 //! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
+//! | [`planner`] | where to go next, on a thread with a copy of the map |
 //! | [`publisher`] | from the mapper to the scene: what changed, and which tiles of the surface |
 //! | [`scene`] | what viewers show, as messages ([`wire`]): the latest of each thing |
 //! | [`viewer`] | the server of the page that shows it |
@@ -18,6 +19,7 @@
 pub mod feed;
 pub mod ouster;
 mod page;
+pub mod planner;
 pub mod publisher;
 pub mod replay;
 pub mod ros;

@@ -96,7 +96,7 @@ impl<T: Send> Delivery<T> {
 
 /// Gives the calling thread a low priority: on a core that it shares with a scan it gets about a tenth of the time, so that there is something to see even if scans come as fast
 /// as they can be mapped. If the system refuses, the priority stays as it is.
-fn lower_priority() {
+pub(crate) fn lower_priority() {
     #[cfg(target_os = "linux")]
     let _ = rustix::process::nice(10);
 }

@@ -5,7 +5,7 @@
 //! | `/` | the page |
 //! | `/socket` | a WebSocket with the messages of [`wire`]; nothing that is sent to it has an effect |
 //! | `/health` | the figures of the node, as JSON |
-//! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset`, `/load` with the path of a map | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
+//! | `POST /save`, `/mesh`, `/pause`, `/resume`, `/reset`, `/load` with the path of a map, `/explore`, `/explore/pause`, `/explore/home` | what [`Request`] says, for those who send the token: `Authorization: Bearer TOKEN` |
 //!
 //! It serves what is in a [`Scene`]. Without a token it changes nothing. Requests of other sites' pages are refused: the page of a stranger must not read the map by way of
 //! the browser.
@@ -125,7 +125,7 @@ impl Drop for Viewer {
 async fn serve(listener: TcpListener, site: Site) {
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else { return };
     let routes = Router::new().route("/", get(page_of)).route("/socket", get(socket)).route("/health", get(health));
-    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load"];
+    let requests = ["/save", "/mesh", "/pause", "/resume", "/reset", "/load", "/explore", "/explore/pause", "/explore/home"];
     let routes = requests.into_iter().fold(routes, |routes, path| routes.route(path, post(control)));
     let routes = routes.layer(DefaultBodyLimit::max(LARGEST_REQUEST)).with_state(site);
     // It ends with the runtime only.
@@ -154,6 +154,9 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: B
         "/mesh" => Request::Mesh,
         "/pause" => Request::Pause(true),
         "/resume" => Request::Pause(false),
+        "/explore" => Request::Explore(true),
+        "/explore/pause" => Request::Explore(false),
+        "/explore/home" => Request::ReturnHome,
         "/load" => Request::Load(String::from_utf8_lossy(&body).trim().into()),
         _ => Request::Reset,
     };

@@ -92,26 +92,65 @@ pub fn mesh_markers(header: Header<'_>, markers: &[MeshMarker]) -> Vec<u8> {
     for MeshMarker { namespace, id, corners } in markers {
         const TRIANGLE_LIST: i32 = 11;
         let action = if corners.is_empty() { 2 } else { 0 };
-        header.write(&mut message).text(namespace).i32(*id).i32(TRIANGLE_LIST).i32(action);
-        write_pose(&mut message, &Pose::identity());
-        // Scale; colour; lifetime; whether it moves with its frame.
-        message.f64s(&[1.0; 3]).f32s(&[1.0; 4]).i32(0).u32(0).bool(false);
-        message.u32(corners.len() as u32);
-        for (corner, _) in corners {
-            message.f64s(&corner.map(f64::from));
-        }
-        message.u32(corners.len() as u32);
-        for (_, colour) in corners {
-            let [r, g, b] = colour.map(|c| f32::from(c) / 255.0);
-            message.f32s(&[r, g, b, 1.0]);
-        }
-        // Texture: its name, an empty image (header, format, data), coordinates.
-        message.text("");
-        write_time(&mut message, 0.0).text("").text("").bytes(&[]).u32(0);
-        // Text; mesh: its name, an empty file (name, data), whether to use its materials.
-        message.text("").text("").text("").bytes(&[]).bool(false);
+        let shape = Shape { kind: TRIANGLE_LIST, pose: Pose::identity(), scale: [1.0; 3], colour: [1.0; 4] };
+        write_marker(&mut message, header, (namespace, *id, action), &shape, corners);
     }
     message.finish()
+}
+
+/// A box or an arrow of `visualization_msgs/MarkerArray`.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    kind: i32,
+    pose: Pose,
+    scale: [f64; 3],
+    colour: [f32; 4],
+}
+
+impl Shape {
+    /// A box around a pose with edges of `size`, metres; the colour is red, green, blue and opacity.
+    pub fn cuboid(pose: Pose, size: [f64; 3], colour: [f32; 4]) -> Self {
+        Self { kind: 1, pose, scale: size, colour }
+    }
+
+    /// An arrow from a pose along its x axis, `length` metres long.
+    pub fn arrow(pose: Pose, length: f64, colour: [f32; 4]) -> Self {
+        Self { kind: 0, pose, scale: [length, 0.08 * length, 0.16 * length], colour }
+    }
+}
+
+/// `visualization_msgs/MarkerArray` of shapes in the frame of the header, in place of all those of before.
+pub fn shape_markers(header: Header<'_>, namespace: &str, shapes: &[Shape]) -> Vec<u8> {
+    const DELETE_ALL: i32 = 3;
+    let mut message = Writer::with_capacity(shapes.len() * 400 + 512);
+    message.u32(shapes.len() as u32 + 1);
+    let nothing = Shape::cuboid(Pose::identity(), [1.0; 3], [0.0; 4]);
+    write_marker(&mut message, header, (namespace, 0, DELETE_ALL), &nothing, &[]);
+    for (id, shape) in (0..).zip(shapes) {
+        write_marker(&mut message, header, (namespace, id, 0), shape, &[]);
+    }
+    message.finish()
+}
+
+/// `visualization_msgs/Marker`, with its namespace, its number there and its action.
+fn write_marker(message: &mut Writer, header: Header<'_>, (namespace, id, action): (&str, i32, i32), shape: &Shape, corners: &[([f32; 3], Rgb)]) {
+    header.write(message).text(namespace).i32(id).i32(shape.kind).i32(action);
+    // Then lifetime; whether it moves with its frame.
+    write_pose(message, &shape.pose).f64s(&shape.scale).f32s(&shape.colour).i32(0).u32(0).bool(false);
+    message.u32(corners.len() as u32);
+    for (corner, _) in corners {
+        message.f64s(&corner.map(f64::from));
+    }
+    message.u32(corners.len() as u32);
+    for (_, colour) in corners {
+        let [r, g, b] = colour.map(|c| f32::from(c) / 255.0);
+        message.f32s(&[r, g, b, 1.0]);
+    }
+    // Texture: its name, an empty image (header, format, data), coordinates.
+    message.text("");
+    write_time(message, 0.0).text("").text("").bytes(&[]).u32(0);
+    // Text; mesh: its name, an empty file (name, data), whether to use its materials.
+    message.text("").text("").text("").bytes(&[]).bool(false);
 }
 
 /// `octomap_msgs/Octomap` of free and occupied space: the nodes of a `.bt` file, without its text, whose smallest cubes have an edge of `resolution` metres.
@@ -164,6 +203,12 @@ pub(super) fn write_path<'w>(message: &'w mut Writer, header: Header<'_>, poses:
         write_pose(Header { stamp: *stamp, ..header }.write(message), pose);
     }
     message
+}
+
+/// `geometry_msgs/PoseStamped`.
+pub fn pose_stamped(header: Header<'_>, pose: &Pose) -> Vec<u8> {
+    let mut message = Writer::with_capacity(128);
+    write_pose(header.write(&mut message), pose).finish()
 }
 
 /// `geometry_msgs/PoseArray`.
@@ -265,6 +310,11 @@ print(json.dumps(out))
             ("tf2_msgs/msg/TFMessage", transforms(&[(header, "odom", pose)])),
             ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans", "12".into())])),
             ("sensor_msgs/msg/PointCloud2", distance_cloud(header, &[[1.0, 2.0, 3.0, 0.25]])),
+            ("geometry_msgs/msg/PoseStamped", pose_stamped(header, &pose)),
+            (
+                "visualization_msgs/msg/MarkerArray",
+                shape_markers(header, "frontier", &[Shape::cuboid(pose, [4.0, 2.0, 1.0], [1.0, 0.5, 0.0, 0.4]), Shape::arrow(pose, 1.5, [1.0; 4])]),
+            ),
         ];
         let Some(read) = read_by_rosbags(&messages) else { return };
         assert_eq!(read[0]["header"]["stamp"], serde_json::json!({"sec": 1_700_000_000, "nanosec": 250_000_000}));
@@ -281,5 +331,13 @@ print(json.dumps(out))
         assert_eq!(read[7]["transforms"][0]["transform"]["translation"]["z"], 3.0);
         assert_eq!((&read[8]["status"][0]["level"], &read[8]["status"][0]["values"][0]["value"]), (&1.into(), &"12".into()));
         assert_eq!((&read[9]["fields"][3]["name"], &read[9]["data"][15], &read[9]["data"][14]), (&"intensity".into(), &0x3e.into(), &0x80.into()));
+        assert_eq!((&read[10]["pose"]["position"]["z"], &read[10]["header"]["frame_id"]), (&3.0.into(), &"map".into()));
+        let markers = read[11]["markers"].as_array().unwrap();
+        let of = |key: &str| markers.iter().map(|marker| marker[key].as_i64().unwrap()).collect::<Vec<_>>();
+        assert_eq!((of("action"), of("type")[1..].to_vec(), of("id")), (vec![3, 0, 0], vec![1, 0], vec![0, 0, 1]));
+        assert_eq!(
+            (&markers[1]["scale"]["y"], &markers[2]["scale"]["x"], &markers[1]["pose"]["position"]["y"]),
+            (&2.0.into(), &1.5.into(), &(-2.0).into())
+        );
     }
 }

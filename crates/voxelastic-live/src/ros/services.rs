@@ -38,6 +38,10 @@ pub enum Request {
     Load(PathBuf),
     /// Distances to the nearest surfaces at points, metres, map frame.
     Distances(Vec<[f64; 3]>),
+    /// Explore, or stay where the robot is.
+    Explore(bool),
+    /// Go home, for a robot that explores.
+    ReturnHome,
 }
 
 /// The distance at a point to the nearest surface.
@@ -112,7 +116,7 @@ impl Desk {
 /// Points that can be asked for at a time: mapping waits meanwhile.
 const MOST_POINTS: usize = 100_000;
 
-/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/pause` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/load`
+/// Offers the services of a node: `~/save`, `~/reset`, `~/mesh` (`std_srvs/Trigger`), `~/return_home` (`std_srvs/Trigger`), `~/pause`, `~/explore` (`std_srvs/SetBool`), `~/plan` (`nav_msgs/GetPlan`), `~/load`
 /// (`nav_msgs/LoadMap`), `~/distances` (`voxelastic_msgs/GetDistances`, defined in the folder `ros` of this crate).
 ///
 /// # Errors
@@ -123,8 +127,11 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result
         let answer: Answer = Box::new(move |_| Some(done(desk.ask(request.clone())?)));
         ("std_srvs/srv/Trigger", answer)
     };
-    let pausing = desk.clone();
-    let pause: Answer = Box::new(move |message| Some(done(pausing.ask(Request::Pause(Reader::new(message)?.bool()?))?)));
+    let switch = |request: fn(bool) -> Request| {
+        let desk = desk.clone();
+        let answer: Answer = Box::new(move |message| Some(done(desk.ask(request(Reader::new(message)?.bool()?))?)));
+        ("std_srvs/srv/SetBool", answer)
+    };
     let planning = desk.clone();
     let plan: Answer = Box::new(move |message| {
         let (request, frame) = plan_request(message)?;
@@ -146,7 +153,9 @@ pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result
         ("save", trigger(Request::Save)),
         ("reset", trigger(Request::Reset)),
         ("mesh", trigger(Request::Mesh)),
-        ("pause", ("std_srvs/srv/SetBool", pause)),
+        ("pause", switch(Request::Pause)),
+        ("explore", switch(Request::Explore)),
+        ("return_home", trigger(Request::ReturnHome)),
         ("plan", ("nav_msgs/srv/GetPlan", plan)),
         ("load", ("nav_msgs/srv/LoadMap", load)),
         ("distances", ("voxelastic_msgs/srv/GetDistances", distances)),
@@ -295,7 +304,9 @@ pub(super) mod tests {
         let saved = ask("save", &Writer::new().u8(0).finish()).unwrap();
         let mut reader = Reader::new(&saved).unwrap();
         assert_eq!((reader.bool(), reader.text().as_deref()), (Some(true), Some("map.vox")));
-        assert_eq!(Reader::new(&ask("pause", &Writer::new().bool(true).finish()).unwrap()).unwrap().bool(), Some(false));
+        for name in ["pause", "explore", "return_home"] {
+            assert_eq!(Reader::new(&ask(name, &Writer::new().bool(true).finish()).unwrap()).unwrap().bool(), Some(false));
+        }
         let mut request = Writer::new();
         for x in [1.0, 2.0] {
             request.u32(5).u32(0).text("map").f64s(&[x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -324,7 +335,8 @@ pub(super) mod tests {
         assert_eq!(Reader::new(&many).unwrap().bool(), Some(false));
         drop(board);
         let seen = node.join().unwrap();
-        assert_eq!((seen.len(), &seen[0], &seen[1]), (6, &Request::Save, &Request::Pause(true)));
-        assert_eq!(seen[3..], [Request::Load("/maps/a.vox".into()), Request::Load("/maps/b.vox".into()), Request::Distances(vec![p, q])]);
+        assert_eq!(seen.len(), 8);
+        assert_eq!(seen[..4], [Request::Save, Request::Pause(true), Request::Explore(true), Request::ReturnHome]);
+        assert_eq!(seen[5..], [Request::Load("/maps/a.vox".into()), Request::Load("/maps/b.vox".into()), Request::Distances(vec![p, q])]);
     }
 }

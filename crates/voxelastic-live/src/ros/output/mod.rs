@@ -9,6 +9,8 @@
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
 //! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
+//! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box around each cluster of the frontier, and an arrow towards what is unknown, with each plan |
+//! | `~/explore_path`, `~/explore_goal` | `nav_msgs/Path`, `geometry_msgs/PoseStamped` | where it is to go, and the end of that, with each plan, and where poses were corrected |
 //! | `~/submaps` | `geometry_msgs/PoseArray` | root poses of the submaps, when they change |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
 //! | `/tf` | `tf2_msgs/TFMessage` | `map` to the frame of the odometry, with each scan and ten times a second |
@@ -16,6 +18,7 @@
 //! Everything is in the frame `map`. What takes work is made only if somebody listens, and when listeners have taken what was made before.
 
 mod distances;
+mod exploration;
 mod occupancy;
 mod path;
 mod surface;
@@ -23,7 +26,9 @@ mod topics;
 
 use super::messages::{self, Header, Health};
 use super::middleware::{Middleware, MiddlewareError, Sink, TopicProfile};
+use crate::planner::Plan;
 use distances::SliceState;
+use exploration::ShownPlan;
 use occupancy::Layers;
 use path::{PathState, pose_of};
 use std::collections::HashMap;
@@ -64,11 +69,13 @@ pub struct OutputOptions {
     pub detail: usize,
     /// Lower and upper end of the layer of `~/grid`, metres above the lidar.
     pub layer: [f64; 2],
+    /// Whether the robot explores: then there are topics about that.
+    pub explores: bool,
 }
 
 impl Default for OutputOptions {
     fn default() -> Self {
-        Self { detail: 1, layer: [-0.2, 0.3] }
+        Self { detail: 1, layer: [-0.2, 0.3], explores: false }
     }
 }
 
@@ -81,6 +88,7 @@ pub struct Outputs {
     slice: SliceState,
     poses: Vec<Pose>,
     path: PathState,
+    plan: ShownPlan,
     link: Option<(Instant, OdometryLink, Pose)>,
     last_transform: Option<Instant>,
     last_figures: Option<Instant>,
@@ -108,6 +116,7 @@ impl Outputs {
             slice: SliceState::default(),
             poses: Vec::new(),
             path: PathState::default(),
+            plan: ShownPlan::default(),
             link: None,
             last_transform: None,
             last_figures: None,
@@ -141,7 +150,8 @@ impl Outputs {
         node: &str,
         mut advertise: impl FnMut(&TopicProfile) -> Result<Box<dyn Sink>, MiddlewareError>,
     ) -> Result<(), MiddlewareError> {
-        for (output, profile) in profiles(node) {
+        let explores = self.options.explores;
+        for (output, profile) in profiles(node).into_iter().filter(|(output, _)| explores || !output.is_of_exploration()) {
             self.sinks.entry(output).or_default().push(advertise(&profile)?);
         }
         Ok(())
@@ -198,7 +208,36 @@ impl Outputs {
         if poses != self.poses {
             self.publish(Output::Submaps, |header| messages::pose_array(header, &poses));
             self.poses = poses;
+            if self.plan.follow(atlas) {
+                self.publish_path_to_explore();
+            }
         }
+    }
+
+    /// Publishes where a robot that explores is to go, and the frontier. The path is where the map of now has it, which may have been corrected since it was planned.
+    pub fn publish_plan(&mut self, atlas: &Atlas, plan: &Plan) {
+        self.plan.set(plan);
+        self.plan.follow(atlas);
+        let shapes = exploration::shapes(&plan.frontier);
+        self.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &shapes));
+        self.publish_path_to_explore();
+    }
+
+    /// Publishes that a robot that explores is to stay where it is.
+    pub fn stop_exploring(&mut self) {
+        self.plan = ShownPlan::default();
+        self.publish_path_to_explore();
+    }
+
+    fn publish_path_to_explore(&mut self) {
+        let poses = self.plan.poses();
+        if let Some(goal) = poses.last() {
+            self.publish(Output::ExploreGoal, |header| messages::pose_stamped(header, goal));
+        }
+        self.publish(Output::ExplorePath, |header| {
+            let stamped: Vec<(f64, Pose)> = poses.iter().map(|pose| (header.stamp, *pose)).collect();
+            messages::path(header, &stamped)
+        });
     }
 
     /// Publishes the path as it is, if what was published is older.
@@ -217,6 +256,8 @@ impl Outputs {
         (self.layers, self.slice) = (Layers::default(), SliceState::default());
         (self.poses, self.path, self.link) = (Vec::new(), PathState::default(), None);
         self.publish(Output::Path, |header| messages::path(header, &[]));
+        self.publish(Output::Frontier, |header| messages::shape_markers(header, "frontier", &[]));
+        self.stop_exploring();
         self.publish(Output::Submaps, |header| messages::pose_array(header, &[]));
     }
 

@@ -19,6 +19,12 @@ pub enum Output {
     DistanceSlice,
     /// Poses of the scans.
     Path,
+    /// Where free space meets unknown space.
+    Frontier,
+    /// The path of a robot that explores.
+    ExplorePath,
+    /// Its end.
+    ExploreGoal,
     /// Root poses of the submaps.
     Submaps,
     /// How the node is.
@@ -27,10 +33,20 @@ pub enum Output {
     Transforms,
 }
 
+impl Output {
+    /// Whether it is about a robot that explores.
+    pub fn is_of_exploration(self) -> bool {
+        matches!(self, Self::Frontier | Self::ExplorePath | Self::ExploreGoal)
+    }
+}
+
 /// The topics of a node.
 pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
     use Delivery::{Latched, Periodic, Reliable};
-    use Output::{Diagnostics, DistanceSlice, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints, Transforms};
+    use Output::{
+        Diagnostics, DistanceSlice, ExploreGoal, ExplorePath, Frontier, Grid, MovingPoints, Octomap, Path, Submaps, Surface, SurfacePoints,
+        Transforms,
+    };
     let own = |name: &str| format!("/{node}/{name}");
     // What is sent in parts is sent again to those who come, so it need not be kept: a reader of parts that are kept would show what is gone.
     [
@@ -41,6 +57,9 @@ pub fn profiles(node: &str) -> Vec<(Output, TopicProfile)> {
         (Grid, own("grid"), "nav_msgs/msg/OccupancyGrid", Latched, 1),
         (DistanceSlice, own("distance_slice"), "sensor_msgs/msg/PointCloud2", Latched, 1),
         (Path, own("path"), "nav_msgs/msg/Path", Latched, 1),
+        (Frontier, own("frontier"), "visualization_msgs/msg/MarkerArray", Latched, 1),
+        (ExplorePath, own("explore_path"), "nav_msgs/msg/Path", Latched, 1),
+        (ExploreGoal, own("explore_goal"), "geometry_msgs/msg/PoseStamped", Latched, 1),
         (Submaps, own("submaps"), "geometry_msgs/msg/PoseArray", Latched, 1),
         (Diagnostics, "/diagnostics".to_owned(), "diagnostic_msgs/msg/DiagnosticArray", Periodic, 10),
         (Transforms, "/tf".to_owned(), "tf2_msgs/msg/TFMessage", Periodic, 100),
