@@ -2,6 +2,7 @@
 
 mod beginning;
 mod delays;
+mod exploring;
 mod figures;
 mod loading;
 mod network;
@@ -30,6 +31,7 @@ use crate::watching::{ADDRESS, DetailArgs, Watch};
 use crate::{allocator, interrupt, meshing, output, usage};
 use beginning::Begun;
 use clap::{Args, FromArgMatches};
+use exploring::{ExplorationSummary, Exploring, ExploringArgs};
 use network::{Network, NetworkArgs};
 use node::{Node, OnNetwork, Requests, Tally};
 use offers::{InputRecording, Offers};
@@ -75,6 +77,7 @@ use voxelastic_slam::Corrector;
   voxelastic live --ros2 --view                         the topics of a robot, until Ctrl-C; writes live.vox
   voxelastic live --ros2=zenoh --cloud-topic /os/points --slam -o site.vox
   voxelastic live --from drive.mcap --ros2              play a recording, and publish its map
+  voxelastic live --ros2 --field both --explore --every 0.5m   and publish where to go next
   voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver
   voxelastic live --velodyne 192.168.1.201 --view       straight from a Velodyne, Hesai or RoboSense")]
 pub struct LiveArgs {
@@ -95,7 +98,7 @@ pub struct LiveArgs {
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS)]
     view: Option<SocketAddr>,
     /// Let those control the node over HTTP who know the token in this file: POST /save, /mesh, /pause, /resume, /reset, and /load with the path of a saved map, at
-    /// the viewer's address
+    /// the viewer's address; with --explore also /explore, /explore/pause and /explore/home
     #[arg(long, value_name = "FILE", requires = "view")]
     token: Option<PathBuf>,
     #[command(flatten)]
@@ -115,6 +118,8 @@ pub struct LiveArgs {
     json: bool,
     #[command(flatten)]
     network: NetworkArgs,
+    #[command(flatten)]
+    exploring: ExploringArgs,
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
@@ -166,6 +171,8 @@ struct Summary {
     odometry: Option<OdometrySummary>,
     /// Loop closures that were tried; `null` where none were looked for.
     closures: Option<ClosureSummary>,
+    /// What was planned; `null` without `--explore`.
+    exploration: Option<ExplorationSummary>,
     /// Checkpoints that were written.
     checkpoints: CheckpointSummary,
     /// Threads of the mapper.
@@ -248,7 +255,7 @@ impl LiveArgs {
             .with("reading", DataArgs::at(path, &self.reading).identity())
             .with("poses by odometry", source.odometry.is_some())
             .with("corrections", self.elastic.identity())
-            .with("poses in the frame of a network", self.network.ros2.is_some() || self.network.foxglove.is_some())
+            .with("poses in the frame of a network", self.network.publishes())
     }
 
     /// Where scans come from; none if an interrupt came before they did.
@@ -274,7 +281,8 @@ fn play(
 ) -> anyhow::Result<u8> {
     let clock = Instant::now();
     allocator::give_back_large_pieces();
-    let settings = args.settings.resolve()?;
+    let mut settings = args.settings.resolve()?;
+    let exploring = args.exploring.prepare(&mut settings, args.network.publishes())?;
     let pool = meshing::pool(settings.threads)?;
     let new_mapper = |sensor: Option<BeamModel>| {
         let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
@@ -313,12 +321,13 @@ fn play(
         keeper = keeper.of_passing_scans(&corrector);
     }
     let watch = if early.is_some() { early } else { watch()? };
-    let offers = Offers::announce(&args.network, network.as_mut(), &desk)?;
+    let offers = Offers::announce(&args.network, network.as_mut(), &desk, exploring.is_some())?;
+    let exploring = exploring.map(Exploring::start).transpose()?;
     let on_network = offers.map(|mut offers| {
         if let Some(frames) = frames.clone().filter(|_| args.network.use_sim_time) {
             offers.outputs.set_clock(move || frames.clock());
         }
-        OnNetwork { node: args.network.node.clone(), offers, frames }
+        OnNetwork { node: args.network.node.clone(), offers, frames, exploring }
     });
     let feed = Feed::start(transport, source.overload)
         .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
@@ -412,6 +421,7 @@ fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> 
         messages_lost: run.messages_lost,
         odometry: run.tally.odometry.clone(),
         closures: run.tally.closures.clone(),
+        exploration: run.tally.exploration.clone(),
         checkpoints: run.checkpoints,
         threads: session.threads(),
         times: session.times(),

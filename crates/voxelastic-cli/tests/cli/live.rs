@@ -174,6 +174,10 @@ fn a_run_that_was_ended_goes_on_too() {
 fn impossible_requests_have_a_remedy() {
     let dir = tempfile::tempdir().unwrap();
     room::write(&dir.path().join("room"), 2);
+    fails(dir.path(), "live --from room --explore", 2, &["what is free", "--field both"]);
+    fails(dir.path(), "live --from room --explore --field both", 2, &["go nowhere", "--foxglove"]);
+    fails(dir.path(), "live --from room --explore-time 60", 2, &["--explore"]);
+    fails(dir.path(), "live --from room --explore --explore-speed 0 --field both --foxglove", 2, &["--explore-speed"]);
     fails(dir.path(), "live", 2, &["--from"]);
     fails(dir.path(), "live --from room --rate 0", 2, &["--rate", "max"]);
     fails(dir.path(), "live --from nowhere", 1, &["nowhere"]);
@@ -275,4 +279,23 @@ fn impossible_viewers_have_a_remedy() {
     fails(dir.path(), "view room --skip-damaged", 2, &["--skip-damaged"]);
     works(dir.path(), "map room");
     fails(dir.path(), "view room.vox --rate 2", 2, &["--rate"]);
+}
+
+#[test]
+fn a_node_that_explores_plans_and_maps_what_it_would_map_otherwise() {
+    let dir = tempfile::tempdir().unwrap();
+    let help = works(dir.path(), "live --help");
+    for flag in ["--explore ", "--explore-bounds", "--explore-height", "--explore-radius", "--explore-speed", "--explore-time"] {
+        assert!(help.contains(flag), "{flag}: {help}");
+    }
+    room::write(&dir.path().join("room"), 16);
+    let flags = format!("--from room --rate 2 --field both --robot-radius 0.6 {QUICK} --json");
+    let plain = json(dir.path(), &format!("live -o plain.vox --foxglove=127.0.0.1:0 {flags}"));
+    let live = json(dir.path(), &format!("live -o explored.vox --foxglove=127.0.0.1:0 --explore --explore-time 600 {flags}"));
+    let planned = &live["exploration"];
+    assert!(plain["exploration"].is_null() && plain["scans"] == 16 && live["scans"] == 16, "{plain} {live}");
+    assert!(planned["looks"].as_u64() > Some(1) && planned["paths"].as_u64() > Some(0) && planned["failures"] == 0, "{planned}");
+    assert!(planned["state"] == "exploring" && planned["from_home_m"].as_f64() > Some(0.0), "{planned}");
+    assert!(planned["copy_p99_ms"].as_f64() > Some(0.0) && planned["plan_ms"]["median"].as_f64() > Some(0.0), "{planned}");
+    assert_same(dir.path(), "plain.vox", "explored.vox");
 }

@@ -35,6 +35,13 @@ pub struct NetworkArgs {
     pub record: Option<PathBuf>,
 }
 
+impl NetworkArgs {
+    /// Whether anything is published.
+    pub fn publishes(&self) -> bool {
+        self.ros2.is_some() || self.foxglove.is_some()
+    }
+}
+
 /// What messages travel by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Backend {

@@ -1,6 +1,7 @@
 //! The loop between the feed and the mapper.
 
 use super::delays::Delays;
+use super::exploring::{ExplorationSummary, Exploring};
 use super::figures::{OverloadWarning, diagnosis, figures};
 use super::loading::Loaded;
 use super::offers::Offers;
@@ -28,7 +29,7 @@ use voxelastic::{Mapper, Pose};
 use voxelastic_io::bag::live::LiveFrames;
 use voxelastic_live::feed::{Feed, Next};
 use voxelastic_live::publisher::ShownScan;
-use voxelastic_live::ros::output::OdometryLink;
+use voxelastic_live::ros::output::{OdometryLink, Outputs};
 use voxelastic_live::ros::services::{NotLoaded, Pending, Request, Response};
 use voxelastic_live::transport::Incoming;
 use voxelastic_slam::Corrector;
@@ -37,6 +38,8 @@ use voxelastic_slam::Corrector;
 const LOOK: Duration = Duration::from_millis(100);
 /// The same while tiles of the surface are made.
 const LOOK_SOON: Duration = Duration::from_millis(2);
+/// The same while a path is planned.
+const LOOK_FOR_PLAN: Duration = Duration::from_millis(10);
 /// Occupancy is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
 /// Counts of a run.
@@ -63,6 +66,8 @@ pub struct Tally {
     pub odometry: Option<OdometrySummary>,
     /// Loop closures that were tried, if they were looked for.
     pub closures: Option<ClosureSummary>,
+    /// What was planned, if the robot explores.
+    pub exploration: Option<ExplorationSummary>,
 }
 
 impl Tally {
@@ -81,6 +86,8 @@ pub struct OnNetwork {
     pub offers: Offers,
     /// The frames of what comes; none for a recording.
     pub frames: Option<LiveFrames>,
+    /// Where to go next, if it explores.
+    pub exploring: Option<Exploring>,
 }
 
 /// Odometry, corrections and mapping of what a feed delivers, in one thread: what happens does not depend on when it happens.
@@ -176,6 +183,9 @@ impl Node {
             feed.begin_pause();
             self.answer(session, &mut requests);
             self.show_distances(session, &mut requests.service, feed.counts().waiting > 0);
+            if let Some((exploring, outputs)) = self.exploring() {
+                exploring.step(session, outputs, feed.counts().waiting > 0);
+            }
             if let Some(target) = requests.service.target.as_deref_mut() {
                 requests.keeper.keep_between_scans(target, session, &self.stages(), feed.counts().waiting > 0);
             }
@@ -226,11 +236,19 @@ impl Node {
             has_work |= session.pool().install(|| outputs.step(atlas));
             is_busy |= outputs.is_busy();
         }
+        let is_planning = self.exploring().is_some_and(|(exploring, _)| exploring.is_busy());
         match (has_work, is_busy) {
             (true, _) => Duration::ZERO,
             (_, true) => LOOK_SOON,
+            _ if is_planning => LOOK_FOR_PLAN,
             _ => LOOK,
         }
+    }
+
+    /// What plans where to go next, and what publishes it.
+    fn exploring(&mut self) -> Option<(&mut Exploring, &mut Outputs)> {
+        let network = self.network.as_mut()?;
+        Some((network.exploring.as_mut()?, &mut network.offers.outputs))
     }
 
     /// Publishes distances around the robot, if it is time for that and no scan waits.
@@ -258,6 +276,10 @@ impl Node {
                 }
                 Request::Reset => Response::Done(self.reset(session, requests).map_err(|problem| one_line(&problem))),
                 Request::Load(path) => Response::Loaded(self.load(path, session, requests)),
+                request @ (Request::Explore(_) | Request::ReturnHome) => match self.exploring() {
+                    Some((exploring, outputs)) => exploring.answer(request, outputs),
+                    None => Response::Done(Err("this node does not explore: start it with --explore".to_owned())),
+                },
                 request => requests.service.answer(request, session),
             };
             if let Response::Loaded(Err((_, words))) = &response {
@@ -315,6 +337,7 @@ impl Node {
         }
         if let Some(network) = &mut self.network {
             network.offers.outputs.reset();
+            network.exploring.iter_mut().for_each(Exploring::restart);
         }
         Ok(())
     }
@@ -420,6 +443,7 @@ impl Node {
                 shown = self.watch.is_some().then(|| ShownScan::of(&scan.cloud, scan.time));
                 if let Some(network) = &mut self.network {
                     network.offers.outputs.add_scan(scan.node, scan.time);
+                    network.exploring.iter_mut().for_each(|exploring| exploring.add_scan(scan, session.mapper().settings()));
                 }
             }
             Event::LoopEdge(edge) => {
@@ -438,6 +462,7 @@ impl Node {
         let link = self.odometry_link();
         if let Some(network) = self.network.as_mut().filter(|_| !is_edge) {
             network.offers.outputs.note(session.mapper(), link);
+            network.exploring.iter_mut().for_each(Exploring::note);
         }
         Ok(())
     }
@@ -462,7 +487,13 @@ impl Node {
         let is_worse = std::mem::replace(&mut self.tally.left_out, left_out) < left_out;
         if let Some(network) = &mut self.network {
             let node = network.node.clone();
-            network.offers.outputs.diagnostics(&node, || diagnosis(&figures("mapping", left_out, delay_ms, session), is_worse, paused));
+            let exploring = network.exploring.as_ref();
+            let diagnosis = || {
+                let (health, words, mut all) = diagnosis(&figures("mapping", left_out, delay_ms, session), is_worse, paused);
+                all.extend(exploring.into_iter().flat_map(Exploring::figures));
+                (health, words, all)
+            };
+            network.offers.outputs.diagnostics(&node, diagnosis);
         }
     }
 
@@ -478,6 +509,7 @@ impl Node {
         let last = last.and_then(|events| events.into_iter().try_for_each(|event| self.tell(event, session)));
         if let Some(network) = &mut self.network {
             network.offers.outputs.finish(session.mapper());
+            self.tally.exploration = network.exploring.as_ref().map(Exploring::summary);
         }
         self.tally.closures = self.corrector.closures().map(ClosureSummary::of);
         if let Err(problem) = last {

@@ -21,12 +21,12 @@ pub struct Offers {
 }
 
 impl Offers {
-    /// What the arguments ask for; none if that is nothing. Requests go to `desk`.
-    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, desk: &Desk) -> anyhow::Result<Option<Self>> {
+    /// What the arguments ask for; none if that is nothing. Requests go to `desk`. A robot that `explores` has topics for that, too.
+    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, desk: &Desk, explores: bool) -> anyhow::Result<Option<Self>> {
         if network.is_none() && args.foxglove.is_none() {
             return Ok(None);
         }
-        let mut offers = Self { outputs: Outputs::new(OutputOptions::default()), held: Vec::new() };
+        let mut offers = Self { outputs: Outputs::new(OutputOptions { explores, ..OutputOptions::default() }), held: Vec::new() };
         if let Some(network) = network {
             let announced = offers.add_network(network, &args.node, desk);
             announced.map_err(|problem| Failure::new(problem.to_string(), "another name of the node may help: --node"))?;

@@ -214,3 +214,25 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
         assert_eq!(path(&atlas(&saved)).len(), 12, "the map that was loaded is as it was");
     }
 }
+
+#[test]
+fn a_robot_that_explores_is_held_and_sent_home_on_request() {
+    let dir = tempfile::tempdir().unwrap();
+    let (sim, token) = (world("room"), dir.path().join("token"));
+    fs::write(&token, TOKEN).unwrap();
+    for explores in [false, true] {
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let ask = move || {
+            for (request, words) in [("/explore/pause", "is to stay"), ("/explore", "explores"), ("/explore/home", "goes home")] {
+                let (status, words) = if explores { ("200", words) } else { ("409", "start it with --explore") };
+                let answer = posted(port, request, "");
+                assert!(answer.starts_with(&format!("HTTP/1.1 {status}")) && answer.contains(words), "{request}: {answer}");
+            }
+        };
+        let explore = if explores { "--explore --foxglove=127.0.0.1:0" } else { "" };
+        let flags = format!("{explore} --field both --view=127.0.0.1:{port} --token {}", token.display());
+        let map = dir.path().join(format!("{explores}.vox"));
+        assert_eq!(live_asked(&map, &flags, given(&sim, [0, 4], &Pose::identity()), None, Some(Box::new(ask))), 0);
+        assert_eq!(path(&atlas(&map)).len(), 4);
+    }
+}
