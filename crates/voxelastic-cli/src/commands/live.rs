@@ -15,6 +15,7 @@ mod relocalisation;
 mod service;
 mod source;
 mod spinning_address;
+mod tally;
 #[cfg(test)]
 mod tests;
 
@@ -33,7 +34,7 @@ use beginning::Begun;
 use clap::{Args, FromArgMatches};
 use exploring::{ExplorationSummary, Exploring, ExploringArgs};
 use network::{Network, NetworkArgs};
-use node::{Node, OnNetwork, Requests, Tally};
+use node::{Node, OnNetwork, Requests};
 use offers::{InputRecording, Offers};
 use ouster_address::OusterAddress;
 use rate::Rate;
@@ -46,6 +47,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::channel;
 use std::time::Instant;
+use tally::Tally;
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::BeamModel;
 use voxelastic::settings::Settings;

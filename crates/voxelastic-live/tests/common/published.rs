@@ -104,15 +104,15 @@ impl Published {
                 let [_, kind, action] = [(); 3].map(|()| message.u32());
                 let (centre, size) = (message.pose().0, [(); 3].map(|()| message.f64()));
                 // Colour and lifetime; whether it moves with its frame; no points and no colours.
-                (0..6).for_each(|_| drop(message.u32()));
+                let _: [u32; 6] = [(); 6].map(|()| message.u32());
                 message.bytes::<1>();
                 assert_eq!([message.u32(), message.u32()], [0, 0]);
                 // Texture, text and mesh: no names and no contents.
                 message.text();
                 message.header();
                 message.text();
-                (0..2).for_each(|_| drop(message.u32()));
-                (0..3).for_each(|_| drop(message.text()));
+                let _: [u32; 2] = [(); 2].map(|()| message.u32());
+                let _: [String; 3] = [(); 3].map(|()| message.text());
                 message.u32();
                 message.bytes::<1>();
                 (kind == 1 && action == 0).then_some((centre, size))

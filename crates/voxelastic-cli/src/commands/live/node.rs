@@ -1,13 +1,13 @@
 //! The loop between the feed and the mapper.
 
-use super::delays::Delays;
-use super::exploring::{ExplorationSummary, Exploring};
+use super::exploring::Exploring;
 use super::figures::{OverloadWarning, diagnosis, figures};
 use super::loading::Loaded;
 use super::offers::Offers;
 use super::place::Place;
 use super::relocalisation::{MapFrame, Outcome, Relocalisation, numbered, placed};
 use super::service::Service;
+use super::tally::Tally;
 use crate::closure_summary::ClosureSummary;
 use crate::elastic::corrected;
 use crate::failure::one_line;
@@ -15,7 +15,6 @@ use crate::input::{InputState, OdometryStage};
 use crate::interrupt;
 use crate::jumps::Jumps;
 use crate::mapping::Session;
-use crate::odometry_log::OdometrySummary;
 use crate::progress::Progress;
 use crate::resume::{Keeper, Stages};
 use crate::target::Target;
@@ -42,42 +41,6 @@ const LOOK_SOON: Duration = Duration::from_millis(2);
 const LOOK_FOR_PLAN: Duration = Duration::from_millis(10);
 /// Occupancy is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
-/// Counts of a run.
-#[derive(Debug, Default)]
-pub struct Tally {
-    /// Scans that could not be used.
-    pub skipped: usize,
-    /// Whether a signal ended the run.
-    pub interrupted: bool,
-    /// Scans that were ignored, because mapping was paused.
-    pub paused: usize,
-    /// Scans whose place in the map of before was not found until the end.
-    pub not_located: usize,
-    /// Scans that had been left out when figures were published last.
-    left_out: usize,
-    /// From the coming of each scan to the end of its integration, milliseconds.
-    pub delays_ms: Delays,
-    /// From the coming of each scan to the first change of the surface after it that viewers were told, milliseconds.
-    pub shown_ms: Delays,
-    /// When the scans came whose change viewers were not told yet, and how many of them are in the tiles that are being made.
-    unshown: Vec<Instant>,
-    in_work: usize,
-    /// Figures of the odometry, if poses were estimated.
-    pub odometry: Option<OdometrySummary>,
-    /// Loop closures that were tried, if they were looked for.
-    pub closures: Option<ClosureSummary>,
-    /// What was planned, if the robot explores.
-    pub exploration: Option<ExplorationSummary>,
-}
-
-impl Tally {
-    /// Notes that viewers were told about a change of the surface.
-    fn note_shown(&mut self) {
-        let shown = std::mem::take(&mut self.in_work).min(self.unshown.len());
-        self.unshown.drain(..shown).for_each(|came| self.shown_ms.push(came.elapsed().as_secs_f64() * 1e3));
-    }
-}
-
 /// A robot's node in a network.
 pub struct OnNetwork {
     /// Its name.
