@@ -295,7 +295,8 @@ fn a_node_that_explores_plans_and_maps_what_it_would_map_otherwise() {
     let planned = &live["exploration"];
     assert!(plain["exploration"].is_null() && plain["scans"] == 16 && live["scans"] == 16, "{plain} {live}");
     assert!(planned["looks"].as_u64() > Some(1) && planned["paths"].as_u64() > Some(0) && planned["failures"] == 0, "{planned}");
-    assert!(planned["state"] == "exploring" && planned["from_home_m"].as_f64() > Some(0.0), "{planned}");
+    // The room has little to see, and nobody follows the path.
+    assert!(planned["reason"].is_null() == (planned["state"] == "exploring") && planned["from_home_m"].as_f64() > Some(1.0), "{planned}");
     assert!(planned["copy_p99_ms"].as_f64() > Some(0.0) && planned["plan_ms"]["median"].as_f64() > Some(0.0), "{planned}");
     assert_same(dir.path(), "plain.vox", "explored.vox");
 }

@@ -60,7 +60,7 @@ fn yaw(from: Point, to: Point) -> Option<f64> {
     (x.hypot(y) > SHORT).then(|| y.atan2(x))
 }
 
-/// A box around each cluster, and an arrow from its centre towards what is unknown.
+/// A box at the centre of each cluster, as large as that is, and an arrow from there towards what is unknown.
 pub fn shapes(frontier: &[FrontierCluster]) -> Vec<Shape> {
     let boxes = frontier.iter().map(|cluster| {
         let [x, y, z] = cluster.centre;

@@ -9,7 +9,7 @@
 //! | `~/grid` | `nav_msgs/OccupancyGrid` | the same in a layer around the height of the robot |
 //! | `~/distance_slice` | `sensor_msgs/PointCloud2` | distances to the nearest surface within 10 m of the robot, at its height |
 //! | `~/path` | `nav_msgs/Path` | poses of the scans, when a scan was added or poses were corrected; of more than 4096 every second, fourth, ... and the last |
-//! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box around each cluster of the frontier, and an arrow towards what is unknown, with each plan |
+//! | `~/frontier` | `visualization_msgs/MarkerArray` | for a robot that explores: a box at the centre of each cluster of the frontier, as large as that is, and an arrow towards what is unknown, with each plan |
 //! | `~/explore_path`, `~/explore_goal` | `nav_msgs/Path`, `geometry_msgs/PoseStamped` | where it is to go, and the end of that, with each plan, and where poses were corrected |
 //! | `~/submaps` | `geometry_msgs/PoseArray` | root poses of the submaps, when they change |
 //! | `/diagnostics` | `diagnostic_msgs/DiagnosticArray` | once a second |
