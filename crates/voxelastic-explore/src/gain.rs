@@ -4,12 +4,19 @@ use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, Ray, UnknownAs};
 use voxelastic_plan::Point;
 
+/// Where neighbouring beams are more voxels apart than this, a map leaves most of the space near surfaces unknown ...
+const RESOLVED: f64 = 2.5;
+/// An unknown voxel with a surface within this distance is rather a gap in what was seen of the surface than an opening, metres ...
+const OPENING: f64 = 0.3;
+/// ... and counts by this share: there may be something behind it.
+const GAP: f64 = 0.25;
+
 /// The field of view of a spinning sensor, coarsely.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorView {
     /// Lowest and highest elevation, radians.
     pub elevations: [f64; 2],
-    /// Range, metres.
+    /// Range within which it shows whether space is free, metres.
     pub range: f64,
     /// Rows and columns of rays that are cast.
     pub rays: [usize; 2],
@@ -30,6 +37,18 @@ impl SensorView {
         let (low, high) = elevations.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(e), high.max(e)));
         let view = Self::default();
         Self { elevations: if low < high { [low, high] } else { view.elevations }, range: max_range.min(view.range), ..view }
+    }
+
+    /// The same with a range no longer than that at which beams that are `angle` radians apart still show voxels of `voxel` metres: beyond it, space in front of
+    /// surfaces stays unknown until the robot comes nearer.
+    pub fn resolving(self, angle: f64, voxel: f64) -> Self {
+        Self { range: self.range.min(RESOLVED * voxel / angle.max(1e-9)), ..self }
+    }
+
+    /// The steepest way, height over distance, along which the sensor sees where it leads, up and down.
+    pub(crate) fn steepest(&self) -> f64 {
+        let [low, high] = self.elevations;
+        (-low).min(high).clamp(0.0, 1.5).tan()
     }
 
     /// Radius within which space has to count as free because the robot is there (the mapper's setting `robot_radius`), metres: farther away the field of view is high
@@ -67,9 +86,10 @@ impl SensorView {
         }
         let depth = self.depth.min(length - first.distance);
         let from = std::array::from_fn(|k| origin[k] + direction[k] * first.distance);
+        let share = if map.clearance(from, OPENING, UnknownAs::Free) < OPENING { GAP } else { 1.0 };
         let behind = map.ray_cast(&Ray { origin: from, direction, length: depth }, UnknownAs::Free);
         let last = first.distance + behind.map_or(depth, |hit| hit.distance);
-        (last.powi(3) - first.distance.powi(3)) / 3.0
+        share * (last.powi(3) - first.distance.powi(3)) / 3.0
     }
 }
 
@@ -81,4 +101,72 @@ fn leaves(origin: Point, direction: Point, [low, high]: [Point; 2]) -> f64 {
         _ => f64::INFINITY,
     };
     along(0).min(along(1)).min(along(2)).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::event::{Event, Scan};
+    use voxelastic::mapper::Mapper;
+    use voxelastic::settings::{FieldKind, Settings};
+    use voxelastic::{Cloud, Pose};
+
+    const VOXEL: f64 = 0.1;
+    const PLACE: Point = [2.0, 0.0, 0.0];
+
+    /// The map of a wall at x = 5 m with a hole of this width ahead, seen from the origin.
+    fn wall_with_hole(width: f32) -> Mapper {
+        let mut mapper = Mapper::new(Settings { voxel_size: VOXEL as f32, field: FieldKind::Occupancy, ..Settings::default() }).unwrap();
+        let points = (0..81 * 81).map(|k| [5.0, (k % 81) as f32 * 0.05 - 2.0, (k / 81) as f32 * 0.05 - 2.0]);
+        let cloud = Cloud::from_points(points.filter(|p| p[1].abs().max(p[2].abs()) > 0.5 * width).collect());
+        mapper.handle(Event::Scan(Scan { node: 0, time: 0.0, t_map_lidar: Pose::identity(), cloud })).unwrap();
+        mapper
+    }
+
+    /// The slow way along a ray: a look every millimetre, and at all voxels around the first unknown place.
+    fn slowly(map: &AtlasQuery<'_>, view: &SensorView, direction: Point) -> (f64, bool) {
+        let at = |length: f64| -> Point { std::array::from_fn(|k| PLACE[k] + direction[k] * length) };
+        let steps = |from: f64, to: f64| (0..).map(move |k| from + 1e-3 * f64::from(k)).take_while(move |length| *length < to);
+        let Some(first) = steps(0.0, view.range).find(|length| map.state(at(*length)) != State::Free) else { return (0.0, false) };
+        if map.state(at(first)) == State::Occupied {
+            return (0.0, false);
+        }
+        let last = steps(first, first + view.depth).find(|length| map.state(at(*length)) == State::Occupied).unwrap_or(first + view.depth);
+        let offsets = (0..30i32.pow(3)).map(|k| [k % 30, k / 30 % 30, k / 900].map(|c| f64::from(c - 15) * 0.02));
+        let is_gap = offsets.filter(|o| o.iter().map(|c| c * c).sum::<f64>() < OPENING * OPENING).any(|o| {
+            let p = at(first);
+            map.state(std::array::from_fn(|k| p[k] + o[k])) == State::Occupied
+        });
+        ((last.powi(3) - first.powi(3)) / 3.0, is_gap)
+    }
+
+    #[test]
+    fn a_gap_in_a_surface_counts_less_than_an_opening() {
+        let (view, bounds) = (SensorView::default(), [[-20.0; 3], [20.0; 3]]);
+        let direction = [1.0, 0.003, 0.004];
+        for (width, expected_gap) in [(-1.0, false), (0.3, true), (2.0, false)] {
+            let mapper = wall_with_hole(width);
+            let map = mapper.atlas().query();
+            let (volume, is_gap) = slowly(&map, &view, direction);
+            assert_eq!((is_gap, volume > 0.0), (expected_gap, width > 0.0), "hole of {width} m");
+            let expected = if is_gap { GAP * volume } else { volume };
+            let found = view.along_ray(&map, PLACE, direction, bounds);
+            assert!((found - expected).abs() <= 0.02 * expected, "{found} m3, slowly {expected}, hole of {width} m");
+        }
+    }
+
+    #[test]
+    fn coarse_beams_see_less_far() {
+        let view = SensorView { range: 20.0, ..SensorView::default() };
+        // 64 rows over 45 degrees, and over 90.
+        let ranges = [0.7f64, 1.4].map(|angle| view.resolving(angle.to_radians(), 0.1).range);
+        assert!((ranges[0] - 20.0).abs() < 1e-9 && (ranges[1] - 10.23).abs() < 0.01, "{ranges:?}");
+        assert_eq!(view.resolving(0.0, 0.1), view);
+    }
+
+    #[test]
+    fn the_steepest_way_is_that_of_the_lesser_limit() {
+        let steepest = |low, high| SensorView { elevations: [low, high], ..SensorView::default() }.steepest();
+        assert!((steepest(-0.4, 0.2) - 0.2f64.tan()).abs() < 1e-12 && steepest(0.1, 0.3) == 0.0);
+    }
 }

@@ -128,9 +128,10 @@ fn range_wide(text: &str) -> Result<f64, String> {
     within(text, 0.1, 20.0, "metres")
 }
 
-/// What a sensor sees whose returns are mapped up to `max_range` metres.
-pub fn view(model: &BeamModel, max_range: f32) -> SensorView {
-    SensorView::of(model.elevations().iter().copied().map(f64::from), f64::from(max_range))
+/// What a sensor sees whose returns are mapped up to `max_range` metres, in voxels of `voxel_size` metres.
+pub fn view(model: &BeamModel, max_range: f32, voxel_size: f32) -> SensorView {
+    let view = SensorView::of(model.elevations().iter().copied().map(f64::from), f64::from(max_range));
+    view.resolving(f64::from(model.largest_gap()), f64::from(voxel_size))
 }
 
 impl ExploreArgs {
@@ -152,7 +153,7 @@ impl ExploreArgs {
         let ground = self.ground.then_some(Wheels { height: Some(start[2]), step: None });
         let robot = Robot { radius: self.radius + MARGIN, unknown: UnknownAs::Blocked, ground };
         let model = preset(self.sensor()).map_err(|error| Failure::usage(error.to_string(), "see `voxelastic map --help` for the sensors"))?;
-        let view = view(&model, self.max_range);
+        let view = view(&model, self.max_range, self.voxel_size);
         let strategy = match self.strategy {
             Rule::Tour => Strategy::Tour,
             Rule::Nearest => Strategy::Nearest,

@@ -62,7 +62,7 @@ impl SimulatedRobot {
         let mut settings = Settings { voxel_size: args.voxel_size, max_range: args.max_range, field: FieldKind::Occupancy, ..Settings::default() };
         let start = scene.trajectory.pose(0.0);
         let height = args.ground.then_some(start.translation.z);
-        let own = view(&model, args.max_range).own_radius(args.radius + MARGIN, f64::from(args.voxel_size), height);
+        let own = view(&model, args.max_range, args.voxel_size).own_radius(args.radius + MARGIN, f64::from(args.voxel_size), height);
         settings.robot_radius = RobotRadius::Metres(own as f32);
         let start = Pose::from_parts(start.translation, UnitQuaternion::from_axis_angle(&Vector3::z_axis(), start.rotation.euler_angles().2));
         let mut mapper = Mapper::new(settings)?;
