@@ -31,8 +31,6 @@ const RESERVE: (f64, f64) = (1.15, 10.0);
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
 const MOST_DRIFT: f64 = 1.0;
-/// Times that it leaves home, if there is time.
-const MOST_OUTINGS: u32 = 2;
 
 /// Decides where a robot goes to explore. See the [crate documentation](crate).
 #[derive(Clone, Debug)]
@@ -64,8 +62,8 @@ pub struct Explorer {
     retreats: u32,
     /// How often it has begun anew since it last got where it wanted to.
     beginnings: u32,
-    /// How often it has come home.
-    outings: u32,
+    /// Whether it has seen something new since it left home.
+    has_progressed: bool,
     /// Why it turned back last.
     turned_back: Option<ReturnReason>,
 }
@@ -107,7 +105,7 @@ impl Explorer {
             way_home: f64::INFINITY,
             retreats: 0,
             beginnings: 0,
-            outings: 0,
+            has_progressed: false,
             turned_back: None,
         })
     }
@@ -163,22 +161,23 @@ impl Explorer {
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
         let drift = (DRIFT * self.uncorrected).min(MOST_DRIFT);
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
-        let maps = [(&map, bounds), (&newest, wider), (&recent, wider)];
+        let maps = [(&map, bounds), (&recent, wider), (&newest, wider)];
         let returns = self.scans.returns();
+        let steepest = self.settings.view.steepest();
         let decided = if let Some(wheels) = robot_type.ground {
             let on = |(map, bounds), robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
             // The whole map tells the height above the floor, for all of them.
             let ground = Some(Wheels { height: Some(on(maps[0], robot_type)?.height()), ..wheels });
             let clear = |radius| -> Result<_, ExploreError> {
-                let [whole, newest, recent] = maps.map(|map| on(map, Robot { radius, ground, ..robot_type }));
-                Ok(Clear::new([whole?, newest?, recent?], &returns, radius))
+                let [whole, recent, newest] = maps.map(|map| on(map, Robot { radius, ground, ..robot_type }));
+                Ok(Clear::new([whole?, recent?, newest?], &returns, radius, steepest))
             };
             let space = &RobotSpace::new(clear(robot_type.radius)?, clear(body)?, robot);
             self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
         } else {
             let clear = |radius| {
                 let space = |(map, bounds)| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
-                Clear::new(maps.map(space), &returns, radius)
+                Clear::new(maps.map(space), &returns, radius, steepest)
             };
             let space = &RobotSpace::new(clear(robot_type.radius), clear(body), robot);
             self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
@@ -193,8 +192,7 @@ impl Explorer {
         self.follow_map(now);
         if self.is_at_home(now) && self.purpose != Purpose::Explore {
             self.leg = None;
-            self.outings += 1;
-            if self.purpose == Purpose::Return && self.outings < MOST_OUTINGS && self.begin_anew() {
+            if self.purpose == Purpose::Return && self.leaves_again() {
                 self.purpose = Purpose::Explore;
             } else {
                 self.purpose = Purpose::Done;
@@ -280,8 +278,7 @@ impl Explorer {
         let Some(end) = leg.end() else { return true };
         if distance(end, now.robot) < 0.5 * self.settings.spacing {
             if leg.volume.is_some() {
-                (self.retreats, self.beginnings) = (0, 0);
-                self.exhausted.push((end, anchor_path(now.atlas, &[end])));
+                self.arrive(now.atlas, end);
             }
             return true;
         }
@@ -294,13 +291,22 @@ impl Explorer {
             }
             return true;
         }
+        let ahead = length(&leg.path);
         match leg.volume {
             None => false,
             Some(_) if self.since_planned >= PATIENCE && self.settings.strategy != Strategy::Nearest => true,
             Some(volume) => {
-                self.settings.view.unknown_volume(now.map, end, self.settings.bounds) < LEFT * volume || self.is_time_up(now, length(&leg.path))
+                let is_seen = self.settings.view.unknown_volume(now.map, end, self.settings.bounds) < LEFT * volume;
+                self.has_progressed |= is_seen;
+                is_seen || self.is_time_up(now, ahead)
             }
         }
+    }
+
+    /// Notes that it stands at the viewpoint that it went to.
+    fn arrive(&mut self, atlas: &Atlas, viewpoint: Point) {
+        (self.retreats, self.beginnings, self.has_progressed) = (0, 0, true);
+        self.exhausted.push((viewpoint, anchor_path(atlas, &[viewpoint])));
     }
 
     /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.

@@ -7,6 +7,8 @@ use voxelastic_plan::{Point, Space, distance};
 
 /// The way out is at most this long, metres.
 const LONGEST: f64 = 2.0;
+/// A motion that rises or falls by no more than this is level, metres.
+const LEVEL: f64 = 0.05;
 
 /// The submaps of the newest scans, the newest first.
 pub(crate) fn newest_submaps(atlas: &Atlas) -> Vec<SubmapId> {
@@ -19,7 +21,8 @@ pub(crate) fn newest_submaps(atlas: &Atlas) -> Vec<SubmapId> {
 /// The space of a robot in the whole map and in its newest submaps.
 ///
 /// Until a loop closes, walls that an older submap saw may stand in a doorway as it is seen now. So a motion is free if the whole map says so, or the newest submap by
-/// itself: it saw the place last; or the two newest, as a submap that has just begun has seen little. In all it keeps clear of the last scans' returns. And a robot that a
+/// itself: it saw the place last; or the two newest, as a submap that has just begun has seen little. Steeply up and down, where the sensor does not see, the newest by
+/// itself does not suffice: what it has free above may have been seen elsewhere, some drift ago. In all it keeps clear of the last scans' returns. And a robot that a
 /// correction, or a wall seen late, leaves where it does not fit may use up its margin for a motion to where it does.
 #[derive(Clone, Debug)]
 pub(crate) struct RobotSpace<'a, S> {
@@ -29,19 +32,22 @@ pub(crate) struct RobotSpace<'a, S> {
     start: Point,
 }
 
-/// The spaces of a ball in the whole map, in the newest submap and in the two newest, without what the last scans' returns block.
+/// The spaces of a ball in the whole map, in the two newest submaps and in the newest, without what the last scans' returns block.
 #[derive(Clone, Debug)]
 pub(crate) struct Clear<'a, S> {
     spaces: [S; 3],
     returns: &'a NearReturns,
     /// Of the ball, metres.
     radius: f64,
+    /// The slope, height over distance, up to which the sensor sees.
+    steepest: f64,
 }
 
 impl<'a, S: Space> Clear<'a, S> {
-    /// `spaces` are those of the whole map, of the newest submap, and of the two newest.
-    pub fn new(spaces: [S; 3], returns: &'a NearReturns, radius: f64) -> Self {
-        Self { spaces, returns, radius }
+    /// `spaces` are those of the whole map, of the two newest submaps, and of the newest; `steepest` is the slope, height over distance, up to which the
+    /// sensor sees.
+    pub fn new(spaces: [S; 3], returns: &'a NearReturns, radius: f64, steepest: f64) -> Self {
+        Self { spaces, returns, radius, steepest }
     }
 
     fn whole(&self) -> &S {
@@ -53,7 +59,14 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn steer(&self, from: Point, to: Point) -> Option<Point> {
-        self.any(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
+        self.for_motion(from, to).iter().find_map(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
+    }
+
+    /// The spaces that may allow a motion. Wheels follow the floor, however steep.
+    fn for_motion(&self, from: Point, to: Point) -> &[S] {
+        let (run, rise) = ((to[0] - from[0]).hypot(to[1] - from[1]), (to[2] - from[2]).abs());
+        let is_steep = self.whole().dimensions() == 3 && rise > self.steepest * run + LEVEL;
+        if is_steep { &self.spaces[..2] } else { &self.spaces }
     }
 
     /// Whether the last scans' returns allow a motion.
@@ -68,7 +81,7 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn is_segment_free(&self, from: Point, to: Point) -> bool {
-        self.is_clear(from, to) && self.spaces.iter().any(|space| space.is_segment_free(from, to))
+        self.is_clear(from, to) && self.for_motion(from, to).iter().any(|space| space.is_segment_free(from, to))
     }
 }
 
@@ -139,6 +152,8 @@ mod tests {
     use super::*;
     use voxelastic_plan::between;
 
+    const STEEPEST: f64 = 0.4;
+
     /// Everything is free but a ball of this radius around the origin, and what is outside of a box of 10 m.
     #[derive(Clone, Debug)]
     struct Around(f64);
@@ -159,7 +174,7 @@ mod tests {
 
     /// A robot at `start`; the pole looks wider in the whole map than in the newest submap, and half a metre less for the body.
     fn robot(start: Point, returns: &NearReturns) -> RobotSpace<'_, Around> {
-        let clear = |less: f64, radius| Clear::new([2.0, 1.5, 1.0].map(|pole| Around(pole - less)), returns, radius);
+        let clear = |less: f64, radius| Clear::new([2.0, 1.9, 1.0].map(|pole| Around(pole - less)), returns, radius, STEEPEST);
         RobotSpace::new(clear(0.0, 0.4), clear(0.5, 0.3), start)
     }
 
@@ -172,13 +187,25 @@ mod tests {
     }
 
     #[test]
+    fn the_newest_submap_does_not_open_what_is_above() {
+        let returns = NearReturns::default();
+        let space = robot([3.0, 0.0, 0.0], &returns);
+        let is_free = |from: Point, to: Point| [space.connects(from, to), space.is_segment_free(from, to)];
+        // Between the pole as the newest submap has it, of 1 m, and as the two newest have it, of 1.9 m; the whole map has one of 2 m.
+        assert_eq!(is_free([0.0, -1.7, -0.8], [0.0, -1.7, 0.8]), [false; 2], "up");
+        assert_eq!(is_free([0.0, -1.7, 0.8], [0.3, -1.7, -0.8]), [false; 2], "down a steep slope");
+        assert_eq!(is_free([-1.5, -1.7, -0.3], [1.5, -1.7, 0.3]), [true; 2], "up a gentle slope");
+        assert_eq!(is_free([0.0, -1.95, -0.8], [0.0, -1.95, 0.8]), [true; 2], "the two newest have it free");
+    }
+
+    #[test]
     fn a_submap_that_has_just_begun_does_not_shut_the_way() {
         let returns = NearReturns::default();
-        let clear = |poles: [f64; 3]| Clear::new(poles.map(Around), &returns, 0.4);
+        let clear = |poles: [f64; 3]| Clear::new(poles.map(Around), &returns, 0.4, STEEPEST);
         let (from, to) = ([-3.0, 1.5, 0.0], [3.0, 1.5, 0.0]);
         let space = |poles| RobotSpace::new(clear(poles), clear(poles), from);
-        assert!(space([2.0, 9.0, 1.0]).connects(from, to) && space([2.0, 9.0, 1.0]).is_segment_free(from, to));
-        assert!(!space([2.0, 9.0, 2.0]).connects(from, to) && !space([2.0, 9.0, 2.0]).is_segment_free(from, to));
+        assert!(space([2.0, 1.0, 9.0]).connects(from, to) && space([2.0, 1.0, 9.0]).is_segment_free(from, to));
+        assert!(!space([2.0, 2.0, 9.0]).connects(from, to) && !space([2.0, 2.0, 9.0]).is_segment_free(from, to));
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! For a robot that follows the path by itself, or that somebody drives elsewhere; and what may be asked of it on the way.
 
-use super::{Explorer, MOST_OUTINGS};
+use super::Explorer;
 use crate::decision::{Decision, Purpose, ReturnReason};
 use crate::settings::ExploreError;
 use voxelastic::atlas::Atlas;
-use voxelastic_plan::{Point, anchor_path, distance};
+use voxelastic_plan::{Point, distance};
 
 /// A robot that is farther from its path gets another one, metres.
 const OFF_PATH: f64 = 0.75;
@@ -19,8 +19,7 @@ impl Explorer {
         let off = leg.keep_up(atlas, robot);
         let end = leg.end_in(atlas).filter(|end| stands && distance(*end, robot) < ARRIVED);
         if let (Some(end), true) = (end, leg.volume.is_some()) {
-            (self.retreats, self.beginnings) = (0, 0);
-            self.exhausted.push((end, anchor_path(atlas, &[end])));
+            self.arrive(atlas, end);
         }
         if end.is_some() || off > OFF_PATH {
             self.leg = None;
@@ -45,7 +44,6 @@ impl Explorer {
     pub fn return_home(&mut self) {
         self.turn_back(ReturnReason::Asked);
         self.turned_back = Some(ReturnReason::Asked);
-        self.outings = MOST_OUTINGS;
         self.leg.take_if(|leg| !leg.is_retreat);
     }
 
@@ -54,7 +52,7 @@ impl Explorer {
         self.purpose = Purpose::Explore;
         self.turned_back = None;
         (self.leg, self.roadmap) = (None, None);
-        (self.stuck, self.retreats, self.beginnings, self.outings) = (0, 0, 0, 0);
+        (self.stuck, self.retreats, self.beginnings) = (0, 0, 0);
         self.exhausted.clear();
     }
 }

@@ -101,12 +101,19 @@ impl Explorer {
 
     /// Forgets what it took for shut, if that may help: false if it did so some times and got nowhere since.
     pub(super) fn begin_anew(&mut self) -> bool {
-        let may_help = self.turned_back != Some(ReturnReason::Time) && self.beginnings < MOST_BEGINNINGS;
+        let may_help = !matches!(self.turned_back, Some(ReturnReason::Time | ReturnReason::Asked)) && self.beginnings < MOST_BEGINNINGS;
         if may_help {
             (self.roadmap, self.retreats, self.stuck) = (None, 0, 0);
             self.beginnings += 1;
         }
         may_help
+    }
+
+    /// Whether it explores once more from home: if it has seen something new since it was there last. On its way loops have closed, and what could not be reached may be by
+    /// now, however often it has begun anew elsewhere.
+    pub(super) fn leaves_again(&mut self) -> bool {
+        self.beginnings = 0;
+        std::mem::take(&mut self.has_progressed) && self.begin_anew()
     }
 
     /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
@@ -178,5 +185,24 @@ impl Explorer {
     /// Where home is; where the robot is if it has none yet.
     fn home_or(&self, robot: Point) -> Point {
         self.home.as_ref().map_or(robot, |home| home.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::ExploreSettings;
+    use voxelastic_plan::Robot;
+
+    #[test]
+    fn a_robot_that_saw_something_new_leaves_home_again_if_there_is_time() {
+        let at_home = |reason, has_progressed| {
+            let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
+            (explorer.turned_back, explorer.has_progressed, explorer.beginnings) = (Some(reason), has_progressed, MOST_BEGINNINGS);
+            [explorer.leaves_again(), explorer.leaves_again()]
+        };
+        assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
+        assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
+        assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
     }
 }
