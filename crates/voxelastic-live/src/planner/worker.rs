@@ -1,9 +1,9 @@
 //! What the planner's thread does: it keeps its copy of the map and its explorer up to date, and decides.
 
 use super::copy::{MapChanges, MapCopy};
+use super::plan::{Command, Plan, PlanState};
 use super::scans::NearScan;
 use super::settings::PlannerSettings;
-use super::{Command, Plan, PlanState};
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap};
