@@ -161,7 +161,7 @@ impl LivePlanner {
         let order = Order {
             changes: self.copied.changes(atlas),
             scans: self.scans.take(),
-            elevations: self.scans.elevations(),
+            beams: self.scans.beams(),
             seconds_left,
             command: self.command.take(),
         };

@@ -1,6 +1,6 @@
 //! Returns near the robot of scans that the planner has not had yet.
 
-use std::collections::VecDeque;
+use std::collections::{HashSet, VecDeque};
 use voxelastic::Cloud;
 use voxelastic::event::{NodeId, Scan};
 
@@ -20,19 +20,28 @@ pub struct NearScan {
     pub cloud: Cloud,
 }
 
+/// Where a sensor looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beams {
+    /// Lowest and highest elevation of the returns, but for a few, radians.
+    pub elevations: [f64; 2],
+    /// Angle between neighbours, radians: between rings; without rings that of as many returns, evenly spread.
+    pub spacing: f64,
+}
+
 /// Scans that wait for the planner.
 #[derive(Debug, Default)]
 pub struct NearScans {
     waiting: VecDeque<NearScan>,
-    elevations: Option<[f64; 2]>,
+    beams: Option<Beams>,
 }
 
 impl NearScans {
     /// Keeps what is near of a scan, farther than `min_range` metres: what is nearer is the robot itself.
     pub fn add(&mut self, scan: &Scan, min_range: f32) {
         let cloud = &scan.cloud;
-        if self.elevations.is_none() {
-            self.elevations = elevations(cloud);
+        if self.beams.is_none() {
+            self.beams = beams(cloud);
         }
         let squared = |p: &[f32; 3]| p.iter().map(|c| c * c).sum::<f32>();
         let is_near = |p: &[f32; 3]| Cloud::is_return(p) && (min_range * min_range..NEAR * NEAR).contains(&squared(p));
@@ -51,18 +60,22 @@ impl NearScans {
         self.waiting.drain(..).collect()
     }
 
-    /// Lowest and highest elevation of the first scan's returns, but for a few, radians.
-    pub fn elevations(&self) -> Option<[f64; 2]> {
-        self.elevations
+    /// Those of the first scan with returns.
+    pub fn beams(&self) -> Option<Beams> {
+        self.beams
     }
 }
 
-fn elevations(cloud: &Cloud) -> Option<[f64; 2]> {
+fn beams(cloud: &Cloud) -> Option<Beams> {
     let returns = cloud.points.iter().filter(|p| Cloud::is_return(p));
     let mut all: Vec<f32> = returns.map(|[x, y, z]| z.atan2(x.hypot(*y))).collect();
     all.sort_unstable_by(f32::total_cmp);
     let at = |share: f64| all.get((share * all.len().saturating_sub(1) as f64) as usize).map(|e| f64::from(*e));
-    Some([at(OUTLIERS)?, at(1.0 - OUTLIERS)?])
+    let elevations = [at(OUTLIERS)?, at(1.0 - OUTLIERS)?];
+    let span = elevations[1] - elevations[0];
+    let rings = cloud.ring.iter().flatten().collect::<HashSet<_>>().len();
+    let spread = (span * std::f64::consts::TAU / all.len() as f64).sqrt();
+    Some(Beams { elevations, spacing: if rings > 1 { spread.max(span / (rings - 1) as f64) } else { spread } })
 }
 
 #[cfg(test)]
@@ -82,7 +95,19 @@ mod tests {
         let taken = scans.take();
         assert_eq!((taken.len(), taken[0].node, taken[15].node), (MOST, 24, 39));
         assert!(taken.iter().all(|scan| scan.cloud.points == [[3.0, 0.0, -3.0]]) && scans.take().is_empty());
-        let [low, high] = scans.elevations().unwrap();
+        let [low, high] = scans.beams().unwrap().elevations;
         assert!((low + std::f64::consts::FRAC_PI_4).abs() < 1e-6 && (0.0..0.1).contains(&high), "{low} {high}");
+    }
+    #[test]
+    fn beams_are_as_far_apart_as_rings_or_as_the_same_number_of_returns() {
+        // 16 rings over 30 degrees, 900 columns.
+        let directions = (0..16 * 900).map(|k| [(k / 900) as f32 * 2.0 - 15.0, (k % 900) as f32 * 0.4].map(f32::to_radians));
+        let points = directions.map(|[e, a]| [e.cos() * a.cos(), e.cos() * a.sin(), e.sin()].map(|c| 5.0 * c)).collect();
+        let cloud = Cloud { ring: Some((0..16 * 900).map(|k| k / 900).collect()), ..Cloud::from_points(points) };
+        let spacing = |cloud: &Cloud| beams(cloud).unwrap().spacing.to_degrees();
+        assert!((spacing(&cloud) - 2.0).abs() < 0.1, "{}", spacing(&cloud));
+        let scattered = Cloud { ring: None, ..cloud };
+        assert!((spacing(&scattered) - 0.87).abs() < 0.02, "{}", spacing(&scattered));
+        assert_eq!(beams(&Cloud::default()), None);
     }
 }

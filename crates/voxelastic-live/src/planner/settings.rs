@@ -1,6 +1,6 @@
 //! What a robot that explores is, and where it is to explore.
 
-use super::scans::NearScans;
+use super::scans::Beams;
 use voxelastic::query::UnknownAs;
 use voxelastic_explore::{ExploreSettings, SensorView};
 use voxelastic_plan::{Point, Robot, Wheels};
@@ -30,13 +30,14 @@ pub struct PlannerSettings {
 }
 
 impl PlannerSettings {
-    /// Settings of the explorer for a robot that begins at `start`, whose scans are like these.
-    pub(super) fn explorer(&self, start: Point, elevations: Option<[f64; 2]>) -> ExploreSettings {
+    /// Settings of the explorer for a robot that begins at `start` with these beams, in a map with voxels of `voxel` metres.
+    pub(super) fn explorer(&self, start: Point, beams: Option<Beams>, voxel: f64) -> ExploreSettings {
         let [side, below, above] = REACH;
         let around = [[start[0] - side, start[1] - side, start[2] - below], [start[0] + side, start[1] + side, start[2] + above]];
         let ground = self.height.map(|height| Wheels { height: Some(height), step: None });
         let robot = Robot { radius: self.radius + self.margin, unknown: UnknownAs::Blocked, ground };
-        let view = SensorView::of(elevations.into_iter().flatten(), self.max_range);
+        let view = SensorView::of(beams.into_iter().flat_map(|beams| beams.elevations), self.max_range);
+        let view = beams.map_or(view, |beams| view.resolving(beams.spacing, voxel));
         ExploreSettings {
             margin: self.margin,
             speed: self.speed,
@@ -48,6 +49,6 @@ impl PlannerSettings {
 
     /// The same before anything was seen.
     pub(super) fn before(&self) -> ExploreSettings {
-        self.explorer([0.0; 3], NearScans::default().elevations())
+        self.explorer([0.0; 3], None, 1.0)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::copy::{MapChanges, MapCopy};
 use super::plan::{Command, Plan, PlanState};
-use super::scans::NearScan;
+use super::scans::{Beams, NearScan};
 use super::settings::PlannerSettings;
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
@@ -28,8 +28,8 @@ pub struct Order {
     pub changes: MapChanges,
     /// Scans that came since the last order, in order.
     pub scans: Vec<NearScan>,
-    /// Lowest and highest elevation of the scans, radians.
-    pub elevations: Option<[f64; 2]>,
+    /// Those of the first scan.
+    pub beams: Option<Beams>,
     /// Time until the robot must be at home, seconds.
     pub seconds_left: Option<f64>,
     /// What was asked of it since the last order.
@@ -67,7 +67,7 @@ impl Worker {
         let robot: Point = newest_pose(atlas)?.translation.vector.into();
         let explorer = match &mut self.explorer {
             Some(explorer) => explorer,
-            explorer => match Explorer::new(self.settings.explorer(robot, order.elevations)) {
+            explorer => match Explorer::new(self.settings.explorer(robot, order.beams, f64::from(atlas.voxel_size()))) {
                 Ok(new) => explorer.insert(new),
                 Err(problem) => return Some(Err(problem.to_string())),
             },
