@@ -250,11 +250,29 @@ impl BeamModel {
         self.table.row(elevation)
     }
 
+    /// Fractional rows of up to `N` elevations in radians; as [`row`](Self::row), in vector instructions.
+    #[inline(always)]
+    pub(crate) fn rows_of<const N: usize>(&self, elevations: &[f32], rows: &mut [f32]) {
+        self.table.rows::<N>(elevations, rows);
+    }
+
+    /// What each row's beams are turned and moved by: how far their origins are before and beside the axis, metres, and what is left of their azimuth offsets
+    /// beyond whole columns, radians.
+    pub(super) fn beam_offsets(&self) -> [&[f32]; 3] {
+        [&self.ahead, &self.sideways, &self.residuals]
+    }
+
     /// Fractional column of an azimuth in radians as `row` sees it, -0.5 to columns - 0.5.
     #[inline(always)]
     pub fn column(&self, row: usize, azimuth: f32) -> f32 {
+        self.column_of(azimuth, self.residuals[row])
+    }
+
+    /// As [`column`](Self::column), for a row whose beams are turned by `residual` radians beyond whole columns.
+    #[inline(always)]
+    pub(super) fn column_of(&self, azimuth: f32, residual: f32) -> f32 {
         let columns = self.columns as f32;
-        let column = (azimuth - self.azimuth_of_first - self.residuals[row]) * self.columns_per_radian;
+        let column = (azimuth - self.azimuth_of_first - residual) * self.columns_per_radian;
         let column = column - columns * ((column + 0.5) / columns).floor();
         // Rounding may leave a value a hair outside of the turn.
         if column >= columns - 0.5 { column - columns } else { column }

@@ -7,7 +7,7 @@ use super::normals::{NormalSettings, PlaneFitter};
 use super::patch_weights::PatchWeights;
 use super::prepared_scan::{Counts, PreparedScan};
 use super::project::{BEYOND, NO_RETURN, OUTSIDE, Projector, TOO_NEAR, project};
-use super::range_image::{NO_POINT, RangeImage};
+use super::range_image::RangeImage;
 use super::range_limits::RangeLimits;
 use super::scattered::ScatteredFitter;
 use crate::Cloud;
@@ -114,20 +114,20 @@ impl ScanPreprocessor {
         self.scan.image.reset(self.model.rows(), self.model.columns());
         self.scan.counts = Counts::default();
         self.scan.returns.smallest_angle = self.model.smallest_angle();
-        if in_pixel_order {
-            self.fill_in_order();
-        } else {
-            self.fill_sorted();
-        }
         let has_moved = cloud.undistort_into(&mut self.moved, &mut self.origins);
-        let points = if has_moved { &self.moved } else { &cloud.points };
+        let moved = std::mem::take(&mut self.moved);
+        let points = if has_moved { &moved } else { &cloud.points };
+        if in_pixel_order {
+            self.fill_in_order(points);
+        } else {
+            self.fill_sorted(points);
+        }
+        self.moved = moved;
         let PreparedScan { single_view, returns, .. } = &mut self.scan;
-        gather_into(points, &returns.source, &mut returns.points);
         returns.origins.clear();
         if has_moved {
             gather_into(&self.origins, &returns.source, &mut returns.origins);
         }
-        gather_into(&self.ranges, &returns.source, &mut returns.ranges);
         returns.normals.clear();
         returns.roughness.clear();
         returns.spacing.clear();
@@ -154,7 +154,7 @@ impl ScanPreprocessor {
     }
 
     /// Fills image and returns from a cloud in which the index of a point is its pixel.
-    fn fill_in_order(&mut self) {
+    fn fill_in_order(&mut self, points: &[[f32; 3]]) {
         let PreparedScan { image, returns, counts, .. } = &mut self.scan;
         let shown = (image.ranges.par_chunks_mut(POINTS_PER_TASK), image.points.par_chunks_mut(POINTS_PER_TASK));
         let tasks = (self.pixels.par_chunks(POINTS_PER_TASK), self.ranges.par_chunks(POINTS_PER_TASK), shown.0, shown.1).into_par_iter();
@@ -180,10 +180,12 @@ impl ScanPreprocessor {
             sources.iter_mut().zip(pixels.iter().filter(|pixel| **pixel < OUTSIDE)).for_each(|(source, &pixel)| *source = pixel);
         });
         returns.pixel.clone_from(&returns.source);
+        gather_into(points, &returns.source, &mut returns.points);
+        gather_into(&self.ranges, &returns.source, &mut returns.ranges);
     }
 
     /// Fills image and returns from a cloud in any order, by a counting sort by pixel.
-    fn fill_sorted(&mut self) {
+    fn fill_sorted(&mut self, points: &[[f32; 3]]) {
         let PreparedScan { image, returns, counts, .. } = &mut self.scan;
         // Of scattered clouds, returns outside of the image are used, too: they come last.
         let (uses_all, mut without_pixel) = (matches!(self.fitter, Fitter::Space(_)), 0);
@@ -194,6 +196,7 @@ impl ScanPreprocessor {
                 let at = pixel as usize;
                 if range.is_finite() {
                     image.show(at, range, i as u32);
+                    counts.hidden += usize::from(self.ends[at + 1] > 0);
                     self.ends[at + 1] += 1;
                     counts.usable += 1;
                 } else {
@@ -217,16 +220,18 @@ impl ScanPreprocessor {
             sum += *end;
             *end = sum;
         }
-        returns.source.clear();
         returns.source.resize(counts.usable, 0);
-        returns.pixel.clear();
         returns.pixel.resize(counts.usable, 0);
-        for (i, (&pixel, &range)) in self.pixels.iter().zip(&self.ranges).enumerate() {
+        returns.ranges.resize(counts.usable, 0.0);
+        returns.points.resize(counts.usable, [0.0; 3]);
+        let all = self.pixels.iter().zip(&self.ranges).zip(points).zip(0u32..);
+        for (((&pixel, &range), &point), i) in all {
             if pixel < OUTSIDE && range.is_finite() {
-                let slot = &mut self.ends[pixel as usize];
-                returns.source[*slot as usize] = i as u32;
-                returns.pixel[*slot as usize] = pixel;
-                *slot += 1;
+                let end = &mut self.ends[pixel as usize];
+                let slot = *end as usize;
+                *end += 1;
+                (returns.source[slot], returns.pixel[slot]) = (i, pixel);
+                (returns.points[slot], returns.ranges[slot]) = (point, range);
             }
         }
         if without_pixel > 0 {
@@ -234,9 +239,9 @@ impl ScanPreprocessor {
             let outside = (0u32..).zip(&self.pixels).zip(&self.ranges).filter(|((_, pixel), range)| **pixel == OUTSIDE && range.is_finite());
             for (slot, ((i, _), _)) in (first..).zip(outside) {
                 (returns.source[slot], returns.pixel[slot]) = (i, OUTSIDE);
+                (returns.points[slot], returns.ranges[slot]) = (points[i as usize], self.ranges[i as usize]);
             }
         }
-        counts.hidden = counts.usable - without_pixel - image.points.iter().filter(|&&p| p != NO_POINT).count();
     }
 }
 

@@ -4,7 +4,7 @@ use super::beam_model::{AxialPoint, BeamModel};
 use super::cloud_layout::{CloudLayout, Grid, ring_ends};
 use super::range_limits::RangeLimits;
 use crate::Cloud;
-use crate::simd::{Kernel, dispatch};
+use crate::simd::{Kernel, dispatch, floor_positive, gather, larger, smaller};
 use rayon::prelude::*;
 
 /// The point is outside of the field of view. Codes are larger than any pixel.
@@ -199,29 +199,51 @@ struct Project<'a> {
 }
 
 impl Kernel for Project<'_> {
-    /// Computes angles vectorised, rows by look-up, columns vectorised. Agrees with [`BeamModel::project`] except at the border of two pixels.
+    /// Each step is a loop in vector instructions: angles, rows by look-up, columns. Agrees with [`BeamModel::project`] except at the border of two pixels.
     #[inline(always)]
     fn run(self) {
         let Self { points, rows, model, limits, pixels, ranges } = self;
         let count = points.len().min(CHUNK).min(pixels.len()).min(ranges.len());
         let (mut azimuth, mut elevation, mut horizontal) = ([0f32; CHUNK], [0f32; CHUNK], [0f32; CHUNK]);
-        let mut row = [0u16; CHUNK];
+        // The row of a point, the first where it has none; and whether it has one.
+        let (mut row, mut is_visible) = ([0u32; CHUNK], [0u32; CHUNK]);
         for i in 0..count {
             let view = AxialPoint::new(points[i], model.origin_height());
             elevation[i] = view.elevation(model.mean_origin_ahead());
             (azimuth[i], horizontal[i]) = (view.azimuth, view.horizontal);
         }
         match rows {
-            Some(known) => row[..count].copy_from_slice(&known[..count]),
-            None => (0..count).for_each(|i| row[i] = model.visible_row(model.row(elevation[i])).unwrap_or(u16::MAX)),
+            Some(known) => {
+                for i in 0..count {
+                    is_visible[i] = u32::from(usize::from(known[i]) < model.rows());
+                    row[i] = u32::from(known[i]) * is_visible[i];
+                }
+            }
+            None => {
+                let mut rows = [0f32; CHUNK];
+                model.rows_of::<CHUNK>(&elevation[..count], &mut rows[..count]);
+                let last = model.rows() as f32 - 1.0;
+                for i in 0..count {
+                    let visible = (rows[i] >= -0.5) & (rows[i] < last + 0.5);
+                    is_visible[i] = u32::from(visible);
+                    row[i] = floor_positive(if visible { smaller(rows[i] + 0.5, last) } else { 0.0 }) as u32;
+                }
+            }
         }
+        let [mut ahead, mut sideways, mut residual] = [[0f32; CHUNK]; 3];
+        for (table, values) in model.beam_offsets().into_iter().zip([&mut ahead, &mut sideways, &mut residual]) {
+            gather(table, &row[..count], &mut values[..count]);
+        }
+        let (columns, last_column) = (model.columns() as u32, model.columns() as u32 - 1);
+        let least = larger(model.origin_radius(), f32::MIN_POSITIVE);
         for i in 0..count {
-            let is_visible = usize::from(row[i]) < model.rows();
-            let r = if is_visible { usize::from(row[i]) } else { 0 };
             let up = points[i][2] - model.origin_height();
-            let h = horizontal[i] - model.origin_ahead_of(r);
-            let column = model.nearest_column(model.column(r, azimuth[i] + model.parallax(r, horizontal[i])));
-            let pixel = if is_visible { (r * model.columns() + column) as u32 } else { OUTSIDE };
+            let h = horizontal[i] - ahead[i];
+            // As `BeamModel::parallax` and `BeamModel::nearest_column`.
+            let turned = azimuth[i] + sideways[i] / larger(horizontal[i], least);
+            let column = floor_positive(larger(model.column_of(turned, residual[i]) + 0.5, 0.0)) as u32;
+            let column = if column < last_column { column } else { last_column };
+            let pixel = if is_visible[i] == 1 { row[i] * columns + column } else { OUTSIDE };
             (pixels[i], ranges[i]) = gate(&points[i], pixel, (h * h + up * up).sqrt(), limits, pixel);
         }
     }

@@ -3,6 +3,8 @@
 //! Unlike the table in `integrate::occupancy`, which interpolates sines of elevations for many directions at a time, this look-up is exact: it decides to which
 //! pixel a point belongs.
 
+use crate::simd::{floor_positive, gather, larger, smaller};
+
 /// Rows must be farther apart than their span divided by this, so that the table stays in the first-level cache.
 pub(crate) const MAX_CELLS: usize = 8192;
 
@@ -15,7 +17,7 @@ pub(crate) struct RowLookup {
     top: f32,
     cells_per_radian: f32,
     /// Gap that contains the upper end of each cell; gap i is between the rows i and i + 1.
-    first_gap: Vec<u16>,
+    first_gap: Vec<u32>,
     /// Elevation of each row, top to bottom; one more than there are gaps.
     elevation: Vec<f32>,
     /// 1 / angle of each gap.
@@ -48,7 +50,7 @@ impl RowLookup {
                 while gap_at + 1 < gaps && elevation[gap_at + 1] >= upper_end {
                     gap_at += 1;
                 }
-                gap_at as u16
+                gap_at as u32
             })
             .collect();
         let per_gap = elevation.windows(2).map(|pair| 1.0 / (pair[0] - pair[1])).collect();
@@ -60,10 +62,37 @@ impl RowLookup {
     #[inline(always)]
     pub(crate) fn row(&self, elevation: f32) -> f32 {
         let cell = ((self.top - elevation) * self.cells_per_radian) as usize;
-        let mut gap = usize::from(self.first_gap[cell.min(self.first_gap.len() - 1)]);
+        let mut gap = self.first_gap[cell.min(self.first_gap.len() - 1)] as usize;
         gap += usize::from(elevation < self.elevation[gap + 1]);
         let gap = gap.min(self.per_gap.len() - 1);
         gap as f32 + (self.elevation[gap] - elevation) * self.per_gap[gap]
+    }
+
+    /// As [`row`](Self::row), for up to `N` elevations at a time, in vector instructions; the same bits.
+    #[inline(always)]
+    pub(crate) fn rows<const N: usize>(&self, elevations: &[f32], rows: &mut [f32]) {
+        let count = elevations.len().min(rows.len()).min(N);
+        let (mut index, mut next, mut gap) = ([0u32; N], [0u32; N], [0u32; N]);
+        let (mut lower, mut upper, mut per_gap) = ([0f32; N], [0f32; N], [0f32; N]);
+        let (last_cell, last_gap) = ((self.first_gap.len() - 1) as f32, (self.per_gap.len() - 1) as u32);
+        for i in 0..count {
+            let cell = (self.top - elevations[i]) * self.cells_per_radian;
+            index[i] = floor_positive(larger(smaller(cell, last_cell), 0.0)) as u32;
+        }
+        gather(&self.first_gap, &index[..count], &mut gap[..count]);
+        for i in 0..count {
+            next[i] = gap[i] + 1;
+        }
+        gather(&self.elevation, &next[..count], &mut lower[..count]);
+        for i in 0..count {
+            let beyond = gap[i] + u32::from(elevations[i] < lower[i]);
+            gap[i] = if beyond < last_gap { beyond } else { last_gap };
+        }
+        gather(&self.elevation, &gap[..count], &mut upper[..count]);
+        gather(&self.per_gap, &gap[..count], &mut per_gap[..count]);
+        for i in 0..count {
+            rows[i] = gap[i] as f32 + (upper[i] - elevations[i]) * per_gap[i];
+        }
     }
 
     /// Elevation of a fractional row: the inverse of [`RowLookup::row`].
@@ -104,6 +133,12 @@ mod tests {
                 let (fast, slow) = (table.row(elevation), row_by_search(&elevations, elevation));
                 prop_assert!((fast - slow).abs() < 2e-3 * slow.abs().max(1.0), "{} {}", fast, slow);
                 prop_assert!((table.elevation(fast) - elevation).abs() < 1e-5);
+            }
+            let elevations: Vec<f32> = probes.iter().map(|p| top - p * span).chain([f32::NAN, f32::INFINITY, -9.0]).collect();
+            let mut rows = vec![0.0; elevations.len()];
+            table.rows::<64>(&elevations, &mut rows);
+            for (&elevation, row) in elevations.iter().zip(rows).take(probes.len()) {
+                prop_assert_eq!(row.to_bits(), table.row(elevation).to_bits());
             }
         }
     }
