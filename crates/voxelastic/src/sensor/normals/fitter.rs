@@ -59,6 +59,7 @@ impl PlaneFitter {
                 work.fit(task * per_task + strip, rows.iter_mut().map(|row| &mut row[strip]));
             }
         });
+        self.planes.update_mask();
         let search = PlaneSearch { planes: &self.planes, grid: &self.grid, rule: &self.rule, noise: noise.max(self.settings.roughness) };
         select_planes(&search, weights, returns);
     }
@@ -76,7 +77,7 @@ struct StripFit<'a> {
 
 impl StripFit<'_> {
     /// Fits planes at one column of each group of the strip, and at a second one where a row needs it.
-    fn fit<'p, 'q: 'p>(&mut self, strip: usize, rows: impl Iterator<Item = &'p mut PlaneStrip<'q>>) {
+    fn fit<'p>(&mut self, strip: usize, rows: impl Iterator<Item = &'p mut PlaneStrip>) {
         self.scratch.iter_mut().for_each(|scratch| scratch.start(self.grid.rows));
         let (weights, columns) = (self.weights, self.grid.columns);
         let patches = (strip * STRIP..(strip * STRIP + STRIP).min(columns)).step_by(PATCH_COLUMNS);
@@ -123,7 +124,6 @@ impl StripFit<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::plane::GroupPlace;
     use super::super::reference::Reference;
     use super::*;
     use crate::sensor::range_image::NO_POINT;
@@ -169,7 +169,7 @@ mod tests {
             let slow = Reference { model: &model, points: &shown, noise: noise.into(), settings };
             let (mut both, mut one, mut none) = (0, 0, 0);
             for (row, column) in (0..image.rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
-                let nearest = fitter.planes.nearest(row, GroupPlace::new(column));
+                let nearest = fitter.planes.nearest(row, column);
                 let is_fitted = FITTED.contains(&(column % GROUP)) && (column % GROUP == FITTED[0] || fitter.planes.spacing(row, column) < GROUP);
                 if !is_fitted {
                     continue;
@@ -215,8 +215,8 @@ mod tests {
                     continue;
                 }
                 let [own_all, own_used] = [&all, &used].map(|fit| {
-                    let nearest = fit.0.planes.nearest(row, GroupPlace::new(column));
-                    [nearest.plane(), nearest.other()]
+                    let nearest = fit.0.planes.nearest(row, column);
+                    [nearest.plane(), nearest.other()].map(|plane| plane.copied())
                 });
                 prop_assert_eq!(own_used, own_all);
                 planes += usize::from(used.1.normals[pixel] != [0.0; 3]);

@@ -4,6 +4,7 @@ use super::covariance::{ColumnSums, Place, Width};
 use super::settings::{FITTED, GROUP, LANES, NormalSettings, STRIP};
 use crate::simd::Kernel;
 use crate::simd::larger;
+use rayon::prelude::*;
 
 /// Planes of one row of a strip, at one column of each group.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +25,8 @@ impl PlaneRow {
 }
 
 /// The plane at a pixel.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(32))]
 pub(super) struct Plane {
     /// Unit normal towards the sensor, lidar frame.
     pub(super) normal: [f32; 3],
@@ -36,31 +38,21 @@ pub(super) struct Plane {
     pub(super) inverse: f32,
 }
 
-impl Plane {
-    #[inline(always)]
-    fn of(&[x, y, z, distance, roughness, inverse, ..]: &[f32; PLANE]) -> Self {
-        Self { normal: [x, y, z], distance, roughness, inverse }
-    }
-}
-
-/// Numbers that are stored of a plane: those of [`Plane`] in their order, and room to align them.
-pub(super) const PLANE: usize = 8;
-
-/// The planes of one row of a strip, at all columns that are fitted.
-type Stored = [[[f32; PLANE]; LANES]; FITTED.len()];
-const NOTHING: Stored = [[[0.0; PLANE]; LANES]; FITTED.len()];
-
-/// The same, to be written.
-pub(super) struct PlaneStrip<'a> {
-    planes: &'a mut Stored,
+/// Planes of one row of a strip, at all columns that are fitted.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct PlaneStrip {
+    planes: [[Plane; LANES]; FITTED.len()],
     /// Whether there is a plane: a bit for each lane, of the first fitted columns in the low half.
-    accepted: &'a mut u32,
+    accepted: u32,
 }
 
-impl PlaneStrip<'_> {
+impl PlaneStrip {
+    const NONE: Self = Self { planes: [[Plane { normal: [0.0; 3], distance: 0.0, roughness: 0.0, inverse: 0.0 }; LANES]; FITTED.len()], accepted: 0 };
+
     /// Removes all planes.
     pub(super) fn clear(&mut self) {
-        *self.accepted = 0;
+        self.accepted = 0;
     }
 
     /// Stores those of the `which`-th fitted column of each group.
@@ -68,11 +60,11 @@ impl PlaneStrip<'_> {
         let planes = &mut self.planes[which];
         let mut accepted = 0;
         for (l, plane) in planes.iter_mut().enumerate() {
-            let [x, y, z] = [0, 1, 2].map(|k| row.normal[k][l]);
-            *plane = [x, y, z, row.distance[l], row.roughness[l], row.inverse[l], 0.0, 0.0];
+            let normal = [row.normal[0][l], row.normal[1][l], row.normal[2][l]];
+            *plane = Plane { normal, distance: row.distance[l], roughness: row.roughness[l], inverse: row.inverse[l] };
             accepted |= u32::from(row.roughness[l] >= 0.0) << l;
         }
-        *self.accepted |= accepted << (which * LANES);
+        self.accepted |= accepted << (which * LANES);
     }
 }
 
@@ -80,111 +72,75 @@ impl PlaneStrip<'_> {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes {
     strips: usize,
-    rows: Vec<Stored>,
-    /// Which there are. Fits the first-level cache, unlike the planes, so searches look here first.
+    rows: Vec<PlaneStrip>,
+    /// Copy of what is accepted in `rows`. Fits the first-level cache, unlike the planes, so searches look here first.
     accepted: Vec<u32>,
 }
 
 /// The planes that are nearest to a pixel along its row.
 #[derive(Clone, Copy)]
 pub(super) struct Nearest<'a> {
-    planes: &'a Stored,
-    /// Number of the first of `planes` among all.
-    first: usize,
+    planes: &'a [[Plane; LANES]; FITTED.len()],
     lane: usize,
     /// Which of the fitted columns of the group is nearer, and whether there is a plane at it and at the other.
     which: usize,
     has: [bool; 2],
 }
 
-/// Where the planes of a column are.
-#[derive(Clone, Copy)]
-pub(super) struct GroupPlace {
-    strip: usize,
-    lane: usize,
-    /// Which of the fitted columns of the group is nearer.
-    which: usize,
-}
-
-impl GroupPlace {
-    #[inline(always)]
-    pub(super) fn new(column: usize) -> Self {
-        Self { strip: column / STRIP, lane: column % STRIP / GROUP, which: column % GROUP / FITTED.len() }
-    }
-}
-
-impl Nearest<'_> {
+impl<'a> Nearest<'a> {
     /// The nearest plane, if there is one in the pixel's group.
     #[inline(always)]
-    pub(super) fn plane(&self) -> Option<Plane> {
+    pub(super) fn plane(&self) -> Option<&'a Plane> {
         let which = if self.has[0] { self.which } else { 1 - self.which };
-        (self.has[0] | self.has[1]).then(|| Plane::of(&self.planes[which][self.lane]))
-    }
-
-    /// Its number among the numbers that are stored, or a number without a plane.
-    #[inline(always)]
-    pub(super) fn number(&self, planes: &Planes) -> u32 {
-        let which = if self.has[0] { self.which } else { 1 - self.which };
-        (if self.has[0] | self.has[1] { self.first + which * LANES + self.lane } else { planes.no_plane() }) as u32
+        (self.has[0] | self.has[1]).then(|| &self.planes[which][self.lane])
     }
 
     /// The plane that was fitted nearest to the pixel, if that is accepted.
     #[cfg(test)]
-    pub(super) fn own(&self) -> Option<Plane> {
-        self.has[0].then(|| Plane::of(&self.planes[self.which][self.lane]))
+    pub(super) fn own(&self) -> Option<&'a Plane> {
+        self.has[0].then(|| &self.planes[self.which][self.lane])
     }
 
     /// The other one, if there are two.
     #[inline(always)]
-    pub(super) fn other(&self) -> Option<Plane> {
-        (self.has[0] & self.has[1]).then(|| Plane::of(&self.planes[1 - self.which][self.lane]))
+    pub(super) fn other(&self) -> Option<&'a Plane> {
+        (self.has[0] & self.has[1]).then(|| &self.planes[1 - self.which][self.lane])
     }
 }
 
 impl Planes {
     pub(super) fn reset(&mut self, rows: usize, strips: usize) {
         self.strips = strips;
-        // The last is no plane.
-        self.rows.resize(rows * strips + 1, NOTHING);
-        self.accepted.resize(rows * strips, 0);
+        self.rows.resize(rows * strips, PlaneStrip::NONE);
     }
 
-    /// The planes of `per_task` neighbouring strips for each task, row by row.
-    pub(super) fn split(&mut self, per_task: usize) -> Vec<Vec<Vec<PlaneStrip<'_>>>> {
-        let mut tasks: Vec<Vec<Vec<PlaneStrip<'_>>>> = (0..self.strips.div_ceil(per_task)).map(|_| Vec::new()).collect();
-        for (planes, accepted) in self.rows.chunks_exact_mut(self.strips).zip(self.accepted.chunks_exact_mut(self.strips)) {
-            let parts = planes.chunks_mut(per_task).zip(accepted.chunks_mut(per_task));
-            for (task, (planes, accepted)) in tasks.iter_mut().zip(parts) {
-                task.push(planes.iter_mut().zip(accepted).map(|(planes, accepted)| PlaneStrip { planes, accepted }).collect());
-            }
+    /// The planes of `per_task` neighbouring strips for each task, a slice for each row.
+    pub(super) fn split(&mut self, per_task: usize) -> Vec<Vec<&mut [PlaneStrip]>> {
+        let mut tasks: Vec<Vec<&mut [PlaneStrip]>> = (0..self.strips.div_ceil(per_task)).map(|_| Vec::new()).collect();
+        for row in self.rows.chunks_exact_mut(self.strips) {
+            row.chunks_mut(per_task).zip(&mut tasks).for_each(|(part, task)| task.push(part));
         }
         tasks
     }
 
-    /// All numbers that are stored, `PLANE` of each plane.
-    pub(super) fn numbers(&self) -> &[f32] {
-        self.rows.as_flattened().as_flattened().as_flattened()
+    /// Updates what is known of which pixels have a plane, after all are fitted.
+    pub(super) fn update_mask(&mut self) {
+        self.rows.par_iter().with_min_len(1024).map(|strip| strip.accepted).collect_into_vec(&mut self.accepted);
     }
 
-    /// A number of a plane that is not one.
-    #[inline(always)]
-    pub(super) fn no_plane(&self) -> usize {
-        (self.rows.len() - 1) * FITTED.len() * LANES
-    }
-
-    /// Columns from one fitted column to the next around a pixel.
+    /// Columns from one fitted column to the next around a pixel, as of the last [`update_mask`](Self::update_mask).
     #[inline(always)]
     pub(super) fn spacing(&self, row: usize, column: usize) -> usize {
         if self.accepted[row * self.strips + column / STRIP] >> LANES == 0 { GROUP } else { GROUP / FITTED.len() }
     }
 
-    /// The planes next to a pixel.
+    /// The planes next to a pixel, as of the last [`update_mask`](Self::update_mask).
     #[inline(always)]
-    pub(super) fn nearest(&self, row: usize, GroupPlace { strip, lane, which }: GroupPlace) -> Nearest<'_> {
-        let at = row * self.strips + strip;
+    pub(super) fn nearest(&self, row: usize, column: usize) -> Nearest<'_> {
+        let (at, lane, which) = (row * self.strips + column / STRIP, column % STRIP / GROUP, column % GROUP / FITTED.len());
         let accepted = self.accepted[at] >> lane;
         let has = |which: usize| accepted >> (which * LANES) & 1 == 1;
-        Nearest { planes: &self.rows[at], first: at * FITTED.len() * LANES, lane, which, has: [has(which), has(1 - which)] }
+        Nearest { planes: &self.rows[at].planes, lane, which, has: [has(which), has(1 - which)] }
     }
 }
 
