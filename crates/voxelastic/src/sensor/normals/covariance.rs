@@ -1,7 +1,7 @@
-//! Covariance sums over the windows around fitted pixels: first along the row, then down the column.
+//! Covariance sums over each pixel's window: first along the row, then down the column.
 
-use super::grid::{Grid, Pixels};
-use super::settings::LANES;
+use super::grid::{Grid, PAD};
+use super::settings::STRIP;
 use crate::sensor::beam_model::BeamModel;
 use crate::simd::{Kernel, dispatch};
 use crate::simd::{larger, smaller};
@@ -85,111 +85,139 @@ impl Reach {
     }
 }
 
-/// Sums over windows, one lane a fitted pixel. x is the tangent of the azimuth from the centre's column, t the rise above the
+/// Sums over windows, one lane a column. x is the tangent of the azimuth from the centre's column, t the rise above the
 /// centre's row, u the inverse depth above the centre's.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Moments {
-    pub(super) n: [f32; LANES],
-    pub(super) x: [f32; LANES],
-    pub(super) t: [f32; LANES],
-    pub(super) u: [f32; LANES],
-    pub(super) xx: [f32; LANES],
-    pub(super) xt: [f32; LANES],
-    pub(super) tt: [f32; LANES],
-    pub(super) xu: [f32; LANES],
-    pub(super) tu: [f32; LANES],
-    pub(super) uu: [f32; LANES],
+    pub(super) n: [f32; STRIP],
+    pub(super) x: [f32; STRIP],
+    pub(super) t: [f32; STRIP],
+    pub(super) u: [f32; STRIP],
+    pub(super) xx: [f32; STRIP],
+    pub(super) xt: [f32; STRIP],
+    pub(super) tt: [f32; STRIP],
+    pub(super) xu: [f32; STRIP],
+    pub(super) tu: [f32; STRIP],
+    pub(super) uu: [f32; STRIP],
 }
 
 impl Moments {
     pub(super) const ZERO: Self = {
-        let z = [0.0; LANES];
+        let z = [0.0; STRIP];
         Self { n: z, x: z, t: z, u: z, xx: z, xt: z, tt: z, xu: z, tu: z, uu: z }
     };
 }
 
-/// The fitted pixels of one row of a strip that have the same number in their groups.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Place {
-    pub(super) row: usize,
-    pub(super) strip: usize,
-    /// Number of the column in each group.
-    pub(super) fitted: usize,
-}
-
-/// The row sums of one strip and one fitted column of each group, for both widths; computed when needed.
+/// The row sums of one strip of columns, for both widths; computed when needed.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
-    sums: [Vec<Moments>; 2],
-    has: [Vec<bool>; 2],
+    wide: Vec<Moments>,
+    narrow: Vec<Moments>,
+    has_wide: Vec<bool>,
+    has_narrow: Vec<bool>,
 }
 
 impl Scratch {
     /// Begins a strip of an image with so many rows.
     pub(super) fn start(&mut self, rows: usize) {
-        self.sums.iter_mut().for_each(|sums| sums.resize(rows, Moments::ZERO));
-        for has in &mut self.has {
+        for sums in [&mut self.wide, &mut self.narrow] {
+            sums.resize(rows, Moments::ZERO);
+        }
+        for has in [&mut self.has_wide, &mut self.has_narrow] {
             has.clear();
             has.resize(rows, false);
         }
     }
 
-    /// The windows around the pixels of a place, with their row sums.
-    pub(super) fn window<'a>(&'a mut self, grid: &'a Grid, rule: &'a WindowRule, width: Width, place: Place) -> ColumnSums<'a> {
-        let (which, reach) = match width {
-            Width::Wide => (0, MAX_REACH[1]),
-            Width::Narrow => (1, MAX_REACH[1].div_ceil(2)),
+    /// The windows around the pixels of a row, with their row sums.
+    pub(super) fn window<'a>(
+        &'a mut self,
+        grid: &'a Grid,
+        rule: &'a WindowRule,
+        width: Width,
+        (row, first_column): (usize, usize),
+    ) -> ColumnSums<'a> {
+        let (rows, has, reach) = match width {
+            Width::Wide => (&mut self.wide, &mut self.has_wide, MAX_REACH[1]),
+            Width::Narrow => (&mut self.narrow, &mut self.has_narrow, MAX_REACH[1].div_ceil(2)),
         };
-        let (rows, has) = (&mut self.sums[which], &mut self.has[which]);
-        for row in place.row.saturating_sub(reach)..(place.row + reach + 1).min(grid.rows) {
-            if !std::mem::replace(&mut has[row], true) {
-                dispatch(RowSums { grid, rule, width, place: Place { row, ..place }, sums: &mut rows[row] });
+        for near in row.saturating_sub(reach)..(row + reach + 1).min(grid.rows) {
+            if !std::mem::replace(&mut has[near], true) {
+                sum_row(grid, rule, width, (near, first_column), &mut rows[near]);
             }
         }
-        ColumnSums { rows, grid, rule, width, place }
+        ColumnSums { rows, grid, rule, width, row, first_column }
     }
 }
 
-/// Sums a row's pixels around each lane.
+fn sum_row(grid: &Grid, rule: &WindowRule, width: Width, (row, first_column): (usize, usize), sums: &mut Moments) {
+    let at = grid.at(row, first_column) - PAD;
+    let end = at + STRIP + 2 * PAD;
+    dispatch(RowSums {
+        inverse: &grid.inverse[at..end],
+        across: &grid.across[at..end],
+        rise: &grid.rise[at..end],
+        link: &grid.link_right[at..end],
+        row_rise: grid.row_rise[row],
+        rule,
+        width,
+        row,
+        sums,
+    });
+}
+
+/// Sums a row's pixels around each lane. The arrays start `PAD` columns before the strip.
 struct RowSums<'a> {
-    grid: &'a Grid,
+    inverse: &'a [f32],
+    across: &'a [f32],
+    rise: &'a [f32],
+    link: &'a [f32],
+    row_rise: f32,
     rule: &'a WindowRule,
     width: Width,
-    place: Place,
+    row: usize,
     sums: &'a mut Moments,
+}
+
+/// The lanes of the strip, shifted by `offset` columns, in an array that starts `PAD` columns before the strip.
+#[inline(always)]
+fn lanes(plane: &[f32], offset: isize) -> &[f32; STRIP] {
+    const NOTHING: [f32; STRIP] = [0.0; STRIP];
+    plane[(PAD as isize + offset) as usize..].first_chunk().unwrap_or(&NOTHING)
 }
 
 impl Kernel for RowSums<'_> {
     #[inline(always)]
     fn run(self) {
-        let Place { row, strip, fitted } = self.place;
-        let (pixels, at) = (self.grid.row(row), (strip, fitted));
-        let centre = pixels.centres(at);
-        let Pixels { inverse, across, rise } = pixels.pixels(at, 0);
+        let centre = lanes(self.inverse, 0);
+        let (across, rise) = (lanes(self.across, 0), lanes(self.rise, 0));
         // Sums are in a local copy, which cannot alias the inputs: only then are the loops vectorised.
         let mut sums = Moments::ZERO;
-        let (mut reach, mut right, mut left) = ([0f32; LANES], [0f32; LANES], [0f32; LANES]);
-        let window = self.rule.reach(row, self.width)[0];
-        let row_rise = self.grid.row_rise[row];
-        for l in 0..LANES {
+        let (mut reach, mut right, mut left) = ([0f32; STRIP], [0f32; STRIP], [0f32; STRIP]);
+        let window = self.rule.reach(self.row, self.width)[0];
+        let row_rise = self.row_rise;
+        for l in 0..STRIP {
             let valid = if centre[l] > 0.0 { 1.0 } else { 0.0 };
             (reach[l], right[l], left[l]) = (window.at(centre[l]) * valid, valid, valid);
-            sums.add(l, Sample::new(if inverse[l] > 0.0 { 1.0 } else { 0.0 }, [across[l], rise[l] - row_rise, 0.0]));
+            sums.add(l, Sample::new(valid, [across[l], rise[l] - row_rise, 0.0]));
         }
         for k in 1..=farthest(&reach) {
             let [tan, sec] = self.rule.turn[k];
             let wanted = k as f32 - 0.5;
+            let side = |at: isize, link: isize| {
+                let link = lanes(self.link, link);
+                (link, lanes(self.inverse, at), lanes(self.across, at), lanes(self.rise, at))
+            };
             let (to, from) = (k as isize, -(k as isize));
-            let (link_r, link_l) = (pixels.link_right(at, to - 1), pixels.link_right(at, from));
-            let Pixels { inverse: w_r, across: f_r, rise: z_r } = pixels.pixels(at, to);
-            let Pixels { inverse: w_l, across: f_l, rise: z_l } = pixels.pixels(at, from);
+            let (link_r, w_r, f_r, z_r) = side(to, to - 1);
+            let (link_l, w_l, f_l, z_l) = side(from, from);
             // The coordinates of a pixel in the frame of the centre's column, which is k columns away.
             let seen = |tan: f32, w: f32, f: f32, z: f32, w_centre: f32| {
                 let turn = sec + f * (sec * tan);
                 [tan + f * (sec * sec), z * turn - row_rise, w * turn - w_centre]
             };
-            for l in 0..LANES {
+            for l in 0..STRIP {
                 right[l] *= link_r[l];
                 left[l] *= link_l[l];
                 let m_r = if (reach[l] >= wanted) & (w_r[l] > 0.0) { right[l] } else { 0.0 };
@@ -205,7 +233,7 @@ impl Kernel for RowSums<'_> {
 
 /// The longest of the reaches, rounded. Positive floats are ordered like their bits, which are compared as integer vectors.
 #[inline(always)]
-fn farthest(reach: &[f32; LANES]) -> usize {
+fn farthest(reach: &[f32; STRIP]) -> usize {
     let longest = reach.iter().fold(0, |most: u32, r| most.max(r.to_bits()));
     (f32::from_bits(longest) + 0.5) as usize
 }
@@ -271,38 +299,38 @@ pub(super) struct ColumnSums<'a> {
     pub(super) grid: &'a Grid,
     rule: &'a WindowRule,
     pub(super) width: Width,
-    pub(super) place: Place,
+    pub(super) row: usize,
+    pub(super) first_column: usize,
 }
 
 impl ColumnSums<'_> {
     /// The sums, and the number of rows in them.
     #[inline(always)]
-    pub(super) fn sum(&self) -> (Moments, [f32; LANES]) {
-        let (grid, Place { row, strip, fitted }) = (self.grid, self.place);
-        let at = (strip, fitted);
-        let centre = grid.row(row).centres(at);
-        let mut reach = [0f32; LANES];
-        let window = self.rule.reach(row, self.width)[1];
-        for l in 0..LANES {
+    pub(super) fn sum(&self) -> (Moments, [f32; STRIP]) {
+        let (grid, row) = (self.grid, self.row as isize);
+        let part = |row: usize| grid.at(row, self.first_column) - PAD;
+        let centre = lanes(&grid.inverse[part(self.row)..], 0);
+        let mut reach = [0f32; STRIP];
+        let window = self.rule.reach(self.row, self.width)[1];
+        for l in 0..STRIP {
             reach[l] = if centre[l] > 0.0 { window.at(centre[l]) } else { 0.0 };
         }
-        let mut sums = self.rows[row];
-        let (mut rows, mut down, mut up) = ([0f32; LANES], [1f32; LANES], [1f32; LANES]);
-        for (rows, n) in rows.iter_mut().zip(sums.n) {
-            *rows = if n > 0.0 { 1.0 } else { 0.0 };
-        }
+        let mut sums = self.rows[self.row];
+        let mut rows = [1f32; STRIP];
+        let (mut down, mut up) = ([1f32; STRIP], [1f32; STRIP]);
         for k in 1..=farthest(&reach) as isize {
             let wanted = k as f32 - 0.5;
             // Beyond the edge of the image the weight is 0; what is read there does not matter.
             let side = |other: isize, link: isize| {
                 let inside = (0..grid.rows as isize).contains(&other);
-                let (other, link) = if inside { (other as usize, link as usize) } else { (row, row) };
-                let fall = grid.row_rise[other] - grid.row_rise[row];
-                (if inside { 1.0 } else { 0.0 }, fall, grid.row(link).link_down(at), grid.row(other).centres(at), &self.rows[other])
+                let (other, link) = if inside { (other as usize, link as usize) } else { (self.row, self.row) };
+                let fall = grid.row_rise[other] - grid.row_rise[self.row];
+                let planes = (lanes(&grid.link_down[part(link)..], 0), lanes(&grid.inverse[part(other)..], 0));
+                (if inside { 1.0 } else { 0.0 }, fall, planes, &self.rows[other])
             };
-            let (inside_d, fall_d, link_d, w_d, sums_d) = side(row as isize + k, row as isize + k - 1);
-            let (inside_u, fall_u, link_u, w_u, sums_u) = side(row as isize - k, row as isize - k);
-            for l in 0..LANES {
+            let (inside_d, fall_d, (link_d, w_d), sums_d) = side(row + k, row + k - 1);
+            let (inside_u, fall_u, (link_u, w_u), sums_u) = side(row - k, row - k);
+            for l in 0..STRIP {
                 down[l] *= link_d[l] * inside_d;
                 up[l] *= link_u[l] * inside_u;
                 let (m_d, m_u) = if reach[l] >= wanted { (down[l], up[l]) } else { (0.0, 0.0) };
@@ -320,7 +348,7 @@ impl ColumnSums<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::plane::{PlaneRow, Solve};
-    use super::super::settings::{FITTED, NormalSettings};
+    use super::super::settings::NormalSettings;
     use super::*;
     use crate::sensor::{RangeImage, preset};
     use proptest::prelude::*;
@@ -344,14 +372,14 @@ mod tests {
     }
 
     fn bits(row: &PlaneRow) -> Vec<u32> {
-        let all = row.normal.iter().flatten().chain(&row.distance).chain(&row.roughness).chain(&row.inverse);
+        let all = row.normal.iter().flatten().chain(&row.distance).chain(&row.roughness).chain(&row.misfit);
         all.map(|v| v.to_bits()).collect()
     }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(8))]
         #[test]
-        fn wide_instructions_give_the_same_planes(seed in prop::collection::vec(-1f32..1.0, 977), strip in 0usize..28, fitted in prop::sample::select(&FITTED[..])) {
+        fn wide_instructions_give_the_same_planes(seed in prop::collection::vec(-1f32..1.0, 977), first in 0usize..50) {
             let grid = grid(&seed);
             let model = preset("vlp-16").map_err(|e| TestCaseError::fail(e.to_string()))?;
             let rule = WindowRule::new(&model, 0.2);
@@ -360,7 +388,7 @@ mod tests {
             scratch.start(grid.rows);
             for row in 0..grid.rows {
                 let mut planes = [PlaneRow::NONE; 2];
-                let windows = scratch.window(&grid, &rule, Width::Wide, Place { row, strip, fitted });
+                let windows = scratch.window(&grid, &rule, Width::Wide, (row, first * STRIP));
                 dispatch(Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[0] });
                 Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[1] }.run();
                 prop_assert_eq!(bits(&planes[0]), bits(&planes[1]));

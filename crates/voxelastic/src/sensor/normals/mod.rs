@@ -4,23 +4,17 @@
 //! least-squares fit in these coordinates (Badino et al., ICRA 2011, solve the same system in spherical ones) is exact for planes at any slant: ground whose
 //! rings are metres apart is as straight as a wall. Range noise affects 1/X alone, so the fit also gives its own uncertainty.
 //!
-//! Windows overlap, so a plane serves several pixels of a row: every fourth column is fitted, and every second where windows are small, or where a surface is bent
-//! or broken. A pixel takes a neighbour's plane only if its own point lies on it.
-//!
-//! 1. [`grid`]: the coordinates of every pixel; [`links`]: which neighbours continue one surface (no jump against the trend). Between the first and the last column
-//!    of a sweep the sensor has moved on: [`sweep_seam`] separates them.
+//! 1. [`grid`]: the coordinates of every pixel, and which neighbours continue one surface (no jump against the trend). Between the first and the last column of a
+//!    sweep the sensor has moved on: [`sweep_seam`] separates them.
 //! 2. [`covariance`]: sums over a window of about 30 cm that ends where the surface does, along rows, then down columns.
 //! 3. [`plane`]: the 3 x 3 systems, and the tests that reject uncertain planes.
-//! 4. [`plane_select`]: each return takes the nearest plane, or one around it, if it lies on it; else none.
+//! 4. [`plane_select`]: each return takes the plane of its pixel, or of a neighbour, if it lies on it; else none.
 
 mod covariance;
 mod fitter;
 mod grid;
-mod links;
 mod plane;
 mod plane_select;
-#[cfg(test)]
-mod reference;
 mod settings;
 mod sweep_seam;
 

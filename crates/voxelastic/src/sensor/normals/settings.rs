@@ -1,16 +1,9 @@
-//! Settings of the plane fit, and which columns it is made at.
+//! Settings of the plane fit, and the strip width common to its steps.
 
-/// Columns of which one is fitted where windows are large, and two where they are small: the second and the fourth.
-pub(super) const GROUP: usize = 4;
-
-/// Groups that are processed together, one vector lane each.
-pub(super) const LANES: usize = 16;
+use crate::sensor::patch_weights::PATCH_COLUMNS;
 
 /// Columns that are processed together: the sums of a strip stay in the second-level cache.
-pub(super) const STRIP: usize = GROUP * LANES;
-
-/// The columns of a group that planes are fitted at: every pixel of a row is next to one of them.
-pub(super) const FITTED: [usize; 2] = [1, 3];
+pub(super) const STRIP: usize = PATCH_COLUMNS;
 
 /// Settings of the plane fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -21,14 +21,14 @@ impl<'a> Seam<'a> {
         (longest > 0.0 && longest.is_finite()).then_some(Self { times, image, longest })
     }
 
-    /// Calls `remove` with the columns of links between pixels of two rows, or of one row, that are `column_offset` columns apart.
-    pub fn cut(&self, rows: [usize; 2], column_offset: usize, mut remove: impl FnMut(usize)) {
+    /// Removes links between pixels of two rows, or of one row, that are `column_offset` columns apart.
+    pub fn cut(&self, links: &mut [f32], rows: [usize; 2], column_offset: usize) {
         let columns = self.image.columns;
         let [from, to] = rows.map(|row| &self.image.points[row * columns..][..columns]);
-        for column in 0..columns {
+        for (column, link) in links[..columns].iter_mut().enumerate() {
             let (a, b) = (from[column], to[if column + column_offset < columns { column + column_offset } else { column + column_offset - columns }]);
             if a != NO_POINT && b != NO_POINT && (self.times[a as usize] - self.times[b as usize]).abs() > self.longest {
-                remove(column);
+                *link = 0.0;
             }
         }
     }
@@ -49,9 +49,9 @@ mod tests {
         let image = RangeImage { rows, columns, ranges: vec![1.0; rows * columns], points };
         let seam = Seam::new(&times, &image).unwrap();
         let cut = |rows, column_offset| {
-            let mut removed = Vec::new();
-            seam.cut(rows, column_offset, |column| removed.push(column));
-            removed
+            let mut links = vec![1.0; columns];
+            seam.cut(&mut links, rows, column_offset);
+            (0..columns).filter(|&c| links[c] == 0.0).collect::<Vec<usize>>()
         };
         assert_eq!([cut([0, 0], 1), cut([1, 1], 1), cut([0, 1], 0)], [[2], [1], [2]]);
         assert!(Seam::new(&[0.5; 16], &image).is_none() && Seam::new(&[], &image).is_none());
