@@ -64,8 +64,6 @@ pub struct Explorer {
     beginnings: u32,
     /// Whether it has seen something new since it left home.
     has_progressed: bool,
-    /// How often in a row it came home, or tried to leave it, without having seen anything new.
-    vain_outings: u32,
     /// Why it turned back last.
     turned_back: Option<ReturnReason>,
 }
@@ -108,7 +106,6 @@ impl Explorer {
             retreats: 0,
             beginnings: 0,
             has_progressed: false,
-            vain_outings: 0,
             turned_back: None,
         })
     }

@@ -167,10 +167,10 @@ fn every_strategy_sees_both_rooms_touches_nothing_and_comes_home() {
     for strategy in [Strategy::Tour, Strategy::Nearest, Strategy::NextBest] {
         let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(strategy)).unwrap());
         let purposes = walker.explore(&mut explorer, 200, None, |_, _| world.clone());
-        // It tries again from home: what counted as shut may not be so in the map of then.
-        let (last, outings) = purposes.split_last().unwrap();
-        let is_in_order = outings.chunks(2).all(|outing| outing == [Purpose::Explore, Purpose::Return]);
-        assert!(*last == Purpose::Done && is_in_order && outings.len() <= 12, "{strategy:?} at {:?}: {purposes:?}", walker.position);
+        // It tries once more from home: what counted as shut may not be so in the map of then.
+        let once = [Purpose::Explore, Purpose::Return, Purpose::Done];
+        let again = [Purpose::Explore, Purpose::Return, Purpose::Explore, Purpose::Return, Purpose::Done];
+        assert!(purposes == once || purposes == again, "{strategy:?} at {:?}: {purposes:?}", walker.position);
         assert!(distance(walker.position, HOME) < 1.0, "{strategy:?}: {:?}", walker.position);
         assert!(walker.least > RADIUS, "{strategy:?}: {} m from a wall", walker.least);
         assert!(walker.known(&world) > 0.97, "{strategy:?}: {} known", walker.known(&world));

@@ -22,8 +22,6 @@ const MOST_RETREATS: u32 = 4;
 const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
 const MOST_BEGINNINGS: u32 = 2;
-/// Tries in a row to leave home again that showed nothing new.
-const MOST_VAIN_OUTINGS: u32 = 3;
 /// Noise of returns that are near the body, metres.
 const TOUCHING: f64 = 0.03;
 
@@ -111,12 +109,11 @@ impl Explorer {
         may_help
     }
 
-    /// Whether it explores once more from home: on its way loops have closed, and what could not be reached may be by now, however often it has begun anew elsewhere. It
-    /// tries a few times, with another scan each, if that shows nothing new.
+    /// Whether it explores once more from home: if it has seen something new since it was there last. On its way loops have closed, and what could not be reached may be by
+    /// now, however often it has begun anew elsewhere.
     pub(super) fn leaves_again(&mut self) -> bool {
         self.beginnings = 0;
-        self.vain_outings = if std::mem::take(&mut self.has_progressed) { 0 } else { self.vain_outings + 1 };
-        self.vain_outings <= MOST_VAIN_OUTINGS && self.begin_anew()
+        std::mem::take(&mut self.has_progressed) && self.begin_anew()
     }
 
     /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
@@ -202,10 +199,10 @@ mod tests {
         let at_home = |reason, has_progressed| {
             let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
             (explorer.turned_back, explorer.has_progressed, explorer.beginnings) = (Some(reason), has_progressed, MOST_BEGINNINGS);
-            (0..9).take_while(|_| explorer.leaves_again()).count()
+            [explorer.leaves_again(), explorer.leaves_again()]
         };
-        assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [4; 2], "and three times in vain");
-        assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [0; 2]);
-        assert_eq!(at_home(ReturnReason::NothingLeft, false), 3);
+        assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
+        assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
+        assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
     }
 }

@@ -98,6 +98,7 @@ mod tests {
         let [low, high] = scans.beams().unwrap().elevations;
         assert!((low + std::f64::consts::FRAC_PI_4).abs() < 1e-6 && (0.0..0.1).contains(&high), "{low} {high}");
     }
+
     #[test]
     fn beams_are_as_far_apart_as_rings_or_as_the_same_number_of_returns() {
         // 16 rings over 30 degrees, 900 columns.
