@@ -31,6 +31,8 @@ const RESERVE: (f64, f64) = (1.15, 10.0);
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
 const MOST_DRIFT: f64 = 1.0;
+/// Noise of returns that are near the body, metres.
+const NOISE: f64 = 0.03;
 
 /// Decides where a robot goes to explore. See the [crate documentation](crate).
 #[derive(Clone, Debug)]
@@ -64,6 +66,8 @@ pub struct Explorer {
     beginnings: u32,
     /// Whether it has seen something new since it left home.
     has_progressed: bool,
+    /// Whether it was outside of the box to explore at the last decision.
+    is_outside: bool,
     /// Why it turned back last.
     turned_back: Option<ReturnReason>,
 }
@@ -76,6 +80,8 @@ struct Situation<'a, S> {
     is_moved: bool,
     returns: &'a NearReturns,
     space: &'a S,
+    /// Corners of the box in which viewpoints are.
+    goals: [Point; 2],
     robot: Point,
     seconds_left: Option<f64>,
 }
@@ -106,6 +112,7 @@ impl Explorer {
             retreats: 0,
             beginnings: 0,
             has_progressed: false,
+            is_outside: false,
             turned_back: None,
         })
     }
@@ -154,13 +161,21 @@ impl Explorer {
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
         let newest = newest_submaps(atlas);
         let [newest, recent] = [1, 2].map(|n| AtlasQuery::of_submaps(atlas, |submap| newest.iter().take(n).any(|recent| *recent == submap)));
-        let body = self.settings.body();
+        // What is left of the margin where the robot uses it up.
+        let narrow = self.settings.body() + NOISE.min(self.settings.margin);
         let is_moved = self.follow_submaps(atlas);
         let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
         let drift = (DRIFT * self.uncorrected).min(MOST_DRIFT);
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
+        // A correction may find the robot outside of the box, and there is its way back.
+        let own = if robot_type.ground.is_some() { 0.0 } else { robot_type.radius };
+        let goals = shrunk(wider, own);
+        let [bounds, wider] = [bounds, wider].map(|bounds| including(bounds, robot, own));
+        if std::mem::replace(&mut self.is_outside, bounds != self.settings.bounds) != self.is_outside {
+            self.roadmap = None;
+        }
         let maps = [(&map, bounds), (&recent, wider), (&newest, wider)];
         let returns = self.scans.returns();
         let steepest = self.settings.view.steepest();
@@ -172,15 +187,15 @@ impl Explorer {
                 let [whole, recent, newest] = maps.map(|map| on(map, Robot { radius, ground, ..robot_type }));
                 Ok(Clear::new([whole?, recent?, newest?], &returns, radius, steepest))
             };
-            let space = &RobotSpace::new(clear(robot_type.radius)?, clear(body)?, robot);
-            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
+            let space = &RobotSpace::new(clear(robot_type.radius)?, clear(narrow)?, robot);
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, goals, robot, seconds_left }, &frontier)
         } else {
             let clear = |radius| {
                 let space = |(map, bounds)| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
                 Clear::new(maps.map(space), &returns, radius, steepest)
             };
-            let space = &RobotSpace::new(clear(robot_type.radius), clear(body), robot);
-            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, robot, seconds_left }, &frontier)
+            let space = &RobotSpace::new(clear(robot_type.radius), clear(narrow), robot);
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, goals, robot, seconds_left }, &frontier)
         };
         let (is_new, viewpoints) = decided;
         let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());
@@ -313,6 +328,13 @@ impl Explorer {
     fn is_time_up<S: Space>(&self, now: &Situation<'_, S>, ahead: f64) -> bool {
         now.seconds_left.is_some_and(|left| (ahead + 2.0 * EXTENDED) / self.settings.speed > left || self.since_planned >= PATIENCE / 2)
     }
+}
+
+/// The box with the corners `low` and `high`, larger where a ball of `radius` metres around `p` is not in it, by a millimetre more for rounding.
+fn including([low, high]: [Point; 2], p: Point, radius: f64) -> [Point; 2] {
+    let lower = |k: usize| if p[k] - radius < low[k] { p[k] - radius - 1e-3 } else { low[k] };
+    let higher = |k: usize| if p[k] + radius > high[k] { p[k] + radius + 1e-3 } else { high[k] };
+    [std::array::from_fn(lower), std::array::from_fn(higher)]
 }
 
 /// The box in which the centre of a ball may be that stays in the box with the corners `low` and `high`; the middle along an axis where it has no room.

@@ -21,12 +21,13 @@ pub enum Strategy {
 pub struct ExploreSettings {
     /// The robot. Its radius should include a margin for what the map does not resolve.
     pub robot: Robot,
-    /// The part of the radius that is margin and not body, metres. A robot that stands where it does not fit, as after a correction of the map, may use it up to get out.
+    /// The part of the radius that is margin and not body, metres. A robot that stands where it does not fit, as after a correction of the map, may use it up but for 3 cm to get out.
     pub margin: f64,
     /// Speed, metres per second.
     pub speed: f64,
     /// Corners of the box to explore, map frame, metres: the robot stays in it (with its whole ball when it flies, with its centre on wheels), and nothing outside counts.
     /// While no loop closes, what the newest submaps saw may be off by 1 % of the way, and the box is as much larger in them, up to 1 m.
+    /// A robot that a correction finds outside of it may come back through what is between.
     pub bounds: [Point; 2],
     /// What the sensor sees.
     pub view: SensorView,

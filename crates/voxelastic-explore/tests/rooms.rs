@@ -72,6 +72,8 @@ struct Walker {
     position: Point,
     /// It believes to be this much higher for each metre along x.
     rise: f64,
+    /// And this much higher everywhere, metres.
+    raised: f64,
     scans: u64,
     travelled: f64,
     /// Least true distance of its centre from a surface.
@@ -94,6 +96,7 @@ impl Walker {
             lidar: Lidar::new(model, LidarSettings::default()).unwrap(),
             position: HOME,
             rise: 0.0,
+            raised: 0.0,
             scans: 0,
             travelled: 0.0,
             least: f64::INFINITY,
@@ -102,7 +105,7 @@ impl Walker {
 
     /// Where it is when it believes to be at `p`.
     fn at(&self, p: Point) -> Point {
-        [p[0], p[1], p[2] - self.rise * p[0]]
+        [p[0], p[1], p[2] - self.rise * p[0] - self.raised]
     }
 
     /// Returns the scan and where it believes that it was taken.
@@ -272,6 +275,38 @@ fn a_robot_whose_height_drifts_explores_a_long_corridor() {
         decisions += 1;
     }
     assert!(decisions < 350 && walker.least > RADIUS, "{:?} at {:?}, {} m from a wall", explorer.reason_to_return(), walker.position, walker.least);
+}
+
+#[test]
+fn a_robot_that_a_correction_finds_above_the_box_comes_back_and_goes_on() {
+    const RAISED: f64 = 0.5;
+    let world = rooms(false, false);
+    let bounds = [BOUNDS[0], [BOUNDS[1][0], BOUNDS[1][1], 1.6]];
+    let (mut walker, mut explorer) =
+        (Walker::with("os0-64", 512, 0.1), Explorer::new(ExploreSettings { bounds, least_volume: 0.3, ..settings(Strategy::Tour) }).unwrap());
+    walker.position[2] = 1.2;
+    let mut poses = Vec::new();
+    while walker.position[0] < 4.5 && walker.scans < 60 {
+        let [x, y, z] = walker.position;
+        poses.push((walker.scans, Pose::translation(x, y, z + RAISED)));
+        walker.explore(&mut explorer, 1, None, |_, _| world.clone());
+    }
+    walker.mapper.handle(Event::PoseUpdate(poses)).unwrap();
+    walker.position[2] += RAISED;
+    walker.raised = RAISED;
+    let is_back = |walker: &Walker| walker.position[2] + RADIUS < bounds[1][2];
+    assert!(!is_back(&walker) && walker.position[0] > 4.5, "{:?}", walker.position);
+    // Its track is above the box, too.
+    for _ in 0..20 {
+        assert_eq!(walker.explore(&mut explorer, 1, None, |_, _| world.clone()), [Purpose::Explore]);
+        if is_back(&walker) {
+            break;
+        }
+    }
+    assert!(is_back(&walker), "{:?}", walker.position);
+    let purposes = walker.explore(&mut explorer, 300, None, |_, _| world.clone());
+    assert!(purposes.last() == Some(&Purpose::Done) && walker.least > RADIUS, "{purposes:?}, {} m from a wall", walker.least);
+    assert!(distance(walker.position, [HOME[0], HOME[1], 1.2 + RAISED]) < 1.0, "{:?}", walker.position);
 }
 
 #[test]

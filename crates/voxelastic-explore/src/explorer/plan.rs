@@ -1,6 +1,6 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
-use super::{EXTENDED, Explorer, PATIENCE, RESERVE, Situation};
+use super::{EXTENDED, Explorer, NOISE, PATIENCE, RESERVE, Situation};
 use crate::choice::choose;
 use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
@@ -22,8 +22,6 @@ const MOST_RETREATS: u32 = 4;
 const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
 const MOST_BEGINNINGS: u32 = 2;
-/// Noise of returns that are near the body, metres.
-const TOUCHING: f64 = 0.03;
 
 impl Explorer {
     /// Plans a path; returns the number of viewpoints considered.
@@ -53,6 +51,10 @@ impl Explorer {
                 target = choose(&self.settings, now.space, &roadmap, &worth);
             }
             if target.is_none() && self.purpose == Purpose::Explore {
+                if attempt > 0 {
+                    // What was found shut just now may be all that led on: the next plan looks farther.
+                    break;
+                }
                 self.turn_back(ReturnReason::NothingLeft);
                 roadmap.unblock();
                 roadmap.extend(now.space, now.robot, f64::INFINITY);
@@ -147,7 +149,7 @@ impl Explorer {
 
     /// Radius of the body, metres; less where something has come too near to it, so that it may go where that is no nearer.
     pub(super) fn body<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
-        self.settings.body().min(now.returns.nearest(now.robot) - TOUCHING).max(0.0)
+        self.settings.body().min(now.returns.nearest(now.robot) - NOISE).max(0.0)
     }
 
     /// The viewpoints from which there is something to see, and from which the robot still gets home in time. At the first try, where there are none, the roadmap is
@@ -170,14 +172,15 @@ impl Explorer {
     fn worthwhile<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
         let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
         let reach = self.settings.spacing * 1.6;
-        let seconds_left = now.seconds_left;
+        let (seconds_left, [low, high]) = (now.seconds_left, now.goals);
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
         let track = self.track_home(now);
         let is_excluded = |node: u32| {
             let place = roadmap.place(node);
             let home = ways_home.length(node).min(ways.length(node) + track);
             let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
-            seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
+            let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&place[k]));
+            !is_inside || seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
         };
         viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
     }
