@@ -1,6 +1,7 @@
 //! The space that a robot could know: what is connected with its start and empty, in the box that it explores.
 
 use crate::World;
+use crate::random::Stream;
 use rayon::prelude::*;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::AtlasQuery;
@@ -12,16 +13,25 @@ type Point = [f64; 3];
 const CELL: f64 = 0.4;
 /// A cell is empty if its centre is farther from every surface than this, metres: gaps that are narrower than twice as much are closed.
 const CLEAR: f64 = 0.25;
+/// So many cells at most are compared with a map, evenly taken from all: a square kilometre has 20 million.
+const COMPARED: usize = 1 << 20;
 
 /// Cells of empty space that are connected with the start.
 #[derive(Clone, Debug)]
 pub struct ReachableSpace {
-    centres: Vec<Point>,
+    cells: usize,
+    /// Centres of the cells that are compared with a map.
+    compared: Vec<Point>,
 }
 
 impl ReachableSpace {
     /// The cells in the box with the corners `bounds`, map frame.
-    pub fn new(world: &World, start: Point, [low, high]: [Point; 2]) -> Self {
+    pub fn new(world: &World, start: Point, bounds: [Point; 2]) -> Self {
+        Self::comparing(world, start, bounds, COMPARED)
+    }
+
+    /// As [`new`](Self::new), with at most about `most` cells that are compared with a map.
+    fn comparing(world: &World, start: Point, [low, high]: [Point; 2], most: usize) -> Self {
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL).ceil().max(1.0) as usize);
         let centre = |c: [usize; 3]| -> Point { std::array::from_fn(|k| low[k] + (c[k] as f64 + 0.5) * CELL) };
         let of_index = |i: usize| [i % size[0], i / size[0] % size[1], i / size[0] / size[1]];
@@ -47,22 +57,61 @@ impl ReachableSpace {
                 }
             }
         }
-        Self { centres: (0..empty.len()).filter(|i| reached[*i]).map(|i| centre(of_index(i))).collect() }
+        let cells = reached.iter().filter(|reached| **reached).count();
+        // One of each group of cells, at random: one in so many would be in line with streets and walls.
+        let group = cells.div_ceil(most.max(1)).max(1);
+        let mut random = Stream::new(0, &[group as u64]);
+        let (mut taken, mut compared) = (0, Vec::with_capacity(cells.div_ceil(group)));
+        for (k, i) in (0..empty.len()).filter(|i| reached[*i]).enumerate() {
+            if k % group == 0 {
+                taken = k + random.index(group.min(cells - k));
+            }
+            if k == taken {
+                compared.push(centre(of_index(i)));
+            }
+        }
+        Self { cells, compared }
     }
 
     /// Number of cells.
     pub fn cells(&self) -> usize {
-        self.centres.len()
+        self.cells
     }
 
     /// Volume, cubic metres.
     pub fn volume(&self) -> f64 {
-        self.centres.len() as f64 * CELL.powi(3)
+        self.cells as f64 * CELL.powi(3)
     }
 
-    /// Share of the cells whose centres a map knows, as free or as occupied.
+    /// Share of the cells whose centres a map knows, as free or as occupied; of a million of them in larger spaces.
     pub fn known_share(&self, map: &AtlasQuery<'_>) -> f64 {
-        let known = map.states(&self.centres).into_iter().filter(|state| *state != State::Unknown).count();
-        known as f64 / self.centres.len().max(1) as f64
+        let known = map.states(&self.compared).into_iter().filter(|state| *state != State::Unknown).count();
+        known as f64 / self.compared.len().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Scene;
+    use voxelastic::settings::FieldKind;
+    use voxelastic::{Settings, event::Event, mapper::Mapper};
+
+    #[test]
+    fn some_of_the_cells_tell_nearly_the_same_share_as_all() {
+        let options = crate::SimOptions { scans: Some(6), columns: Some(256), ..crate::SimOptions::of("maze") };
+        let settings = Settings { voxel_size: 0.2, field: FieldKind::Occupancy, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        let simulated = crate::Simulation::new(options).unwrap();
+        simulated.scans(crate::PoseSource::Truth).for_each(|scan| drop(mapper.handle(Event::Scan(scan)).unwrap()));
+        let Scene { world, trajectory, .. } = Scene::named("maze", 1).unwrap();
+        let (low, high) = world.bounds().unwrap();
+        let start = trajectory.pose(0.0).translation.vector.into();
+        let spaces = [usize::MAX, 2000].map(|most| ReachableSpace::comparing(&world, start, [low, high], most));
+        assert_eq!(spaces[0].compared.len(), spaces[0].cells());
+        assert!(spaces[1].compared.len() <= 2000 && spaces[1].compared.len() > 1000 && spaces[1].cells() == spaces[0].cells());
+        let map = mapper.atlas().query();
+        let shares = spaces.map(|space| space.known_share(&map));
+        assert!(shares[0] > 0.03 && (shares[0] - shares[1]).abs() < 0.15 * shares[0], "{shares:?}");
     }
 }

@@ -2,6 +2,7 @@
 
 mod args;
 mod course;
+mod periods;
 mod picture;
 mod robot;
 mod truth;
@@ -64,7 +65,7 @@ fn explore(args: &ExploreArgs, quiet: bool) -> anyhow::Result<(Summary, bool)> {
         return Err(Failure::usage(message, "use another --seed, or --bounds around the start").into());
     }
     let mut explorer = Explorer::new(settings).map_err(|error| Failure::usage(error.to_string(), "see `voxelastic explore --help`"))?;
-    let mut course = Course::default();
+    let mut course = Course::new(args.time);
     let mut progress = Progress::new("seconds", Some(args.time as u64), quiet);
     let mut last_second = 0;
     robot.scan()?;

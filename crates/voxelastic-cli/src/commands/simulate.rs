@@ -25,8 +25,9 @@ use voxelastic_sim::{SecondLidar, SimError, SimOptions, Simulation};
 /// Simulate a LiDAR in an exactly known world and write a folder to map and to evaluate against
 ///
 /// Worlds: campus (a college quad, a narrow tunnel, a 1 m doorway, a park; 135 x 225 m), mine (rooms and corridors hewn from rock), street (a
-/// drive around a block of houses), tunnel (300 m without features), and for tests room, plane and sphere. The sensor follows a closed route,
-/// lap after lap.
+/// drive around a block of houses), tunnel (300 m without features), to explore maze (corridors with dead ends) and district (a square kilometre
+/// of streets, houses, yards and parks), and for tests room, plane and sphere. The sensor follows a closed route, lap after lap; in the maze it
+/// stays at its start.
 ///
 /// --moving --rate 10 makes sweeps as a turning sensor records them: each column has its own time and pose. With --imu there are samples of an
 /// inertial measurement unit, too, and with --bag all of it is one recording instead of a folder of scans.

@@ -101,6 +101,16 @@ fn a_maze_is_explored_and_the_robot_comes_home() {
     // Obstacles of 10 cm: half of their edge, and what drift leaves in 40 s.
     assert!(run["surface_error_m"]["median"].as_f64().unwrap() < 0.1 && run["surface_error_m"]["p95"].as_f64().unwrap() < 0.4, "{run}");
     assert_eq!(run["known_share"], course[course.len() - 1]["known_share"]);
+    let periods = run["periods"].as_array().unwrap();
+    let sum = |key: &str| periods.iter().map(|period| period[key].as_u64().unwrap()).sum::<u64>();
+    assert!((2..=5).contains(&periods.len()) && [sum("scans"), sum("plans")] == ["scans", "plans"].map(|key| run[key].as_u64().unwrap()), "{run}");
+    let (first, last) = (&periods[0], periods.last().unwrap());
+    assert!(last["time_s"] == run["time_s"] && last["places"] == run["places"] && last["submaps"] == run["submaps"], "{run}");
+    let number = |period: &serde_json::Value, key: &str| period[key].as_f64().unwrap();
+    assert!((10.0..11.0).contains(&number(first, "time_s")) && first["mapping_ms"]["median"].as_f64().unwrap() > 0.0, "{run}");
+    let known = number(&run, "known_share") * number(&run, "reachable_m3");
+    assert!((number(last, "known_m3") - known).abs() < 0.01 && number(first, "known_m3") < known, "{run}");
+    assert!(number(last, "resident_mb") > number(last, "map_mb") && number(first, "map_mb") > 0.1, "{run}");
     assert!(std::fs::read(dir.path().join("maze.png")).unwrap().starts_with(b"\x89PNG"));
     let page = data(&dir.path().join("maze.html"));
     let (moments, steps) = (&page["exploration"]["moments"], page["exploration"]["steps"].as_array().unwrap());

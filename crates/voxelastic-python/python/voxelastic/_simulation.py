@@ -24,7 +24,7 @@ class Simulation:
     from them.
 
     Args:
-        world: One of `Simulation.worlds()`: `campus` (135 x 225 m), `mine`, `street`, and for tests `room`, `plane` and `sphere`.
+        world: One of `Simulation.worlds()`: `campus` (135 x 225 m), `mine`, `street`, `district` (a square kilometre), and for tests `room`, `plane` and `sphere`.
         scans: Number of scans; by default enough to cover the world and to revisit places.
         spacing: Distance between two scans, metres.
         rate: Scans per second, instead of a distance between them.

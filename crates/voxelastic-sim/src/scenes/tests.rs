@@ -24,7 +24,7 @@ fn trajectories_keep_clear_of_solids() -> Result<(), SimError> {
 
 #[test]
 fn scenes_are_reproducible_and_depend_on_the_seed() -> Result<(), SimError> {
-    for name in ["campus", "mine", "street"] {
+    for name in ["campus", "mine", "street", "district"] {
         let build = |seed| World::named(name, seed).map(|w| w.fingerprint());
         assert_eq!(build(5)?, build(5)?);
         assert_ne!(build(5)?, build(6)?);
@@ -35,7 +35,7 @@ fn scenes_are_reproducible_and_depend_on_the_seed() -> Result<(), SimError> {
 
 #[test]
 fn rays_agree_with_sphere_tracing() -> Result<(), SimError> {
-    for name in ["campus", "mine", "street"] {
+    for name in ["campus", "mine", "street", "district"] {
         let Scene { world, trajectory, .. } = Scene::named(name, 1)?;
         let mut random = crate::random::Stream::new(8, &[]);
         for _ in 0..300 {
@@ -69,5 +69,21 @@ fn campus_doorway_is_one_metre_wide_and_tunnel_three() -> Result<(), SimError> {
     };
     assert!((width([101.5, 135.0, 1.2]) - 1.0).abs() < 1e-9);
     assert!((width([47.5, 99.0, 1.2]) - 3.0).abs() < 1e-9);
+    Ok(())
+}
+
+#[test]
+fn a_district_is_a_square_kilometre_that_can_be_reached() -> Result<(), SimError> {
+    for seed in 1..4 {
+        let Scene { world, trajectory, .. } = Scene::named("district", seed)?;
+        let (low, high) = world.bounds().unwrap();
+        assert!((0..2).all(|k| (1000.0..1050.0).contains(&(high[k] - low[k]))), "{low:?} {high:?}");
+        // A slab around the start, without its yards' gates at the sides: most of what is not houses.
+        let start: [f64; 3] = trajectory.pose(0.0).translation.vector.into();
+        let bounds = [[start[0] - 130.0, start[1] - 130.0, start[2] - 0.3], [start[0] + 130.0, start[1] + 130.0, start[2] + 0.3]];
+        let space = crate::ReachableSpace::new(&world, start, bounds);
+        let share = space.volume() / (260.0 * 260.0 * 0.8);
+        assert!((0.6..0.9).contains(&share), "{share} of the slab around {start:?}");
+    }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! What happened on the way, and its summary.
 
 use super::args::ExploreArgs;
+use super::periods::{Period, Periods, Times};
 use super::robot::SimulatedRobot;
 use super::truth::SurfaceError;
 use nalgebra::Point3;
@@ -29,24 +30,6 @@ pub struct Moment {
     tare_volume_m3: f64,
     /// Distance between where the robot was and where it believed to be.
     error_m: f64,
-}
-
-/// Statistics of times, milliseconds.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Times {
-    pub median: f64,
-    pub p95: f64,
-    pub p99: f64,
-    pub most: f64,
-}
-
-impl Times {
-    fn of(times: impl Iterator<Item = Duration>) -> Self {
-        let mut sorted: Vec<f64> = times.map(|time| 1e3 * time.as_secs_f64()).collect();
-        sorted.sort_by(f64::total_cmp);
-        let at = |share: f64| sorted.get((share * sorted.len().saturating_sub(1) as f64).round() as usize).copied().unwrap_or_default();
-        Self { median: at(0.5), p95: at(0.95), p99: at(0.99), most: at(1.0) }
-    }
 }
 
 /// The keys of `--json`.
@@ -82,6 +65,7 @@ pub struct Summary {
     plan_ms: Times,
     frontier_ms: Times,
     course: Vec<Moment>,
+    periods: Vec<Period>,
 }
 
 /// A decision, for the report.
@@ -94,11 +78,11 @@ struct Step {
 }
 
 /// What happened so far.
-#[derive(Default)]
 pub struct Course {
     pub moments: Vec<Moment>,
     steps: Vec<Step>,
     decisions: Vec<(Duration, Duration, bool)>,
+    periods: Periods,
     pub frontier: Vec<FrontierCluster>,
     last_purpose: Option<Purpose>,
     is_home: bool,
@@ -121,6 +105,20 @@ impl Step {
 }
 
 impl Course {
+    /// Of a robot that has so many seconds.
+    pub fn new(seconds: f64) -> Self {
+        Self {
+            moments: Vec::new(),
+            steps: Vec::new(),
+            decisions: Vec::new(),
+            periods: Periods::new(seconds),
+            frontier: Vec::new(),
+            last_purpose: None,
+            is_home: false,
+            places: 0,
+        }
+    }
+
     /// Notes a decision.
     pub fn record(&mut self, robot: &SimulatedRobot, explorer: &Explorer, decision: &Decision, truth: &ReachableSpace, is_last: bool) {
         let (&t_map_lidar, _) = robot.last_scan();
@@ -145,6 +143,7 @@ impl Course {
                 error_m: robot.error(),
             });
         }
+        self.periods.record(robot, explorer, decision, self.share() * truth.volume(), is_last);
         if is_last {
             self.frontier.clone_from(&decision.frontier);
             let (start, last) = (robot.start(), robot.track.last().copied().unwrap_or_default());
@@ -209,6 +208,7 @@ impl Course {
             plan_ms: Times::of(self.decisions.iter().filter(|decision| decision.2).map(|decision| decision.0)),
             frontier_ms: Times::of(self.decisions.iter().map(|decision| decision.1)),
             course: self.moments.clone(),
+            periods: self.periods.done().to_vec(),
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use anyhow::Context;
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 use std::collections::HashSet;
+use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::mapper::Mapper;
@@ -35,6 +36,8 @@ pub struct SimulatedRobot {
     last_scan: Cloud,
     /// Its node.
     node: NodeId,
+    /// Wall time in which it was mapped, with the correction after it.
+    mapping: Duration,
     /// Where the robot is, and where it believes to be.
     truth: Pose,
     believed: Pose,
@@ -74,6 +77,7 @@ impl SimulatedRobot {
             mapper,
             last_scan: Cloud::default(),
             node: 0,
+            mapping: Duration::ZERO,
             truth: start,
             believed: start,
             track: Vec::new(),
@@ -119,6 +123,11 @@ impl SimulatedRobot {
         self.node
     }
 
+    /// Wall time in which the last scan was mapped, with the correction after it.
+    pub fn mapping(&self) -> Duration {
+        self.mapping
+    }
+
     /// Where it believes to be, map frame.
     pub fn position(&self) -> Point {
         self.believed.translation.vector.into()
@@ -155,6 +164,7 @@ impl SimulatedRobot {
         self.cubes.extend(cloud.points.iter().filter(|p| Cloud::is_return(p)).map(cube));
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
+        let clock = Instant::now();
         map(&mut self.mapper, Event::Scan(scan))?;
         (self.believed, self.node) = (tracked.t_map_lidar, tracked.node);
         if let Some(edge) = tracked.edge {
@@ -166,6 +176,7 @@ impl SimulatedRobot {
             map(&mut self.mapper, Event::LoopEdge(edge))?;
             map(&mut self.mapper, Event::PoseUpdate(poses))?;
         }
+        self.mapping = clock.elapsed();
         Ok(())
     }
 
