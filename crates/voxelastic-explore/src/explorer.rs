@@ -3,8 +3,9 @@
 mod following;
 mod plan;
 
-use crate::clusters::{FrontierCluster, Frontiers};
+use crate::clusters::FrontierCluster;
 use crate::decision::{Decision, Purpose, ReturnReason};
+use crate::frontiers::Frontiers;
 use crate::last_scans::LastScans;
 use crate::leg::Leg;
 use crate::near_returns::NearReturns;

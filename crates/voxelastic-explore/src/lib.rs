@@ -19,6 +19,7 @@ mod clusters;
 mod decision;
 mod explorer;
 mod frontier;
+mod frontiers;
 mod gain;
 mod last_scans;
 mod leg;
@@ -30,8 +31,9 @@ mod settings;
 mod tour;
 mod viewpoints;
 
-pub use clusters::{FrontierCluster, FrontierSettings, Frontiers};
+pub use clusters::{FrontierCluster, FrontierSettings};
 pub use decision::{Decision, Purpose, ReturnReason};
 pub use explorer::Explorer;
+pub use frontiers::Frontiers;
 pub use gain::SensorView;
 pub use settings::{ExploreError, ExploreSettings, Strategy};

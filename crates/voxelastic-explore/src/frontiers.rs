@@ -1,0 +1,234 @@
+//! The frontier of the whole map, kept up while the map grows and bends: what a scan costs does not depend on how large the map is.
+
+use crate::clusters::{FrontierCluster, FrontierSettings, Place};
+use crate::frontier::{BlockFrontier, Changes, SubmapFrontier};
+use nalgebra::{Point3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
+use voxelastic::Pose;
+use voxelastic::atlas::{Atlas, Submap, SubmapId};
+use voxelastic::field::occupancy::{OccupancyField, State};
+use voxelastic::geometry::Aabb;
+use voxelastic::octree::{BLOCK_EDGE, BLOCK_SHIFT};
+use voxelastic::query::AtlasQuery;
+use voxelastic_plan::Point;
+
+/// Clusters are made in squares of this edge, metres, again only where something has changed; none extends across a border. The first square is around the origin.
+const TILE: f64 = 128.0;
+
+/// The square around a place.
+type Tile = [i32; 2];
+
+/// The frontier of an atlas, kept up while the map grows and bends.
+#[derive(Clone, Debug, Default)]
+pub struct Frontiers {
+    settings: FrontierSettings,
+    submaps: BTreeMap<SubmapId, Kept>,
+    /// The box that the clusters were made in.
+    bounds: Option<[Point; 2]>,
+    /// Clusters as they were made last.
+    tiles: BTreeMap<Tile, Vec<FrontierCluster>>,
+    /// Squares in which something has changed since.
+    outdated: BTreeSet<Tile>,
+}
+
+/// What is kept of a submap.
+#[derive(Clone, Debug, Default)]
+struct Kept {
+    frontier: SubmapFrontier,
+    t_map_submap: Option<Pose>,
+    /// Box around everything observed and a block more, map frame, metres.
+    extent: Aabb,
+    /// The other submaps with boxes that overlap this one, and where they were when blocks were looked up in them.
+    others: Vec<(SubmapId, Pose)>,
+    /// Whether anything has changed since the places were collected.
+    has_changed: bool,
+    /// What is on the frontier and unknown to all submaps.
+    places: BTreeMap<Tile, Vec<Place>>,
+}
+
+impl Frontiers {
+    /// An empty frontier.
+    pub fn new(settings: FrontierSettings) -> Self {
+        Self { settings, ..Self::default() }
+    }
+
+    /// Brings the frontier of every submap up to date: only where voxels changed their state since the last update, or, after a correction of poses, what other submaps
+    /// know of it. Returns the number of blocks looked at.
+    pub fn update(&mut self, atlas: &Atlas) -> usize {
+        let all: Vec<(&Submap, Pose)> = placed(atlas).collect();
+        let ids: BTreeSet<SubmapId> = all.iter().map(|(submap, _)| submap.id()).collect();
+        let outdated = &mut self.outdated;
+        self.submaps.retain(|id, kept| {
+            let is_there = ids.contains(id);
+            if !is_there {
+                outdated.extend(kept.places.keys());
+            }
+            is_there
+        });
+        let (mut count, mut changes, mut extents) = (0, Vec::with_capacity(all.len()), Vec::with_capacity(all.len()));
+        let block = BLOCK_EDGE as f32 * atlas.voxel_size();
+        for (submap, t_map_submap) in &all {
+            let kept = self.submaps.entry(submap.id()).or_default();
+            let (looked_at, changed) = kept.frontier.update(submap.occupancy());
+            count += looked_at;
+            if !changed.is_empty() || kept.t_map_submap != Some(*t_map_submap) {
+                kept.extent = larger(submap.query().bounds_in(t_map_submap), block);
+                kept.has_changed = true;
+            }
+            changes.push(changed);
+            extents.push(kept.extent);
+        }
+        for (k, (submap, t_map_submap)) in all.iter().enumerate() {
+            let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
+            let near: Vec<usize> = (0..all.len()).filter(|other| *other != k && overlap(&extents[k], &extents[*other])).collect();
+            let others: Vec<(SubmapId, Pose)> = near.iter().map(|other| (all[*other].0.id(), all[*other].1)).collect();
+            let is_moved = kept.t_map_submap != Some(*t_map_submap) || kept.others != others;
+            (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
+            if !is_moved && changes[k].is_empty() && near.iter().all(|other| changes[*other].is_empty()) {
+                continue;
+            }
+            let others: Vec<Other<'_>> = near
+                .iter()
+                .map(|&other| Other {
+                    field: all[other].0.occupancy(),
+                    t_other_submap: all[other].1.inverse() * t_map_submap,
+                    changes: &changes[other],
+                })
+                .collect();
+            kept.has_changed |= look_up(&mut kept.frontier, &others, is_moved, f64::from(atlas.voxel_size()));
+        }
+        count
+    }
+
+    /// The frontier of the map as it is now, in the box with the corners `bounds` (map frame, metres), largest clusters first. A part that another submap has
+    /// observed, at the current poses, is left out. The frontier must be up to date; `map` is the query of `atlas`.
+    pub fn clusters(&mut self, atlas: &Atlas, map: &AtlasQuery<'_>, bounds: [Point; 2]) -> Vec<FrontierCluster> {
+        let is_elsewhere = self.bounds.replace(bounds) != Some(bounds);
+        for (submap, t_map_submap) in placed(atlas) {
+            let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
+            if std::mem::take(&mut kept.has_changed) || is_elsewhere {
+                let places = kept.collect(&t_map_submap, map.voxel_size(), bounds);
+                let before = std::mem::replace(&mut kept.places, places);
+                let tiles = before.keys().chain(kept.places.keys());
+                self.outdated.extend(tiles.filter(|tile| before.get(*tile) != kept.places.get(*tile)));
+            }
+        }
+        for tile in std::mem::take(&mut self.outdated) {
+            let in_tile = |(submap, _): (&Submap, Pose)| self.submaps.get(&submap.id()).and_then(|kept| kept.places.get(&tile));
+            let places: Vec<Place> = placed(atlas).filter_map(in_tile).flatten().copied().collect();
+            self.tiles.insert(tile, self.settings.clusters(places, map.voxel_size()));
+        }
+        self.tiles.retain(|_, clusters| !clusters.is_empty());
+        let mut clusters: Vec<FrontierCluster> = self.tiles.values().flatten().copied().collect();
+        clusters.sort_by(|a, b| b.area.total_cmp(&a.area).then_with(|| a.centre.partial_cmp(&b.centre).unwrap_or(std::cmp::Ordering::Equal)));
+        clusters
+    }
+}
+
+impl Kept {
+    /// Everything on the submap's frontier that is in the box and unknown to all submaps.
+    fn collect(&self, t_map_submap: &Pose, voxel: f64, [low, high]: [Point; 2]) -> BTreeMap<Tile, Vec<Place>> {
+        let mut places: BTreeMap<Tile, Vec<Place>> = BTreeMap::new();
+        for block in self.frontier.blocks.values().filter(|block| block.is_known_elsewhere != Some(true)) {
+            let position: Point = (t_map_submap * Point3::from(block.position.map(|c| f64::from(c) * voxel))).coords.into();
+            if (0..3).all(|k| position[k] >= low[k] && position[k] <= high[k]) {
+                let normal = t_map_submap.rotation * Vector3::from(block.normal.map(f64::from));
+                let tile = [position[0], position[1]].map(|c| (c / TILE + 0.5).floor() as i32);
+                places.entry(tile).or_default().push(Place { position, normal, area: f64::from(block.faces) * voxel * voxel });
+            }
+        }
+        places
+    }
+}
+
+/// Another submap, as seen from one.
+struct Other<'a> {
+    field: &'a OccupancyField,
+    t_other_submap: Pose,
+    /// Where it changed since the last update.
+    changes: &'a Changes,
+}
+
+impl Other<'_> {
+    /// The voxel of the other submap at a place of the submap, finest voxels, with edges of `voxel` metres.
+    fn voxel(&self, place: [f32; 3], voxel: f64) -> [i32; 3] {
+        let p = self.t_other_submap * Point3::from(place.map(|c| f64::from(c) * voxel));
+        <[f64; 3]>::from(p.coords).map(|c| (c / voxel).floor() as i32)
+    }
+}
+
+/// Looks up what others know where that may have changed, or everywhere if poses have; returns whether anything has.
+fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], is_moved: bool, voxel: f64) -> bool {
+    let changed: Vec<&Other<'_>> = others.iter().filter(|other| !other.changes.is_empty()).collect();
+    let mut has_changed = false;
+    for block in frontier.blocks.values_mut() {
+        let is_outdated =
+            |block: &BlockFrontier| changed.iter().any(|other| other.changes.has(other.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT)));
+        if is_moved || block.is_known_elsewhere.is_none() || is_outdated(block) {
+            let is_known = others.iter().any(|other| other.field.state_at(other.voxel(block.probe, voxel)) != State::Unknown);
+            has_changed |= block.is_known_elsewhere.replace(is_known) != Some(is_known);
+        }
+    }
+    has_changed
+}
+
+/// A box with so many metres more on every side.
+fn larger(bounds: Aabb, by: f32) -> Aabb {
+    Aabb { min: bounds.min.map(|c| c - by), max: bounds.max.map(|c| c + by) }
+}
+
+fn overlap(a: &Aabb, b: &Aabb) -> bool {
+    (0..3).all(|k| a.min[k] <= b.max[k] && b.min[k] <= a.max[k])
+}
+
+/// All submaps of an atlas and their poses, with the one that is being fused.
+fn placed(atlas: &Atlas) -> impl Iterator<Item = (&Submap, Pose)> {
+    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
+    atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use voxelastic::settings::FieldKind;
+    use voxelastic::{Settings, event::Event, mapper::Mapper};
+    use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+
+    /// Kept up over scans in several submaps and a correction, everything is as the map says and as a new frontier has it.
+    #[test]
+    fn what_other_submaps_know_is_left_out_after_every_scan() {
+        let simulated = |world: &str, scans| Simulation::new(SimOptions { scans: Some(scans), columns: Some(256), ..SimOptions::of(world) }).unwrap();
+        let settings =
+            Settings { voxel_size: 0.2, max_range: 12.0, field: FieldKind::Occupancy, lambda_odom: 3.0, min_overlap: 1.0, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        let mut frontiers = Frontiers::new(FrontierSettings::default());
+        let (mut node, mut known, mut unknown) = (0, 0, 0);
+        for (world, scans) in [("room", 3), ("plane", 6), ("room", 3)] {
+            for scan in simulated(world, scans).scans(PoseSource::Truth) {
+                mapper.handle(Event::Scan(voxelastic::event::Scan { node, ..scan })).unwrap();
+                node += 1;
+                if node == 7 {
+                    let moved = |id: u64| Pose::translation(0.07 * id as f64, 0.0, 0.03) * mapper.pose(id).unwrap();
+                    let update = (0..node).map(|id| (id, moved(id))).collect();
+                    mapper.handle(Event::PoseUpdate(update)).unwrap();
+                }
+                let atlas = mapper.atlas();
+                frontiers.update(atlas);
+                let map = atlas.query();
+                for (submap, t_map_submap) in placed(atlas) {
+                    for block in frontiers.submaps[&submap.id()].frontier.blocks.values() {
+                        let probe = t_map_submap * Point3::from(block.probe.map(|c| f64::from(c) * map.voxel_size()));
+                        let is_known = map.state(probe.coords.into()) != State::Unknown;
+                        assert_eq!(block.is_known_elsewhere, Some(is_known), "scan {node}, submap {}, {block:?}", submap.id());
+                        *(if is_known { &mut known } else { &mut unknown }) += 1;
+                    }
+                }
+                let mut anew = Frontiers::new(FrontierSettings::default());
+                anew.update(atlas);
+                let bounds = [[-20.0; 3], [20.0; 3]];
+                assert_eq!(frontiers.clusters(atlas, &map, bounds), anew.clusters(atlas, &map, bounds), "scan {node}");
+            }
+        }
+        assert!(mapper.atlas().submaps().len() > 1 && known > 500 && unknown > 500, "{known} places are known elsewhere, {unknown} are not");
+    }
+}
