@@ -255,11 +255,12 @@ impl Explorer {
         if now.is_moved {
             // Places of the roadmap do not move, so it is grown again.
             self.roadmap = None;
+            // All at once: for one by one, each would look at all scans.
             let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.track);
-            for (place, anchors) in remembered {
-                if let Some(Some(moved)) = resolve_anchors(now.atlas, anchors).first() {
-                    *place = *moved;
-                }
+            let mut anchored: Vec<&mut (Point, Vec<Anchor>)> = remembered.filter(|(_, anchors)| !anchors.is_empty()).collect();
+            let anchors: Vec<Anchor> = anchored.iter().map(|(_, anchors)| anchors[0]).collect();
+            for ((place, _), moved) in anchored.iter_mut().zip(resolve_anchors(now.atlas, &anchors)) {
+                *place = moved.unwrap_or(*place);
             }
         }
         if self.leg.as_mut().is_some_and(|leg| !leg.follow(now.atlas, robot, now.is_moved)) {
