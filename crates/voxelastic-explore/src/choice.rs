@@ -27,8 +27,9 @@ pub(crate) fn choose<S: Space>(settings: &ExploreSettings, space: &S, roadmap: &
 fn first_stop<S: Space>(space: &S, roadmap: &Roadmap, worth: &[Viewpoint], target: Viewpoint) -> Viewpoint {
     let mut stops: Vec<Viewpoint> = worth.iter().filter(|v| v.volume >= LEAST_STOP && v.node != target.node).copied().collect();
     stops.sort_by(|a, b| b.volume.total_cmp(&a.volume).then(a.node.cmp(&b.node)));
+    let ends: Vec<u32> = stops.iter().chain([&target]).map(|to| to.node).collect();
     let from = |from: &Viewpoint| -> Vec<f64> {
-        let ways = roadmap.ways(space, from.place);
+        let ways = roadmap.ways_to(space, from.place, &ends);
         stops.iter().chain([&target]).map(|to| ways.length(to.node)).collect()
     };
     let between = stops.iter().map(from).collect();

@@ -20,8 +20,10 @@ use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{Anchor, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors};
 
-/// The roadmap is extended around the robot within this radius, metres.
+/// The roadmap is extended around the robot within this radius, metres, to twice as far away.
 const EXTENDED: f64 = 25.0;
+/// A roadmap with more places is grown again around the robot when it gets where it wanted to.
+const MOST_PLACES: usize = 100_000;
 /// A target is given up when less than this share of the expected volume is left.
 const LEFT: f64 = 0.35;
 /// Decisions after which a path is planned anew although nothing is wrong with it.
@@ -324,6 +326,7 @@ impl Explorer {
     fn arrive(&mut self, atlas: &Atlas, viewpoint: Point) {
         (self.retreats, self.beginnings, self.has_progressed) = (0, 0, true);
         self.exhausted.push((viewpoint, anchor_path(atlas, &[viewpoint])));
+        self.roadmap.take_if(|roadmap| roadmap.len() > MOST_PLACES);
     }
 
     /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.

@@ -2,7 +2,7 @@
 //! before it is used.
 
 use crate::near_returns::squared_distance;
-use hashbrown::HashMap;
+use hashbrown::{HashMap, HashSet};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use voxelastic_plan::{Point, Space, distance};
@@ -73,7 +73,8 @@ impl Roadmap {
         std::array::from_fn(|k| ((p[k] - self.origin[k]) / self.spacing).round() as i32)
     }
 
-    /// Adds what can be reached from the robot and from the nodes within `radius` metres of it.
+    /// Adds what can be reached from the robot and from the nodes within `radius` metres of it, and not much farther than twice that away: in a large map, what is far is
+    /// not tried again whenever the roadmap is new.
     pub fn extend<S: Space>(&mut self, space: &S, robot: Point, radius: f64) {
         let steps = if space.dimensions() == 2 { 8 } else { STEPS.len() };
         let mut queue: Vec<u32> = self.places().filter(|(_, place)| distance(*place, robot) < radius).map(|(node, _)| node).collect();
@@ -82,6 +83,7 @@ impl Roadmap {
             for step in 0..steps {
                 if self.nodes[node as usize].edges[step] == NOBODY
                     && let Some(new) = self.step(space, node, step)
+                    && distance(self.place(new), robot) < 2.0 * radius
                 {
                     queue.push(new);
                 }
@@ -234,6 +236,17 @@ impl Roadmap {
 
     /// The shortest ways from a place that the robot can be at.
     pub fn ways<S: Space>(&self, space: &S, from: Point) -> Ways {
+        self.ways_until(space, from, |_| false)
+    }
+
+    /// The shortest ways to some nodes: those to others may be longer than need be, or missing.
+    pub fn ways_to<S: Space>(&self, space: &S, from: Point, nodes: &[u32]) -> Ways {
+        let mut left: HashSet<u32> = nodes.iter().copied().collect();
+        self.ways_until(space, from, |node| left.remove(&node) && left.is_empty())
+    }
+
+    /// The shortest ways, the nearest nodes first, until `is_done` with one.
+    fn ways_until<S: Space>(&self, space: &S, from: Point, mut is_done: impl FnMut(u32) -> bool) -> Ways {
         let mut ways = Ways { from, lengths: vec![f64::INFINITY; self.nodes.len()], before: vec![NOBODY; self.nodes.len()] };
         let mut heap = BinaryHeap::new();
         let start = space.state_at(from).unwrap_or(from);
@@ -246,6 +259,9 @@ impl Roadmap {
         while let Some(Reverse((Length(length), node))) = heap.pop() {
             if length > ways.lengths[node as usize] {
                 continue;
+            }
+            if is_done(node) {
+                break;
             }
             for &next in self.nodes[node as usize].edges.iter().filter(|next| **next < BLOCKED) {
                 let length = length + distance(self.place(node), self.place(next));
@@ -377,5 +393,33 @@ mod tests {
         roadmap.unblock();
         roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
         assert_eq!(edges(&roadmap), whole);
+    }
+
+    #[test]
+    fn what_is_far_is_added_when_the_robot_is_near_and_ways_to_some_are_as_those_to_all() {
+        let open = Gap { centre: 0.0, is_shut: false };
+        let robot = [-1.8, 0.0, 0.0];
+        let (mut near, mut whole) = (Roadmap::new(0.6, robot), Roadmap::new(0.6, robot));
+        whole.extend(&open, robot, f64::INFINITY);
+        near.extend(&open, robot, 0.7);
+        assert!(
+            near.places().all(|(_, place)| distance(place, robot) < 1.4 + 0.9) && 3 * near.len() < 2 * whole.len(),
+            "{} of {}",
+            near.len(),
+            whole.len()
+        );
+        // It gets there.
+        for x in [-1.2, -0.6, 0.0, 0.6, 1.2, 1.8] {
+            [-1.8, -0.6, 0.6, 1.8].into_iter().for_each(|y| near.extend(&open, [x, y, 0.0], 0.7));
+        }
+        assert_eq!(near.len(), whole.len());
+        let all = whole.ways(&open, robot);
+        for nodes in [vec![5], vec![0, 7, whole.len() as u32 - 1], vec![]] {
+            let some = whole.ways_to(&open, robot, &nodes);
+            assert!(nodes.iter().all(|node| some.length(*node) == all.length(*node) && some.path(&whole, *node) == all.path(&whole, *node)));
+        }
+        let nearest = whole.near(robot, 0.1)[0];
+        let some = whole.ways_to(&open, robot, &[nearest]);
+        assert!(whole.places().filter(|(node, _)| some.length(*node).is_finite()).count() < whole.len() / 2);
     }
 }

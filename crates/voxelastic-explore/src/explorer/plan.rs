@@ -6,8 +6,9 @@ use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
 use crate::leg::Leg;
 use crate::retreat;
-use crate::roadmap::Roadmap;
+use crate::roadmap::{Roadmap, Ways};
 use crate::viewpoints::{Viewpoint, viewpoints};
+use hashbrown::HashSet;
 use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 
 /// Tries to find a path that is still free.
@@ -22,6 +23,8 @@ const MOST_RETREATS: u32 = 4;
 const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
 const MOST_BEGINNINGS: u32 = 2;
+/// A roadmap is extended within twice this distance of the robot before everything that can be reached is added to it, metres.
+const FARTHEST: f64 = 800.0;
 
 impl Explorer {
     /// Plans a path; returns the number of viewpoints considered.
@@ -64,7 +67,8 @@ impl Explorer {
                 Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
                 None => {
                     let near = roadmap.near(home, 3.0 * self.settings.spacing);
-                    (near.into_iter().find(|node| ways.length(*node).is_finite()), None)
+                    let node = near.into_iter().find(|node| ways.length(*node).is_finite());
+                    (node.or_else(|| self.towards_home(now, &roadmap, &ways)), None)
                 }
             };
             let Some(node) = node else { break };
@@ -84,6 +88,15 @@ impl Explorer {
         self.roadmap = Some(roadmap);
         self.note_progress(now);
         count
+    }
+
+    /// Where home is too far for the roadmap: the farthest place along the track home that it reaches.
+    fn towards_home<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, ways: &Ways) -> Option<u32> {
+        let is_far = distance(self.home_or(now.robot), now.robot) > 2.0 * EXTENDED;
+        let track = if is_far { self.way_back(now.robot) } else { Vec::new() };
+        let within = track.iter().rev().filter(|place| distance(**place, now.robot) < 2.0 * EXTENDED);
+        let reached = |place: &Point| roadmap.near(*place, 1.5 * self.settings.spacing).into_iter().find(|node| ways.length(*node).is_finite());
+        within.filter_map(reached).next()
     }
 
     /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
@@ -156,9 +169,15 @@ impl Explorer {
     /// extended to all that can be reached by now, and then made anew.
     fn search<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster], is_first: bool) -> Vec<Viewpoint> {
         let mut worth = self.worthwhile(now, roadmap, frontier);
-        if worth.is_empty() && is_first {
-            roadmap.extend(now.space, now.robot, f64::INFINITY);
-            worth = self.worthwhile(now, roadmap, frontier);
+        let mut radius = EXTENDED;
+        while worth.is_empty() && is_first && radius.is_finite() {
+            // Farther and farther, so that in a large map this takes as long as what is left is far.
+            radius = if radius < FARTHEST { 2.0 * radius } else { f64::INFINITY };
+            let places = roadmap.len();
+            roadmap.extend(now.space, now.robot, radius);
+            if roadmap.len() > places || radius.is_infinite() {
+                worth = self.worthwhile(now, roadmap, frontier);
+            }
         }
         if worth.is_empty() && is_first && self.begin_anew() {
             *roadmap = Roadmap::new(self.settings.spacing, now.robot);
@@ -175,12 +194,13 @@ impl Explorer {
         let (seconds_left, [low, high]) = (now.seconds_left, now.goals);
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
         let track = self.track_home(now);
+        let exhausted: HashSet<u32> = self.exhausted.iter().flat_map(|(place, _)| roadmap.near(*place, reach)).collect();
         let is_excluded = |node: u32| {
-            let place = roadmap.place(node);
             let home = ways_home.length(node).min(ways.length(node) + track);
             let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
+            let place = roadmap.place(node);
             let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&place[k]));
-            !is_inside || seconds_left.is_some_and(|left| needed > left) || self.exhausted.iter().any(|(other, _)| distance(*other, place) < reach)
+            !is_inside || seconds_left.is_some_and(|left| needed > left) || exhausted.contains(&node)
         };
         viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
     }
