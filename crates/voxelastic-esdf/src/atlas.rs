@@ -91,7 +91,7 @@ impl Esdf {
     /// Brings the field up to date with an atlas: recomputes what lies within the largest distance of voxels that changed their state since the last update. The
     /// result is the same as that of a field made anew. Uses the threads of the current pool; the result does not depend on them.
     pub fn update(&mut self, atlas: &Atlas) -> EsdfStats {
-        let all: Vec<&Submap> = submaps(atlas).map(|(submap, _)| submap).collect();
+        let all: Vec<&Submap> = atlas.placed().map(|(submap, _)| submap).collect();
         self.retain(|id| all.iter().any(|submap| submap.id() == id));
         let (reach, with_unknown) = (self.reach(), self.has_unknown());
         let recomputed = all.iter().map(|submap| self.submaps.entry(submap.id()).or_default().update(submap, reach, with_unknown)).sum();
@@ -113,10 +113,4 @@ impl Esdf {
     pub fn bytes(&self) -> usize {
         self.submaps.values().map(SubmapEsdf::bytes).sum::<usize>() + self.surfaces.bytes()
     }
-}
-
-/// All submaps of an atlas and their poses in the map, with the one that is being fused.
-pub(crate) fn submaps(atlas: &Atlas) -> impl Iterator<Item = (&Submap, voxelastic::Pose)> {
-    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-    atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging)
 }

@@ -1,6 +1,6 @@
 //! Distance fields that are made only where they are asked for.
 
-use crate::atlas::{Esdf, EsdfError, EsdfSettings, submaps};
+use crate::atlas::{Esdf, EsdfError, EsdfSettings};
 use crate::frame::{SubmapFrame, corner_below};
 use crate::query::EsdfSample;
 use crate::targets::BlockSet;
@@ -50,7 +50,7 @@ impl LocalEsdf {
 
     /// Brings the blocks up to date that a query of `points` looks up.
     fn make(&mut self, atlas: &Atlas, points: &[[f64; 3]]) {
-        let all: Vec<_> = submaps(atlas).collect();
+        let all: Vec<_> = atlas.placed().collect();
         self.field.retain(|id| all.iter().any(|(submap, _)| submap.id() == id));
         self.made.retain(|id, _| self.field.submaps.contains_key(id));
         let settings = self.field.settings();

@@ -1,6 +1,6 @@
 //! Distances and gradients in the map frame.
 
-use crate::atlas::{Esdf, submaps};
+use crate::atlas::Esdf;
 use crate::frame::{SubmapFrame, corner_below};
 use crate::layer::{Distances, FAR, Layer};
 use crate::point_order::by_cells;
@@ -154,7 +154,7 @@ impl<'a> EsdfQuery<'a> {
             voxel,
             max_distance: max_distance as f32,
             with_unknown: esdf.has_unknown(),
-            parts: submaps(atlas).filter_map(part).collect(),
+            parts: atlas.placed().filter_map(part).collect(),
             surfaces: &esdf.surfaces,
             roots: (0..=farthest).map(|squared| ((squared as f64).sqrt() * voxel).min(max_distance) as f32).collect(),
         }

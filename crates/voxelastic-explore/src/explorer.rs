@@ -235,13 +235,13 @@ impl Explorer {
         let poses: Vec<(SubmapId, Pose)> = atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
         let is_moved = self.poses.iter().any(|(id, pose)| poses.iter().any(|(other, now)| other == id && now != pose));
         self.poses = poses;
-        let newest = retreat::newest(atlas);
+        let newest = atlas.newest_scan();
         if let Some(node) = newest.filter(|_| newest != self.last_node) {
             self.scans.set_node(node);
         }
         self.last_node = newest;
         if is_moved {
-            self.scans.follow(|node| retreat::pose_of(atlas, node));
+            self.scans.follow(|node| atlas.scan_pose(node));
         }
         is_moved
     }

@@ -2,9 +2,6 @@
 
 use crate::near_returns::NearReturns;
 use std::collections::HashMap;
-use voxelastic::Pose;
-use voxelastic::atlas::{Atlas, Submap};
-use voxelastic::event::NodeId;
 use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
 use voxelastic_plan::{Point, between, distance, length};
 
@@ -18,17 +15,6 @@ const ENOUGH: f64 = 1.5;
 const MOST_SHIFT: f64 = 0.75;
 /// ... in these steps, metres.
 const SHIFT_STEP: f64 = 0.15;
-
-/// The newest scan of a map.
-pub(crate) fn newest(atlas: &Atlas) -> Option<NodeId> {
-    atlas.submaps().iter().flat_map(|submap| submap.scans()).map(|scan| scan.node).max()
-}
-
-/// Where a corrected map has a scan's sensor.
-pub(crate) fn pose_of(atlas: &Atlas, node: NodeId) -> Option<Pose> {
-    let in_submap = |submap: &Submap| submap.scans().iter().find(|scan| scan.node == node).map(|scan| submap.t_map_submap() * scan.t_submap_lidar);
-    atlas.submaps().iter().find_map(in_submap)
-}
 
 /// From the robot back to the first of the places where it was, in order, without the loops between.
 pub(crate) fn track(places: &[Point], robot: Point) -> Vec<Point> {
@@ -108,10 +94,10 @@ pub(crate) fn cut(path: &mut Vec<Point>, metres: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic::Cloud;
     use voxelastic::event::{Event, Scan};
     use voxelastic::mapper::Mapper;
     use voxelastic::settings::{FieldKind, Settings};
+    use voxelastic::{Cloud, Pose};
 
     #[test]
     fn the_track_leads_back_without_its_loops() {

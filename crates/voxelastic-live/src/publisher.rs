@@ -79,8 +79,7 @@ impl Publisher {
     /// The same of a map without a mapper.
     pub fn note_atlas(&mut self, atlas: &Atlas, scan: Option<&ShownScan>) {
         let mut messages = Vec::new();
-        let mut poses: Vec<(SubmapId, Pose)> = atlas.submaps().iter().map(|submap| (submap.id(), submap.t_map_submap())).collect();
-        poses.extend(atlas.merging().map(|merging| (merging.submap.id(), merging.t_map_submap)));
+        let mut poses: Vec<(SubmapId, Pose)> = atlas.placed().map(|(submap, t_map_submap)| (submap.id(), t_map_submap)).collect();
         // Of those that are gone, tiles may be shown until they are made again.
         let is_shown = |(id, _): &&(SubmapId, Pose)| !poses.iter().any(|(there, _)| there == id) && self.tiles.has_carried(*id);
         let gone: Vec<(SubmapId, Pose)> = self.poses.iter().filter(is_shown).copied().collect();

@@ -15,16 +15,9 @@ pub struct Anchor {
     pub position: Point,
 }
 
-/// Nodes of an atlas's scans, and poses of the lidar in the map frame.
-fn scan_poses(atlas: &Atlas) -> impl Iterator<Item = (NodeId, Pose)> + '_ {
-    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-    let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
-    all.flat_map(|(submap, t_map_submap)| submap.scans().iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)))
-}
-
 /// Anchors every point of a path (map frame) to its nearest scan; empty if the atlas holds no scan.
 pub fn anchor_path(atlas: &Atlas, path: &[Point]) -> Vec<Anchor> {
-    let scans: Vec<(NodeId, Pose)> = scan_poses(atlas).collect();
+    let scans: Vec<(NodeId, Pose)> = atlas.scan_poses().collect();
     let off = |pose: &Pose, p: Point| distance(pose.translation.vector.into(), p);
     let nearest = |p: &Point| scans.iter().min_by(|a, b| off(&a.1, *p).total_cmp(&off(&b.1, *p)).then(a.0.cmp(&b.0)));
     let tie = |p: &Point| nearest(p).map(|(node, pose)| Anchor { node: *node, position: pose.inverse_transform_point(&(*p).into()).coords.into() });
@@ -33,7 +26,7 @@ pub fn anchor_path(atlas: &Atlas, path: &[Point]) -> Vec<Anchor> {
 
 /// Current positions of anchored waypoints, map frame; none for a waypoint whose scan is no longer in the atlas.
 pub fn resolve_anchors(atlas: &Atlas, anchors: &[Anchor]) -> Vec<Option<Point>> {
-    let mut scans: Vec<(NodeId, Pose)> = scan_poses(atlas).collect();
+    let mut scans: Vec<(NodeId, Pose)> = atlas.scan_poses().collect();
     scans.sort_by_key(|(node, _)| *node);
     let resolve = |anchor: &Anchor| {
         let found = scans.binary_search_by_key(&anchor.node, |(node, _)| *node).ok()?;

@@ -21,9 +21,7 @@ impl Snapshot {
             copy.with_fields(TsdfField::default(), submap.occupancy().clone()).with_scans(submap.scans().to_vec(), submap.travelled())
         };
         // A submap that is being merged still holds observations that its target lacks.
-        let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-        let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
-        Self { atlas: Atlas::from_submaps(atlas.voxel_size(), all.map(copy).collect()) }
+        Self { atlas: Atlas::from_submaps(atlas.voxel_size(), atlas.placed().map(copy).collect()) }
     }
 
     /// Queries of the snapshot.

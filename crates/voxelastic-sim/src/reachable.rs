@@ -103,7 +103,9 @@ mod tests {
         let settings = Settings { voxel_size: 0.2, field: FieldKind::Occupancy, ..Settings::default() };
         let mut mapper = Mapper::new(settings).unwrap();
         let simulated = crate::Simulation::new(options).unwrap();
-        simulated.scans(crate::PoseSource::Truth).for_each(|scan| drop(mapper.handle(Event::Scan(scan)).unwrap()));
+        simulated.scans(crate::PoseSource::Truth).for_each(|scan| {
+            mapper.handle(Event::Scan(scan)).unwrap();
+        });
         let Scene { world, trajectory, .. } = Scene::named("maze", 1).unwrap();
         let start: Point = trajectory.pose(0.0).translation.vector.into();
         let bounds = [[start[0] - 6.0, start[1] - 6.0, 0.0], [start[0] + 6.0, start[1] + 6.0, 2.8]];

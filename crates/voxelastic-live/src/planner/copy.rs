@@ -34,10 +34,9 @@ struct SubmapChanges {
 impl Copied {
     /// Copies what has changed since the last call: the occupancy of submaps in which something did, which is mostly the one that grows, and poses of all.
     pub fn changes(&mut self, atlas: &Atlas) -> MapChanges {
-        let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-        let all = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging);
         let mut copied = HashMap::new();
-        let submaps = all
+        let submaps = atlas
+            .placed()
             .map(|(submap, t_map_submap)| {
                 let revisions = [submap.revision(), submap.occupancy().revision()];
                 copied.insert(submap.id(), revisions);

@@ -5,9 +5,6 @@ use super::plan::{Command, Plan, PlanState};
 use super::scans::{Beams, NearScan};
 use super::settings::PlannerSettings;
 use std::time::{Duration, Instant};
-use voxelastic::Pose;
-use voxelastic::atlas::{Atlas, Submap};
-use voxelastic::event::NodeId;
 use voxelastic_explore::{ExploreError, Explorer, Purpose};
 use voxelastic_plan::{Point, anchor_path, distance};
 
@@ -64,7 +61,7 @@ impl Worker {
         let clock = Instant::now();
         self.map.apply(order.changes);
         let atlas = self.map.atlas();
-        let robot: Point = newest_pose(atlas)?.translation.vector.into();
+        let robot: Point = atlas.newest_scan().and_then(|node| atlas.scan_pose(node))?.translation.vector.into();
         let explorer = match &mut self.explorer {
             Some(explorer) => explorer,
             explorer => match Explorer::new(self.settings.explorer(robot, order.beams, f64::from(atlas.voxel_size()))) {
@@ -79,7 +76,7 @@ impl Worker {
         }
         self.is_done &= order.command.is_none();
         for scan in &order.scans {
-            if let Some(pose) = pose_of(atlas, scan.node) {
+            if let Some(pose) = atlas.scan_pose(scan.node) {
                 explorer.see(&pose, &scan.cloud);
             }
         }
@@ -119,21 +116,4 @@ impl Worker {
             took: clock.elapsed(),
         })
     }
-}
-
-fn scans(atlas: &Atlas) -> impl Iterator<Item = (NodeId, Pose)> {
-    let of = |submap: &Submap| {
-        let t_map_submap = submap.t_map_submap();
-        submap.scans().iter().rev().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)).collect::<Vec<_>>()
-    };
-    atlas.submaps().iter().rev().flat_map(of)
-}
-
-/// Where the newest scan was taken.
-fn newest_pose(atlas: &Atlas) -> Option<Pose> {
-    scans(atlas).max_by_key(|(node, _)| *node).map(|(_, pose)| pose)
-}
-
-fn pose_of(atlas: &Atlas, node: NodeId) -> Option<Pose> {
-    scans(atlas).find(|(other, _)| *other == node).map(|(_, pose)| pose)
 }

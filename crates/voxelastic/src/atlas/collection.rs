@@ -1,6 +1,7 @@
 //! The atlas: all submaps of a map, ordered by id, and the one that is being fused into another.
 
 use super::{Submap, SubmapId};
+use crate::event::NodeId;
 use crate::field::tsdf::{BrickPages, TsdfField};
 use crate::geometry::Pose;
 use std::collections::BTreeSet;
@@ -83,11 +84,35 @@ impl Atlas {
         Some(MergingSubmap { submap: &source.submap, t_map_submap: target.t_map_submap * source.t_target_submap })
     }
 
+    /// Everything that is part of the map, with root poses in the map frame: the submaps by id, then the source of a fusion in progress.
+    pub fn placed(&self) -> impl Iterator<Item = (&Submap, Pose)> {
+        let merging = self.merging().map(|merging| (merging.submap, merging.t_map_submap));
+        self.submaps.iter().map(|submap| (submap, submap.t_map_submap)).chain(merging)
+    }
+
+    /// All scans and where the map has their sensors, map frame, in no order of time.
+    pub fn scan_poses(&self) -> impl Iterator<Item = (NodeId, Pose)> {
+        self.placed().flat_map(|(submap, t_map_submap)| submap.scans.iter().map(move |scan| (scan.node, t_map_submap * scan.t_submap_lidar)))
+    }
+
+    /// The scan with the largest number.
+    pub fn newest_scan(&self) -> Option<NodeId> {
+        self.placed().flat_map(|(submap, _)| submap.scans.iter().map(|scan| scan.node)).max()
+    }
+
+    /// Where the map has the sensor of a scan, map frame; none if it does not have the scan.
+    pub fn scan_pose(&self, node: NodeId) -> Option<Pose> {
+        self.placed().find_map(|(submap, t_map_submap)| {
+            // Mostly one of the newest is asked for.
+            let scan = submap.scans.iter().rev().find(|scan| scan.node == node)?;
+            Some(t_map_submap * scan.t_submap_lidar)
+        })
+    }
+
     /// The TSDFs that have blocks, with their poses in the map frame: those of the submaps by id, then that of a fusion in progress. Submaps
     /// whose poses are not finite are left out.
     pub fn tsdfs(&self) -> Vec<(&TsdfField, Pose)> {
-        let merging = self.merging().map(|merging| (&merging.submap.tsdf, merging.t_map_submap));
-        let all = self.submaps.iter().map(|submap| (&submap.tsdf, submap.t_map_submap)).chain(merging);
+        let all = self.placed().map(|(submap, t_map_submap)| (&submap.tsdf, t_map_submap));
         let is_finite = |pose: &Pose| pose.to_matrix().iter().all(|v| v.is_finite());
         all.filter(|(field, pose)| !field.is_empty() && is_finite(pose)).collect()
     }

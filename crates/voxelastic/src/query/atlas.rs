@@ -117,9 +117,7 @@ impl<'a> AtlasQuery<'a> {
                 high: bounds.max.map(f64::from),
             })
         };
-        let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-        let submaps = atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap));
-        let included = submaps.chain(merging).filter(|(submap, _)| is_included(submap.id()));
+        let included = atlas.placed().filter(|(submap, _)| is_included(submap.id()));
         Self { voxel_size: f64::from(atlas.voxel_size()), parts: included.filter_map(part).collect() }
     }
 

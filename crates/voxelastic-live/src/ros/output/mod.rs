@@ -30,7 +30,7 @@ use crate::planner::Plan;
 use distances::SliceState;
 use exploration::ShownPlan;
 use occupancy::Layers;
-use path::{PathState, pose_of};
+use path::PathState;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 use surface::SurfaceTiles;
@@ -174,13 +174,13 @@ impl Outputs {
         self.note_submaps(atlas);
         self.note_moving(mapper);
         self.surface.note(mapper);
-        if let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) {
+        if let Some(t_map_lidar) = self.newest.and_then(|node| atlas.scan_pose(node)) {
             self.surface.focus(<[f64; 3]>::from(t_map_lidar.translation.vector).map(|c| c as f32));
         }
         self.layers.note();
         self.slice.note();
         if let Some(link) = link.filter(|link| link.odom != MAP_FRAME)
-            && let Some(t_map_lidar) = pose_of(atlas, link.node)
+            && let Some(t_map_lidar) = atlas.scan_pose(link.node)
         {
             let t_map_odom = t_map_lidar * link.t_odom_lidar.inverse();
             self.link = Some((Instant::now(), link, t_map_odom));
@@ -307,7 +307,7 @@ impl Outputs {
         if !self.has_room(&[Output::DistanceSlice]) || !self.slice.is_due(self.subscribers(Output::DistanceSlice), begin) {
             return;
         }
-        let Some(t_map_lidar) = self.newest.and_then(|node| pose_of(atlas, node)) else { return };
+        let Some(t_map_lidar) = self.newest.and_then(|node| atlas.scan_pose(node)) else { return };
         let points = distances::points(t_map_lidar.translation.vector.into(), f64::from(atlas.voxel_size()));
         let known = points.iter().zip(distances(&points)).filter_map(|(p, distance)| Some([p[0] as f32, p[1] as f32, p[2] as f32, distance?]));
         let known: Vec<[f32; 4]> = known.collect();

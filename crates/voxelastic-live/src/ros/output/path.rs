@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 use voxelastic::Pose;
-use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::atlas::Atlas;
 use voxelastic::event::NodeId;
 
 /// Poses of a published path.
@@ -69,13 +69,13 @@ impl PathState {
 
     /// The scans in the order of their nodes, in the map frame: all of them, or every second, fourth, ... and the last one where there are too many.
     fn path(&mut self, atlas: &Atlas) -> Vec<(f64, Pose)> {
-        let mut nodes: Vec<NodeId> = placed(atlas).flat_map(|(submap, _)| submap.scans().iter().map(|scan| scan.node)).collect();
+        let mut nodes: Vec<NodeId> = atlas.placed().flat_map(|(submap, _)| submap.scans().iter().map(|scan| scan.node)).collect();
         nodes.sort_unstable();
         let step = nodes.len().div_ceil(self.most.max(1)).next_power_of_two();
         let last = nodes.last().copied();
         let chosen: Vec<NodeId> = nodes.into_iter().step_by(step).collect();
         let mut path: Vec<(NodeId, Pose)> = Vec::with_capacity(chosen.len() + 1);
-        for (submap, t_map_submap) in placed(atlas) {
+        for (submap, t_map_submap) in atlas.placed() {
             let scans = submap.scans().iter().filter(|scan| Some(scan.node) == last || chosen.binary_search(&scan.node).is_ok());
             path.extend(scans.map(|scan| (scan.node, t_map_submap * scan.t_submap_lidar)));
         }
@@ -86,20 +86,6 @@ impl PathState {
         }
         path.into_iter().map(|(node, pose)| (self.time(node), pose)).collect()
     }
-}
-
-/// The pose of a scan in the map frame; the newest scans are found first.
-pub fn pose_of(atlas: &Atlas, node: NodeId) -> Option<Pose> {
-    placed(atlas).find_map(|(submap, t_map_submap)| {
-        let scan = submap.scans().iter().rev().find(|scan| scan.node == node)?;
-        Some(t_map_submap * scan.t_submap_lidar)
-    })
-}
-
-/// The submaps with their root poses, and the source of a fusion in progress.
-fn placed(atlas: &Atlas) -> impl Iterator<Item = (&Submap, Pose)> {
-    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-    atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging)
 }
 
 #[cfg(test)]
@@ -130,7 +116,7 @@ mod tests {
             state.add(node, 100.0 + node as f64);
             let cloud = room.clone();
             mapper.handle(Event::Scan(Scan { node, time: 100.0 + node as f64, t_map_lidar: x(node as f64), cloud })).unwrap();
-            (places(state.step(mapper.atlas(), Duration::ZERO)), pose_of(mapper.atlas(), node).unwrap().translation.x)
+            (places(state.step(mapper.atlas(), Duration::ZERO)), mapper.atlas().scan_pose(node).unwrap().translation.x)
         };
         let mut last = Vec::new();
         for node in 0..4 {
