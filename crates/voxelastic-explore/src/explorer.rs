@@ -301,7 +301,7 @@ impl Explorer {
             }
             return true;
         }
-        if leg.is_retreat {
+        if leg.is_track {
             return retreat::free_part(now.map, now.returns, &leg.path, self.body(now)) < leg.path.len();
         }
         if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {

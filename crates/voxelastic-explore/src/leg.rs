@@ -15,18 +15,25 @@ pub(crate) struct Leg {
     anchors: Vec<Anchor>,
     /// Unknown volume expected at its end, cubic metres; none on the way home.
     pub volume: Option<f64>,
-    /// Whether it leads back along the robot's own track.
+    /// Whether it leads along the robot's own track.
+    pub is_track: bool,
+    /// Whether it leads back along it, and so home at last.
     pub is_retreat: bool,
 }
 
 impl Leg {
     pub fn new(atlas: &Atlas, path: Vec<Point>, volume: Option<f64>) -> Self {
-        Self { anchors: anchor_path(atlas, &path), path, volume, is_retreat: false }
+        Self { anchors: anchor_path(atlas, &path), path, volume, is_track: false, is_retreat: false }
     }
 
     /// A way back along the robot's own track.
     pub fn back(atlas: &Atlas, track: Vec<Point>) -> Self {
-        Self { is_retreat: true, ..Self::new(atlas, track, None) }
+        Self { is_retreat: true, ..Self::along(atlas, track) }
+    }
+
+    /// A way along the robot's own track.
+    pub fn along(atlas: &Atlas, track: Vec<Point>) -> Self {
+        Self { is_track: true, ..Self::new(atlas, track, None) }
     }
 
     /// The straight motions of a path along which the robot really moves: on wheels they follow the floor.

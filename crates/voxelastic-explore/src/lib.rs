@@ -30,6 +30,7 @@ mod robot_space;
 mod settings;
 mod tour;
 mod viewpoints;
+mod ways;
 
 pub use clusters::{FrontierCluster, FrontierSettings};
 pub use decision::{Decision, Purpose, ReturnReason};

@@ -6,7 +6,7 @@ use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
 use voxelastic_plan::{Point, between, distance, length};
 
 /// Places of the track in one cell of this size are one place, metres.
-const CELL: f64 = 0.5;
+pub(crate) const CELL: f64 = 0.5;
 /// Share of the body's radius that must be free of obstacles in the map, whose voxels reach into where it fitted.
 const SLIM: f64 = 0.8;
 /// A robot that can follow its track this far gets on, metres.

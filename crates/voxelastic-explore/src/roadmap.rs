@@ -1,10 +1,9 @@
 //! A graph of places that the robot can reach, on a lattice, kept from plan to plan. Every edge was a free motion when it was added; a path along it is checked again
-//! before it is used.
+//! before it is used. The robot's own track may be part of it.
 
 use crate::near_returns::squared_distance;
-use hashbrown::{HashMap, HashSet};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use crate::retreat;
+use hashbrown::HashMap;
 use voxelastic_plan::{Point, Space, distance};
 
 /// No node.
@@ -16,6 +15,8 @@ const JOINED: usize = 8;
 /// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found. Less than half, or
 /// it would lie at the neighbour's key, and the place of the lattice would stay empty and be tried for ever.
 const ASIDE: [f64; 6] = [-0.33, 0.33, -0.17, 0.17, -0.45, 0.45];
+/// A metre of the track counts as so many.
+const TRACK: f64 = 1.2;
 /// Steps to neighbours on the lattice; those of wheels come first.
 const STEPS: [[i32; 3]; 10] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1], [0, 0, -1]];
 
@@ -39,21 +40,24 @@ pub(crate) struct Roadmap {
     bends: HashMap<[u32; 2], Vec<Point>>,
     /// Lowest and highest key along z.
     layers: [i32; 2],
-}
-
-/// Lengths of the shortest ways from one place to all nodes.
-#[derive(Clone, Debug)]
-pub(crate) struct Ways {
-    from: Point,
-    lengths: Vec<f64>,
-    /// The node before each on its way; nobody for those next to the start.
-    before: Vec<u32>,
+    /// The robot's track: the node in each cell of it, and the neighbours along it.
+    track: HashMap<[i32; 3], u32>,
+    links: HashMap<u32, Vec<u32>>,
 }
 
 impl Roadmap {
     /// An empty graph with neighbours `spacing` metres apart, one of them at `origin`.
     pub fn new(spacing: f64, origin: Point) -> Self {
-        Self { spacing, origin, nodes: Vec::new(), by_key: HashMap::new(), bends: HashMap::new(), layers: [0; 2] }
+        Self {
+            spacing,
+            origin,
+            nodes: Vec::new(),
+            by_key: HashMap::new(),
+            bends: HashMap::new(),
+            layers: [0; 2],
+            track: HashMap::new(),
+            links: HashMap::new(),
+        }
     }
 
     pub fn len(&self) -> usize {
@@ -210,7 +214,7 @@ impl Roadmap {
     }
 
     /// The places from a node to a neighbour.
-    fn way(&self, a: u32, b: u32) -> Vec<Point> {
+    pub fn way(&self, a: u32, b: u32) -> Vec<Point> {
         let mut way = vec![self.place(a)];
         way.extend(self.bend(a, b));
         way.push(self.place(b));
@@ -234,87 +238,65 @@ impl Roadmap {
         found.into_iter().map(|(_, node)| node).collect()
     }
 
-    /// The shortest ways from a place that the robot can be at.
-    pub fn ways<S: Space>(&self, space: &S, from: Point) -> Ways {
-        self.ways_until(space, from, |_| false)
-    }
-
-    /// The shortest ways to some nodes: those to others may be longer than need be, or missing.
-    pub fn ways_to<S: Space>(&self, space: &S, from: Point, nodes: &[u32]) -> Ways {
-        let mut left: HashSet<u32> = nodes.iter().copied().collect();
-        self.ways_until(space, from, |node| left.remove(&node) && left.is_empty())
-    }
-
-    /// The shortest ways, the nearest nodes first, until `is_done` with one.
-    fn ways_until<S: Space>(&self, space: &S, from: Point, mut is_done: impl FnMut(u32) -> bool) -> Ways {
-        let mut ways = Ways { from, lengths: vec![f64::INFINITY; self.nodes.len()], before: vec![NOBODY; self.nodes.len()] };
-        let mut heap = BinaryHeap::new();
-        let start = space.state_at(from).unwrap_or(from);
-        let reachable = |node: &u32| space.connects(start, self.place(*node)) || distance(from, self.place(*node)) < 1e-6;
-        for node in self.near(from, 3.0 * self.spacing).into_iter().filter(reachable).take(JOINED) {
-            let length = distance(from, self.place(node));
-            ways.lengths[node as usize] = length;
-            heap.push(Reverse((Length(length), node)));
-        }
-        while let Some(Reverse((Length(length), node))) = heap.pop() {
-            if length > ways.lengths[node as usize] {
-                continue;
-            }
-            if is_done(node) {
-                break;
-            }
-            for &next in self.nodes[node as usize].edges.iter().filter(|next| **next < BLOCKED) {
-                let length = length + distance(self.place(node), self.place(next));
-                if length < ways.lengths[next as usize] {
-                    (ways.lengths[next as usize], ways.before[next as usize]) = (length, node);
-                    heap.push(Reverse((Length(length), next)));
+    /// Adds the places where the robot was, in order: it can go from each to the next, and back, whatever the map says. Places in one cell are one place.
+    pub fn link(&mut self, track: &[Point]) {
+        let mut last = None;
+        for place in track {
+            let cell = place.map(|c| (c / retreat::CELL).floor() as i32);
+            let node = match self.track.get(&cell) {
+                Some(node) => *node,
+                None => {
+                    let node = self.add(*place);
+                    self.track.insert(cell, node);
+                    node
+                }
+            };
+            if let Some(last) = last.replace(node).filter(|last| *last != node) {
+                for (from, to) in [(last, node), (node, last)] {
+                    let links = self.links.entry(from).or_default();
+                    if !links.contains(&to) {
+                        links.push(to);
+                    }
                 }
             }
         }
-        ways
-    }
-}
-
-impl Ways {
-    /// Length of the way to a node, metres; infinite if there is none.
-    pub fn length(&self, node: u32) -> f64 {
-        self.lengths[node as usize]
     }
 
-    /// Whether any node can be reached.
-    pub fn lead_anywhere(&self) -> bool {
-        self.lengths.iter().any(|length| length.is_finite())
-    }
-
-    /// The way to a node, from the start.
-    pub fn path(&self, roadmap: &Roadmap, node: u32) -> Vec<Point> {
-        let before = |node: &u32| Some(self.before[*node as usize]).filter(|before| *before != NOBODY);
-        let nodes: Vec<u32> = std::iter::successors(Some(node), before).collect();
-        let mut path: Vec<Point> = nodes.first().map(|node| roadmap.place(*node)).into_iter().collect();
-        for pair in nodes.windows(2) {
-            path.extend(roadmap.way(pair[0], pair[1]).into_iter().skip(1));
+    /// Removes a motion along the track.
+    pub fn unlink(&mut self, [a, b]: [u32; 2]) {
+        for (from, to) in [(a, b), (b, a)] {
+            if let Some(links) = self.links.get_mut(&from) {
+                links.retain(|other| *other != to);
+            }
         }
-        path.push(self.from);
-        path.reverse();
-        path
     }
-}
 
-/// A length with a total order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Length(f64);
-
-impl Eq for Length {}
-
-impl PartialOrd for Length {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
+    /// Whether two neighbours are joined by the track alone.
+    pub fn is_link(&self, a: u32, b: u32) -> bool {
+        !self.nodes[a as usize].edges.contains(&b)
     }
-}
 
-impl Ord for Length {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
+    /// Neighbours of a node, and how far away they are, metres: along the track somewhat more, as nothing says what is there now.
+    pub fn neighbours(&self, node: u32) -> impl Iterator<Item = (u32, f64)> + '_ {
+        let off = move |other: u32| distance(self.place(node), self.place(other));
+        let edges = self.nodes[node as usize].edges.iter().filter(|other| **other < BLOCKED).map(move |other| (*other, off(*other)));
+        let links = self.links.get(&node).into_iter().flatten().map(move |other| (*other, TRACK * off(*other)));
+        edges.chain(links)
+    }
+
+    /// The nodes that a robot at `from` reaches, the nearest first.
+    pub fn joined<S: Space>(&self, space: &S, from: Point) -> Vec<u32> {
+        let start = space.state_at(from).unwrap_or(from);
+        let reachable = |node: &u32| space.connects(start, self.place(*node)) || distance(from, self.place(*node)) < 1e-6;
+        let near = self.near(from, 3.0 * self.spacing).into_iter().filter(reachable).take(JOINED);
+        // It has come from where it was last.
+        let last = self.track.get(&from.map(|c| (c / retreat::CELL).floor() as i32)).copied();
+        near.chain(last).collect()
+    }
+
+    /// Distance between neighbours, metres.
+    pub fn spacing(&self) -> f64 {
+        self.spacing
     }
 }
 
@@ -363,7 +345,7 @@ mod tests {
             assert!(!behind.is_empty(), "gap at {centre}");
             let ways = roadmap.ways(&space, [-1.2, 0.0, 0.0]);
             for node in behind {
-                let path = ways.path(&roadmap, node);
+                let path = ways.first_part(&roadmap, node).path;
                 assert!(path.windows(2).all(|ends| space.is_segment_free(ends[0], ends[1])), "gap at {centre}: {path:?}");
             }
         }
@@ -416,7 +398,9 @@ mod tests {
         let all = whole.ways(&open, robot);
         for nodes in [vec![5], vec![0, 7, whole.len() as u32 - 1], vec![]] {
             let some = whole.ways_to(&open, robot, &nodes);
-            assert!(nodes.iter().all(|node| some.length(*node) == all.length(*node) && some.path(&whole, *node) == all.path(&whole, *node)));
+            assert!(
+                nodes.iter().all(|node| some.length(*node) == all.length(*node) && some.first_part(&whole, *node) == all.first_part(&whole, *node))
+            );
         }
         let nearest = whole.near(robot, 0.1)[0];
         let some = whole.ways_to(&open, robot, &[nearest]);

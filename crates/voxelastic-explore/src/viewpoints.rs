@@ -1,8 +1,9 @@
 //! Viewpoints: reachable places that see a cluster of the frontier.
 
 use crate::clusters::FrontierCluster;
-use crate::roadmap::{Roadmap, Ways};
+use crate::roadmap::Roadmap;
 use crate::settings::ExploreSettings;
+use crate::ways::Ways;
 use hashbrown::HashSet;
 use rayon::prelude::*;
 use voxelastic::query::{AtlasQuery, Ray, UnknownAs};

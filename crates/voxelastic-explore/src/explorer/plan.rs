@@ -6,8 +6,9 @@ use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
 use crate::leg::Leg;
 use crate::retreat;
-use crate::roadmap::{Roadmap, Ways};
+use crate::roadmap::Roadmap;
 use crate::viewpoints::{Viewpoint, viewpoints};
+use crate::ways::{Part, Ways};
 use hashbrown::HashSet;
 use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 
@@ -30,6 +31,9 @@ impl Explorer {
     /// Plans a path; returns the number of viewpoints considered.
     pub(super) fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
         let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
+        if self.beginnings > 0 || self.purpose == Purpose::Return {
+            self.link(&mut roadmap);
+        }
         if self.purpose == Purpose::Return {
             // The way home may lead through what was found shut on the way out.
             roadmap.unblock();
@@ -72,8 +76,22 @@ impl Explorer {
                 }
             };
             let Some(node) = node else { break };
-            let mut path = ways.path(&roadmap, node);
-            if volume.is_none() && now.space.connects(roadmap.place(node), home) {
+            let part = ways.first_part(&roadmap, node);
+            if part.is_track {
+                if self.purpose == Purpose::Explore && self.retreats >= MOST_RETREATS {
+                    self.turn_back(ReturnReason::Stuck);
+                    break;
+                }
+                self.follow_track(now, &part);
+                if self.leg.is_some() {
+                    break;
+                }
+                roadmap.unlink(part.link);
+                continue;
+            }
+            let volume = volume.filter(|_| part.is_whole);
+            let mut path = part.path;
+            if part.is_whole && self.purpose == Purpose::Return && now.space.connects(roadmap.place(node), home) {
                 path.push(home);
             }
             let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
@@ -181,6 +199,7 @@ impl Explorer {
         }
         if worth.is_empty() && is_first && self.begin_anew() {
             *roadmap = Roadmap::new(self.settings.spacing, now.robot);
+            self.link(roadmap);
             roadmap.extend(now.space, now.robot, f64::INFINITY);
             worth = self.worthwhile(now, roadmap, frontier);
         }
@@ -203,6 +222,22 @@ impl Explorer {
             !is_inside || seconds_left.is_some_and(|left| needed > left) || exhausted.contains(&node)
         };
         viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
+    }
+
+    /// Has the roadmap lead along the track, too.
+    fn link(&self, roadmap: &mut Roadmap) {
+        let track: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
+        roadmap.link(&track);
+    }
+
+    /// Takes a part of its track as its path, as far as the last scans have it free; none if they do not.
+    fn follow_track<S: Space>(&mut self, now: &Situation<'_, S>, part: &Part) {
+        let path = retreat::passable(now.map, now.returns, &part.path, [self.settings.robot.radius, self.body(now)]);
+        if length(&path) <= 0.5 * self.settings.spacing {
+            return;
+        }
+        self.leg = Some(Leg::along(now.atlas, path));
+        self.retreats += u32::from(self.purpose == Purpose::Explore);
     }
 
     /// Where home is; where the robot is if it has none yet.

@@ -1,0 +1,176 @@
+//! Shortest ways in a roadmap.
+
+use crate::roadmap::{NOBODY, Roadmap};
+use hashbrown::HashSet;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use voxelastic_plan::{Point, Space, distance};
+
+/// Lengths of the shortest ways from one place to all nodes.
+#[derive(Clone, Debug)]
+pub(crate) struct Ways {
+    from: Point,
+    lengths: Vec<f64>,
+    /// The node before each on its way; nobody for those next to the start.
+    before: Vec<u32>,
+}
+
+/// The first part of a way: motions that the map has free, or some along the robot's track, which the map may have shut since.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Part {
+    /// From the start on.
+    pub path: Vec<Point>,
+    /// Whether it follows the track.
+    pub is_track: bool,
+    /// Whether that is all of the way.
+    pub is_whole: bool,
+    /// Its first two nodes.
+    pub link: [u32; 2],
+}
+
+impl Roadmap {
+    /// The shortest ways from a place that the robot can be at.
+    pub fn ways<S: Space>(&self, space: &S, from: Point) -> Ways {
+        self.ways_until(space, from, |_| false)
+    }
+
+    /// The shortest ways to some nodes: those to others may be longer than need be, or missing.
+    pub fn ways_to<S: Space>(&self, space: &S, from: Point, nodes: &[u32]) -> Ways {
+        let mut left: HashSet<u32> = nodes.iter().copied().collect();
+        self.ways_until(space, from, |node| left.remove(&node) && left.is_empty())
+    }
+
+    /// The shortest ways, the nearest nodes first, until `is_done` with one.
+    fn ways_until<S: Space>(&self, space: &S, from: Point, mut is_done: impl FnMut(u32) -> bool) -> Ways {
+        let mut ways = Ways { from, lengths: vec![f64::INFINITY; self.len()], before: vec![NOBODY; self.len()] };
+        let mut heap = BinaryHeap::new();
+        for node in self.joined(space, from) {
+            let length = distance(from, self.place(node));
+            ways.lengths[node as usize] = length;
+            heap.push(Reverse((Length(length), node)));
+        }
+        while let Some(Reverse((Length(length), node))) = heap.pop() {
+            if length > ways.lengths[node as usize] {
+                continue;
+            }
+            if is_done(node) {
+                break;
+            }
+            for (next, off) in self.neighbours(node) {
+                let length = length + off;
+                if length < ways.lengths[next as usize] {
+                    (ways.lengths[next as usize], ways.before[next as usize]) = (length, node);
+                    heap.push(Reverse((Length(length), next)));
+                }
+            }
+        }
+        ways
+    }
+}
+
+impl Ways {
+    /// Length of the way to a node, metres; infinite if there is none.
+    pub fn length(&self, node: u32) -> f64 {
+        self.lengths[node as usize]
+    }
+
+    /// Whether any node can be reached.
+    pub fn lead_anywhere(&self) -> bool {
+        self.lengths.iter().any(|length| length.is_finite())
+    }
+
+    /// The first part of the way to a node, from the start.
+    pub fn first_part(&self, roadmap: &Roadmap, node: u32) -> Part {
+        let before = |node: &u32| Some(self.before[*node as usize]).filter(|before| *before != NOBODY);
+        let mut nodes: Vec<u32> = std::iter::successors(Some(node), before).collect();
+        nodes.reverse();
+        let is_link: Vec<bool> = nodes.windows(2).map(|pair| roadmap.is_link(pair[0], pair[1])).collect();
+        let is_track = is_link.first() == Some(&true) && distance(self.from, roadmap.place(nodes[0])) < roadmap.spacing();
+        let steps = is_link.iter().take_while(|link| **link == is_track).count();
+        let mut path = vec![self.from];
+        if !is_track {
+            path.push(roadmap.place(nodes[0]));
+        }
+        for pair in nodes.windows(2).take(steps) {
+            path.extend(roadmap.way(pair[0], pair[1]).into_iter().skip(1));
+        }
+        Part { path, is_track, is_whole: steps == is_link.len(), link: [nodes[0], nodes.get(1).copied().unwrap_or(nodes[0])] }
+    }
+}
+
+/// A length with a total order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Length(f64);
+
+impl Eq for Length {}
+
+impl PartialOrd for Length {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Length {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A shut wall between x = 0.2 and 0.5 in a box of 4 m, for a robot that is a point.
+    #[derive(Clone, Debug)]
+    struct Wall;
+
+    impl Space for Wall {
+        fn steer(&self, from: Point, to: Point) -> Option<Point> {
+            let is_through = from[0].min(to[0]) < 0.5 && from[0].max(to[0]) > 0.2;
+            (!is_through && self.state_at(to).is_some()).then_some(to)
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            (!(0.2..=0.5).contains(&p[0]) && (0..2).all(|k| p[k].abs() <= 2.0) && p[2].abs() < 0.1).then_some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-2.0, -2.0, -0.1], [2.0, 2.0, 0.1]]
+        }
+    }
+
+    #[test]
+    fn the_track_leads_where_the_map_is_shut_part_by_part() {
+        let robot = [-1.2, 0.0, 0.0];
+        let mut roadmap = Roadmap::new(0.6, robot);
+        roadmap.extend(&Wall, robot, f64::INFINITY);
+        let is_behind = |roadmap: &Roadmap| roadmap.places().filter(|(_, place)| place[0] > 0.5).map(|(node, _)| node).collect::<Vec<u32>>();
+        assert_eq!(is_behind(&roadmap), [0; 0]);
+        // It has been behind the wall, when there was a door, with a loop on the way.
+        let track: Vec<Point> = [[-0.4, -0.8], [-0.4, -1.4], [-0.4, -0.8], [0.1, -0.8], [0.6, -0.8], [1.2, -0.8]].map(|[x, y]| [x, y, 0.0]).to_vec();
+        roadmap.link(&track);
+        roadmap.link(&track);
+        roadmap.extend(&Wall, robot, f64::INFINITY);
+        let behind = is_behind(&roadmap);
+        let ways = roadmap.ways(&Wall, robot);
+        assert!(behind.len() > 8 && behind.iter().all(|node| ways.length(*node).is_finite()), "{behind:?}");
+        let goal = roadmap.near([1.8, 1.2, 0.0], 0.5)[0];
+        // To the track, along it, and on from there.
+        let (mut at, mut parts) = (robot, Vec::new());
+        loop {
+            let part = roadmap.ways(&Wall, at).first_part(&roadmap, goal);
+            assert!(part.path[0] == at && part.path.windows(2).all(|ends| part.is_track || Wall.steer(ends[0], ends[1]).is_some()), "{part:?}");
+            at = part.path[part.path.len() - 1];
+            parts.push(part.is_track);
+            if part.is_whole {
+                break;
+            }
+        }
+        assert_eq!((parts.as_slice(), at), ([false, true, false].as_slice(), roadmap.place(goal)));
+        // Where the robot is not let through, there is no way.
+        let through = roadmap.ways(&Wall, [0.1, -0.8, 0.0]).first_part(&roadmap, goal);
+        assert!(through.is_track);
+        roadmap.unlink(through.link);
+        assert!(roadmap.ways(&Wall, robot).length(goal).is_infinite());
+    }
+}
