@@ -82,19 +82,19 @@ impl Frontiers {
             let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
             let near: Vec<usize> = (0..all.len()).filter(|other| *other != k && overlap(&extents[k], &extents[*other])).collect();
             let others: Vec<(SubmapId, Pose)> = near.iter().map(|other| (all[*other].0.id(), all[*other].1)).collect();
-            let is_moved = kept.t_map_submap != Some(*t_map_submap) || kept.others != others;
+            let is_moved = kept.t_map_submap != Some(*t_map_submap) || kept.others.iter().any(|before| !others.contains(before));
+            let is_new: Vec<bool> = others.iter().map(|other| !kept.others.contains(other)).collect();
             (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
-            if !is_moved && changes[k].is_empty() && near.iter().all(|other| changes[*other].is_empty()) {
+            if !is_moved && changes[k].is_empty() && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
                 continue;
             }
-            let others: Vec<Other<'_>> = near
-                .iter()
-                .map(|&other| Other {
-                    field: all[other].0.occupancy(),
-                    t_other_submap: all[other].1.inverse() * t_map_submap,
-                    changes: &changes[other],
-                })
-                .collect();
+            let other = |(&other, is_new): (&usize, bool)| Other {
+                field: all[other].0.occupancy(),
+                t_other_submap: all[other].1.inverse() * t_map_submap,
+                changes: &changes[other],
+                is_new,
+            };
+            let others: Vec<Other<'_>> = near.iter().zip(is_new).map(other).collect();
             kept.has_changed |= look_up(&mut kept.frontier, &others, is_moved, f64::from(atlas.voxel_size()));
         }
         count
@@ -147,6 +147,8 @@ struct Other<'a> {
     t_other_submap: Pose,
     /// Where it changed since the last update.
     changes: &'a Changes,
+    /// Whether it was not near before, or elsewhere.
+    is_new: bool,
 }
 
 impl Other<'_> {
@@ -154,6 +156,11 @@ impl Other<'_> {
     fn voxel(&self, place: [f32; 3], voxel: f64) -> [i32; 3] {
         let p = self.t_other_submap * Point3::from(place.map(|c| f64::from(c) * voxel));
         <[f64; 3]>::from(p.coords).map(|c| (c / voxel).floor() as i32)
+    }
+
+    /// Whether it knows what is unknown at a block.
+    fn knows(&self, block: &BlockFrontier, voxel: f64) -> bool {
+        self.field.state_at(self.voxel(block.probe, voxel)) != State::Unknown
     }
 }
 
@@ -164,10 +171,11 @@ fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], is_moved: bool, 
     for block in frontier.blocks.values_mut() {
         let is_outdated =
             |block: &BlockFrontier| changed.iter().any(|other| other.changes.has(other.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT)));
-        if is_moved || block.is_known_elsewhere.is_none() || is_outdated(block) {
-            let is_known = others.iter().any(|other| other.field.state_at(other.voxel(block.probe, voxel)) != State::Unknown);
-            has_changed |= block.is_known_elsewhere.replace(is_known) != Some(is_known);
-        }
+        let is_known = match block.is_known_elsewhere {
+            Some(is_known) if !is_moved && !is_outdated(block) => is_known || others.iter().any(|other| other.is_new && other.knows(block, voxel)),
+            _ => others.iter().any(|other| other.knows(block, voxel)),
+        };
+        has_changed |= block.is_known_elsewhere.replace(is_known) != Some(is_known);
     }
     has_changed
 }
