@@ -55,7 +55,7 @@ impl Frontiers {
     /// Brings the frontier of every submap up to date: only where voxels changed their state since the last update, or, after a correction of poses, what other submaps
     /// know of it. Returns the number of blocks looked at.
     pub fn update(&mut self, atlas: &Atlas) -> usize {
-        let all: Vec<(&Submap, Pose)> = placed(atlas).collect();
+        let all: Vec<(&Submap, Pose)> = atlas.placed().collect();
         let ids: BTreeSet<SubmapId> = all.iter().map(|(submap, _)| submap.id()).collect();
         let outdated = &mut self.outdated;
         self.submaps.retain(|id, kept| {
@@ -104,7 +104,7 @@ impl Frontiers {
     /// observed, at the current poses, is left out. The frontier must be up to date; `map` is the query of `atlas`.
     pub fn clusters(&mut self, atlas: &Atlas, map: &AtlasQuery<'_>, bounds: [Point; 2]) -> Vec<FrontierCluster> {
         let is_elsewhere = self.bounds.replace(bounds) != Some(bounds);
-        for (submap, t_map_submap) in placed(atlas) {
+        for (submap, t_map_submap) in atlas.placed() {
             let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
             if std::mem::take(&mut kept.has_changed) || is_elsewhere {
                 let places = kept.collect(&t_map_submap, map.voxel_size(), bounds);
@@ -115,7 +115,7 @@ impl Frontiers {
         }
         for tile in std::mem::take(&mut self.outdated) {
             let in_tile = |(submap, _): (&Submap, Pose)| self.submaps.get(&submap.id()).and_then(|kept| kept.places.get(&tile));
-            let places: Vec<Place> = placed(atlas).filter_map(in_tile).flatten().copied().collect();
+            let places: Vec<Place> = atlas.placed().filter_map(in_tile).flatten().copied().collect();
             self.tiles.insert(tile, self.settings.clusters(places, map.voxel_size()));
         }
         self.tiles.retain(|_, clusters| !clusters.is_empty());
@@ -189,12 +189,6 @@ fn overlap(a: &Aabb, b: &Aabb) -> bool {
     (0..3).all(|k| a.min[k] <= b.max[k] && b.min[k] <= a.max[k])
 }
 
-/// All submaps of an atlas and their poses, with the one that is being fused.
-fn placed(atlas: &Atlas) -> impl Iterator<Item = (&Submap, Pose)> {
-    let merging = atlas.merging().map(|merging| (merging.submap, merging.t_map_submap));
-    atlas.submaps().iter().map(|submap| (submap, submap.t_map_submap())).chain(merging)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -223,7 +217,7 @@ mod tests {
                 let atlas = mapper.atlas();
                 frontiers.update(atlas);
                 let map = atlas.query();
-                for (submap, t_map_submap) in placed(atlas) {
+                for (submap, t_map_submap) in atlas.placed() {
                     for block in frontiers.submaps[&submap.id()].frontier.blocks.values() {
                         let probe = t_map_submap * Point3::from(block.probe.map(|c| f64::from(c) * map.voxel_size()));
                         let is_known = map.state(probe.coords.into()) != State::Unknown;
