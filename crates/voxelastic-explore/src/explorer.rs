@@ -34,8 +34,6 @@ const RESERVE: (f64, f64) = (1.15, 10.0);
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
 const MOST_DRIFT: f64 = 1.0;
-/// Noise of returns that are near the body, metres.
-const NOISE: f64 = 0.03;
 
 /// Decides where a robot goes to explore. See the [crate documentation](crate).
 #[derive(Clone, Debug)]
@@ -164,8 +162,7 @@ impl Explorer {
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
         let newest = newest_submaps(atlas);
         let [newest, recent] = [1, 2].map(|n| AtlasQuery::of_submaps(atlas, |submap| newest.iter().take(n).any(|recent| *recent == submap)));
-        // What is left of the margin where the robot uses it up.
-        let narrow = self.settings.body() + NOISE.min(self.settings.margin);
+        let narrow = self.settings.narrowest();
         let is_moved = self.follow_submaps(atlas);
         let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };

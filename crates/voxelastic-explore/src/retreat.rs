@@ -36,15 +36,15 @@ pub(crate) fn track(places: &[Point], robot: Point) -> Vec<Point> {
     path
 }
 
-/// How many waypoints of its track the body of a robot reaches: it has been there, so only what the last scans see there now is in its way. Without a scan, what the map
-/// says to be occupied.
+/// How many waypoints of its track the body of a robot reaches: it has been there, so only what the last scans see there now is in its way, and the floor and the ceiling
+/// that they see around it. Without a scan, what the map says to be occupied.
 pub(crate) fn free_part(map: &AtlasQuery<'_>, returns: &NearReturns, path: &[Point], body: f64) -> usize {
     let is_free = |segment: &[Point]| {
         if returns.is_empty() {
             let slim = Capsule { from: segment[0], to: segment[1], radius: SLIM * body };
             map.is_free(&slim.into(), UnknownAs::Free)
         } else {
-            returns.are_clear_of(segment[0], segment[1], body)
+            returns.keep_height(segment[0], segment[1], body) && returns.are_clear_of(segment[0], segment[1], body)
         }
     };
     path.windows(2).take_while(|segment| is_free(segment)).count() + 1
@@ -127,6 +127,12 @@ mod tests {
         let shifts = [1, 2].map(|k| distance(beside[k], straight[k]));
         assert!((shifts[0] - shifts[1]).abs() < 1e-9 && shifts[0] > 0.3 && shifts[0] <= MOST_SHIFT, "{shifts:?}");
         assert_eq!(passable(&map, &NearReturns::default(), &straight, [0.35, 0.25]), straight);
+        // A floor that it does not see below itself: it may not sink to where drift has its track now.
+        let floor = Cloud::from_points((0..40).map(|k| [3.0, k as f32 * 0.1 - 2.0, -0.6]).collect());
+        let floor = NearReturns::new(&Pose::translation(0.3, -4.0, 1.0), &floor);
+        let lower = straight.map(|[x, y, z]| [x, y, z - 0.5]);
+        let sinking = [straight[0], lower[1], lower[2]];
+        assert_eq!([free_part(&map, &floor, &straight, 0.25), free_part(&map, &floor, &sinking, 0.25)], [3, 1]);
         // A wall across the whole way is none that it could pass.
         let wall = Cloud::from_points((0..1600).map(|k| [(k % 40) as f32 * 0.1 - 2.0, 0.5, (k / 40) as f32 * 0.1 - 2.0]).collect());
         let wall = NearReturns::new(&Pose::translation(0.3, -4.0, 1.0), &wall);

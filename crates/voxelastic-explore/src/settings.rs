@@ -4,6 +4,9 @@ use crate::clusters::FrontierSettings;
 use crate::gain::SensorView;
 use voxelastic_plan::{PlanError, Point, Robot};
 
+/// Noise of returns that are near the body, metres.
+pub(crate) const NOISE: f64 = 0.03;
+
 /// How the next target is chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Strategy {
@@ -60,6 +63,11 @@ impl ExploreSettings {
     /// Radius of the robot's body: without the margin, metres.
     pub fn body(&self) -> f64 {
         self.robot.radius - self.margin
+    }
+
+    /// The same with what noise needs of the margin, metres.
+    pub(crate) fn narrowest(&self) -> f64 {
+        self.body() + NOISE.min(self.margin)
     }
 
     /// Checks all numbers.

@@ -1,12 +1,13 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
-use super::{EXTENDED, Explorer, NOISE, PATIENCE, RESERVE, Situation};
+use super::{EXTENDED, Explorer, PATIENCE, RESERVE, Situation};
 use crate::choice::choose;
 use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
 use crate::leg::Leg;
 use crate::retreat;
 use crate::roadmap::Roadmap;
+use crate::settings::NOISE;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use crate::ways::{Part, Ways};
 use hashbrown::HashSet;
@@ -178,9 +179,9 @@ impl Explorer {
         self.leg = Some(Leg::back(now.atlas, path));
     }
 
-    /// Radius of the body, metres; less where something has come too near to it, so that it may go where that is no nearer.
+    /// Radius that has to be free where the margin is used up, metres; less where something has come too near to it, so that it may go where that is no nearer.
     pub(super) fn body<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
-        self.settings.body().min(now.returns.nearest(now.robot) - NOISE).max(0.0)
+        self.settings.narrowest().min(now.returns.nearest(now.robot) - NOISE).max(0.0)
     }
 
     /// The viewpoints from which there is something to see, and from which the robot still gets home in time. At the first try, where there are none, the roadmap is
