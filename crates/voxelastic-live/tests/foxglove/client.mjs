@@ -29,7 +29,7 @@ client.on("error", (error) => { throw error; });
 
 const own = (name) => taken[`/voxelastic/${name}`], latest = (messages) => messages[messages.length - 1];
 const stamp = ({ sec, nsec, nanosec }) => sec + 1e-9 * (nsec ?? nanosec);
-const OWN = ["surface", "surface_points", "octomap", "grid", "path", "submaps"];
+const OWN = ["surface", "surface_points", "octomap", "grid", "path", "submaps", "frontier", "explore_path", "explore_goal"];
 // Transforms come for ever: the surface is what is waited for.
 let parts = 0, since = Date.now();
 setInterval(() => {
@@ -41,7 +41,11 @@ setInterval(() => {
   writeFileSync(join(folder, "points"), Buffer.concat(points.map((message) => Buffer.from(message.data))));
   writeFileSync(join(folder, "octomap"), Buffer.from(Uint8Array.from(octomap.data)));
   const cells = Array.from(grid.data);
+  const xyz = ({ x, y, z }) => [x, y, z];
   const summary = {
+    explore_path: latest(own("explore_path")).poses.map(({ pose }) => xyz(pose.position)),
+    explore_goal: xyz(latest(own("explore_goal")).pose.position),
+    frontier: latest(own("frontier")).markers.filter((m) => m.type === 1 && m.action === 0).map((m) => [...xyz(m.pose.position), ...xyz(m.scale)]),
     point_step: latest(points).point_step,
     path: path.poses.map(({ pose: { position: p } }) => [p.x, p.y, p.z]),
     stamps: path.poses.map(({ header }) => stamp(header.stamp)),

@@ -61,6 +61,9 @@ def take(participant, folder):
         "submaps": reader("voxelastic/submaps", t.PoseArray, LATCHED),
         "octomap": reader("voxelastic/octomap", t.Octomap, LATCHED),
         "grid": reader("voxelastic/grid", t.OccupancyGrid, LATCHED),
+        "frontier": reader("voxelastic/frontier", t.MarkerArray, LATCHED),
+        "explore_path": reader("voxelastic/explore_path", t.Path, LATCHED),
+        "explore_goal": reader("voxelastic/explore_goal", t.PoseStamped, LATCHED),
         "tf": reader("tf", t.TFMessage, USUAL),
     }
     taken = {name: [] for name in readers}
@@ -75,7 +78,12 @@ def take(participant, folder):
     grid, octomap, transform = taken["grid"][-1], taken["octomap"][-1], taken["tf"][-1].transforms[0]
     (folder / "points").write_bytes(b"".join(bytes(m.data) for m in taken["surface_points"]))
     (folder / "octomap").write_bytes(bytes(b & 255 for b in octomap.data))
+    place = lambda stamped: [stamped.pose.position.x, stamped.pose.position.y, stamped.pose.position.z]
+    cubes = [m for m in taken["frontier"][-1].markers if (m.type, m.action) == (1, 0)]
     summary = {
+        "explore_path": [place(p) for p in taken["explore_path"][-1].poses],
+        "explore_goal": place(taken["explore_goal"][-1]),
+        "frontier": [place(m) + [m.scale.x, m.scale.y, m.scale.z] for m in cubes],
         "point_step": taken["surface_points"][-1].point_step,
         "path": [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in taken["path"][-1].poses],
         "stamps": [p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in taken["path"][-1].poses],
@@ -93,6 +101,8 @@ def ask(participant, folder):
     asked = {
         "save": ("Trigger", [0]),
         "pause": ("SetBool", [True]),
+        "explore": ("SetBool", [True]),
+        "return_home": ("Trigger", [0]),
         "load": ("LoadMap", ["file:///maps/a.vox"]),
         "distances": ("GetDistances", [[t.Vector(1.0, 2.0, 3.0), t.Vector(500.0, 0.0, 0.0)]]),
         "get_parameters": ("GetParameters", [["voxel_size", "field", "nothing"]]),
@@ -117,6 +127,8 @@ def ask(participant, folder):
     summary = {
         "save": [answers["save"].success, answers["save"].message],
         "pause": [answers["pause"].success, answers["pause"].message],
+        "explore": [answers["explore"].success, answers["explore"].message],
+        "return_home": [answers["return_home"].success, answers["return_home"].message],
         "load": answers["load"].result,
         "distances": [list(distances.known), [d if d == d else None for d in distances.distances], [vector(g) for g in distances.gradients]],
         "parameters": [[v.type, v.double_value, v.string_value] for v in answers["get_parameters"].values],

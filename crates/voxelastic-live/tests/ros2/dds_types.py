@@ -81,6 +81,61 @@ class PoseArray(IdlStruct, **message("geometry_msgs", "PoseArray")):
 
 
 @dataclass
+class ColorRGBA(IdlStruct, **message("std_msgs", "ColorRGBA")):
+    r: float32
+    g: float32
+    b: float32
+    a: float32
+
+
+@dataclass
+class CompressedImage(IdlStruct, **message("sensor_msgs", "CompressedImage")):
+    header: Header
+    format: str
+    data: sequence[uint8]
+
+
+@dataclass
+class UVCoordinate(IdlStruct, **message("visualization_msgs", "UVCoordinate")):
+    u: float32
+    v: float32
+
+
+@dataclass
+class MeshFile(IdlStruct, **message("visualization_msgs", "MeshFile")):
+    filename: str
+    data: sequence[uint8]
+
+
+@dataclass
+class Marker(IdlStruct, **message("visualization_msgs", "Marker")):
+    header: Header
+    ns: str
+    id: int32
+    type: int32
+    action: int32
+    pose: Pose
+    scale: Vector
+    color: ColorRGBA
+    lifetime: Time
+    frame_locked: bool
+    points: sequence[Vector]
+    colors: sequence[ColorRGBA]
+    texture_resource: str
+    texture: CompressedImage
+    uv_coordinates: sequence[UVCoordinate]
+    text: str
+    mesh_resource: str
+    mesh_file: MeshFile
+    mesh_use_embedded_materials: bool
+
+
+@dataclass
+class MarkerArray(IdlStruct, **message("visualization_msgs", "MarkerArray")):
+    markers: sequence[Marker]
+
+
+@dataclass
 class TransformStamped(IdlStruct, **message("geometry_msgs", "TransformStamped")):
     header: Header
     child_frame_id: str

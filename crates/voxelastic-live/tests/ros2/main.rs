@@ -10,8 +10,10 @@ use std::sync::mpsc::channel;
 use std::time::{Duration, Instant};
 use voxelastic::event::{Event, Scan};
 use voxelastic::{Mapper, Pose, Settings};
+use voxelastic_explore::{FrontierSettings, Frontiers};
 use voxelastic_io::bag::live::LiveTopics;
 use voxelastic_io::{Keyframing, OpenOptions};
+use voxelastic_live::planner::Plan;
 use voxelastic_live::ros::dds::Dds;
 use voxelastic_live::ros::input::{TopicInput, discover};
 use voxelastic_live::ros::messages::Health;
@@ -22,6 +24,7 @@ use voxelastic_live::ros::output::{OdometryLink, OutputOptions, Outputs};
 use voxelastic_live::ros::services::{Desk, Distance, NotLoaded, Pending, Request, Response, offer};
 use voxelastic_live::ros::zenoh::Zenoh;
 use voxelastic_live::transport::{Incoming, Transport};
+use voxelastic_plan::anchor_path;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// What takes longer than this has failed.
@@ -67,6 +70,8 @@ fn options(domain: u16) -> NodeOptions {
 fn answer(pending: Pending) {
     let response = match &pending.request {
         Request::Save => Response::Done(Ok("saved in map.vox".into())),
+        Request::Explore(true) => Response::Done(Ok("explores".into())),
+        Request::ReturnHome => Response::Done(Ok("goes home".into())),
         Request::Load(path) if path.as_path() == Path::new("/maps/a.vox") => {
             Response::Loaded(Err((NotLoaded::Differs, "its voxels are wider".into())))
         }
@@ -84,6 +89,7 @@ fn check_answers(answers: &serde_json::Value) {
     assert_eq!(answers["load"], 3, "{answers}");
     assert_eq!(answers["distances"], serde_json::json!([[true, false], [3.0, null], [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]]));
     assert_eq!(answers["parameters"], serde_json::json!([[3, 0.1, ""], [4, 0.0, "both"], [0, 0.0, ""]]));
+    assert_eq!([&answers["explore"], &answers["return_home"]], [&serde_json::json!([true, "explores"]), &serde_json::json!([true, "goes home"])]);
 }
 
 /// Where to connect to a Zenoh session of this machine.
@@ -166,10 +172,22 @@ fn room() -> (Mapper, Vec<Scan>) {
     (mapper, scans)
 }
 
-/// Publishes the map of a room, lets a peer that comes late take it, and compares.
+/// Somewhere to go in the map of a room, and the map's frontier.
+fn plan(mapper: &Mapper) -> Plan {
+    let atlas = mapper.atlas();
+    let mut frontiers = Frontiers::new(FrontierSettings::default());
+    frontiers.update(atlas);
+    let mut plan = Plan::default();
+    plan.frontier = frontiers.clusters(atlas, &atlas.query(), [[-20.0; 3], [20.0; 3]]);
+    plan.path = vec![[0.5, 0.25, 1.0], [1.5, 0.25, 1.0], [1.5, 2.0, 1.25]];
+    plan.anchors = anchor_path(atlas, &plan.path);
+    plan
+}
+
+/// Publishes the map of a room and where to go in it, lets a peer that comes late take it, and compares.
 fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, start: impl FnOnce() -> Option<Peer>) -> Option<serde_json::Value> {
     let (mapper, scans) = room();
-    let mut outputs = Outputs::new(OutputOptions::default());
+    let mut outputs = Outputs::new(OutputOptions { explores: true, ..OutputOptions::default() });
     outputs.add(middleware, "voxelastic").unwrap();
     let (sender, requests) = channel();
     let _services = offer(middleware, "voxelastic", &Desk::new(sender)).unwrap();
@@ -180,6 +198,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
     let odom = Pose::translation(-2.0, 0.0, 0.0) * last.t_map_lidar;
     let link = OdometryLink { odom: "odom".into(), t_odom_lidar: odom, node: last.node, time: last.time, base: None };
     outputs.note(&mapper, Some(link));
+    outputs.publish_plan(mapper.atlas(), &plan(&mapper));
     let _peer = start()?;
     let begin = Instant::now();
     while !folder.join("taken.json").exists() {
@@ -221,6 +240,15 @@ fn compare(taken: &serde_json::Value, folder: &Path, mapper: &Mapper, scans: &[S
     assert_eq!(taken["resolution"].as_f64().unwrap(), query.voxel_size());
     let grid: [u64; 5] = serde_json::from_value(taken["grid"].clone()).unwrap();
     assert!(grid[0] * grid[1] == grid[2] && grid[3] > 1000 && grid[4] > 50, "{grid:?}");
+    let plan = plan(mapper);
+    let near = |a: &[f64], b: &[f64]| a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+    let path: Vec<[f64; 3]> = serde_json::from_value(taken["explore_path"].clone()).unwrap();
+    assert!(path.len() == 3 && path.iter().zip(&plan.path).all(|(theirs, ours)| near(theirs, ours)), "{path:?}");
+    let goal: [f64; 3] = serde_json::from_value(taken["explore_goal"].clone()).unwrap();
+    assert!(near(&goal, &plan.path[2]), "{goal:?}");
+    let boxes: Vec<[f64; 6]> = serde_json::from_value(taken["frontier"].clone()).unwrap();
+    let ours = plan.frontier.iter().map(|cluster| [cluster.centre, cluster.extent.map(|edge| edge.max(0.1))].concat());
+    assert!(boxes.len() > 3 && boxes.len() == plan.frontier.len() && boxes.iter().zip(ours).all(|(theirs, ours)| near(theirs, &ours)), "{boxes:?}");
 }
 
 /// The vertices of the one surface in the map frame, as it is published: level of detail 1, tile by tile.

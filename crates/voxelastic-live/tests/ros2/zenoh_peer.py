@@ -45,6 +45,8 @@ def service_types():
     for name, request, response in [
         ("nav_msgs/srv/LoadMap", "string map_url\n", "nav_msgs/OccupancyGrid map\nuint8 result\n"),
         ("voxelastic_msgs/srv/GetDistances", "geometry_msgs/Point[] points\n", "bool success\nstring message\nbool[] known\nfloat64[] distances\ngeometry_msgs/Vector3[] gradients\n"),
+        ("std_srvs/srv/SetBool", "bool data\n", "bool success\nstring message\n"),
+        ("std_srvs/srv/Trigger", "uint8 structure_needs_at_least_one_member\n", "bool success\nstring message\n"),
         (parameter + "ListParameters", "string[] prefixes\nuint64 depth\n", "rcl_interfaces/ListParametersResult result\n"),
         (parameter + "GetParameters", "string[] names\n", "rcl_interfaces/ParameterValue[] values\n"),
         (parameter + "DescribeParameters", "string[] names\n", "rcl_interfaces/ParameterDescriptor[] descriptors\n"),
@@ -59,6 +61,8 @@ def service_types():
     return {
         "load": (load, of(load)("file:///maps/a.vox")),
         "distances": (distances, of(distances)(points)),
+        "explore": ("std_srvs/srv/SetBool", of("std_srvs/srv/SetBool")(True)),
+        "return_home": ("std_srvs/srv/Trigger", of("std_srvs/srv/Trigger")(0)),
         "list_parameters": (parameter + "ListParameters", of(parameter + "ListParameters")([], 0)),
         "get_parameters": (parameter + "GetParameters", of(parameter + "GetParameters")(["voxel_size", "field", "nothing"])),
         "describe_parameters": (parameter + "DescribeParameters", of(parameter + "DescribeParameters")(["voxel_size"])),
@@ -70,6 +74,8 @@ def service_key(name, kind):
     hashes = {
         "LoadMap": "1a192ac56c40fed2767dac26f0b371785372276bd465c902676d2dca135aae5a",
         "GetDistances": "ef40534d30cf0c442ea35e62a106215ff9e5b2932b29fe4a3e742b7c313a0224",
+        "SetBool": "abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a",
+        "Trigger": "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f",
         "ListParameters": "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
         "GetParameters": "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
         "DescribeParameters": "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
@@ -83,6 +89,8 @@ def read_answers(answers):
     distances, described = answers["distances"], answers["describe_parameters"].descriptors[0]
     return {
         "load": int(answers["load"].result),
+        "explore": [bool(answers["explore"].success), answers["explore"].message],
+        "return_home": [bool(answers["return_home"].success), answers["return_home"].message],
         "distances": [
             [bool(k) for k in distances.known],
             [float(d) if d == d else None for d in distances.distances],
@@ -133,6 +141,9 @@ def take(session, folder):
         own + "submaps": "geometry_msgs/msg/PoseArray",
         own + "octomap": "octomap_msgs/msg/Octomap",
         own + "grid": "nav_msgs/msg/OccupancyGrid",
+        own + "frontier": "visualization_msgs/msg/MarkerArray",
+        own + "explore_path": "nav_msgs/msg/Path",
+        own + "explore_goal": "geometry_msgs/msg/PoseStamped",
         "tf": "tf2_msgs/msg/TFMessage",
         "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
     }
@@ -167,7 +178,12 @@ def take(session, folder):
     (folder / "octomap").write_bytes(bytes(int(b) & 255 for b in last["octomap"].data))
     grid, link = last["grid"], last["tf"].transforms[0]
     corners = [(p.x, p.y, p.z) for m in taken[own + "surface"] for marker in m.markers for p in marker.points]
+    place = lambda stamped: [stamped.pose.position.x, stamped.pose.position.y, stamped.pose.position.z]
+    cubes = [m for m in last["frontier"].markers if (m.type, m.action) == (1, 0)]
     summary = {
+        "explore_path": [place(p) for p in last["explore_path"].poses],
+        "explore_goal": place(last["explore_goal"]),
+        "frontier": [place(m) + [m.scale.x, m.scale.y, m.scale.z] for m in cubes],
         "point_step": last["surface_points"].point_step,
         "path": [[p.pose.position.x, p.pose.position.y, p.pose.position.z] for p in last["path"].poses],
         "stamps": [p.header.stamp.sec + 1e-9 * p.header.stamp.nanosec for p in last["path"].poses],
