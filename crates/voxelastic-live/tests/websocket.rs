@@ -5,8 +5,8 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream};
-use std::sync::Arc;
 use std::sync::mpsc::channel;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use voxelastic_live::ros::services::{Desk, Pending};
 use voxelastic_live::scene::{Scene, Thing};
@@ -126,6 +126,12 @@ fn is_closed_after(stream: &mut TcpStream, sent: &[u8]) -> bool {
     }
 }
 
+/// One test at a time: memory and threads are those of the whole process.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 /// Resident memory, bytes, and threads.
 fn usage() -> (usize, usize) {
     let text = std::fs::read_to_string("/proc/self/status").unwrap();
@@ -179,6 +185,7 @@ fn asked(address: SocketAddr, request: &str) -> String {
 
 #[test]
 fn the_viewers_server_answers_or_closes() {
+    let _alone = alone();
     let (sender, requests) = channel::<Pending>();
     let control = Control::new(Desk::new(sender), TOKEN);
     let scene = Arc::new(Scene::default());
@@ -247,6 +254,7 @@ fn the_viewers_server_answers_or_closes() {
 fn the_foxglove_server_answers_or_closes() {
     use voxelastic_live::ros::foxglove::FoxgloveServer;
     use voxelastic_live::ros::middleware::{Delivery, TopicProfile};
+    let _alone = alone();
     let server = FoxgloveServer::start("voxelastic", ([127, 0, 0, 1], 0).into()).unwrap();
     let profile = TopicProfile { name: "/path".into(), kind: "nav_msgs/msg/Path".into(), delivery: Delivery::Latched, depth: 1 };
     let mut sink = server.advertise(&profile).unwrap();
