@@ -82,7 +82,7 @@ struct Situation<'a, S> {
     returns: &'a NearReturns,
     space: &'a S,
     /// Corners of the box in which viewpoints are.
-    goals: [Point; 2],
+    viewpoint_box: [Point; 2],
     robot: Point,
     seconds_left: Option<f64>,
 }
@@ -171,7 +171,7 @@ impl Explorer {
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
         // A correction may find the robot outside of the box, and there is its way back.
         let own = if robot_type.ground.is_some() { 0.0 } else { robot_type.radius };
-        let goals = shrunk(wider, own);
+        let viewpoint_box = shrunk(wider, own);
         let [bounds, wider] = [bounds, wider].map(|bounds| including(bounds, robot, own));
         if std::mem::replace(&mut self.is_outside, bounds != self.settings.bounds) != self.is_outside {
             self.roadmap = None;
@@ -188,14 +188,14 @@ impl Explorer {
                 Ok(Clear::new([whole?, recent?, newest?], &returns, radius, steepest))
             };
             let space = &RobotSpace::new(clear(robot_type.radius)?, clear(narrow)?, robot);
-            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, goals, robot, seconds_left }, &frontier)
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, viewpoint_box, robot, seconds_left }, &frontier)
         } else {
             let clear = |radius| {
                 let space = |(map, bounds)| FlyingSpace::new(map, &Robot { radius, ..robot_type }, shrunk(bounds, radius));
                 Clear::new(maps.map(space), &returns, radius, steepest)
             };
             let space = &RobotSpace::new(clear(robot_type.radius), clear(narrow), robot);
-            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, goals, robot, seconds_left }, &frontier)
+            self.decide_in(&Situation { atlas, map: &map, is_moved, returns: &returns, space, viewpoint_box, robot, seconds_left }, &frontier)
         };
         let (is_new, viewpoints) = decided;
         let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());

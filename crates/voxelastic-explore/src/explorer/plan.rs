@@ -211,7 +211,7 @@ impl Explorer {
     fn worthwhile<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
         let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
         let reach = self.settings.spacing * 1.6;
-        let (seconds_left, [low, high]) = (now.seconds_left, now.goals);
+        let (seconds_left, [low, high]) = (now.seconds_left, now.viewpoint_box);
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
         let track = self.track_home(now);
         let exhausted: HashSet<u32> = self.exhausted.iter().flat_map(|(place, _)| roadmap.near(*place, reach)).collect();
