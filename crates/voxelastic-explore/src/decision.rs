@@ -24,11 +24,11 @@ pub struct Decision {
     pub purpose: Purpose,
     /// The path from the robot on, map frame, metres; empty when it is done.
     pub path: Vec<Point>,
-    /// Whether the path is new.
+    /// Whether the decision planned: the path is new, or the next decision goes on with the plan, as it takes more than fits into one.
     pub is_new: bool,
     /// Clusters of the frontier in the box.
     pub frontier: Vec<FrontierCluster>,
-    /// Viewpoints that were worth a visit, if the path is new.
+    /// Viewpoints that were worth a visit, if it planned.
     pub viewpoints: usize,
     /// Time to bring the frontier up to date and to cluster it.
     pub frontier_time: Duration,

@@ -4,6 +4,7 @@ mod following;
 mod plan;
 
 use crate::clusters::FrontierCluster;
+use crate::columns::Columns;
 use crate::decision::{Decision, Purpose, ReturnReason};
 use crate::frontiers::Frontiers;
 use crate::last_scans::LastScans;
@@ -20,8 +21,10 @@ use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{Anchor, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors};
 
-/// The roadmap is extended around the robot within this radius, metres, to twice as far away.
+/// The roadmap is extended around the robot within this radius at first, metres, to twice as far away.
 const EXTENDED: f64 = 25.0;
+/// What a step of the roadmap depends on is within so many spacings, and the robot's radius, of where it begins: it may lead to a corner of the lattice, and aside.
+const COLUMN: f64 = 2.5;
 /// A roadmap with more places is grown again around the robot when it gets where it wanted to.
 const MOST_PLACES: usize = 100_000;
 /// A target is given up when less than this share of the expected volume is left.
@@ -41,6 +44,15 @@ pub struct Explorer {
     settings: ExploreSettings,
     frontiers: Frontiers,
     roadmap: Option<Roadmap>,
+    /// It is extended around the robot within this radius, metres, to twice as far away.
+    radius: f64,
+    /// Where the map has changed since it was extended.
+    changed: Columns,
+    /// By how much the box is larger in the newest submaps, and was when everything that is not free was tried last, metres.
+    box_grown: f64,
+    tried_box: f64,
+    /// Whether the last decision left a plan to the next one.
+    is_unfinished: bool,
     home: Option<(Point, Vec<Anchor>)>,
     /// Where it was at each decision.
     track: Vec<(Point, Vec<Anchor>)>,
@@ -96,8 +108,12 @@ impl Explorer {
         settings.check()?;
         Ok(Self {
             frontiers: Frontiers::new(settings.frontier),
-            settings,
             roadmap: None,
+            radius: EXTENDED,
+            changed: Columns::new(COLUMN * settings.spacing + settings.robot.radius),
+            box_grown: 0.0,
+            tried_box: 0.0,
+            is_unfinished: false,
             home: None,
             track: Vec::new(),
             leg: None,
@@ -115,6 +131,7 @@ impl Explorer {
             has_progressed: false,
             is_outside: false,
             turned_back: None,
+            settings,
         })
     }
 
@@ -157,6 +174,7 @@ impl Explorer {
             return Err(ExploreError::NoOccupancy);
         }
         self.frontiers.update(atlas);
+        self.frontiers.changed().iter().for_each(|(centre, reach)| self.changed.add(*centre, *reach));
         let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
         let frontier_time = clock.elapsed();
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
@@ -169,6 +187,7 @@ impl Explorer {
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
         let drift = (DRIFT * self.uncorrected).min(MOST_DRIFT);
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
+        self.box_grown = drift;
         // A correction may find the robot outside of the box, and there is its way back.
         let own = if robot_type.ground.is_some() { 0.0 } else { robot_type.radius };
         let viewpoint_box = shrunk(wider, own);
@@ -220,7 +239,7 @@ impl Explorer {
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
         }
-        if !self.must_plan(now) {
+        if !self.must_plan(now) && !self.is_unfinished {
             return (false, 0);
         }
         self.since_planned = 0;
@@ -253,7 +272,7 @@ impl Explorer {
         }
         if now.is_moved {
             // Places of the roadmap do not move, so it is grown again.
-            self.roadmap = None;
+            (self.roadmap, self.radius) = (None, EXTENDED);
             // All at once: for one by one, each would look at all scans.
             let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.track);
             let mut anchored: Vec<&mut (Point, Vec<Anchor>)> = remembered.filter(|(_, anchors)| !anchors.is_empty()).collect();
@@ -299,12 +318,15 @@ impl Explorer {
             return true;
         }
         if leg.is_track {
-            return retreat::free_part(now.map, now.returns, &leg.path, self.body(now)) < leg.path.len();
+            let is_blocked = retreat::free_part(now.map, now.returns, &leg.path, self.body(now)) < leg.path.len();
+            self.leg.take_if(|_| is_blocked);
+            return is_blocked;
         }
         if let Some(blocked) = recheck(now.space, now.map, &leg.path).first() {
             if let Some(roadmap) = &mut self.roadmap {
                 roadmap.block(now.space, blocked.at);
             }
+            self.leg = None;
             return true;
         }
         let ahead = length(&leg.path);

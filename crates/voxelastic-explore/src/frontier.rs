@@ -2,6 +2,7 @@
 
 use hashbrown::{HashMap, HashSet};
 use std::collections::BTreeMap;
+use voxelastic::atlas::SubmapId;
 use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField};
 use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_coords, block_key};
 
@@ -16,21 +17,43 @@ pub(crate) struct BlockFrontier {
     pub faces: u32,
     /// Centre of an unknown voxel at one of the faces, finest voxels of the submap: what another submap may know.
     pub probe: [f32; 3],
-    /// Whether another submap knows it; none until that was looked up.
-    pub is_known_elsewhere: Option<bool>,
+    /// What other submaps know of it.
+    pub known: Known,
+}
+
+/// Whether another submap knows a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Known {
+    /// Nobody was asked yet.
+    Unasked,
+    /// No other submap knows it.
+    Nowhere,
+    /// This one knows it.
+    In(SubmapId),
+}
+
+impl Known {
+    /// None if nobody was asked yet.
+    pub fn is_known(self) -> Option<bool> {
+        match self {
+            Self::Unasked => None,
+            Self::Nowhere => Some(false),
+            Self::In(_) => Some(true),
+        }
+    }
 }
 
 /// Where voxels of a field changed their state between two updates.
 #[derive(Clone, Debug)]
-pub(crate) enum Changes {
+pub(crate) struct Changes {
     /// In these octants: by level, the keys of their first blocks without the bits below that level.
-    Octants(Vec<(u32, HashSet<u64>)>),
-    /// Anywhere.
-    Anywhere,
+    levels: Vec<(u32, HashSet<u64>)>,
+    /// Whether they may have changed elsewhere, too: then the octants are all that hold free space.
+    is_anywhere: bool,
 }
 
 impl Changes {
-    fn of(octants: &[(u64, u32)]) -> Self {
+    fn of(octants: &[(u64, u32)], is_anywhere: bool) -> Self {
         let mut levels: Vec<(u32, HashSet<u64>)> = Vec::new();
         for &(key, level) in octants {
             match levels.iter_mut().find(|(other, _)| *other == level) {
@@ -40,20 +63,26 @@ impl Changes {
                 None => levels.push((level, HashSet::from([key >> (3 * level)]))),
             }
         }
-        Self::Octants(levels)
+        Self { levels, is_anywhere }
     }
 
     pub fn is_empty(&self) -> bool {
-        matches!(self, Self::Octants(levels) if levels.is_empty())
+        self.levels.is_empty() && !self.is_anywhere
     }
 
     /// Whether voxels of a block may have changed.
     pub fn has(&self, block: [i32; 3]) -> bool {
         let key = block_key(block);
-        match self {
-            Self::Octants(levels) => levels.iter().any(|(level, keys)| keys.contains(&(key >> (3 * level)))),
-            Self::Anywhere => true,
-        }
+        self.is_anywhere || self.levels.iter().any(|(level, keys)| keys.contains(&(key >> (3 * level))))
+    }
+
+    /// Balls around the octants: centres in the submap's frame and radii, metres, for blocks of `edge` metres.
+    pub fn balls(&self, edge: f64) -> impl Iterator<Item = ([f64; 3], f64)> + '_ {
+        let ball = move |level: u32, key: u64| {
+            let octant = edge * f64::from(1u32 << level);
+            (block_coords(key << (3 * level)).map(|c| f64::from(c) * edge + 0.5 * octant), 0.5 * 3f64.sqrt() * octant)
+        };
+        self.levels.iter().flat_map(move |(level, keys)| keys.iter().map(move |key| ball(*level, *key)))
     }
 }
 
@@ -96,7 +125,7 @@ impl SubmapFrontier {
                 None => drop(self.blocks.remove(key)),
             }
         }
-        (changed.len(), if is_logged { Changes::of(&octants) } else { Changes::Anywhere })
+        (changed.len(), Changes::of(&octants, !is_logged))
     }
 }
 
@@ -208,7 +237,7 @@ fn block_frontier(states: &mut States<'_>, key: u64) -> Option<BlockFrontier> {
         normal: normal.map(|c| c as f32),
         faces,
         probe: absolute(probe),
-        is_known_elsewhere: None,
+        known: Known::Unasked,
     })
 }
 

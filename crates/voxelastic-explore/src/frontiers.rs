@@ -1,7 +1,7 @@
 //! The frontier of the whole map, kept up while the map grows and bends: what a scan costs does not depend on how large the map is.
 
 use crate::clusters::{FrontierCluster, FrontierSettings, Place};
-use crate::frontier::{BlockFrontier, Changes, SubmapFrontier};
+use crate::frontier::{BlockFrontier, Changes, Known, SubmapFrontier};
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 use voxelastic::Pose;
@@ -29,6 +29,8 @@ pub struct Frontiers {
     tiles: BTreeMap<Tile, Vec<FrontierCluster>>,
     /// Squares in which something has changed since.
     outdated: BTreeSet<Tile>,
+    /// Where voxels changed their state in the last update.
+    changed: Vec<(Point, f64)>,
 }
 
 /// What is kept of a submap.
@@ -65,12 +67,14 @@ impl Frontiers {
             }
             is_there
         });
+        self.changed.clear();
         let (mut count, mut changes, mut extents) = (0, Vec::with_capacity(all.len()), Vec::with_capacity(all.len()));
         let block = BLOCK_EDGE as f32 * atlas.voxel_size();
         for (submap, t_map_submap) in &all {
             let kept = self.submaps.entry(submap.id()).or_default();
             let (looked_at, changed) = kept.frontier.update(submap.occupancy());
             count += looked_at;
+            self.changed.extend(changed.balls(f64::from(block)).map(|(centre, radius)| (in_map(t_map_submap, centre), radius)));
             if !changed.is_empty() || kept.t_map_submap != Some(*t_map_submap) {
                 kept.extent = larger(submap.query().bounds_in(t_map_submap), block);
                 kept.has_changed = true;
@@ -82,22 +86,29 @@ impl Frontiers {
             let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
             let near: Vec<usize> = (0..all.len()).filter(|other| *other != k && overlap(&extents[k], &extents[*other])).collect();
             let others: Vec<(SubmapId, Pose)> = near.iter().map(|other| (all[*other].0.id(), all[*other].1)).collect();
-            let is_moved = kept.t_map_submap != Some(*t_map_submap) || kept.others.iter().any(|before| !others.contains(before));
-            let is_new: Vec<bool> = others.iter().map(|other| !kept.others.contains(other)).collect();
+            let is_moved = kept.t_map_submap != Some(*t_map_submap);
+            let is_new: Vec<bool> = others.iter().map(|other| is_moved || !kept.others.contains(other)).collect();
+            let is_less = kept.others.iter().any(|before| !others.contains(before));
             (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
-            if !is_moved && changes[k].is_empty() && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
+            if changes[k].is_empty() && !is_less && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
                 continue;
             }
             let other = |(&other, is_new): (&usize, bool)| Other {
+                id: all[other].0.id(),
                 field: all[other].0.occupancy(),
                 t_other_submap: all[other].1.inverse() * t_map_submap,
                 changes: &changes[other],
                 is_new,
             };
             let others: Vec<Other<'_>> = near.iter().zip(is_new).map(other).collect();
-            kept.has_changed |= look_up(&mut kept.frontier, &others, is_moved, f64::from(atlas.voxel_size()));
+            kept.has_changed |= look_up(&mut kept.frontier, &others, f64::from(atlas.voxel_size()));
         }
         count
+    }
+
+    /// Balls around everything that changed its state in the last update: centres in the map frame and radii, metres.
+    pub(crate) fn changed(&self) -> &[(Point, f64)] {
+        &self.changed
     }
 
     /// The frontier of the map as it is now, in the box with the corners `bounds` (map frame, metres), largest clusters first. A part that another submap has
@@ -129,8 +140,8 @@ impl Kept {
     /// Everything on the submap's frontier that is in the box and unknown to all submaps.
     fn collect(&self, t_map_submap: &Pose, voxel: f64, [low, high]: [Point; 2]) -> BTreeMap<Tile, Vec<Place>> {
         let mut places: BTreeMap<Tile, Vec<Place>> = BTreeMap::new();
-        for block in self.frontier.blocks.values().filter(|block| block.is_known_elsewhere != Some(true)) {
-            let position: Point = (t_map_submap * Point3::from(block.position.map(|c| f64::from(c) * voxel))).coords.into();
+        for block in self.frontier.blocks.values().filter(|block| block.known.is_known() != Some(true)) {
+            let position = in_map(t_map_submap, block.position.map(|c| f64::from(c) * voxel));
             if (0..3).all(|k| position[k] >= low[k] && position[k] <= high[k]) {
                 let normal = t_map_submap.rotation * Vector3::from(block.normal.map(f64::from));
                 let tile = [position[0], position[1]].map(|c| (c / TILE + 0.5).floor() as i32);
@@ -143,11 +154,12 @@ impl Kept {
 
 /// Another submap, as seen from one.
 struct Other<'a> {
+    id: SubmapId,
     field: &'a OccupancyField,
     t_other_submap: Pose,
     /// Where it changed since the last update.
     changes: &'a Changes,
-    /// Whether it was not near before, or elsewhere.
+    /// Whether it was not near before, or elsewhere, as seen from the submap.
     is_new: bool,
 }
 
@@ -162,22 +174,35 @@ impl Other<'_> {
     fn knows(&self, block: &BlockFrontier, voxel: f64) -> bool {
         self.field.state_at(self.voxel(block.probe, voxel)) != State::Unknown
     }
+
+    /// Whether it may know more or less of a block than it did at the last update.
+    fn is_outdated(&self, block: &BlockFrontier, voxel: f64) -> bool {
+        self.is_new || !self.changes.is_empty() && self.changes.has(self.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT))
+    }
 }
 
-/// Looks up what others know where that may have changed, or everywhere if poses have; returns whether anything has.
-fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], is_moved: bool, voxel: f64) -> bool {
-    let changed: Vec<&Other<'_>> = others.iter().filter(|other| !other.changes.is_empty()).collect();
+/// Looks up what others know, of each block in those that may know something else by now; returns whether anything has changed.
+fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], voxel: f64) -> bool {
     let mut has_changed = false;
     for block in frontier.blocks.values_mut() {
-        let is_outdated =
-            |block: &BlockFrontier| changed.iter().any(|other| other.changes.has(other.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT)));
-        let is_known = match block.is_known_elsewhere {
-            Some(is_known) if !is_moved && !is_outdated(block) => is_known || others.iter().any(|other| other.is_new && other.knows(block, voxel)),
-            _ => others.iter().any(|other| other.knows(block, voxel)),
+        let knows = |other: &&Other<'_>| other.knows(block, voxel);
+        let known = match block.known {
+            Known::Unasked => others.iter().find(knows),
+            Known::Nowhere => others.iter().filter(|other| other.is_outdated(block, voxel)).find(knows),
+            Known::In(id) => {
+                let last = others.iter().find(|other| other.id == id);
+                last.filter(|other| !other.is_outdated(block, voxel) || other.knows(block, voxel)).or_else(|| others.iter().find(knows))
+            }
         };
-        has_changed |= block.is_known_elsewhere.replace(is_known) != Some(is_known);
+        let known = known.map_or(Known::Nowhere, |other| Known::In(other.id));
+        has_changed |= block.known.is_known() != known.is_known();
+        block.known = known;
     }
     has_changed
+}
+
+fn in_map(t_map_submap: &Pose, p: Point) -> Point {
+    (t_map_submap * Point3::from(p)).coords.into()
 }
 
 /// A box with so many metres more on every side.
@@ -221,7 +246,7 @@ mod tests {
                     for block in frontiers.submaps[&submap.id()].frontier.blocks.values() {
                         let probe = t_map_submap * Point3::from(block.probe.map(|c| f64::from(c) * map.voxel_size()));
                         let is_known = map.state(probe.coords.into()) != State::Unknown;
-                        assert_eq!(block.is_known_elsewhere, Some(is_known), "scan {node}, submap {}, {block:?}", submap.id());
+                        assert_eq!(block.known.is_known(), Some(is_known), "scan {node}, submap {}, {block:?}", submap.id());
                         *(if is_known { &mut known } else { &mut unknown }) += 1;
                     }
                 }

@@ -16,6 +16,7 @@
 
 mod choice;
 mod clusters;
+mod columns;
 mod decision;
 mod explorer;
 mod frontier;

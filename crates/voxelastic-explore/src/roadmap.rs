@@ -1,6 +1,8 @@
 //! A graph of places that the robot can reach, on a lattice, kept from plan to plan. Every edge was a free motion when it was added; a path along it is checked again
 //! before it is used. The robot's own track may be part of it.
 
+mod extension;
+
 use crate::near_returns::squared_distance;
 use crate::retreat;
 use hashbrown::HashMap;
@@ -12,9 +14,6 @@ pub(crate) const NOBODY: u32 = u32::MAX;
 const BLOCKED: u32 = u32::MAX - 1;
 /// Most nodes near the robot that it is joined to.
 const JOINED: usize = 8;
-/// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found. Less than half, or
-/// it would lie at the neighbour's key, and the place of the lattice would stay empty and be tried for ever.
-const ASIDE: [f64; 6] = [-0.33, 0.33, -0.17, 0.17, -0.45, 0.45];
 /// A metre of the track counts as so many.
 const TRACK: f64 = 1.2;
 /// Steps to neighbours on the lattice; those of wheels come first.
@@ -27,6 +26,8 @@ struct Node {
     key: [i32; 3],
     /// Neighbour in the direction of each step.
     edges: [u32; STEPS.len()],
+    /// Whether steps from here have to be tried, or tried again.
+    is_stale: bool,
 }
 
 /// The graph.
@@ -69,6 +70,7 @@ impl Roadmap {
     }
 
     /// All nodes and their places.
+    #[cfg(test)]
     pub fn places(&self) -> impl Iterator<Item = (u32, Point)> + '_ {
         (0..).zip(self.nodes.iter().map(|node| node.place))
     }
@@ -77,103 +79,12 @@ impl Roadmap {
         std::array::from_fn(|k| ((p[k] - self.origin[k]) / self.spacing).round() as i32)
     }
 
-    /// Adds what can be reached from the robot and from the nodes within `radius` metres of it, and not much farther than twice that away: in a large map, what is far is
-    /// not tried again whenever the roadmap is new.
-    pub fn extend<S: Space>(&mut self, space: &S, robot: Point, radius: f64) {
-        let steps = if space.dimensions() == 2 { 8 } else { STEPS.len() };
-        let mut queue: Vec<u32> = self.places().filter(|(_, place)| distance(*place, robot) < radius).map(|(node, _)| node).collect();
-        queue.extend(self.join(space, robot));
-        while let Some(node) = queue.pop() {
-            for step in 0..steps {
-                if self.nodes[node as usize].edges[step] == NOBODY
-                    && let Some(new) = self.step(space, node, step)
-                    && distance(self.place(new), robot) < 2.0 * radius
-                {
-                    queue.push(new);
-                }
-            }
-        }
-    }
-
-    /// Adds a node at the robot if there is none yet.
-    fn join<S: Space>(&mut self, space: &S, robot: Point) -> Option<u32> {
-        if !self.near(robot, 1.5 * self.spacing).is_empty() {
-            return None;
-        }
-        space.state_at(robot).map(|place| self.add(place))
-    }
-
     fn add(&mut self, place: Point) -> u32 {
         let (node, key) = (self.nodes.len() as u32, self.key(place));
         self.by_key.entry(key).or_insert(node);
         self.layers = [self.layers[0].min(key[2]), self.layers[1].max(key[2])];
-        self.nodes.push(Node { place, key, edges: [NOBODY; STEPS.len()] });
+        self.nodes.push(Node { place, key, edges: [NOBODY; STEPS.len()], is_stale: true });
         node
-    }
-
-    /// Tries one step from a node; returns a node that is new.
-    fn step<S: Space>(&mut self, space: &S, node: u32, step: usize) -> Option<u32> {
-        let Node { place, key, .. } = self.nodes[node as usize];
-        let next: [i32; 3] = std::array::from_fn(|k| key[k] + STEPS[step][k]);
-        // Wheels may arrive higher or lower than they started.
-        let heights = if space.dimensions() == 2 { [0, 1, -1] } else { [0; 3] };
-        let known = heights.into_iter().find_map(|dz| self.by_key.get(&[next[0], next[1], next[2] + dz]).copied());
-        let mut to: Point = std::array::from_fn(|k| self.origin[k] + f64::from(next[k]) * self.spacing);
-        if space.dimensions() == 2 {
-            to[2] = place[2];
-        }
-        if let Some(other) = known {
-            if space.connects(place, self.place(other)) {
-                self.connect(node, other, step);
-            } else if let Some(bend) = self.bend_to(space, place, (self.place(other), to), step) {
-                self.connect(node, other, step);
-                self.bends.insert([node, other], bend);
-            }
-            return None;
-        }
-        let straight = || space.steer(place, to).or_else(|| self.asides(to, to, step).into_iter().find_map(|to| space.steer(place, to)));
-        if let Some(arrived) = straight() {
-            let new = self.add(arrived);
-            self.connect(node, new, step);
-            return Some(new);
-        }
-        let (bend, arrived) = self.step_aside(space, place, to, step)?;
-        let new = self.add(arrived);
-        self.connect(node, new, step);
-        self.bends.insert([node, new], vec![bend]);
-        Some(new)
-    }
-
-    /// `p` moved beside the lattice's line through `line`, across a step: a doorway is seldom on the lattice.
-    fn asides(&self, p: Point, line: Point, step: usize) -> Vec<Point> {
-        let across = match STEPS[step] {
-            [_, 0, 0] => 1,
-            [0, _, 0] => 0,
-            _ => return Vec::new(),
-        };
-        let beside = |aside: f64| {
-            let mut p = p;
-            p[across] = line[across] + aside * self.spacing;
-            p
-        };
-        ASIDE.into_iter().map(beside).collect()
-    }
-
-    /// A step that goes aside first and then straight ahead, as into a doorway: where it turns, and where it arrives.
-    fn step_aside<S: Space>(&self, space: &S, place: Point, to: Point, step: usize) -> Option<(Point, Point)> {
-        self.asides(place, to, step).into_iter().zip(self.asides(to, to, step)).find_map(|(aside, ahead)| {
-            let bend = space.steer(place, aside)?;
-            Some((bend, space.steer(bend, ahead)?))
-        })
-    }
-
-    /// Where a way to a node turns that goes aside, straight ahead, and back.
-    fn bend_to<S: Space>(&self, space: &S, place: Point, (other, line): (Point, Point), step: usize) -> Option<Vec<Point>> {
-        self.asides(place, line, step).into_iter().zip(self.asides(other, line, step)).find_map(|(aside, ahead)| {
-            let first = space.steer(place, aside)?;
-            let second = space.steer(first, ahead)?;
-            space.connects(second, other).then(|| vec![first, second])
-        })
     }
 
     /// The places between two neighbours, from the first to the second.
@@ -206,10 +117,12 @@ impl Roadmap {
         let is_free = |(node, _, other): &(u32, usize, u32)| self.way(*node, *other).windows(2).all(|ends| space.is_segment_free(ends[0], ends[1]));
         let shut: Vec<(u32, usize, u32)> = edges.iter().filter(|edge| !is_free(edge)).copied().collect();
         let (removed, mark) = if shut.is_empty() { (&edges, BLOCKED) } else { (&shut, NOBODY) };
-        for &(node, step, other) in removed {
-            self.nodes[node as usize].edges[step] = mark;
-            let back = &mut self.nodes[other as usize].edges;
-            back.iter_mut().filter(|edge| **edge == node).for_each(|edge| *edge = mark);
+        for &(node, _, other) in removed {
+            for (from, to) in [(node, other), (other, node)] {
+                let from = &mut self.nodes[from as usize];
+                from.edges.iter_mut().filter(|edge| **edge == to).for_each(|edge| *edge = mark);
+                from.is_stale = true;
+            }
         }
     }
 
@@ -223,7 +136,12 @@ impl Roadmap {
 
     /// Has everything that was blocked tried again.
     pub fn unblock(&mut self) {
-        self.nodes.iter_mut().flat_map(|node| &mut node.edges).filter(|edge| **edge == BLOCKED).for_each(|edge| *edge = NOBODY);
+        for node in &mut self.nodes {
+            node.edges.iter_mut().filter(|edge| **edge == BLOCKED).for_each(|edge| {
+                *edge = NOBODY;
+                node.is_stale = true;
+            });
+        }
     }
 
     /// Nodes within `radius` metres of `p`, the nearest first.
@@ -303,6 +221,7 @@ impl Roadmap {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::columns::Columns;
     use voxelastic_plan::between;
 
     /// A wall between x = 0.2 and 0.5 with a gap of 12 cm, through which the robot, a point, can go; it may be shut.
@@ -331,7 +250,7 @@ mod tests {
     fn grown(space: &Gap) -> (Roadmap, Vec<u32>) {
         let robot = [-1.2, 0.0, 0.0];
         let mut roadmap = Roadmap::new(0.6, robot);
-        roadmap.extend(space, robot, f64::INFINITY);
+        roadmap.extend_all(space, robot, f64::INFINITY);
         let ways = roadmap.ways(space, robot);
         let behind = roadmap.places().filter(|(node, place)| place[0] > 0.5 && ways.length(*node).is_finite()).map(|(node, _)| node).collect();
         (roadmap, behind)
@@ -363,17 +282,17 @@ mod tests {
         let ways = roadmap.ways(&shut, [-1.2, 0.0, 0.0]);
         assert!(behind.iter().all(|node| ways.length(*node).is_infinite()));
         // The door opens.
-        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        roadmap.extend_all(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
         assert!(roadmap.ways(&open, [-1.2, 0.0, 0.0]).length(behind[0]).is_finite());
         // A check from elsewhere differs: those next to it are blocked until everything is tried again.
         let whole = edges(&roadmap);
         roadmap.block(&open, [-0.6, 0.0, 0.0]);
         let left = edges(&roadmap);
         assert!(left < whole && left > whole / 2, "{left} of {whole}");
-        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        roadmap.extend_all(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
         assert_eq!(edges(&roadmap), left);
         roadmap.unblock();
-        roadmap.extend(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
+        roadmap.extend_all(&open, [-1.2, 0.0, 0.0], f64::INFINITY);
         assert_eq!(edges(&roadmap), whole);
     }
 
@@ -382,8 +301,8 @@ mod tests {
         let open = Gap { centre: 0.0, is_shut: false };
         let robot = [-1.8, 0.0, 0.0];
         let (mut near, mut whole) = (Roadmap::new(0.6, robot), Roadmap::new(0.6, robot));
-        whole.extend(&open, robot, f64::INFINITY);
-        near.extend(&open, robot, 0.7);
+        whole.extend_all(&open, robot, f64::INFINITY);
+        near.extend_all(&open, robot, 0.7);
         assert!(
             near.places().all(|(_, place)| distance(place, robot) < 1.4 + 0.9) && 3 * near.len() < 2 * whole.len(),
             "{} of {}",
@@ -392,7 +311,7 @@ mod tests {
         );
         // It gets there.
         for x in [-1.2, -0.6, 0.0, 0.6, 1.2, 1.8] {
-            [-1.8, -0.6, 0.6, 1.8].into_iter().for_each(|y| near.extend(&open, [x, y, 0.0], 0.7));
+            [-1.8, -0.6, 0.6, 1.8].into_iter().for_each(|y| near.extend_all(&open, [x, y, 0.0], 0.7));
         }
         assert_eq!(near.len(), whole.len());
         let all = whole.ways(&open, robot);
@@ -405,5 +324,38 @@ mod tests {
         let nearest = whole.near(robot, 0.1)[0];
         let some = whole.ways_to(&open, robot, &[nearest]);
         assert!(whole.places().filter(|(node, _)| some.length(*node).is_finite()).count() < whole.len() / 2);
+    }
+
+    #[test]
+    fn what_was_not_free_is_tried_again_where_something_has_changed() {
+        let (robot, shut, open) = ([-1.2, 0.0, 0.0], Gap { centre: 0.05, is_shut: true }, Gap { centre: 0.05, is_shut: false });
+        let behind = |changed: Option<[Point; 1]>| {
+            let (mut roadmap, _) = grown(&shut);
+            let mut columns = Columns::new(0.9);
+            changed.iter().flatten().for_each(|centre| columns.add(*centre, 0.1));
+            roadmap.retry(changed.map(|_| columns.widened()).as_ref());
+            roadmap.extend_all(&open, robot, f64::INFINITY);
+            roadmap.places().filter(|(_, place)| place[0] > 0.5).map(|(_, place)| place).collect::<Vec<Point>>()
+        };
+        assert_eq!((behind(Some([[-1.8, -1.8, 0.0]])).len(), grown(&shut).1.len()), (0, 0));
+        assert!(behind(Some([[0.35, 0.05, 0.0]])).len() > 8);
+        assert_eq!(behind(Some([[0.35, 0.05, 0.0]])), behind(None));
+    }
+
+    #[test]
+    fn a_roadmap_that_grows_in_parts_gets_as_far() {
+        let (robot, open) = ([-1.2, 0.0, 0.0], Gap { centre: 0.05, is_shut: false });
+        let (whole, behind) = grown(&open);
+        let mut parts = Roadmap::new(0.6, robot);
+        let unfinished = (0..1000).take_while(|_| !parts.extend(&open, robot, f64::INFINITY, 7)).count();
+        assert!((20..1000).contains(&unfinished) && behind.len() > 8, "{unfinished} parts");
+        let sorted = |roadmap: &Roadmap| {
+            let mut keys: Vec<[i32; 3]> = roadmap.nodes.iter().map(|node| node.key).collect();
+            keys.sort_unstable();
+            keys
+        };
+        assert_eq!(sorted(&parts), sorted(&whole));
+        let ways = parts.ways(&open, robot);
+        assert!(parts.places().all(|(node, _)| ways.length(node).is_finite()));
     }
 }

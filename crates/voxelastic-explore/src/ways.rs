@@ -143,14 +143,14 @@ mod tests {
     fn the_track_leads_where_the_map_is_shut_part_by_part() {
         let robot = [-1.2, 0.0, 0.0];
         let mut roadmap = Roadmap::new(0.6, robot);
-        roadmap.extend(&Wall, robot, f64::INFINITY);
+        roadmap.extend_all(&Wall, robot, f64::INFINITY);
         let is_behind = |roadmap: &Roadmap| roadmap.places().filter(|(_, place)| place[0] > 0.5).map(|(node, _)| node).collect::<Vec<u32>>();
         assert_eq!(is_behind(&roadmap), [0; 0]);
         // It has been behind the wall, when there was a door, with a loop on the way.
         let track: Vec<Point> = [[-0.4, -0.8], [-0.4, -1.4], [-0.4, -0.8], [0.1, -0.8], [0.6, -0.8], [1.2, -0.8]].map(|[x, y]| [x, y, 0.0]).to_vec();
         roadmap.link(&track);
         roadmap.link(&track);
-        roadmap.extend(&Wall, robot, f64::INFINITY);
+        roadmap.extend_all(&Wall, robot, f64::INFINITY);
         let behind = is_behind(&roadmap);
         let ways = roadmap.ways(&Wall, robot);
         assert!(behind.len() > 8 && behind.iter().all(|node| ways.length(*node).is_finite()), "{behind:?}");

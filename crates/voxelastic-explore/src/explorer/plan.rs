@@ -5,13 +5,14 @@ use crate::choice::choose;
 use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
 use crate::leg::Leg;
+use crate::near_returns;
 use crate::retreat;
 use crate::roadmap::Roadmap;
 use crate::settings::NOISE;
 use crate::viewpoints::{Viewpoint, viewpoints};
-use crate::ways::{Part, Ways};
+use crate::ways::Part;
 use hashbrown::HashSet;
-use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
+use voxelastic_plan::{Effort, Point, Space, anchor_path, length, recheck, shorten};
 
 /// Tries to find a path that is still free.
 const TRIES: usize = 6;
@@ -27,95 +28,76 @@ const MOST_WAYS_BACK: u32 = 12;
 const MOST_BEGINNINGS: u32 = 2;
 /// A roadmap is extended within twice this distance of the robot before everything that can be reached is added to it, metres.
 const FARTHEST: f64 = 800.0;
+/// Steps of the roadmap that are tried in one decision.
+const MOST_STEPS: usize = 6_000;
+/// Steps that were not free are tried again everywhere when the box has grown by this, metres.
+const GROWN: f64 = 0.1;
 
 impl Explorer {
-    /// Plans a path; returns the number of viewpoints considered.
+    /// Plans a path; returns the number of viewpoints considered. Where that takes more steps of the roadmap than fit into one decision, the next one goes on with it, and until
+    /// then the robot stays on its path, or where it is.
     pub(super) fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
         let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
+        self.retry(now, &mut roadmap);
+        let count = self.plan_in(now, &mut roadmap, frontier);
+        self.roadmap.get_or_insert(roadmap);
+        if !self.is_unfinished {
+            self.radius = EXTENDED;
+            self.note_progress(now);
+        }
+        count
+    }
+
+    fn plan_in<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster]) -> usize {
         if self.beginnings > 0 || self.purpose == Purpose::Return {
-            self.link(&mut roadmap);
+            self.link(roadmap);
         }
         if self.purpose == Purpose::Return {
             // The way home may lead through what was found shut on the way out.
             roadmap.unblock();
         }
-        roadmap.extend(now.space, now.robot, EXTENDED);
-        let mut count = 0;
+        self.is_unfinished = !roadmap.extend(now.space, now.robot, self.radius, MOST_STEPS);
+        if self.is_unfinished {
+            return 0;
+        }
         self.leg = None;
+        let mut count = 0;
         for attempt in 0..TRIES {
-            let ways = roadmap.ways(now.space, now.robot);
-            let home = self.home_or(now.robot);
-            let ways_home = roadmap.ways(now.space, home);
-            let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
-            self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
-            if self.purpose == Purpose::Explore && !ways.lead_anywhere() {
-                // It stands where it does not fit, which says nothing about what is left to see.
+            let target = match self.purpose {
+                Purpose::Explore => {
+                    let worth = self.worthwhile(now, roadmap, frontier);
+                    count = count.max(worth.len());
+                    let target = choose(&self.settings, now.space, roadmap, &worth);
+                    if target.is_none() {
+                        // On a later attempt, what was found shut just now may be all that led on: the next plan looks farther.
+                        self.is_unfinished = attempt == 0 && self.look_farther(now, roadmap);
+                        break;
+                    }
+                    target
+                }
+                _ => None,
+            };
+            if self.try_way(now, roadmap, target) {
                 break;
             }
-            let mut target = None;
-            if self.purpose == Purpose::Explore {
-                let worth = self.search(now, &mut roadmap, frontier, attempt == 0);
-                count = count.max(worth.len());
-                target = choose(&self.settings, now.space, &roadmap, &worth);
-            }
-            if target.is_none() && self.purpose == Purpose::Explore {
-                if attempt > 0 {
-                    // What was found shut just now may be all that led on: the next plan looks farther.
-                    break;
-                }
-                self.turn_back(ReturnReason::NothingLeft);
-                roadmap.unblock();
-                roadmap.extend(now.space, now.robot, f64::INFINITY);
-            }
-            let ways = roadmap.ways(now.space, now.robot);
-            let (node, volume) = match target {
-                Some(viewpoint) => (Some(viewpoint.node), Some(viewpoint.volume)),
-                None => {
-                    let near = roadmap.near(home, 3.0 * self.settings.spacing);
-                    let node = near.into_iter().find(|node| ways.length(*node).is_finite());
-                    (node.or_else(|| self.towards_home(now, &roadmap, &ways)), None)
-                }
-            };
-            let Some(node) = node else { break };
-            let part = ways.first_part(&roadmap, node);
-            if part.is_track {
-                if self.purpose == Purpose::Explore && self.retreats >= MOST_RETREATS {
-                    self.turn_back(ReturnReason::Stuck);
-                    break;
-                }
-                self.follow_track(now, &part);
-                if self.leg.is_some() {
-                    break;
-                }
-                roadmap.unlink(part.link);
-                continue;
-            }
-            let volume = volume.filter(|_| part.is_whole);
-            let mut path = part.path;
-            if part.is_whole && self.purpose == Purpose::Return && now.space.connects(roadmap.place(node), home) {
-                path.push(home);
-            }
-            let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
-            match recheck(now.space, now.map, &path).first() {
-                None => {
-                    self.leg = Some(Leg::new(now.atlas, path, volume));
-                    break;
-                }
-                Some(blocked) => roadmap.block(now.space, blocked.at),
-            }
         }
-        self.roadmap = Some(roadmap);
-        self.note_progress(now);
         count
     }
 
-    /// Where home is too far for the roadmap: the farthest place along the track home that it reaches.
-    fn towards_home<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, ways: &Ways) -> Option<u32> {
-        let is_far = distance(self.home_or(now.robot), now.robot) > 2.0 * EXTENDED;
-        let track = if is_far { self.way_back(now.robot) } else { Vec::new() };
-        let within = track.iter().rev().filter(|place| distance(**place, now.robot) < 2.0 * EXTENDED);
-        let reached = |place: &Point| roadmap.near(*place, 1.5 * self.settings.spacing).into_iter().find(|node| ways.length(*node).is_finite());
-        within.filter_map(reached).next()
+    /// Has the roadmap try again what was not free, where the map or the returns around the robot have changed since the last plan began, or the box has grown. Not while a plan
+    /// goes on, or it would never be done where each scan changes something.
+    fn retry<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap) {
+        if self.is_unfinished {
+            return;
+        }
+        let is_elsewhere = self.is_outside || (self.box_grown - self.tried_box).abs() > GROWN;
+        if is_elsewhere {
+            self.tried_box = self.box_grown;
+        }
+        roadmap.retry((!is_elsewhere).then(|| self.changed.widened()).as_ref());
+        self.changed.clear();
+        // The returns that count are others at the next plan.
+        self.changed.add(now.robot, near_returns::REACH);
     }
 
     /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
@@ -184,32 +166,68 @@ impl Explorer {
         self.settings.narrowest().min(now.returns.nearest(now.robot) - NOISE).max(0.0)
     }
 
-    /// The viewpoints from which there is something to see, and from which the robot still gets home in time. At the first try, where there are none, the roadmap is
-    /// extended to all that can be reached by now, and then made anew.
-    fn search<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster], is_first: bool) -> Vec<Viewpoint> {
-        let mut worth = self.worthwhile(now, roadmap, frontier);
-        let mut radius = EXTENDED;
-        while worth.is_empty() && is_first && radius.is_finite() {
+    /// Where no place within reach of the roadmap is worth a visit: has the next decision plan with one that reaches farther, with a new one, or the way home. False if the
+    /// robot stands where it does not fit, which says nothing about what is left to see.
+    fn look_farther<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap) -> bool {
+        if !roadmap.ways(now.space, now.robot).lead_anywhere() {
+            return false;
+        }
+        while self.radius.is_finite() {
             // Farther and farther, so that in a large map this takes as long as what is left is far.
-            radius = if radius < FARTHEST { 2.0 * radius } else { f64::INFINITY };
-            let places = roadmap.len();
-            roadmap.extend(now.space, now.robot, radius);
-            if roadmap.len() > places || radius.is_infinite() {
-                worth = self.worthwhile(now, roadmap, frontier);
+            self.radius = if self.radius < FARTHEST { 2.0 * self.radius } else { f64::INFINITY };
+            if !roadmap.is_extended(now.robot, self.radius) {
+                return true;
             }
         }
-        if worth.is_empty() && is_first && self.begin_anew() {
+        if self.begin_anew() {
             *roadmap = Roadmap::new(self.settings.spacing, now.robot);
-            self.link(roadmap);
-            roadmap.extend(now.space, now.robot, f64::INFINITY);
-            worth = self.worthwhile(now, roadmap, frontier);
+        } else {
+            self.turn_back(ReturnReason::NothingLeft);
         }
-        worth
+        true
     }
 
-    /// Those that the roadmap reaches as it is.
-    fn worthwhile<S: Space>(&self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
+    /// Makes the way to a target, or home without one, its path if that is still free; if it is not, the roadmap has it no more. Returns whether no other one needs to be
+    /// tried.
+    fn try_way<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, target: Option<Viewpoint>) -> bool {
+        let (ways, home) = (roadmap.ways(now.space, now.robot), self.home_or(now.robot));
+        let near_home = || roadmap.near(home, 3.0 * self.settings.spacing).into_iter().find(|node| ways.length(*node).is_finite());
+        let Some(node) = target.map(|viewpoint| viewpoint.node).or_else(near_home) else { return true };
+        let part = ways.first_part(roadmap, node);
+        if part.is_track {
+            if self.purpose == Purpose::Explore && self.retreats >= MOST_RETREATS {
+                self.turn_back(ReturnReason::Stuck);
+                return true;
+            }
+            self.follow_track(now, &part);
+            if self.leg.is_none() {
+                roadmap.unlink(part.link);
+            }
+            return self.leg.is_some();
+        }
+        let mut path = part.path;
+        if part.is_whole && target.is_none() && now.space.connects(roadmap.place(node), home) {
+            path.push(home);
+        }
+        let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
+        match recheck(now.space, now.map, &path).first() {
+            None => {
+                let volume = target.filter(|_| part.is_whole).map(|viewpoint| viewpoint.volume);
+                self.leg = Some(Leg::new(now.atlas, path, volume));
+                true
+            }
+            Some(blocked) => {
+                roadmap.block(now.space, blocked.at);
+                false
+            }
+        }
+    }
+
+    /// The viewpoints from which there is something to see, and from which the robot still gets home in time, that the roadmap reaches as it is.
+    fn worthwhile<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
         let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
+        let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
+        self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
         let reach = self.settings.spacing * 1.6;
         let (seconds_left, [low, high]) = (now.seconds_left, now.viewpoint_box);
         // Where no way home is known, the robot comes back to where it is and goes home along its track.
