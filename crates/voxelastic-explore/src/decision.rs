@@ -24,8 +24,10 @@ pub struct Decision {
     pub purpose: Purpose,
     /// The path from the robot on, map frame, metres; empty when it is done.
     pub path: Vec<Point>,
-    /// Whether the decision planned: the path is new, or the next decision goes on with the plan, as it takes more than fits into one.
+    /// Whether the decision planned: the path is new, unless the plan is unfinished.
     pub is_new: bool,
+    /// Whether the next decision goes on with the plan, as it takes more than fits into one. The path is that of before, or empty.
+    pub is_unfinished: bool,
     /// Clusters of the frontier in the box.
     pub frontier: Vec<FrontierCluster>,
     /// Viewpoints that were worth a visit, if it planned.

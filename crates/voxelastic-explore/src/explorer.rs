@@ -218,7 +218,16 @@ impl Explorer {
         };
         let (is_new, viewpoints) = decided;
         let path = self.leg.as_ref().filter(|_| self.purpose != Purpose::Done).map_or_else(Vec::new, |leg| leg.path.clone());
-        Ok(Decision { purpose: self.purpose, path, is_new, frontier, viewpoints, frontier_time, time: clock.elapsed() })
+        Ok(Decision {
+            purpose: self.purpose,
+            path,
+            is_new,
+            is_unfinished: self.is_unfinished,
+            frontier,
+            viewpoints,
+            frontier_time,
+            time: clock.elapsed(),
+        })
     }
 
     /// Returns whether the path is new, and the number of viewpoints considered.

@@ -93,7 +93,11 @@ impl Worker {
         self.stopped = Some(stopped);
         explorer.keep_up(atlas, robot, stopped.1.elapsed() >= STOPPED);
         let is_due = self.decided.is_none_or(|(at, when)| distance(at, robot) >= STEP || when.elapsed() >= PERIOD);
-        let decision = if is_due { explorer.decide(atlas, robot, seconds_left)? } else { explorer.look(atlas, robot, seconds_left)? };
+        let mut decision = if is_due { explorer.decide(atlas, robot, seconds_left)? } else { explorer.look(atlas, robot, seconds_left)? };
+        // Nothing waits for this thread, and a robot that stands may give no more scans.
+        while decision.is_unfinished {
+            decision = explorer.look(atlas, robot, seconds_left)?;
+        }
         if is_due || decision.is_new {
             self.decided = Some((robot, Instant::now()));
         }
