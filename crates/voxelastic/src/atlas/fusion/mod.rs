@@ -24,6 +24,7 @@ mod hand_over;
 mod live_field;
 mod merge;
 mod occupancy;
+mod occupancy_lookup;
 mod one_field;
 mod placement;
 mod points;

@@ -1,9 +1,10 @@
 //! Occupancy fusion: log-odds of the source at the target's voxels are added; free space stays as coarse as in the source.
 
+use super::occupancy_lookup::look_up;
 use super::placement::{Placement, floor};
 use crate::field::BlockStore;
 use crate::field::occupancy::propagate::ChangedOctants;
-use crate::field::occupancy::{BlockBox, OccupancyField, OccupancyWindow, Summary, UNKNOWN, state_of};
+use crate::field::occupancy::{BlockBox, CellContent, OccupancyField, OccupancyWindow, Summary, UNKNOWN, state_of};
 use crate::geometry::morton;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, NONE, Octant, SCALES, block_coords, block_key, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
@@ -12,6 +13,9 @@ use std::sync::Arc;
 
 /// Level of the subtrees (32 blocks along an edge) that are sampled as one part.
 const PART_LEVEL: u32 = 5;
+
+/// Level of the cubes (4 blocks along an edge) around which the source is looked up at once.
+const WINDOW_LEVEL: u32 = 2;
 
 /// An octant or block of the target's lattice.
 #[derive(Clone, Copy, Debug)]
@@ -154,30 +158,39 @@ impl<'a> OccupancySampling<'a> {
     }
 
     fn descend(&self, key: u64, level: u32, patch: &mut OccupancyPatch) {
+        if level <= WINDOW_LEVEL {
+            let (centre, half) = centre_and_half(key, level);
+            // None: the source has no observation there.
+            if let Some(window) = OccupancyWindow::new(self.source, &self.placement.blocks_in_source(centre, half), UNKNOWN) {
+                self.descend_in(&window, key, level, patch);
+            }
+            return;
+        }
         match self.content(key, level) {
             Content::Uniform(UNKNOWN) => {}
             Content::Uniform(value) => patch.items.push(PatchItem::Uniform { key, level, value }),
-            Content::Mixed { .. } if level > 0 => (0..8).for_each(|i| self.descend(key | i << (3 * (level - 1)), level - 1, patch)),
-            Content::Mixed { finest, is_border } => self.sample_block(key, finest, is_border, patch),
+            Content::Mixed { .. } => (0..8).for_each(|i| self.descend(key | i << (3 * (level - 1)), level - 1, patch)),
+        }
+    }
+
+    /// As [`descend`](Self::descend), for a cube within the one that `window` is around.
+    fn descend_in(&self, window: &OccupancyWindow<'_>, key: u64, level: u32, patch: &mut OccupancyPatch) {
+        match self.content_in(window, key, level) {
+            Content::Uniform(UNKNOWN) => {}
+            Content::Uniform(value) => patch.items.push(PatchItem::Uniform { key, level, value }),
+            Content::Mixed { .. } if level > 0 => {
+                (0..8).for_each(|i| self.descend_in(window, key | i << (3 * (level - 1)), level - 1, patch));
+            }
+            Content::Mixed { finest, is_border } => self.sample_block(window, key, finest, is_border, patch),
         }
     }
 
     /// Samples a block. At the boundary of free space the scale is at most 1, so that free space does not grow.
-    fn sample_block(&self, key: u64, finest: usize, is_border: bool, patch: &mut OccupancyPatch) {
+    fn sample_block(&self, window: &OccupancyWindow<'_>, key: u64, finest: usize, is_border: bool, patch: &mut OccupancyPatch) {
         let scale = if is_border { finest.min(1) } else { finest };
-        let edge = (1 << scale) as f32;
-        let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
-        let half = 0.5 * BLOCK_EDGE as f32;
-        let Some(window) = OccupancyWindow::new(self.source, &self.placement.blocks_in_source(corner.map(|c| c + half), half), UNKNOWN) else {
-            return;
-        };
         let mut values = [UNKNOWN; voxels_at(0)];
         let values = &mut values[..voxels_at(scale)];
-        for (i, value) in values.iter_mut().enumerate() {
-            let c = voxel_coords(i, scale);
-            let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * edge);
-            *value = window.value(self.placement.t_source_target.apply(centre).map(floor));
-        }
+        look_up(window, &self.placement, key, scale, values);
         if values.iter().any(|v| *v != values[0]) {
             let slot = patch.voxels.insert(scale);
             patch.voxels.get_mut(scale, slot).copy_from_slice(values);
@@ -187,12 +200,16 @@ impl<'a> OccupancySampling<'a> {
         }
     }
 
+    /// The box around a cube of the target in the source: its lowest and highest corner, finest voxels.
+    fn box_in_source(&self, key: u64, level: u32) -> [[f32; 3]; 2] {
+        let (centre, half) = centre_and_half(key, level);
+        let (middle, extent) = self.placement.box_in_source(centre, half);
+        [std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k])]
+    }
+
     /// Values of the source in the box around a cube of the target.
     fn content(&self, key: u64, level: u32) -> Content {
-        let half = 0.5 * (BLOCK_EDGE << level) as f32;
-        let centre = block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32 + half);
-        let (middle, extent) = self.placement.box_in_source(centre, half);
-        let (low, high): ([f32; 3], [f32; 3]) = (std::array::from_fn(|k| middle[k] - extent[k]), std::array::from_fn(|k| middle[k] + extent[k]));
+        let [low, high] = self.box_in_source(key, level);
         let tree = self.source.tree();
         let mut found = Values::default();
         let root_edge = (BLOCK_EDGE << tree.root_level()) as f32;
@@ -200,21 +217,40 @@ impl<'a> OccupancySampling<'a> {
         if (0..3).any(|k| low[k] < root_corner[k] || high[k] > root_corner[k] + root_edge) {
             found.add(UNKNOWN);
         }
-        // A single block is searched to its end: its finest scale counts.
-        let is_enough = |found: &Values| found.mixed.is_some() && level > 0;
-        // The blocks that overlap the box by more than a face.
-        BlockBox::of_voxels(low.map(floor), high.map(|c| -floor(-c) - 1)).visit_leaves(self.source, &mut |_| true, &mut |leaf| {
+        touched_blocks(low, high).visit_leaves(self.source, &mut |_| true, &mut |leaf| {
             match leaf.octant.link {
                 NONE => found.add(leaf.octant.payload.value),
                 id => found.add_block(usize::from(self.source.block(id).scale)),
             }
-            is_enough(&found)
+            found.is_enough(level)
         });
-        match (found.mixed, found.first) {
-            (Some((finest, is_border)), _) => Content::Mixed { finest, is_border },
-            (None, value) => Content::Uniform(value.unwrap_or(UNKNOWN)),
-        }
+        found.content()
     }
+
+    /// As [`content`](Self::content), for a cube within the one that `window` is around. What is outside of the source's root is unknown there, too.
+    fn content_in(&self, window: &OccupancyWindow<'_>, key: u64, level: u32) -> Content {
+        let [low, high] = self.box_in_source(key, level);
+        let mut found = Values::default();
+        window.visit(&touched_blocks(low, high), |cell| {
+            match cell {
+                CellContent::Uniform(value) => found.add(value),
+                CellContent::Block(scale) => found.add_block(scale),
+            }
+            found.is_enough(level)
+        });
+        found.content()
+    }
+}
+
+/// Centre of a cube of the target and half of its edge, finest voxels.
+fn centre_and_half(key: u64, level: u32) -> ([f32; 3], f32) {
+    let half = 0.5 * (BLOCK_EDGE << level) as f32;
+    (block_coords(key).map(|c| c as f32 * BLOCK_EDGE as f32 + half), half)
+}
+
+/// The blocks that overlap a box by more than a face.
+fn touched_blocks(low: [f32; 3], high: [f32; 3]) -> BlockBox {
+    BlockBox::of_voxels(low.map(floor), high.map(|c| -floor(-c) - 1))
 }
 
 /// The values that were found in a box.
@@ -227,6 +263,19 @@ struct Values {
 }
 
 impl Values {
+    /// Whether no more values are needed of a cube at `level`. A single block is searched to its end: its finest scale counts.
+    fn is_enough(&self, level: u32) -> bool {
+        self.mixed.is_some() && level > 0
+    }
+
+    /// What was found, which does not depend on the order in which it was added.
+    fn content(&self) -> Content {
+        match (self.mixed, self.first) {
+            (Some((finest, is_border)), _) => Content::Mixed { finest, is_border },
+            (None, value) => Content::Uniform(value.unwrap_or(UNKNOWN)),
+        }
+    }
+
     /// Adds a uniform octant.
     fn add(&mut self, value: i8) {
         let first = *self.first.get_or_insert(value);
@@ -308,5 +357,102 @@ impl Adder {
             field.tree.siblings_mut(group)[child].payload = Summary { value: UNKNOWN, max: high, observed: low != UNKNOWN };
         }
         self.changed.add(block.key, 0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pose;
+    use proptest::prelude::*;
+
+    /// A field of blocks around its origin, each with one of some values everywhere or with voxels at a scale of its own.
+    fn field(edge: i32, noise: impl Fn([i32; 3]) -> u64) -> OccupancyField {
+        let mut field = OccupancyField::default();
+        let value = |n: u64| [UNKNOWN, -64, -64, -16, 0, 70][n as usize % 6];
+        let mut blocks = Vec::new();
+        for i in 0..edge.pow(3) {
+            let block = [i % edge - edge / 2, i / edge % edge - edge / 2, i / (edge * edge) - edge / 2];
+            let own = noise(block);
+            // Eight blocks in one of three pieces of space are alike.
+            let around = noise(block.map(|c| 1000 + (c >> 1)));
+            let (is_uniform, of_all) = if around.is_multiple_of(3) { (true, around / 3) } else { (own.is_multiple_of(2), own / 8) };
+            let voxel = |v: usize| value(if is_uniform { of_all } else { noise([v as i32, block[0], block[1] + 99 * block[2]]) });
+            let values = (0..voxels_at((own / 2 % 4) as usize)).map(voxel);
+            blocks.push((block_key(block), values.collect()));
+        }
+        let patch = OccupancyPatch::of_blocks(&blocks);
+        patch.merge(0..patch.len(), &mut field, [-64, 112]);
+        field
+    }
+
+    impl OccupancySampling<'_> {
+        /// As [`descend`](Self::descend): all of a cube looked up from the root, voxel by voxel.
+        fn slow(&self, key: u64, level: u32, found: &mut Vec<(u64, u32, Vec<i8>)>) {
+            match self.content(key, level) {
+                Content::Uniform(UNKNOWN) => {}
+                Content::Uniform(value) => found.push((key, level, vec![value])),
+                Content::Mixed { .. } if level > 0 => (0..8).for_each(|i| self.slow(key | i << (3 * (level - 1)), level - 1, found)),
+                Content::Mixed { finest, is_border } => {
+                    let scale = if is_border { finest.min(1) } else { finest };
+                    let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
+                    let value = |i: usize| {
+                        let c = voxel_coords(i, scale);
+                        let centre = std::array::from_fn(|k| corner[k] + (c[k] as f32 + 0.5) * (1 << scale) as f32);
+                        self.source.value_at(self.placement.t_source_target.apply(centre).map(|v| v.floor() as i32))
+                    };
+                    let values: Vec<i8> = (0..voxels_at(scale)).map(value).collect();
+                    match values.iter().any(|v| *v != values[0]) {
+                        true => found.push((key, 0, values)),
+                        false => found.extend((values[0] != UNKNOWN).then(|| (key, 0, vec![values[0]]))),
+                    }
+                }
+            }
+        }
+    }
+
+    fn items(patch: &OccupancyPatch) -> Vec<(u64, u32, Vec<i8>)> {
+        let item = |item: &PatchItem| match *item {
+            PatchItem::Uniform { key, level, value } => (key, level, vec![value]),
+            PatchItem::Block { key, scale, slot } => (key, 0, patch.voxels.get(scale.into(), slot).to_vec()),
+        };
+        patch.items.iter().map(item).collect()
+    }
+
+    /// Number of blocks and of cubes of several blocks in the samples of a field, and whether all equal those found voxel by voxel.
+    fn compare(seed: u64, edge: i32, angles: [f64; 3], shift: [f64; 3]) -> (usize, usize, bool) {
+        let noise = |c: [i32; 3]| c.iter().fold(seed, |h, v| (h ^ *v as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29)) >> 40;
+        let source = field(edge, noise);
+        let placement = Placement::new(&Pose::new(shift.into(), angles.into()), 1.0);
+        let sampling = OccupancySampling::new(&source, &placement, target_cubes(&source, &placement));
+        let (mut blocks, mut cubes, mut is_equal) = (0, 0, true);
+        for number in 0..sampling.len() {
+            let found = items(&sampling.part(number));
+            let mut slow = Vec::new();
+            let (key, level) = sampling.cubes[number];
+            sampling.slow(key, level, &mut slow);
+            is_equal &= found == slow;
+            blocks += found.iter().filter(|(.., values)| values.len() > 1).count();
+            cubes += found.iter().filter(|(_, level, _)| *level > 0).count();
+        }
+        (blocks, cubes, is_equal)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn samples_equal_those_looked_up_voxel_by_voxel(
+            seed in any::<u64>(), edge in 1i32..9, angles in prop_oneof![Just([0.0; 3]), prop::array::uniform3(-3f64..3.0)],
+            shift in prop_oneof![Just([0.0; 3]), prop::array::uniform3(-99f64..99.0)],
+        ) {
+            prop_assert!(compare(seed, edge, angles, shift).2);
+        }
+    }
+
+    #[test]
+    fn samples_have_blocks_and_cubes() {
+        let (blocks, _, is_equal) = compare(3, 8, [0.1, -0.2, 2.0], [3.0, -9.0, 1.5]);
+        let (_, cubes, is_equal_too) = compare(3, 8, [0.0; 3], [0.0; 3]);
+        assert!(blocks > 100 && cubes > 5 && is_equal && is_equal_too, "{blocks} blocks, {cubes} cubes");
     }
 }

@@ -21,5 +21,5 @@ pub(crate) use faces::{Boundary, Face, faces};
 pub use field::{Leaf, OccupancyBlock, OccupancyField};
 pub use value::{LOG_ODDS_STEPS, State, Summary, UNKNOWN, log_odds, state_of, steps};
 pub use volume::Volumes;
-pub(crate) use window::{BlockBox, OccupancyWindow};
+pub(crate) use window::{BlockBox, CellContent, OccupancyWindow};
 pub(crate) use writer::{BlockWriter, SharedOctants};

@@ -1,7 +1,10 @@
 //! A small box of an occupancy field as an array of blocks for many lookups: the octree is descended once, not once per voxel.
 
 use super::{OccupancyField, Summary, UNKNOWN};
-use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, SCALES, block_coords, voxel_index};
+use crate::octree::{BLOCK_EDGE, BLOCK_SHIFT, NONE, Octant, SCALES, block_coords, voxel_coords, voxel_index};
+
+/// Bits of a finest voxel's index in its block.
+const VOXEL_BITS: u32 = 3 * BLOCK_SHIFT;
 
 /// Bits of the children on the low side along each axis.
 const LOW_SIDE: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
@@ -79,10 +82,20 @@ pub(crate) struct OctreeLeaf<'a> {
 struct Cell<'a> {
     values: &'a [i8],
     scale: u8,
+    is_block: bool,
 }
 
 impl Cell<'_> {
-    const EMPTY: Self = Cell { values: &[UNKNOWN], scale: SCALES as u8 - 1 };
+    const EMPTY: Self = Cell { values: &[UNKNOWN], scale: SCALES as u8 - 1, is_block: false };
+}
+
+/// What a window has where a block would be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CellContent {
+    /// One value.
+    Uniform(i8),
+    /// A block at this scale.
+    Block(usize),
 }
 
 /// The voxels of a box of blocks.
@@ -115,7 +128,7 @@ impl<'a> OccupancyWindow<'a> {
             Cell { values: std::slice::from_ref(&leaf.octant.payload.value), ..Cell::EMPTY }
         } else {
             let block = field.block(leaf.octant.link);
-            Cell { values: field.values(block), scale: block.scale }
+            Cell { values: field.values(block), scale: block.scale, is_block: true }
         };
         let range = |k: usize| leaf.corner[k].max(self.low[k]) - self.low[k]..(leaf.corner[k] + (1 << leaf.level)).min(high[k] + 1) - self.low[k];
         let [nx, ny, _] = self.size;
@@ -147,6 +160,24 @@ impl<'a> OccupancyWindow<'a> {
         Some(value.unwrap_or(UNKNOWN))
     }
 
+    /// Visits what the window has in a box, until `visit` returns true.
+    #[inline(always)]
+    pub fn visit(&self, blocks: &BlockBox, mut visit: impl FnMut(CellContent) -> bool) {
+        let range = |k: usize| (blocks.low[k] - self.low[k]).max(0)..(blocks.high[k] + 1 - self.low[k]).min(self.size[k] as i32);
+        let [nx, ny, _] = self.size;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let cell = &self.cells[x as usize + nx * (y as usize + ny * z as usize)];
+                    let content = if cell.is_block { CellContent::Block(cell.scale.into()) } else { CellContent::Uniform(cell.values[0]) };
+                    if visit(content) {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
     /// Whether any block of the window touches the finest voxels from `low` to `high`, both included.
     pub fn has_blocks_in(&self, low: [i32; 3], high: [i32; 3]) -> bool {
         let block = |c: i32, k: usize| (c >> BLOCK_SHIFT) - self.low[k];
@@ -167,5 +198,33 @@ impl<'a> OccupancyWindow<'a> {
         }
         let cell = self.cells[x + nx * (y + ny * z)];
         cell.values[voxel_index(c.map(|v| (v & (BLOCK_EDGE as i32 - 1)) as usize >> cell.scale), usize::from(cell.scale))]
+    }
+
+    /// Where the finest voxel around the point `p` (finest voxels) is, for [`value_at`](Self::value_at). Without branches and casts, so that it vectorises.
+    #[inline(always)]
+    pub fn place(&self, p: [f32; 3]) -> u32 {
+        // 2^23: from here on, adjacent floats differ by one.
+        const ONES: f32 = 8_388_608.0;
+        let [nx, ny, _] = self.size.map(|n| n as u32);
+        // Whole numbers below 2^24, so that the difference is exact.
+        let from_corner: [f32; 3] = std::array::from_fn(|k| p[k].floor() - (self.low[k] << BLOCK_SHIFT) as f32);
+        let is_inside = |k: usize| (from_corner[k] >= 0.0) & (from_corner[k] < (self.size[k] << BLOCK_SHIFT) as f32);
+        let [x, y, z] = from_corner.map(|c| (c + ONES).to_bits() & 0x007f_ffff);
+        let [i, j, k] = [x, y, z].map(|c| c >> BLOCK_SHIFT);
+        let cell = i.wrapping_add(nx.wrapping_mul(j.wrapping_add(ny.wrapping_mul(k))));
+        let [i, j, k] = [x, y, z].map(|c| c & (BLOCK_EDGE as u32 - 1));
+        let place = cell << VOXEL_BITS | i | j << BLOCK_SHIFT | k << (2 * BLOCK_SHIFT);
+        if is_inside(0) & is_inside(1) & is_inside(2) { place } else { u32::MAX }
+    }
+
+    /// Value of the voxel at a [`place`](Self::place); [`UNKNOWN`] outside the window.
+    #[inline(always)]
+    pub fn value_at(&self, place: u32) -> i8 {
+        let Some(cell) = self.cells.get((place >> VOXEL_BITS) as usize) else {
+            debug_assert!(false, "lookup outside the window");
+            return UNKNOWN;
+        };
+        let scale = usize::from(cell.scale);
+        cell.values[voxel_index(voxel_coords(place as usize & ((1 << VOXEL_BITS) - 1), 0).map(|v| v >> scale), scale)]
     }
 }
