@@ -58,11 +58,12 @@ fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
     .collect()
 }
 
-/// Writes the section.
-pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<()> {
+/// Writes the section and returns its [`digest`], which is one of all pages.
+pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<u64> {
     let ids = coloured(field);
     out.write_all(&(ids.len() as u64).to_le_bytes())?;
-    frames::write(&cut(field, &ids), |ids, raw| fill(field, ids, raw), out)
+    frames::write(&cut(field, &ids), |ids, raw| (fill(field, ids, raw), 0), out)?;
+    Ok(digest(field))
 }
 
 /// Appends the page of the blocks `ids` to `raw` and returns how many blocks it has.

@@ -58,6 +58,11 @@ impl fmt::Display for SubmapName {
 }
 
 impl SubmapName {
+    /// The name of the file of a submap of which nothing was hashed so far.
+    pub fn unhashed(id: SubmapId) -> Self {
+        Self { id, digest: 0 }
+    }
+
     /// Reads a name; anything that is not exactly what [`Display`](fmt::Display) writes is no name. So no path to elsewhere is one.
     pub fn parse(name: &str) -> Option<Self> {
         let (id, digest) = name.strip_prefix("submap-")?.strip_suffix(".vxs")?.split_once('-')?;
@@ -80,7 +85,12 @@ pub(super) fn is_disposable(name: &str) -> bool {
 
 /// Writes a file of `name` in `dir` through `fill`: under another name first, made durable, then renamed.
 pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut Writes<'_>) -> io::Result<T>) -> Result<T> {
-    let (path, temporary) = (dir.join(name), dir.join(temporary(name)));
+    write_and_name(dir, name, |file| fill(file).map(|value| (name.to_owned(), value)))
+}
+
+/// As [`write_atomically`], for a file whose name `fill` returns, because it follows from the content. Errors call it `meanwhile`.
+pub(super) fn write_and_name<T>(dir: &Path, meanwhile: &str, fill: impl FnOnce(&mut Writes<'_>) -> io::Result<(String, T)>) -> Result<T> {
+    let (path, temporary) = (dir.join(meanwhile), dir.join(temporary(meanwhile)));
     let write = || {
         // What a killed writer left is removed and not opened: where others may write, it could be a link to a file elsewhere.
         if let Err(error) = fs::remove_file(&temporary)
@@ -90,11 +100,11 @@ pub(super) fn write_atomically<T>(dir: &Path, name: &str, fill: impl FnOnce(&mut
         }
         failpoint::check("create", &path)?;
         let mut file = Writes::new(File::options().write(true).create_new(true).open(&temporary)?, &path);
-        let value = fill(&mut file)?;
+        let (name, value) = fill(&mut file)?;
         file.sync_all()?;
         drop(file);
         failpoint::check("rename", &path)?;
-        fs::rename(&temporary, &path)?;
+        fs::rename(&temporary, dir.join(name))?;
         Ok(value)
     };
     write().map_err(|source| {

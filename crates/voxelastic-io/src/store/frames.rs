@@ -28,28 +28,36 @@ fn batch() -> usize {
 struct Packed {
     items: u32,
     raw: u32,
+    digest: u64,
     bytes: Vec<u8>,
 }
 
-/// Writes a frame for each of `pages`, which `fill` turns into bytes and a number of items. Pages are packed in
+/// Writes a frame for each of `pages`, which `fill` turns into bytes, a number of items and a hash; returns the hashes. Pages are packed in
 /// parallel while those before are written.
-pub(super) fn write<P: Sync>(pages: &[P], fill: impl Fn(&P, &mut Vec<u8>) -> usize + Sync, out: &mut (impl Write + Send)) -> io::Result<()> {
+pub(super) fn write<P: Sync>(
+    pages: &[P],
+    fill: impl Fn(&P, &mut Vec<u8>) -> (usize, u64) + Sync,
+    out: &mut (impl Write + Send),
+) -> io::Result<Vec<u64>> {
     let pack = |(compressor, raw): &mut (io::Result<Compressor<'_>>, Vec<u8>), page: &P| {
         raw.clear();
-        let items = fill(page, raw);
+        let (items, digest) = fill(page, raw);
         debug_assert!(raw.len() <= LARGEST);
         let bytes = compressor.as_mut().map_err(copy)?.compress(raw)?;
-        Ok(Packed { items: items as u32, raw: raw.len() as u32, bytes })
+        Ok(Packed { items: items as u32, raw: raw.len() as u32, digest, bytes })
     };
     let start = || (Compressor::new(LEVEL), Vec::new());
     let pack_all = |pages: &[P]| pages.par_iter().map_init(start, pack).collect::<io::Result<Vec<Packed>>>();
     let mut packed: Vec<Packed> = Vec::new();
+    let mut digests = Vec::with_capacity(pages.len());
     for pages in pages.chunks(batch()) {
         let (written, next) = rayon::join(|| write_packed(&packed, out), || pack_all(pages));
         written?;
         packed = next?;
+        digests.extend(packed.iter().map(|page| page.digest));
     }
-    write_packed(&packed, out)
+    write_packed(&packed, out)?;
+    Ok(digests)
 }
 
 fn write_packed(pages: &[Packed], out: &mut impl Write) -> io::Result<()> {

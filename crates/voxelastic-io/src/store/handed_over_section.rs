@@ -36,9 +36,11 @@ pub(super) fn digest(submap: &Submap) -> u64 {
     xxh3_64(&bytes(submap))
 }
 
-/// Writes the section.
-pub(super) fn write(submap: &Submap, out: &mut impl Write) -> io::Result<()> {
-    out.write_all(&bytes(submap))
+/// Writes the section and returns its [`digest`].
+pub(super) fn write(submap: &Submap, out: &mut impl Write) -> io::Result<u64> {
+    let bytes = bytes(submap);
+    out.write_all(&bytes)?;
+    Ok(xxh3_64(&bytes))
 }
 
 /// Reads a section whose checksum is right.

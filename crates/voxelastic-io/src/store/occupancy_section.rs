@@ -33,24 +33,25 @@ fn head(field: &OccupancyField, octants: usize) -> [u8; HEAD] {
 /// A hash of everything that the section would hold.
 pub(super) fn digest(field: &OccupancyField) -> u64 {
     let (octants, ids) = (field.octants_in_order(), field.ids_in_morton_order());
-    let digest_octants = |octants: &[OctantRecord]| {
-        let mut raw = Vec::new();
-        fill_octants(octants, &mut raw);
-        xxh3_64(&raw)
-    };
-    let digest_blocks = |ids: &[u32]| {
-        let mut hash = Xxh3::new();
-        for block in ids.iter().map(|&id| field.block(id)) {
-            hash.update(&[block.scale]);
-            hash.update(bytemuck::cast_slice(field.values(block)));
-        }
-        hash.digest()
-    };
-    let mut all = head(field, octants.len()).to_vec();
-    let of_octants: Vec<u64> = octants.par_chunks(OCTANTS_PER_PAGE).map(digest_octants).collect();
-    let of_blocks: Vec<u64> = cut(field, &ids).into_par_iter().map(digest_blocks).collect();
-    all.extend(of_octants.iter().chain(&of_blocks).flat_map(|hash| hash.to_le_bytes()));
+    let of_octants: Vec<u64> = octants.par_chunks(OCTANTS_PER_PAGE).map(|octants| fill_octants(octants, &mut Vec::new()).1).collect();
+    let of_blocks: Vec<u64> = cut(field, &ids).into_par_iter().map(|ids| digest_blocks(field, ids)).collect();
+    digest_of(&head(field, octants.len()), &of_octants, &of_blocks)
+}
+
+/// The hash of a section from those of its pages.
+fn digest_of(head: &[u8; HEAD], octants: &[u64], blocks: &[u64]) -> u64 {
+    let mut all = head.to_vec();
+    all.extend(octants.iter().chain(blocks).flat_map(|hash| hash.to_le_bytes()));
     xxh3_64(&all)
+}
+
+fn digest_blocks(field: &OccupancyField, ids: &[u32]) -> u64 {
+    let mut hash = Xxh3::new();
+    for block in ids.iter().map(|&id| field.block(id)) {
+        hash.update(&[block.scale]);
+        hash.update(bytemuck::cast_slice(field.values(block)));
+    }
+    hash.digest()
 }
 
 /// Cuts blocks into pages.
@@ -65,22 +66,25 @@ fn cut<'a>(field: &OccupancyField, ids: &'a [u32]) -> Vec<&'a [u32]> {
     .collect()
 }
 
-/// Writes the section of a field that is not empty.
-pub(super) fn write(field: &OccupancyField, out: &mut (impl Write + Send)) -> io::Result<()> {
+/// Writes the section of a field that is not empty and returns its [`digest`].
+pub(super) fn write(field: &OccupancyField, out: &mut (impl Write + Send)) -> io::Result<u64> {
     let (octants, ids) = (field.octants_in_order(), field.ids_in_morton_order());
-    out.write_all(&head(field, octants.len()))?;
+    let head = head(field, octants.len());
+    out.write_all(&head)?;
     let pages: Vec<&[OctantRecord]> = octants.chunks(OCTANTS_PER_PAGE).collect();
-    frames::write(&pages, |octants, raw| fill_octants(octants, raw), out)?;
-    frames::write(&cut(field, &ids), |ids, raw| fill_blocks(field, ids, raw), out)
+    let of_octants = frames::write(&pages, |octants, raw| fill_octants(octants, raw), out)?;
+    let of_blocks = frames::write(&cut(field, &ids), |ids, raw| (fill_blocks(field, ids, raw), digest_blocks(field, ids)), out)?;
+    Ok(digest_of(&head, &of_octants, &of_blocks))
 }
 
-fn fill_octants(octants: &[OctantRecord], raw: &mut Vec<u8>) -> usize {
+/// Appends the page of `octants` to `raw`, which is empty; returns their number and a hash of the page.
+fn fill_octants(octants: &[OctantRecord], raw: &mut Vec<u8>) -> (usize, u64) {
     let bits = |octants: &[OctantRecord], bit: fn(&OctantRecord) -> bool| octants.iter().rev().fold(0, |m, o| m << 1 | u8::from(bit(o)));
     raw.extend(octants.chunks(8).map(|c| bits(c, |o| o.linked)));
     raw.extend(octants.chunks(8).map(|c| bits(c, |o| o.summary.observed)));
     raw.extend(octants.iter().map(|o| o.summary.value as u8));
     raw.extend(octants.iter().map(|o| o.summary.max as u8));
-    octants.len()
+    (octants.len(), xxh3_64(raw))
 }
 
 fn fill_blocks(field: &OccupancyField, ids: &[u32], raw: &mut Vec<u8>) -> usize {

@@ -109,14 +109,15 @@ impl Kind {
         }
     }
 
-    fn write(self, piece: &Piece<'_>, details: &MapDetails, out: &mut (impl Write + Send)) -> io::Result<()> {
+    /// Writes the section and returns its [`digest`](Self::digest).
+    fn write(self, piece: &Piece<'_>, details: &MapDetails, out: &mut (impl Write + Send)) -> io::Result<u64> {
         let submap = piece.submap;
         match self {
             Self::Tsdf => tsdf_section::write(submap.tsdf(), out),
             Self::Colour => colour_section::write(submap.tsdf(), out),
             Self::Occupancy => occupancy_section::write(submap.occupancy(), out),
             Self::HandedOver => handed_over_section::write(submap, out),
-            Self::Origin => origin_section::write(piece, details, out),
+            Self::Origin => origin_section::write(piece, details, out).map(|()| origin_section::digest(submap)),
         }
     }
 
@@ -140,10 +141,15 @@ fn kinds(submap: &Submap) -> impl Iterator<Item = Kind> {
 
 /// A hash of everything that the file of `submap` would hold, but for its root pose and the details of the map.
 pub(super) fn digest(submap: &Submap) -> u64 {
+    digest_of(kinds(submap).map(|kind| (kind, kind.digest(submap))))
+}
+
+/// The hash of a file from those of its sections.
+fn digest_of(sections: impl Iterator<Item = (Kind, u64)>) -> u64 {
     let mut all = Vec::new();
-    for kind in kinds(submap) {
+    for (kind, digest) in sections {
         all.extend(kind.tag());
-        all.extend(kind.digest(submap).to_le_bytes());
+        all.extend(digest.to_le_bytes());
     }
     xxh3_64(&all)
 }
@@ -182,16 +188,16 @@ impl<W: Write> Write for Tally<W> {
     }
 }
 
-/// Writes a submap of a map with `details` to a new file. Sections stream; the head is put before them at the end.
-pub(super) fn write(file: &mut (impl Write + Seek + Send), piece: &Piece<'_>, details: &MapDetails) -> io::Result<Written> {
+/// Writes a submap of a map with `details` to a new file and returns its [`digest`], too. Sections stream; the head is put before them at the end.
+pub(super) fn write(file: &mut (impl Write + Seek + Send), piece: &Piece<'_>, details: &MapDetails) -> io::Result<(Written, u64)> {
     let submap = piece.submap;
     let mut offset = head_length(kinds(submap).count()) as u64;
     file.write_all(&vec![0; offset as usize])?;
     let mut body = BufWriter::with_capacity(1 << 18, &mut *file);
-    let mut rows = Vec::new();
+    let (mut rows, mut digests) = (Vec::new(), Vec::new());
     for kind in kinds(submap) {
         let mut tally = Tally { inner: &mut body, row: Row { kind, offset, length: 0, crc: Hasher::new() } };
-        kind.write(piece, details, &mut tally)?;
+        digests.push((kind, kind.write(piece, details, &mut tally)?));
         offset += tally.row.length;
         rows.push(tally.row);
     }
@@ -203,7 +209,7 @@ pub(super) fn write(file: &mut (impl Write + Seek + Send), piece: &Piece<'_>, de
     let mut crc = Hasher::new();
     crc.update(&head);
     rows.iter().for_each(|row| crc.combine(&row.crc));
-    Ok(Written { bytes: offset, crc32: crc.finalize() })
+    Ok((Written { bytes: offset, crc32: crc.finalize() }, digest_of(digests.into_iter())))
 }
 
 fn head(id: SubmapId, rows: &[Row]) -> Vec<u8> {

@@ -15,6 +15,7 @@ use super::bytes::{Bytes, push_varint};
 use super::frames::{FULL, LARGEST};
 use voxelastic::field::tsdf::{TsdfField, Voxel, WEIGHT_ONE};
 use voxelastic::field::{BlockHead, TsdfBuilder};
+use xxhash_rust::xxh3::Xxh3;
 
 // Files have weights in the field's unit: another unit is another version of the format.
 const _: () = assert!(WEIGHT_ONE == 16);
@@ -36,8 +37,26 @@ pub(super) fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
     .collect()
 }
 
-/// Appends the page of the blocks `ids` to `raw` and returns how many blocks it has.
-pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
+/// A hash of everything that the page of the blocks `ids` holds.
+pub(super) fn digest(field: &TsdfField, ids: &[u32]) -> u64 {
+    let mut hash = Xxh3::new();
+    for &id in ids {
+        hash_head(&mut hash, &field.head(id));
+        field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(&array)));
+        field.stored_intensities(id).for_each(|array| hash.update(&array));
+    }
+    hash.digest()
+}
+
+fn hash_head(hash: &mut Xxh3, head: &BlockHead) {
+    hash.update(&head.key.to_le_bytes());
+    hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
+}
+
+/// Appends the page of the blocks `ids` to `raw`; returns how many blocks it has, and its [`digest`]: unpacking bricks takes longer than hashing
+/// them, and so is done once for both.
+pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> (usize, u64) {
+    let mut hash = Xxh3::new();
     let (mut voxels, mut intensities, mut keys) = (Vec::new(), Vec::new(), Vec::with_capacity(2 * ids.len()));
     let mut last = 0;
     for &id in ids {
@@ -45,8 +64,12 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
         raw.push(head.scale | head.finest << 2 | u8::from(head.has_intensity) << 4);
         push_varint(&mut keys, head.key - last);
         last = head.key;
-        field.stored_voxels(id).for_each(|array| voxels.extend_from_slice(&array));
-        field.stored_intensities(id).for_each(|array| intensities.extend_from_slice(&array));
+        let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
+        field.append_stored_voxels(id, &mut voxels);
+        field.append_stored_intensities(id, &mut intensities);
+        hash_head(&mut hash, &head);
+        hash.update(bytemuck::cast_slice(&voxels[first_voxel..]));
+        hash.update(&intensities[first_intensity..]);
     }
     raw.extend_from_slice(&keys);
     push_mask(raw, &voxels);
@@ -55,7 +78,7 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
     push_mask(raw, &intensities);
     intensities.retain(|&s| s != 0);
     raw.extend_from_slice(&intensities);
-    ids.len()
+    (ids.len(), hash.digest())
 }
 
 /// Appends a bit per value: whether it is anything but the default.

@@ -2,13 +2,13 @@
 
 use super::bytes::Bytes;
 use super::frames::{self, Section};
-use super::tsdf_page::{Unpacked, cut, fill, parse};
+use super::tsdf_page::{self, Unpacked, cut, fill, parse};
 use crate::Result;
 use rayon::prelude::*;
 use std::io::{self, Write};
 use voxelastic::field::TsdfBuilder;
 use voxelastic::field::tsdf::TsdfField;
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes before the frames.
 pub(super) const HEAD: usize = 8;
@@ -16,27 +16,21 @@ pub(super) const HEAD: usize = 8;
 /// A hash of everything that the section would hold. Equal fields have equal hashes on every machine of one endianness.
 pub(super) fn digest(field: &TsdfField) -> u64 {
     let ids = field.ids_in_morton_order();
-    let of_pages: Vec<u8> = cut(field, &ids).into_par_iter().flat_map_iter(|page| digest_page(field, page).to_le_bytes()).collect();
-    xxh3_64(&of_pages)
+    let of_pages: Vec<u64> = cut(field, &ids).into_par_iter().map(|page| tsdf_page::digest(field, page)).collect();
+    digest_of(&of_pages)
 }
 
-fn digest_page(field: &TsdfField, ids: &[u32]) -> u64 {
-    let mut hash = Xxh3::new();
-    for &id in ids {
-        let head = field.head(id);
-        hash.update(&head.key.to_le_bytes());
-        hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
-        field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(&array)));
-        field.stored_intensities(id).for_each(|array| hash.update(&array));
-    }
-    hash.digest()
+/// The hash of a section from those of its pages.
+fn digest_of(pages: &[u64]) -> u64 {
+    xxh3_64(&pages.iter().flat_map(|hash| hash.to_le_bytes()).collect::<Vec<u8>>())
 }
 
-/// Writes the section.
-pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<()> {
+/// Writes the section and returns its [`digest`].
+pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<u64> {
     out.write_all(&(field.len() as u64).to_le_bytes())?;
     let ids = field.ids_in_morton_order();
-    frames::write(&cut(field, &ids), |ids, raw| fill(field, ids, raw), out)
+    let of_pages = frames::write(&cut(field, &ids), |ids, raw| fill(field, ids, raw), out)?;
+    Ok(digest_of(&of_pages))
 }
 
 /// Reads a section whose checksum is right.

@@ -228,22 +228,27 @@ impl MapWriter {
 
     /// Writes the file of a submap unless the map has one of the same content; says whether it did.
     pub(super) fn save_piece(&self, piece: &Piece<'_>, details: &MapDetails, known: Option<KnownFile>) -> Result<(SubmapEntry, bool)> {
-        let submap = piece.submap;
-        let name = known.as_ref().map_or_else(|| SubmapName { id: submap.id(), digest: submap_file::digest(submap) }, |known| known.name);
-        let file = name.to_string();
-        let dir = self.store.dir();
-        if let Some(entry) = self.store.entry(submap.id()).filter(|entry| entry.file == file)
-            && self.is_whole(entry)
-        {
-            let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
-            return Ok((SubmapEntry::new(piece, name, written), false));
+        let (submap, dir) = (piece.submap, self.store.dir());
+        let id = submap.id();
+        if let Some(entry) = self.store.entry(id) {
+            let name = known.as_ref().map_or_else(|| SubmapName { id, digest: submap_file::digest(submap) }, |known| known.name);
+            if entry.file == name.to_string() && self.is_whole(entry) {
+                let written = Written { bytes: entry.bytes, crc32: entry.crc32 };
+                return Ok((SubmapEntry::new(piece, name, written), false));
+            }
         }
-        let written = match known {
-            Some(known) if known.is_in(dir) => known.written,
-            Some(known) if files::link(&known.path, &dir.join(&file)) => known.written,
-            _ => files::write_atomically(dir, &file, |file| submap_file::write(file, piece, details))?,
+        let write = || {
+            files::write_and_name(dir, &SubmapName::unhashed(id).to_string(), |file| {
+                let (written, digest) = submap_file::write(file, piece, details)?;
+                let name = SubmapName { id, digest };
+                Ok((name.to_string(), (name, written)))
+            })
         };
-        self.whole.lock().unwrap_or_else(PoisonError::into_inner).insert(file);
+        let (name, written) = match known {
+            Some(known) if known.is_in(dir) || files::link(&known.path, &dir.join(known.name.to_string())) => (known.name, known.written),
+            _ => write()?,
+        };
+        self.whole.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_string());
         Ok((SubmapEntry::new(piece, name, written), true))
     }
 

@@ -74,6 +74,26 @@ impl TsdfField {
         arrays.map(|array| self.voxels(block, array))
     }
 
+    /// Appends [`stored_voxels`](Self::stored_voxels), end to end.
+    pub fn append_stored_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
+        let (head, block) = (self.head(id), self.block(id));
+        for array in head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base)) {
+            let start = voxels.len();
+            voxels.resize(start + voxels_at(array.scale()), Voxel::default());
+            self.copy(block, array, &mut voxels[start..]);
+        }
+    }
+
+    /// Appends [`stored_intensities`](Self::stored_intensities), end to end.
+    pub fn append_stored_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
+        let (head, block) = (self.head(id), self.block(id));
+        for scale in head.data_scales().filter(|_| head.has_intensity) {
+            let start = intensities.len();
+            intensities.resize(start + voxels_at(scale), 0);
+            self.copy_intensities(block, scale, &mut intensities[start..]);
+        }
+    }
+
     /// All intensity arrays of block `id`, in the order of [`BlockHead::intensity_count`].
     pub fn stored_intensities(&self, id: u32) -> impl Iterator<Item = Vec<u8>> {
         let (head, block) = (self.head(id), self.block(id));
