@@ -52,11 +52,17 @@ pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settin
 pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
     let sampling = Sampling::new(source, t_target_source);
     let (parts, at_once) = (sampling.parts(), 2 * rayon::current_num_threads());
+    let merge = |target: &mut Submap, sampled: Vec<Resampled>| {
+        sampled.into_iter().for_each(|part| _ = Merge::new(part, *settings).step(target, usize::MAX));
+    };
+    let mut sampled = Vec::new();
     for start in (first..parts).step_by(at_once) {
-        for part in sampling.parts_in(start..parts.min(start + at_once)) {
-            Merge::new(part, *settings).step(target, usize::MAX);
-        }
+        let before = std::mem::take(&mut sampled);
+        // Merging takes one thread, so the others sample what comes next.
+        let sample = || sampling.parts_in(start..parts.min(start + at_once));
+        ((), sampled) = rayon::join(|| merge(target, before), sample);
     }
+    merge(target, sampled);
     move_scans(target, source, t_target_source);
 }
 
