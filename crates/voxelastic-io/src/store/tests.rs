@@ -174,7 +174,7 @@ fn what_is_hashed_while_it_is_written_is_what_is_hashed_alone() {
     assert_eq!(colour_section::write(&coloured(), &mut out).unwrap(), colour_section::digest(&coloured()));
     let submap = Submap::new(3, 0.1, Pose::identity()).with_fields(coloured(), occupancy());
     let piece = Piece { submap: &submap, t_map_submap: submap.t_map_submap(), session: None };
-    let (_, digest) = submap_file::write(&mut Cursor::new(Vec::new()), &piece, &MapDetails::default()).unwrap();
+    let (_, digest) = submap_file::write(&mut Cursor::new(Vec::<u8>::new()), &piece, &MapDetails::default()).unwrap();
     assert_eq!(digest, submap_file::digest(&submap));
 }
 
