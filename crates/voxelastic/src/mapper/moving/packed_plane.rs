@@ -6,6 +6,8 @@ const STEP: f32 = 0.02;
 const BITS: u32 = 10;
 const MOST: f32 = ((1 << BITS) - 1) as f32;
 const FARTHEST: u32 = (1 << (32 - 2 * BITS)) - 2;
+/// Steps behind the origin: the rounded normal of a plane that is seen at a grazing angle may face away from it.
+const BEHIND: f32 = 15.0;
 
 /// A plane that faces the origin, up to 80 m away; or none. The normal is a point of an octahedron, unfolded to a square.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +29,7 @@ impl PackedPlane {
         let normal = unfolded(u, v);
         // With the normal as it is stored, so that the plane goes through the point.
         let distance = -(0..3).map(|k| normal[k] * point[k]).sum::<f32>();
-        let steps = (distance.max(0.0) / STEP + 0.5) as u32;
+        let steps = ((distance / STEP).round() + BEHIND).max(0.0) as u32;
         if steps > FARTHEST { Self::NONE } else { Self(u | v << BITS | steps << (2 * BITS)) }
     }
 
@@ -40,7 +42,7 @@ impl PackedPlane {
     /// How far `point` is before the plane, metres; negative behind it.
     pub fn height(self, point: [f32; 3]) -> Option<f32> {
         let normal = self.normal();
-        let distance = (self.0 >> (2 * BITS)) as f32 * STEP;
+        let distance = ((self.0 >> (2 * BITS)) as f32 - BEHIND) * STEP;
         (self != Self::NONE).then(|| (0..3).map(|k| normal[k] * point[k]).sum::<f32>() + distance)
     }
 }
@@ -76,6 +78,13 @@ mod tests {
             let height = PackedPlane::new(normal, to).height(place);
             prop_assert!(height.is_some_and(|height| (height - dot(normal, off)).abs() < 0.02 + 0.003 * dot(off, off).sqrt()), "{height:?}");
         }
+    }
+
+    #[test]
+    fn a_plane_that_is_seen_at_a_grazing_angle_goes_through_its_point() {
+        let (normal, to) = ([-0.823_284, 0.515_570_1, 0.237_467_7], [9.106_362, 26.473_98, -25.877_419]);
+        let height = PackedPlane::new(normal, to).height(to);
+        assert!(height.is_some_and(|height| height.abs() < 0.02), "{height:?}");
     }
 
     #[test]
