@@ -53,6 +53,10 @@ pub struct Explorer {
     tried_box: f64,
     /// Whether the last decision left a plan to the next one.
     is_unfinished: bool,
+    /// Corrections in a row that took the roadmap of an unfinished plan away.
+    restarts: u32,
+    /// Whether it has looked for a way home in the whole map since it turned back.
+    looks_everywhere: bool,
     home: Option<(Point, Vec<Anchor>)>,
     /// Where it was at each decision.
     track: Vec<(Point, Vec<Anchor>)>,
@@ -114,6 +118,8 @@ impl Explorer {
             box_grown: 0.0,
             tried_box: 0.0,
             is_unfinished: false,
+            restarts: 0,
+            looks_everywhere: false,
             home: None,
             track: Vec::new(),
             leg: None,
@@ -281,7 +287,8 @@ impl Explorer {
         }
         if now.is_moved {
             // Places of the roadmap do not move, so it is grown again.
-            (self.roadmap, self.radius) = (None, EXTENDED);
+            self.restarts += u32::from(self.is_unfinished);
+            self.roadmap = None;
             // All at once: for one by one, each would look at all scans.
             let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.track);
             let mut anchored: Vec<&mut (Point, Vec<Anchor>)> = remembered.filter(|(_, anchors)| !anchors.is_empty()).collect();

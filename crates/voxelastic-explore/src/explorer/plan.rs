@@ -42,10 +42,16 @@ impl Explorer {
         let count = self.plan_in(now, &mut roadmap, frontier);
         self.roadmap.get_or_insert(roadmap);
         if !self.is_unfinished {
-            self.radius = EXTENDED;
+            (self.radius, self.restarts) = (EXTENDED, 0);
             self.note_progress(now);
         }
         count
+    }
+
+    /// Steps of the roadmap that this decision tries at most: more where corrections have thrown unfinished ones away, or a map that bends with every scan would leave no time
+    /// for any plan.
+    fn steps(&self) -> usize {
+        MOST_STEPS << self.restarts.min(10)
     }
 
     fn plan_in<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster]) -> usize {
@@ -56,7 +62,7 @@ impl Explorer {
             // The way home may lead through what was found shut on the way out.
             roadmap.unblock();
         }
-        self.is_unfinished = !roadmap.extend(now.space, now.robot, self.radius, MOST_STEPS);
+        self.is_unfinished = !roadmap.extend(now.space, now.robot, self.radius, self.steps());
         if self.is_unfinished {
             return 0;
         }
@@ -100,8 +106,8 @@ impl Explorer {
         self.changed.add(now.robot, near_returns::REACH);
     }
 
-    /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home,
-    /// and then it ends: it is shut in. The map may show more after another scan.
+    /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home; then it
+    /// looks for any way home in the whole map, and then it ends: it is shut in. The map may show more after another scan.
     fn note_progress<S: Space>(&mut self, now: &Situation<'_, S>) {
         let leads_on = self.leg.as_ref().is_some_and(|leg| length(&leg.path) > 0.3 * self.settings.spacing);
         self.stuck = if leads_on { 0 } else { self.stuck + 1 };
@@ -110,6 +116,10 @@ impl Explorer {
         }
         match self.purpose {
             Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(ReturnReason::Stuck),
+            Purpose::Return if self.stuck >= PATIENCE && !self.looks_everywhere => {
+                (self.looks_everywhere, self.is_unfinished, self.stuck) = (true, true, 0);
+                (self.roadmap, self.radius) = (None, f64::INFINITY);
+            }
             Purpose::Return if self.stuck >= PATIENCE => self.purpose = Purpose::Done,
             _ => {}
         }
@@ -136,6 +146,7 @@ impl Explorer {
     pub(super) fn turn_back(&mut self, reason: ReturnReason) {
         if self.purpose == Purpose::Explore {
             (self.purpose, self.stuck, self.turned_back) = (Purpose::Return, 0, Some(reason));
+            self.looks_everywhere = false;
         }
     }
 
@@ -281,5 +292,15 @@ mod tests {
         assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
         assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
         assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
+    }
+
+    #[test]
+    fn corrections_that_never_cease_leave_time_for_a_plan() {
+        let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
+        let steps = [0, 1, 4, 50].map(|restarts| {
+            explorer.restarts = restarts;
+            explorer.steps()
+        });
+        assert_eq!(steps, [6_000, 12_000, 96_000, 6_144_000]);
     }
 }
