@@ -61,6 +61,9 @@ pub struct ExploreArgs {
     /// Largest range that is mapped, metres
     #[arg(long, value_name = "M", default_value_t = 30.0, value_parser = range)]
     pub max_range: f32,
+    /// What a beam without return says: nothing, or, as under the sky, that there is free space up to the largest range
+    #[arg(long, value_name = "unknown|free", default_value = "unknown", value_parser = ["unknown", "free"])]
+    pub no_return: String,
     /// Distance between scans, metres
     #[arg(long, value_name = "M", default_value_t = 1.0, value_parser = range_wide)]
     pub spacing: f64,
