@@ -245,6 +245,7 @@ impl Explorer {
                 self.purpose = Purpose::Explore;
             } else {
                 self.purpose = Purpose::Done;
+                self.is_unfinished = false;
                 return (false, 0);
             }
         }

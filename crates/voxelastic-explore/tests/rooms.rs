@@ -137,6 +137,7 @@ impl Walker {
                 purposes.push(decided.purpose);
             }
             if decided.purpose == Purpose::Done {
+                assert!(!decided.is_unfinished, "nothing is left to plan");
                 break;
             }
             for _ in 0..8 {
