@@ -96,7 +96,9 @@ impl Worker {
         let mut decision = if is_due { explorer.decide(atlas, robot, seconds_left)? } else { explorer.look(atlas, robot, seconds_left)? };
         // Nothing waits for this thread, and a robot that stands may give no more scans.
         while decision.is_unfinished {
+            let has_planned = decision.is_new;
             decision = explorer.look(atlas, robot, seconds_left)?;
+            decision.is_new |= has_planned;
         }
         if is_due || decision.is_new {
             self.decided = Some((robot, Instant::now()));
