@@ -48,9 +48,8 @@ pub struct Explorer {
     radius: f64,
     /// Where the map has changed since it was extended.
     changed: Columns,
-    /// By how much the box is larger in the newest submaps, and was when everything that is not free was tried last, metres.
-    box_grown: f64,
-    tried_box: f64,
+    /// How far the map might have been off when everything that is not free was tried last, metres.
+    tried_drift: f64,
     /// Whether the last decision left a plan to the next one.
     is_unfinished: bool,
     /// Corrections in a row that took the roadmap of an unfinished plan away.
@@ -115,8 +114,7 @@ impl Explorer {
             roadmap: None,
             radius: EXTENDED,
             changed: Columns::new(COLUMN * settings.spacing + settings.robot.radius),
-            box_grown: 0.0,
-            tried_box: 0.0,
+            tried_drift: 0.0,
             is_unfinished: false,
             restarts: 0,
             looks_everywhere: false,
@@ -191,9 +189,8 @@ impl Explorer {
         let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
-        let drift = (DRIFT * self.uncorrected).min(MOST_DRIFT);
+        let drift = self.drift();
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
-        self.box_grown = drift;
         // A correction may find the robot outside of the box, and there is its way back.
         let own = if robot_type.ground.is_some() { 0.0 } else { robot_type.radius };
         let viewpoint_box = shrunk(wider, own);
@@ -236,7 +233,12 @@ impl Explorer {
         })
     }
 
-    /// Returns whether the path is new, and the number of viewpoints considered.
+    /// How far the map may be off, as no loop has closed, metres: the box is larger by it in the newest submaps.
+    fn drift(&self) -> f64 {
+        (DRIFT * self.uncorrected).min(MOST_DRIFT)
+    }
+
+    /// Returns whether it planned, and the number of viewpoints considered.
     fn decide_in<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> (bool, usize) {
         self.follow_map(now);
         if self.is_at_home(now) && self.purpose != Purpose::Explore {

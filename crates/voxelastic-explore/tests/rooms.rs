@@ -312,6 +312,39 @@ fn a_robot_that_a_correction_finds_above_the_box_comes_back_and_goes_on() {
 }
 
 #[test]
+fn a_robot_without_a_track_finds_its_way_home_in_the_whole_map() {
+    // Two corridors side by side, joined at one end; home is at the other end of one, the robot at that of the other.
+    let mut b = WorldBuilder::new("hairpin", 1);
+    b.ground(0.0, 0.3);
+    let walls = [
+        ([-3.0, -2.0], [61.0, -1.5]),
+        ([-3.0, 7.5], [61.0, 8.0]),
+        ([-3.0, -2.0], [-2.5, 8.0]),
+        ([60.5, -2.0], [61.0, 8.0]),
+        ([1.5, 1.5], [61.0, 4.5]),
+    ];
+    for (low, high) in walls {
+        b.cuboid([low[0], low[1], -0.5], [high[0], high[1], 3.0], 0.5);
+    }
+    b.cuboid([-3.0, -2.0, 2.6], [61.0, 8.0, 3.0], 0.7);
+    let world = b.build().unwrap();
+    let bounds = [[-2.0, -1.5, 0.3], [60.0, 7.5, 1.6]];
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings(Strategy::Tour) }).unwrap());
+    let home = [58.0, 0.0, 1.0];
+    walker.position = home;
+    walker.explore(&mut explorer, 1, None, |_, _| world.clone());
+    // Somebody carries it around, mapping, without a word to the explorer.
+    for [x, y] in (0..30).map(|k| [58.0 - 2.0 * f64::from(k), 0.0]).chain([[0.0, 3.0]]).chain((0..30).map(|k| [2.0 * f64::from(k), 6.0])) {
+        walker.position = [x, y, 1.0];
+        walker.scan(&world);
+    }
+    explorer.return_home();
+    let purposes = walker.explore(&mut explorer, 600, None, |_, _| world.clone());
+    assert!(purposes.last() == Some(&Purpose::Done) && distance(walker.position, home) < 1.0, "{purposes:?} at {:?}", walker.position);
+    assert!(walker.least > RADIUS, "{} m from a wall", walker.least);
+}
+
+#[test]
 fn another_robot_goes_on_in_a_map_that_is_there() {
     let world = rooms(false, false);
     let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());

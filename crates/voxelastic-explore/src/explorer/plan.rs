@@ -96,9 +96,9 @@ impl Explorer {
         if self.is_unfinished {
             return;
         }
-        let is_elsewhere = self.is_outside || (self.box_grown - self.tried_box).abs() > GROWN;
+        let is_elsewhere = self.is_outside || (self.drift() - self.tried_drift).abs() > GROWN;
         if is_elsewhere {
-            self.tried_box = self.box_grown;
+            self.tried_drift = self.drift();
         }
         roadmap.retry((!is_elsewhere).then(|| self.changed.widened()).as_ref());
         self.changed.clear();

@@ -7,6 +7,7 @@ use voxelastic_plan::{Point, Space, distance};
 /// How far beside a place of the lattice a node may be, in spacings: a doorway that leaves 10 cm of freedom is to be found. Less than half, or
 /// it would lie at the neighbour's key, and the place of the lattice would stay empty and be tried for ever.
 const ASIDE: [f64; 6] = [-0.33, 0.33, -0.17, 0.17, -0.45, 0.45];
+
 impl Roadmap {
     /// Adds what can be reached from the robot and from the nodes within `radius` metres of it, and not much farther than twice that away: in a large map, what is far is
     /// not tried again whenever the roadmap is new. Steps that were found not to be free are tried again where something has [changed](Self::retry). At most `most` steps are
@@ -105,12 +106,12 @@ impl Roadmap {
             [0, _, 0] => 0,
             _ => return Vec::new(),
         };
-        let beside = |aside: f64| {
+        let moved = |aside: f64| {
             let mut p = p;
             p[across] = line[across] + aside * self.spacing;
             p
         };
-        ASIDE.into_iter().map(beside).collect()
+        ASIDE.into_iter().map(moved).collect()
     }
 
     /// A step that goes aside first and then straight ahead, as into a doorway: where it turns, and where it arrives.
