@@ -39,18 +39,25 @@ pub(super) fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
 
 /// A hash of everything that the page of the blocks `ids` holds.
 pub(super) fn digest(field: &TsdfField, ids: &[u32]) -> u64 {
-    let mut hash = Xxh3::new();
+    let (mut hash, mut voxels, mut intensities) = (Xxh3::new(), Vec::new(), Vec::new());
     for &id in ids {
-        hash_head(&mut hash, &field.head(id));
-        field.stored_voxels(id).for_each(|array| hash.update(bytemuck::cast_slice(&array)));
-        field.stored_intensities(id).for_each(|array| hash.update(&array));
+        voxels.clear();
+        intensities.clear();
+        unpack(field, id, &mut hash, &mut voxels, &mut intensities);
     }
     hash.digest()
 }
 
-fn hash_head(hash: &mut Xxh3, head: &BlockHead) {
+/// Appends the arrays of a block to `voxels` and `intensities`, and adds them and its head to `hash`.
+fn unpack(field: &TsdfField, id: u32, hash: &mut Xxh3, voxels: &mut Vec<Voxel>, intensities: &mut Vec<u8>) {
+    let head = field.head(id);
+    let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
+    field.append_voxels(id, voxels);
+    field.append_intensities(id, intensities);
     hash.update(&head.key.to_le_bytes());
     hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
+    hash.update(bytemuck::cast_slice(&voxels[first_voxel..]));
+    hash.update(&intensities[first_intensity..]);
 }
 
 /// Appends the page of the blocks `ids` to `raw`; returns how many blocks it has, and its [`digest`]: unpacking bricks takes longer than hashing
@@ -64,12 +71,7 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> (usize,
         raw.push(head.scale | head.finest << 2 | u8::from(head.has_intensity) << 4);
         push_varint(&mut keys, head.key - last);
         last = head.key;
-        let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
-        field.append_stored_voxels(id, &mut voxels);
-        field.append_stored_intensities(id, &mut intensities);
-        hash_head(&mut hash, &head);
-        hash.update(bytemuck::cast_slice(&voxels[first_voxel..]));
-        hash.update(&intensities[first_intensity..]);
+        unpack(field, id, &mut hash, &mut voxels, &mut intensities);
     }
     raw.extend_from_slice(&keys);
     push_mask(raw, &voxels);

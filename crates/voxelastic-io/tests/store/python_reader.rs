@@ -17,8 +17,8 @@ fn by_scale(scales: impl Iterator<Item = u8>) -> [usize; 4] {
 
 fn tsdf(field: &TsdfField) -> Value {
     let ids = field.ids_in_morton_order();
-    let voxels: Vec<Voxel> = ids.iter().flat_map(|&id| field.stored_voxels(id)).flatten().filter(|v| *v != Voxel::default()).collect();
-    let intensities: u64 = ids.iter().flat_map(|&id| field.stored_intensities(id)).flatten().map(u64::from).sum();
+    let voxels: Vec<Voxel> = ids.iter().flat_map(|&id| field.stored_voxels(id)).filter(|v| *v != Voxel::default()).collect();
+    let intensities: u64 = ids.iter().flat_map(|&id| field.stored_intensities(id)).map(u64::from).sum();
     json!({
         "blocks": ids.len(),
         // Python's numbers do not end.

@@ -199,7 +199,7 @@ pub type BlockImage = (BlockHead, Vec<Voxel>, Vec<u8>, Option<(usize, Vec<Colour
 pub fn image(field: &TsdfField) -> Vec<BlockImage> {
     let block = |id| {
         let colours = field.colours().block(id).map(|(scale, colours)| (scale, colours.to_vec()));
-        (field.head(id), field.stored_voxels(id).collect::<Vec<_>>().concat(), field.stored_intensities(id).collect::<Vec<_>>().concat(), colours)
+        (field.head(id), field.stored_voxels(id), field.stored_intensities(id), colours)
     };
     field.ids_in_morton_order().into_iter().map(block).collect()
 }

@@ -166,7 +166,7 @@ proptest! {
 /// Everything that the fields of a submap hold.
 fn image(submap: &Submap) -> (Vec<(u64, u8, Vec<u32>)>, String) {
     let tsdf = submap.tsdf().ids_in_morton_order().into_iter().map(|id| {
-        let voxels = submap.tsdf().stored_voxels(id).flatten().map(|v| u32::from(v.distance as u16) | u32::from(v.weight) << 16);
+        let voxels = submap.tsdf().stored_voxels(id).into_iter().map(|v| u32::from(v.distance as u16) | u32::from(v.weight) << 16);
         (submap.tsdf().block(id).key, submap.tsdf().block(id).scale, voxels.collect())
     });
     let mut occupancy = String::new();

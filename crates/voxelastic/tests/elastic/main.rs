@@ -28,7 +28,7 @@ fn image(atlas: &Atlas) -> Vec<(u32, Vec<u64>, Vec<Vec<Voxel>>)> {
     let of_submap = |s: &voxelastic::atlas::Submap| {
         let nodes = s.scans().iter().map(|scan| scan.node).collect();
         let ids = s.tsdf().ids_in_morton_order();
-        (s.id(), nodes, ids.into_iter().map(|id| s.tsdf().stored_voxels(id).collect::<Vec<_>>().concat()).collect())
+        (s.id(), nodes, ids.into_iter().map(|id| s.tsdf().stored_voxels(id)).collect())
     };
     atlas.submaps().iter().map(of_submap).collect()
 }

@@ -100,7 +100,7 @@ fn a_map_without_colours_has_no_layer_and_one_with_them_the_same_distances() {
     assert!(extract(&bare, 0.06, &MeshOptions::default()).colours.is_empty());
     for id in bare.ids() {
         assert_eq!(bare.head(id), coloured.head(id));
-        assert!(bare.stored_voxels(id).eq(coloured.stored_voxels(id)));
+        assert!(bare.stored_voxels(id) == coloured.stored_voxels(id));
     }
     let (a, b) = (extract(&bare, 0.06, &MeshOptions::default()), extract(&coloured, 0.06, &MeshOptions::default()));
     assert!(a.positions == b.positions && a.triangles == b.triangles);

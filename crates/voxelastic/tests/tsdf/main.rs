@@ -134,7 +134,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
         assert_eq!(fields[0].len(), other.len());
         for id in fields[0].ids() {
             assert_eq!(fields[0].head(id), other.head(id));
-            assert!(fields[0].stored_voxels(id).eq(other.stored_voxels(id)) && fields[0].stored_intensities(id).eq(other.stored_intensities(id)));
+            assert!(fields[0].stored_voxels(id) == other.stored_voxels(id) && fields[0].stored_intensities(id) == other.stored_intensities(id));
         }
     }
     let meshes: Vec<_> = fields.iter().map(|f| extract(f, settings.voxel_size, &MeshOptions::default())).collect();

@@ -103,7 +103,7 @@ mod tests {
         let settings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
         let image = |submap: &Submap| -> Vec<_> {
             let field = &submap.tsdf;
-            field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id).flatten().collect::<Vec<_>>())).collect()
+            field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id))).collect()
         };
         let mut expected = target.clone();
         fuse(&mut expected, &source, &t_target_source, &settings);

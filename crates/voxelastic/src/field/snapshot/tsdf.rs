@@ -67,15 +67,22 @@ impl TsdfField {
         BlockHead { key: block.key, scale: block.scale, finest: block.finest, has_intensity: block.has_intensity }
     }
 
-    /// All arrays of block `id`, in the order of [`BlockHead::voxel_count`].
-    pub fn stored_voxels(&self, id: u32) -> impl Iterator<Item = Vec<Voxel>> {
-        let (head, block) = (self.head(id), self.block(id));
-        let arrays = head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base));
-        arrays.map(|array| self.voxels(block, array))
+    /// All arrays of block `id`, end to end, in the order of [`BlockHead::voxel_count`].
+    pub fn stored_voxels(&self, id: u32) -> Vec<Voxel> {
+        let mut voxels = Vec::new();
+        self.append_voxels(id, &mut voxels);
+        voxels
     }
 
-    /// Appends [`stored_voxels`](Self::stored_voxels), end to end.
-    pub fn append_stored_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
+    /// All intensity arrays of block `id`, end to end, in the order of [`BlockHead::intensity_count`].
+    pub fn stored_intensities(&self, id: u32) -> Vec<u8> {
+        let mut intensities = Vec::new();
+        self.append_intensities(id, &mut intensities);
+        intensities
+    }
+
+    /// Appends all arrays of block `id` to `voxels`, end to end, in the order of [`BlockHead::voxel_count`].
+    pub fn append_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
         let (head, block) = (self.head(id), self.block(id));
         for array in head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base)) {
             let start = voxels.len();
@@ -84,20 +91,14 @@ impl TsdfField {
         }
     }
 
-    /// Appends [`stored_intensities`](Self::stored_intensities), end to end.
-    pub fn append_stored_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
+    /// Appends all intensity arrays of block `id` to `intensities`, end to end, in the order of [`BlockHead::intensity_count`].
+    pub fn append_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
         let (head, block) = (self.head(id), self.block(id));
         for scale in head.data_scales().filter(|_| head.has_intensity) {
             let start = intensities.len();
             intensities.resize(start + voxels_at(scale), 0);
             self.copy_intensities(block, scale, &mut intensities[start..]);
         }
-    }
-
-    /// All intensity arrays of block `id`, in the order of [`BlockHead::intensity_count`].
-    pub fn stored_intensities(&self, id: u32) -> impl Iterator<Item = Vec<u8>> {
-        let (head, block) = (self.head(id), self.block(id));
-        head.data_scales().filter(move |_| head.has_intensity).map(|s| self.intensities(block, s))
     }
 
     /// Sets the colours of the block with `key` at `scale`, as [`ColourLayer::block`](crate::field::tsdf::ColourLayer::block) returns them.
@@ -135,8 +136,7 @@ impl Default for TsdfBuilder {
 }
 
 impl TsdfBuilder {
-    /// Adds the next block: its `voxels` and `intensities` are all arrays of [`TsdfField::stored_voxels`] and
-    /// [`TsdfField::stored_intensities`] end to end.
+    /// Adds the next block: its `voxels` and `intensities` are [`TsdfField::stored_voxels`] and [`TsdfField::stored_intensities`].
     ///
     /// # Errors
     /// If the head is invalid, if keys do not ascend, and if `voxels` or `intensities` does not have the length that the head requires.
@@ -219,8 +219,8 @@ mod tests {
             for (id, (head, voxels, intensities)) in ids.into_iter().zip(expected) {
                 prop_assert_eq!(field.head(id), head);
                 prop_assert_eq!(field.find(head.key), Some(id));
-                prop_assert_eq!(field.stored_voxels(id).collect::<Vec<_>>().concat(), voxels);
-                prop_assert_eq!(field.stored_intensities(id).collect::<Vec<_>>().concat(), intensities);
+                prop_assert_eq!(field.stored_voxels(id), voxels);
+                prop_assert_eq!(field.stored_intensities(id), intensities);
             }
         }
     }

@@ -119,7 +119,7 @@ mod tests {
             let expected = if voxel_coords(i, 0)[0] < 4 { Voxel::default() } else { voxels[i] };
             assert_eq!(*voxel, expected, "{i}");
         }
-        let stored: Vec<u8> = field.stored_intensities(0).collect::<Vec<_>>().concat();
+        let stored = field.stored_intensities(0);
         assert!(stored.iter().enumerate().all(|(i, v)| *v == if voxel_coords(i, 0)[0] < 4 { 0 } else { intensities[i] }));
     }
 

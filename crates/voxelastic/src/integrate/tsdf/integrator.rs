@@ -317,10 +317,7 @@ mod tests {
 
     /// All contents of a field.
     fn contents(field: &TsdfField) -> Vec<(BlockHead, Vec<Voxel>, Vec<u8>)> {
-        let of = |id| {
-            let (voxels, intensities): (Vec<_>, Vec<_>) = (field.stored_voxels(id).collect(), field.stored_intensities(id).collect());
-            (field.head(id), voxels.concat(), intensities.concat())
-        };
+        let of = |id| (field.head(id), field.stored_voxels(id), field.stored_intensities(id));
         field.ids_in_morton_order().into_iter().map(of).collect()
     }
 
