@@ -123,7 +123,18 @@ fn a_maze_is_explored_and_the_robot_comes_home() {
     assert_eq!(again["course"], run["course"], "the same again, with another number of threads");
     fails(dir.path(), "explore maze --speed 0", 2, &["--speed"]);
     fails(dir.path(), "explore maze --bounds 50,50,0,60,60,2", 2, &["does not fit at its start", "--bounds"]);
+    fails(dir.path(), "explore maze --no-return never", 2, &["--no-return", "free"]);
     fails(dir.path(), "explore moon", 2, &["maze"]);
+}
+
+#[test]
+fn beams_without_a_return_may_be_free_space() {
+    let dir = tempfile::tempdir().unwrap();
+    // Nothing is above the ground.
+    let explore = "explore plane --bounds -12,-12,0.5,12,12,3 --time 1 --columns 256 --max-range 15 --json";
+    let known = |flags: &str| json(dir.path(), &format!("{explore} {flags}"))["known_share"].as_f64().unwrap();
+    let (unknown, free) = (known("--no-return unknown"), known("--no-return free"));
+    assert!(known("") == unknown && free > 2.0 * unknown, "{unknown} and {free}");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId, Scan};
 use voxelastic::mapper::Mapper;
 use voxelastic::sensor::preset_with_columns;
-use voxelastic::settings::{FieldKind, NoReturn, RobotRadius, Settings};
+use voxelastic::settings::{FieldKind, RobotRadius, Settings};
 use voxelastic::{Cloud, Pose, geometry::PoseExt};
 use voxelastic_explore::Explorer;
 use voxelastic_plan::Point;
@@ -63,9 +63,7 @@ impl SimulatedRobot {
         let model = preset_with_columns(args.sensor(), args.columns)
             .map_err(|error| Failure::usage(error.to_string(), "see `voxelastic map --help` for the sensors, and use other --columns"))?;
         let mut settings = Settings { voxel_size: args.voxel_size, max_range: args.max_range, field: FieldKind::Occupancy, ..Settings::default() };
-        if args.no_return == "free" {
-            settings.no_return = NoReturn::Free;
-        }
+        settings.set("no_return", &args.no_return)?;
         let start = scene.trajectory.pose(0.0);
         let height = args.ground.then_some(start.translation.z);
         let own = view(&model, args.max_range, args.voxel_size).own_radius(args.radius + MARGIN, f64::from(args.voxel_size), height);
