@@ -30,9 +30,17 @@ pub(super) struct PlacedField<'a> {
     /// Bounds of everything observed, submap frame.
     pub low: [f64; 3],
     pub high: [f64; 3],
+    /// Box around these bounds, map frame: most of a large map is ruled out by it without a transformation.
+    around: [[f64; 3]; 2],
 }
 
 impl PlacedField<'_> {
+    /// Whether the box (map frame) overlaps the box around the bounds.
+    #[inline(always)]
+    fn is_near(&self, low: [f64; 3], high: [f64; 3]) -> bool {
+        (0..3).all(|k| low[k] <= self.around[1][k] && high[k] >= self.around[0][k])
+    }
+
     /// Whether the box (submap frame) overlaps the bounds.
     #[inline(always)]
     pub fn reaches(&self, low: [f64; 3], high: [f64; 3]) -> bool {
@@ -42,15 +50,18 @@ impl PlacedField<'_> {
     /// Value at a point in the map frame.
     #[inline(always)]
     pub fn value(&self, p: [f64; 3]) -> i8 {
+        if !self.is_near(p, p) {
+            return UNKNOWN;
+        }
         let local = moved(&self.t_submap_map, p);
         if self.reaches(local, local) { self.query.value(local) } else { UNKNOWN }
     }
 
-    /// Whether a ray (submap frame) may cross the bounds.
+    /// Whether a ray (map frame) may cross the bounds.
     fn may_cross(&self, ray: &Ray) -> bool {
         let end: [f64; 3] = std::array::from_fn(|k| ray.origin[k] + ray.direction[k] * ray.length);
-        let is_outside = |k: usize| ray.origin[k].max(end[k]) < self.low[k] || ray.origin[k].min(end[k]) > self.high[k];
-        !(ray.length.is_finite() && (0..3).any(is_outside))
+        !ray.length.is_finite()
+            || self.is_near(std::array::from_fn(|k| ray.origin[k].min(end[k])), std::array::from_fn(|k| ray.origin[k].max(end[k])))
     }
 
     /// The ray in the submap's frame.
@@ -109,13 +120,8 @@ impl<'a> AtlasQuery<'a> {
             let query = submap.query();
             let bounds = query.bounds();
             let t_submap_map = t_map_submap.inverse();
-            (!bounds.is_empty()).then(|| PlacedField {
-                query,
-                t_map_submap,
-                t_submap_map,
-                low: bounds.min.map(f64::from),
-                high: bounds.max.map(f64::from),
-            })
+            let (low, high) = (bounds.min.map(f64::from), bounds.max.map(f64::from));
+            (!bounds.is_empty()).then(|| PlacedField { query, t_map_submap, t_submap_map, low, high, around: around(&t_map_submap, low, high) })
         };
         let included = atlas.placed().filter(|(submap, _)| is_included(submap.id()));
         Self { voxel_size: f64::from(atlas.voxel_size()), parts: included.filter_map(part).collect() }
@@ -252,12 +258,14 @@ impl<'a> AtlasQuery<'a> {
 
     /// The submaps whose bounds the shape overlaps, with the shape in their frames.
     fn near(&self, shape: &Shape) -> Vec<(&PlacedField<'a>, Shape)> {
+        let (low, high) = shape.bounds();
         let local = |part: &'_ PlacedField<'a>| shape.moved(&part.t_submap_map);
         let reaches = |part: &PlacedField<'_>, local: &Shape| {
             let (low, high) = local.bounds();
             part.reaches(low, high)
         };
-        self.parts.iter().map(|part| (part, local(part))).filter(|(part, local)| reaches(part, local)).collect()
+        let near = self.parts.iter().filter(|part| part.is_near(low, high));
+        near.map(|part| (part, local(part))).filter(|(part, local)| reaches(part, local)).collect()
     }
 
     /// First point along `ray` (map frame) that is occupied in any submap or, unless unknown space counts as free, free in none. None if
@@ -267,11 +275,10 @@ impl<'a> AtlasQuery<'a> {
         let mut nearest: Option<RayHit> = None;
         let mut left = ray;
         for part in &self.parts {
-            let local = part.ray(&left);
-            if !part.may_cross(&local) {
+            if !part.may_cross(&left) {
                 continue;
             }
-            if let Some(hit) = part.query.ray_cast_from(&local, 0.0, UnknownAs::Free) {
+            if let Some(hit) = part.query.ray_cast_from(&part.ray(&left), 0.0, UnknownAs::Free) {
                 let normal = (part.t_map_submap.rotation * nalgebra::Vector3::from(hit.normal)).into();
                 // The first of equals stays.
                 if nearest.is_none_or(|n| hit.distance < n.distance) {
@@ -322,6 +329,14 @@ impl<'a> AtlasQuery<'a> {
         }
         gather(points.into_iter(), self.voxel_size * f64::from(1u32 << level.min(30)))
     }
+}
+
+/// Box in the map frame around one of a submap, with a margin for rounding, metres.
+fn around(t_map_submap: &Pose, low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
+    let centre = moved(t_map_submap, std::array::from_fn(|k| 0.5 * (low[k] + high[k])));
+    let rotation = t_map_submap.rotation.to_rotation_matrix();
+    let reach: [f64; 3] = std::array::from_fn(|k| (0..3).map(|j| 0.5 * rotation[(k, j)].abs() * (high[j] - low[j])).sum::<f64>() + 1e-6);
+    [std::array::from_fn(|k| centre[k] - reach[k]), std::array::from_fn(|k| centre[k] + reach[k])]
 }
 
 fn transformed(t: &Pose, point: &FrontierPoint) -> FrontierPoint {

@@ -140,7 +140,7 @@ impl<'a> FieldQuery<'a> {
 
     /// Box around everything observed, metres in the submap frame; empty if nothing was.
     pub fn bounds(&self) -> Aabb {
-        self.bounds_in(&Pose::identity())
+        *self.field.changes.bounds.get_or_init(|| self.bounds_in(&Pose::identity()))
     }
 
     /// Box around all observed octants in the frame that `t_frame_submap` maps to; empty if there are none.

@@ -4,10 +4,12 @@
 
 mod hall;
 
+use nalgebra::Point3;
 use proptest::prelude::*;
-use voxelastic::Settings;
+use voxelastic::atlas::Submap;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{Capsule, Ray, Resampling, Shape, Sphere, UnknownAs};
+use voxelastic::{Pose, Settings};
 
 const VOXEL: f32 = 0.1;
 
@@ -35,6 +37,11 @@ fn shapes_rays_and_points_agree() {
     let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(3000));
     let (free, ended) = (std::cell::Cell::new(0), std::cell::Cell::new(0));
     let check = |(centre, direction): ([f64; 3], [f64; 3])| {
+        // Submap by submap.
+        let in_submap = |(submap, t_map_submap): (&Submap, Pose)| submap.query().state((t_map_submap.inverse() * Point3::from(centre)).coords.into());
+        let states: Vec<State> = atlas.placed().map(in_submap).collect();
+        let union = [State::Occupied, State::Free].into_iter().find(|state| states.contains(state)).unwrap_or(State::Unknown);
+        prop_assert_eq!(map.state(centre), union);
         let sphere: Shape = Sphere { centre, radius: 0.2 }.into();
         if map.is_free(&sphere, UnknownAs::Blocked) {
             free.set(free.get() + 1);

@@ -1,6 +1,8 @@
 //! What changed in a field lately, for whoever keeps something that is derived from it.
 
+use crate::geometry::Aabb;
 use std::collections::VecDeque;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Flips that are kept, beside those of the latest change.
@@ -48,6 +50,8 @@ pub(crate) struct ChangeLog {
     revision: u64,
     /// Revision before each change, and the change.
     changes: VecDeque<(u64, Vec<Flip>)>,
+    /// Box around everything observed, submap frame, if somebody has asked for it since the latest change.
+    pub bounds: OnceLock<Aabb>,
 }
 
 /// The last revision of any field.
@@ -57,7 +61,7 @@ impl ChangeLog {
     /// Adds a change.
     pub fn push(&mut self, flips: Vec<Flip>) {
         self.changes.push_back((self.revision, flips));
-        self.revision = next_revision();
+        self.advance();
         while self.changes.len() > 1 && self.changes.iter().skip(1).map(|(_, flips)| flips.len()).sum::<usize>() > KEPT {
             self.changes.pop_front();
         }
@@ -66,7 +70,12 @@ impl ChangeLog {
     /// Notes a change of unknown extent.
     pub fn push_unknown(&mut self) {
         self.changes.clear();
+        self.advance();
+    }
+
+    fn advance(&mut self) {
         self.revision = next_revision();
+        self.bounds = OnceLock::new();
     }
 
     /// Drops what is kept: whoever has not asked for it yet must look at the whole field.
