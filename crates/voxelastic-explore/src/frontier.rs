@@ -3,7 +3,7 @@
 use hashbrown::{HashMap, HashSet};
 use std::collections::BTreeMap;
 use voxelastic::atlas::SubmapId;
-use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField};
+use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField, State, state_of};
 use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_coords, block_key};
 
 /// The frontier in one block: the faces of its free voxels towards unknown ones.
@@ -76,6 +76,22 @@ impl Changes {
         self.is_anywhere || self.levels.iter().any(|(level, keys)| keys.contains(&(key >> (3 * level))))
     }
 
+    /// Corners of the box around the octants, in blocks; without limits if they may have changed elsewhere, too.
+    pub fn bounds(&self) -> [[f64; 3]; 2] {
+        if self.is_anywhere {
+            return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
+        }
+        let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for (level, key) in self.levels.iter().flat_map(|(level, keys)| keys.iter().map(move |key| (*level, *key))) {
+            let low = block_coords(key << (3 * level)).map(f64::from);
+            for k in 0..3 {
+                bounds[0][k] = bounds[0][k].min(low[k]);
+                bounds[1][k] = bounds[1][k].max(low[k] + f64::from(1u32 << level));
+            }
+        }
+        bounds
+    }
+
     /// Balls around the octants: centres in the submap's frame and radii, metres, for blocks of `edge` metres.
     pub fn balls(&self, edge: f64) -> impl Iterator<Item = ([f64; 3], f64)> + '_ {
         let ball = move |level: u32, key: u64| {
@@ -113,12 +129,18 @@ impl SubmapFrontier {
         }
         octants.sort_unstable();
         octants.dedup();
+        let mut states = States::new(field, 8 * octants.len());
+        let mut changed: Vec<u64> = Vec::with_capacity(4 * octants.len());
+        for &(key, level) in &octants {
+            if level == 0 {
+                self.add_block(&mut states, key, &mut changed);
+            } else {
+                self.add_octant(field, key, level, &mut changed);
+            }
+        }
         // In Morton order, so that what is looked up one after the other is near each other in memory.
-        let mut changed: Vec<u64> = Vec::with_capacity(7 * octants.len());
-        octants.iter().for_each(|(key, level)| add_with_neighbours(&mut changed, *key, *level));
         changed.sort_unstable();
         changed.dedup();
-        let mut states = States::new(field, changed.len());
         for key in &changed {
             match block_frontier(&mut states, *key) {
                 Some(frontier) => drop(self.blocks.insert(*key, frontier)),
@@ -126,6 +148,47 @@ impl SubmapFrontier {
             }
         }
         (changed.len(), Changes::of(&octants, !is_logged))
+    }
+
+    /// Adds the keys of a block that has changed and of its neighbours whose frontier may have: those that have one, and those next to something unknown in it.
+    fn add_block(&self, states: &mut States<'_>, key: u64, blocks: &mut Vec<u64>) {
+        blocks.push(key);
+        let (block, unknown) = (block_coords(key), states.of(key).unknown());
+        for (axis, side) in FACES {
+            let mut neighbour = block;
+            neighbour[axis] += side;
+            let is_inside = neighbour[axis].abs() < MAX_BLOCK_COORD;
+            if is_inside && (at_face(&unknown, axis, side) || self.blocks.contains_key(&block_key(neighbour))) {
+                blocks.push(block_key(neighbour));
+            }
+        }
+    }
+
+    /// The same for an octant in which all has changed: what it costs follows the frontier there, and not the size of the octant.
+    fn add_octant(&self, field: &OccupancyField, key: u64, level: u32, blocks: &mut Vec<u64>) {
+        let (low, edge) = (block_coords(key), 1i32 << level);
+        let own = uniform(field, low, level);
+        if !matches!(own, Some(State::Free | State::Occupied)) {
+            add_faces(blocks, low, edge);
+            return;
+        }
+        let in_octant = |low: [i32; 3]| {
+            let first = block_key(low);
+            self.blocks.range(first..first + (1 << (3 * level))).map(|(key, _)| *key)
+        };
+        blocks.extend(in_octant(low));
+        for (axis, side) in FACES {
+            let (mut neighbour, mut face) = (low, low);
+            neighbour[axis] += side * edge;
+            face[axis] += if side > 0 { edge - 1 } else { 0 };
+            if neighbour[axis].abs() < MAX_BLOCK_COORD {
+                let layer = face[axis] + side;
+                blocks.extend(in_octant(neighbour).filter(|key| block_coords(*key)[axis] == layer));
+            }
+            if own == Some(State::Free) {
+                add_next_to_unknown(field, face, (axis, side), level, blocks);
+            }
+        }
     }
 }
 
@@ -145,44 +208,70 @@ impl<'a> States<'a> {
     }
 }
 
-/// Adds the keys of the blocks at the faces of an octant, on both sides: nothing changes within it, and nothing beyond.
-fn add_with_neighbours(blocks: &mut Vec<u64>, key: u64, level: u32) {
-    let (low, edge) = (block_coords(key), 1i32 << level);
-    let mut add = |block: [i32; 3]| {
-        if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
-            blocks.push(block_key(block));
-        }
-    };
-    if level == 0 {
-        add(low);
+/// Axes and sides of the faces of a cube.
+const FACES: [(usize, i32); 6] = [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)];
+
+/// The state of an octant, if it is uniform.
+fn uniform(field: &OccupancyField, low: [i32; 3], level: u32) -> Option<State> {
+    if low.iter().any(|c| c.abs() >= MAX_BLOCK_COORD) {
+        return Some(State::Unknown);
     }
-    for axis in 0..3 {
-        for depth in [-1, 0, edge - 1, edge] {
-            if level == 0 && depth == 0 {
-                continue;
-            }
-            for i in 0..edge * edge {
-                let mut block = low;
-                block[axis] += depth;
-                block[(axis + 1) % 3] += i % edge;
-                block[(axis + 2) % 3] += i / edge;
-                add(block);
+    let Some((found, octant)) = field.tree().find(block_key(low)) else { return Some(State::Unknown) };
+    (octant.link == NONE && found >= level).then(|| state_of(octant.payload.value))
+}
+
+/// Adds the keys of the blocks in a square of 4^level blocks, the first one of them `low`, that are next to something unknown beyond the face.
+fn add_next_to_unknown(field: &OccupancyField, low: [i32; 3], (axis, side): (usize, i32), level: u32, blocks: &mut Vec<u64>) {
+    let mut beyond = low;
+    beyond[axis] += side;
+    let edge = 1i32 << level;
+    match uniform(field, beyond, level) {
+        Some(State::Unknown) => (0..edge * edge).for_each(|i| blocks.push(block_key(in_square(low, axis, [i % edge, i / edge])))),
+        Some(_) => {}
+        None if level == 0 => blocks.push(block_key(low)),
+        None => {
+            let half = edge / 2;
+            for at in [[0, 0], [half, 0], [0, half], [half, half]] {
+                add_next_to_unknown(field, in_square(low, axis, at), (axis, side), level - 1, blocks);
             }
         }
     }
 }
 
-/// The free voxels of a block at its face towards `side` along `axis`.
-fn at_face(free: &BlockBits, axis: usize, side: i32) -> bool {
+/// The block at a place of a square across an axis.
+fn in_square(low: [i32; 3], axis: usize, at: [i32; 2]) -> [i32; 3] {
+    let mut block = low;
+    block[(axis + 1) % 3] += at[0];
+    block[(axis + 2) % 3] += at[1];
+    block
+}
+
+/// Adds the keys of the blocks at the faces of an octant of `edge` blocks, on both sides: nothing changes within it, and nothing beyond.
+fn add_faces(blocks: &mut Vec<u64>, low: [i32; 3], edge: i32) {
+    for axis in 0..3 {
+        for depth in [-1, 0, edge - 1, edge] {
+            for i in 0..edge * edge {
+                let mut block = in_square(low, axis, [i % edge, i / edge]);
+                block[axis] += depth;
+                if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
+                    blocks.push(block_key(block));
+                }
+            }
+        }
+    }
+}
+
+/// Whether any of a block's voxels in question is at its face towards `side` along `axis`.
+fn at_face(bits: &BlockBits, axis: usize, side: i32) -> bool {
     const LOWEST: u64 = 0x0101_0101_0101_0101;
-    let all = || free.iter().fold(0, |all, word| all | word);
+    let all = || bits.iter().fold(0, |all, word| all | word);
     match (axis, side) {
         (0, 1) => all() & LOWEST << 7 != 0,
         (0, _) => all() & LOWEST != 0,
         (1, 1) => all() >> 56 != 0,
         (1, _) => all() & 0xff != 0,
-        (_, 1) => free[7] != 0,
-        _ => free[0] != 0,
+        (_, 1) => bits[7] != 0,
+        _ => bits[0] != 0,
     }
 }
 
@@ -258,7 +347,7 @@ fn shifted(own: &BlockBits, next: &BlockBits, axis: usize, side: i32) -> BlockBi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use voxelastic::field::occupancy::State;
+    use voxelastic::Pose;
     use voxelastic::settings::FieldKind;
     use voxelastic::{Settings, event::Event, mapper::Mapper};
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};
@@ -300,6 +389,8 @@ mod tests {
                 node += 1;
                 let field = mapper.atlas().submaps()[0].occupancy();
                 looked += frontier.update(field).0;
+                let query = mapper.atlas().submaps()[0].query();
+                assert_eq!(query.bounds(), query.bounds_in(&Pose::identity()), "kept since the scan before");
                 let (again, changes) = frontier.update(field);
                 assert!(again == 0 && changes.is_empty());
                 let mut anew = SubmapFrontier::default();

@@ -88,20 +88,24 @@ impl Frontiers {
             let others: Vec<(SubmapId, Pose)> = near.iter().map(|other| (all[*other].0.id(), all[*other].1)).collect();
             let is_moved = kept.t_map_submap != Some(*t_map_submap);
             let is_new: Vec<bool> = others.iter().map(|other| is_moved || !kept.others.contains(other)).collect();
-            let is_less = kept.others.iter().any(|before| !others.contains(before));
+            let lost: Vec<SubmapId> = kept.others.iter().filter(|before| !others.contains(before)).map(|(id, _)| *id).collect();
             (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
-            if changes[k].is_empty() && !is_less && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
+            if changes[k].is_empty() && lost.is_empty() && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
                 continue;
             }
-            let other = |(&other, is_new): (&usize, bool)| Other {
-                id: all[other].0.id(),
-                field: all[other].0.occupancy(),
-                t_other_submap: all[other].1.inverse() * t_map_submap,
-                changes: &changes[other],
-                is_new,
+            let other = |(&other, is_new): (&usize, bool)| {
+                let t_other_submap = all[other].1.inverse() * t_map_submap;
+                Other {
+                    id: all[other].0.id(),
+                    field: all[other].0.occupancy(),
+                    t_other_submap,
+                    changes: &changes[other],
+                    changed_box: in_frame(&t_other_submap.inverse(), changes[other].bounds(), f64::from(block)),
+                    is_new,
+                }
             };
             let others: Vec<Other<'_>> = near.iter().zip(is_new).map(other).collect();
-            kept.has_changed |= look_up(&mut kept.frontier, &others, f64::from(atlas.voxel_size()));
+            kept.has_changed |= look_up(&mut kept.frontier, &others, &lost, f64::from(atlas.voxel_size()));
         }
         count
     }
@@ -159,6 +163,8 @@ struct Other<'a> {
     t_other_submap: Pose,
     /// Where it changed since the last update.
     changes: &'a Changes,
+    /// Corners of a box around them in the frame of the submap that asks, metres.
+    changed_box: [Point; 2],
     /// Whether it was not near before, or elsewhere, as seen from the submap.
     is_new: bool,
 }
@@ -177,28 +183,45 @@ impl Other<'_> {
 
     /// Whether it may know more or less of a block than it did at the last update.
     fn is_outdated(&self, block: &BlockFrontier, voxel: f64) -> bool {
-        self.is_new || !self.changes.is_empty() && self.changes.has(self.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT))
+        let is_in = |k: usize| (self.changed_box[0][k]..=self.changed_box[1][k]).contains(&(f64::from(block.probe[k]) * voxel));
+        let has_changed = || (0..3).all(is_in) && self.changes.has(self.voxel(block.probe, voxel).map(|c| c >> BLOCK_SHIFT));
+        self.is_new || !self.changes.is_empty() && has_changed()
     }
 }
 
-/// Looks up what others know, of each block in those that may know something else by now; returns whether anything has changed.
-fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], voxel: f64) -> bool {
+/// Looks up what others know, of each block in those that may know something else by now, or did before and are `lost`; returns whether anything has changed.
+fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], lost: &[SubmapId], voxel: f64) -> bool {
+    let changed: Vec<&Other<'_>> = others.iter().filter(|other| other.is_new || !other.changes.is_empty()).collect();
     let mut has_changed = false;
     for block in frontier.blocks.values_mut() {
-        let knows = |other: &&Other<'_>| other.knows(block, voxel);
-        let known = match block.known {
-            Known::Unasked => others.iter().find(knows),
-            Known::Nowhere => others.iter().filter(|other| other.is_outdated(block, voxel)).find(knows),
-            Known::In(id) => {
-                let last = others.iter().find(|other| other.id == id);
-                last.filter(|other| !other.is_outdated(block, voxel) || other.knows(block, voxel)).or_else(|| others.iter().find(knows))
-            }
+        let knows = |other: &Other<'_>| other.knows(block, voxel);
+        let of_all = || others.iter().find(|other| knows(other)).map(|other| other.id);
+        let found = match block.known {
+            Known::Unasked => of_all(),
+            Known::Nowhere => changed.iter().find(|other| other.is_outdated(block, voxel) && knows(other)).map(|other| other.id),
+            // One that was lost and is there again, elsewhere, is new.
+            Known::In(id) => match changed.iter().find(|other| other.id == id) {
+                Some(other) if other.is_outdated(block, voxel) && !knows(other) => of_all(),
+                None if lost.contains(&id) => of_all(),
+                _ => Some(id),
+            },
         };
-        let known = known.map_or(Known::Nowhere, |other| Known::In(other.id));
+        let known = found.map_or(Known::Nowhere, Known::In);
         has_changed |= block.known.is_known() != known.is_known();
         block.known = known;
     }
     has_changed
+}
+
+/// Corners of the box in another frame around one with corners in blocks of `edge` metres, metres, with a margin for rounding.
+fn in_frame(t: &Pose, [low, high]: [Point; 2], edge: f64) -> [Point; 2] {
+    if !(0..3).all(|k| low[k].is_finite() && high[k].is_finite()) {
+        return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
+    }
+    let centre = in_map(t, std::array::from_fn(|k| 0.5 * edge * (low[k] + high[k])));
+    let rotation = t.rotation.to_rotation_matrix();
+    let reach: Point = std::array::from_fn(|k| (0..3).map(|j| 0.5 * edge * rotation[(k, j)].abs() * (high[j] - low[j])).sum::<f64>() + 1e-3);
+    [std::array::from_fn(|k| centre[k] - reach[k]), std::array::from_fn(|k| centre[k] + reach[k])]
 }
 
 fn in_map(t_map_submap: &Pose, p: Point) -> Point {
