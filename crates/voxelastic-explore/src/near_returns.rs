@@ -16,7 +16,7 @@ pub(crate) const THINNED: f64 = 0.05;
 pub(crate) struct NearReturns {
     low: Point,
     high: Point,
-    /// Of the lowest and of the highest return; no limit where none is above the robot, as under the sky.
+    /// Of the lowest and of the highest return; no limit above where none is above the robot on some side, as under the sky: what is above it on the others is a wall.
     heights: [f64; 2],
     cells: HashMap<[i32; 3], Vec<Point>>,
 }
@@ -35,15 +35,18 @@ impl NearReturns {
         let [low, high] = [-REACH, REACH].map(|reach| centre.map(|c| c + reach));
         let mut near = Self { low, high, heights: [f64::INFINITY, f64::NEG_INFINITY], cells: HashMap::new() };
         let mut taken = HashMap::new();
+        // By quadrants of the horizontal plane.
+        let mut is_above = [false; 4];
         for p in points {
             let is_near = (0..3).all(|k| p[k] >= near.low[k] && p[k] <= near.high[k]);
             if is_near && let Entry::Vacant(cube) = taken.entry(p.map(|c| (c / THINNED).floor() as i32)) {
                 cube.insert(());
                 near.heights = [near.heights[0].min(p[2]), near.heights[1].max(p[2])];
+                is_above[usize::from(p[0] > centre[0]) + 2 * usize::from(p[1] > centre[1])] |= p[2] >= centre[2];
                 near.cells.entry(p.map(cell)).or_default().push(p);
             }
         }
-        if near.heights[1] < centre[2] {
+        if is_above.contains(&false) {
             near.heights[1] = f64::INFINITY;
         }
         near
@@ -136,14 +139,20 @@ mod tests {
 
     #[test]
     fn a_ball_stays_between_the_heights_that_were_seen() {
-        let cloud = |heights: &[f32]| Cloud::from_points(heights.iter().map(|z| [2.0, 1.0, *z]).collect());
-        let near = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &cloud(&[-1.0, 1.5]));
+        let sides = [[2.0, 1.0], [-2.0, 1.0], [2.0, -1.0], [-2.0, -1.0]];
+        let cloud =
+            |sides: &[[f32; 2]], heights: &[f32]| Cloud::from_points(sides.iter().flat_map(|[x, y]| heights.iter().map(|z| [*x, *y, *z])).collect());
+        let near = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &cloud(&sides, &[-1.0, 1.5]));
         let may = |near: &NearReturns, from: f64, to: f64| near.keep_height([0.0, 0.0, from], [0.5, 0.0, to], 0.4);
         assert!(may(&near, 1.0, 0.5) && may(&near, 1.0, 2.0) && !may(&near, 1.0, 0.3) && !may(&near, 1.0, 2.2));
         assert!(may(&near, 0.2, 0.3) && !may(&near, 0.3, 0.2), "out of them it may only come nearer");
         assert!(near.keep_height([0.0; 3], [9.0, 0.0, -3.0], 0.4), "far away nothing was seen");
-        let below_the_sky = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &cloud(&[-1.0]));
-        assert!(may(&below_the_sky, 1.0, 30.0) && !may(&below_the_sky, 1.0, 0.3) && may(&NearReturns::default(), 1.0, -9.0));
+        // Under the sky, alone and in a corner between two walls.
+        for below_the_sky in [cloud(&sides, &[-1.0]), cloud(&sides[..3], &[-1.0, 1.5])] {
+            let near = NearReturns::new(&Pose::translation(0.0, 0.0, 1.0), &below_the_sky);
+            assert!(may(&near, 1.0, 30.0) && !may(&near, 1.0, 0.3));
+        }
+        assert!(may(&NearReturns::default(), 1.0, -9.0));
         assert!((near.nearest([2.0, 1.0, 0.5]) - 0.5).abs() < 1e-6 && NearReturns::default().nearest([0.0; 3]).is_infinite());
     }
 }
