@@ -21,9 +21,9 @@ pub(crate) fn newest_submaps(atlas: &Atlas) -> Vec<SubmapId> {
 /// The space of a robot in the whole map and in its newest submaps.
 ///
 /// Until a loop closes, walls that an older submap saw may stand in a doorway as it is seen now. So a motion is free if the whole map says so, or the newest submap by
-/// itself: it saw the place last; or the two newest, as a submap that has just begun has seen little. Steeply up and down, where the sensor does not see, the newest by
-/// itself does not suffice: what it has free above may have been seen elsewhere, some drift ago. In all it keeps clear of the last scans' returns. And a robot that a
-/// correction, or a wall seen late, leaves where it does not fit may use up its margin for a motion to where it does.
+/// itself: it saw the place last; or the two newest, as a submap that has just begun has seen little. Steeply up and down, where the sensor does not see, the newest
+/// must have it free and one of the others, too: what a submap has free above may have been seen elsewhere, some drift ago. In all it keeps clear of the last scans'
+/// returns. And a robot that a correction, or a wall seen late, leaves where it does not fit may use up its margin for a motion to where it does.
 #[derive(Clone, Debug)]
 pub(crate) struct RobotSpace<'a, S> {
     wide: Clear<'a, S>,
@@ -59,14 +59,24 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn steer(&self, from: Point, to: Point) -> Option<Point> {
-        self.for_motion(from, to).iter().find_map(|space| space.steer(from, to).filter(|arrived| self.is_clear(from, *arrived)))
+        let may = |arrived: &Point| self.is_clear(from, *arrived) && self.is_level_or_seen(from, *arrived);
+        self.for_motion(from, to).iter().find_map(|space| space.steer(from, to).filter(may))
     }
 
-    /// The spaces that may allow a motion. Wheels follow the floor, however steep.
-    fn for_motion(&self, from: Point, to: Point) -> &[S] {
+    /// Wheels follow the floor, however steep.
+    fn is_steep(&self, from: Point, to: Point) -> bool {
         let (run, rise) = ((to[0] - from[0]).hypot(to[1] - from[1]), (to[2] - from[2]).abs());
-        let is_steep = self.whole().dimensions() == 3 && rise > self.steepest * run + LEVEL;
-        if is_steep { &self.spaces[..2] } else { &self.spaces }
+        self.whole().dimensions() == 3 && rise > self.steepest * run + LEVEL
+    }
+
+    /// The spaces one of which has to allow a motion.
+    fn for_motion(&self, from: Point, to: Point) -> &[S] {
+        if self.is_steep(from, to) { &self.spaces[..2] } else { &self.spaces }
+    }
+
+    /// Whether a motion is not steep, or the newest submap has it free.
+    fn is_level_or_seen(&self, from: Point, to: Point) -> bool {
+        !self.is_steep(from, to) || self.spaces[2].is_segment_free(from, to)
     }
 
     /// Whether the last scans' returns allow a motion.
@@ -81,7 +91,8 @@ impl<'a, S: Space> Clear<'a, S> {
     }
 
     fn is_segment_free(&self, from: Point, to: Point) -> bool {
-        self.is_clear(from, to) && self.for_motion(from, to).iter().any(|space| space.is_segment_free(from, to))
+        let is_free = || self.for_motion(from, to).iter().any(|space| space.is_segment_free(from, to));
+        self.is_clear(from, to) && is_free() && self.is_level_or_seen(from, to)
     }
 }
 
@@ -206,6 +217,10 @@ mod tests {
         let space = |poles| RobotSpace::new(clear(poles), clear(poles), from);
         assert!(space([2.0, 1.0, 9.0]).connects(from, to) && space([2.0, 1.0, 9.0]).is_segment_free(from, to));
         assert!(!space([2.0, 2.0, 9.0]).connects(from, to) && !space([2.0, 2.0, 9.0]).is_segment_free(from, to));
+        // What it has not seen above, the others may have seen elsewhere.
+        let (under, over) = ([-3.0, 1.5, -0.5], [-3.0, 1.5, 0.5]);
+        assert!(!space([2.0, 1.0, 9.0]).connects(under, over) && !space([2.0, 1.0, 9.0]).is_segment_free(under, over));
+        assert!(space([2.0, 1.0, 2.0]).connects(under, over) && space([2.0, 1.0, 2.0]).is_segment_free(under, over));
     }
 
     #[test]
