@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Event, NodeId, Scan};
-use voxelastic::mapper::Mapper;
+use voxelastic::mapper::{MapError, Mapper};
 use voxelastic::sensor::preset_with_columns;
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
 use voxelastic::{Cloud, Pose, geometry::PoseExt};
@@ -166,7 +166,11 @@ impl SimulatedRobot {
         let scan = Scan { node: tracked.node, time: self.time(), t_map_lidar: tracked.t_map_lidar, cloud };
         let map = |mapper: &mut Mapper, event: Event| mapper.handle(event).map(drop).context("the robot cannot map");
         let clock = Instant::now();
-        map(&mut self.mapper, Event::Scan(scan))?;
+        match self.mapper.handle(Event::Scan(scan)) {
+            // As a driver would, and the robot goes on.
+            Err(error @ MapError::NoReturns { .. }) => tracing::warn!("{error}; it is left out"),
+            mapped => drop(mapped.context("the robot cannot map")?),
+        }
         (self.believed, self.node) = (tracked.t_map_lidar, tracked.node);
         if let Some(edge) = tracked.edge {
             map(&mut self.mapper, Event::OdometryEdge(edge))?;
@@ -219,5 +223,33 @@ impl SimulatedRobot {
             tracing::debug!("touches something {off:.2} m from {:.2?}, where it believes to be at {next:.2?}", at.as_slice());
         }
         self.is_touching = is_touching;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Alone {
+        #[command(flatten)]
+        args: ExploreArgs,
+    }
+
+    #[test]
+    fn a_scan_without_returns_is_left_out() {
+        let Alone { args } = Alone::parse_from(["explore", "room", "--columns", "256"]);
+        let mut robot = SimulatedRobot::new(&args).unwrap();
+        robot.scan().unwrap();
+        let scans = |robot: &SimulatedRobot| robot.atlas().scan_poses().count();
+        assert_eq!(scans(&robot), 1);
+        // Nothing is in range where it is now.
+        robot.truth.translation.z += 1e3;
+        robot.scan().unwrap();
+        assert_eq!(scans(&robot), 1);
+        robot.truth.translation.z -= 1e3;
+        robot.scan().unwrap();
+        assert_eq!(scans(&robot), 2);
     }
 }
