@@ -2,6 +2,7 @@
 
 mod following;
 mod plan;
+mod way_home;
 
 use crate::clusters::FrontierCluster;
 use crate::columns::Columns;
@@ -31,8 +32,6 @@ const MOST_PLACES: usize = 100_000;
 const LEFT: f64 = 0.35;
 /// Decisions after which a path is planned anew although nothing is wrong with it.
 const PATIENCE: usize = 6;
-/// The way home takes up to this much longer than planned, and this many seconds.
-const RESERVE: (f64, f64) = (1.15, 10.0);
 /// Until a loop closes, the map may be off by this share of the distance since the last correction ...
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
@@ -74,8 +73,10 @@ pub struct Explorer {
     since_planned: usize,
     /// Plans in a row that led nowhere.
     stuck: usize,
-    /// Length of the way home by the last plan, metres.
+    /// The way home takes at most this, metres: as the last plan found it, and what the robot has travelled since.
     way_home: f64,
+    /// How far it has travelled since it looked for a way home in the whole map, metres.
+    since_way_home: f64,
     /// Ways back along the track since it last got where it wanted to.
     retreats: u32,
     /// How often it has begun anew since it last got where it wanted to.
@@ -130,6 +131,7 @@ impl Explorer {
             since_planned: 0,
             stuck: 0,
             way_home: f64::INFINITY,
+            since_way_home: f64::INFINITY,
             retreats: 0,
             beginnings: 0,
             has_progressed: false,
@@ -188,6 +190,8 @@ impl Explorer {
         let is_moved = self.follow_submaps(atlas);
         let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
+        self.way_home += step;
+        self.since_way_home += step;
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
         let drift = self.drift();
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
@@ -243,7 +247,8 @@ impl Explorer {
         self.follow_map(now);
         if self.is_at_home(now) && self.purpose != Purpose::Explore {
             self.leg = None;
-            if self.purpose == Purpose::Return && self.leaves_again() {
+            self.note_way_home(self.settings.spacing);
+            if self.purpose == Purpose::Return && self.leaves_again(now.seconds_left) {
                 self.purpose = Purpose::Explore;
             } else {
                 self.purpose = Purpose::Done;
@@ -252,10 +257,8 @@ impl Explorer {
             }
         }
         self.since_planned += 1;
-        if self.purpose == Purpose::Explore && self.must_go_home(now) {
-            self.turn_back(ReturnReason::Time);
-            // A way back along the track leads home already.
-            self.leg.take_if(|leg| !leg.is_retreat);
+        if self.purpose == Purpose::Explore {
+            self.mind_the_time(now);
         }
         if !self.must_plan(now) && !self.is_unfinished {
             return (false, 0);
@@ -305,33 +308,13 @@ impl Explorer {
         }
     }
 
-    fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
-        self.home.as_ref().is_some_and(|(home, _)| now.space.metric(*home, now.robot) < self.settings.spacing)
-    }
-
-    /// Whether the time just suffices for the way home: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven.
-    fn must_go_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
-        let is_too_long = |left: f64, home: f64| home / self.settings.speed * RESERVE.0 + RESERVE.1 > left;
-        now.seconds_left.is_some_and(|left| is_too_long(left, 2.0 * self.way_home) && is_too_long(left, self.track_home(now)))
-    }
-
-    /// The way home along the track.
-    fn way_back(&self, robot: Point) -> Vec<Point> {
-        let places: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
-        retreat::track(&places, robot)
-    }
-
-    /// Its length, metres.
-    fn track_home<S: Space>(&self, now: &Situation<'_, S>) -> f64 {
-        length(&self.way_back(now.robot))
-    }
-
     /// Whether the path is done, blocked, not worth it, or old; or the time has come to go home.
     fn must_plan<S: Space>(&mut self, now: &Situation<'_, S>) -> bool {
         let Some(leg) = &self.leg else { return true };
         let Some(end) = leg.end() else { return true };
         if distance(end, now.robot) < 0.5 * self.settings.spacing {
-            if leg.volume.is_some() {
+            // Once: a plan that goes on may keep it here for many decisions.
+            if self.leg.take().is_some_and(|leg| leg.volume.is_some()) {
                 self.arrive(now.atlas, end);
             }
             return true;
@@ -364,7 +347,9 @@ impl Explorer {
     fn arrive(&mut self, atlas: &Atlas, viewpoint: Point) {
         (self.retreats, self.beginnings, self.has_progressed) = (0, 0, true);
         self.exhausted.push((viewpoint, anchor_path(atlas, &[viewpoint])));
-        self.roadmap.take_if(|roadmap| roadmap.len() > MOST_PLACES);
+        if !self.is_unfinished {
+            self.roadmap.take_if(|roadmap| roadmap.len() > MOST_PLACES);
+        }
     }
 
     /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.
@@ -384,4 +369,41 @@ fn including([low, high]: [Point; 2], p: Point, radius: f64) -> [Point; 2] {
 fn shrunk([low, high]: [Point; 2], radius: f64) -> [Point; 2] {
     let room = |k: usize| (0.5 * (high[k] - low[k])).min(radius);
     [std::array::from_fn(|k| low[k] + room(k)), std::array::from_fn(|k| high[k] - room(k))]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nothing but free space.
+    struct Open;
+
+    impl Space for Open {
+        fn steer(&self, from: Point, to: Point) -> Option<Point> {
+            self.state_at(from).and_then(|_| self.state_at(to))
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            p.iter().all(|c| c.abs() < 20.0).then_some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            [[-20.0; 3], [20.0; 3]]
+        }
+    }
+
+    #[test]
+    fn a_large_roadmap_is_left_for_a_new_one_but_not_while_a_plan_makes_it() {
+        let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[-20.0; 3], [20.0; 3]])).unwrap();
+        let mut roadmap = Roadmap::new(0.6, [0.0; 3]);
+        roadmap.extend_all(&Open, [0.0; 3], f64::INFINITY);
+        assert!(roadmap.len() > MOST_PLACES);
+        explorer.roadmap = Some(roadmap);
+        explorer.is_unfinished = true;
+        explorer.arrive(&Atlas::new(0.1), [0.0; 3]);
+        assert!(explorer.places() > MOST_PLACES);
+        explorer.is_unfinished = false;
+        explorer.arrive(&Atlas::new(0.1), [0.0; 3]);
+        assert_eq!(explorer.places(), 0);
+    }
 }

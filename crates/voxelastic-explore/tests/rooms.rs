@@ -345,6 +345,29 @@ fn a_robot_without_a_track_finds_its_way_home_in_the_whole_map() {
 }
 
 #[test]
+fn a_robot_with_a_long_track_looks_for_a_shorter_way_home_before_its_time_is_up() {
+    let world = corridor();
+    let bounds = [[-2.0, -1.5, 0.3], [100.0, 1.5, 1.6]];
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings(Strategy::Tour) }).unwrap());
+    // It comes to and fro across the corridor: 80 m from home, along a track of 229 m.
+    for k in 0..108 {
+        walker.position = [0.75 * f64::from(k), if k % 2 == 0 { -1.0 } else { 1.0 }, 1.0];
+        let (pose, cloud) = walker.scan(&world);
+        explorer.see(&pose, &cloud);
+        explorer.decide(walker.atlas(), walker.position, None).unwrap();
+    }
+    let mut decide = |seconds_left| {
+        let decisions = (0..20).map(|_| explorer.decide(walker.atlas(), walker.position, Some(seconds_left)).unwrap());
+        decisions.last().unwrap().purpose
+    };
+    // The track takes 142 s with what is kept in reserve, twice the length of the corridor 102.
+    assert_eq!([155.0, 120.0, 95.0].map(&mut decide), [Purpose::Explore, Purpose::Explore, Purpose::Return]);
+    let purposes = walker.explore(&mut explorer, 600, Some(95.0), |_, _| world.clone());
+    assert!(purposes.last() == Some(&Purpose::Done) && distance(walker.position, HOME) < 1.0, "{purposes:?} at {:?}", walker.position);
+    assert!(walker.travelled < 110.0 && walker.least > RADIUS, "{} m, {} m from a wall", walker.travelled, walker.least);
+}
+
+#[test]
 fn another_robot_goes_on_in_a_map_that_is_there() {
     let world = rooms(false, false);
     let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());

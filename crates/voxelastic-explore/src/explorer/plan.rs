@@ -1,6 +1,7 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
-use super::{EXTENDED, Explorer, PATIENCE, RESERVE, Situation};
+use super::way_home::RESERVE;
+use super::{EXTENDED, Explorer, PATIENCE, Situation};
 use crate::choice::choose;
 use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
@@ -25,7 +26,7 @@ const MOST_RETREATS: u32 = 4;
 /// On its way home it goes back along its track this often, each time twice as far: after more the track is shut.
 const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
-const MOST_BEGINNINGS: u32 = 2;
+pub(super) const MOST_BEGINNINGS: u32 = 2;
 /// A roadmap is extended within twice this distance of the robot before everything that can be reached is added to it, metres.
 const FARTHEST: f64 = 800.0;
 /// Steps of the roadmap that are tried in one decision.
@@ -39,6 +40,9 @@ impl Explorer {
     pub(super) fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
         let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
         self.retry(now, &mut roadmap);
+        if self.has_shortcut_home(now) {
+            self.radius = f64::INFINITY;
+        }
         let count = self.plan_in(now, &mut roadmap, frontier);
         self.roadmap.get_or_insert(roadmap);
         if !self.is_unfinished {
@@ -133,13 +137,6 @@ impl Explorer {
             self.beginnings += 1;
         }
         may_help
-    }
-
-    /// Whether it explores once more from home: if it has seen something new since it was there last. On its way loops have closed, and what could not be reached may be by
-    /// now, however often it has begun anew elsewhere.
-    pub(super) fn leaves_again(&mut self) -> bool {
-        self.beginnings = 0;
-        std::mem::take(&mut self.has_progressed) && self.begin_anew()
     }
 
     /// It goes home from now on, with all its patience: what led nowhere so far led elsewhere.
@@ -238,14 +235,14 @@ impl Explorer {
     fn worthwhile<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &Roadmap, frontier: &[FrontierCluster]) -> Vec<Viewpoint> {
         let (ways, ways_home) = (roadmap.ways(now.space, now.robot), roadmap.ways(now.space, self.home_or(now.robot)));
         let near = roadmap.near(now.robot, 1.5 * self.settings.spacing);
-        self.way_home = near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min);
+        self.note_way_home(near.into_iter().map(|node| ways_home.length(node)).fold(f64::INFINITY, f64::min));
         let reach = self.settings.spacing * 1.6;
         let (seconds_left, [low, high]) = (now.seconds_left, now.viewpoint_box);
-        // Where no way home is known, the robot comes back to where it is and goes home along its track.
-        let track = self.track_home(now);
+        // Where the roadmap has no way home, the robot comes back to where it is and goes home from there.
+        let from_here = self.track_home(now).min(self.way_home);
         let exhausted: HashSet<u32> = self.exhausted.iter().flat_map(|(place, _)| roadmap.near(*place, reach)).collect();
         let is_excluded = |node: u32| {
-            let home = ways_home.length(node).min(ways.length(node) + track);
+            let home = ways_home.length(node).min(ways.length(node) + from_here);
             let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
             let place = roadmap.place(node);
             let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&place[k]));
@@ -281,18 +278,6 @@ mod tests {
     use super::*;
     use crate::settings::ExploreSettings;
     use voxelastic_plan::Robot;
-
-    #[test]
-    fn a_robot_that_saw_something_new_leaves_home_again_if_there_is_time() {
-        let at_home = |reason, has_progressed| {
-            let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
-            (explorer.turned_back, explorer.has_progressed, explorer.beginnings) = (Some(reason), has_progressed, MOST_BEGINNINGS);
-            [explorer.leaves_again(), explorer.leaves_again()]
-        };
-        assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
-        assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
-        assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
-    }
 
     #[test]
     fn corrections_that_never_cease_leave_time_for_a_plan() {
