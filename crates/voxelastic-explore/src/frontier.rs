@@ -1,10 +1,12 @@
 //! The frontier of a submap: where free space meets unknown space, by blocks, recomputed only where voxels changed their state.
 
+mod affected;
+
 use hashbrown::{HashMap, HashSet};
 use std::collections::BTreeMap;
 use voxelastic::atlas::SubmapId;
-use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField, State, state_of};
-use voxelastic::octree::{BLOCK_EDGE, MAX_BLOCK_COORD, NONE, block_coords, block_key};
+use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField};
+use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, block_key};
 
 /// The frontier in one block: the faces of its free voxels towards unknown ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,17 +78,17 @@ impl Changes {
         self.is_anywhere || self.levels.iter().any(|(level, keys)| keys.contains(&(key >> (3 * level))))
     }
 
-    /// Corners of the box around the octants, in blocks; without limits if they may have changed elsewhere, too.
-    pub fn bounds(&self) -> [[f64; 3]; 2] {
+    /// Corners of the box around the octants in the submap's frame, metres, for blocks of `edge` metres; without limits if they may have changed elsewhere, too.
+    pub fn bounds(&self, edge: f64) -> [[f64; 3]; 2] {
         if self.is_anywhere {
             return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
         }
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for (level, key) in self.levels.iter().flat_map(|(level, keys)| keys.iter().map(move |key| (*level, *key))) {
-            let low = block_coords(key << (3 * level)).map(f64::from);
+            let low = block_coords(key << (3 * level)).map(|c| f64::from(c) * edge);
             for k in 0..3 {
                 bounds[0][k] = bounds[0][k].min(low[k]);
-                bounds[1][k] = bounds[1][k].max(low[k] + f64::from(1u32 << level));
+                bounds[1][k] = bounds[1][k].max(low[k] + edge * f64::from(1u32 << level));
             }
         }
         bounds
@@ -149,47 +151,6 @@ impl SubmapFrontier {
         }
         (changed.len(), Changes::of(&octants, !is_logged))
     }
-
-    /// Adds the keys of a block that has changed and of its neighbours whose frontier may have: those that have one, and those next to something unknown in it.
-    fn add_block(&self, states: &mut States<'_>, key: u64, blocks: &mut Vec<u64>) {
-        blocks.push(key);
-        let (block, unknown) = (block_coords(key), states.of(key).unknown());
-        for (axis, side) in FACES {
-            let mut neighbour = block;
-            neighbour[axis] += side;
-            let is_inside = neighbour[axis].abs() < MAX_BLOCK_COORD;
-            if is_inside && (at_face(&unknown, axis, side) || self.blocks.contains_key(&block_key(neighbour))) {
-                blocks.push(block_key(neighbour));
-            }
-        }
-    }
-
-    /// The same for an octant in which all has changed: what it costs follows the frontier there, and not the size of the octant.
-    fn add_octant(&self, field: &OccupancyField, key: u64, level: u32, blocks: &mut Vec<u64>) {
-        let (low, edge) = (block_coords(key), 1i32 << level);
-        let own = uniform(field, low, level);
-        if !matches!(own, Some(State::Free | State::Occupied)) {
-            add_faces(blocks, low, edge);
-            return;
-        }
-        let in_octant = |low: [i32; 3]| {
-            let first = block_key(low);
-            self.blocks.range(first..first + (1 << (3 * level))).map(|(key, _)| *key)
-        };
-        blocks.extend(in_octant(low));
-        for (axis, side) in FACES {
-            let (mut neighbour, mut face) = (low, low);
-            neighbour[axis] += side * edge;
-            face[axis] += if side > 0 { edge - 1 } else { 0 };
-            if neighbour[axis].abs() < MAX_BLOCK_COORD {
-                let layer = face[axis] + side;
-                blocks.extend(in_octant(neighbour).filter(|key| block_coords(*key)[axis] == layer));
-            }
-            if own == Some(State::Free) {
-                add_next_to_unknown(field, face, (axis, side), level, blocks);
-            }
-        }
-    }
 }
 
 /// The states of blocks that were looked up.
@@ -205,59 +166,6 @@ impl<'a> States<'a> {
 
     fn of(&mut self, key: u64) -> &BlockStates {
         self.blocks.entry(key).or_insert_with(|| self.field.block_states(key))
-    }
-}
-
-/// Axes and sides of the faces of a cube.
-const FACES: [(usize, i32); 6] = [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)];
-
-/// The state of an octant, if it is uniform.
-fn uniform(field: &OccupancyField, low: [i32; 3], level: u32) -> Option<State> {
-    if low.iter().any(|c| c.abs() >= MAX_BLOCK_COORD) {
-        return Some(State::Unknown);
-    }
-    let Some((found, octant)) = field.tree().find(block_key(low)) else { return Some(State::Unknown) };
-    (octant.link == NONE && found >= level).then(|| state_of(octant.payload.value))
-}
-
-/// Adds the keys of the blocks in a square of 4^level blocks, the first one of them `low`, that are next to something unknown beyond the face.
-fn add_next_to_unknown(field: &OccupancyField, low: [i32; 3], (axis, side): (usize, i32), level: u32, blocks: &mut Vec<u64>) {
-    let mut beyond = low;
-    beyond[axis] += side;
-    let edge = 1i32 << level;
-    match uniform(field, beyond, level) {
-        Some(State::Unknown) => (0..edge * edge).for_each(|i| blocks.push(block_key(in_square(low, axis, [i % edge, i / edge])))),
-        Some(_) => {}
-        None if level == 0 => blocks.push(block_key(low)),
-        None => {
-            let half = edge / 2;
-            for at in [[0, 0], [half, 0], [0, half], [half, half]] {
-                add_next_to_unknown(field, in_square(low, axis, at), (axis, side), level - 1, blocks);
-            }
-        }
-    }
-}
-
-/// The block at a place of a square across an axis.
-fn in_square(low: [i32; 3], axis: usize, at: [i32; 2]) -> [i32; 3] {
-    let mut block = low;
-    block[(axis + 1) % 3] += at[0];
-    block[(axis + 2) % 3] += at[1];
-    block
-}
-
-/// Adds the keys of the blocks at the faces of an octant of `edge` blocks, on both sides: nothing changes within it, and nothing beyond.
-fn add_faces(blocks: &mut Vec<u64>, low: [i32; 3], edge: i32) {
-    for axis in 0..3 {
-        for depth in [-1, 0, edge - 1, edge] {
-            for i in 0..edge * edge {
-                let mut block = in_square(low, axis, [i % edge, i / edge]);
-                block[axis] += depth;
-                if block.iter().all(|c| c.abs() < MAX_BLOCK_COORD) {
-                    blocks.push(block_key(block));
-                }
-            }
-        }
     }
 }
 
@@ -348,6 +256,7 @@ fn shifted(own: &BlockBits, next: &BlockBits, axis: usize, side: i32) -> BlockBi
 mod tests {
     use super::*;
     use voxelastic::Pose;
+    use voxelastic::field::occupancy::State;
     use voxelastic::settings::FieldKind;
     use voxelastic::{Settings, event::Event, mapper::Mapper};
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use voxelastic::Pose;
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::field::occupancy::{OccupancyField, State};
-use voxelastic::geometry::Aabb;
+use voxelastic::geometry::{Aabb, box_around};
 use voxelastic::octree::{BLOCK_EDGE, BLOCK_SHIFT};
 use voxelastic::query::AtlasQuery;
 use voxelastic_plan::Point;
@@ -100,7 +100,7 @@ impl Frontiers {
                     field: all[other].0.occupancy(),
                     t_other_submap,
                     changes: &changes[other],
-                    changed_box: in_frame(&t_other_submap.inverse(), changes[other].bounds(), f64::from(block)),
+                    changed_box: box_around(&t_other_submap.inverse(), changes[other].bounds(f64::from(block))),
                     is_new,
                 }
             };
@@ -211,17 +211,6 @@ fn look_up(frontier: &mut SubmapFrontier, others: &[Other<'_>], lost: &[SubmapId
         block.known = known;
     }
     has_changed
-}
-
-/// Corners of the box in another frame around one with corners in blocks of `edge` metres, metres, with a margin for rounding.
-fn in_frame(t: &Pose, [low, high]: [Point; 2], edge: f64) -> [Point; 2] {
-    if !(0..3).all(|k| low[k].is_finite() && high[k].is_finite()) {
-        return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
-    }
-    let centre = in_map(t, std::array::from_fn(|k| 0.5 * edge * (low[k] + high[k])));
-    let rotation = t.rotation.to_rotation_matrix();
-    let reach: Point = std::array::from_fn(|k| (0..3).map(|j| 0.5 * edge * rotation[(k, j)].abs() * (high[j] - low[j])).sum::<f64>() + 1e-3);
-    [std::array::from_fn(|k| centre[k] - reach[k]), std::array::from_fn(|k| centre[k] + reach[k])]
 }
 
 fn in_map(t_map_submap: &Pose, p: Point) -> Point {

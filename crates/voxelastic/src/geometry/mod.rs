@@ -9,6 +9,6 @@ pub mod morton;
 pub mod pose;
 pub mod stored;
 
-pub use aabb::Aabb;
+pub use aabb::{Aabb, box_around};
 pub use eigen::smallest_eigenvector;
 pub use pose::{Pose, PoseExt, Rigid};

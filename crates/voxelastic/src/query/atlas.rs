@@ -7,7 +7,7 @@ use super::shape::{Shape, moved};
 use super::{CellSummary, FieldQuery, FrontierPoint, UnknownAs};
 use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::field::occupancy::{State, UNKNOWN, log_odds, state_of};
-use crate::geometry::{Aabb, Pose};
+use crate::geometry::{Aabb, Pose, box_around};
 use crate::octree::BLOCK_EDGE;
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ pub(super) struct PlacedField<'a> {
     /// Bounds of everything observed, submap frame.
     pub low: [f64; 3],
     pub high: [f64; 3],
-    /// Box around these bounds, map frame: most of a large map is ruled out by it without a transformation.
+    /// Corners of the box around these bounds, map frame: most of a large map is ruled out by it without a transformation.
     around: [[f64; 3]; 2],
 }
 
@@ -121,7 +121,7 @@ impl<'a> AtlasQuery<'a> {
             let bounds = query.bounds();
             let t_submap_map = t_map_submap.inverse();
             let (low, high) = (bounds.min.map(f64::from), bounds.max.map(f64::from));
-            (!bounds.is_empty()).then(|| PlacedField { query, t_map_submap, t_submap_map, low, high, around: around(&t_map_submap, low, high) })
+            (!bounds.is_empty()).then(|| PlacedField { query, t_map_submap, t_submap_map, low, high, around: box_around(&t_map_submap, [low, high]) })
         };
         let included = atlas.placed().filter(|(submap, _)| is_included(submap.id()));
         Self { voxel_size: f64::from(atlas.voxel_size()), parts: included.filter_map(part).collect() }
@@ -329,14 +329,6 @@ impl<'a> AtlasQuery<'a> {
         }
         gather(points.into_iter(), self.voxel_size * f64::from(1u32 << level.min(30)))
     }
-}
-
-/// Box in the map frame around one of a submap, with a margin for rounding, metres.
-fn around(t_map_submap: &Pose, low: [f64; 3], high: [f64; 3]) -> [[f64; 3]; 2] {
-    let centre = moved(t_map_submap, std::array::from_fn(|k| 0.5 * (low[k] + high[k])));
-    let rotation = t_map_submap.rotation.to_rotation_matrix();
-    let reach: [f64; 3] = std::array::from_fn(|k| (0..3).map(|j| 0.5 * rotation[(k, j)].abs() * (high[j] - low[j])).sum::<f64>() + 1e-6);
-    [std::array::from_fn(|k| centre[k] - reach[k]), std::array::from_fn(|k| centre[k] + reach[k])]
 }
 
 fn transformed(t: &Pose, point: &FrontierPoint) -> FrontierPoint {
