@@ -21,6 +21,7 @@ use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{Anchor, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors};
+use way_home::Search;
 
 /// The roadmap is extended around the robot within this radius at first, metres, to twice as far away.
 const EXTENDED: f64 = 25.0;
@@ -77,6 +78,8 @@ pub struct Explorer {
     way_home: f64,
     /// How far it has travelled since it looked for a way home in the whole map, metres.
     since_way_home: f64,
+    /// Its search for a way home in the whole map.
+    search: Search,
     /// Ways back along the track since it last got where it wanted to.
     retreats: u32,
     /// How often it has begun anew since it last got where it wanted to.
@@ -132,6 +135,7 @@ impl Explorer {
             stuck: 0,
             way_home: f64::INFINITY,
             since_way_home: f64::INFINITY,
+            search: Search::None,
             retreats: 0,
             beginnings: 0,
             has_progressed: false,

@@ -67,6 +67,9 @@ impl Explorer {
             roadmap.unblock();
         }
         self.is_unfinished = !roadmap.extend(now.space, now.robot, self.radius, self.steps());
+        if self.gives_up_search(roadmap.len()) {
+            *roadmap = Roadmap::new(self.settings.spacing, now.robot);
+        }
         if self.is_unfinished {
             return 0;
         }

@@ -16,6 +16,20 @@ const SHORTER: f64 = 1.5;
 /// A robot that is at home early explores once more if there are so many seconds left.
 const ONCE_MORE: f64 = 40.0;
 
+/// A map in which the roadmap has more places than this is too large to look for a way home in: that would take minutes. The robot goes home while its track suffices.
+const MOST_SEARCHED: usize = 250_000;
+
+/// A search for a way home in the whole map, while the robot explores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Search {
+    /// There is none.
+    None,
+    /// It goes on, over several decisions.
+    Running,
+    /// It was given up.
+    TooLarge,
+}
+
 impl Explorer {
     pub(super) fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
         self.home.as_ref().is_some_and(|(home, _)| now.space.metric(*home, now.robot) < self.settings.spacing)
@@ -30,10 +44,24 @@ impl Explorer {
             self.radius = EXTENDED;
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
-        } else if self.since_way_home > SEARCHED && self.needs(now, left - SEARCH) {
+        } else if self.search == Search::None && self.since_way_home > SEARCHED && self.needs(now, left - SEARCH) {
             self.since_way_home = 0.0;
-            (self.radius, self.is_unfinished) = (f64::INFINITY, true);
+            (self.radius, self.is_unfinished, self.search) = (f64::INFINITY, true, Search::Running);
         }
+    }
+
+    /// Ends the search with the plan that it is part of, or gives it up where the map is too large; returns whether it does that.
+    pub(super) fn gives_up_search(&mut self, places: usize) -> bool {
+        if self.search != Search::Running {
+            return false;
+        }
+        if !self.is_unfinished {
+            self.search = Search::None;
+        } else if self.purpose == Purpose::Explore && places > MOST_SEARCHED {
+            (self.search, self.radius) = (Search::TooLarge, EXTENDED);
+            return true;
+        }
+        false
     }
 
     /// Whether the way home takes `seconds`: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven.
@@ -92,6 +120,24 @@ mod tests {
         assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
         assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
         assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
+    }
+
+    #[test]
+    fn a_search_ends_with_its_plan_or_where_the_map_is_too_large() {
+        let search = |is_unfinished, purpose, places| {
+            let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
+            (explorer.search, explorer.radius, explorer.is_unfinished, explorer.purpose) = (Search::Running, f64::INFINITY, is_unfinished, purpose);
+            (explorer.gives_up_search(places), explorer.search, explorer.radius)
+        };
+        let (explore, home) = (Purpose::Explore, Purpose::Return);
+        assert_eq!(search(true, explore, 1000), (false, Search::Running, f64::INFINITY));
+        assert_eq!(search(false, explore, MOST_SEARCHED + 1), (false, Search::None, f64::INFINITY));
+        assert_eq!(search(true, explore, MOST_SEARCHED + 1), (true, Search::TooLarge, EXTENDED));
+        assert_eq!(
+            search(true, home, MOST_SEARCHED + 1),
+            (false, Search::Running, f64::INFINITY),
+            "it has found a way, and its track would be too long"
+        );
     }
 
     #[test]
