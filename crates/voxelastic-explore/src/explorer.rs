@@ -21,7 +21,6 @@ use voxelastic::event::NodeId;
 use voxelastic::query::AtlasQuery;
 use voxelastic::{Cloud, Pose};
 use voxelastic_plan::{Anchor, FlyingSpace, GroundSpace, Point, Robot, Space, Wheels, anchor_path, distance, length, recheck, resolve_anchors};
-use way_home::Search;
 
 /// The roadmap is extended around the robot within this radius at first, metres, to twice as far away.
 const EXTENDED: f64 = 25.0;
@@ -90,6 +89,17 @@ pub struct Explorer {
     is_outside: bool,
     /// Why it turned back last.
     turned_back: Option<ReturnReason>,
+}
+
+/// A search for a way home in the whole map, while the robot explores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Search {
+    /// There is none.
+    None,
+    /// It goes on, over several decisions.
+    Running,
+    /// It was given up.
+    TooLarge,
 }
 
 /// What a decision is made of.

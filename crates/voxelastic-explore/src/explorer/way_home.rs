@@ -1,6 +1,6 @@
 //! When to go home, and how far that is.
 
-use super::{EXTENDED, Explorer, Situation};
+use super::{EXTENDED, Explorer, Search, Situation};
 use crate::decision::{Purpose, ReturnReason};
 use crate::retreat;
 use voxelastic_plan::{Point, Space, length};
@@ -18,17 +18,6 @@ const ONCE_MORE: f64 = 40.0;
 
 /// A map in which the roadmap has more places than this is too large to look for a way home in: that would take minutes. The robot goes home while its track suffices.
 const MOST_SEARCHED: usize = 250_000;
-
-/// A search for a way home in the whole map, while the robot explores.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Search {
-    /// There is none.
-    None,
-    /// It goes on, over several decisions.
-    Running,
-    /// It was given up.
-    TooLarge,
-}
 
 impl Explorer {
     pub(super) fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
