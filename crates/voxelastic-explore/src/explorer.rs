@@ -75,7 +75,7 @@ pub struct Explorer {
     stuck: usize,
     /// The way home takes at most this, metres: as the last plan found it, and what the robot has travelled since.
     way_home: f64,
-    /// How far it has travelled since it looked for a way home in the whole map, metres.
+    /// How far it has travelled since a plan found the way home, or it looked for one in the whole map, metres.
     since_way_home: f64,
     /// Its search for a way home in the whole map.
     search: Search,
@@ -95,7 +95,7 @@ pub struct Explorer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Search {
     /// There is none.
-    None,
+    Idle,
     /// It goes on, over several decisions.
     Running,
     /// It was given up.
@@ -145,7 +145,7 @@ impl Explorer {
             stuck: 0,
             way_home: f64::INFINITY,
             since_way_home: f64::INFINITY,
-            search: Search::None,
+            search: Search::Idle,
             retreats: 0,
             beginnings: 0,
             has_progressed: false,
@@ -202,7 +202,7 @@ impl Explorer {
         let [newest, recent] = [1, 2].map(|n| AtlasQuery::of_submaps(atlas, |submap| newest.iter().take(n).any(|recent| *recent == submap)));
         let narrow = self.settings.narrowest();
         let is_moved = self.follow_submaps(atlas);
-        let step = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
+        let step = self.step(robot);
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
         self.way_home += step;
         self.since_way_home += step;
@@ -249,6 +249,12 @@ impl Explorer {
             frontier_time,
             time: clock.elapsed(),
         })
+    }
+
+    /// How far the robot has come from the last place of its track, metres; nothing if that is too near for another one, or standing would count as travelling.
+    fn step(&self, robot: Point) -> f64 {
+        let off = self.track.last().map_or(0.0, |(last, _)| distance(*last, robot));
+        if off > 0.1 * self.settings.spacing { off } else { 0.0 }
     }
 
     /// How far the map may be off, as no loop has closed, metres: the box is larger by it in the newest submaps.
@@ -302,7 +308,7 @@ impl Explorer {
         let place = |place: Point| (place, anchor_path(now.atlas, &[place]));
         let robot = now.robot;
         self.home.get_or_insert_with(|| place(robot));
-        if self.track.last().is_none_or(|(last, _)| distance(*last, robot) > 0.1 * self.settings.spacing) {
+        if self.track.is_empty() || self.step(robot) > 0.0 {
             self.track.push(place(robot));
         }
         if now.is_moved {
@@ -404,6 +410,14 @@ mod tests {
         fn bounds(&self) -> [Point; 2] {
             [[-20.0; 3], [20.0; 3]]
         }
+    }
+
+    #[test]
+    fn standing_is_not_travelling() {
+        let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[-20.0; 3], [20.0; 3]])).unwrap();
+        assert_eq!(explorer.step([1.0; 3]), 0.0, "it begins here");
+        explorer.track.push(([0.0; 3], Vec::new()));
+        assert_eq!([0.0, 0.05, 0.5].map(|x| explorer.step([x, 0.0, 0.0])), [0.0, 0.0, 0.5]);
     }
 
     #[test]

@@ -27,16 +27,25 @@ impl Explorer {
     /// Turns back if the time just suffices for the way home; looks for a shorter one shortly before.
     pub(super) fn mind_the_time<S: Space>(&mut self, now: &Situation<'_, S>) {
         let Some(left) = now.seconds_left else { return };
-        if self.needs(now, left) {
+        let needed = self.seconds_home(now, left);
+        if needed > left {
             self.turn_back(ReturnReason::Time);
             // The time does not suffice for a search, unless it pays.
             self.radius = EXTENDED;
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
-        } else if self.search == Search::None && self.since_way_home > SEARCHED && self.needs(now, left - SEARCH) {
+        } else if self.search == Search::Idle && self.since_way_home > SEARCHED && needed > left - SEARCH {
             self.since_way_home = 0.0;
             (self.radius, self.is_unfinished, self.search) = (f64::INFINITY, true, Search::Running);
         }
+    }
+
+    /// What the way home takes at most, seconds: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven, if that matters.
+    fn seconds_home<S: Space>(&self, now: &Situation<'_, S>, left: f64) -> f64 {
+        let seconds = |metres: f64| metres / self.settings.speed * RESERVE.0 + RESERVE.1;
+        let planned = seconds(2.0 * self.way_home);
+        // The length of the track takes a look at all of it.
+        if planned > left - SEARCH { planned.min(seconds(self.track_home(now))) } else { planned }
     }
 
     /// Ends the search with the plan that it is part of, or gives it up where the map is too large; returns whether it does that.
@@ -45,18 +54,12 @@ impl Explorer {
             return false;
         }
         if !self.is_unfinished {
-            self.search = Search::None;
+            self.search = Search::Idle;
         } else if self.purpose == Purpose::Explore && places > MOST_SEARCHED {
             (self.search, self.radius) = (Search::TooLarge, EXTENDED);
             return true;
         }
         false
-    }
-
-    /// Whether the way home takes `seconds`: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven.
-    fn needs<S: Space>(&self, now: &Situation<'_, S>, seconds: f64) -> bool {
-        let is_too_long = |home: f64| home / self.settings.speed * RESERVE.0 + RESERVE.1 > seconds;
-        is_too_long(2.0 * self.way_home) && is_too_long(self.track_home(now))
     }
 
     /// The way home along the track.
@@ -120,7 +123,7 @@ mod tests {
         };
         let (explore, home) = (Purpose::Explore, Purpose::Return);
         assert_eq!(search(true, explore, 1000), (false, Search::Running, f64::INFINITY));
-        assert_eq!(search(false, explore, MOST_SEARCHED + 1), (false, Search::None, f64::INFINITY));
+        assert_eq!(search(false, explore, MOST_SEARCHED + 1), (false, Search::Idle, f64::INFINITY));
         assert_eq!(search(true, explore, MOST_SEARCHED + 1), (true, Search::TooLarge, EXTENDED));
         assert_eq!(
             search(true, home, MOST_SEARCHED + 1),
