@@ -2,6 +2,7 @@
 
 mod args;
 mod course;
+mod evenly;
 mod periods;
 mod picture;
 mod robot;

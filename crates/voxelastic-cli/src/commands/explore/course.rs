@@ -1,6 +1,7 @@
 //! What happened on the way, and its summary.
 
 use super::args::ExploreArgs;
+use super::evenly::Evenly;
 use super::periods::{Period, Periods, Times};
 use super::robot::SimulatedRobot;
 use super::truth::SurfaceError;
@@ -80,7 +81,9 @@ struct Step {
 /// What happened so far.
 pub struct Course {
     pub moments: Vec<Moment>,
-    steps: Vec<Step>,
+    /// More than a report has would be most of the memory of a long run.
+    steps: Evenly<Step>,
+    last_step: Option<Step>,
     decisions: Vec<(Duration, Duration, bool)>,
     periods: Periods,
     pub frontier: Vec<FrontierCluster>,
@@ -109,7 +112,8 @@ impl Course {
     pub fn new(seconds: f64) -> Self {
         Self {
             moments: Vec::new(),
-            steps: Vec::new(),
+            steps: Evenly::new(MOST_STEPS),
+            last_step: None,
             decisions: Vec::new(),
             periods: Periods::new(seconds),
             frontier: Vec::new(),
@@ -122,10 +126,17 @@ impl Course {
     /// Notes a decision.
     pub fn record(&mut self, robot: &SimulatedRobot, explorer: &Explorer, decision: &Decision, truth: &ReachableSpace, is_last: bool) {
         let (&t_map_lidar, _) = robot.last_scan();
-        let frontier = decision.frontier.iter().map(|cluster| (cluster.centre, cluster.area)).collect();
-        let (time_s, distance_m, position) = (robot.time(), robot.distance(), robot.position());
-        let decided = ExplorationStep { time_s, distance_m, position, frontier, path: decision.path.clone() };
-        self.steps.push(Step { node: robot.node(), t_map_lidar, decided });
+        let step = || {
+            let frontier = decision.frontier.iter().map(|cluster| (cluster.centre, cluster.area)).collect();
+            let (time_s, distance_m, position) = (robot.time(), robot.distance(), robot.position());
+            let decided = ExplorationStep { time_s, distance_m, position, frontier, path: decision.path.clone() };
+            Step { node: robot.node(), t_map_lidar, decided }
+        };
+        if is_last {
+            self.last_step = Some(step());
+        } else {
+            self.steps.add(step);
+        }
         self.decisions.push((decision.time, decision.frontier_time, decision.is_new));
         if self.last_purpose != Some(decision.purpose) {
             self.last_purpose = Some(decision.purpose);
@@ -169,10 +180,8 @@ impl Course {
 
     /// What a report shows of it, with everything where the scans are now that it was seen from.
     pub fn replay(&self, mapper: &Mapper) -> Exploration {
-        let every = self.steps.len().div_ceil(MOST_STEPS).max(1);
-        let is_taken = |(k, _): &(usize, &Step)| k % every == 0 || k + 1 == self.steps.len();
         let moment = |m: &Moment| KnownShare { time_s: m.time_s, distance_m: m.distance_m, known_share: m.known_share };
-        let steps = self.steps.iter().enumerate().filter(is_taken).map(|(_, step)| step.in_map(mapper)).collect();
+        let steps = self.steps.iter().chain(&self.last_step).map(|step| step.in_map(mapper)).collect();
         Exploration { moments: self.moments.iter().map(moment).collect(), steps }
     }
 
