@@ -131,7 +131,7 @@ impl SubmapFrontier {
         }
         octants.sort_unstable();
         octants.dedup();
-        let mut states = States::new(field, 8 * octants.len());
+        let mut states = States::new(field);
         let mut changed: Vec<u64> = Vec::with_capacity(4 * octants.len());
         for &(key, level) in &octants {
             if level == 0 {
@@ -156,16 +156,23 @@ impl SubmapFrontier {
 /// The states of blocks that were looked up.
 struct States<'a> {
     field: &'a OccupancyField,
-    blocks: HashMap<u64, BlockStates>,
+    /// Where those of each block are: a table of the states themselves would be mostly empty memory.
+    index: HashMap<u64, u32>,
+    states: Vec<BlockStates>,
 }
 
 impl<'a> States<'a> {
-    fn new(field: &'a OccupancyField, count: usize) -> Self {
-        Self { field, blocks: HashMap::with_capacity(2 * count) }
+    fn new(field: &'a OccupancyField) -> Self {
+        Self { field, index: HashMap::new(), states: Vec::new() }
     }
 
     fn of(&mut self, key: u64) -> &BlockStates {
-        self.blocks.entry(key).or_insert_with(|| self.field.block_states(key))
+        let next = self.states.len() as u32;
+        let index = *self.index.entry(key).or_insert(next);
+        if index == next {
+            self.states.push(self.field.block_states(key));
+        }
+        &self.states[index as usize]
     }
 }
 

@@ -15,6 +15,9 @@ use voxelastic_plan::Point;
 /// Clusters are made in squares of this edge, metres, again only where something has changed; none extends across a border. The first square is around the origin.
 const TILE: f64 = 128.0;
 
+/// What one submap knows of another is looked up again when a correction has moved them against each other by this many voxels, at most where the other is.
+const MOVED: f64 = 0.1;
+
 /// The square around a place.
 type Tile = [i32; 2];
 
@@ -40,7 +43,7 @@ struct Kept {
     t_map_submap: Option<Pose>,
     /// Box around everything observed and a block more, map frame, metres.
     extent: Aabb,
-    /// The other submaps with boxes that overlap this one, and where they were when blocks were looked up in them.
+    /// The other submaps with boxes that overlap this one, and this one's pose in their frames when blocks were looked up in all of them.
     others: Vec<(SubmapId, Pose)>,
     /// Whether anything has changed since the places were collected.
     has_changed: bool,
@@ -85,10 +88,11 @@ impl Frontiers {
         for (k, (submap, t_map_submap)) in all.iter().enumerate() {
             let Some(kept) = self.submaps.get_mut(&submap.id()) else { continue };
             let near: Vec<usize> = (0..all.len()).filter(|other| *other != k && overlap(&extents[k], &extents[*other])).collect();
-            let others: Vec<(SubmapId, Pose)> = near.iter().map(|other| (all[*other].0.id(), all[*other].1)).collect();
-            let is_moved = kept.t_map_submap != Some(*t_map_submap);
-            let is_new: Vec<bool> = others.iter().map(|other| is_moved || !kept.others.contains(other)).collect();
-            let lost: Vec<SubmapId> = kept.others.iter().filter(|before| !others.contains(before)).map(|(id, _)| *id).collect();
+            let apart = |other: &usize| (all[*other].0.id(), all[*other].1.inverse() * t_map_submap);
+            let mut others: Vec<(SubmapId, Pose)> = near.iter().map(apart).collect();
+            let lost: Vec<SubmapId> = kept.others.iter().map(|(id, _)| *id).filter(|id| !others.iter().any(|(near, _)| near == id)).collect();
+            let own = submap.query().bounds();
+            let is_new: Vec<bool> = others.iter_mut().map(|other| kept.is_moved(other, &own, MOVED * f64::from(atlas.voxel_size()))).collect();
             (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
             if changes[k].is_empty() && lost.is_empty() && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
                 continue;
@@ -141,6 +145,18 @@ impl Frontiers {
 }
 
 impl Kept {
+    /// Whether a submap has moved, as seen from this one with everything in the box `own`, by more than `most` metres since blocks were looked up in it, or was not near
+    /// then. Takes the pose of then if not: what small corrections add up to counts.
+    fn is_moved(&self, (id, pose): &mut (SubmapId, Pose), own: &Aabb, most: f64) -> bool {
+        match self.others.iter().find(|(other, _)| other == id) {
+            Some((_, before)) if displacement(before, pose, own) <= most => {
+                *pose = *before;
+                false
+            }
+            _ => true,
+        }
+    }
+
     /// Everything on the submap's frontier that is in the box and unknown to all submaps.
     fn collect(&self, t_map_submap: &Pose, voxel: f64, [low, high]: [Point; 2]) -> BTreeMap<Tile, Vec<Place>> {
         let mut places: BTreeMap<Tile, Vec<Place>> = BTreeMap::new();
@@ -217,6 +233,15 @@ fn in_map(t_map_submap: &Pose, p: Point) -> Point {
     (t_map_submap * Point3::from(p)).coords.into()
 }
 
+/// The farthest that anything in a box is from itself if placed by one pose and by the other, metres: it is at a corner.
+fn displacement(a: &Pose, b: &Pose, bounds: &Aabb) -> f64 {
+    if a == b {
+        return 0.0;
+    }
+    let corner = |i: usize| Point3::from(std::array::from_fn(|k| f64::from(if i >> k & 1 == 0 { bounds.min[k] } else { bounds.max[k] })));
+    (0..8).map(corner).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max)
+}
+
 /// A box with so many metres more on every side.
 fn larger(bounds: Aabb, by: f32) -> Aabb {
     Aabb { min: bounds.min.map(|c| c - by), max: bounds.max.map(|c| c + by) }
@@ -269,5 +294,45 @@ mod tests {
             }
         }
         assert!(mapper.atlas().submaps().len() > 1 && known > 500 && unknown > 500, "{known} places are known elsewhere, {unknown} are not");
+    }
+
+    #[test]
+    fn only_submaps_that_move_against_each_other_are_asked_again() {
+        let simulation = Simulation::new(SimOptions { scans: Some(6), columns: Some(256), ..SimOptions::of("plane") }).unwrap();
+        let settings =
+            Settings { voxel_size: 0.2, max_range: 12.0, field: FieldKind::Occupancy, lambda_odom: 3.0, update_distance: 0.0, ..Settings::default() };
+        let mut mapper = Mapper::new(settings).unwrap();
+        for scan in simulation.scans(PoseSource::Truth) {
+            mapper.handle(Event::Scan(scan)).unwrap();
+        }
+        let mut frontiers = Frontiers::new(FrontierSettings::default());
+        frontiers.update(mapper.atlas());
+        fn blocks(frontiers: &mut Frontiers) -> impl Iterator<Item = &mut BlockFrontier> {
+            frontiers.submaps.values_mut().flat_map(|kept| kept.frontier.blocks.values_mut())
+        }
+        // Forgets what the submaps know of each other, moves them, and counts what is known then.
+        let mut known_after = |moved: &dyn Fn(u64) -> Pose| {
+            let update = (0..6).map(|id| (id, moved(id) * mapper.pose(id).unwrap())).collect();
+            mapper.handle(Event::PoseUpdate(update)).unwrap();
+            blocks(&mut frontiers).for_each(|block| block.known = Known::Nowhere);
+            frontiers.update(mapper.atlas());
+            blocks(&mut frontiers).filter(|block| block.known.is_known() == Some(true)).count()
+        };
+        let turned = Pose::new(Vector3::new(4.0, -2.0, 0.5), Vector3::new(0.0, 0.0, 0.3));
+        assert_eq!(known_after(&|_| turned), 0, "all together");
+        // A millimetre more each time, until it is a tenth of a voxel of 20 cm.
+        let known: Vec<usize> = (0..30).map(|_| known_after(&|id| Pose::translation(0.0, 0.0, 1e-3 * id as f64))).collect();
+        let asked: Vec<usize> = (0..30).filter(|k| known[*k] > 0).collect();
+        assert!(asked.first().is_some_and(|first| (1..20).contains(first)), "{known:?}");
+    }
+
+    #[test]
+    fn nothing_in_a_box_is_displaced_more_than_its_corners() {
+        let bounds = Aabb { min: [-1.0, -2.0, 0.0], max: [3.0, 4.0, 0.5] };
+        let at = |x: f64, yaw: f64| Pose::new(Vector3::new(x, 0.0, 0.0), Vector3::new(0.0, 0.0, yaw));
+        assert_eq!(displacement(&at(1.0, 0.2), &at(1.0, 0.2), &bounds), 0.0);
+        assert!((displacement(&at(1.0, 0.2), &at(1.3, 0.2), &bounds) - 0.3).abs() < 1e-6);
+        // Turned by 0.1 around a place from which the farthest corner is 5 m away, along the ground.
+        assert!((displacement(&at(0.0, 0.0), &at(0.0, 0.1), &bounds) - 2.0 * 5.0 * 0.05f64.sin()).abs() < 1e-6);
     }
 }
