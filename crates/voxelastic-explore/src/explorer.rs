@@ -1,5 +1,6 @@
 //! The explorer: decides after every scan whether to go on, where to go next, and when to go home.
 
+mod far;
 mod following;
 mod plan;
 mod way_home;
@@ -65,6 +66,8 @@ pub struct Explorer {
     purpose: Purpose,
     /// Places from which everything was seen that can be seen, and their anchors.
     exhausted: Vec<(Point, Vec<Anchor>)>,
+    /// Far places that it went to as there was more to see there, and their anchors.
+    gone_to: Vec<(Point, Vec<Anchor>)>,
     /// Distance travelled since the map was corrected, metres.
     uncorrected: f64,
     /// Poses of the submaps at the last decision.
@@ -75,10 +78,12 @@ pub struct Explorer {
     stuck: usize,
     /// The way home takes at most this, metres: as the last plan found it, and what the robot has travelled since.
     way_home: f64,
-    /// How far it has travelled since a plan found the way home, or it looked for one in the whole map, metres.
+    /// How far it has travelled since a plan found the way home, or it looked for shortcuts of its track, metres.
     since_way_home: f64,
-    /// Its search for a way home in the whole map.
-    search: Search,
+    /// How far it has travelled since it turned back, metres.
+    since_turned: f64,
+    /// How often it has tried again on its way home since it last got where it wanted to.
+    trials: u32,
     /// Ways back along the track since it last got where it wanted to.
     retreats: u32,
     /// How often it has begun anew since it last got where it wanted to.
@@ -89,17 +94,6 @@ pub struct Explorer {
     is_outside: bool,
     /// Why it turned back last.
     turned_back: Option<ReturnReason>,
-}
-
-/// A search for a way home in the whole map, while the robot explores.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Search {
-    /// There is none.
-    Idle,
-    /// It goes on, over several decisions.
-    Running,
-    /// It was given up.
-    TooLarge,
 }
 
 /// What a decision is made of.
@@ -139,13 +133,15 @@ impl Explorer {
             last_node: None,
             purpose: Purpose::Explore,
             exhausted: Vec::new(),
+            gone_to: Vec::new(),
             uncorrected: 0.0,
             poses: Vec::new(),
             since_planned: 0,
             stuck: 0,
             way_home: f64::INFINITY,
             since_way_home: f64::INFINITY,
-            search: Search::Idle,
+            since_turned: 0.0,
+            trials: 0,
             retreats: 0,
             beginnings: 0,
             has_progressed: false,
@@ -175,7 +171,7 @@ impl Explorer {
         self.leg.as_mut()?.advance(metres)
     }
 
-    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns, and of those of the last two metres, also
+    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns, and of those of the last four metres, also
     /// where the map does not show them yet. To be called before
     /// [`decide`](Self::decide), with the pose as corrections left it. Without it the map alone decides.
     pub fn see(&mut self, t_map_lidar: &Pose, cloud: &Cloud) {
@@ -206,6 +202,7 @@ impl Explorer {
         self.uncorrected = if is_moved { 0.0 } else { self.uncorrected + step };
         self.way_home += step;
         self.since_way_home += step;
+        self.since_turned += step;
         // Where drift has moved what the newest submaps saw, the box is elsewhere in them.
         let drift = self.drift();
         let wider = [bounds[0].map(|c| c - drift), bounds[1].map(|c| c + drift)];
@@ -277,6 +274,7 @@ impl Explorer {
             }
         }
         self.since_planned += 1;
+        self.try_again();
         if self.purpose == Purpose::Explore {
             self.mind_the_time(now);
         }
@@ -316,7 +314,7 @@ impl Explorer {
             self.restarts += u32::from(self.is_unfinished);
             self.roadmap = None;
             // All at once: for one by one, each would look at all scans.
-            let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.track);
+            let remembered = self.home.iter_mut().chain(&mut self.exhausted).chain(&mut self.gone_to).chain(&mut self.track);
             let mut anchored: Vec<&mut (Point, Vec<Anchor>)> = remembered.filter(|(_, anchors)| !anchors.is_empty()).collect();
             let anchors: Vec<Anchor> = anchored.iter().map(|(_, anchors)| anchors[0]).collect();
             for ((place, _), moved) in anchored.iter_mut().zip(resolve_anchors(now.atlas, &anchors)) {
@@ -365,7 +363,7 @@ impl Explorer {
 
     /// Notes that it stands at the viewpoint that it went to.
     fn arrive(&mut self, atlas: &Atlas, viewpoint: Point) {
-        (self.retreats, self.beginnings, self.has_progressed) = (0, 0, true);
+        (self.retreats, self.beginnings, self.trials, self.has_progressed) = (0, 0, 0, true);
         self.exhausted.push((viewpoint, anchor_path(atlas, &[viewpoint])));
         if !self.is_unfinished {
             self.roadmap.take_if(|roadmap| roadmap.len() > MOST_PLACES);

@@ -10,6 +10,17 @@ const RESOLVED: f64 = 2.5;
 const OPENING: f64 = 0.3;
 /// ... and counts by this share: there may be something behind it.
 const GAP: f64 = 0.25;
+/// From farther away a gap fills less of the angle of a ray, metres.
+const NEAR_GAP: f64 = 4.0;
+
+/// Unknown volume that a sensor would see, cubic metres.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct UnknownVolume {
+    /// With what may be behind gaps in surfaces, however far away.
+    pub possible: f64,
+    /// With what is behind gaps by the angle that they fill: from far away a thin wall has many of them, and hardly anything is seen through one.
+    pub likely: f64,
+}
 
 /// The field of view of a spinning sensor, coarsely.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,34 +74,47 @@ impl SensorView {
 
     /// The volume of unknown space that the sensor at `place` would see within the box `bounds`, cubic metres. All in the map frame.
     pub fn unknown_volume(&self, map: &AtlasQuery<'_>, place: Point, bounds: [Point; 2]) -> f64 {
+        self.unknown(map, place, bounds).possible
+    }
+
+    /// The same, as it may be and as it is likely to be.
+    pub(crate) fn unknown(&self, map: &AtlasQuery<'_>, place: Point, bounds: [Point; 2]) -> UnknownVolume {
         let [rows, columns] = self.rays;
         let [low, high] = self.elevations;
         let (step, turn) = ((high - low) / rows as f64, std::f64::consts::TAU / columns as f64);
         let ray = |i: usize| {
             let (elevation, azimuth) = (low + step * ((i / columns) as f64 + 0.5), turn * ((i % columns) as f64 + 0.5));
             let direction = [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()];
-            self.along_ray(map, place, direction, bounds) * elevation.cos() * step * turn
+            let [possible, likely] = self.along_ray(map, place, direction, bounds).map(|volume| volume * elevation.cos() * step * turn);
+            UnknownVolume { possible, likely }
         };
-        (0..rows * columns).map(ray).sum()
+        let add = |sum: UnknownVolume, ray: UnknownVolume| UnknownVolume { possible: sum.possible + ray.possible, likely: sum.likely + ray.likely };
+        (0..rows * columns).map(ray).fold(UnknownVolume::default(), add)
     }
 
-    /// Unknown volume along a ray, per steradian.
-    fn along_ray(&self, map: &AtlasQuery<'_>, origin: Point, direction: Point, bounds: [Point; 2]) -> f64 {
+    /// Unknown volume along a ray, per steradian: as it may be, and as it is likely to be.
+    fn along_ray(&self, map: &AtlasQuery<'_>, origin: Point, direction: Point, bounds: [Point; 2]) -> [f64; 2] {
         let length = leaves(origin, direction, bounds).min(self.range);
         if length <= 0.0 {
-            return 0.0;
+            return [0.0; 2];
         }
-        let Some(first) = map.ray_cast(&Ray { origin, direction, length }, UnknownAs::Blocked) else { return 0.0 };
+        let Some(first) = map.ray_cast(&Ray { origin, direction, length }, UnknownAs::Blocked) else { return [0.0; 2] };
         if first.state != State::Unknown {
-            return 0.0;
+            return [0.0; 2];
         }
         let depth = self.depth.min(length - first.distance);
         let from = std::array::from_fn(|k| origin[k] + direction[k] * first.distance);
-        let share = if map.clearance(from, OPENING, UnknownAs::Free) < OPENING { GAP } else { 1.0 };
+        let is_gap = map.clearance(from, OPENING, UnknownAs::Free) < OPENING;
+        let shares = if is_gap { [GAP, gap_share(first.distance)] } else { [1.0; 2] };
         let behind = map.ray_cast(&Ray { origin: from, direction, length: depth }, UnknownAs::Free);
         let last = first.distance + behind.map_or(depth, |hit| hit.distance);
-        share * (last.powi(3) - first.distance.powi(3)) / 3.0
+        shares.map(|share| share * (last.powi(3) - first.distance.powi(3)) / 3.0)
     }
+}
+
+/// By which share the volume behind a gap is likely to be seen that is so far away, metres.
+fn gap_share(distance: f64) -> f64 {
+    GAP * (NEAR_GAP / distance.max(NEAR_GAP)).powi(2)
 }
 
 /// How far a ray that starts in a box goes until it leaves the box.
@@ -150,9 +174,13 @@ mod tests {
             let (volume, is_gap) = slowly(&map, &view, direction);
             assert_eq!((is_gap, volume > 0.0), (expected_gap, width > 0.0), "hole of {width} m");
             let expected = if is_gap { GAP * volume } else { volume };
-            let found = view.along_ray(&map, PLACE, direction, bounds);
-            assert!((found - expected).abs() <= 0.02 * expected, "{found} m3, slowly {expected}, hole of {width} m");
+            // The hole is nearer than from where it would fill less of the angle.
+            for found in view.along_ray(&map, PLACE, direction, bounds) {
+                assert!((found - expected).abs() <= 0.02 * expected, "{found} m3, slowly {expected}, hole of {width} m");
+            }
         }
+        // From three times as far away, the same gap is a ninth of the angle.
+        assert_eq!([0.0, NEAR_GAP, 3.0 * NEAR_GAP].map(gap_share), [GAP, GAP, GAP / 9.0]);
     }
 
     #[test]

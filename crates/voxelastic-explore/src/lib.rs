@@ -9,8 +9,8 @@
 //!    rules to compare with).
 //! 5. The leg there is shortened and checked as a whole against the map.
 //!
-//! A path is kept until it is done, blocked, or no longer worth it. Waypoints are anchored to scans and move with corrections. The robot turns back when the time that is left
-//! just suffices to get home.
+//! A path is kept until it is done, blocked, or no longer worth it. Waypoints are anchored to scans and move with corrections. Far away, and home, the robot goes along its own
+//! track with shortcuts, which needs no roadmap of the whole map; it turns back when the time that is left just suffices for that.
 //!
 //! All lengths are metres, all times seconds, all points in the map frame.
 
@@ -29,6 +29,7 @@ mod retreat;
 mod roadmap;
 mod robot_space;
 mod settings;
+mod shortcuts;
 mod tour;
 mod viewpoints;
 mod ways;

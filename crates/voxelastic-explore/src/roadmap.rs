@@ -44,6 +44,8 @@ pub(crate) struct Roadmap {
     /// The robot's track: the node in each cell of it, and the neighbours along it.
     track: HashMap<[i32; 3], u32>,
     links: HashMap<u32, Vec<u32>>,
+    /// Neighbours across shortcuts of the track, which the map had free.
+    shortcuts: HashMap<u32, Vec<u32>>,
 }
 
 impl Roadmap {
@@ -58,6 +60,7 @@ impl Roadmap {
             layers: [0; 2],
             track: HashMap::new(),
             links: HashMap::new(),
+            shortcuts: HashMap::new(),
         }
     }
 
@@ -101,8 +104,13 @@ impl Roadmap {
     }
 
     /// A motion near `at` is not free any more: removes the edges there that are not either. If all of them are, as checks from elsewhere may differ, those that pass next to
-    /// it are blocked: not tried again, or each plan would lead there.
+    /// it are blocked: not tried again, or each plan would lead there. Shortcuts next to it are removed: the track is still there.
     pub fn block<S: Space>(&mut self, space: &S, at: Point) {
+        let Self { nodes, shortcuts, spacing, .. } = self;
+        let place = |node: u32| nodes[node as usize].place;
+        for (from, ends) in shortcuts {
+            ends.retain(|to| squared_distance(at, place(*from), place(*to)) > spacing.powi(2));
+        }
         let around: Vec<(u32, usize)> =
             self.near(at, 2.0 * self.spacing).into_iter().flat_map(|node| (0..STEPS.len()).map(move |step| (node, step))).collect();
         let next_to = |roadmap: &Self, node: u32, other: u32| {
@@ -160,24 +168,35 @@ impl Roadmap {
     pub fn link(&mut self, track: &[Point]) {
         let mut last = None;
         for place in track {
-            let cell = place.map(|c| (c / retreat::CELL).floor() as i32);
-            let node = match self.track.get(&cell) {
-                Some(node) => *node,
-                None => {
-                    let node = self.add(*place);
-                    self.track.insert(cell, node);
-                    node
-                }
-            };
+            let node = self.on_track(*place);
             if let Some(last) = last.replace(node).filter(|last| *last != node) {
-                for (from, to) in [(last, node), (node, last)] {
-                    let links = self.links.entry(from).or_default();
-                    if !links.contains(&to) {
-                        links.push(to);
-                    }
-                }
+                join(&mut self.links, last, node);
             }
         }
+    }
+
+    /// Adds a straight motion between two places of the track that the map has free.
+    pub fn shortcut(&mut self, ends: [Point; 2]) {
+        let [from, to] = ends.map(|end| self.on_track(end));
+        if from != to {
+            join(&mut self.shortcuts, from, to);
+        }
+    }
+
+    /// Whether it has any of those.
+    pub fn has_shortcuts(&self) -> bool {
+        self.shortcuts.values().any(|ends| !ends.is_empty())
+    }
+
+    /// The node of the track at a place, which is added if there is none in its cell.
+    fn on_track(&mut self, place: Point) -> u32 {
+        let cell = place.map(|c| (c / retreat::CELL).floor() as i32);
+        if let Some(node) = self.track.get(&cell) {
+            return *node;
+        }
+        let node = self.add(place);
+        self.track.insert(cell, node);
+        node
     }
 
     /// Removes a motion along the track.
@@ -191,7 +210,7 @@ impl Roadmap {
 
     /// Whether two neighbours are joined by the track alone.
     pub fn is_link(&self, a: u32, b: u32) -> bool {
-        !self.nodes[a as usize].edges.contains(&b)
+        !self.nodes[a as usize].edges.contains(&b) && !self.shortcuts.get(&a).is_some_and(|ends| ends.contains(&b))
     }
 
     /// Neighbours of a node, and how far away they are, metres: along the track somewhat more, as nothing says what is there now.
@@ -199,7 +218,8 @@ impl Roadmap {
         let off = move |other: u32| distance(self.place(node), self.place(other));
         let edges = self.nodes[node as usize].edges.iter().filter(|other| **other < BLOCKED).map(move |other| (*other, off(*other)));
         let links = self.links.get(&node).into_iter().flatten().map(move |other| (*other, TRACK * off(*other)));
-        edges.chain(links)
+        let shortcuts = self.shortcuts.get(&node).into_iter().flatten().map(move |other| (*other, off(*other)));
+        edges.chain(links).chain(shortcuts)
     }
 
     /// The nodes that a robot at `from` reaches, the nearest first.
@@ -215,6 +235,16 @@ impl Roadmap {
     /// Distance between neighbours, metres.
     pub fn spacing(&self) -> f64 {
         self.spacing
+    }
+}
+
+/// Makes two nodes neighbours of each other.
+fn join(neighbours: &mut HashMap<u32, Vec<u32>>, a: u32, b: u32) {
+    for (from, to) in [(a, b), (b, a)] {
+        let ends = neighbours.entry(from).or_default();
+        if !ends.contains(&to) {
+            ends.push(to);
+        }
     }
 }
 

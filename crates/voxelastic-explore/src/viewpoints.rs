@@ -1,6 +1,7 @@
 //! Viewpoints: reachable places that see a cluster of the frontier.
 
 use crate::clusters::FrontierCluster;
+use crate::gain::UnknownVolume;
 use crate::roadmap::Roadmap;
 use crate::settings::ExploreSettings;
 use crate::ways::Ways;
@@ -27,8 +28,8 @@ pub(crate) struct Viewpoint {
     pub place: Point,
     /// Length of the way there, metres.
     pub length: f64,
-    /// Unknown volume that the sensor would see, cubic metres.
-    pub volume: f64,
+    /// Unknown volume that the sensor would see.
+    pub volume: UnknownVolume,
 }
 
 /// The viewpoints that show at least the least volume, at the shortest ways. `is_excluded` says where not to look from.
@@ -55,13 +56,13 @@ pub(crate) fn viewpoints(
     nodes.sort_by(|a, b| ways.length(*a).total_cmp(&ways.length(*b)).then(a.cmp(b)));
     let score = |node: &u32| {
         let place = roadmap.place(*node);
-        Viewpoint { node: *node, place, length: ways.length(*node), volume: settings.view.unknown_volume(map, place, settings.bounds) }
+        Viewpoint { node: *node, place, length: ways.length(*node), volume: settings.view.unknown(map, place, settings.bounds) }
     };
     // In steps, until enough of them are worth the way.
     let mut worth = Vec::new();
     for nodes in nodes.chunks(SCORED) {
         let scored: Vec<Viewpoint> = nodes.par_iter().map(score).collect();
-        worth.extend(scored.into_iter().filter(|viewpoint| viewpoint.volume >= settings.least_volume));
+        worth.extend(scored.into_iter().filter(|viewpoint| viewpoint.volume.possible >= settings.least_volume));
         if worth.len() >= SCORED / 3 {
             break;
         }

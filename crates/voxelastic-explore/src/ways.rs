@@ -173,4 +173,24 @@ mod tests {
         roadmap.unlink(through.link);
         assert!(roadmap.ways(&Wall, robot).length(goal).is_infinite());
     }
+
+    #[test]
+    fn a_shortcut_of_the_track_is_a_motion_until_it_is_shut() {
+        let ends = [[-1.8, -1.2, 0.0], [-1.8, 1.2, 0.0]];
+        let track = [ends[0], [-1.2, -1.2, 0.0], [-0.6, -1.2, 0.0], [-0.6, 0.0, 0.0], [-0.6, 1.2, 0.0], [-1.2, 1.2, 0.0], ends[1]];
+        let mut roadmap = Roadmap::new(0.6, [9.0, 9.0, 0.0]);
+        roadmap.link(&track);
+        assert!(!roadmap.has_shortcuts());
+        roadmap.shortcut(ends);
+        let goal = roadmap.near(ends[1], 0.1)[0];
+        let ways = roadmap.ways(&Wall, ends[0]);
+        let part = ways.first_part(&roadmap, goal);
+        assert!((ways.length(goal) - 2.4).abs() < 1e-9 && !part.is_track && part.is_whole, "{} m, {part:?}", ways.length(goal));
+        // Something stands beside the track, and then on the shortcut.
+        roadmap.block(&Wall, [-0.6, 0.4, 0.0]);
+        assert!(roadmap.has_shortcuts());
+        roadmap.block(&Wall, [-1.8, 0.1, 0.0]);
+        let ways = roadmap.ways(&Wall, ends[0]);
+        assert!(!roadmap.has_shortcuts() && ways.length(goal) > 4.0, "{} m", ways.length(goal));
+    }
 }

@@ -1,6 +1,5 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
-use super::way_home::RESERVE;
 use super::{EXTENDED, Explorer, PATIENCE, Situation};
 use crate::choice::choose;
 use crate::clusters::FrontierCluster;
@@ -10,6 +9,7 @@ use crate::near_returns;
 use crate::retreat;
 use crate::roadmap::Roadmap;
 use crate::settings::NOISE;
+use crate::shortcuts;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use crate::ways::Part;
 use hashbrown::HashSet;
@@ -27,6 +27,8 @@ const MOST_RETREATS: u32 = 4;
 const MOST_WAYS_BACK: u32 = 12;
 /// Times in a row that it begins anew where it found nothing more to see, as what counted as shut may not be so in the map of today.
 pub(super) const MOST_BEGINNINGS: u32 = 2;
+/// On the way home a roadmap is extended around the robot within this radius, metres, to twice as far away: as far as to the track.
+const TO_TRACK: f64 = 5.0;
 /// A roadmap is extended within twice this distance of the robot before everything that can be reached is added to it, metres.
 const FARTHEST: f64 = 800.0;
 /// Steps of the roadmap that are tried in one decision.
@@ -40,8 +42,8 @@ impl Explorer {
     pub(super) fn plan<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> usize {
         let mut roadmap = self.roadmap.take().unwrap_or_else(|| Roadmap::new(self.settings.spacing, now.robot));
         self.retry(now, &mut roadmap);
-        if self.has_shortcut_home(now) {
-            self.radius = f64::INFINITY;
+        if self.purpose == Purpose::Return && !self.looks_everywhere {
+            self.radius = TO_TRACK;
         }
         let count = self.plan_in(now, &mut roadmap, frontier);
         self.roadmap.get_or_insert(roadmap);
@@ -60,27 +62,27 @@ impl Explorer {
 
     fn plan_in<S: Space>(&mut self, now: &Situation<'_, S>, roadmap: &mut Roadmap, frontier: &[FrontierCluster]) -> usize {
         if self.beginnings > 0 || self.purpose == Purpose::Return {
-            self.link(roadmap);
+            self.link(now, roadmap);
         }
         if self.purpose == Purpose::Return {
             // The way home may lead through what was found shut on the way out.
             roadmap.unblock();
         }
         self.is_unfinished = !roadmap.extend(now.space, now.robot, self.radius, self.steps());
-        if self.gives_up_search(roadmap.len()) {
-            *roadmap = Roadmap::new(self.settings.spacing, now.robot);
-        }
         if self.is_unfinished {
             return 0;
         }
-        self.leg = None;
+        let current = self.leg.take().filter(|leg| leg.volume.is_some()).and_then(|leg| leg.end());
         let mut count = 0;
         for attempt in 0..TRIES {
             let target = match self.purpose {
                 Purpose::Explore => {
                     let worth = self.worthwhile(now, roadmap, frontier);
                     count = count.max(worth.len());
-                    let target = choose(&self.settings, now.space, roadmap, &worth);
+                    let target = choose(&self.settings, now.space, roadmap, &worth, current);
+                    if attempt == 0 && self.goes_far(now, frontier, target.as_ref()) {
+                        break;
+                    }
                     if target.is_none() {
                         // On a later attempt, what was found shut just now may be all that led on: the next plan looks farther.
                         self.is_unfinished = attempt == 0 && self.look_farther(now, roadmap);
@@ -146,7 +148,7 @@ impl Explorer {
     pub(super) fn turn_back(&mut self, reason: ReturnReason) {
         if self.purpose == Purpose::Explore {
             (self.purpose, self.stuck, self.turned_back) = (Purpose::Return, 0, Some(reason));
-            self.looks_everywhere = false;
+            (self.looks_everywhere, self.since_turned) = (false, 0.0);
         }
     }
 
@@ -223,7 +225,7 @@ impl Explorer {
         let path = Leg::trace(now.space, &shorten(now.space, path, Effort::Quick));
         match recheck(now.space, now.map, &path).first() {
             None => {
-                let volume = target.filter(|_| part.is_whole).map(|viewpoint| viewpoint.volume);
+                let volume = target.filter(|_| part.is_whole).map(|viewpoint| viewpoint.volume.possible);
                 self.leg = Some(Leg::new(now.atlas, path, volume));
                 true
             }
@@ -246,7 +248,7 @@ impl Explorer {
         let exhausted: HashSet<u32> = self.exhausted.iter().flat_map(|(place, _)| roadmap.near(*place, reach)).collect();
         let is_excluded = |node: u32| {
             let home = ways_home.length(node).min(ways.length(node) + from_here);
-            let needed = (ways.length(node) + home) / self.settings.speed * RESERVE.0 + RESERVE.1;
+            let needed = self.seconds_for(ways.length(node) + home);
             let place = roadmap.place(node);
             let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&place[k]));
             !is_inside || seconds_left.is_some_and(|left| needed > left) || exhausted.contains(&node)
@@ -254,10 +256,13 @@ impl Explorer {
         viewpoints(now.map, (roadmap, &ways), &self.settings, now.robot, frontier.to_vec(), is_excluded)
     }
 
-    /// Has the roadmap lead along the track, too.
-    fn link(&self, roadmap: &mut Roadmap) {
+    /// Has the roadmap lead along the track, too, and on the way home across its shortcuts.
+    fn link<S: Space>(&self, now: &Situation<'_, S>, roadmap: &mut Roadmap) {
         let track: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
         roadmap.link(&track);
+        if self.purpose == Purpose::Return && !roadmap.has_shortcuts() {
+            shortcuts::short_way(now.space, &self.way_back(now.robot)).shortcuts.into_iter().for_each(|ends| roadmap.shortcut(ends));
+        }
     }
 
     /// Takes a part of its track as its path, as far as the last scans have it free; none if they do not.

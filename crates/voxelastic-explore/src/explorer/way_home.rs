@@ -1,65 +1,49 @@
 //! When to go home, and how far that is.
 
-use super::{EXTENDED, Explorer, Search, Situation};
+use super::{Explorer, Situation};
 use crate::decision::{Purpose, ReturnReason};
-use crate::retreat;
+use crate::{retreat, shortcuts};
 use voxelastic_plan::{Point, Space, length};
 
-/// The way home takes up to this much longer than planned, and this many seconds.
-pub(super) const RESERVE: (f64, f64) = (1.15, 10.0);
-/// So many seconds before it has to go home, it looks for a shorter way there in the whole map: in a large one that takes many decisions.
-const SEARCH: f64 = 20.0;
-/// It looks again when it has travelled so far, metres.
-const SEARCHED: f64 = 2.0 * EXTENDED;
-/// A way home through the whole map is looked for if it is shorter than the track by this factor.
-const SHORTER: f64 = 1.5;
+/// The way home takes up to this much longer than it is, and this many seconds.
+const RESERVE: (f64, f64) = (1.15, 10.0);
+/// A way home that the robot has not driven may turn out to be longer by this factor.
+const LONGER: f64 = 1.3;
+/// It looks for shortcuts of its track again when it has travelled so far, metres.
+const LOOKED: f64 = 10.0;
 /// A robot that is at home early explores once more if there are so many seconds left.
 const ONCE_MORE: f64 = 40.0;
-
-/// A map in which the roadmap has more places than this is too large to look for a way home in: that would take minutes. The robot goes home while its track suffices.
-const MOST_SEARCHED: usize = 250_000;
+/// A robot that goes home because no way led to where there is more to see tries again after so many metres, and then each time after twice as many.
+const TRIED_AGAIN: f64 = 50.0;
 
 impl Explorer {
     pub(super) fn is_at_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
         self.home.as_ref().is_some_and(|(home, _)| now.space.metric(*home, now.robot) < self.settings.spacing)
     }
 
-    /// Turns back if the time just suffices for the way home; looks for a shorter one shortly before.
+    /// Turns back if the time just suffices for the way home.
     pub(super) fn mind_the_time<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let Some(left) = now.seconds_left else { return };
-        let needed = self.seconds_home(now, left);
-        if needed > left {
+        if now.seconds_left.is_some_and(|left| self.seconds_home(now, left) > left) {
             self.turn_back(ReturnReason::Time);
-            // The time does not suffice for a search, unless it pays.
-            self.radius = EXTENDED;
             // A way back along the track leads home already.
             self.leg.take_if(|leg| !leg.is_retreat);
-        } else if self.search == Search::Idle && self.since_way_home > SEARCHED && needed > left - SEARCH {
-            self.since_way_home = 0.0;
-            (self.radius, self.is_unfinished, self.search) = (f64::INFINITY, true, Search::Running);
         }
     }
 
-    /// What the way home takes at most, seconds: that of the last plan, which may turn out to be twice as long, or the track, which the robot has driven, if that matters.
-    fn seconds_home<S: Space>(&self, now: &Situation<'_, S>, left: f64) -> f64 {
-        let seconds = |metres: f64| metres / self.settings.speed * RESERVE.0 + RESERVE.1;
-        let planned = seconds(2.0 * self.way_home);
+    /// What the way home takes at most, seconds: that of the last plan, or the track with its shortcuts, if those matter, or the track as the robot has driven it.
+    fn seconds_home<S: Space>(&mut self, now: &Situation<'_, S>, left: f64) -> f64 {
+        if self.seconds_for(LONGER * self.way_home) > left && self.since_way_home > LOOKED {
+            let short = shortcuts::short_way(now.space, &self.way_back(now.robot)).length;
+            self.note_way_home(short.min(self.way_home));
+        }
+        let planned = self.seconds_for(LONGER * self.way_home);
         // The length of the track takes a look at all of it.
-        if planned > left - SEARCH { planned.min(seconds(self.track_home(now))) } else { planned }
+        if planned > left { planned.min(self.seconds_for(self.track_home(now))) } else { planned }
     }
 
-    /// Ends the search with the plan that it is part of, or gives it up where the map is too large; returns whether it does that.
-    pub(super) fn gives_up_search(&mut self, places: usize) -> bool {
-        if self.search != Search::Running {
-            return false;
-        }
-        if !self.is_unfinished {
-            self.search = Search::Idle;
-        } else if self.purpose == Purpose::Explore && places > MOST_SEARCHED {
-            (self.search, self.radius) = (Search::TooLarge, EXTENDED);
-            return true;
-        }
-        false
+    /// What a way takes that ends at home, with what is kept in reserve, seconds.
+    pub(super) fn seconds_for(&self, metres: f64) -> f64 {
+        metres / self.settings.speed * RESERVE.0 + RESERVE.1
     }
 
     /// The way home along the track.
@@ -80,9 +64,14 @@ impl Explorer {
         }
     }
 
-    /// Whether it goes home and the map is known to have a way that is much shorter than the track.
-    pub(super) fn has_shortcut_home<S: Space>(&self, now: &Situation<'_, S>) -> bool {
-        self.purpose == Purpose::Return && SHORTER * self.way_home < self.track_home(now)
+    /// Explores again if it has come far enough back from where no way led on: others begin here, and loops may have closed.
+    pub(super) fn try_again(&mut self) {
+        let is_far = self.since_turned > TRIED_AGAIN * f64::from(1u32 << self.trials.min(20));
+        if self.purpose == Purpose::Return && self.turned_back == Some(ReturnReason::Stuck) && is_far {
+            (self.purpose, self.turned_back) = (Purpose::Explore, None);
+            (self.roadmap, self.leg, self.retreats, self.stuck) = (None, None, 0, 0);
+            self.trials += 1;
+        }
     }
 
     /// Whether it explores once more from home: if it has seen something new since it was there last, and there is time. On its way loops have closed, and what could not be
@@ -103,6 +92,21 @@ mod tests {
     use voxelastic_plan::Robot;
 
     #[test]
+    fn a_robot_that_found_no_way_tries_again_after_longer_and_longer_ways_back() {
+        let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
+        let mut metres = |reason| {
+            explorer.turn_back(reason);
+            (0..1000).find(|_| {
+                explorer.since_turned += 1.0;
+                explorer.try_again();
+                explorer.purpose == Purpose::Explore
+            })
+        };
+        assert_eq!([(); 3].map(|()| metres(ReturnReason::Stuck)), [Some(50), Some(100), Some(200)]);
+        assert_eq!(metres(ReturnReason::Time), None);
+    }
+
+    #[test]
     fn a_robot_that_saw_something_new_leaves_home_again_if_there_is_time() {
         let at_home = |reason, has_progressed| {
             let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
@@ -112,24 +116,6 @@ mod tests {
         assert_eq!([ReturnReason::NothingLeft, ReturnReason::Stuck].map(|reason| at_home(reason, true)), [[true, false]; 2]);
         assert_eq!([ReturnReason::Time, ReturnReason::Asked].map(|reason| at_home(reason, true)), [[false; 2]; 2]);
         assert_eq!(at_home(ReturnReason::NothingLeft, false), [false; 2]);
-    }
-
-    #[test]
-    fn a_search_ends_with_its_plan_or_where_the_map_is_too_large() {
-        let search = |is_unfinished, purpose, places| {
-            let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), [[0.0; 3], [9.0; 3]])).unwrap();
-            (explorer.search, explorer.radius, explorer.is_unfinished, explorer.purpose) = (Search::Running, f64::INFINITY, is_unfinished, purpose);
-            (explorer.gives_up_search(places), explorer.search, explorer.radius)
-        };
-        let (explore, home) = (Purpose::Explore, Purpose::Return);
-        assert_eq!(search(true, explore, 1000), (false, Search::Running, f64::INFINITY));
-        assert_eq!(search(false, explore, MOST_SEARCHED + 1), (false, Search::Idle, f64::INFINITY));
-        assert_eq!(search(true, explore, MOST_SEARCHED + 1), (true, Search::TooLarge, EXTENDED));
-        assert_eq!(
-            search(true, home, MOST_SEARCHED + 1),
-            (false, Search::Running, f64::INFINITY),
-            "it has found a way, and its track would be too long"
-        );
     }
 
     #[test]
