@@ -83,3 +83,66 @@ impl Explorer {
         volume / (length / self.settings.speed + 1.0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::ExploreSettings;
+    use voxelastic::Pose;
+    use voxelastic::event::{Event, Scan};
+    use voxelastic::mapper::Mapper;
+    use voxelastic::sensor::preset_with_columns;
+    use voxelastic::settings::{FieldKind, RobotRadius, Settings};
+    use voxelastic_plan::Robot;
+    use voxelastic_sim::WorldBuilder;
+    use voxelastic_sim::random::Stream;
+    use voxelastic_sim::sensor::{Lidar, LidarSettings};
+
+    /// The map of a corridor of 60 m, and of the beginning of a hall of 30 x 31 m at its end.
+    fn corridor_and_hall() -> Mapper {
+        let mut b = WorldBuilder::new("hall", 1);
+        b.ground(0.0, 0.3);
+        let walls = [
+            ([-3.0, -2.0], [60.0, -1.5]),
+            ([-3.0, 1.5], [60.0, 2.0]),
+            ([-3.0, -2.0], [-2.5, 2.0]),
+            ([59.5, -16.0], [60.0, -1.5]),
+            ([59.5, 1.5], [60.0, 16.0]),
+            ([59.5, -16.0], [90.0, -15.5]),
+            ([59.5, 15.5], [90.0, 16.0]),
+            ([89.5, -16.0], [90.0, 16.0]),
+        ];
+        for (low, high) in walls {
+            b.cuboid([low[0], low[1], -0.5], [high[0], high[1], 3.0], 0.5);
+        }
+        b.cuboid([-3.0, -16.0, 2.6], [90.0, 16.0, 3.0], 0.7);
+        let world = b.build().unwrap();
+        let model = preset_with_columns("os0-64", 512).unwrap();
+        let robot_radius = RobotRadius::Metres(0.9);
+        let mut mapper = Mapper::new(Settings { max_range: 15.0, field: FieldKind::Occupancy, robot_radius, ..Settings::default() }).unwrap();
+        mapper.set_sensor_model(model.clone());
+        let lidar = Lidar::new(model, LidarSettings::default()).unwrap();
+        for node in 0..=30 {
+            let t_map_lidar = Pose::translation(2.0 * node as f64, 0.0, 1.0);
+            let cloud = lidar.scan(&world, |_| t_map_lidar, &Stream::new(node, &[]));
+            mapper.handle(Event::Scan(Scan { node, time: node as f64, t_map_lidar, cloud })).unwrap();
+        }
+        mapper
+    }
+
+    #[test]
+    fn it_goes_along_its_track_to_where_much_is_left_if_there_is_time() {
+        let mapper = corridor_and_hall();
+        let settings = ExploreSettings::new(Robot::flying(0.35), [[-2.0, -15.5, 0.3], [89.5, 15.5, 1.6]]);
+        let path = |strategy, seconds_left| {
+            let mut explorer = Explorer::new(ExploreSettings { strategy, least_volume: 1.0, ..settings }).unwrap();
+            // It came home from the hall.
+            explorer.track = (0..=30).chain((0..30).rev()).map(|k| ([2.0 * f64::from(k), 0.0, 1.0], Vec::new())).collect();
+            let decision = explorer.decide(mapper.atlas(), [0.0, 0.0, 1.0], Some(seconds_left)).unwrap();
+            assert!(!decision.is_unfinished || decision.path.is_empty());
+            decision.path.last().map_or(0.0, |end| end[0])
+        };
+        let ends = [(Strategy::Tour, 200.0), (Strategy::Tour, 70.0), (Strategy::NextBest, 200.0)].map(|(strategy, left)| path(strategy, left));
+        assert!(ends[0] > 50.0 && ends[1] < 50.0 && ends[2] < 50.0, "{ends:?}");
+    }
+}
