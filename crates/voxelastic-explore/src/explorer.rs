@@ -171,7 +171,7 @@ impl Explorer {
         self.leg.as_mut()?.advance(metres)
     }
 
-    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns, and of those of the last four metres, also
+    /// Notes the last scan, which was taken at `t_map_lidar`: paths keep clear of its returns, and of those of the last two metres, also
     /// where the map does not show them yet. To be called before
     /// [`decide`](Self::decide), with the pose as corrections left it. Without it the map alone decides.
     pub fn see(&mut self, t_map_lidar: &Pose, cloud: &Cloud) {

@@ -10,7 +10,7 @@ use voxelastic_plan::{Point, distance};
 
 /// Scans that were taken within this distance of the last one along the robot's path count, metres: a ceiling above a robot is seen from some way off only, and an
 /// odometry drifts little over it ...
-const TRAVEL: f64 = 4.0;
+const TRAVEL: f64 = 2.0;
 /// ... but none that is older than so many scans, or what a robot that stands saw leave would be in its way for ever.
 const MOST_AGE: usize = 30;
 /// A scan from within this distance of the one before takes its place, metres.
@@ -87,24 +87,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_scans_of_the_last_metres_count_and_follow_corrections() {
-        // A robot goes along x under a ceiling that it sees three metres ahead.
-        let ahead = Cloud::from_points(vec![[3.0, 0.0, 0.5]]);
+    fn the_scans_of_the_last_two_metres_count_and_follow_corrections() {
+        // A robot goes along x under a ceiling that it sees a metre and a half ahead.
+        let ahead = Cloud::from_points(vec![[1.5, 0.0, 0.5]]);
         let mut scans = LastScans::default();
         let above = |scans: &LastScans, x: f64| !scans.returns().are_clear_of([x, 0.0, 0.0], [x, 0.0, 0.0], 0.6);
         for node in 0..4 {
-            scans.push(&Pose::translation(1.5 * node as f64, 0.0, 0.0), &ahead);
+            scans.push(&Pose::translation(0.75 * node as f64, 0.0, 0.0), &ahead);
             scans.set_node(node);
         }
-        assert_eq!([1.5, 3.0, 4.5, 6.0, 7.5].map(|x| above(&scans, x)), [false, false, true, true, true]);
+        assert_eq!([0.75, 1.5, 2.25, 3.0, 3.75].map(|x| above(&scans, x)), [false, false, true, true, true]);
         // A correction lifts them; one is not in the map any more.
-        scans.follow(|node| (node != 2).then(|| Pose::translation(1.5 * node as f64, 0.0, 1.0)));
+        scans.follow(|node| (node != 2).then(|| Pose::translation(0.75 * node as f64, 0.0, 1.0)));
         let lifted = |scans: &LastScans, x: f64| !scans.returns().are_clear_of([x, 0.0, 1.0], [x, 0.0, 1.0], 0.6);
-        assert_eq!(([4.5, 6.0].map(|x| lifted(&scans, x)), above(&scans, 7.5)), ([true, false], true), "the last one was given where it is");
+        assert_eq!(([2.25, 3.0].map(|x| lifted(&scans, x)), above(&scans, 3.75)), ([true, false], true), "the last one was given where it is");
         // A robot that stands keeps what it saw before, but not for ever.
-        let stand = |scans: &mut LastScans| scans.push(&Pose::translation(4.5, 0.0, 0.1), &Cloud::default());
+        let stand = |scans: &mut LastScans| scans.push(&Pose::translation(2.25, 0.0, 0.1), &Cloud::default());
         (0..MOST_AGE - 4).for_each(|_| stand(&mut scans));
-        assert!(lifted(&scans, 4.5));
+        assert!(lifted(&scans, 2.25));
         (0..3).for_each(|_| stand(&mut scans));
         assert!(scans.returns().is_empty() && LastScans::default().returns().is_empty());
     }
