@@ -8,8 +8,7 @@ use crate::retreat;
 use crate::settings::Strategy;
 use crate::shortcuts::short_way;
 use crate::viewpoints::Viewpoint;
-use voxelastic::field::occupancy::State;
-use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, recheck, shorten};
+use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 
 /// Farther away than the roadmap reaches, metres.
 const FAR: f64 = 2.0 * EXTENDED;
@@ -17,14 +16,18 @@ const FAR: f64 = 2.0 * EXTENDED;
 const LOOKED_AT: usize = 16;
 /// They are looked at from so far in front of them, metres.
 const IN_FRONT: f64 = 1.5;
-/// A cluster is seen from a place of the track within this distance, metres.
+/// The robot leaves its track for a view at most so far from it, metres, straight ...
 const NEAR_TRACK: f64 = 30.0;
+/// ... from one of so many places of it, this far apart, metres.
+const TRIED: usize = 8;
+const APART: f64 = 2.0;
 /// Clusters within this distance of each other, metres, are one place to go to ...
 const SAME: f64 = 15.0;
 /// ... and the robot sets out for each so often: from there the roadmap leads on, or nothing does.
 const MOST_TRIALS: usize = 2;
 
 /// A view of a cluster that is far away.
+#[derive(Clone, Copy, Debug)]
 struct FarView {
     place: Point,
     /// Unknown volume that the sensor is likely to see, cubic metres.
@@ -38,29 +41,30 @@ impl Explorer {
         if self.settings.strategy != Strategy::Tour || has_enough {
             return false;
         }
-        let Some(view) = self.best_far_view(now, frontier) else { return false };
         let track: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
-        let off = |k: &usize| distance(track[*k], view.place);
-        let Some(nearest) = (0..track.len()).min_by(|a, b| off(a).total_cmp(&off(b))).filter(|k| off(k) < NEAR_TRACK) else { return false };
-        let way = short_way(now.space, &retreat::track(&track[nearest..], now.robot));
-        let length = way.length + off(&nearest);
+        let views = self.far_views(now, frontier);
+        let seen_from = |view: &FarView| Some((*view, seen_from(now.space, &track, view.place)?));
+        let Some((view, from)) = views.iter().find_map(seen_from) else { return false };
+        let mut way = short_way(now.space, &retreat::track(&track[from..], now.robot)).path;
+        way.push(view.place);
+        let length = length(&way);
         if near.is_some_and(|near| self.rate(view.volume, length) <= self.rate(near.volume.likely, near.length)) {
             return false;
         }
-        let home = short_way(now.space, &retreat::track(&track[..nearest], track[nearest])).length + off(&nearest);
+        let home = distance(view.place, track[from]) + short_way(now.space, &retreat::track(&track[..from], track[from])).length;
         if now.seconds_left.is_some_and(|left| self.seconds_for(length + home) > left) {
             return false;
         }
         self.gone_to.push((view.place, anchor_path(now.atlas, &[view.place])));
-        let path = Leg::trace(now.space, &shorten(now.space, way.path, Effort::Quick));
+        let path = Leg::trace(now.space, &shorten(now.space, way, Effort::Quick));
         let is_free = recheck(now.space, now.map, &path).is_empty();
         // Without a volume: nothing that it sees on its way is the target before it is there.
         self.leg = is_free.then(|| Leg::new(now.atlas, path, None));
         is_free
     }
 
-    /// Of the clusters far away that the robot has not gone to, the one that shows the most for its distance.
-    fn best_far_view<S: Space>(&self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> Option<FarView> {
+    /// Views of clusters far away that the robot has not gone to, those first that show the most for their distance.
+    fn far_views<S: Space>(&self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> Vec<FarView> {
         let (robot, [low, high]) = (now.robot, now.viewpoint_box);
         let is_gone_to = |p: Point| self.gone_to.iter().filter(|(place, _)| distance(*place, p) < SAME).count() >= MOST_TRIALS;
         let worth = |cluster: &FrontierCluster| cluster.area / distance(cluster.centre, robot);
@@ -70,18 +74,34 @@ impl Explorer {
         let view = |cluster: &FrontierCluster| {
             let place: Point = std::array::from_fn(|k| cluster.centre[k] - IN_FRONT * cluster.normal[k]);
             let is_inside = (0..3).all(|k| (low[k]..=high[k]).contains(&place[k]));
-            (is_inside && now.map.state(place) == State::Free)
+            (is_inside && now.space.state_at(place).is_some())
                 .then(|| FarView { place, volume: self.settings.view.unknown(now.map, place, self.settings.bounds).likely })
         };
         let rate = |view: &FarView| self.rate(view.volume, distance(view.place, robot));
-        let views = far.into_iter().take(LOOKED_AT).filter_map(view).filter(|view| view.volume >= LEAST_STOP);
-        views.max_by(|a, b| rate(a).total_cmp(&rate(b)))
+        let mut views: Vec<FarView> = far.into_iter().take(LOOKED_AT).filter_map(view).filter(|view| view.volume >= LEAST_STOP).collect();
+        views.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
+        views
     }
 
     /// Unknown volume for a second of the way there, cubic metres.
     fn rate(&self, volume: f64, length: f64) -> f64 {
         volume / (length / self.settings.speed + 1.0)
     }
+}
+
+/// The place of the track, by its number, from which a straight motion to a view is free; of some, the nearest.
+fn seen_from<S: Space>(space: &S, track: &[Point], view: Point) -> Option<usize> {
+    let off = |k: &usize| distance(track[*k], view);
+    let mut near: Vec<usize> = (0..track.len()).filter(|k| off(k) < NEAR_TRACK).collect();
+    near.sort_by(|a, b| off(a).total_cmp(&off(b)));
+    let mut tried: Vec<Point> = Vec::with_capacity(TRIED);
+    near.into_iter().find(|k| {
+        let is_tried = tried.len() < TRIED && tried.iter().all(|other| distance(*other, track[*k]) > APART);
+        is_tried && {
+            tried.push(track[*k]);
+            space.connects(track[*k], view)
+        }
+    })
 }
 
 #[cfg(test)]

@@ -52,7 +52,8 @@ impl Explorer {
         self.purpose = Purpose::Explore;
         self.turned_back = None;
         (self.leg, self.roadmap) = (None, None);
-        (self.stuck, self.retreats, self.beginnings) = (0, 0, 0);
+        (self.stuck, self.retreats, self.beginnings, self.trials) = (0, 0, 0, 0);
         self.exhausted.clear();
+        self.gone_to.clear();
     }
 }
