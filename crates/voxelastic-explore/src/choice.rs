@@ -23,7 +23,7 @@ pub(crate) fn choose<S: Space>(
     worth: &[Viewpoint],
     current: Option<Point>,
 ) -> Option<Viewpoint> {
-    let rate = |v: &Viewpoint| v.volume.likely / (v.length / settings.speed + 1.0);
+    let rate = |v: &Viewpoint| rate(v.volume.likely, v.length, settings.speed);
     let nearest = || worth.iter().min_by(|a, b| a.length.total_cmp(&b.length)).copied();
     let best = || worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied();
     let chosen = match settings.strategy {
@@ -34,6 +34,11 @@ pub(crate) fn choose<S: Space>(
     let off = |v: &Viewpoint| current.map_or(f64::INFINITY, |end| distance(v.place, end));
     let ahead = worth.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(|v| off(v) < settings.spacing);
     Some(ahead.filter(|ahead| rate(&chosen) < BETTER * rate(ahead)).copied().unwrap_or(chosen))
+}
+
+/// Unknown volume for a second of the way there and a second of looking: of `volume` cubic metres, `length` metres away, at `speed` metres a second.
+pub(crate) fn rate(volume: f64, length: f64, speed: f64) -> f64 {
+    volume / (length / speed + 1.0)
 }
 
 /// The first stop of a tour to the target.

@@ -91,8 +91,8 @@ impl Frontiers {
             let apart = |other: &usize| (all[*other].0.id(), all[*other].1.inverse() * t_map_submap);
             let mut others: Vec<(SubmapId, Pose)> = near.iter().map(apart).collect();
             let lost: Vec<SubmapId> = kept.others.iter().map(|(id, _)| *id).filter(|id| !others.iter().any(|(near, _)| near == id)).collect();
-            let own = submap.query().bounds();
-            let is_new: Vec<bool> = others.iter_mut().map(|other| kept.is_moved(other, &own, MOVED * f64::from(atlas.voxel_size()))).collect();
+            let most = MOVED * f64::from(atlas.voxel_size());
+            let is_new: Vec<bool> = others.iter_mut().map(|other| kept.is_moved(other, submap, most)).collect();
             (kept.t_map_submap, kept.others) = (Some(*t_map_submap), others);
             if changes[k].is_empty() && lost.is_empty() && !is_new.contains(&true) && near.iter().all(|other| changes[*other].is_empty()) {
                 continue;
@@ -145,11 +145,13 @@ impl Frontiers {
 }
 
 impl Kept {
-    /// Whether a submap has moved, as seen from this one with everything in the box `own`, by more than `most` metres since blocks were looked up in it, or was not near
-    /// then. Takes the pose of then if not: what small corrections add up to counts.
-    fn is_moved(&self, (id, pose): &mut (SubmapId, Pose), own: &Aabb, most: f64) -> bool {
+    /// Whether another submap has moved, as seen from anywhere in `submap`, which this is kept of, by more than `most` metres since blocks were looked up in it, or was not
+    /// near then. Takes the pose of then if not: what small corrections add up to counts.
+    fn is_moved(&self, (id, pose): &mut (SubmapId, Pose), submap: &Submap, most: f64) -> bool {
+        // The box takes a look at the whole submap after each change.
+        let has_stayed = |before: &Pose| before == pose || displacement(before, pose, &submap.query().bounds()) <= most;
         match self.others.iter().find(|(other, _)| other == id) {
-            Some((_, before)) if displacement(before, pose, own) <= most => {
+            Some((_, before)) if has_stayed(before) => {
                 *pose = *before;
                 false
             }
@@ -235,9 +237,6 @@ fn in_map(t_map_submap: &Pose, p: Point) -> Point {
 
 /// The farthest that anything in a box is from itself if placed by one pose and by the other, metres: it is at a corner.
 fn displacement(a: &Pose, b: &Pose, bounds: &Aabb) -> f64 {
-    if a == b {
-        return 0.0;
-    }
     let corner = |i: usize| Point3::from(std::array::from_fn(|k| f64::from(if i >> k & 1 == 0 { bounds.min[k] } else { bounds.max[k] })));
     (0..8).map(corner).map(|p| (a * p - b * p).norm()).fold(0.0, f64::max)
 }

@@ -170,7 +170,7 @@ impl Roadmap {
         for place in track {
             let node = self.on_track(*place);
             if let Some(last) = last.replace(node).filter(|last| *last != node) {
-                join(&mut self.links, last, node);
+                make_neighbours(&mut self.links, last, node);
             }
         }
     }
@@ -179,7 +179,7 @@ impl Roadmap {
     pub fn shortcut(&mut self, ends: [Point; 2]) {
         let [from, to] = ends.map(|end| self.on_track(end));
         if from != to {
-            join(&mut self.shortcuts, from, to);
+            make_neighbours(&mut self.shortcuts, from, to);
         }
     }
 
@@ -239,7 +239,7 @@ impl Roadmap {
 }
 
 /// Makes two nodes neighbours of each other.
-fn join(neighbours: &mut HashMap<u32, Vec<u32>>, a: u32, b: u32) {
+fn make_neighbours(neighbours: &mut HashMap<u32, Vec<u32>>, a: u32, b: u32) {
     for (from, to) in [(a, b), (b, a)] {
         let ends = neighbours.entry(from).or_default();
         if !ends.contains(&to) {

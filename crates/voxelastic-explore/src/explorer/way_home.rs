@@ -33,7 +33,7 @@ impl Explorer {
     /// What the way home takes at most, seconds: that of the last plan, or the track with its shortcuts, if those matter, or the track as the robot has driven it.
     fn seconds_home<S: Space>(&mut self, now: &Situation<'_, S>, left: f64) -> f64 {
         if self.seconds_for(LONGER * self.way_home) > left && self.since_way_home > LOOKED {
-            let short = shortcuts::short_way(now.space, &self.way_back(now.robot)).length;
+            let short = length(&shortcuts::short_way(now.space, &self.way_back(now.robot)).path);
             self.note_way_home(short.min(self.way_home));
         }
         let planned = self.seconds_for(LONGER * self.way_home);

@@ -24,7 +24,7 @@ impl<T> Evenly<T> {
                 });
                 self.every *= 2;
             }
-            // The next one of twice as many may be later.
+            // Of twice as far apart, this may be none.
             if self.count.is_multiple_of(self.every) {
                 self.kept.push(make());
             }
