@@ -25,14 +25,15 @@ pub struct ReachableSpace {
 }
 
 impl ReachableSpace {
-    /// The cells in the box with the corners `bounds`, map frame.
+    /// The cells with centres in the box with the corners `bounds`, map frame.
     pub fn new(world: &World, start: Point, bounds: [Point; 2]) -> Self {
         Self::comparing(world, start, bounds, COMPARED)
     }
 
     /// As [`new`](Self::new), with at most about `most` cells that are compared with a map.
     fn comparing(world: &World, start: Point, [low, high]: [Point; 2], most: usize) -> Self {
-        let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL).ceil().max(1.0) as usize);
+        // As many as have their centres in the box.
+        let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / CELL + 0.5).floor().max(1.0) as usize);
         let centre = |c: [usize; 3]| -> Point { std::array::from_fn(|k| low[k] + (c[k] as f64 + 0.5) * CELL) };
         let of_index = |i: usize| [i % size[0], i / size[0] % size[1], i / size[0] / size[1]];
         let empty: Vec<bool> =
@@ -96,6 +97,20 @@ mod tests {
     use crate::Scene;
     use voxelastic::settings::FieldKind;
     use voxelastic::{Settings, event::Event, mapper::Mapper};
+
+    #[test]
+    fn what_lies_behind_a_wall_that_the_box_does_not_lead_over_is_no_part_of_it() {
+        let mut b = crate::WorldBuilder::new("two yards", 1);
+        b.ground(0.0, 0.3);
+        // Cells are in layers at 1.1, 1.5, 1.9 and 2.3 m; a fifth layer at 2.7 m would be above the box, and lead over the wall.
+        b.cuboid([-0.2, -20.0, -0.5], [0.2, 20.0, 2.2], 0.5);
+        let world = b.build().unwrap();
+        let volume = |top: f64| ReachableSpace::new(&world, [-5.0, 0.0, 1.6], [[-10.0, -10.0, 0.9], [10.0, 10.0, top]]).volume();
+        let layer = 10.0 * 20.0 * CELL;
+        let [one_side, both] = [2.6, 3.4].map(volume);
+        assert!((0.9..1.01).contains(&(one_side / (4.0 * layer))), "{one_side} m3");
+        assert!(both > 2.0 * one_side, "{both} m3");
+    }
 
     #[test]
     fn some_of_the_cells_tell_nearly_the_same_share_as_all() {
