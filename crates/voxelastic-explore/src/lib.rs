@@ -30,7 +30,9 @@ mod roadmap;
 mod robot_space;
 mod settings;
 mod shortcuts;
+mod shortest;
 mod tour;
+mod track_graph;
 mod viewpoints;
 mod ways;
 

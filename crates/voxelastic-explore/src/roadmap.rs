@@ -5,12 +5,11 @@ mod extension;
 
 use crate::near_returns::squared_distance;
 use crate::retreat;
+use crate::shortest::NOBODY;
 use hashbrown::HashMap;
 use voxelastic_plan::{Point, Space, distance};
 
-/// No node.
-pub(crate) const NOBODY: u32 = u32::MAX;
-/// No node either: the way there was found not to be free, and is not tried again.
+/// No node: the way there was found not to be free, and is not tried again.
 const BLOCKED: u32 = u32::MAX - 1;
 /// Most nodes near the robot that it is joined to.
 const JOINED: usize = 8;

@@ -1,13 +1,7 @@
 //! The way home along the robot's own track, with shortcuts where the map has them free: in a large map no search of the whole of it is needed.
 
-use voxelastic_plan::{Point, Space, distance};
-
-/// Shortcuts to where the track comes back near itself are at most this long, metres.
-const LONGEST: f64 = 15.0;
-/// Places of the track that are tried for one, at most.
-const TRIED: usize = 6;
-/// They are at least this far apart along the track, in places of it.
-const APART: usize = 4;
+use crate::track_graph::track_way;
+use voxelastic_plan::{Point, Space};
 
 /// A way along a track with shortcuts.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,33 +12,21 @@ pub(crate) struct ShortWay {
     pub shortcuts: Vec<[Point; 2]>,
 }
 
-/// The track, with shortcuts from one place of it to a later one: to the last that is near, or to the farthest along it that doubling steps find.
-pub(crate) fn short_way<S: Space>(space: &S, track: &[Point]) -> ShortWay {
-    let mut way = ShortWay { path: track.iter().take(1).copied().collect(), shortcuts: Vec::new() };
-    let (mut at, last) = (0, track.len().saturating_sub(1));
+/// The shortest way along the track from the robot, which came along it, back to its first place, cut short by the longest straight motions that doubling steps find.
+pub(crate) fn short_way<S: Space>(space: &S, track: &[Point], robot: Point) -> ShortWay {
+    let way = track_way(space, track, robot);
+    let places = &way.places;
+    let mut short = ShortWay { path: vec![robot], shortcuts: Vec::new() };
+    let (mut at, last) = (0, places.len() - 1);
     while at < last {
-        let next = near_itself(space, track, at).max(straight_on(space, track, at));
-        if next > at + 1 {
-            way.shortcuts.push([track[at], track[next]]);
+        let next = straight_on(space, places, at);
+        if next > at + 1 || way.is_crossing[at] {
+            short.shortcuts.push([places[at], places[next]]);
         }
-        way.path.push(track[next]);
+        short.path.push(places[next]);
         at = next;
     }
-    way
-}
-
-/// The last place of the track near the one at `at` to which the map has a straight motion free; the next one if there is none.
-fn near_itself<S: Space>(space: &S, track: &[Point], at: usize) -> usize {
-    let mut before = usize::MAX;
-    let is_near = |k: &usize| distance(track[at], track[*k]) < LONGEST;
-    let is_apart = |k: &usize| {
-        *k + APART <= before && {
-            before = *k;
-            true
-        }
-    };
-    let tried = (at + 2..track.len()).rev().filter(is_near).filter(is_apart).take(TRIED);
-    tried.into_iter().find(|k| space.connects(track[at], track[*k])).unwrap_or(at + 1)
+    short
 }
 
 /// The farthest place along the track to which steps lead that double where the map has the straight motion free, and halve where not; the next one if there is none.
@@ -64,74 +46,46 @@ fn straight_on<S: Space>(space: &S, track: &[Point], at: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::track_graph::tests::{Plane, along};
     use proptest::prelude::*;
-    use voxelastic_plan::length;
-
-    /// A plane with a wall along y = 0.5 that has a gap between x = 9 and 11.
-    struct Plane;
-
-    impl Space for Plane {
-        fn steer(&self, from: Point, to: Point) -> Option<Point> {
-            let share = (0.5 - from[1]) / (to[1] - from[1]);
-            let x = from[0] + share * (to[0] - from[0]);
-            (!(0.0..=1.0).contains(&share) || (9.0..11.0).contains(&x)).then_some(to)
-        }
-
-        fn state_at(&self, p: Point) -> Option<Point> {
-            Some(p)
-        }
-
-        fn bounds(&self) -> [Point; 2] {
-            [[-1e3; 3], [1e3; 3]]
-        }
-    }
-
-    /// The places from each of `ends` to the next, half a metre apart.
-    fn along(ends: &[[f64; 2]]) -> Vec<Point> {
-        let mut places = vec![[ends[0][0], ends[0][1], 0.0]];
-        for pair in ends.windows(2) {
-            let n = ((pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]) / 0.5).ceil().max(1.0);
-            places.extend((1..=n as usize).map(|k| {
-                let share = k as f64 / n;
-                [pair[0][0] + share * (pair[1][0] - pair[0][0]), pair[0][1] + share * (pair[1][1] - pair[0][1]), 0.0]
-            }));
-        }
-        places
-    }
+    use voxelastic_plan::{distance, length};
 
     #[test]
     fn a_detour_is_cut_off_and_a_wall_is_not() {
+        let way = |ends: &[[f64; 2]]| {
+            let (track, robot) = along(ends);
+            short_way(&Plane, &track, robot)
+        };
         // Along a curve without a wall between: straight home.
-        let curve = short_way(&Plane, &along(&[[0.0, 3.0], [20.0, 30.0], [60.0, 3.0]]));
         let straight = [[0.0, 3.0, 0.0], [60.0, 3.0, 0.0]];
-        assert_eq!(curve, ShortWay { path: straight.to_vec(), shortcuts: vec![straight] });
+        assert_eq!(way(&[[60.0, 3.0], [20.0, 30.0], [0.0, 3.0]]), ShortWay { path: straight.to_vec(), shortcuts: vec![straight] });
         // A loop of 100 m that comes by 10 m from where it began, out of sight of what is between.
-        let by = short_way(&Plane, &along(&[[0.0, -40.0], [0.0, 0.0], [10.0, 0.0], [10.0, 40.0], [0.0, 40.0], [0.0, 2.0], [0.0, 8.0]]));
+        let by = way(&[[0.0, 8.0], [0.0, 2.0], [0.0, 40.0], [10.0, 40.0], [10.0, 0.0], [0.0, 0.0], [0.0, -40.0]]);
         assert!(length(&by.path) < 40.0 + 10.0 + 13.0, "{by:?}");
         // Through the gap it came, and so it goes.
-        let through = along(&[[0.0, 3.0], [10.0, 3.0], [10.0, -3.0], [0.0, -3.0]]);
-        let way = short_way(&Plane, &through);
-        assert!(length(&way.path) > 2.0 * 9.0 && length(&way.path) < length(&through), "{way:?}");
-        let nowhere = |path: &[Point]| ShortWay { path: path.to_vec(), shortcuts: vec![] };
-        assert_eq!([&through[..1], &[]].map(|track| short_way(&Plane, track)), [nowhere(&through[..1]), nowhere(&[])]);
+        let through = way(&[[0.0, -3.0], [10.0, -3.0], [10.0, 3.0], [0.0, 3.0]]);
+        assert!(length(&through.path) > 2.0 * 9.0 && length(&through.path) < 26.0, "{through:?}");
+        let nowhere = ShortWay { path: vec![[0.0; 3]], shortcuts: vec![] };
+        assert_eq!([&[][..], &[[0.0; 3]]].map(|track| short_way(&Plane, track, [0.0; 3])), [nowhere.clone(), nowhere]);
     }
 
     proptest! {
         #[test]
         fn shortcuts_are_free_in_order_and_never_longer(ends in prop::collection::vec(prop::array::uniform2(-30.0f64..30.0), 2..8)) {
-            let track = along(&ends);
-            let way = short_way(&Plane, &track);
-            let mut at = 0;
-            let mut along_them = 0.0;
-            for [from, to] in &way.shortcuts {
-                prop_assert!(Plane.connects(*from, *to));
-                let [start, end] = [from, to].map(|end| at + track[at..].iter().position(|p| p == end).unwrap());
-                along_them += length(&track[at..=start]) + distance(*from, *to);
-                at = end;
+            let (track, robot) = along(&ends);
+            let way = short_way(&Plane, &track, robot);
+            let mut shortcuts = way.shortcuts.iter();
+            let mut next = shortcuts.next();
+            for ends in way.path.windows(2) {
+                if next.is_some_and(|[from, to]| *from == ends[0] && *to == ends[1]) {
+                    prop_assert!(Plane.connects(ends[0], ends[1]));
+                    next = shortcuts.next();
+                } else {
+                    prop_assert!(distance(ends[0], ends[1]) < 2.0, "a step along the track");
+                }
             }
-            along_them += length(&track[at..]);
-            let short = length(&way.path);
-            prop_assert!((along_them - short).abs() < 1e-6 && short <= length(&track) + 1e-6 && way.path.last() == track.last());
+            prop_assert!(next.is_none() && way.path[0] == robot && way.path.last() == track.first());
+            prop_assert!(length(&way.path) <= length(&track_way(&Plane, &track, robot).places) + 1e-6);
         }
     }
 }

@@ -1,18 +1,15 @@
 //! Shortest ways in a roadmap.
 
-use crate::roadmap::{NOBODY, Roadmap};
+use crate::roadmap::Roadmap;
+use crate::shortest::{Shortest, shortest};
 use hashbrown::HashSet;
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 use voxelastic_plan::{Point, Space, distance};
 
 /// Lengths of the shortest ways from one place to all nodes.
 #[derive(Clone, Debug)]
 pub(crate) struct Ways {
     from: Point,
-    lengths: Vec<f64>,
-    /// The node before each on its way; nobody for those next to the start.
-    before: Vec<u32>,
+    shortest: Shortest,
 }
 
 /// The first part of a way: motions that the map has free, or some along the robot's track, which the map may have shut since.
@@ -41,49 +38,26 @@ impl Roadmap {
     }
 
     /// The shortest ways, the nearest nodes first, until `is_done` with one.
-    fn ways_until<S: Space>(&self, space: &S, from: Point, mut is_done: impl FnMut(u32) -> bool) -> Ways {
-        let mut ways = Ways { from, lengths: vec![f64::INFINITY; self.len()], before: vec![NOBODY; self.len()] };
-        let mut heap = BinaryHeap::new();
-        for node in self.joined(space, from) {
-            let length = distance(from, self.place(node));
-            ways.lengths[node as usize] = length;
-            heap.push(Reverse((Length(length), node)));
-        }
-        while let Some(Reverse((Length(length), node))) = heap.pop() {
-            if length > ways.lengths[node as usize] {
-                continue;
-            }
-            if is_done(node) {
-                break;
-            }
-            for (next, off) in self.neighbours(node) {
-                let length = length + off;
-                if length < ways.lengths[next as usize] {
-                    (ways.lengths[next as usize], ways.before[next as usize]) = (length, node);
-                    heap.push(Reverse((Length(length), next)));
-                }
-            }
-        }
-        ways
+    fn ways_until<S: Space>(&self, space: &S, from: Point, is_done: impl FnMut(u32) -> bool) -> Ways {
+        let starts = self.joined(space, from).into_iter().map(|node| (node, distance(from, self.place(node))));
+        Ways { from, shortest: shortest(self.len(), starts, |node| self.neighbours(node), is_done) }
     }
 }
 
 impl Ways {
     /// Length of the way to a node, metres; infinite if there is none.
     pub fn length(&self, node: u32) -> f64 {
-        self.lengths[node as usize]
+        self.shortest.lengths[node as usize]
     }
 
     /// Whether any node can be reached.
     pub fn lead_anywhere(&self) -> bool {
-        self.lengths.iter().any(|length| length.is_finite())
+        self.shortest.lengths.iter().any(|length| length.is_finite())
     }
 
     /// The first part of the way to a node, from the start.
     pub fn first_part(&self, roadmap: &Roadmap, node: u32) -> Part {
-        let before = |node: &u32| Some(self.before[*node as usize]).filter(|before| *before != NOBODY);
-        let mut nodes: Vec<u32> = std::iter::successors(Some(node), before).collect();
-        nodes.reverse();
+        let nodes = self.shortest.path(node);
         let is_link: Vec<bool> = nodes.windows(2).map(|pair| roadmap.is_link(pair[0], pair[1])).collect();
         let is_track = is_link.first() == Some(&true) && distance(self.from, roadmap.place(nodes[0])) < roadmap.spacing();
         let steps = is_link.iter().take_while(|link| **link == is_track).count();
@@ -95,24 +69,6 @@ impl Ways {
             path.extend(roadmap.way(pair[0], pair[1]).into_iter().skip(1));
         }
         Part { path, is_track, is_whole: steps == is_link.len(), link: [nodes[0], nodes.get(1).copied().unwrap_or(nodes[0])] }
-    }
-}
-
-/// A length with a total order.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Length(f64);
-
-impl Eq for Length {}
-
-impl PartialOrd for Length {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Length {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0)
     }
 }
 

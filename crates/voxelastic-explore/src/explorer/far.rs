@@ -4,7 +4,6 @@ use super::{EXTENDED, Explorer, Situation};
 use crate::choice::{LEAST_STOP, rate};
 use crate::clusters::FrontierCluster;
 use crate::leg::Leg;
-use crate::retreat;
 use crate::settings::Strategy;
 use crate::shortcuts::short_way;
 use crate::viewpoints::Viewpoint;
@@ -41,18 +40,18 @@ impl Explorer {
         if self.settings.strategy != Strategy::Tour || has_enough {
             return false;
         }
-        let track: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
+        let track = self.places_of_track();
         let views = self.far_views(now, frontier);
         let seen_from = |view: &FarView| Some((*view, seen_from(now.space, &track, view.place)?));
         let Some((view, from)) = views.iter().find_map(seen_from) else { return false };
-        let mut way = short_way(now.space, &retreat::track(&track[from..], now.robot)).path;
+        let mut way = short_way(now.space, &track[from..], now.robot).path;
         way.push(view.place);
         let way_length = length(&way);
         let speed = self.settings.speed;
         if near.is_some_and(|near| rate(view.volume, way_length, speed) <= rate(near.volume.likely, near.length, speed)) {
             return false;
         }
-        let way_home = short_way(now.space, &retreat::track(&track[..from], track[from])).path;
+        let way_home = short_way(now.space, &track[..from], track[from]).path;
         if now.seconds_left.is_some_and(|left| self.seconds_for(way_length + distance(view.place, track[from]) + length(&way_home)) > left) {
             return false;
         }

@@ -9,7 +9,7 @@ use crate::near_returns;
 use crate::retreat;
 use crate::roadmap::Roadmap;
 use crate::settings::NOISE;
-use crate::shortcuts;
+use crate::shortcuts::short_way;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use crate::ways::Part;
 use hashbrown::HashSet;
@@ -258,10 +258,10 @@ impl Explorer {
 
     /// Has the roadmap lead along the track, too, and on the way home across its shortcuts.
     fn link<S: Space>(&self, now: &Situation<'_, S>, roadmap: &mut Roadmap) {
-        let track: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
+        let track = self.places_of_track();
         roadmap.link(&track);
         if self.purpose == Purpose::Return && !roadmap.has_shortcuts() {
-            shortcuts::short_way(now.space, &self.way_back(now.robot)).shortcuts.into_iter().for_each(|ends| roadmap.shortcut(ends));
+            short_way(now.space, &track, now.robot).shortcuts.into_iter().for_each(|ends| roadmap.shortcut(ends));
         }
     }
 

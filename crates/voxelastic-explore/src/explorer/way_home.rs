@@ -2,7 +2,8 @@
 
 use super::{Explorer, Situation};
 use crate::decision::{Purpose, ReturnReason};
-use crate::{retreat, shortcuts};
+use crate::retreat;
+use crate::shortcuts::short_way;
 use voxelastic_plan::{Point, Space, length};
 
 /// The way home takes up to this much longer than it is, and this many seconds.
@@ -33,7 +34,7 @@ impl Explorer {
     /// What the way home takes at most, seconds: that of the last plan, or the track with its shortcuts, if those matter, or the track as the robot has driven it.
     fn seconds_home<S: Space>(&mut self, now: &Situation<'_, S>, left: f64) -> f64 {
         if self.seconds_for(LONGER * self.way_home) > left && self.since_way_home > LOOKED {
-            let short = length(&shortcuts::short_way(now.space, &self.way_back(now.robot)).path);
+            let short = length(&short_way(now.space, &self.places_of_track(), now.robot).path);
             self.note_way_home(short.min(self.way_home));
         }
         let planned = self.seconds_for(LONGER * self.way_home);
@@ -46,10 +47,14 @@ impl Explorer {
         metres / self.settings.speed * RESERVE.0 + RESERVE.1
     }
 
+    /// Where it was, in order.
+    pub(super) fn places_of_track(&self) -> Vec<Point> {
+        self.track.iter().map(|(place, _)| *place).collect()
+    }
+
     /// The way home along the track.
     pub(super) fn way_back(&self, robot: Point) -> Vec<Point> {
-        let places: Vec<Point> = self.track.iter().map(|(place, _)| *place).collect();
-        retreat::track(&places, robot)
+        retreat::track(&self.places_of_track(), robot)
     }
 
     /// Its length, metres.
