@@ -9,10 +9,10 @@ use voxelastic_plan::{Point, Space, distance};
 const LONGEST: f64 = 15.0;
 /// They begin and end at places this far apart along the track, metres.
 const APART: f64 = 2.0;
-/// A motion that saves less than this, metres, or less than this share of its length, is none that is worth a look.
+/// A motion that saves less than this, metres, or less than this share of its length, is not worth a check.
 const LEAST_SAVED: (f64, f64) = (2.0, 0.2);
-/// Motions whose space is looked at, at most: in a maze most of those that would help lead through a wall.
-const MOST_LOOKS: usize = 200;
+/// Motions that are checked against the map, at most: in a maze most of those that would help lead through a wall.
+const MOST_CHECKS: usize = 200;
 
 /// A way along the track.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,7 @@ pub(crate) struct TrackWay {
 struct Crossing {
     ends: [u32; 2],
     length: f64,
-    /// Whether the map has it free; none as long as nobody looked.
+    /// Whether the map has it free; none as long as it was not checked.
     is_free: Option<bool>,
 }
 
@@ -45,20 +45,20 @@ struct TrackGraph {
     crossings_of: Vec<Vec<u32>>,
 }
 
-/// The shortest way from the robot, which came along `track`, back to where that begins. Crossings are looked at only where they are on what would be the shortest way, so
-/// that few have to be.
+/// The shortest way from the robot, which came along `track`, back to where that begins. A crossing is checked only when it is on what would be the shortest way, so that
+/// few have to be.
 pub(crate) fn track_way<S: Space>(space: &S, track: &[Point], robot: Point) -> TrackWay {
     let mut graph = TrackGraph::new(track, robot);
-    let mut looks = 0;
+    let mut checks = 0;
     loop {
-        let nodes = graph.shortest_path(looks < MOST_LOOKS);
+        let nodes = graph.shortest_path(checks < MOST_CHECKS);
         let crossings: Vec<Option<u32>> = nodes.windows(2).map(|ends| graph.crossing(ends[0], ends[1])).collect();
         let mut is_free = true;
         for crossing in crossings.iter().flatten() {
             let [from, to] = graph.crossings[*crossing as usize].ends.map(|end| graph.places[end as usize]);
             let crossing = &mut graph.crossings[*crossing as usize];
             is_free &= *crossing.is_free.get_or_insert_with(|| {
-                looks += 1;
+                checks += 1;
                 space.connects(from, to)
             });
         }
@@ -144,13 +144,13 @@ impl TrackGraph {
         }
     }
 
-    /// The nodes from the robot to the first place, over crossings that are free, or if `may_look` that nobody looked at.
-    fn shortest_path(&self, may_look: bool) -> Vec<u32> {
+    /// The nodes from the robot to the first place, over crossings that are free, and with `unchecked` over those that were not checked, too.
+    fn shortest_path(&self, unchecked: bool) -> Vec<u32> {
         let neighbours = |node: u32| {
             let off = move |other: u32| distance(self.places[node as usize], self.places[other as usize]);
             let links = self.links[node as usize].iter().map(move |other| (*other, off(*other)));
             let crossings = self.crossings_of[node as usize].iter().map(|crossing| self.crossings[*crossing as usize]);
-            let crossings = crossings.filter(move |crossing| crossing.is_free.unwrap_or(may_look));
+            let crossings = crossings.filter(move |crossing| crossing.is_free.unwrap_or(unchecked));
             links.chain(crossings.map(move |crossing| (crossing.other(node), crossing.length)))
         };
         shortest(self.places.len(), [(self.robot, 0.0)], neighbours, |node| node == 0).path(0)
@@ -207,7 +207,7 @@ pub(crate) mod tests {
         (places, robot)
     }
 
-    /// The slow way: all crossings are looked at, and all edges relaxed until nothing gets shorter.
+    /// The slow way: all crossings are checked, and all edges relaxed until nothing gets shorter.
     fn slowly<S: Space>(space: &S, track: &[Point], robot: Point) -> f64 {
         let graph = TrackGraph::new(track, robot);
         let place = |node: u32| graph.places[node as usize];
