@@ -31,6 +31,8 @@ const COLUMN: f64 = 2.5;
 const MOST_PLACES: usize = 100_000;
 /// A target is given up when less than this share of the expected volume is left.
 const LEFT: f64 = 0.35;
+/// A path that is shut farther on is followed this far before it is planned anew, metres.
+const GOES_ON: f64 = 2.0;
 /// Decisions after which a path is planned anew although nothing is wrong with it.
 const PATIENCE: usize = 6;
 /// Until a loop closes, the map may be off by this share of the distance since the last correction ...
@@ -346,8 +348,11 @@ impl Explorer {
             if let Some(roadmap) = &mut self.roadmap {
                 roadmap.block(now.space, blocked.at);
             }
-            self.leg = None;
-            return true;
+            // Where it is free for a while it leads on, perhaps through a doorway that no other way leads through: it plans again a little farther on.
+            let mut free = leg.path[..=blocked.segment].to_vec();
+            retreat::cut(&mut free, GOES_ON);
+            self.leg = (length(&free) > self.settings.spacing).then(|| Leg::new(now.atlas, free, None));
+            return self.leg.is_none();
         }
         let ahead = length(&leg.path);
         match leg.volume {
@@ -408,6 +413,31 @@ mod tests {
         fn bounds(&self) -> [Point; 2] {
             [[-20.0; 3], [20.0; 3]]
         }
+    }
+
+    #[test]
+    fn a_path_that_is_shut_farther_on_is_followed_as_far_as_it_is_free() {
+        let atlas = Atlas::new(0.1);
+        let (map, returns) = (atlas.query(), NearReturns::default());
+        let now = Situation {
+            atlas: &atlas,
+            map: &map,
+            is_moved: false,
+            returns: &returns,
+            space: &Open,
+            viewpoint_box: Open.bounds(),
+            robot: [0.0; 3],
+            seconds_left: None,
+        };
+        let followed = |path: &[Point]| {
+            let mut explorer = Explorer::new(ExploreSettings::new(Robot::flying(0.4), Open.bounds())).unwrap();
+            explorer.leg = Some(Leg::new(&atlas, path.to_vec(), Some(30.0)));
+            (explorer.must_plan(&now), explorer.leg.map(|leg| (leg.path, leg.volume)))
+        };
+        // Nothing is free beyond 20 m.
+        let path = [[0.0; 3], [3.0, 0.0, 0.0], [3.0, 6.0, 0.0], [30.0, 6.0, 0.0]];
+        assert_eq!(followed(&path), (false, Some((vec![[0.0; 3], [GOES_ON, 0.0, 0.0]], None))));
+        assert_eq!(followed(&[[0.0; 3], [0.3, 0.0, 0.0], [30.0, 0.0, 0.0]]), (true, None), "that is hardly a way");
     }
 
     #[test]
