@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_is_shut_farther_on_is_followed_as_far_as_it_is_free() {
+    fn a_path_that_is_shut_farther_on_is_followed_for_a_while() {
         let atlas = Atlas::new(0.1);
         let (map, returns) = (atlas.query(), NearReturns::default());
         let now = Situation {
@@ -437,6 +437,7 @@ mod tests {
         // Nothing is free beyond 20 m.
         let path = [[0.0; 3], [3.0, 0.0, 0.0], [3.0, 6.0, 0.0], [30.0, 6.0, 0.0]];
         assert_eq!(followed(&path), (false, Some((vec![[0.0; 3], [GOES_ON, 0.0, 0.0]], None))));
+        assert_eq!(followed(&[[0.0; 3], [1.2, 0.0, 0.0], [30.0, 0.0, 0.0]]), (false, Some((vec![[0.0; 3], [1.2, 0.0, 0.0]], None))));
         assert_eq!(followed(&[[0.0; 3], [0.3, 0.0, 0.0], [30.0, 0.0, 0.0]]), (true, None), "that is hardly a way");
     }
 

@@ -6,7 +6,7 @@ use voxelastic::query::{AtlasQuery, Capsule, UnknownAs};
 use voxelastic_plan::{Point, between, distance, length};
 
 /// Places of the track in one cell of this size are one place, metres.
-pub(crate) const CELL: f64 = 0.5;
+const CELL: f64 = 0.5;
 /// Share of the body's radius that must be free of obstacles in the map, whose voxels reach into where it fitted.
 const SLIM: f64 = 0.8;
 /// A robot that can follow its track this far gets on, metres.
@@ -16,19 +16,23 @@ const MOST_SHIFT: f64 = 0.75;
 /// ... in these steps, metres.
 const SHIFT_STEP: f64 = 0.15;
 
+/// The cell that a place of the track is in.
+pub(crate) fn cell(p: Point) -> [i32; 3] {
+    p.map(|c| (c / CELL).floor() as i32)
+}
+
 /// From the robot back to the first of the places where it was, in order, without the loops between.
 pub(crate) fn track(places: &[Point], robot: Point) -> Vec<Point> {
-    let cell = |p: &Point| p.map(|c| (c / CELL).floor() as i64);
-    let mut earliest: HashMap<[i64; 3], usize> = HashMap::new();
+    let mut earliest: HashMap<[i32; 3], usize> = HashMap::new();
     for (k, p) in places.iter().enumerate() {
-        earliest.entry(cell(p)).or_insert(k);
+        earliest.entry(cell(*p)).or_insert(k);
     }
     let mut path = vec![robot];
     let mut at = places.len();
     while at > 0 {
         at -= 1;
         // The earliest visit to where this is.
-        at = earliest[&cell(&places[at])];
+        at = earliest[&cell(places[at])];
         if path.last().is_some_and(|last| distance(*last, places[at]) > 1e-3) {
             path.push(places[at]);
         }

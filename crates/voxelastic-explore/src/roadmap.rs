@@ -189,7 +189,7 @@ impl Roadmap {
 
     /// The node of the track at a place, which is added if there is none in its cell.
     fn on_track(&mut self, place: Point) -> u32 {
-        let cell = place.map(|c| (c / retreat::CELL).floor() as i32);
+        let cell = retreat::cell(place);
         if let Some(node) = self.track.get(&cell) {
             return *node;
         }
@@ -227,7 +227,7 @@ impl Roadmap {
         let reachable = |node: &u32| space.connects(start, self.place(*node)) || distance(from, self.place(*node)) < 1e-6;
         let near = self.near(from, 3.0 * self.spacing).into_iter().filter(reachable).take(JOINED);
         // It has come from where it was last.
-        let last = self.track.get(&from.map(|c| (c / retreat::CELL).floor() as i32)).copied();
+        let last = self.track.get(&retreat::cell(from)).copied();
         near.chain(last).collect()
     }
 

@@ -1,6 +1,6 @@
 //! The robot's track as a graph, for the shortest way along it: places where it was, and straight motions across where it passes near itself.
 
-use crate::retreat::CELL;
+use crate::retreat;
 use crate::shortest::shortest;
 use hashbrown::HashMap;
 use voxelastic_plan::{Point, Space, distance};
@@ -78,7 +78,7 @@ impl TrackGraph {
         let (mut along, mut last): (f64, Option<u32>) = (0.0, None);
         for (k, place) in track.iter().chain([&robot]).enumerate() {
             let is_robot = k == track.len();
-            let cell = place.map(|c| (c / CELL).floor() as i32);
+            let cell = retreat::cell(*place);
             let known = by_cell.get(&cell).copied();
             let is_there = |known: &u32| !is_robot || distance(graph.places[*known as usize], robot) < 1e-3;
             let node = known.filter(is_there).unwrap_or_else(|| graph.add(*place));
@@ -172,8 +172,8 @@ impl Crossing {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::retreat;
     use proptest::prelude::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
     use voxelastic_plan::{between, length};
 
     /// A plane with a wall along y = 0.5 that has a gap between x = 9 and 11.
@@ -232,7 +232,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_robot_that_came_by_near_its_home_goes_home_from_there() {
-        // Once around a block, by 6 m from home, and along the other side again, where it has been before: from there the first lap alone would be 290 m.
+        // Once around a block, by 6 m from home, and along the other side again, where it has been before: from there the first lap is 240 m.
         let (track, robot) =
             along(&[[0.0, -7.0], [-10.0, 60.0], [90.0, 60.0], [90.0, -14.0], [0.0, -14.0], [-2.0, -13.5], [85.0, -13.0], [90.0, -10.0]]);
         let way = track_way(&Plane, &track, robot);
@@ -242,6 +242,36 @@ pub(crate) mod tests {
         // A robot that has not moved is at home.
         let here = TrackWay { places: vec![robot], is_crossing: Vec::new() };
         assert_eq!([track_way(&Plane, &[], robot), track_way(&Plane, &[robot], robot)], [here.clone(), here]);
+    }
+
+    /// Nothing is free, and it counts who asks.
+    struct Shut(AtomicUsize);
+
+    impl Space for Shut {
+        fn steer(&self, _: Point, _: Point) -> Option<Point> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            None
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            Some(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            Plane.bounds()
+        }
+    }
+
+    #[test]
+    fn where_nothing_crosses_it_follows_the_track_after_some_checks() {
+        // 70 rows of 100 m, 3 m apart.
+        let ends: Vec<[f64; 2]> = (0..140).map(|k| [if k % 4 == 0 || k % 4 == 3 { 0.0 } else { 100.0 }, 3.0 * f64::from(k / 2)]).collect();
+        let (track, robot) = along(&ends);
+        let space = Shut(AtomicUsize::new(0));
+        let way = track_way(&space, &track, robot);
+        assert!(way.is_crossing.iter().all(|is| !is) && length(&way.places) > 6_900.0);
+        let checks = space.0.into_inner();
+        assert!((MOST_CHECKS..2 * MOST_CHECKS).contains(&checks), "{checks}");
     }
 
     proptest! {
@@ -255,7 +285,7 @@ pub(crate) mod tests {
             prop_assert_eq!(way.is_crossing.len() + 1, way.places.len());
             for (ends, is_crossing) in way.places.windows(2).zip(&way.is_crossing) {
                 // Along the track from cell to cell, half a metre apart.
-                let is_step = distance(ends[0], ends[1]) < 0.5 + 2.0 * 2f64.sqrt() * CELL;
+                let is_step = distance(ends[0], ends[1]) < 2.0;
                 prop_assert!(is_step || *is_crossing && Plane.connects(ends[0], ends[1]), "{:?}", ends);
             }
             prop_assert_eq!((way.places[0], way.places[way.places.len() - 1]), (robot, track[0]));
