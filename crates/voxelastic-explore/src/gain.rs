@@ -62,14 +62,20 @@ impl SensorView {
         (-low).min(high).clamp(0.0, 1.5).tan()
     }
 
-    /// Radius within which space has to count as free because the robot is there (the mapper's setting `robot_radius`), metres: farther away the field of view is high
+    /// Radius within which space has to count as free where the robot starts (the mapper's setting `start_radius`), metres: farther away the field of view is high
     /// enough for a ball of `radius` metres in voxels of `voxel` metres. On wheels, with the sensor `height` metres above the floor, it must not reach below
     /// the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
-    pub fn own_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
+    pub fn start_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
         let [low, high] = self.elevations;
         let voxels = if height.is_some() { 2.0 } else { 1.0 };
         let needed = (radius + voxels * voxel) / (-low).min(high).clamp(0.1, 1.5).sin();
         height.map_or(needed, |height| needed.min(height - 0.1)).clamp(0.0, 5.0)
+    }
+
+    /// Radius within which space has to count as free wherever the robot is (the mapper's setting `robot_radius`), metres: that of its body. In the air it came from where it
+    /// saw the space around it, and must not claim what is below and above, where it sees nothing. Wheels stay on the floor, and need what they need at the start.
+    pub fn own_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
+        height.map_or(radius + voxel, |_| self.start_radius(radius, voxel, height))
     }
 
     /// The volume of unknown space that the sensor at `place` would see within the box `bounds`, cubic metres. All in the map frame.
@@ -190,6 +196,17 @@ mod tests {
         let ranges = [0.7f64, 1.4].map(|angle| view.resolving(angle.to_radians(), 0.1).range);
         assert!((ranges[0] - 20.0).abs() < 1e-9 && (ranges[1] - 10.23).abs() < 0.01, "{ranges:?}");
         assert_eq!(view.resolving(0.0, 0.1), view);
+    }
+
+    #[test]
+    fn space_that_no_beam_meets_is_free_at_the_start_and_for_wheels_alone() {
+        let view = SensorView { elevations: [-0.4, 0.4], ..SensorView::default() };
+        let radii = |height| [view.start_radius(0.4, 0.1, height), view.own_radius(0.4, 0.1, height)];
+        let [start, own] = radii(None);
+        assert!((start - 0.5 / 0.4f64.sin()).abs() < 1e-12 && (own - 0.5).abs() < 1e-12, "{start} {own}");
+        // Not below the floor, but as far as that at most.
+        let differ = |height, by: f64| radii(Some(height)).into_iter().any(|radius| (radius - by).abs() > 1e-9);
+        assert!(!differ(3.0, 0.6 / 0.4f64.sin()) && !differ(0.8, 0.7), "{:?} {:?}", radii(Some(3.0)), radii(Some(0.8)));
     }
 
     #[test]

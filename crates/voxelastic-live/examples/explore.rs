@@ -214,9 +214,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (low, high) = scene.world.bounds().ok_or("a world without bounds")?;
     let bounds = [[low[0], low[1], place[2] - 0.7], [high[0], high[1], place[2] + 1.0]];
     let truth = ReachableSpace::new(&scene.world, place, bounds);
-    let robot_radius = RobotRadius::Metres(1.31);
-    let mut settings = Settings { voxel_size: 0.1, max_range: 30.0, field: FieldKind::Occupancy, robot_radius, ..Settings::default() };
-    settings.min_range = 0.1;
+    let mut settings = Settings { voxel_size: 0.1, max_range: 30.0, min_range: 0.1, field: FieldKind::Occupancy, ..Settings::default() };
+    [settings.robot_radius, settings.start_radius] = [0.5, 1.31].map(RobotRadius::Metres);
     let mut mapper = Mapper::new(settings)?;
     mapper.set_sensor_model(model.clone());
     let published = Published::default();

@@ -50,12 +50,14 @@ pub(super) struct Integrators {
     fields: FieldIntegrators,
     /// Those of occupancy by sensor, made for its first scan.
     occupancy: BTreeMap<u16, OccupancyIntegrator>,
+    /// Radius of the robot's own space in the next scan, metres.
+    pub robot_radius: f32,
 }
 
 impl Integrators {
     pub fn new(settings: &Settings) -> Self {
         let tsdf = settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into()));
-        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new() }
+        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new(), robot_radius: settings.own_radius(false) }
     }
 
     /// The weights of the returns of scan number `turn` of a sensor into `submap`, by what its surfaces are known; `None` if all are 1.
@@ -87,7 +89,9 @@ impl Integrators {
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         if settings.field.has_occupancy() {
             let own = self.occupancy.remove(&sensor);
-            self.fields.occupancy = Some(own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model())));
+            let mut integrator = own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model()));
+            integrator.set_robot_radius(self.robot_radius);
+            self.fields.occupancy = Some(integrator);
         }
         let (image, fills_gaps) = scan.image();
         let input = ScanInput {

@@ -11,6 +11,7 @@ mod moving;
 #[allow(dead_code)]
 #[path = "../common/room.rs"]
 mod room;
+mod start;
 mod stored_once;
 mod town;
 

@@ -66,8 +66,9 @@ impl SimulatedRobot {
         settings.set("no_return", &args.no_return)?;
         let start = scene.trajectory.pose(0.0);
         let height = args.ground.then_some(start.translation.z);
-        let own = view(&model, args.max_range, args.voxel_size).own_radius(args.radius + MARGIN, f64::from(args.voxel_size), height);
-        settings.robot_radius = RobotRadius::Metres(own as f32);
+        let (view, voxel) = (view(&model, args.max_range, args.voxel_size), f64::from(args.voxel_size));
+        settings.robot_radius = RobotRadius::Metres(view.own_radius(args.radius + MARGIN, voxel, height) as f32);
+        settings.start_radius = RobotRadius::Metres(view.start_radius(args.radius + MARGIN, voxel, height) as f32);
         let start = Pose::from_parts(start.translation, UnitQuaternion::from_axis_angle(&Vector3::z_axis(), start.rotation.euler_angles().2));
         let mut mapper = Mapper::new(settings)?;
         mapper.set_sensor_model(model.clone());

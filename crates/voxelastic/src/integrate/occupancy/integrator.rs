@@ -108,6 +108,11 @@ impl OccupancyIntegrator {
         }
     }
 
+    /// Sets the radius of the robot's own space of the next scans, metres; see [`OccupancySettings::robot_radius`].
+    pub(crate) fn set_robot_radius(&mut self, radius: f32) {
+        self.settings.robot_radius = radius;
+    }
+
     /// Integrates one scan taken at `t_submap_lidar`: free space from its image, surfaces from its returns. `fill` says that the points were no grid, so that
     /// single empty pixels between returns are artefacts of projection. Returns after the first 2^24 are skipped.
     pub fn integrate(
