@@ -34,7 +34,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let simulation = Simulation::new(SimOptions { scans: Some(scans), columns: Some(512), spacing: 1.0, ..SimOptions::of(&world) })?;
     let settings = Settings { voxel_size: 0.1, max_range: 30.0, field: FieldKind::Occupancy, lambda_odom: 10.0, ..Settings::default() };
     let mut mapper = Mapper::new(settings)?;
-    let mut frontiers = Frontiers::new(FrontierSettings::default());
+    let mut frontiers = Frontiers::new(FrontierSettings::default(), [[-1e3; 3], [1e3; 3]]);
     let (mut queries, mut updates, mut clusterings, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut blocks, mut clusters) = (0, 0);
     for scan in simulation.scans(PoseSource::Truth) {
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let start = Instant::now();
         blocks += frontiers.update(atlas);
         let updated = start.elapsed();
-        clusters += frontiers.clusters(atlas, &map, [[-1e3; 3], [1e3; 3]]).len();
+        clusters += frontiers.clusters(atlas, &map).len();
         let done = start.elapsed();
         updates.push(1e3 * updated.as_secs_f64());
         clusterings.push(1e3 * (done - updated).as_secs_f64());

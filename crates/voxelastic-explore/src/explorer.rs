@@ -120,7 +120,7 @@ impl Explorer {
     pub fn new(settings: ExploreSettings) -> Result<Self, ExploreError> {
         settings.check()?;
         Ok(Self {
-            frontiers: Frontiers::new(settings.frontier),
+            frontiers: Frontiers::new(settings.frontier, settings.bounds),
             roadmap: None,
             radius: EXTENDED,
             changed: Columns::new(COLUMN * settings.spacing + settings.robot.radius),
@@ -193,7 +193,7 @@ impl Explorer {
         }
         self.frontiers.update(atlas);
         self.frontiers.changed().iter().for_each(|(centre, reach)| self.changed.add(*centre, *reach));
-        let frontier = self.frontiers.clusters(atlas, &map, self.settings.bounds);
+        let frontier = self.frontiers.clusters(atlas, &map);
         let frontier_time = clock.elapsed();
         let (robot_type, bounds) = (self.settings.robot, self.settings.bounds);
         let newest = newest_submaps(atlas);

@@ -3,10 +3,13 @@
 mod affected;
 
 use hashbrown::{HashMap, HashSet};
+use nalgebra::Point3;
 use std::collections::BTreeMap;
+use voxelastic::Pose;
 use voxelastic::atlas::SubmapId;
 use voxelastic::field::occupancy::{BlockBits, BlockStates, OccupancyField};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, block_key};
+use voxelastic_plan::Point;
 
 /// The frontier in one block: the faces of its free voxels towards unknown ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,6 +107,33 @@ impl Changes {
     }
 }
 
+/// The part of a submap of which the frontier is kept: what is, or may come with a correction, in the box to explore.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Part {
+    t_map_submap: Pose,
+    bounds: [Point; 2],
+    block: f64,
+    /// Half of a block's extents along the axes of the map, metres.
+    half: [f64; 3],
+}
+
+impl Part {
+    /// What is in the box with the corners `bounds` (map frame, metres) of a submap at a pose, in blocks of `block` metres.
+    pub fn new(t_map_submap: Pose, bounds: [Point; 2], block: f64) -> Self {
+        let rotation = t_map_submap.rotation.to_rotation_matrix();
+        let half = std::array::from_fn(|k| 0.5 * block * (0..3).map(|j| rotation[(k, j)].abs()).sum::<f64>());
+        Self { t_map_submap, bounds, block, half }
+    }
+
+    /// Whether an octant, given by its first block and its level, is in the part, or not farther from it than so many blocks.
+    fn has(&self, key: u64, level: u32, blocks: f64) -> bool {
+        let edge = f64::from(1u32 << level);
+        let centre = self.t_map_submap * Point3::from(block_coords(key).map(|c| (f64::from(c) + 0.5 * edge) * self.block));
+        let reach = self.half.map(|half| (edge + 2.0 * blocks) * half);
+        (0..3).all(|k| centre[k] >= self.bounds[0][k] - reach[k] && centre[k] <= self.bounds[1][k] + reach[k])
+    }
+}
+
 /// The frontier of one submap.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SubmapFrontier {
@@ -113,8 +143,14 @@ pub(crate) struct SubmapFrontier {
 }
 
 impl SubmapFrontier {
-    /// Brings the frontier up to date with a field; returns how many blocks were looked at, and where the field changed since the last time.
-    pub fn update(&mut self, field: &OccupancyField) -> (usize, Changes) {
+    /// Makes the frontier anew in another part.
+    pub fn remake(&mut self, field: &OccupancyField, part: &Part) {
+        self.revision = None;
+        self.update(field, part);
+    }
+
+    /// Brings the frontier in a part up to date with a field; returns how many blocks were looked at, and where the field changed since the last time, in the part or not.
+    pub fn update(&mut self, field: &OccupancyField, part: &Part) -> (usize, Changes) {
         let flips = self.revision.replace(field.revision()).and_then(|revision| field.changes_since(revision));
         let (mut octants, is_logged): (Vec<(u64, u32)>, bool) = (Vec::new(), flips.is_some());
         match flips {
@@ -133,7 +169,7 @@ impl SubmapFrontier {
         octants.dedup();
         let mut states = States::new(field);
         let mut changed: Vec<u64> = Vec::with_capacity(4 * octants.len());
-        for &(key, level) in &octants {
+        for &(key, level) in octants.iter().filter(|(key, level)| part.has(*key, *level, 1.0)) {
             if level == 0 {
                 self.add_block(&mut states, key, &mut changed);
             } else {
@@ -143,6 +179,7 @@ impl SubmapFrontier {
         // In Morton order, so that what is looked up one after the other is near each other in memory.
         changed.sort_unstable();
         changed.dedup();
+        changed.retain(|key| part.has(*key, 0, 0.0));
         for key in &changed {
             match block_frontier(&mut states, *key) {
                 Some(frontier) => drop(self.blocks.insert(*key, frontier)),
@@ -268,6 +305,10 @@ mod tests {
     use voxelastic::{Settings, event::Event, mapper::Mapper};
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
+    fn everywhere() -> Part {
+        Part::new(Pose::identity(), [[-1e3; 3], [1e3; 3]], 1.6)
+    }
+
     /// Faces between free and unknown voxels, voxel by voxel, with their sums of positions and normals.
     fn slow(field: &OccupancyField, block: [i32; 3]) -> (u32, [f64; 3], [i32; 3]) {
         let (mut faces, mut sum, mut normal) = (0, [0.0; 3], [0; 3]);
@@ -304,13 +345,13 @@ mod tests {
                 mapper.handle(Event::Scan(voxelastic::event::Scan { node, ..scan })).unwrap();
                 node += 1;
                 let field = mapper.atlas().submaps()[0].occupancy();
-                looked += frontier.update(field).0;
+                looked += frontier.update(field, &everywhere()).0;
                 let query = mapper.atlas().submaps()[0].query();
                 assert_eq!(query.bounds(), query.bounds_in(&Pose::identity()), "kept since the scan before");
-                let (again, changes) = frontier.update(field);
+                let (again, changes) = frontier.update(field, &everywhere());
                 assert!(again == 0 && changes.is_empty());
                 let mut anew = SubmapFrontier::default();
-                whole += anew.update(field).0;
+                whole += anew.update(field, &everywhere()).0;
                 let sorted = |frontier: &SubmapFrontier| {
                     frontier.blocks.iter().map(|(k, b)| (*k, (b.faces, b.position, b.normal))).collect::<BTreeMap<_, _>>()
                 };

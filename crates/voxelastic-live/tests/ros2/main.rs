@@ -175,10 +175,10 @@ fn room() -> (Mapper, Vec<Scan>) {
 /// Somewhere to go in the map of a room, and the map's frontier.
 fn plan(mapper: &Mapper) -> Plan {
     let atlas = mapper.atlas();
-    let mut frontiers = Frontiers::new(FrontierSettings::default());
+    let mut frontiers = Frontiers::new(FrontierSettings::default(), [[-20.0; 3], [20.0; 3]]);
     frontiers.update(atlas);
     let mut plan = Plan::default();
-    plan.frontier = frontiers.clusters(atlas, &atlas.query(), [[-20.0; 3], [20.0; 3]]);
+    plan.frontier = frontiers.clusters(atlas, &atlas.query());
     plan.path = vec![[0.5, 0.25, 1.0], [1.5, 0.25, 1.0], [1.5, 2.0, 1.25]];
     plan.anchors = anchor_path(atlas, &plan.path);
     plan
