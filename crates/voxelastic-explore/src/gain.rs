@@ -62,20 +62,20 @@ impl SensorView {
         (-low).min(high).clamp(0.0, 1.5).tan()
     }
 
-    /// Radius within which space has to count as free where the robot starts (the mapper's setting `start_radius`), metres: farther away the field of view is high
+    /// Radius within which space has to count as free because the robot is there (the mapper's setting `robot_radius`), metres: farther away the field of view is high
     /// enough for a ball of `radius` metres in voxels of `voxel` metres. On wheels, with the sensor `height` metres above the floor, it must not reach below
     /// the floor, and has a voxel more for rounding; in the air that would claim more of the floor that a narrow field of view does not see.
-    pub fn start_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
+    pub fn own_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
         let [low, high] = self.elevations;
         let voxels = if height.is_some() { 2.0 } else { 1.0 };
         let needed = (radius + voxels * voxel) / (-low).min(high).clamp(0.1, 1.5).sin();
         height.map_or(needed, |height| needed.min(height - 0.1)).clamp(0.0, 5.0)
     }
 
-    /// Radius within which space has to count as free wherever the robot is (the mapper's setting `robot_radius`), metres: that of its body. In the air it came from where it
-    /// saw the space around it, and must not claim what is below and above, where it sees nothing. Wheels stay on the floor, and need what they need at the start.
-    pub fn own_radius(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
-        height.map_or(radius + voxel, |_| self.start_radius(radius, voxel, height))
+    /// How far that space has to reach up and down (the mapper's setting `robot_height`), metres: as far as the body in the air, or it would claim that the robot can go straight
+    /// down to where it sees nothing. Wheels stay on the floor, and have a ball.
+    pub fn own_height(&self, radius: f64, voxel: f64, height: Option<f64>) -> f64 {
+        height.map_or(radius + voxel, |_| self.own_radius(radius, voxel, height))
     }
 
     /// The volume of unknown space that the sensor at `place` would see within the box `bounds`, cubic metres. All in the map frame.
@@ -199,14 +199,13 @@ mod tests {
     }
 
     #[test]
-    fn space_that_no_beam_meets_is_free_at_the_start_and_for_wheels_alone() {
+    fn own_space_is_as_high_as_the_body_in_the_air_and_a_ball_on_wheels() {
         let view = SensorView { elevations: [-0.4, 0.4], ..SensorView::default() };
-        let radii = |height| [view.start_radius(0.4, 0.1, height), view.own_radius(0.4, 0.1, height)];
-        let [start, own] = radii(None);
-        assert!((start - 0.5 / 0.4f64.sin()).abs() < 1e-12 && (own - 0.5).abs() < 1e-12, "{start} {own}");
+        let own = |height| [view.own_radius(0.4, 0.1, height), view.own_height(0.4, 0.1, height)];
+        let is = |own: [f64; 2], expected: [f64; 2]| (0..2).all(|k| (own[k] - expected[k]).abs() < 1e-9);
+        assert!(is(own(None), [0.5 / 0.4f64.sin(), 0.5]), "{:?}", own(None));
         // Not below the floor, but as far as that at most.
-        let differ = |height, by: f64| radii(Some(height)).into_iter().any(|radius| (radius - by).abs() > 1e-9);
-        assert!(!differ(3.0, 0.6 / 0.4f64.sin()) && !differ(0.8, 0.7), "{:?} {:?}", radii(Some(3.0)), radii(Some(0.8)));
+        assert!(is(own(Some(3.0)), [0.6 / 0.4f64.sin(); 2]) && is(own(Some(0.8)), [0.7; 2]), "{:?} {:?}", own(Some(3.0)), own(Some(0.8)));
     }
 
     #[test]

@@ -215,7 +215,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let bounds = [[low[0], low[1], place[2] - 0.7], [high[0], high[1], place[2] + 1.0]];
     let truth = ReachableSpace::new(&scene.world, place, bounds);
     let mut settings = Settings { voxel_size: 0.1, max_range: 30.0, min_range: 0.1, field: FieldKind::Occupancy, ..Settings::default() };
-    [settings.robot_radius, settings.start_radius] = [0.5, 1.31].map(RobotRadius::Metres);
+    [settings.robot_radius, settings.robot_height] = [1.31, 0.5].map(RobotRadius::Metres);
     let mut mapper = Mapper::new(settings)?;
     mapper.set_sensor_model(model.clone());
     let published = Published::default();

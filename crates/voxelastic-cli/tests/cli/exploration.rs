@@ -22,12 +22,12 @@ fn a_robot_starts_where_the_sensor_was() {
     works(dir.path(), &plan("0.3"));
     mapped(dir.path(), "--field occupancy --min-range 0.3");
     fails(dir.path(), &plan("0.3"), 1, &["nearest obstacle or unknown space"]);
-    for key in ["robot_radius", "start_radius"] {
-        let too_large = format!("map room --overwrite --max-range 20 --voxel-size 0.01 --{} 2", key.replace('_', "-"));
-        fails(dir.path(), &too_large, 2, &[&format!("{key} = 2"), "at most 128 voxels"]);
-    }
-    // The first scan alone has the larger radius: by itself it is that of all.
-    mapped(dir.path(), "--field occupancy --min-range 0.3 --start-radius 0.5");
+    let too_large = "map room --overwrite --max-range 20 --voxel-size 0.01 --robot-radius 2";
+    fails(dir.path(), too_large, 2, &["robot_radius = 2", "at most 128 voxels"]);
+    // A robot that is larger than the space is high does not fit.
+    mapped(dir.path(), "--field occupancy --robot-radius 0.5 --robot-height 0.1");
+    fails(dir.path(), &plan("0.3"), 1, &["nearest obstacle or unknown space"]);
+    mapped(dir.path(), "--field occupancy --robot-radius 0.5 --robot-height 0.5");
     works(dir.path(), &plan("0.3"));
 }
 

@@ -79,7 +79,6 @@ fn settings() -> Settings {
     let mut settings = Settings { voxel_size: 0.25, max_range: 20.0, lambda_odom: 12.0, lambda_cluster: 8.0, ..Settings::default() };
     settings.set("field", "both").unwrap();
     settings.set("dynamic", "remove").unwrap();
-    settings.set("start_radius", "1.5").unwrap();
     settings
 }
 
@@ -133,12 +132,10 @@ fn a_stored_mapper_goes_on_as_if_nothing_had_happened() {
         counts.for_each(|count| *count = 0.into());
     };
     let no_fusions = |state: &mut serde_json::Value| state["fusions"]["queue"] = serde_json::json!([]);
-    let no_start = |state: &mut serde_json::Value| state["start"] = serde_json::Value::Null;
     let no_views = |state: &mut serde_json::Value| state["sensors"][0][2]["views"] = serde_json::json!([]);
     assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_observations).0), "observation counts");
     assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_views).0), "scans to find what moves");
     assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_fusions).0), "fusions that are due");
-    assert!(!same_atlas(&whole, &mapped(&settings(), &events, 40, no_start).0), "where the run started");
 }
 
 #[test]

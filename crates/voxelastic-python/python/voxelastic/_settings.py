@@ -45,7 +45,7 @@ class SettingArguments(TypedDict, total=False):
     storage: Literal["all", "once"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
-    start_radius: str
+    robot_height: str
     scale_hysteresis: float
 
 
@@ -161,9 +161,10 @@ class Settings:
     """Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot
     can start where it was. auto: min_range, at most 0.5 m; 0 for none. Allowed: auto | 0 to 5 m.
     """
-    start_radius: str = "auto"
-    """As robot_radius, for the first scan of a run alone, if that is more: whoever sets a robot down knows that there is room above and
-    below its field of view, and from there on it sees where it goes. auto: robot_radius. Allowed: auto | 0 to 5 m.
+    robot_height: str = "auto"
+    """How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below
+    it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius. Allowed: auto | 0
+    to 5 m.
     """
     scale_hysteresis: float = 1.5
     """A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.

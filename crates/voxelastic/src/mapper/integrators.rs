@@ -31,8 +31,8 @@ impl From<&Settings> for TsdfSettings {
 impl From<&Settings> for OccupancySettings {
     fn from(settings: &Settings) -> Self {
         let clear_no_return = settings.no_return == NoReturn::Free;
-        let (voxel_size, max_range, robot_radius) = (settings.voxel_size, settings.max_range, settings.robot_radius_metres());
-        Self { voxel_size, max_range, clear_no_return, robot_radius, ..Self::default() }
+        let (robot_radius, robot_height) = (settings.robot_radius_metres(), settings.robot_height_metres());
+        Self { voxel_size: settings.voxel_size, max_range: settings.max_range, clear_no_return, robot_radius, robot_height, ..Self::default() }
     }
 }
 
@@ -50,14 +50,12 @@ pub(super) struct Integrators {
     fields: FieldIntegrators,
     /// Those of occupancy by sensor, made for its first scan.
     occupancy: BTreeMap<u16, OccupancyIntegrator>,
-    /// Radius of the robot's own space in the next scan, metres.
-    pub robot_radius: f32,
 }
 
 impl Integrators {
     pub fn new(settings: &Settings) -> Self {
         let tsdf = settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into()));
-        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new(), robot_radius: settings.own_radius(false) }
+        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new() }
     }
 
     /// The weights of the returns of scan number `turn` of a sensor into `submap`, by what its surfaces are known; `None` if all are 1.
@@ -89,9 +87,7 @@ impl Integrators {
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
         if settings.field.has_occupancy() {
             let own = self.occupancy.remove(&sensor);
-            let mut integrator = own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model()));
-            integrator.set_robot_radius(self.robot_radius);
-            self.fields.occupancy = Some(integrator);
+            self.fields.occupancy = Some(own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model())));
         }
         let (image, fills_gaps) = scan.image();
         let input = ScanInput {

@@ -51,8 +51,6 @@ pub struct Mapper {
     idle_task: Option<IdleTask>,
     /// The node of the last scan, whether the scan was usable or not.
     pub(super) last_node: Option<NodeId>,
-    /// The node of the first scan of the run that was usable.
-    pub(super) start: Option<NodeId>,
     pub(super) counts: ElasticCounts,
     /// Whether conflicts between submaps are resolved and no event came since.
     pub(super) conflicts_resolved: bool,
@@ -78,7 +76,6 @@ impl Mapper {
             moving_points: Vec::new(),
             idle_task: None,
             last_node: None,
-            start: None,
             counts: ElasticCounts::default(),
             conflicts_resolved: true,
             settings,
@@ -285,7 +282,6 @@ impl Mapper {
         let old = self.atlas.submap_mut(id).ok_or(RebuildError::NoSuchSubmap { submap: id })?;
         let mut rebuilder = Rebuilder {
             settings: &self.settings,
-            start: self.start,
             graph: &self.clusters.graph,
             sensor_model: self.sensor_model.as_ref(),
             sensors: &mut self.sensors,
@@ -400,7 +396,6 @@ impl Mapper {
         let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
         let redundancy = Redundancy { before, elsewhere };
         submap.add_scan_at(node, t_submap_lidar);
-        self.integrators.robot_radius = self.settings.own_radius(*self.start.get_or_insert(node) == node);
         let (tsdf, occupancy) = self.integrators.integrate(
             scan.cloud.sensor,
             submap,

@@ -58,8 +58,6 @@ pub enum RebuildError {
 /// What a rebuild needs of the mapper.
 pub(super) struct Rebuilder<'a> {
     pub settings: &'a Settings,
-    /// The node of the first scan of the run.
-    pub start: Option<NodeId>,
     pub graph: &'a PoseGraph,
     pub sensor_model: Option<&'a BeamModel>,
     pub sensors: &'a mut Sensors,
@@ -94,7 +92,6 @@ impl Rebuilder<'_> {
                     moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
                     moving.remember(node, &t_submap_lidar, None, prepared.scan(), prepared.model());
                 }
-                self.integrators.robot_radius = self.settings.own_radius(self.start == Some(node));
                 self.integrators.integrate(
                     cloud.sensor,
                     &mut new,

@@ -36,8 +36,6 @@ pub struct MapperState<'a> {
     /// Each sensor, with the node whose cloud showed which it is.
     sensors: Vec<(u16, NodeId, MovingState)>,
     last_node: Option<NodeId>,
-    /// The first scan of the run.
-    start: Option<NodeId>,
     counts: ElasticCounts,
     next_submap: SubmapId,
     /// Where laps are kept apart, the first submap of this one.
@@ -51,7 +49,7 @@ impl MapperState<'_> {
     /// what moves is looked for from there on, and no revisit is in progress.
     #[must_use]
     pub fn for_other_scans(self) -> Self {
-        Self { sensors: Vec::new(), revisit: None, lap: None, start: None, ..self }
+        Self { sensors: Vec::new(), revisit: None, lap: None, ..self }
     }
 
     /// The node that came last.
@@ -112,7 +110,6 @@ impl Mapper {
             revisit: self.revisits.state(&self.atlas),
             sensors: self.sensors.iter().map(|(index, sensor)| (index, sensor.first_node, sensor.moving.state())).collect(),
             last_node: self.last_node,
-            start: self.start,
             counts: self.counts,
             next_submap: self.atlas.next_id(),
             lap: self.lap,
@@ -164,7 +161,7 @@ impl Mapper {
         mapper.clusters.assignments = state.assignments.into_owned();
         mapper.clusters.size_limited = state.size_limited.into_iter().collect();
         mapper.fusion.set_schedule(state.fusions);
-        (mapper.last_node, mapper.start, mapper.counts, mapper.lap) = (state.last_node, state.start, state.counts, state.lap);
+        (mapper.last_node, mapper.counts, mapper.lap) = (state.last_node, state.counts, state.lap);
         mapper.conflicts_resolved = false;
         mapper.atlas = atlas;
         Ok(mapper)

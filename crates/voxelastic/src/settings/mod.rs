@@ -187,8 +187,8 @@ settings! {
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
         "Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot can start where it was. auto: min_range, at most 0.5 m; 0 for none.";
-    start_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
-        "As robot_radius, for the first scan of a run alone, if that is more: whoever sets a robot down knows that there is room above and below its field of view, and from there on it sees where it goes. auto: robot_radius.";
+    robot_height: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
+        "How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius.";
     scale_hysteresis: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.";
 }
@@ -226,17 +226,12 @@ impl Settings {
         }
     }
 
-    /// The same for the first scan of a run, metres: `start_radius`, but no less than for the others.
-    pub fn start_radius_metres(&self) -> f32 {
-        match self.start_radius {
+    /// How far that space reaches along the axis of the sensor, metres: `robot_height`, or as far as the radius.
+    pub fn robot_height_metres(&self) -> f32 {
+        match self.robot_height {
             RobotRadius::Auto => self.robot_radius_metres(),
-            RobotRadius::Metres(radius) => radius.max(self.robot_radius_metres()),
+            RobotRadius::Metres(height) => height,
         }
-    }
-
-    /// The one or the other, metres.
-    pub(crate) fn own_radius(&self, is_start: bool) -> f32 {
-        if is_start { self.start_radius_metres() } else { self.robot_radius_metres() }
     }
 
     /// All (key, value as text) pairs in the order of [`table`].
@@ -271,11 +266,9 @@ impl Settings {
             let reason = "with laps = apart, each lap keeps what it saw".to_owned();
             return Err(SettingError::Contradiction { key: "storage", value: self.storage.text(), reason });
         }
-        for (key, radius) in [("robot_radius", self.robot_radius_metres()), ("start_radius", self.start_radius_metres())] {
-            if radius / self.voxel_size > MAX_ROBOT_RADIUS_VOXELS {
-                let reason = format!("at most {MAX_ROBOT_RADIUS_VOXELS} voxels, or {} m", MAX_ROBOT_RADIUS_VOXELS * self.voxel_size);
-                return Err(SettingError::Contradiction { key, value: radius.to_string(), reason });
-            }
+        if self.robot_radius_metres() / self.voxel_size > MAX_ROBOT_RADIUS_VOXELS {
+            let reason = format!("at most {MAX_ROBOT_RADIUS_VOXELS} voxels, or {} m", MAX_ROBOT_RADIUS_VOXELS * self.voxel_size);
+            return Err(SettingError::Contradiction { key: "robot_radius", value: self.robot_radius_metres().to_string(), reason });
         }
         if self.max_range / self.voxel_size > MAX_REACH_VOXELS {
             let reason = format!(

@@ -11,7 +11,6 @@ mod moving;
 #[allow(dead_code)]
 #[path = "../common/room.rs"]
 mod room;
-mod start;
 mod stored_once;
 mod town;
 

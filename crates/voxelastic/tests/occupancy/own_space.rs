@@ -11,7 +11,11 @@ use voxelastic::integrate::OccupancySettings;
 struct Rule<'a> {
     field: &'a OccupancyField,
     sensor: [f64; 3],
+    /// The sensor's z axis.
+    axis: [f64; 3],
     radius: f64,
+    /// How far the space reaches along the axis.
+    height: f64,
     /// Value after one observation of free space.
     once: i8,
     /// All occupied voxels that may hide others, without the sensor's own.
@@ -19,10 +23,11 @@ struct Rule<'a> {
 }
 
 impl<'a> Rule<'a> {
-    fn new(field: &'a OccupancyField, sensor: [f64; 3], radius: f64, once: i8) -> Self {
+    fn new(field: &'a OccupancyField, pose: &Rigid, [radius, height]: [f64; 2], voxel: f32, once: i8) -> Self {
+        let (sensor, axis) = (pose.translation.map(|v| f64::from(v / voxel)), pose.rotation.map(|row| f64::from(row[2])));
         let own = sensor.map(|v| v.floor() as i32);
         let occupied = around(sensor, radius + 1.0).filter(|c| *c != own && field.value_at(*c) > 0).collect();
-        Self { field, sensor, radius, once, occupied }
+        Self { field, sensor, axis, radius, height, once, occupied }
     }
 
     /// What becomes of a voxel; none where rounding decides.
@@ -30,13 +35,14 @@ impl<'a> Rule<'a> {
         let value = self.field.value_at(c);
         let centre = c.map(|v| f64::from(v) + 0.5);
         let off: f64 = (0..3).map(|k| (centre[k] - self.sensor[k]).powi(2)).sum::<f64>().sqrt();
-        if off > self.radius + 1e-3 || value > 0 || (value != UNKNOWN && value <= self.once) {
+        let along = (0..3).map(|k| (centre[k] - self.sensor[k]) * self.axis[k]).sum::<f64>().abs();
+        if off > self.radius + 1e-3 || along > self.height + 1e-3 || value > 0 || (value != UNKNOWN && value <= self.once) {
             return Some(value);
         }
         let nearest_miss = self.occupied.iter().map(|o| length_within(self.sensor, centre, *o)).fold(f64::NEG_INFINITY, f64::max);
         match nearest_miss {
             // At the end of the own space, or along an edge of an occupied voxel.
-            _ if off > self.radius - 1e-3 => None,
+            _ if off > self.radius - 1e-3 || along > self.height - 1e-3 => None,
             miss if miss.abs() <= 1e-4 => None,
             miss => Some(if miss > 0.0 { value } else { self.once }),
         }
@@ -62,10 +68,10 @@ fn length_within(a: [f64; 3], b: [f64; 3], c: [i32; 3]) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(6))]
     #[test]
-    fn it_is_what_the_sensor_is_not_hidden_from(seed in any::<u64>(), voxel in 0.09f32..0.2, radius in 0.3f32..1.4) {
+    fn it_is_what_the_sensor_is_not_hidden_from(seed in any::<u64>(), voxel in 0.09f32..0.2, radius in 0.3f32..1.4, height in 0.15f32..1.6) {
         let room = Room::random(seed);
         // Few enough voxels across for cells of one voxel, and one scale of blocks.
-        let with = OccupancySettings { voxel_size: voxel, robot_radius: radius, ..OccupancySettings::default() };
+        let with = OccupancySettings { voxel_size: voxel, robot_radius: radius, robot_height: height, ..OccupancySettings::default() };
         let without = OccupancySettings { robot_radius: 0.0, ..with.clone() };
         let once = (with.free * LOG_ODDS_STEPS).round() as i8;
         let (mut own, mut plain) = (Integration::new(&with, 1e-6), Integration::new(&without, 1e-6));
@@ -74,8 +80,9 @@ proptest! {
             plain.field = own.field.clone();
             plain.add(&pose, &points);
             own.add(&pose, &points);
-            let (sensor, radius) = (pose.translation.map(|v| f64::from(v / voxel)), f64::from(radius / voxel));
-            let rule = Rule::new(&plain.field, sensor, radius, once);
+            let [radius, height] = [radius, height].map(|length| f64::from(length / voxel));
+            let rule = Rule::new(&plain.field, &pose, [radius, height], voxel, once);
+            let sensor = rule.sensor;
             for c in around(sensor, radius + 4.0) {
                 let Some(value) = rule.expected(c) else { continue };
                 prop_assert_eq!(own.field.value_at(c), value, "{:?}, {} without", c, plain.field.value_at(c));
@@ -121,4 +128,16 @@ fn a_wall_beside_the_robot_stays_and_hides_what_is_behind_it() {
     assert_eq!(state(field, 1.35, 0.05), State::Unknown, "nobody knows what is behind the wall");
     assert_eq!(state(field, 0.65, 0.75), State::Free, "the robot's own space");
     assert_eq!(state(field, 0.65, 1.25), State::Unknown, "beyond the radius");
+}
+
+#[test]
+fn the_height_is_along_the_axis_of_the_sensor() {
+    // A sensor on its side: its z axis is along -y.
+    let settings = OccupancySettings { voxel_size: 0.1, robot_radius: 0.8, robot_height: 0.3, ..OccupancySettings::default() };
+    let mut integration = Integration::with_near(&settings, SPACING, NOISE);
+    let pose = Rigid { rotation: [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]], translation: [0.05; 3] };
+    integration.add(&pose, &[[3.0, 0.0, 0.0]]);
+    let is_free = |y: f32, z: f32| integration.field.state_at([0.05, 0.05 + y, 0.05 + z].map(|c| (c / 0.1).floor() as i32)) == State::Free;
+    assert!(is_free(0.0, 0.7) && is_free(0.0, -0.7) && is_free(0.2, 0.6));
+    assert!(!is_free(0.4, 0.0) && !is_free(-0.4, 0.0) && !is_free(0.7, 0.2) && !is_free(0.0, 0.9));
 }

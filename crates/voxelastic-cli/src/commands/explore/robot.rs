@@ -68,7 +68,7 @@ impl SimulatedRobot {
         let height = args.ground.then_some(start.translation.z);
         let (view, voxel) = (view(&model, args.max_range, args.voxel_size), f64::from(args.voxel_size));
         settings.robot_radius = RobotRadius::Metres(view.own_radius(args.radius + MARGIN, voxel, height) as f32);
-        settings.start_radius = RobotRadius::Metres(view.start_radius(args.radius + MARGIN, voxel, height) as f32);
+        settings.robot_height = RobotRadius::Metres(view.own_height(args.radius + MARGIN, voxel, height) as f32);
         let start = Pose::from_parts(start.translation, UnitQuaternion::from_axis_angle(&Vector3::z_axis(), start.rotation.euler_angles().2));
         let mut mapper = Mapper::new(settings)?;
         mapper.set_sensor_model(model.clone());

@@ -70,14 +70,13 @@ impl ExploringArgs {
             return Err(Failure::usage("what --explore plans would go nowhere".to_owned(), "add --ros2 or --foxglove").into());
         }
         let max_range = f64::from(settings.max_range);
-        let (view, voxel) = (SensorView::of([], max_range), f64::from(settings.voxel_size));
         if settings.robot_radius == RobotRadius::Auto {
-            let own = view.own_radius(self.explore_radius + MARGIN, voxel, self.explore_height);
-            settings.robot_radius = RobotRadius::Metres(own as f32);
-        }
-        if settings.start_radius == RobotRadius::Auto {
-            let own = view.start_radius(self.explore_radius + MARGIN, voxel, self.explore_height);
-            settings.start_radius = RobotRadius::Metres(own as f32);
+            let view = SensorView::of([], max_range);
+            let (radius, voxel) = (self.explore_radius + MARGIN, f64::from(settings.voxel_size));
+            settings.robot_radius = RobotRadius::Metres(view.own_radius(radius, voxel, self.explore_height) as f32);
+            if settings.robot_height == RobotRadius::Auto {
+                settings.robot_height = RobotRadius::Metres(view.own_height(radius, voxel, self.explore_height) as f32);
+            }
         }
         let corners = self.explore_bounds.map(|corners| corners.local(Origin::default()));
         Ok(Some(PlannerSettings {

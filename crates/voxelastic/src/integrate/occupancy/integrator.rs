@@ -10,7 +10,7 @@ use super::classify::Classifier;
 use super::descend::{Descent, DescentScratch};
 use super::evidence::{Evidence, Steps};
 use super::free_cells::FreeCells;
-use super::own_space::free_own_space;
+use super::own_space::{OwnSpace, free_own_space};
 use super::range_pyramid::RangePyramid;
 use super::settings::{MAX_ROBOT_RADIUS_VOXELS, OccupancySettings};
 use super::update_blocks::{UpdateContext, UpdateTask, write_outcomes};
@@ -108,11 +108,6 @@ impl OccupancyIntegrator {
         }
     }
 
-    /// Sets the radius of the robot's own space of the next scans, metres; see [`OccupancySettings::robot_radius`].
-    pub(crate) fn set_robot_radius(&mut self, radius: f32) {
-        self.settings.robot_radius = radius;
-    }
-
     /// Integrates one scan taken at `t_submap_lidar`: free space from its image, surfaces from its returns. `fill` says that the points were no grid, so that
     /// single empty pixels between returns are artefacts of projection. Returns after the first 2^24 are skipped.
     pub fn integrate(
@@ -150,7 +145,7 @@ impl OccupancyIntegrator {
         let updated = Instant::now();
 
         write_outcomes(field, &self.tasks.list, &self.outcomes, &mut changed);
-        self.free_own_space(field, scan.t_submap_lidar.translation, &steps, &mut changed);
+        self.free_own_space(field, &scan.t_submap_lidar, &steps, &mut changed);
         changed.propagate(field);
         let done = Instant::now();
 
@@ -164,11 +159,13 @@ impl OccupancyIntegrator {
     }
 
     /// Frees the robot's own space around the sensor. After the scan, so that nothing is freed that it saw occupied.
-    fn free_own_space(&self, field: &mut OccupancyField, sensor: [f32; 3], steps: &Steps, changed: &mut ChangedOctants) {
-        let OccupancySettings { voxel_size, max_range, robot_radius, .. } = self.settings;
+    fn free_own_space(&self, field: &mut OccupancyField, t_submap_lidar: &Rigid, steps: &Steps, changed: &mut ChangedOctants) {
+        let OccupancySettings { voxel_size, max_range, robot_radius, robot_height, .. } = self.settings;
         let radius = (robot_radius.min(max_range) / voxel_size).min(MAX_ROBOT_RADIUS_VOXELS);
         if radius > 0.0 {
-            free_own_space(field, sensor.map(|c| c / voxel_size), radius, steps, changed);
+            let sensor = t_submap_lidar.translation.map(|c| c / voxel_size);
+            let own = OwnSpace { sensor, axis: t_submap_lidar.rotation.map(|row| row[2]), radius, height: robot_height / voxel_size };
+            free_own_space(field, &own, steps, changed);
         }
     }
 

@@ -1,7 +1,7 @@
 //! The robot's own space: where the sensor stood there is room for the robot, although no ray observes it. Sensors measure nothing nearer than their least
 //! range, and nothing above and below their field of view.
 //!
-//! Space within a radius of the sensor counts as observed once as free, unless it was observed: occupied space stays occupied, and so does what it hides from
+//! Space within a radius of the sensor, and not too far along its axis, counts as observed once as free, unless it was observed: occupied space stays occupied, and so does what it hides from
 //! the sensor, because nobody knows what is behind it.
 
 use super::evidence::Steps;
@@ -16,11 +16,21 @@ const OCCUPIED: u8 = 1;
 /// Something in the cell is not known to be free.
 const OPEN: u8 = 2;
 
-/// Frees the own space of a sensor at `sensor` (finest voxels, submap frame), with a radius in finest voxels. Adds the octants that it changes to `changed`.
-/// The root of the tree must cover the space.
-pub(super) fn free_own_space(field: &mut OccupancyField, sensor: [f32; 3], radius: f32, steps: &Steps, changed: &mut ChangedOctants) {
-    let scale = (0..3).find(|scale| radius <= MAX_CELLS * (1 << scale) as f32).unwrap_or(3);
-    let cells = CellGrid::around(field, sensor, radius, scale, steps.free);
+/// The own space of a sensor: finest voxels, submap frame.
+pub(super) struct OwnSpace {
+    /// Where it stands.
+    pub sensor: [f32; 3],
+    /// Its z axis.
+    pub axis: [f32; 3],
+    pub radius: f32,
+    /// How far the space reaches along the axis, to both sides.
+    pub height: f32,
+}
+
+/// Frees the own space of a sensor. Adds the octants that it changes to `changed`. The root of the tree must cover the space.
+pub(super) fn free_own_space(field: &mut OccupancyField, own: &OwnSpace, steps: &Steps, changed: &mut ChangedOctants) {
+    let scale = (0..3).find(|scale| own.radius <= MAX_CELLS * (1 << scale) as f32).unwrap_or(3);
+    let cells = CellGrid::around(field, own, scale, steps.free);
     let edge = (BLOCK_EDGE >> scale) as i32;
     let mut cursor = Cursor::new(&field.tree);
     for block in cells.blocks(scale) {
@@ -71,19 +81,22 @@ struct CellGrid {
     low: [i32; 3],
     /// Cells along an edge of the cube.
     size: i32,
-    /// Position of the sensor and radius, cells.
+    /// Position and axis of the sensor, radius and height of the space, cells.
     sensor: [f64; 3],
+    axis: [f64; 3],
     radius: f64,
+    height: f64,
     flags: Vec<u8>,
 }
 
 impl CellGrid {
-    fn around(field: &OccupancyField, sensor: [f32; 3], radius: f32, scale: usize, once: i8) -> Self {
+    fn around(field: &OccupancyField, own: &OwnSpace, scale: usize, once: i8) -> Self {
         let cell = f64::from(1u32 << scale);
-        let (sensor, radius) = (sensor.map(|c| f64::from(c) / cell), f64::from(radius) / cell);
+        let [radius, height] = [own.radius, own.height].map(|length| f64::from(length) / cell);
+        let (sensor, axis) = (own.sensor.map(|c| f64::from(c) / cell), own.axis.map(f64::from));
         let low = sensor.map(|c| (c - radius).floor() as i32);
         let size = (2.0 * radius).ceil() as i32 + 1;
-        let mut grid = Self { low, size, sensor, radius, flags: vec![0; (size as usize).pow(3)] };
+        let mut grid = Self { low, size, sensor, axis, radius, height, flags: vec![0; (size as usize).pow(3)] };
         grid.read(field, scale, once);
         grid
     }
@@ -140,8 +153,10 @@ impl CellGrid {
     /// Whether cell `c` is within the own space, not known to be free, and seen from the sensor.
     fn is_to_free(&self, c: [i32; 3]) -> bool {
         let Some(index) = self.index(c) else { return false };
-        let squared: f64 = (0..3).map(|k| (f64::from(c[k]) + 0.5 - self.sensor[k]).powi(2)).sum();
-        self.flags[index] == OPEN && squared <= self.radius * self.radius && self.is_seen(c)
+        let off: [f64; 3] = std::array::from_fn(|k| f64::from(c[k]) + 0.5 - self.sensor[k]);
+        let dot = |other: [f64; 3]| -> f64 { (0..3).map(|k| off[k] * other[k]).sum() };
+        let is_in = dot(off) <= self.radius * self.radius && dot(self.axis).abs() <= self.height;
+        self.flags[index] == OPEN && is_in && self.is_seen(c)
     }
 
     /// Whether no occupied cell is on the straight line from the sensor to the centre of cell `to`; the sensor's own cell does not count.

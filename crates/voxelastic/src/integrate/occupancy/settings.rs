@@ -27,6 +27,8 @@ pub struct OccupancySettings {
     /// Radius around the sensor within which space counts as observed once as free, unless it was observed occupied or is hidden behind what was, metres; 0 for
     /// none. At most 128 voxels are used.
     pub robot_radius: f32,
+    /// How far that space reaches along the sensor's own z axis, to both sides, metres.
+    pub robot_height: f32,
 }
 
 /// Largest radius of the robot's own space, finest voxels.
@@ -46,6 +48,7 @@ impl Default for OccupancySettings {
             thickness_voxels: 1.5,
             clear_no_return: false,
             robot_radius: 0.0,
+            robot_height: f32::INFINITY,
         }
     }
 }
