@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn what_other_submaps_know_is_left_out_after_every_scan() {
         let boxes = [[[-20.0; 3], [20.0; 3]], [[-2.0, -2.0, 1.2], [2.0, 2.0, 1.6]]];
-        let [whole, low] = boxes.map(|bounds| what_others_know_is_left_out(bounds));
+        let [whole, low] = boxes.map(what_others_know_is_left_out);
         assert!(low.iter().all(|blocks| *blocks > 100) && 2 * (low[0] + low[1]) < whole[0] + whole[1], "{low:?} of {whole:?} blocks");
     }
 
