@@ -216,8 +216,8 @@ impl Explorer {
             self.roadmap = None;
         }
         let maps = [(&map, bounds), (&recent, wider), (&newest, wider)];
-        let returns = self.scans.returns();
         let steepest = self.settings.view.steepest();
+        let returns = self.scans.returns(steepest);
         let decided = if let Some(wheels) = robot_type.ground {
             let on = |(map, bounds), robot_type| GroundSpace::new(map, &robot_type, robot, bounds).map_err(ExploreError::Robot);
             // The whole map tells the height above the floor, for all of them.

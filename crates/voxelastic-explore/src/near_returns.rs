@@ -27,7 +27,7 @@ impl NearReturns {
     pub fn new(t_map_lidar: &voxelastic::Pose, cloud: &voxelastic::Cloud) -> Self {
         let mut scans = crate::last_scans::LastScans::default();
         scans.push(t_map_lidar, cloud);
-        scans.returns()
+        scans.returns(f64::INFINITY)
     }
 
     /// Those of `points` (map frame, metres) that are near `centre`.
