@@ -77,8 +77,8 @@ pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> usize {
         colours.extend_from_slice(array);
     }
     raw.extend_from_slice(&keys);
-    push_mask(raw, &colours);
-    colours.retain(|t| *t != ColourVoxel::default());
+    let known = push_mask(raw, &mut colours);
+    colours.truncate(known);
     for k in 0..3 {
         raw.extend(colours.iter().map(|t| t.rgb[k]));
     }

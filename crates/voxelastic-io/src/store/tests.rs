@@ -108,6 +108,17 @@ proptest! {
     }
 
     #[test]
+    fn a_mask_tells_which_values_are_kept(values in prop::collection::vec(prop_oneof![3 => Just(0u16), 2 => any::<u16>()], 0..60)) {
+        let (mut mask, mut kept) = (vec![7], values.clone());
+        let count = tsdf_page::push_mask(&mut mask, &mut kept);
+        kept.truncate(count);
+        prop_assert_eq!(mask.len(), 1 + values.len().div_ceil(8));
+        let is_set = |i: usize| mask[1 + i / 8] >> (i % 8) & 1 == 1;
+        prop_assert!((0..8 * (mask.len() - 1)).all(|i| is_set(i) == values.get(i).is_some_and(|v| *v != 0)));
+        prop_assert_eq!(kept, values.into_iter().filter(|v| *v != 0).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn any_tsdf_page_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0), items in 0usize..80) {
         let (field, mut raw) = (tsdf(), Vec::new());
         let (true_items, _) = tsdf_page::fill(&field, &field.ids_in_morton_order(), &mut raw);

@@ -39,54 +39,83 @@ pub(super) fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
 
 /// A hash of everything that the page of the blocks `ids` holds.
 pub(super) fn digest(field: &TsdfField, ids: &[u32]) -> u64 {
-    let (mut hash, mut voxels, mut intensities) = (Xxh3::new(), Vec::new(), Vec::new());
-    for &id in ids {
-        voxels.clear();
-        intensities.clear();
-        unpack(field, id, &mut hash, &mut voxels, &mut intensities);
-    }
-    hash.digest()
+    unpack(field, ids, |_| ()).digest
 }
 
-/// Appends the arrays of a block to `voxels` and `intensities`, and adds them and its head to `hash`.
-fn unpack(field: &TsdfField, id: u32, hash: &mut Xxh3, voxels: &mut Vec<Voxel>, intensities: &mut Vec<u8>) {
-    let head = field.head(id);
-    let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
-    field.append_voxels(id, voxels);
-    field.append_intensities(id, intensities);
-    hash.update(&head.key.to_le_bytes());
-    hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
-    hash.update(bytemuck::cast_slice(&voxels[first_voxel..]));
-    hash.update(&intensities[first_intensity..]);
+/// The arrays of a page's blocks, end to end.
+struct Arrays {
+    voxels: Vec<Voxel>,
+    intensities: Vec<u8>,
+    /// Of everything that the page holds.
+    digest: u64,
+}
+
+/// Unpacks the blocks `ids`, and tells `visit` their heads.
+fn unpack(field: &TsdfField, ids: &[u32], mut visit: impl FnMut(&BlockHead)) -> Arrays {
+    let (mut hash, mut voxels, mut intensities) = (Xxh3::new(), Vec::new(), Vec::new());
+    field.append_stored(ids, &mut voxels, &mut intensities, |head, voxels, intensities| {
+        visit(&head);
+        hash.update(&head.key.to_le_bytes());
+        hash.update(&[head.scale, head.finest, u8::from(head.has_intensity)]);
+        hash.update(bytemuck::cast_slice(voxels));
+        hash.update(intensities);
+    });
+    Arrays { voxels, intensities, digest: hash.digest() }
 }
 
 /// Appends the page of the blocks `ids` to `raw`; returns how many blocks it has, and its [`digest`]: unpacking bricks takes longer than hashing
 /// them, and so is done once for both.
 pub(super) fn fill(field: &TsdfField, ids: &[u32], raw: &mut Vec<u8>) -> (usize, u64) {
-    let mut hash = Xxh3::new();
-    let (mut voxels, mut intensities, mut keys) = (Vec::new(), Vec::new(), Vec::with_capacity(2 * ids.len()));
+    let mut keys = Vec::with_capacity(2 * ids.len());
     let mut last = 0;
-    for &id in ids {
-        let head = field.head(id);
+    let Arrays { mut voxels, mut intensities, digest } = unpack(field, ids, |head| {
         raw.push(head.scale | head.finest << 2 | u8::from(head.has_intensity) << 4);
         push_varint(&mut keys, head.key - last);
         last = head.key;
-        unpack(field, id, &mut hash, &mut voxels, &mut intensities);
-    }
+    });
     raw.extend_from_slice(&keys);
-    push_mask(raw, &voxels);
-    voxels.retain(|v| *v != Voxel::default());
-    push_voxels(raw, &voxels);
-    push_mask(raw, &intensities);
-    intensities.retain(|&s| s != 0);
-    raw.extend_from_slice(&intensities);
-    (ids.len(), hash.digest())
+    // As numbers, of which eight are compared at once.
+    let observed = push_mask(raw, bytemuck::cast_slice_mut::<Voxel, u32>(&mut voxels));
+    push_voxels(raw, &voxels[..observed]);
+    let known = push_mask(raw, &mut intensities);
+    raw.extend_from_slice(&intensities[..known]);
+    (ids.len(), digest)
 }
 
-/// Appends a bit per value: whether it is anything but the default.
-pub(super) fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values: &[T]) {
-    let zero = T::default();
-    out.extend(values.chunks(8).map(|c| c.iter().enumerate().fold(0, |m, (i, v)| m | u8::from(*v != zero) << i)));
+/// Appends a bit per value: whether it is anything but zero. Moves those that are to the front, in order, and returns their number.
+pub(super) fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values: &mut [T]) -> usize {
+    out.reserve(values.len().div_ceil(8));
+    let mut kept = 0;
+    for first in (0..values.len()).step_by(8) {
+        let rest = &values[first..];
+        let eight: [T; 8] = rest.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|i| rest.get(i).copied().unwrap_or_default()));
+        let mut is_set = [0; 8];
+        for (bit, value) in is_set.iter_mut().zip(&eight) {
+            *bit = u8::from(*value != T::default());
+        }
+        let mask = bits(is_set);
+        out.push(mask);
+        match mask {
+            0 => {}
+            u8::MAX => {
+                values[kept..][..8].copy_from_slice(&eight);
+                kept += 8;
+            }
+            // A branch for each value would be unpredictable.
+            _ => {
+                for (i, value) in eight.into_iter().enumerate().take(values.len() - first) {
+                    values[kept] = value;
+                    kept += usize::from(mask >> i & 1);
+                }
+            }
+        }
+    }
+    kept
+}
+
+/// Bit i is byte i, which is 0 or 1: each factor's bit moves one of the bytes to its place in the highest byte, and no two meet on the way.
+fn bits(bytes: [u8; 8]) -> u8 {
+    (u64::from_le_bytes(bytes).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
 }
 
 fn push_voxels(out: &mut Vec<u8>, voxels: &[Voxel]) {

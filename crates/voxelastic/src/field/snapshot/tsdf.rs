@@ -4,8 +4,11 @@ use super::SnapshotError;
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{Array, ColourVoxel, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
-use crate::octree::{Cursor, SCALES, voxels_at};
+use crate::octree::{Cursor, SCALES, prefetch_item, voxels_at};
 use std::ops::RangeInclusive;
+
+/// How many blocks ahead the bricks of one are prefetched; its head is twice as early.
+const AHEAD: usize = 8;
 
 /// A block without its voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +84,22 @@ impl TsdfField {
         intensities
     }
 
+    /// Appends all arrays of the blocks `ids`, end to end, in the order of [`BlockHead::voxel_count`] and [`BlockHead::intensity_count`]; tells `visit` the head and the
+    /// arrays of each.
+    pub fn append_stored(&self, ids: &[u32], voxels: &mut Vec<Voxel>, intensities: &mut Vec<u8>, mut visit: impl FnMut(BlockHead, &[Voxel], &[u8])) {
+        for (i, &id) in ids.iter().enumerate() {
+            // Neighbours are far apart in memory.
+            ids.get(i + 2 * AHEAD).into_iter().for_each(|&later| prefetch_item(&raw const *self.block(later)));
+            ids.get(i + AHEAD).into_iter().for_each(|&next| self.prefetch_stored(next));
+            let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
+            self.append_voxels(id, voxels);
+            self.append_intensities(id, intensities);
+            visit(self.head(id), &voxels[first_voxel..], &intensities[first_intensity..]);
+        }
+    }
+
     /// Appends all arrays of block `id` to `voxels`, end to end, in the order of [`BlockHead::voxel_count`].
-    pub fn append_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
+    fn append_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
         let (head, block) = (self.head(id), self.block(id));
         for array in head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base)) {
             let start = voxels.len();
@@ -92,7 +109,7 @@ impl TsdfField {
     }
 
     /// Appends all intensity arrays of block `id` to `intensities`, end to end, in the order of [`BlockHead::intensity_count`].
-    pub fn append_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
+    fn append_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
         let (head, block) = (self.head(id), self.block(id));
         for scale in head.data_scales().filter(|_| head.has_intensity) {
             let start = intensities.len();
@@ -216,6 +233,11 @@ mod tests {
             let field = builder.finish();
             let ids = field.ids_in_morton_order();
             prop_assert_eq!(ids.len(), expected.len());
+            let (mut voxels, mut intensities, mut visited) = (Vec::new(), Vec::new(), Vec::new());
+            field.append_stored(&ids, &mut voxels, &mut intensities, |head, voxels, intensities| visited.push((head, voxels.to_vec(), intensities.to_vec())));
+            prop_assert_eq!(voxels, expected.iter().flat_map(|block| block.1.clone()).collect::<Vec<_>>());
+            prop_assert_eq!(intensities, expected.iter().flat_map(|block| block.2.clone()).collect::<Vec<_>>());
+            prop_assert_eq!(&visited, &expected);
             for (id, (head, voxels, intensities)) in ids.into_iter().zip(expected) {
                 prop_assert_eq!(field.head(id), head);
                 prop_assert_eq!(field.find(head.key), Some(id));

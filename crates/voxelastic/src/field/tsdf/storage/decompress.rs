@@ -4,7 +4,7 @@ use crate::field::tsdf::block::{Array, Block};
 use crate::field::tsdf::brick::{BRICK, BrickHandle, BrickState, brick_and_index, spread};
 use crate::field::tsdf::field::TsdfField;
 use crate::field::tsdf::voxel::Voxel;
-use crate::octree::voxels_at;
+use crate::octree::{prefetch_item, voxels_at};
 use std::borrow::Borrow;
 
 impl TsdfField {
@@ -33,6 +33,17 @@ impl TsdfField {
             }),
             2 => observed as u8,
             _ => u8::from(observed != 0) * u8::MAX,
+        }
+    }
+
+    /// Prefetches the bricks of all arrays of block `id`.
+    pub(crate) fn prefetch_stored(&self, id: u32) {
+        for brick in &self.block(id).bricks {
+            match brick.state() {
+                BrickState::Absent => {}
+                BrickState::Resident(slot) => prefetch_item(&raw const self.bricks[slot]),
+                BrickState::Compressed(number) => self.compressed.prefetch(number),
+            }
         }
     }
 
