@@ -58,8 +58,13 @@ impl Ways {
     /// The first part of the way to a node, from the start.
     pub fn first_part(&self, roadmap: &Roadmap, node: u32) -> Part {
         let nodes = self.shortest.path(node);
+        let is_near = |node: u32, reach: f64| distance(self.from, roadmap.place(node)) < reach;
+        let motions = nodes.windows(2).take_while(|pair| !roadmap.is_link(pair[0], pair[1])).count();
+        // It may not be able to move as little as to a place of the track where it is already, but to another one and back, again and again.
+        let comes_back = motions > 0 && motions + 1 < nodes.len() && is_near(nodes[motions], 0.5 * roadmap.spacing());
+        let nodes = if comes_back { &nodes[motions..] } else { &nodes[..] };
         let is_link: Vec<bool> = nodes.windows(2).map(|pair| roadmap.is_link(pair[0], pair[1])).collect();
-        let is_track = is_link.first() == Some(&true) && distance(self.from, roadmap.place(nodes[0])) < roadmap.spacing();
+        let is_track = is_link.first() == Some(&true) && is_near(nodes[0], roadmap.spacing());
         let steps = is_link.iter().take_while(|link| **link == is_track).count();
         let mut path = vec![self.from];
         if !is_track {
@@ -128,6 +133,38 @@ mod tests {
         assert!(through.is_track);
         roadmap.unlink(through.link);
         assert!(roadmap.ways(&Wall, robot).length(goal).is_infinite());
+    }
+
+    /// The same for a robot that does not move by less than a few centimetres.
+    #[derive(Clone, Debug)]
+    struct Coarse;
+
+    impl Space for Coarse {
+        fn steer(&self, from: Point, to: Point) -> Option<Point> {
+            Wall.steer(from, to).filter(|_| distance(from, to) > 0.05)
+        }
+
+        fn state_at(&self, p: Point) -> Option<Point> {
+            Wall.state_at(p)
+        }
+
+        fn bounds(&self) -> [Point; 2] {
+            Wall.bounds()
+        }
+    }
+
+    #[test]
+    fn a_robot_that_stands_at_its_track_goes_along_it() {
+        // In front of the wall, a centimetre from a place of the track, and in another cell than that.
+        let at = |x: f64| [x, -0.8, 0.0];
+        let robot = (0..100).map(|k| at(0.002 * f64::from(k))).find(|p| crate::retreat::cell(*p) != crate::retreat::cell(at(p[0] - 0.01))).unwrap();
+        let mut roadmap = Roadmap::new(0.6, [-1.2, 0.0, 0.0]);
+        let track = [at(robot[0] - 0.01), at(0.6), at(1.2)];
+        roadmap.link(&track);
+        roadmap.extend_all(&Coarse, [-1.2, 0.0, 0.0], f64::INFINITY);
+        let goal = roadmap.near(track[2], 0.1)[0];
+        let part = roadmap.ways(&Coarse, robot).first_part(&roadmap, goal);
+        assert!(part.is_track && part.path == [robot, track[1]], "through the wall: {part:?}");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::shortcuts::short_way;
 use crate::viewpoints::{Viewpoint, viewpoints};
 use crate::ways::Part;
 use hashbrown::HashSet;
-use voxelastic_plan::{Effort, Point, Space, anchor_path, length, recheck, shorten};
+use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 
 /// Tries to find a path that is still free.
 const TRIES: usize = 6;
@@ -118,7 +118,7 @@ impl Explorer {
     /// After some plans that lead nowhere the robot goes back along its track, as the map may say that it does not fit where it stands. After some more it goes home; then it
     /// looks for any way home in the whole map, and then it ends: it is shut in. The map may show more after another scan.
     fn note_progress<S: Space>(&mut self, now: &Situation<'_, S>) {
-        let leads_on = self.leg.as_ref().is_some_and(|leg| length(&leg.path) > 0.3 * self.settings.spacing);
+        let leads_on = self.leg.as_ref().and_then(Leg::end).is_some_and(|end| distance(end, now.robot) > 0.3 * self.settings.spacing);
         self.stuck = if leads_on { 0 } else { self.stuck + 1 };
         if self.stuck >= LOST_PATIENCE {
             self.retreat(now);
