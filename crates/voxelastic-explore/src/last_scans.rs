@@ -32,8 +32,9 @@ struct LastScan {
     /// Its node in the map; none if the map does not have it.
     node: Option<NodeId>,
     t_map_lidar: Pose,
-    /// Scans since then, and the length of the path, metres.
+    /// Scans since then.
     age: usize,
+    /// Length of the robot's path since then, metres.
     travelled: f64,
     /// Lidar frame.
     near: Vec<[f32; 3]>,
@@ -122,6 +123,7 @@ mod tests {
         (0..3).for_each(|_| stand(&mut scans));
         assert!(scans.returns(STEEPEST).is_empty() && LastScans::default().returns(STEEPEST).is_empty());
     }
+
     #[test]
     fn a_robot_that_goes_to_and_fro_keeps_what_it_cannot_see_again() {
         // Above the robot, and ahead of it.
@@ -129,12 +131,12 @@ mod tests {
         let mut scans = LastScans::default();
         scans.push(&Pose::identity(), &Cloud::from_points(vec![steep, level]));
         let kept = |scans: &LastScans| [steep, level].map(|p| scans.returns(STEEPEST).nearest(p.map(f64::from)) < 0.01);
-        let mut seen = Vec::new();
+        let mut history = Vec::new();
         for place in [0.5, 0.0].into_iter().cycle().take(9) {
             scans.push(&Pose::translation(place, 0.0, 0.0), &Cloud::default());
-            seen.push(kept(&scans));
+            history.push(kept(&scans));
         }
-        assert_eq!(seen, [[[true, true]; 4].as_slice(), &[[true, false]; 4], &[[false; 2]]].concat(), "half a metre each time");
+        assert_eq!(history, [[[true, true]; 4].as_slice(), &[[true, false]; 4], &[[false; 2]]].concat(), "half a metre each time");
         // One that has been farther away does not.
         scans.push(&Pose::identity(), &Cloud::from_points(vec![steep]));
         scans.push(&Pose::translation(2.1, 0.0, 0.0), &Cloud::default());

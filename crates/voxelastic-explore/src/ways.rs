@@ -59,11 +59,12 @@ impl Ways {
     pub fn first_part(&self, roadmap: &Roadmap, node: u32) -> Part {
         let nodes = self.shortest.path(node);
         let is_near = |node: u32, reach: f64| distance(self.from, roadmap.place(node)) < reach;
-        let motions = nodes.windows(2).take_while(|pair| !roadmap.is_link(pair[0], pair[1])).count();
-        // It may not be able to move as little as to a place of the track where it is already, but to another one and back, again and again.
-        let comes_back = motions > 0 && motions + 1 < nodes.len() && is_near(nodes[motions], 0.5 * roadmap.spacing());
-        let nodes = if comes_back { &nodes[motions..] } else { &nodes[..] };
         let is_link: Vec<bool> = nodes.windows(2).map(|pair| roadmap.is_link(pair[0], pair[1])).collect();
+        let motions = is_link.iter().take_while(|link| !**link).count();
+        // It may not be able to move as little as to a place of the track where it is already, but to another one and back, again and again.
+        let comes_back = motions > 0 && motions < is_link.len() && is_near(nodes[motions], 0.5 * roadmap.spacing());
+        let first = if comes_back { motions } else { 0 };
+        let (nodes, is_link) = (&nodes[first..], &is_link[first..]);
         let is_track = is_link.first() == Some(&true) && is_near(nodes[0], roadmap.spacing());
         let steps = is_link.iter().take_while(|link| **link == is_track).count();
         let mut path = vec![self.from];

@@ -87,8 +87,9 @@ pub(super) fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values
     out.reserve(values.len().div_ceil(8));
     let mut kept = 0;
     for first in (0..values.len()).step_by(8) {
-        let rest = &values[first..];
-        let eight: [T; 8] = rest.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|i| rest.get(i).copied().unwrap_or_default()));
+        let remaining = &values[first..];
+        let eight: [T; 8] =
+            remaining.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|i| remaining.get(i).copied().unwrap_or_default()));
         let mut is_set = [0; 8];
         for (bit, value) in is_set.iter_mut().zip(&eight) {
             *bit = u8::from(*value != T::default());
