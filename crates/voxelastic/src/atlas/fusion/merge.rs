@@ -4,6 +4,7 @@ use super::sampling::{Resampled, Sampling};
 use super::settings::FusionSettings;
 use crate::atlas::{Submap, SubmapScan};
 use crate::geometry::Pose;
+use std::ops::Range;
 
 /// Merges one [`Resampled`] part into a target, any number of blocks at a time.
 #[derive(Debug)]
@@ -29,13 +30,11 @@ impl Merge {
         let end = self.done.saturating_add(blocks).min(self.resampled.len());
         let tsdf_len = self.resampled.tsdf.len();
         if self.done < tsdf_len {
-            let blocks = self.done..end.min(tsdf_len);
-            self.resampled.tsdf.merge(blocks.clone(), &mut target.tsdf, self.settings.weight_cap());
-            self.resampled.colours.merge(blocks, &mut target.tsdf);
+            self.resampled.merge_surface(self.done..end.min(tsdf_len), &mut target.tsdf, &self.settings);
         }
         if end > tsdf_len {
             let range = self.done.max(tsdf_len) - tsdf_len..end - tsdf_len;
-            self.resampled.occupancy.merge(range, &mut target.occupancy, self.settings.log_odds_limits());
+            self.resampled.merge_occupancy(range, &mut target.occupancy, &self.settings);
         }
         self.done = end;
         target.revision += 1;
@@ -48,22 +47,28 @@ pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settin
     fuse_from(0, target, source, t_target_source, settings);
 }
 
-/// Completes a fusion of which all parts before part `first` are merged.
+/// Completes a fusion of which all parts before part `first` are merged. The two fields are independent, so both are merged at once.
 pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
     let sampling = Sampling::new(source, t_target_source);
-    let (parts, at_once) = (sampling.parts(), 2 * rayon::current_num_threads());
-    let merge = |target: &mut Submap, sampled: Vec<Resampled>| {
-        sampled.into_iter().for_each(|part| _ = Merge::new(part, *settings).step(target, usize::MAX));
-    };
-    let mut sampled = Vec::new();
-    for start in (first..parts).step_by(at_once) {
-        let before = std::mem::take(&mut sampled);
-        // Merging takes one thread, so the others sample what comes next.
-        let sample = || sampling.parts_in(start..parts.min(start + at_once));
-        ((), sampled) = rayon::join(|| merge(target, before), sample);
-    }
-    merge(target, sampled);
+    let of_occupancy = sampling.surface_parts();
+    let (tsdf, occupancy) = (&mut target.tsdf, &mut target.occupancy);
+    rayon::join(
+        || merge_parts(&sampling, first..of_occupancy, |part| part.merge_surface(0..part.tsdf.len(), tsdf, settings)),
+        || merge_parts(&sampling, first.max(of_occupancy)..sampling.parts(), |part| part.merge_occupancy(0..part.len(), occupancy, settings)),
+    );
     move_scans(target, source, t_target_source);
+}
+
+/// Samples `parts` and merges them in order. Merging takes one thread, so the others sample what comes next.
+fn merge_parts(sampling: &Sampling<'_>, parts: Range<usize>, mut merge: impl FnMut(Resampled) + Send) {
+    let at_once = 2 * rayon::current_num_threads();
+    let mut sampled = Vec::new();
+    for start in parts.clone().step_by(at_once) {
+        let before = std::mem::take(&mut sampled);
+        let sample = || sampling.parts_in(start..parts.end.min(start + at_once));
+        ((), sampled) = rayon::join(|| before.into_iter().for_each(&mut merge), sample);
+    }
+    sampled.into_iter().for_each(merge);
 }
 
 /// Adds the scans of `source` to those of `target`.
@@ -82,8 +87,10 @@ pub(crate) fn move_scans(target: &mut Submap, source: &Submap, t_target_source: 
 mod tests {
     use super::*;
     use crate::atlas::Submap;
+    use crate::atlas::fusion::add_votes;
     use crate::geometry::{Pose, Rigid};
     use crate::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings};
+    use crate::octree::block_key;
 
     /// A submap of a floor of 32 x 32 m at height `z`.
     fn floor(id: u32, t_map_submap: Pose, z: f32) -> Submap {
@@ -96,20 +103,34 @@ mod tests {
         submap
     }
 
+    const SETTINGS: FusionSettings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
+
+    /// As [`floor`], with occupancy, of which every block is different: 32 m free above it, all over.
+    fn room(id: u32, t_map_submap: Pose, z: f32) -> Submap {
+        let mut submap = floor(id, t_map_submap, z);
+        let value = |block: i32, i: usize| ((block * 7 + i as i32 * (1 + block % 3)) % 90 - 60) as i8;
+        let block = |i: i32| (block_key([i % 40 - 20, i / 40 % 40 - 20, i / 1600]), (0..512).map(|v| value(i, v)).collect());
+        add_votes(&mut submap.occupancy, &(0..3200).map(block).collect::<Vec<_>>(), &SETTINGS);
+        submap
+    }
+
     #[test]
     fn a_fusion_can_be_continued_from_any_part() {
         let t_target_source = Pose::new(nalgebra::Vector3::new(3.0, -1.0, 0.05), nalgebra::Vector3::new(0.0, 0.0, 0.4));
-        let (target, source) = (floor(0, Pose::identity(), -2.0), floor(1, t_target_source, -2.03));
-        let settings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
-        let image = |submap: &Submap| -> Vec<_> {
-            let field = &submap.tsdf;
-            field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id))).collect()
+        let (target, source) = (room(0, Pose::identity(), -2.0), room(1, t_target_source, -2.03));
+        let settings = SETTINGS;
+        let image = |submap: &Submap| {
+            let (field, occupancy) = (&submap.tsdf, &submap.occupancy);
+            let surface: Vec<_> = field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id))).collect();
+            let values: Vec<Vec<i8>> = occupancy.ids_in_morton_order().into_iter().map(|id| occupancy.values(occupancy.block(id)).to_vec()).collect();
+            (surface, occupancy.octants_in_order(), values)
         };
         let mut expected = target.clone();
         fuse(&mut expected, &source, &t_target_source, &settings);
         assert!(image(&expected) != image(&target));
         let sampling = Sampling::new(&source, &t_target_source);
-        assert!(sampling.parts() > 2, "{} parts", sampling.parts());
+        let of_occupancy = sampling.surface_parts();
+        assert!(of_occupancy > 2 && sampling.parts() > of_occupancy + 2, "{} of {} parts", of_occupancy, sampling.parts());
         for first in 1..=sampling.parts() {
             let mut fused = target.clone();
             for number in 0..first {

@@ -8,8 +8,7 @@ use super::alignment::{Alignment, Corrections, Displacement, PairAgreement};
 use super::colour::ColourPatch;
 use super::combine::{Agreement, BlockAgreement, combine};
 use super::placement::Placement;
-use super::sampled_block::SampledBlock;
-use super::tsdf::PatchBlock;
+use super::sampled_block::{EncodedBlock, SampledBlock};
 use super::tsdf_sampling::{TargetBlock, TsdfSampling, displaced_target_blocks};
 use crate::atlas::{Atlas, Submap, SubmapId};
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
@@ -163,7 +162,7 @@ impl OneField {
             }
         }
         let mut cursor = Cursor::new(&field.tree);
-        for PatchBlock { key, scale, observation_count, array } in &part.blocks {
+        for EncodedBlock { key, scale, observation_count, array } in &part.blocks {
             let (id, _) = field.find_or_create(&mut cursor, *key, *scale, array.has_intensity());
             field.blocks[id].observation_count = *observation_count;
             field.install(id, usize::from(*scale), array);
@@ -287,7 +286,7 @@ fn different(one: &[TargetBlock], other: &[TargetBlock]) -> Vec<u64> {
 
 /// Some blocks of the map, combined.
 struct Part {
-    blocks: Vec<PatchBlock>,
+    blocks: Vec<EncodedBlock>,
     /// Blocks in which nothing is observed.
     empty: Vec<u64>,
     colours: Vec<ColourPatch>,

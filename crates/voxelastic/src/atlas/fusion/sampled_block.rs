@@ -1,14 +1,15 @@
 //! A field at the voxels of a block of the target's lattice, decoded.
 
-use super::tsdf::{PatchBlock, refine, resize_intensities};
+use crate::field::tsdf::propagate::{Interpolation, propagate_down};
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{ObservationCount, Voxel};
-use crate::octree::voxels_at;
+use crate::octree::{voxel_coords, voxel_index, voxels_at};
 
 /// Words of a bit set of a block's voxels.
 pub(super) const WORDS: usize = voxels_at(0) / 64;
 
 /// The samples of a field at the voxels of a block.
+#[derive(Debug)]
 pub(super) struct SampledBlock {
     pub key: u64,
     pub scale: u8,
@@ -21,6 +22,16 @@ pub(super) struct SampledBlock {
     pub observed: [u64; WORDS],
 }
 
+/// A sampled block, encoded.
+#[derive(Debug)]
+pub(super) struct EncodedBlock {
+    pub key: u64,
+    pub scale: u8,
+    /// Beams that observed the source there.
+    pub observation_count: ObservationCount,
+    pub array: EncodedArray,
+}
+
 impl SampledBlock {
     /// A block of given voxels.
     pub fn new(key: u64, scale: u8, observation_count: ObservationCount, voxels: Box<[Voxel]>, intensities: Option<Box<[u8]>>) -> Self {
@@ -29,9 +40,9 @@ impl SampledBlock {
     }
 
     /// The block in encoded form.
-    pub fn encode(&self) -> PatchBlock {
+    pub fn encode(&self) -> EncodedBlock {
         let array = EncodedArray::new(self.scale.into(), &self.voxels, self.intensities.as_deref());
-        PatchBlock { key: self.key, scale: self.scale, observation_count: self.observation_count, array }
+        EncodedBlock { key: self.key, scale: self.scale, observation_count: self.observation_count, array }
     }
 
     /// Interpolates the voxels at the finer scale `to`.
@@ -44,6 +55,25 @@ impl SampledBlock {
             self.observed = observed(&self.voxels);
         }
     }
+}
+
+/// `voxels` of scale `from` at the finer scale `to`.
+pub(super) fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
+    for scale in (to..from).rev() {
+        let mut fine = vec![Voxel::default(); voxels_at(scale)];
+        propagate_down(&voxels, &mut fine, scale, &Interpolation::NEAR);
+        voxels = fine;
+    }
+    voxels
+}
+
+/// Intensities of scale `from` at scale `to`, each from the voxel at the same position.
+pub(super) fn resize_intensities(intensities: Vec<u8>, from: usize, to: usize) -> Vec<u8> {
+    if from == to {
+        return intensities;
+    }
+    let coordinate = |v: usize| if from >= to { v >> (from - to) } else { v << (to - from) };
+    (0..voxels_at(to)).map(|i| intensities[voxel_index(voxel_coords(i, to).map(coordinate), from)]).collect()
 }
 
 fn observed(voxels: &[Voxel]) -> [u64; WORDS] {

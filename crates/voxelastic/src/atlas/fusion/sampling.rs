@@ -4,9 +4,12 @@ use super::alignment::Displacement;
 use super::colour::ColourPatch;
 use super::occupancy::{Cube, OccupancyPatch, OccupancySampling, target_cubes};
 use super::placement::Placement;
+use super::settings::FusionSettings;
 use super::tsdf::TsdfPatch;
 use super::tsdf_sampling::{TargetBlock, TsdfSampling, target_blocks};
 use crate::atlas::Submap;
+use crate::field::occupancy::OccupancyField;
+use crate::field::tsdf::TsdfField;
 use crate::geometry::Pose;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -56,7 +59,12 @@ impl<'a> Sampling<'a> {
 
     /// Number of parts.
     pub fn parts(&self) -> usize {
-        self.tsdf.len().div_ceil(BLOCKS_PER_PART) + self.occupancy.len()
+        self.surface_parts() + self.occupancy.len()
+    }
+
+    /// Number of parts of the TSDF, which come before those of the occupancy.
+    pub(super) fn surface_parts(&self) -> usize {
+        self.tsdf.len().div_ceil(BLOCKS_PER_PART)
     }
 
     /// Samples part `number`.
@@ -66,7 +74,7 @@ impl<'a> Sampling<'a> {
     pub fn part(&self, number: usize) -> Resampled {
         let start = number * BLOCKS_PER_PART;
         if start >= self.tsdf.len() {
-            let occupancy = self.occupancy.part(number - self.tsdf.len().div_ceil(BLOCKS_PER_PART));
+            let occupancy = self.occupancy.part(number - self.surface_parts());
             return Resampled { occupancy, ..Resampled::default() };
         }
         let tsdf = self.tsdf.part(start..(start + BLOCKS_PER_PART).min(self.tsdf.len()));
@@ -97,5 +105,16 @@ impl Resampled {
     /// Whether there are no blocks and octants.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Adds TSDF blocks `range`, with their colours, to `target`.
+    pub(super) fn merge_surface(&self, range: Range<usize>, target: &mut TsdfField, settings: &FusionSettings) {
+        self.tsdf.merge(range.clone(), target, settings.weight_cap());
+        self.colours.merge(range, target);
+    }
+
+    /// Adds blocks and octants `range` of the occupancy to `target`.
+    pub(super) fn merge_occupancy(&self, range: Range<usize>, target: &mut OccupancyField, settings: &FusionSettings) {
+        self.occupancy.merge(range, target, settings.log_odds_limits());
     }
 }

@@ -1,32 +1,22 @@
 //! TSDF fusion: weighted means of the target's voxels and the samples of the source.
 
-use crate::field::tsdf::propagate::{Interpolation, propagate_down};
+use super::sampled_block::{SampledBlock, refine, resize_intensities};
 use crate::field::tsdf::resolve::resolve_block;
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
-use crate::field::tsdf::{ObservationCount, TsdfField, Voxel};
-use crate::octree::{Cursor, voxel_coords, voxel_index, voxels_at};
+use crate::field::tsdf::{TsdfField, Voxel};
+use crate::octree::Cursor;
 use std::ops::Range;
 
-/// A block of the target's lattice.
-#[derive(Debug)]
-pub(super) struct PatchBlock {
-    pub key: u64,
-    pub scale: u8,
-    /// Beams that observed the source there.
-    pub observation_count: ObservationCount,
-    /// Its voxels; empty after the merge.
-    pub array: EncodedArray,
-}
-
-/// The source in the target's lattice, blocks in Morton order.
+/// The source in the target's lattice, blocks in Morton order. They are not encoded: few parts are in memory at once, and most blocks are merged
+/// with one of the target, which needs their voxels.
 #[derive(Debug, Default)]
 pub(super) struct TsdfPatch {
-    blocks: Vec<PatchBlock>,
+    blocks: Vec<SampledBlock>,
 }
 
 impl TsdfPatch {
     /// A patch of `blocks`, in Morton order.
-    pub fn of(blocks: Vec<PatchBlock>) -> Self {
+    pub fn of(blocks: Vec<SampledBlock>) -> Self {
         Self { blocks }
     }
 
@@ -39,59 +29,47 @@ impl TsdfPatch {
         self.blocks.iter().map(|block| (block.key, block.scale)).collect()
     }
 
-    /// Moves blocks `range` into `target`.
-    pub fn merge(&mut self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
-        let blocks = &mut self.blocks[range];
-        for block in blocks.iter() {
+    /// Merges blocks `range` into `target`.
+    pub fn merge(&self, range: Range<usize>, target: &mut TsdfField, max_weight: u16) {
+        let blocks = &self.blocks[range];
+        for block in blocks {
             if !target.tree.covers(block.key) {
                 target.tree.grow_to(block.key);
             }
         }
         let mut cursor = Cursor::new(&target.tree);
         for block in blocks {
-            let (array, scale) = (std::mem::take(&mut block.array), usize::from(block.scale));
-            let (id, is_new) = target.find_or_create(&mut cursor, block.key, block.scale, array.has_intensity());
+            let intensities = block.intensities.as_deref();
+            let (id, is_new) = target.find_or_create(&mut cursor, block.key, block.scale, intensities.is_some());
             let observation_count = &mut target.blocks[id].observation_count;
             *observation_count = observation_count.plus(block.observation_count.get());
             if is_new {
-                target.install(id, scale, &array);
+                let scale = usize::from(block.scale);
+                target.install(id, scale, &EncodedArray::new(scale, &block.voxels, intensities));
             } else {
-                merge_block(target, id, Addend::decode(scale, &array), max_weight);
+                merge_block(target, id, block, max_weight);
             }
         }
     }
 }
 
-/// Decompressed voxels to be added to a block.
-struct Addend {
-    scale: usize,
-    voxels: Vec<Voxel>,
-    intensities: Option<Vec<u8>>,
-}
-
-impl Addend {
-    fn decode(scale: usize, array: &EncodedArray) -> Self {
-        let (voxels, intensities) = array.decode(scale);
-        Self { scale, voxels, intensities }
-    }
-}
-
-/// Merges voxels into block `id` of the target: weighted means at the finer of both scales.
-fn merge_block(target: &mut TsdfField, id: u32, addend: Addend, max_weight: u16) {
+/// Merges a block into block `id` of the target: weighted means at the finer of both scales.
+fn merge_block(target: &mut TsdfField, id: u32, addend: &SampledBlock, max_weight: u16) {
     let block = *target.block(id);
-    let target_scale = usize::from(block.scale);
-    let Addend { scale, voxels, intensities } = addend;
+    let (target_scale, scale) = (usize::from(block.scale), usize::from(addend.scale));
     let (resolved_scale, resolved) = resolve_block(target, id, 0);
     let resolved_scale = usize::from(resolved_scale);
     let finest = resolved_scale.min(scale);
     let own = resolved.map_or_else(|| target.current(&block), Vec::from);
     let own_intensities = target.has_intensity(&block).then(|| resize_intensities(target.intensities(&block, target_scale), target_scale, finest));
     let mut sum = refine(own, resolved_scale, finest);
-    let other = refine(voxels, scale, finest);
-    let intensities = merge_intensities(own_intensities, intensities.map(|s| resize_intensities(s, scale, finest)), &sum, &other);
+    let refined = (scale > finest).then(|| refine(addend.voxels.to_vec(), scale, finest));
+    let other = refined.as_deref().unwrap_or(&addend.voxels);
+    let intensities = addend.intensities.as_ref().map(|s| resize_intensities(s.to_vec(), scale, finest));
+    let intensities = merge_intensities(own_intensities, intensities, &sum, other);
     // An observation of a coarser voxel is divided among the finer voxels in it.
     let shared_by = [resolved_scale, scale].map(|from| 3 * (from - finest) as u32);
-    for (voxel, &other) in sum.iter_mut().zip(&other).filter(|(_, other)| other.is_observed()) {
+    for (voxel, &other) in sum.iter_mut().zip(other).filter(|(_, other)| other.is_observed()) {
         *voxel =
             if voxel.is_observed() { mean([*voxel, other], shared_by, max_weight) } else { Voxel { weight: other.weight.min(max_weight), ..other } };
     }
@@ -114,25 +92,6 @@ fn mean(voxels: [Voxel; 2], shared_by: [u32; 2], max_weight: u16) -> Voxel {
     // Rounded to nearest: truncation would move surfaces towards the sensor with every fusion.
     let distance = (2 * total + sum * total.signum()) / (2 * sum);
     Voxel { distance: distance as i16, weight: sum.min(i64::from(max_weight)) as u16 }
-}
-
-/// `voxels` of scale `from` at the finer scale `to`.
-pub(super) fn refine(mut voxels: Vec<Voxel>, from: usize, to: usize) -> Vec<Voxel> {
-    for scale in (to..from).rev() {
-        let mut fine = vec![Voxel::default(); voxels_at(scale)];
-        propagate_down(&voxels, &mut fine, scale, &Interpolation::NEAR);
-        voxels = fine;
-    }
-    voxels
-}
-
-/// Intensities of scale `from` at scale `to`, each from the voxel at the same position.
-pub(super) fn resize_intensities(intensities: Vec<u8>, from: usize, to: usize) -> Vec<u8> {
-    if from == to {
-        return intensities;
-    }
-    let coordinate = |v: usize| if from >= to { v >> (from - to) } else { v << (to - from) };
-    (0..voxels_at(to)).map(|i| intensities[voxel_index(voxel_coords(i, to).map(coordinate), from)]).collect()
 }
 
 /// Means of intensities by the weights of their voxels.

@@ -79,9 +79,9 @@ impl<'a> TsdfSampling<'a> {
         self.blocks.len()
     }
 
-    /// Samples blocks `range` and encodes them.
+    /// Blocks `range`, sampled.
     pub fn part(&self, range: Range<usize>) -> TsdfPatch {
-        TsdfPatch::of(self.sample(range).iter().map(SampledBlock::encode).collect())
+        TsdfPatch::of(self.sample(range))
     }
 
     /// Samples those of the blocks `keys`, ascending, that the source reaches and where it is observed.
