@@ -10,7 +10,7 @@
 
 use super::bytes::{Bytes, push_varint};
 use super::frames::{self, FULL, LARGEST, Section};
-use super::tsdf_page::{for_each_set, mask, push_mask};
+use super::masks::{for_each_set, mask, push_mask};
 use crate::Result;
 use std::io::{self, Write};
 use voxelastic::field::tsdf::{ColourVoxel, TsdfField};
@@ -62,7 +62,7 @@ fn cut<'a>(field: &TsdfField, ids: &'a [u32]) -> Vec<&'a [u32]> {
 pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<u64> {
     let ids = coloured(field);
     out.write_all(&(ids.len() as u64).to_le_bytes())?;
-    frames::write(&cut(field, &ids), |ids, raw| (fill(field, ids, raw), 0), out)?;
+    frames::write(&cut(field, &ids), |ids, (), raw| (fill(field, ids, raw), 0), out)?;
     Ok(digest(field))
 }
 

@@ -8,6 +8,7 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::{self, Write};
 use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use zstd::bulk::{Compressor, Decompressor};
 
 /// Bytes before the packed bytes of a frame.
@@ -32,22 +33,50 @@ struct Packed {
     bytes: Vec<u8>,
 }
 
-/// Writes a frame for each of `pages`, which `fill` turns into bytes, a number of items and a hash; returns the hashes. Pages are packed in
-/// parallel while those before are written.
-pub(super) fn write<P: Sync>(
+/// What it takes to pack a page: large enough that pages share it.
+struct Packer<S> {
+    compressor: Compressor<'static>,
+    raw: Vec<u8>,
+    scratch: S,
+}
+
+/// Packers or decompressors that are not in use. Making one takes as long as a page.
+struct Spare<T>(Mutex<Vec<T>>);
+
+impl<T> Spare<T> {
+    fn lock(&self) -> MutexGuard<'_, Vec<T>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lends one to `with`; makes one if all are in use.
+    fn lend<R>(&self, make: impl FnOnce() -> io::Result<T>, with: impl FnOnce(&mut T) -> R) -> io::Result<R> {
+        let spare = self.lock().pop();
+        let mut item = spare.map_or_else(make, Ok)?;
+        let result = with(&mut item);
+        self.lock().push(item);
+        Ok(result)
+    }
+}
+
+/// Writes a frame for each of `pages`, which `fill` turns into bytes, a number of items and a hash, with memory that it may use; returns the hashes.
+/// Pages are packed in parallel while those before are written.
+pub(super) fn write<P: Sync, S: Default + Send>(
     pages: &[P],
-    fill: impl Fn(&P, &mut Vec<u8>) -> (usize, u64) + Sync,
+    fill: impl Fn(&P, &mut S, &mut Vec<u8>) -> (usize, u64) + Sync,
     out: &mut (impl Write + Send),
 ) -> io::Result<Vec<u64>> {
-    let pack = |(compressor, raw): &mut (io::Result<Compressor<'_>>, Vec<u8>), page: &P| {
-        raw.clear();
-        let (items, digest) = fill(page, raw);
-        debug_assert!(raw.len() <= LARGEST);
-        let bytes = compressor.as_mut().map_err(copy)?.compress(raw)?;
-        Ok(Packed { items: items as u32, raw: raw.len() as u32, digest, bytes })
+    let spare: Spare<Packer<S>> = Spare(Mutex::default());
+    let start = || Ok(Packer { compressor: Compressor::new(LEVEL)?, raw: Vec::new(), scratch: S::default() });
+    let pack = |page: &P| {
+        spare.lend(start, |Packer { compressor, raw, scratch }| {
+            raw.clear();
+            let (items, digest) = fill(page, scratch, raw);
+            debug_assert!(raw.len() <= LARGEST);
+            let bytes = compressor.compress(raw)?;
+            Ok(Packed { items: items as u32, raw: raw.len() as u32, digest, bytes })
+        })?
     };
-    let start = || (Compressor::new(LEVEL), Vec::new());
-    let pack_all = |pages: &[P]| pages.par_iter().map_init(start, pack).collect::<io::Result<Vec<Packed>>>();
+    let pack_all = |pages: &[P]| pages.par_iter().map(pack).collect::<io::Result<Vec<Packed>>>();
     let mut packed: Vec<Packed> = Vec::new();
     let mut digests = Vec::with_capacity(pages.len());
     for pages in pages.chunks(batch()) {
@@ -68,11 +97,6 @@ fn write_packed(pages: &[Packed], out: &mut impl Write) -> io::Result<()> {
         out.write_all(&page.bytes)?;
     }
     Ok(())
-}
-
-/// An I/O error like `error`, which several pages may have to report.
-fn copy(error: &mut io::Error) -> io::Error {
-    io::Error::new(error.kind(), error.to_string())
 }
 
 /// A section of a file that was read.
@@ -145,15 +169,16 @@ pub(super) fn read<T: Send>(
     parse: impl Fn(Bytes<'_>, usize) -> std::result::Result<T, String> + Sync,
     mut take: impl FnMut(T) -> std::result::Result<(), String> + Send,
 ) -> Result<()> {
-    let unpack = |decompressor: &mut io::Result<Decompressor<'_>>, frame: &Frame<'_>| {
-        let decompressor = decompressor.as_mut().map_err(|e| Error::on_io("decompress", section.path)(copy(e)))?;
+    let spare: Spare<Decompressor<'static>> = Spare(Mutex::default());
+    let unpack = |frame: &Frame<'_>| {
         let damaged = |e: String| section.damaged(frame.at, e);
-        let raw = decompress(decompressor, frame).map_err(damaged)?;
+        let raw = spare.lend(Decompressor::new, |decompressor| decompress(decompressor, frame));
+        let raw = raw.map_err(Error::on_io("decompress", section.path))?.map_err(damaged)?;
         Ok((frame.at, parse(Bytes::new(&raw), frame.items).map_err(damaged)?))
     };
     let unpack_all = |frames: &[Frame<'_>]| -> Result<Vec<(usize, T)>> {
         // Collected in order first: of several errors the first in the file is reported, whatever the threads do.
-        let parts: Vec<Result<(usize, T)>> = frames.par_iter().map_init(Decompressor::new, unpack).collect();
+        let parts: Vec<Result<(usize, T)>> = frames.par_iter().map(unpack).collect();
         parts.into_iter().collect()
     };
     let mut take_all = |parts: Vec<(usize, T)>| parts.into_iter().try_for_each(|(at, part)| take(part).map_err(|e| section.damaged(at, e)));

@@ -39,6 +39,7 @@ mod known_file;
 mod lock;
 mod manifest;
 mod manifest_text;
+mod masks;
 mod newest;
 mod occupancy_section;
 mod origin_section;
@@ -51,6 +52,7 @@ mod submap_file;
 #[cfg(test)]
 mod tests;
 mod tsdf_page;
+mod tsdf_page_v3;
 mod tsdf_section;
 mod writer;
 
@@ -65,4 +67,4 @@ pub use sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use writer::{MapWriter, SaveReport};
 
 /// Version of the map directory's format that this program writes, and the newest that it reads.
-pub const FORMAT_VERSION: u32 = 3;
+pub const FORMAT_VERSION: u32 = 4;

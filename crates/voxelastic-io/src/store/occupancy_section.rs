@@ -72,8 +72,8 @@ pub(super) fn write(field: &OccupancyField, out: &mut (impl Write + Send)) -> io
     let head = head(field, octants.len());
     out.write_all(&head)?;
     let pages: Vec<&[OctantRecord]> = octants.chunks(OCTANTS_PER_PAGE).collect();
-    let of_octants = frames::write(&pages, |octants, raw| fill_octants(octants, raw), out)?;
-    let of_blocks = frames::write(&cut(field, &ids), |ids, raw| (fill_blocks(field, ids, raw), digest_blocks(field, ids)), out)?;
+    let of_octants = frames::write(&pages, |octants, (), raw| fill_octants(octants, raw), out)?;
+    let of_blocks = frames::write(&cut(field, &ids), |ids, (), raw| (fill_blocks(field, ids, raw), digest_blocks(field, ids)), out)?;
     Ok(digest_of(&head, &of_octants, &of_blocks))
 }
 

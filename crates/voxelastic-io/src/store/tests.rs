@@ -5,7 +5,7 @@ use super::bytes::Bytes;
 use super::frames::Section;
 use super::manifest::Manifest;
 use super::piece::{MapDetails, Piece};
-use super::{colour_section, manifest_text, occupancy_section, submap_file, tsdf_page, tsdf_section};
+use super::{colour_section, manifest_text, masks, occupancy_section, submap_file, tsdf_page, tsdf_section};
 use proptest::prelude::*;
 use std::io::Cursor;
 use std::path::Path;
@@ -13,7 +13,7 @@ use voxelastic::Pose;
 use voxelastic::atlas::Submap;
 use voxelastic::field::occupancy::{OccupancyField, Summary};
 use voxelastic::field::tsdf::{ColourVoxel, TsdfField, Voxel};
-use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, TsdfBuilder};
+use voxelastic::field::{BlockHead, OccupancyBuilder, OctantRecord, PackedBlocks, TsdfBuilder};
 use voxelastic::octree::voxels_at;
 use voxelastic::surface::{MeshOptions, extract};
 
@@ -110,7 +110,7 @@ proptest! {
     #[test]
     fn a_mask_tells_which_values_are_kept(values in prop::collection::vec(prop_oneof![3 => Just(0u16), 2 => any::<u16>()], 0..60)) {
         let (mut mask, mut kept) = (vec![7], values.clone());
-        let count = tsdf_page::push_mask(&mut mask, &mut kept);
+        let count = masks::push_mask(&mut mask, &mut kept);
         kept.truncate(count);
         prop_assert_eq!(mask.len(), 1 + values.len().div_ceil(8));
         let is_set = |i: usize| mask[1 + i / 8] >> (i % 8) & 1 == 1;
@@ -121,11 +121,11 @@ proptest! {
     #[test]
     fn any_tsdf_page_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0), items in 0usize..80) {
         let (field, mut raw) = (tsdf(), Vec::new());
-        let (true_items, _) = tsdf_page::fill(&field, &field.ids_in_morton_order(), &mut raw);
+        let (true_items, _) = tsdf_page::fill(&field, &field.ids_in_morton_order(), &mut PackedBlocks::default(), &mut raw);
         let items = if items % 2 == 0 { true_items } else { items };
         if let Ok(page) = tsdf_page::parse(Bytes::new(&changed(raw, &changes, cut)), items) {
             let mut builder = TsdfBuilder::default();
-            if page.build(&mut builder).is_ok() {
+            if builder.push_packed(&page).is_ok() {
                 extract(&builder.finish(), 0.1, &MeshOptions::default());
             }
         }

@@ -2,12 +2,13 @@
 
 use super::bytes::Bytes;
 use super::frames::{self, Section};
-use super::tsdf_page::{self, Unpacked, cut, fill, parse};
+use super::tsdf_page::{self, cut, fill, parse};
+use super::tsdf_page_v3::{self, Unpacked};
 use crate::Result;
 use rayon::prelude::*;
 use std::io::{self, Write};
-use voxelastic::field::TsdfBuilder;
 use voxelastic::field::tsdf::TsdfField;
+use voxelastic::field::{PackedBlocks, TsdfBuilder};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Bytes before the frames.
@@ -29,7 +30,7 @@ fn digest_of(pages: &[u64]) -> u64 {
 pub(super) fn write(field: &TsdfField, out: &mut (impl Write + Send)) -> io::Result<u64> {
     out.write_all(&(field.len() as u64).to_le_bytes())?;
     let ids = field.ids_in_morton_order();
-    let of_pages = frames::write(&cut(field, &ids), |ids, raw| fill(field, ids, raw), out)?;
+    let of_pages = frames::write(&cut(field, &ids), |ids, packed, raw| fill(field, ids, packed, raw), out)?;
     Ok(digest_of(&of_pages))
 }
 
@@ -38,14 +39,18 @@ pub(super) fn read(section: &Section<'_>) -> Result<TsdfField> {
     let (mut head, frames) = section.split(HEAD)?;
     let blocks = head.u64().map_err(|e| section.damaged(0, e))?;
     let mut builder = TsdfBuilder::default();
-    let parse = |bytes: Bytes<'_>, blocks| {
-        let mut page = parse(bytes, blocks)?;
-        if section.version < 2 {
-            page.update_weights();
-        }
-        Ok(page)
-    };
-    frames::read(section, &frames, parse, |page: Unpacked| page.build(&mut builder))?;
+    if section.version > 3 {
+        frames::read(section, &frames, parse, |page: PackedBlocks| builder.push_packed(&page).map_err(|e| e.to_string()))?;
+    } else {
+        let parse = |bytes: Bytes<'_>, blocks| {
+            let mut page = tsdf_page_v3::parse(bytes, blocks)?;
+            if section.version < 2 {
+                page.update_weights();
+            }
+            Ok(page)
+        };
+        frames::read(section, &frames, parse, |page: Unpacked| page.build(&mut builder))?;
+    }
     let field = builder.finish();
     if field.len() as u64 != blocks {
         return Err(section.damaged(0, format!("{blocks} blocks are claimed, {} are there", field.len())));

@@ -17,7 +17,7 @@ def numbers(form, data, at=0):
 def read_manifest(folder):
     text = (folder / "manifest.json").read_bytes()
     manifest = json.loads(text)
-    assert manifest["format"] == "voxelastic map" and manifest["version"] == 3
+    assert manifest["format"] == "voxelastic map" and manifest["version"] == 4
     without = text.replace(b'"crc32": "' + manifest["crc32"].encode(), b'"crc32": "00000000', 1)
     assert f"{zlib.crc32(without):08x}" == manifest["crc32"], "checksum of the manifest"
     return manifest
@@ -28,7 +28,7 @@ def read_sections(data, entry):
     assert len(data) == entry["bytes"] and zlib.crc32(data) == entry["crc32"]
     assert data[:8] == b"\x89VXSUB\r\n"
     version, submap, count = numbers("III", data, 8)
-    assert (version, submap) == (3, entry["id"])
+    assert (version, submap) == (4, entry["id"])
     end = 20 + 24 * count
     assert numbers("I", data, end) == (zlib.crc32(data[:end]),), "checksum of the head"
     sections, expected = {}, end + 4
@@ -83,12 +83,21 @@ class Page:
     def mask(self, values):
         return np.unpackbits(self.bytes(-(-values // 8)), bitorder="little")[:values].astype(bool)
 
+    def ones(self, count):
+        """Bits that are set in the masks of bricks."""
+        return int(np.unpackbits(self.bytes(count)).sum())
+
     def end(self):
         assert self.at == len(self.data), "bytes are left over"
 
 
 def voxels_at(scale):
     return (8 >> scale) ** 3
+
+
+def mask_bytes(scale):
+    """Bytes of the masks of an array's bricks."""
+    return -(-voxels_at(scale) // 8)
 
 
 def read_tsdf(data):
@@ -99,14 +108,13 @@ def read_tsdf(data):
         scales, finest, intense = heads & 3, heads >> 2 & 3, heads >> 4 & 1
         sums["keys"] += sum(page.keys(items))
         arrays = [range(f, s + 1) for s, f in zip(scales, finest)]
-        count = sum(voxels_at(s) for a in arrays for s in a) + sum(voxels_at(s) for a in arrays for s in a[1:])
-        stored = int(page.mask(count).sum())
+        stored = page.ones(sum(mask_bytes(s) for a in arrays for s in a) + sum(mask_bytes(s) for a in arrays for s in a[1:]))
         folded = page.bytes(stored).astype(np.uint16) | page.bytes(stored).astype(np.uint16) << 8
         steps = (folded >> 1) ^ np.where(folded & 1, 0xFFFF, 0).astype(np.uint16)
         distances = np.cumsum(steps.astype(np.int64)).astype(np.uint16).astype(np.int16)
         weights = page.bytes(stored).astype(np.int64) + 256 * page.bytes(stored).astype(np.int64)
-        shaded = page.mask(sum(voxels_at(s) for a, i in zip(arrays, intense) if i for s in a))
-        sums["intensities"] += int(page.bytes(int(shaded.sum())).sum())
+        shaded = page.ones(sum(mask_bytes(s) for a, i in zip(arrays, intense) if i for s in a))
+        sums["intensities"] += int(page.bytes(shaded).sum())
         page.end()
         sums["blocks"] += items
         sums["scales"] = [n + int((scales == s).sum()) for s, n in enumerate(sums["scales"])]

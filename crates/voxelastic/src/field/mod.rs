@@ -12,4 +12,4 @@ mod snapshot;
 pub mod tsdf;
 
 pub(crate) use block_store::BlockStore;
-pub use snapshot::{BlockHead, OccupancyBuilder, OctantRecord, SnapshotError, TsdfBuilder};
+pub use snapshot::{BlockHead, OccupancyBuilder, OctantRecord, PackedBlocks, SnapshotError, TsdfBuilder, full_mask};

@@ -5,8 +5,10 @@
 
 mod error;
 mod occupancy;
+mod packed;
 mod tsdf;
 
 pub use error::SnapshotError;
 pub use occupancy::{OccupancyBuilder, OctantRecord};
+pub use packed::{PackedBlocks, full_mask};
 pub use tsdf::{BlockHead, TsdfBuilder};

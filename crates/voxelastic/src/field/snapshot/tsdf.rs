@@ -4,11 +4,8 @@ use super::SnapshotError;
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{Array, ColourVoxel, TsdfField, Voxel};
 use crate::geometry::morton::AXIS_BITS;
-use crate::octree::{Cursor, SCALES, prefetch_item, voxels_at};
+use crate::octree::{Cursor, SCALES, voxels_at};
 use std::ops::RangeInclusive;
-
-/// How many blocks ahead the bricks of one are prefetched; its head is twice as early.
-const AHEAD: usize = 8;
 
 /// A block without its voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,11 +21,11 @@ pub struct BlockHead {
 }
 
 impl BlockHead {
-    fn data_scales(&self) -> RangeInclusive<usize> {
+    pub(super) fn data_scales(&self) -> RangeInclusive<usize> {
         usize::from(self.finest)..=usize::from(self.scale)
     }
 
-    fn base_scales(&self) -> RangeInclusive<usize> {
+    pub(super) fn base_scales(&self) -> RangeInclusive<usize> {
         usize::from(self.finest) + 1..=usize::from(self.scale)
     }
 
@@ -72,50 +69,15 @@ impl TsdfField {
 
     /// All arrays of block `id`, end to end, in the order of [`BlockHead::voxel_count`].
     pub fn stored_voxels(&self, id: u32) -> Vec<Voxel> {
-        let mut voxels = Vec::new();
-        self.append_voxels(id, &mut voxels);
-        voxels
+        let (head, block) = (self.head(id), self.block(id));
+        let arrays = head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base));
+        arrays.flat_map(|array| self.voxels(block, array)).collect()
     }
 
     /// All intensity arrays of block `id`, end to end, in the order of [`BlockHead::intensity_count`].
     pub fn stored_intensities(&self, id: u32) -> Vec<u8> {
-        let mut intensities = Vec::new();
-        self.append_intensities(id, &mut intensities);
-        intensities
-    }
-
-    /// Appends all arrays of the blocks `ids`, end to end, in the order of [`BlockHead::voxel_count`] and [`BlockHead::intensity_count`]; tells `visit` the head and the
-    /// arrays of each.
-    pub fn append_stored(&self, ids: &[u32], voxels: &mut Vec<Voxel>, intensities: &mut Vec<u8>, mut visit: impl FnMut(BlockHead, &[Voxel], &[u8])) {
-        for (i, &id) in ids.iter().enumerate() {
-            // Neighbours are far apart in memory.
-            ids.get(i + 2 * AHEAD).into_iter().for_each(|&later| prefetch_item(&raw const *self.block(later)));
-            ids.get(i + AHEAD).into_iter().for_each(|&next| self.prefetch_stored(next));
-            let (first_voxel, first_intensity) = (voxels.len(), intensities.len());
-            self.append_voxels(id, voxels);
-            self.append_intensities(id, intensities);
-            visit(self.head(id), &voxels[first_voxel..], &intensities[first_intensity..]);
-        }
-    }
-
-    /// Appends all arrays of block `id` to `voxels`, end to end, in the order of [`BlockHead::voxel_count`].
-    fn append_voxels(&self, id: u32, voxels: &mut Vec<Voxel>) {
         let (head, block) = (self.head(id), self.block(id));
-        for array in head.data_scales().map(Array::Data).chain(head.base_scales().map(Array::Base)) {
-            let start = voxels.len();
-            voxels.resize(start + voxels_at(array.scale()), Voxel::default());
-            self.copy(block, array, &mut voxels[start..]);
-        }
-    }
-
-    /// Appends all intensity arrays of block `id` to `intensities`, end to end, in the order of [`BlockHead::intensity_count`].
-    fn append_intensities(&self, id: u32, intensities: &mut Vec<u8>) {
-        let (head, block) = (self.head(id), self.block(id));
-        for scale in head.data_scales().filter(|_| head.has_intensity) {
-            let start = intensities.len();
-            intensities.resize(start + voxels_at(scale), 0);
-            self.copy_intensities(block, scale, &mut intensities[start..]);
-        }
+        head.data_scales().filter(|_| head.has_intensity).flat_map(|scale| self.intensities(block, scale)).collect()
     }
 
     /// Sets the colours of the block with `key` at `scale`, as [`ColourLayer::block`](crate::field::tsdf::ColourLayer::block) returns them.
@@ -140,7 +102,7 @@ impl TsdfField {
 /// Rebuilds a TSDF from its snapshot, block by block in Morton order.
 #[derive(Debug)]
 pub struct TsdfBuilder {
-    field: TsdfField,
+    pub(super) field: TsdfField,
     cursor: Cursor,
     last: Option<u64>,
 }
@@ -159,14 +121,21 @@ impl TsdfBuilder {
     /// If the head is invalid, if keys do not ascend, and if `voxels` or `intensities` does not have the length that the head requires.
     pub fn push(&mut self, head: BlockHead, voxels: &[Voxel], intensities: &[u8]) -> Result<(), SnapshotError> {
         head.check()?;
+        for (of, got, expected) in [("voxels", voxels.len(), head.voxel_count()), ("intensities", intensities.len(), head.intensity_count())] {
+            if got != expected {
+                return Err(SnapshotError::Length { key: head.key, of, got, expected });
+            }
+        }
+        let id = self.begin(head)?;
+        self.fill(id, &head, voxels, intensities);
+        Ok(())
+    }
+
+    /// Makes the next block, without arrays, and returns its id.
+    pub(super) fn begin(&mut self, head: BlockHead) -> Result<u32, SnapshotError> {
         let key = head.key;
         if let Some(last) = self.last.filter(|&last| last >= key) {
             return Err(SnapshotError::Order { key, last });
-        }
-        for (of, got, expected) in [("voxels", voxels.len(), head.voxel_count()), ("intensities", intensities.len(), head.intensity_count())] {
-            if got != expected {
-                return Err(SnapshotError::Length { key, of, got, expected });
-            }
         }
         self.last = Some(key);
         let field = &mut self.field;
@@ -176,8 +145,7 @@ impl TsdfBuilder {
         }
         let (id, _) = field.find_or_create(&mut self.cursor, key, head.scale, head.has_intensity);
         field.blocks[id].finest = head.finest;
-        self.fill(id, &head, voxels, intensities);
-        Ok(())
+        Ok(id)
     }
 
     fn fill(&mut self, id: u32, head: &BlockHead, mut voxels: &[Voxel], mut intensities: &[u8]) {
@@ -233,11 +201,6 @@ mod tests {
             let field = builder.finish();
             let ids = field.ids_in_morton_order();
             prop_assert_eq!(ids.len(), expected.len());
-            let (mut voxels, mut intensities, mut visited) = (Vec::new(), Vec::new(), Vec::new());
-            field.append_stored(&ids, &mut voxels, &mut intensities, |head, voxels, intensities| visited.push((head, voxels.to_vec(), intensities.to_vec())));
-            prop_assert_eq!(voxels, expected.iter().flat_map(|block| block.1.clone()).collect::<Vec<_>>());
-            prop_assert_eq!(intensities, expected.iter().flat_map(|block| block.2.clone()).collect::<Vec<_>>());
-            prop_assert_eq!(&visited, &expected);
             for (id, (head, voxels, intensities)) in ids.into_iter().zip(expected) {
                 prop_assert_eq!(field.head(id), head);
                 prop_assert_eq!(field.find(head.key), Some(id));

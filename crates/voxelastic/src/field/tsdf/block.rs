@@ -28,7 +28,7 @@ pub struct Block {
     /// The field's change count at its last change.
     pub(crate) changed: u32,
     /// The bricks of all its arrays, in the order of [`Array::bricks`].
-    pub(super) bricks: [BrickHandle; HANDLES],
+    pub(in crate::field) bricks: [BrickHandle; HANDLES],
 }
 
 /// One of a block's arrays of voxels.

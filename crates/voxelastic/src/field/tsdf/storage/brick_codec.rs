@@ -6,9 +6,8 @@
 #![allow(clippy::needless_range_loop)] // Kernels are loops: closures are not inlined into code for other instruction sets.
 
 use super::bitstream::{BitWriter, read};
-use crate::field::tsdf::brick::{BRICK, Brick, gather, spread};
+use crate::field::tsdf::brick::{BRICK, Brick, gather};
 use crate::field::tsdf::voxel::Voxel;
-use crate::octree::voxels_at;
 use crate::simd::bits::{lowest_bits, rank};
 
 /// Words before the voxels: the bitmap and the [`Header`].
@@ -247,23 +246,28 @@ impl EncodedBrick {
 /// An array encoded brick by brick, outside of any field.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct EncodedArray {
-    words: Box<[u32]>,
+    words: Vec<u32>,
     has_intensity: bool,
 }
 
 impl EncodedArray {
     /// Encodes an array at `scale`, with its intensities if it has any.
     pub fn new(scale: usize, voxels: &[Voxel], intensities: Option<&[u8]>) -> Self {
-        let (mut words, mut encoded) = (Vec::with_capacity(voxels.len() / 2), EncodedBrick::EMPTY);
-        for brick in 0..voxels.len().div_ceil(BRICK) {
-            let values = Brick {
-                voxels: gather(voxels, scale, brick),
-                intensities: intensities.map_or([0; BRICK], |intensities| gather(intensities, scale, brick)),
-            };
-            encoded.encode(&values, intensities.is_some());
+        let bricks = (0..voxels.len().div_ceil(BRICK)).map(|brick| Brick {
+            voxels: gather(voxels, scale, brick),
+            intensities: intensities.map_or([0; BRICK], |intensities| gather(intensities, scale, brick)),
+        });
+        Self::of_bricks(bricks, intensities.is_some())
+    }
+
+    /// Encodes the bricks of an array.
+    pub fn of_bricks(bricks: impl Iterator<Item = Brick>, has_intensity: bool) -> Self {
+        let (mut words, mut encoded) = (Vec::with_capacity(BRICK * bricks.size_hint().0 / 2), EncodedBrick::EMPTY);
+        for brick in bricks {
+            encoded.encode(&brick, has_intensity);
             words.extend_from_slice(encoded.words());
         }
-        Self { words: words.into(), has_intensity: intensities.is_some() }
+        Self { words, has_intensity }
     }
 
     /// Whether the array has intensities.
@@ -280,20 +284,6 @@ impl EncodedArray {
             left = others;
             Some(if view.mask == 0 { &[] } else { brick })
         })
-    }
-
-    /// Decodes the array, which is at `scale`, and its intensities if it has any.
-    pub fn decode(&self, scale: usize) -> (Vec<Voxel>, Option<Vec<u8>>) {
-        let mut voxels = vec![Voxel::default(); voxels_at(scale)];
-        let mut intensities = self.has_intensity.then(|| vec![0; voxels_at(scale)]);
-        for (k, words) in self.bricks().enumerate().filter(|(_, words)| !words.is_empty()) {
-            let view = BrickView::new(words);
-            spread(&view.voxels(), k, scale, &mut voxels);
-            if let Some(intensities) = &mut intensities {
-                spread(&view.intensities(), k, scale, intensities);
-            }
-        }
-        (voxels, intensities)
     }
 }
 
@@ -355,6 +345,24 @@ impl<'a> BrickView<'a> {
         self.rank(index).map_or(0, |k| self.decode_intensity(k))
     }
 
+    /// Appends the nonzero voxels among those of the mask `within`; returns their mask.
+    pub fn append_voxels(self, within: u64, out: &mut Vec<Voxel>) -> u64 {
+        let stored = self.mask & within;
+        let voxels = (0..stored.count_ones() as usize).map(|k| self.decode_voxel(k));
+        if self.header.weight > 0 {
+            out.extend(voxels);
+            return stored;
+        }
+        // Zero voxels are stored, too, if they have an intensity.
+        append_nonzero(stored, voxels, out)
+    }
+
+    /// Appends the nonzero intensities among those of the mask `within`; returns their mask.
+    pub fn append_intensities(self, within: u64, out: &mut Vec<u8>) -> u64 {
+        let stored = if self.header.intensity_bits == 0 { 0 } else { self.mask & within };
+        append_nonzero(stored, (0..stored.count_ones() as usize).map(|k| self.decode_intensity(k)), out)
+    }
+
     /// All voxels of the brick.
     #[inline(always)]
     pub fn voxels(self) -> [Voxel; BRICK] {
@@ -366,6 +374,23 @@ impl<'a> BrickView<'a> {
     pub fn intensities(self) -> [u8; BRICK] {
         scatter(self.mask, |k| self.decode_intensity(k))
     }
+}
+
+/// Appends those of the values at the set bits of `mask` that are not zero; returns their mask.
+#[inline(always)]
+fn append_nonzero<T: Copy + Default + PartialEq>(mask: u64, values: impl Iterator<Item = T>, out: &mut Vec<T>) -> u64 {
+    let (mut kept, mut count) = ([T::default(); BRICK], 0);
+    let (mut left, mut nonzero) = (mask, 0);
+    for value in values {
+        // A branch would be unpredictable.
+        let is_set = u64::from(value != T::default());
+        kept[count % BRICK] = value;
+        count += is_set as usize;
+        nonzero |= is_set << left.trailing_zeros();
+        left &= left - 1;
+    }
+    out.extend_from_slice(&kept[..count]);
+    nonzero
 }
 
 /// Stores value number k at the position of the k-th set bit of `mask`, and the default elsewhere.
