@@ -180,27 +180,22 @@ impl<'a> ConflictSearch<'a> {
         let corner = block_coords(key).map(|c| (c * BLOCK_EDGE as i32) as f32);
         let evidence = Evidence::in_block(neighbours, corner);
         let mut votes: Option<Box<[i8]>> = None;
-        let half = 0.5 * (1 << scale) as f32;
-        for (i, &value) in values.iter().enumerate().filter(|(_, v)| self.is_contested(**v)) {
+        // Most contested voxels have too few votes: one lookup rules them out.
+        evidence.for_each_outvoted(values, scale, self.max_contested, |i| {
             let first = voxel_coords(i, scale).map(|c| c << scale);
-            let centre: [f32; 3] = std::array::from_fn(|k| corner[k] + first[k] as f32 + half);
-            // Most contested voxels have too few votes: one lookup rules them out.
-            if i32::from(value) + evidence.sum_at(centre) >= 0 {
-                continue;
-            }
             // Larger voxels were observed from afar: they become free also near a surface, which is known more precisely.
-            if scale == 0 && neighbours.has_surface_near(centre) {
-                continue;
+            if scale == 0 && neighbours.has_surface_near(std::array::from_fn(|k| corner[k] + first[k] as f32 + 0.5)) {
+                return;
             }
             for sub in 0..voxels_at(SCALES - 1 - scale) {
                 let within = voxel_coords(sub, SCALES - 1 - scale);
                 let c = [first[0] + within[0], first[1] + within[1], first[2] + within[2]];
                 let sum = evidence.sum_at(std::array::from_fn(|k| corner[k] + c[k] as f32 + 0.5));
-                if i32::from(value) + sum < 0 {
+                if i32::from(values[i]) + sum < 0 {
                     votes.get_or_insert_with(|| vec![UNKNOWN; voxels_at(0)].into())[voxel_index(c, 0)] = sum.max(-127) as i8;
                 }
             }
-        }
+        });
         votes.map(|votes| (key, votes))
     }
 }
