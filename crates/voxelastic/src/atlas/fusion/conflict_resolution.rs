@@ -11,7 +11,7 @@ use super::placement::Placement;
 use super::settings::FusionSettings;
 use crate::atlas::{Atlas, Submap};
 use crate::field::occupancy::{OccupancyField, Summary, UNKNOWN, steps};
-use crate::octree::{BLOCK_EDGE, NONE, Octant, SCALES, block_coords, prefetch_item, voxel_coords, voxel_index, voxels_at};
+use crate::octree::{BLOCK_EDGE, NONE, Octant, SCALES, block_coords, voxel_coords, voxel_index, voxels_at};
 use rayon::prelude::*;
 
 /// Largest level of a uniform octant that may be contested: larger ones are not made of single hits.
@@ -150,25 +150,11 @@ impl<'a> ConflictSearch<'a> {
         if octant.link == NONE {
             found.extend((0..1u64 << (3 * level)).filter_map(|i| self.votes(neighbours, key | i, 3, &[octant.payload.value])));
         } else if level > 0 {
-            let children = self.field.tree().siblings(octant.link);
-            if level == 1 {
-                self.prefetch(children);
-            }
-            let children = children.iter().zip(0u64..);
+            let children = self.field.tree().siblings(octant.link).iter().zip(0u64..);
             children.for_each(|(child, i)| self.blocks(neighbours, key | i << (3 * (level - 1)), level - 1, child, found));
         } else {
             let block = self.field.block(octant.link);
             found.extend(self.votes(neighbours, key, usize::from(block.scale), self.field.values(block)));
-        }
-    }
-
-    /// Prefetches the values of blocks that may be contested, most of which are in no cache.
-    fn prefetch(&self, octants: &[Octant<Summary>]) {
-        let blocks = || octants.iter().filter(|octant| octant.payload.max > 0 && octant.link != NONE).map(|octant| octant.link);
-        blocks().for_each(|id| self.field.prefetch_block(id));
-        for id in blocks() {
-            let values = self.field.values(self.field.block(id));
-            prefetch_item(values.as_ptr().cast::<[i8; voxels_at(0)]>());
         }
     }
 

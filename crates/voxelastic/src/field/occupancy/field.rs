@@ -3,7 +3,7 @@
 use super::change_log::{ChangeLog, Flip};
 use super::value::{State, Summary, UNKNOWN, state_of};
 use crate::field::block_store::BlockStore;
-use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, prefetch_item, voxel_index, voxels_at};
+use crate::octree::{BLOCK_SHIFT, Cursor, NONE, Octree, Pool, SCALES, block_key, voxel_index, voxels_at};
 
 /// A block that is not uniform: its position and its array of voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,12 +54,6 @@ impl OccupancyField {
     #[inline(always)]
     pub fn block(&self, id: u32) -> &OccupancyBlock {
         &self.blocks[id]
-    }
-
-    /// Prefetches the head of the block with id `id`; its values can be prefetched once the head is there.
-    #[inline(always)]
-    pub(crate) fn prefetch_block(&self, id: u32) {
-        prefetch_item(&raw const self.blocks[id]);
     }
 
     /// Log-odds of the voxels of `block` at its scale, in steps, in the order of [`voxel_index`].

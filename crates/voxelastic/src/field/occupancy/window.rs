@@ -113,16 +113,10 @@ impl<'a> OccupancyWindow<'a> {
         let BlockBox { low, high } = *blocks;
         let size = std::array::from_fn(|k| (high[k] - low[k] + 1).max(0) as usize);
         let mut window = Self { low, size, cells: Vec::new() };
-        // Few blocks are in a cache: all are asked for before the first is read.
-        let mut leaves = Vec::new();
         blocks.visit_leaves(field, &mut |summary| summary.max > least, &mut |leaf| {
-            if leaf.octant.link != NONE {
-                field.prefetch_block(leaf.octant.link);
-            }
-            leaves.push(leaf);
+            window.insert(field, leaf, high);
             false
         });
-        leaves.into_iter().for_each(|leaf| window.insert(field, leaf, high));
         (!window.cells.is_empty()).then_some(window)
     }
 
