@@ -347,7 +347,7 @@ impl ColumnSums<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::plane::{PlaneRow, Solve};
+    use super::super::plane::{Plane, Solve};
     use super::super::settings::NormalSettings;
     use super::*;
     use crate::sensor::{RangeImage, preset};
@@ -371,9 +371,12 @@ mod tests {
         grid
     }
 
-    fn bits(row: &PlaneRow) -> Vec<u32> {
-        let all = row.normal.iter().flatten().chain(&row.distance).chain(&row.roughness).chain(&row.misfit);
-        all.map(|v| v.to_bits()).collect()
+    fn bits(planes: &[Plane]) -> Vec<u32> {
+        let of = |plane: &Plane| {
+            let [x, y, z] = plane.normal;
+            [x, y, z, plane.distance, plane.roughness, plane.misfit, plane.inverse].map(f32::to_bits)
+        };
+        planes.iter().flat_map(of).collect()
     }
 
     proptest! {
@@ -387,7 +390,7 @@ mod tests {
             let mut scratch = Scratch::default();
             scratch.start(grid.rows);
             for row in 0..grid.rows {
-                let mut planes = [PlaneRow::NONE; 2];
+                let mut planes = [[Plane::NONE; STRIP]; 2];
                 let windows = scratch.window(&grid, &rule, Width::Wide, (row, first * STRIP));
                 dispatch(Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[0] });
                 Solve { windows, settings: &settings, noise: 0.02, planes: &mut planes[1] }.run();

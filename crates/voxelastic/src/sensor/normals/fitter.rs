@@ -2,8 +2,9 @@
 
 use super::covariance::{Scratch, Width, WindowRule};
 use super::grid::Grid;
-use super::plane::{PlaneRow, Planes, Solve};
-use super::plane_select::{PlaneSearch, select_planes};
+use super::plane::{Plane, Planes, Solve, has_gaps};
+use super::plane_search::PlaneSearch;
+use super::plane_select::select_planes;
 use super::settings::{NormalSettings, STRIP};
 use super::sweep_seam::Seam;
 use crate::sensor::beam_model::BeamModel;
@@ -54,14 +55,17 @@ impl PlaneFitter {
         let parts = self.planes.split(per_task);
         parts.into_par_iter().zip(&mut self.scratch).with_max_len(1).enumerate().for_each(|(task, (mut rows, scratch))| {
             let mut work = StripFit { grid, rule, settings: &settings, noise, weights, scratch };
-            let strips = rows.first().map_or(0, |row| row.len());
+            let strips = rows.first().map_or(0, |row| row.len() / STRIP);
             for strip in 0..strips {
-                work.fit((task * per_task + strip) * STRIP, rows.iter_mut().map(|row| &mut row[strip]));
+                work.fit((task * per_task + strip) * STRIP, rows.iter_mut().filter_map(|row| row[strip * STRIP..].first_chunk_mut()));
             }
         });
-        self.planes.update_mask();
-        let search = PlaneSearch { planes: &self.planes, grid: &self.grid, rule: &self.rule, noise: noise.max(self.settings.roughness) };
-        select_planes(&search, image, weights, returns);
+        select_planes(&self.search(noise.max(self.settings.roughness)), image, weights, returns);
+    }
+
+    /// A search among the planes that were fitted last, of points with so much noise, metres.
+    pub(super) fn search(&self, noise: f32) -> PlaneSearch<'_> {
+        PlaneSearch { planes: &self.planes, grid: &self.grid, rule: &self.rule, noise }
     }
 }
 
@@ -77,24 +81,24 @@ struct StripFit<'a> {
 
 impl StripFit<'_> {
     /// Fits wide windows at all pixels of the strip that starts at `first_column`, and narrow ones where that gives no plane.
-    fn fit<'p>(&mut self, first_column: usize, rows: impl Iterator<Item = &'p mut PlaneRow>) {
+    fn fit<'p>(&mut self, first_column: usize, rows: impl Iterator<Item = &'p mut [Plane; STRIP]>) {
         self.scratch.start(self.grid.rows);
         let weights = self.weights;
         let is_used = |row| weights.is_none_or(|weights| weights.of((row, first_column)) != 0);
         for (row, planes) in rows.enumerate() {
             if !is_used(row) {
-                *planes = PlaneRow::NONE;
+                *planes = [Plane::NONE; STRIP];
                 continue;
             }
             self.solve(Width::Wide, (row, first_column), planes);
             let at = self.grid.at(row, first_column);
-            if planes.has_gaps(&self.grid.inverse[at..at + STRIP]) {
+            if has_gaps(planes, &self.grid.inverse[at..at + STRIP]) {
                 self.solve(Width::Narrow, (row, first_column), planes);
             }
         }
     }
 
-    fn solve(&mut self, width: Width, (row, first_column): (usize, usize), planes: &mut PlaneRow) {
+    fn solve(&mut self, width: Width, (row, first_column): (usize, usize), planes: &mut [Plane; STRIP]) {
         let Self { grid, rule, settings, noise, .. } = *self;
         let windows = self.scratch.window(grid, rule, width, (row, first_column));
         dispatch(Solve { windows, settings, noise, planes });
@@ -132,8 +136,8 @@ mod tests {
                     prop_assert_eq!(used.1.normals[pixel], [0.0; 3]);
                     continue;
                 }
-                prop_assert_eq!(used.0.planes.has(row, column), all.0.planes.has(row, column));
-                let [own_all, own_used] = [&mut all, &mut used].map(|fit| fit.0.planes.at(row, column).normal());
+                prop_assert_eq!(used.0.planes.at(row, column).is_accepted(), all.0.planes.at(row, column).is_accepted());
+                let [own_all, own_used] = [&mut all, &mut used].map(|fit| fit.0.planes.at(row, column).normal);
                 prop_assert_eq!(own_used, own_all);
                 planes += usize::from(used.1.normals[pixel] != [0.0; 3]);
             }

@@ -14,6 +14,7 @@ mod covariance;
 mod fitter;
 mod grid;
 mod plane;
+mod plane_search;
 mod plane_select;
 mod settings;
 mod sweep_seam;

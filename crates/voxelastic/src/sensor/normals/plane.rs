@@ -4,101 +4,66 @@ use super::covariance::{ColumnSums, Width};
 use super::settings::{NormalSettings, STRIP};
 use crate::simd::Kernel;
 use crate::simd::larger;
-use rayon::prelude::*;
 
-/// Planes of one row of a strip.
+/// The plane fitted at a pixel: all that a search of it needs, in half a cache line.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-pub(super) struct PlaneRow {
+#[repr(C, align(32))]
+pub(super) struct Plane {
     /// Unit normal towards the sensor, lidar frame.
-    pub(super) normal: [[f32; STRIP]; 3],
-    /// Distance of the plane from the beams' origin, metres.
-    pub(super) distance: [f32; STRIP],
-    /// Standard deviation of the neighbours along the normal, metres; negative where there is none.
-    pub(super) roughness: [f32; STRIP],
+    pub(super) normal: [f32; 3],
+    /// Distance from the beams' origin, metres.
+    pub(super) distance: f32,
+    /// Standard deviation of the neighbours along the normal, metres; negative where there is no plane.
+    pub(super) roughness: f32,
     /// How far off the plane the pixel's own point is, in standard deviations.
-    pub(super) misfit: [f32; STRIP],
+    pub(super) misfit: f32,
+    /// 1 / X of the pixel's point; 0 without one.
+    pub(super) inverse: f32,
 }
 
-impl PlaneRow {
-    pub(super) const NONE: Self = Self { normal: [[0.0; STRIP]; 3], distance: [0.0; STRIP], roughness: [-1.0; STRIP], misfit: [0.0; STRIP] };
+impl Plane {
+    pub(super) const NONE: Self = Self { normal: [0.0; 3], distance: 0.0, roughness: -1.0, misfit: 0.0, inverse: 0.0 };
+
+    /// Whether there is a plane.
+    #[inline(always)]
+    pub(super) fn is_accepted(&self) -> bool {
+        self.roughness >= 0.0
+    }
 }
 
-/// Planes of all pixels: row by row, and within a row strip by strip.
+/// Planes of all pixels, row by row, up to whole strips.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Planes {
-    strips: usize,
-    rows: Vec<PlaneRow>,
-    /// A bit for each lane of `rows`: whether there is a plane. Fits the first-level cache, unlike the planes, so searches test it first.
-    accepted: Vec<u32>,
-}
-
-/// The plane at a pixel.
-#[derive(Clone, Copy)]
-pub(super) struct Plane<'a> {
-    lanes: &'a PlaneRow,
-    l: usize,
-}
-
-impl Plane<'_> {
-    /// Unit normal towards the sensor, lidar frame.
-    #[inline(always)]
-    pub(super) fn normal(&self) -> [f32; 3] {
-        let n = &self.lanes.normal;
-        [n[0][self.l], n[1][self.l], n[2][self.l]]
-    }
-
-    /// Distance from the beams' origin, metres.
-    #[inline(always)]
-    pub(super) fn distance(&self) -> f32 {
-        self.lanes.distance[self.l]
-    }
-
-    /// Standard deviation of the neighbours along the normal, metres; negative where there is none.
-    #[inline(always)]
-    pub(super) fn roughness(&self) -> f32 {
-        self.lanes.roughness[self.l]
-    }
-
-    /// How far off the plane the pixel's own point is, in standard deviations.
-    #[inline(always)]
-    pub(super) fn misfit(&self) -> f32 {
-        self.lanes.misfit[self.l]
-    }
+    width: usize,
+    planes: Vec<Plane>,
 }
 
 impl Planes {
     pub(super) fn reset(&mut self, rows: usize, strips: usize) {
-        self.strips = strips;
-        self.rows.resize(rows * strips, PlaneRow::NONE);
+        self.width = strips * STRIP;
+        self.planes.resize(rows * self.width, Plane::NONE);
     }
 
     /// The planes of `per_task` neighbouring strips for each task, a slice for each row.
-    pub(super) fn split(&mut self, per_task: usize) -> Vec<Vec<&mut [PlaneRow]>> {
-        let mut tasks: Vec<Vec<&mut [PlaneRow]>> = (0..self.strips.div_ceil(per_task)).map(|_| Vec::new()).collect();
-        for row in self.rows.chunks_exact_mut(self.strips) {
-            row.chunks_mut(per_task).zip(&mut tasks).for_each(|(part, task)| task.push(part));
+    pub(super) fn split(&mut self, per_task: usize) -> Vec<Vec<&mut [Plane]>> {
+        let width = per_task * STRIP;
+        let mut tasks: Vec<Vec<&mut [Plane]>> = (0..self.width.div_ceil(width)).map(|_| Vec::new()).collect();
+        for row in self.planes.chunks_exact_mut(self.width) {
+            row.chunks_mut(width).zip(&mut tasks).for_each(|(part, task)| task.push(part));
         }
         tasks
     }
 
-    /// Updates the mask of pixels with a plane, after all are fitted.
-    pub(super) fn update_mask(&mut self) {
-        let bits = |row: &PlaneRow| (0..STRIP).fold(0, |bits, l| bits | (u32::from(row.roughness[l] >= 0.0) << l));
-        self.rows.par_iter().with_min_len(256).map(bits).collect_into_vec(&mut self.accepted);
-    }
-
-    /// Whether a pixel has a plane, as of the last [`update_mask`](Self::update_mask).
-    #[inline(always)]
-    pub(super) fn has(&self, row: usize, column: usize) -> bool {
-        self.accepted[row * self.strips + column / STRIP] >> (column % STRIP) & 1 == 1
-    }
-
     /// The plane at a pixel, accepted or not.
     #[inline(always)]
-    pub(super) fn at(&self, row: usize, column: usize) -> Plane<'_> {
-        Plane { lanes: &self.rows[row * self.strips + column / STRIP], l: column % STRIP }
+    pub(super) fn at(&self, row: usize, column: usize) -> &Plane {
+        &self.planes[row * self.width + column]
     }
+}
+
+/// Whether a pixel with a point has no plane yet.
+pub(super) fn has_gaps(planes: &[Plane; STRIP], centre: &[f32]) -> bool {
+    planes.iter().zip(centre).fold(false, |any, (plane, &c)| any | (!plane.is_accepted() & (c > 0.0)))
 }
 
 /// Sums up and solves the systems of one row of a strip.
@@ -106,7 +71,7 @@ pub(super) struct Solve<'a> {
     pub(super) windows: ColumnSums<'a>,
     pub(super) settings: &'a NormalSettings,
     pub(super) noise: f32,
-    pub(super) planes: &'a mut PlaneRow,
+    pub(super) planes: &'a mut [Plane; STRIP],
 }
 
 impl Kernel for Solve<'_> {
@@ -128,7 +93,7 @@ impl Kernel for Solve<'_> {
         // Local copies, which cannot alias the output: only then is the loop vectorised.
         let (centre, across, rise) = (chunk(&grid.inverse[at..]), chunk(&grid.across[at..]), chunk(&grid.rise[at..]));
         let axes = chunk(&grid.axes[first_column..]);
-        let mut out = PlaneRow::NONE;
+        let mut out = Lanes::NONE;
         let row_rise = grid.row_rise[row];
         let ray2 = 1.0 + row_rise * row_rise;
         let noise2 = self.noise * self.noise / ray2;
@@ -173,37 +138,32 @@ impl Kernel for Solve<'_> {
             out.misfit[l] = off.abs() / larger(larger(expected, variance), f32::MIN_POSITIVE).sqrt();
             out.roughness[l] = if accepted { along_normal.sqrt() } else { -1.0 };
         }
-        match width {
-            Width::Wide => *self.planes = out,
-            Width::Narrow => self.planes.fill_gaps(&out),
+        // By index: as an iterator it makes a fit a tenth slower.
+        #[allow(clippy::needless_range_loop)]
+        for l in 0..STRIP {
+            // What is not accepted in the wide window gets the plane of the narrow one.
+            if width == Width::Wide || !self.planes[l].is_accepted() {
+                let normal = [out.normal[0][l], out.normal[1][l], out.normal[2][l]];
+                self.planes[l] = Plane { normal, distance: out.distance[l], roughness: out.roughness[l], misfit: out.misfit[l], inverse: centre[l] };
+            }
         }
     }
+}
+
+/// Planes of one row of a strip, as they are computed.
+struct Lanes {
+    normal: [[f32; STRIP]; 3],
+    distance: [f32; STRIP],
+    roughness: [f32; STRIP],
+    misfit: [f32; STRIP],
+}
+
+impl Lanes {
+    const NONE: Self = Self { normal: [[0.0; STRIP]; 3], distance: [0.0; STRIP], roughness: [-1.0; STRIP], misfit: [0.0; STRIP] };
 }
 
 /// The first lanes of a slice.
 #[inline(always)]
 fn chunk<T: Copy + Default>(slice: &[T]) -> [T; STRIP] {
     slice.first_chunk().copied().unwrap_or([T::default(); STRIP])
-}
-
-impl PlaneRow {
-    /// Copies the planes of `other` where this row has none.
-    #[inline(always)]
-    fn fill_gaps(&mut self, other: &Self) {
-        for l in 0..STRIP {
-            let gap = self.roughness[l] < 0.0;
-            let pick = |mine: &mut f32, theirs: f32| *mine = if gap { theirs } else { *mine };
-            for k in 0..3 {
-                pick(&mut self.normal[k][l], other.normal[k][l]);
-            }
-            pick(&mut self.distance[l], other.distance[l]);
-            pick(&mut self.misfit[l], other.misfit[l]);
-            pick(&mut self.roughness[l], other.roughness[l]);
-        }
-    }
-
-    /// Whether a pixel with a point has no plane yet.
-    pub(super) fn has_gaps(&self, centre: &[f32]) -> bool {
-        self.roughness.iter().zip(centre).fold(false, |any, (&r, &c)| any | ((r < 0.0) & (c > 0.0)))
-    }
 }
