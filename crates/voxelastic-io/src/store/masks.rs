@@ -2,7 +2,7 @@
 
 use super::bytes::Bytes;
 
-/// Appends a bit per value: whether it is anything but zero. Moves those that are to the front, in order, and returns their number.
+/// Appends a bit per value: whether it is anything but zero. Moves those that are to the beginning, in order, and returns their number.
 pub(super) fn push_mask<T: Copy + Default + PartialEq>(out: &mut Vec<u8>, values: &mut [T]) -> usize {
     out.reserve(values.len().div_ceil(8));
     let mut kept = 0;

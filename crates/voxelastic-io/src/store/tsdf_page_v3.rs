@@ -29,10 +29,10 @@ impl Unpacked {
     pub fn build(&self, builder: &mut TsdfBuilder) -> Result<(), String> {
         let (mut voxels, mut intensities) = (&self.voxels[..], &self.intensities[..]);
         for head in &self.heads {
-            let (array, rest) = voxels.split_at(head.voxel_count());
-            let (intensity, other) = intensities.split_at(head.intensity_count());
+            let (array, later_voxels) = voxels.split_at(head.voxel_count());
+            let (intensity, later_intensities) = intensities.split_at(head.intensity_count());
             builder.push(*head, array, intensity).map_err(|e| e.to_string())?;
-            (voxels, intensities) = (rest, other);
+            (voxels, intensities) = (later_voxels, later_intensities);
         }
         Ok(())
     }

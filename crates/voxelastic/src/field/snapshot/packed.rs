@@ -126,7 +126,7 @@ impl PackedBlocks {
     }
 }
 
-/// Takes the values of a mask from the front of `values` and puts them in their places; what is beyond the brick is left out.
+/// Takes the values of a mask from the beginning of `values` and puts them in their places; what is beyond the brick is left out.
 fn take_set<T: Copy + Default>(mask: u64, within: u64, values: &mut &[T]) -> [T; BRICK] {
     let mut brick = [T::default(); BRICK];
     let taken = values.split_off(..mask.count_ones() as usize).unwrap_or_default();
