@@ -28,6 +28,12 @@ pub enum SnapshotError {
         /// Its finest scale.
         finest: u8,
     },
+    /// A mask has bits beyond the voxels of its brick.
+    #[error("a mask of block {key:#x} is longer than its brick")]
+    Mask {
+        /// The block's key.
+        key: u64,
+    },
     /// The root cube is out of range.
     #[error("a root of level {level} at key {key:#x} is outside of the octree's range")]
     Root {

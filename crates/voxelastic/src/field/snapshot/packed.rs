@@ -105,17 +105,22 @@ impl PackedBlocks {
         intensities.clear();
     }
 
-    /// Checks that masks and values are as many as the heads require.
+    /// Checks that masks and values are as many as the heads require, and that no mask is longer than its brick.
     fn check(&self) -> Result<(), SnapshotError> {
+        let (mut masks, mut intensity_masks) = (self.masks.iter(), self.intensity_masks.iter());
+        for head in &self.heads {
+            let is_longer = |(scale, mask): (usize, &u64)| mask & !full_mask(scale) != 0;
+            // In this order: `zip` takes a mask only where there is a brick for it.
+            if head.brick_scales().zip(&mut masks).any(is_longer) || head.intensity_brick_scales().zip(&mut intensity_masks).any(is_longer) {
+                return Err(SnapshotError::Mask { key: head.key });
+            }
+        }
         let key = self.heads.first().map_or(0, |head| head.key);
         let ones = |masks: &[u64]| masks.iter().map(|mask| mask.count_ones() as usize).sum();
-        let (bricks, with_intensity) = self.heads.iter().fold((0, 0), |(bricks, with_intensity), head| {
-            (bricks + head.brick_scales().count(), with_intensity + head.intensity_brick_scales().count())
-        });
         for (of, got, expected) in [
-            ("masks", self.masks.len(), bricks),
+            ("masks", self.masks.len(), self.heads.iter().flat_map(BlockHead::brick_scales).count()),
             ("voxels", self.voxels.len(), ones(&self.masks)),
-            ("masks of intensities", self.intensity_masks.len(), with_intensity),
+            ("masks of intensities", self.intensity_masks.len(), self.heads.iter().flat_map(BlockHead::intensity_brick_scales).count()),
             ("intensities", self.intensities.len(), ones(&self.intensity_masks)),
         ] {
             if got != expected {
@@ -126,16 +131,12 @@ impl PackedBlocks {
     }
 }
 
-/// Takes the values of a mask from the beginning of `values` and puts them in their places; what is beyond the brick is left out.
-fn take_set<T: Copy + Default>(mask: u64, within: u64, values: &mut &[T]) -> [T; BRICK] {
+/// Takes the values of a mask from the beginning of `values` and puts them in their places.
+fn take_set<T: Copy + Default>(mask: u64, values: &mut &[T]) -> [T; BRICK] {
     let mut brick = [T::default(); BRICK];
-    let taken = values.split_off(..mask.count_ones() as usize).unwrap_or_default();
     let mut left = mask;
-    for &value in taken {
-        let i = left.trailing_zeros() as usize % BRICK;
-        if within >> i & 1 == 1 {
-            brick[i] = value;
-        }
+    for &value in values.split_off(..mask.count_ones() as usize).unwrap_or_default() {
+        brick[left.trailing_zeros() as usize % BRICK] = value;
         left &= left - 1;
     }
     brick
@@ -145,7 +146,7 @@ impl TsdfBuilder {
     /// Adds the next blocks.
     ///
     /// # Errors
-    /// If a head is invalid, if keys do not ascend, and if there are not as many masks and values as the heads require.
+    /// If a head is invalid, if keys do not ascend, if a mask is longer than its brick, and if there are not as many masks and values as the heads require.
     pub fn push_packed(&mut self, blocks: &PackedBlocks) -> Result<(), SnapshotError> {
         blocks.heads.iter().try_for_each(BlockHead::check)?;
         blocks.check()?;
@@ -155,12 +156,11 @@ impl TsdfBuilder {
             let id = self.begin(head)?;
             let data = head.data_scales().map(|scale| (Array::Data(scale), head.has_intensity));
             for (array, has_intensity) in data.chain(head.base_scales().map(|scale| (Array::Base(scale), false))) {
-                let within = full_mask(array.scale());
                 let bricks = array.bricks().map(|_| {
                     let mut brick = Brick::zeroed();
-                    brick.voxels = take_set(masks.next().copied().unwrap_or_default(), within, &mut voxels);
+                    brick.voxels = take_set(masks.next().copied().unwrap_or_default(), &mut voxels);
                     if has_intensity {
-                        brick.intensities = take_set(intensity_masks.next().copied().unwrap_or_default(), within, &mut intensities);
+                        brick.intensities = take_set(intensity_masks.next().copied().unwrap_or_default(), &mut intensities);
                     }
                     brick
                 });
@@ -295,6 +295,9 @@ mod tests {
         {
             assert!(matches!(refused(change), SnapshotError::Length { key: 5, .. }));
         }
+        // The last array of the first block has eight voxels, as has the last with intensities.
+        assert_eq!(refused(&|p| p.masks[11] |= 1 << 9), SnapshotError::Mask { key: 5 });
+        assert_eq!(refused(&|p| p.intensity_masks[9] |= 1 << 9), SnapshotError::Mask { key: 5 });
         assert_eq!(refused(&|p| p.heads[1].key = 5), SnapshotError::Order { key: 5, last: 5 });
         assert_eq!(refused(&|p| p.heads[1].finest = 4), SnapshotError::Scale { key: 9, scale: 1, finest: 4 });
     }
