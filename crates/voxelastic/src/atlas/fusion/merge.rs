@@ -50,11 +50,11 @@ pub fn fuse(target: &mut Submap, source: &Submap, t_target_source: &Pose, settin
 /// Completes a fusion of which all parts before part `first` are merged. The two fields are independent, so both are merged at once.
 pub(crate) fn fuse_from(first: usize, target: &mut Submap, source: &Submap, t_target_source: &Pose, settings: &FusionSettings) {
     let sampling = Sampling::new(source, t_target_source);
-    let of_occupancy = sampling.surface_parts();
+    let first_of_occupancy = sampling.surface_parts();
     let (tsdf, occupancy) = (&mut target.tsdf, &mut target.occupancy);
     rayon::join(
-        || merge_parts(&sampling, first..of_occupancy, |part| part.merge_surface(0..part.tsdf.len(), tsdf, settings)),
-        || merge_parts(&sampling, first.max(of_occupancy)..sampling.parts(), |part| part.merge_occupancy(0..part.len(), occupancy, settings)),
+        || merge_parts(&sampling, first..first_of_occupancy, |part| part.merge_surface(0..part.tsdf.len(), tsdf, settings)),
+        || merge_parts(&sampling, first.max(first_of_occupancy)..sampling.parts(), |part| part.merge_occupancy(0..part.len(), occupancy, settings)),
     );
     move_scans(target, source, t_target_source);
 }
@@ -105,7 +105,7 @@ mod tests {
 
     const SETTINGS: FusionSettings = FusionSettings { max_weight: 100.0, min_log_odds: -2.0, max_log_odds: 3.5 };
 
-    /// As [`floor`], with occupancy, of which every block is different: 32 m free above it, all over.
+    /// As [`floor`], with occupancy in two layers of blocks, 32 x 32 m, whose values differ from block to block.
     fn room(id: u32, t_map_submap: Pose, z: f32) -> Submap {
         let mut submap = floor(id, t_map_submap, z);
         let value = |block: i32, i: usize| ((block * 7 + i as i32 * (1 + block % 3)) % 90 - 60) as i8;
@@ -118,7 +118,6 @@ mod tests {
     fn a_fusion_can_be_continued_from_any_part() {
         let t_target_source = Pose::new(nalgebra::Vector3::new(3.0, -1.0, 0.05), nalgebra::Vector3::new(0.0, 0.0, 0.4));
         let (target, source) = (room(0, Pose::identity(), -2.0), room(1, t_target_source, -2.03));
-        let settings = SETTINGS;
         let image = |submap: &Submap| {
             let (field, occupancy) = (&submap.tsdf, &submap.occupancy);
             let surface: Vec<_> = field.ids_in_morton_order().into_iter().map(|id| (field.head(id), field.stored_voxels(id))).collect();
@@ -126,17 +125,17 @@ mod tests {
             (surface, occupancy.octants_in_order(), values)
         };
         let mut expected = target.clone();
-        fuse(&mut expected, &source, &t_target_source, &settings);
+        fuse(&mut expected, &source, &t_target_source, &SETTINGS);
         assert!(image(&expected) != image(&target));
         let sampling = Sampling::new(&source, &t_target_source);
-        let of_occupancy = sampling.surface_parts();
-        assert!(of_occupancy > 2 && sampling.parts() > of_occupancy + 2, "{} of {} parts", of_occupancy, sampling.parts());
+        let surface_parts = sampling.surface_parts();
+        assert!(surface_parts > 2 && sampling.parts() > surface_parts + 2, "{surface_parts} of {} parts", sampling.parts());
         for first in 1..=sampling.parts() {
             let mut fused = target.clone();
             for number in 0..first {
-                Merge::new(sampling.part(number), settings).step(&mut fused, usize::MAX);
+                Merge::new(sampling.part(number), SETTINGS).step(&mut fused, usize::MAX);
             }
-            fuse_from(first, &mut fused, &source, &t_target_source, &settings);
+            fuse_from(first, &mut fused, &source, &t_target_source, &SETTINGS);
             assert!(image(&fused) == image(&expected), "continued from part {first}");
         }
     }

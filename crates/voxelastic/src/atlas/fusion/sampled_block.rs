@@ -41,7 +41,7 @@ impl SampledBlock {
 
     /// The block in encoded form.
     pub fn encode(&self) -> EncodedBlock {
-        let array = EncodedArray::new(self.scale.into(), &self.voxels, self.intensities.as_deref());
+        let array = EncodedArray::new(self.scale.into(), &self.voxels, self.intensities.as_deref()).into_tight();
         EncodedBlock { key: self.key, scale: self.scale, observation_count: self.observation_count, array }
     }
 

@@ -270,6 +270,12 @@ impl EncodedArray {
         Self { words, has_intensity }
     }
 
+    /// The same without spare memory, for arrays of which many are kept.
+    pub fn into_tight(mut self) -> Self {
+        self.words.shrink_to_fit();
+        self
+    }
+
     /// Whether the array has intensities.
     pub fn has_intensity(&self) -> bool {
         self.has_intensity
