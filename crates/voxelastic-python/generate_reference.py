@@ -24,7 +24,7 @@ ORDER = [
     *("Odometry", "OdometryReport", "Trajectory", "Localiser", "Location", "Simulation", "TrajectoryErrors", "Settings"),
 ]
 FUNCTIONS = ["odometry", "evaluate", "trajectory_errors", "limit_memory"]
-ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError"]
+ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError", "RunWarning"]
 ALIASES = ["Pose", "Event", "Surface", "Progress"]
 
 

@@ -21,7 +21,11 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-esdf", &["voxelastic"]),
     ("voxelastic-explore", &["voxelastic", "voxelastic-plan"]),
     ("voxelastic-report", &["voxelastic-eval"]),
-    ("voxelastic-live", &["voxelastic", "voxelastic-io", "voxelastic-slam", "voxelastic-plan", "voxelastic-explore", "voxelastic-report"]),
+    ("voxelastic-run", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
+    (
+        "voxelastic-live",
+        &["voxelastic", "voxelastic-io", "voxelastic-slam", "voxelastic-plan", "voxelastic-explore", "voxelastic-report", "voxelastic-run"],
+    ),
     ("voxelastic-bench", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
     (
         "voxelastic-cli",
@@ -37,6 +41,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-esdf",
             "voxelastic-explore",
             "voxelastic-report",
+            "voxelastic-run",
             "voxelastic-live",
             "voxelastic-bench",
         ],
@@ -51,6 +56,7 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-slam",
             "voxelastic-plan",
             "voxelastic-esdf",
+            "voxelastic-run",
             "voxelastic-cli",
         ],
     ),

@@ -1,7 +1,6 @@
 //! Failures of commands: messages and exit codes.
 
 use crate::output;
-use std::fmt;
 use std::io::{self, Write};
 
 /// Success.
@@ -33,43 +32,13 @@ Exit codes:
   131  interrupted again; stopped at once, without saving";
 
 /// An error with a remedy.
-#[derive(Debug)]
-pub struct Failure {
-    message: String,
-    remedy: String,
-    code: u8,
-}
-
-/// Whether a decoder panicked, so that the rest of the data cannot be read.
-pub fn is_bug_of_decoder(problem: &anyhow::Error) -> bool {
-    problem.chain().any(|cause| matches!(cause.downcast_ref(), Some(voxelastic_io::Error::Panicked { .. })))
-}
-
-impl Failure {
-    /// A failure while the command ran.
-    pub fn new(message: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { message: message.into(), remedy: remedy.into(), code: FAILED }
-    }
-
-    /// A mistake on the command line or in the configuration file.
-    pub fn usage(message: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { code: USAGE, ..Self::new(message, remedy) }
-    }
-}
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.message)
-    }
-}
-
-impl std::error::Error for Failure {}
+pub use voxelastic_run::Error as Failure;
 
 /// Prints an error with its causes and its remedy to stderr, and returns the exit code.
 pub fn report(error: &anyhow::Error) -> u8 {
     output::message(&describe(error));
-    let own = error.chain().find_map(|e| e.downcast_ref::<Failure>());
-    own.map_or(FAILED, |f| f.code)
+    let is_usage = error.chain().filter_map(|e| e.downcast_ref()).any(Failure::is_usage);
+    if is_usage { USAGE } else { FAILED }
 }
 
 /// Prints what ended the parsing of the command line, a mistake or a request for help, and returns the exit code.
@@ -80,27 +49,19 @@ pub fn report_usage(end: &clap::Error) -> u8 {
     if end.use_stderr() { USAGE } else { DONE }
 }
 
-/// The messages of an error and of its causes. A cause whose text is part of the message before it is left out.
-fn messages(error: &anyhow::Error) -> Vec<String> {
-    let mut messages = error.chain().map(ToString::to_string).collect::<Vec<_>>();
-    messages.dedup_by(|cause, before| before.contains(cause.as_str()));
-    messages
-}
-
 /// An error with its causes on one line, for log messages.
 pub fn one_line(error: &anyhow::Error) -> String {
-    messages(error).join(": ")
+    voxelastic_run::error::one_line(error.as_ref())
 }
 
 /// `error: ...`, a line for each cause, and the remedy.
 fn describe(error: &anyhow::Error) -> String {
-    let messages = messages(error);
+    let messages = voxelastic_run::error::messages(error.as_ref());
     let mut text = format!("error: {}\n", messages[0]);
     for cause in &messages[1..] {
         text.push_str(&format!("  caused by: {cause}\n"));
     }
-    let remedy = error.chain().find_map(|e| e.downcast_ref::<Failure>()).map(|f| f.remedy.as_str());
-    if let Some(remedy) = remedy.filter(|r| !r.is_empty()) {
+    if let Some(remedy) = error.chain().filter_map(|e| e.downcast_ref()).find_map(Failure::remedy) {
         text.push_str(&format!("  remedy: {remedy}\n"));
     }
     text

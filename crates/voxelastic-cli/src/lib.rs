@@ -10,32 +10,17 @@
 #![deny(clippy::print_stderr)]
 
 pub mod allocator;
-mod closure_summary;
+mod args;
 mod commands;
-mod config;
-mod data;
-mod elastic;
 mod failure;
-mod input;
 mod interrupt;
-mod joining;
-mod jumps;
-mod map_files;
 mod map_picture;
-mod mapping;
 mod meshing;
-mod odometry_log;
 mod output;
 mod painting;
-mod precision;
 mod progress;
-mod raw_data;
-mod recorder;
 mod reporting;
-mod resume;
-mod target;
 mod texturing;
-mod usage;
 mod watching;
 
 use clap::{Args, Parser, Subcommand};

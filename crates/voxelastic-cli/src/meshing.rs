@@ -1,8 +1,7 @@
 //! Meshes of maps and colours of their vertices.
 
+use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::map_files::{self, LoadArgs, LoadedMap};
-use crate::precision;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::Path;
@@ -12,6 +11,8 @@ use voxelastic::geometry::Rigid;
 use voxelastic::meshing::{OneSurface, SurfaceTiles};
 use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
+use voxelastic_run::map_files::{self, LoadedMap};
+use voxelastic_run::{Warnings, precision, threads};
 
 /// Arguments that select the surface.
 #[derive(Clone, Debug, Args)]
@@ -78,7 +79,8 @@ impl SurfaceArgs {
 
     /// Loads what of a map the surface is made of.
     pub fn load(&self, path: &Path, load: LoadArgs) -> anyhow::Result<LoadedMap> {
-        if self.surface == Surface::Measured { map_files::load_surfaces(path, load) } else { map_files::load(path, load) }
+        let load = load.into();
+        Ok(if self.surface == Surface::Measured { map_files::load_surfaces(path, load)? } else { map_files::load(path, load)? })
     }
 
     fn options(&self) -> MeshOptions {
@@ -125,23 +127,9 @@ impl SurfaceArgs {
     }
 
     /// A thread pool.
-    pub fn pool(&self) -> anyhow::Result<rayon::ThreadPool> {
-        pool(self.threads)
+    pub fn pool(&self) -> voxelastic_run::Result<rayon::ThreadPool> {
+        threads::pool(self.threads)
     }
-}
-
-/// As many threads may be asked for on any machine.
-const LEAST_LIMIT: usize = 16;
-
-/// A thread pool of `threads` threads, 0 for all cores. Many more than there are cores only cost time, so they are not started.
-pub fn pool(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
-    let most = (4 * std::thread::available_parallelism().map_or(1, usize::from)).max(LEAST_LIMIT);
-    if threads > most {
-        tracing::warn!("{threads} threads are more than four for each core: {most} are used");
-    }
-    let threads = threads.min(most);
-    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).thread_name(|i| format!("worker {i}")).build();
-    built.map_err(|e| Failure::new(format!("cannot start {threads} threads: {e}"), "use fewer with --threads").into())
 }
 
 /// What vertices are coloured by.
@@ -257,7 +245,7 @@ impl Fused {
 
 /// Meshes of all submaps that have a surface, in the map frame, by submap.
 pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
-    precision::check(atlas, voxel)?;
+    precision::check(atlas, voxel, &mut Warnings::default())?;
     let mut meshes = Vec::new();
     for submap in atlas.submaps() {
         let mut mesh = surface.extract(submap, voxel);
@@ -276,7 +264,7 @@ pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow
 /// The surface of the whole map, in the map frame: overlapping submaps are fused, and a place has one surface. Surfaces of occupancy are those
 /// of the submaps.
 pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
-    precision::check(atlas, voxel)?;
+    precision::check(atlas, voxel, &mut Warnings::default())?;
     let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
     let fields = atlas.tsdfs().len();
     if layers.shells || fields == 0 || !is_measured {
@@ -291,11 +279,6 @@ pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerA
     Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), pairs, crumbs: (!surface.keep_all).then_some(crumbs) })
 }
 
-/// The surfaces of all submaps on top of each other, in the map frame.
-pub fn surface_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Mesh> {
-    Ok(shells(atlas, voxel, surface)?.mesh)
-}
-
 /// Whether the surface of the map can be made tile by tile: at full detail, one of all submaps, of their TSDFs.
 pub fn has_tiles(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> bool {
     let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
@@ -304,7 +287,7 @@ pub fn has_tiles(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> boo
 
 /// That surface. The atlas is dropped when its submaps are fused.
 pub fn surface_tiles(atlas: Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<SurfaceTiles<Atlas>> {
-    precision::check(&atlas, voxel)?;
+    precision::check(&atlas, voxel, &mut Warnings::default())?;
     let tiles = SurfaceTiles::new(atlas, surface.options());
     if tiles.is_empty() { Err(surface.empty_error()) } else { Ok(tiles) }
 }

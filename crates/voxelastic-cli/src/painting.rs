@@ -1,7 +1,6 @@
 //! Colours of a mesh from images of cameras.
 
 use crate::failure::{Failure, one_line};
-use crate::map_files::LoadedMap;
 use crate::texturing::{MeshTexture, TextureSummary};
 use clap::Args;
 use rayon::prelude::*;
@@ -15,6 +14,7 @@ use voxelastic_colour::{PaintOptions, Painted, Painter, Picture, Places, PoseTra
 use voxelastic_io::images::{self, Image, ImageOptions, Images};
 use voxelastic_io::poses;
 use voxelastic_report::RunLog;
+use voxelastic_run::map_files::LoadedMap;
 
 /// Arguments that select images to colour a mesh with.
 #[derive(Clone, Debug, Default, Args)]
@@ -33,10 +33,10 @@ pub struct ImageArgs {
     #[arg(long, value_name = "TOPIC", requires = "images", hide_short_help = true)]
     cloud_topic: Option<String>,
     /// Pose of the camera in the vehicle frame (x right, y down, z ahead), if neither cameras.toml nor /tf_static has it
-    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::data::pose, allow_hyphen_values = true, requires = "images")]
+    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::args::data::pose, allow_hyphen_values = true, requires = "images")]
     t_base_camera: Option<Pose>,
     /// Pose of the lidar in the vehicle frame [default: the lidar is the vehicle]
-    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::data::pose, allow_hyphen_values = true, requires = "images")]
+    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::args::data::pose, allow_hyphen_values = true, requires = "images")]
     t_base_lidar: Option<Pose>,
     /// Trajectory with times that is denser than the scans of the map, such as that of odometry: what it moved between two scans is used, not where it was
     #[arg(long, value_name = "FILE", requires = "images")]
@@ -196,7 +196,7 @@ impl ImageArgs {
 
 /// The poses of the scans of a map as they are now, with the times that the log of the run has.
 fn corrected_poses(map: &LoadedMap, path: &Path) -> anyhow::Result<Vec<(f64, Pose)>> {
-    let log: Option<RunLog> = crate::reporting::run_log(&crate::map_files::open(path)?);
+    let log: Option<RunLog> = crate::reporting::run_log(&voxelastic_run::map_files::open(path)?);
     let mut times: Vec<(NodeId, f64)> = log.map(|log| log.scans.node.into_iter().zip(log.scans.time_s).collect()).unwrap_or_default();
     times.sort_by_key(|(node, _)| *node);
     let mut timed = Vec::new();

@@ -1,10 +1,11 @@
 //! Progress on stderr: a bar on a terminal, else a line every few seconds.
 
-use crate::{output, usage};
+use crate::output;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use voxelastic_run::usage;
 
 /// Time between two lines without a terminal.
 const LINE_PERIOD: Duration = Duration::from_secs(5);

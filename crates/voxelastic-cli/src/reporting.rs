@@ -3,7 +3,6 @@
 use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
 use crate::failure::one_line;
 use crate::meshing::{Fused, LayerArgs, LeftOut, MapMesh, Pair, SurfaceArgs, map_mesh};
-use crate::usage::megabytes;
 use anyhow::Context;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
@@ -20,7 +19,8 @@ use voxelastic_eval::metrics::Comparison;
 use voxelastic_io::store::{MapDetails, MapStore};
 use voxelastic_report::content::{Distances, Fact, MovingPoints, Node, Table};
 use voxelastic_report::surface::{RootPose, Surface};
-use voxelastic_report::{MovingLog, Report, RunLog};
+use voxelastic_report::{MovingLog, Report, RunLog, Warning};
+use voxelastic_run::usage::megabytes;
 
 /// Numbers of blocks from which a map is meshed one, two and three levels of detail coarser for a page, which would be decimated anyway.
 const BLOCKS_PER_DETAIL: [usize; 3] = [600_000, 2_400_000, 9_600_000];
@@ -59,6 +59,7 @@ impl Subject<'_> {
         let figures = FusedFigures { fused: mesh.as_ref().and_then(|mesh| Fused::of(mesh, voxel)), left_out: mesh.as_ref().and_then(LeftOut::of) };
         report.tables.extend(figures.fused.as_ref().map(|fused| fused_table(fused, figures.left_out)));
         report.tables.extend(self.disagreement(mesh.as_ref()));
+        report.tables.extend(self.run.as_ref().and_then(warnings_table));
         report.details = self.details.settings.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
         report.details.extend(self.details.sensor.iter().map(|(k, v)| (format!("sensor {k}"), v.clone())));
         report.details.push(("generator".to_owned(), self.details.generator.clone()));
@@ -198,6 +199,14 @@ fn fused_table(fused: &Fused, left_out: Option<LeftOut>) -> Table {
     let columns = ["near surfaces", "number", "apart, mm"].map(str::to_owned).into();
     let note = "Overlapping submaps are fused into one surface. Where they lie a little apart, it is between them; where they contradict, the submap counts that observed the place better.";
     Table { title: "One surface of several submaps".to_owned(), note: note.to_owned(), columns, rows }
+}
+
+/// What the run had to say; none if that was nothing.
+fn warnings_table(run: &RunLog) -> Option<Table> {
+    let row = |w: &Warning| vec![w.code.clone(), w.count.to_string(), w.text.clone(), w.remedy.clone()];
+    let columns = ["what", "times", "the first time", "what helps"].map(str::to_owned).into();
+    let rows: Vec<Vec<String>> = run.warnings.iter().map(row).collect();
+    (!rows.is_empty()).then(|| Table { title: "Warnings of the run".to_owned(), note: String::new(), columns, rows })
 }
 
 /// By vertex of the one surface, the submap that has most of the surface around it.

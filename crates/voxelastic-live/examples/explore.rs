@@ -22,7 +22,8 @@ use voxelastic_eval::grid_view::{Dot, GridView, Line};
 use voxelastic_live::feed::{Feed, Next, Overload};
 use voxelastic_live::planner::{LivePlanner, Plan, PlanState, PlannerSettings};
 use voxelastic_live::ros::output::{OutputOptions, Outputs};
-use voxelastic_live::transport::{Incoming, Transport};
+use voxelastic_live::transport::Transport;
+use voxelastic_run::Input;
 use voxelastic_sim::drift::{LiveSlam, LoopSettings};
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
@@ -62,7 +63,7 @@ struct Robot {
     is_touching: bool,
     due: Instant,
     begin: Instant,
-    inputs: VecDeque<Incoming>,
+    inputs: VecDeque<Input>,
     course: Arc<Mutex<Course>>,
 }
 
@@ -135,18 +136,18 @@ impl Robot {
         let cloud = self.lidar.scan(&self.scene.world, |_| truth, &Stream::new(self.seed, &[0xe8, tracked.node]));
         self.believed = tracked.t_map_lidar;
         let scan = Scan { node: tracked.node, time: self.begin.elapsed().as_secs_f64(), t_map_lidar: tracked.t_map_lidar, cloud };
-        self.inputs.push_back(Incoming::Event(Event::Scan(scan)));
-        self.inputs.extend(tracked.edge.map(|edge| Incoming::Event(Event::OdometryEdge(edge))));
+        self.inputs.push_back(Input::Event(Event::Scan(scan)));
+        self.inputs.extend(tracked.edge.map(|edge| Input::Event(Event::OdometryEdge(edge))));
         if let Some((edge, poses)) = tracked.closure {
             self.believed = poses.last().map_or(self.believed, |(_, pose)| *pose);
-            self.inputs.extend([Event::LoopEdge(edge), Event::PoseUpdate(poses)].map(Incoming::Event));
+            self.inputs.extend([Event::LoopEdge(edge), Event::PoseUpdate(poses)].map(Input::Event));
         }
         self.course.lock().unwrap().error = (self.truth.translation.vector - self.believed.translation.vector).norm();
     }
 }
 
 impl Transport for Robot {
-    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
         if let Some(input) = self.inputs.pop_front() {
             return Some(input);
         }
@@ -250,7 +251,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (mut closures, mut picture) = (0, arguments.get(3));
     while last.state != PlanState::Done && begin.elapsed() < Duration::from_secs(2 * seconds) {
         if let Next::Incoming(incoming, arrival) = feed.next(Duration::from_millis(10)) {
-            let Incoming::Event(event) = *incoming else { continue };
+            let Input::Event(event) = *incoming else { continue };
             let is_scan = matches!(event, Event::Scan(_));
             closures += usize::from(matches!(event, Event::LoopEdge(_)));
             if let Event::Scan(scan) = &event {

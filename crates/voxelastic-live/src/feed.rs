@@ -1,11 +1,12 @@
 //! The thread that a transport runs on, and the bounded queue between it and the mapper.
 
-use crate::transport::{Incoming, Transport};
+use crate::transport::Transport;
 use std::collections::VecDeque;
 use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
+use voxelastic_run::Input;
 
 /// Scans that may wait. At 10 Hz a pause of 0.4 s, as a correction of a large pose graph may take, leaves none out.
 pub const WAITING_SCANS: usize = 4;
@@ -57,7 +58,7 @@ pub struct Arrival {
 #[derive(Debug)]
 pub enum Next {
     /// An input, and when it came.
-    Incoming(Box<Incoming>, Arrival),
+    Incoming(Box<Input>, Arrival),
     /// Nothing came in the time given.
     Nothing,
     /// The transport has ended, and nothing waits.
@@ -81,7 +82,7 @@ struct Shared {
 #[derive(Debug, Default)]
 struct Queue {
     /// Each with when it came and its number.
-    waiting: VecDeque<(Box<Incoming>, Instant, u64)>,
+    waiting: VecDeque<(Box<Input>, Instant, u64)>,
     /// Inputs that came.
     came: u64,
     counts: FeedCounts,
@@ -222,7 +223,7 @@ impl Shared {
     }
 
     /// Adds an input to the queue; false if the feed was stopped meanwhile.
-    fn put(&self, input: Incoming, overload: Overload) -> bool {
+    fn put(&self, input: Input, overload: Overload) -> bool {
         let (at, is_scan) = (Instant::now(), input.time().is_some());
         let mut queue = self.lock();
         let waits = |queue: &Queue| {
@@ -265,13 +266,13 @@ mod tests {
     struct Burst(u64, bool);
 
     impl Transport for Burst {
-        fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+        fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Input> {
             let node = self.0;
             self.1 = !self.1;
             let scan = Event::Scan(Scan { node, time: node as f64, t_map_lidar: Pose::identity(), cloud: Cloud::default() });
             let edge = Event::OdometryEdge(Edge { from: node, to: node + 1, t_from_to: Pose::identity(), information: None });
             self.0 += u64::from(!self.1);
-            (node < 100).then_some(Incoming::Event(if self.1 { scan } else { edge }))
+            (node < 100).then_some(Input::Event(if self.1 { scan } else { edge }))
         }
     }
 
@@ -280,12 +281,12 @@ mod tests {
         loop {
             match feed.next(Duration::from_secs(10)) {
                 Next::Incoming(incoming, arrival) => match *incoming {
-                    Incoming::Event(Event::Scan(scan)) => {
+                    Input::Event(Event::Scan(scan)) => {
                         assert_eq!(arrival.number, 2 * scan.node + 1);
                         assert_eq!(arrival.left_out, scan.node as usize - scans.len(), "those left out are older");
                         scans.push(scan.node);
                     }
-                    Incoming::Event(Event::OdometryEdge(edge)) => edges.push(edge.from),
+                    Input::Event(Event::OdometryEdge(edge)) => edges.push(edge.from),
                     other => panic!("{other:?}"),
                 },
                 Next::End => return (scans, edges),
@@ -312,7 +313,7 @@ mod tests {
         /// A burst that begins when it may.
         struct Later(Burst, std::sync::mpsc::Receiver<()>);
         impl Transport for Later {
-            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
                 let _ = self.1.recv();
                 self.0.next(is_stopped)
             }
@@ -368,7 +369,7 @@ mod tests {
         /// Never has anything.
         struct Silence;
         impl Transport for Silence {
-            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+            fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
                 while !is_stopped() {
                     std::thread::sleep(Duration::from_millis(1));
                 }
@@ -387,7 +388,7 @@ mod tests {
     fn a_transport_that_panics_ends_the_feed() {
         struct Broken;
         impl Transport for Broken {
-            fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+            fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Input> {
                 panic!("on purpose")
             }
         }

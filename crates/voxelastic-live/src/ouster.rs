@@ -1,6 +1,6 @@
 //! An Ouster sensor as a transport: its UDP packets, without a driver.
 
-use crate::transport::{Incoming, Transport};
+use crate::transport::Transport;
 use crate::udp::{Listener, next_scan};
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpStream, ToSocketAddrs};
@@ -10,6 +10,7 @@ use std::sync::mpsc::sync_channel;
 use std::time::Duration;
 use voxelastic_io::bag::live::LiveScans;
 use voxelastic_io::ouster::SensorMetadata;
+use voxelastic_run::Input;
 
 /// Datagrams that may wait to be looked at: more than a second of the largest sensor.
 const WAITING: usize = 16_384;
@@ -70,7 +71,7 @@ impl OusterInput {
 }
 
 impl Transport for OusterInput {
-    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
         let next = next_scan(&mut self.scans, is_stopped);
         if next.is_none() {
             self.sockets.clear();

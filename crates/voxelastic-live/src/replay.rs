@@ -1,9 +1,10 @@
 //! A recording as a transport.
 
-use crate::transport::{Incoming, Transport};
+use crate::transport::Transport;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
+use voxelastic_run::Input;
 
 /// Longest sleep without asking whether to stop.
 const NAP: Duration = Duration::from_millis(50);
@@ -35,7 +36,7 @@ impl Lateness {
     }
 }
 
-impl<I: Iterator<Item = Incoming> + Send> Replay<I> {
+impl<I: Iterator<Item = Input> + Send> Replay<I> {
     /// Plays `inputs` at `rate` times their own speed; without a rate, as fast as they are taken.
     pub fn new(inputs: I, rate: Option<f64>) -> Self {
         Self { inputs, rate, reference: None, last: None, lateness: Lateness::default() }
@@ -62,8 +63,8 @@ impl<I: Iterator<Item = Incoming> + Send> Replay<I> {
     }
 }
 
-impl<I: Iterator<Item = Incoming> + Send> Transport for Replay<I> {
-    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+impl<I: Iterator<Item = Input> + Send> Transport for Replay<I> {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
         let input = self.inputs.next()?;
         let (Some(rate), Some(time)) = (self.rate, input.time()) else { return (!is_stopped()).then_some(input) };
         let due = self.due(time, rate, Instant::now());
@@ -87,8 +88,8 @@ mod tests {
     use voxelastic::Cloud;
     use voxelastic_slam::slam::RawScan;
 
-    fn scan(time: f64) -> Incoming {
-        Incoming::RawScan(RawScan { node: 0, time, cloud: Cloud::default(), imu: Vec::new() }, String::new())
+    fn scan(time: f64) -> Input {
+        Input::RawScan(RawScan { node: 0, time, cloud: Cloud::default(), imu: Vec::new() }, String::new())
     }
 
     fn play(times: &[f64], rate: Option<f64>) -> Duration {

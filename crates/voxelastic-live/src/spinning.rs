@@ -1,6 +1,6 @@
 //! A sensor that turns, Velodyne's, Hesai's or RoboSense's, as a transport: its UDP packets, without a driver.
 
-use crate::transport::{Incoming, Transport};
+use crate::transport::Transport;
 use crate::udp::{Listener, next_scan};
 use std::io;
 use std::net::{IpAddr, SocketAddr};
@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::mpsc::sync_channel;
 use std::time::{SystemTime, UNIX_EPOCH};
 use voxelastic_io::bag::live::{LiveScans, SensorPacket};
+use voxelastic_run::Input;
 
 /// Datagrams that may wait to be looked at: more than a second of the sensors with the most.
 const WAITING: usize = 16_384;
@@ -50,7 +51,7 @@ impl SpinningInput {
 }
 
 impl Transport for SpinningInput {
-    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
         let next = next_scan(&mut self.scans, is_stopped);
         if next.is_none() {
             self.socket = None;

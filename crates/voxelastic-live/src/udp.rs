@@ -1,6 +1,5 @@
 //! Datagrams of a sensor: sockets and the threads that wait at them.
 
-use crate::transport::Incoming;
 use std::io;
 use std::net::{IpAddr, SocketAddr, UdpSocket};
 use std::sync::Arc;
@@ -9,6 +8,7 @@ use std::sync::mpsc::{SyncSender, TrySendError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use voxelastic_io::bag::live::{LiveScans, Polled};
+use voxelastic_run::Input;
 use voxelastic_slam::slam::RawScan;
 
 /// The largest datagram.
@@ -68,13 +68,13 @@ impl Drop for Listener {
 }
 
 /// The next scan, or what cannot be used; none once it is stopped or has ended.
-pub(crate) fn next_scan(scans: &mut LiveScans, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
+pub(crate) fn next_scan(scans: &mut LiveScans, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
     while !is_stopped() {
         match scans.poll() {
             Polled::Item(Ok(scan)) => {
-                return Some(Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
+                return Some(Input::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name));
             }
-            Polled::Item(Err(error)) => return Some(Incoming::Unusable(error.to_string())),
+            Polled::Item(Err(error)) => return Some(Input::Unusable(error.to_string())),
             Polled::Nothing => {}
             Polled::End => break,
         }

@@ -9,101 +9,33 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan as CoreScan};
-use voxelastic::mapper::IdleTask;
 use voxelastic::motion::ImuSample;
 use voxelastic::sensor::BeamModel;
-use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
-use voxelastic_io::raw::{self, RawScans, TimedScans};
-use voxelastic_io::source::{self, Events as SourceEvents, Source};
-use voxelastic_io::{Error, Keyframing, OpenOptions, PoseKind, SensorFolder, SensorTopic};
+use voxelastic_io::{OpenOptions, PoseKind, SensorFolder, SensorTopic};
+use voxelastic_run::poses::OdometrySetup;
+use voxelastic_run::{Input, Inputs, Source};
 use voxelastic_slam::slam::RawScan;
 
 /// A folder or a recording.
 #[pyclass(frozen, module = "voxelastic._native")]
 pub struct Dataset {
-    data: Arc<Mutex<Data>>,
-}
-
-/// What was opened.
-enum Data {
-    /// Scans with poses.
-    Registered(Source),
-    /// Scans without, and which of them are to be mapped.
-    Raw(Box<RawScans>, Keyframing),
-}
-
-impl Data {
-    /// Opens scans with poses; without, if `slam` says so, or there are none and `slam` does not say no.
-    fn open(path: PathBuf, options: &OpenOptions, slam: Option<bool>) -> voxelastic_io::Result<Self> {
-        let raw = || -> voxelastic_io::Result<Self> {
-            let scans = raw::open(&path, options)?;
-            let usual = if scans.is_recording() { Keyframing::Metres(KEYFRAME_DISTANCE_M) } else { Keyframing::All };
-            Ok(Self::Raw(Box::new(scans), options.keyframing.unwrap_or(usual)))
-        };
-        if slam == Some(true) {
-            return raw();
-        }
-        let is_one_sensor = options.more_sensors.is_empty() && options.more_folders.is_empty();
-        match source::open(&path, options) {
-            Err(Error::NoPoses { .. }) if is_one_sensor && slam.is_none() && options.poses.is_none() && options.graph.is_none() => raw(),
-            opened => Ok(Self::Registered(opened?)),
-        }
-    }
+    source: Arc<Mutex<Source>>,
 }
 
 /// An iterator over the events of a data set.
 #[pyclass(frozen, module = "voxelastic._native")]
 pub struct Events {
-    events: Arc<Mutex<DataEvents>>,
-}
-
-/// An iterator over events or scans without poses.
-pub enum DataEvents {
-    /// The events of scans with poses.
-    Registered(SourceEvents),
-    /// Scans without.
-    Raw(TimedScans, Keyframing),
-}
-
-/// Something that a mapper takes.
-pub enum Input {
-    /// An event.
-    Event(Event),
-    /// A scan without pose, and which of such scans are to be mapped.
-    Raw(RawScan, Keyframing),
-}
-
-impl DataEvents {
-    /// Work for threads that would be idle: decoding the next scans.
-    pub fn idle_task(&mut self) -> IdleTask {
-        match self {
-            Self::Registered(events) => IdleTask::new(events.idle_step()),
-            Self::Raw(scans, _) => IdleTask::new(scans.idle_step()),
-        }
-    }
-}
-
-impl Iterator for DataEvents {
-    type Item = voxelastic_io::Result<Input>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        match self {
-            Self::Registered(events) => events.next().map(|event| event.map(Input::Event)),
-            Self::Raw(scans, keyframing) => {
-                let raw =
-                    |scan: raw::TimedScan| Input::Raw(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, *keyframing);
-                scans.next().map(|scan| scan.map(raw))
-            }
-        }
-    }
+    inputs: Arc<Mutex<Inputs>>,
+    /// How its scans are registered, if they have no poses.
+    setup: Option<Arc<OdometrySetup>>,
 }
 
 /// A scan of a data set or a simulation.
 #[pyclass(frozen, module = "voxelastic._native")]
 pub struct Scan {
     scan: Arc<CoreScan>,
-    /// Which scans are to be mapped, and the samples of an inertial measurement unit, if they have no poses.
-    raw: Option<(Keyframing, Vec<ImuSample>)>,
+    /// How it is to be registered, and the samples of an inertial measurement unit, if it has no pose.
+    raw: Option<(Arc<OdometrySetup>, Vec<ImuSample>)>,
 }
 
 /// An event: its kind, and a scan, or two nodes with a 4 x 4 matrix, or a list of nodes with such matrices, or what is wrong with a scan.
@@ -149,53 +81,46 @@ impl Dataset {
             time_tolerance_s: time_tolerance,
             ..OpenOptions::default()
         };
-        let opened = job::run(py, move || Data::open(path, &options, slam))?;
-        Ok(Self { data: Arc::new(Mutex::new(opened.map_err(|e| errors::file(py, &e))?)) })
+        let opened = job::run(py, move || Source::open(&path, &options, slam))?;
+        Ok(Self { source: Arc::new(Mutex::new(opened.map_err(|e| errors::run(py, &e))?)) })
     }
 
     /// What was found, in a few lines.
     fn description(&self, py: Python<'_>) -> String {
-        self.with(py, |data| match data {
-            Data::Registered(source) => source.description(),
-            Data::Raw(scans, keyframing) => format!("{}\nscans taken: {keyframing}\nposes: none; a mapper estimates them", scans.description()),
-        })
+        self.with(py, Source::description)
     }
 
     /// Number of scans, if it is known before they are read.
     fn scans(&self, py: Python<'_>) -> Option<usize> {
-        self.with(py, |data| match data {
-            Data::Registered(source) => source.scans(),
-            Data::Raw(scans, _) => scans.count(),
-        })
+        self.with(py, Source::scans)
     }
 
     /// Whether the scans have poses.
     fn has_poses(&self, py: Python<'_>) -> bool {
-        self.with(py, |data| matches!(data, Data::Registered(_)))
+        self.with(py, |source| !source.is_raw())
     }
 
     /// The events from the beginning.
     fn events(&self, py: Python<'_>) -> Events {
-        let events = self.with(py, |data| match data {
-            Data::Registered(source) => DataEvents::Registered(source.events()),
-            Data::Raw(scans, keyframing) => DataEvents::Raw(scans.iter(), *keyframing),
-        });
-        Events { events: Arc::new(Mutex::new(events)) }
+        let (inputs, setup) = self.with(py, |source| (source.inputs(), source.odometry_setup().cloned().map(Arc::new)));
+        Events { inputs: Arc::new(Mutex::new(inputs)), setup }
     }
 }
 
 impl Dataset {
     /// The sensor's own tables of beams, if the data contain them.
     pub fn sensor(&self, py: Python<'_>) -> Option<BeamModel> {
-        self.with(py, |data| match data {
-            Data::Registered(source) => source.sensor(),
-            Data::Raw(scans, _) => scans.sensor(),
-        })
+        self.with(py, Source::sensor)
+    }
+
+    /// A number that differs, as a rule, for other data.
+    pub fn fingerprint(&self, py: Python<'_>) -> u64 {
+        self.with(py, Source::fingerprint)
     }
 
     /// Does `work` with the data, without the interpreter lock.
-    fn with<R: Send>(&self, py: Python<'_>, work: impl FnOnce(&Data) -> R + Send) -> R {
-        py.detach(|| work(&self.data.lock().unwrap_or_else(PoisonError::into_inner)))
+    fn with<R: Send>(&self, py: Python<'_>, work: impl FnOnce(&Source) -> R + Send) -> R {
+        py.detach(|| work(&self.source.lock().unwrap_or_else(PoisonError::into_inner)))
     }
 }
 
@@ -203,15 +128,17 @@ impl Dataset {
 impl Events {
     /// The next event; none at the end.
     fn next<'py>(&self, py: Python<'py>) -> PyResult<Option<Item<'py>>> {
-        let events = Arc::clone(&self.events);
-        let event = job::run_short(py, || events.lock().unwrap_or_else(PoisonError::into_inner).next())?;
-        let found = event.map(|event| match event {
-            Ok(Input::Raw(RawScan { node, time, cloud, imu }, keyframing)) => {
-                let scan = Scan { scan: Arc::new(CoreScan { node, time, t_map_lidar: Pose::identity(), cloud }), raw: Some((keyframing, imu)) };
+        let inputs = Arc::clone(&self.inputs);
+        let input = job::run_short(py, || inputs.lock().unwrap_or_else(PoisonError::into_inner).next())?;
+        let found = input.map(|input| match input {
+            Input::RawScan(RawScan { node, time, cloud, imu }, _) => {
+                let raw = self.setup.clone().map(|setup| (setup, imu));
+                let scan = Scan { scan: Arc::new(CoreScan { node, time, t_map_lidar: Pose::identity(), cloud }), raw };
                 Ok(("scan", Py::new(py, scan)?.into_bound(py).into_any()))
             }
-            Ok(Input::Event(event)) => item(py, Ok(event)),
-            Err(error) => item(py, Err(error)),
+            Input::Event(event) => item(py, event),
+            Input::Unusable(problem) => Ok(("problem", errors::Kind::File.exception(py, problem).into_value(py).into_bound(py).into_any())),
+            _ => Err(errors::bug(&"an input of an unknown kind")),
         });
         found.transpose()
     }
@@ -219,29 +146,33 @@ impl Events {
 
 impl Events {
     /// The iterator, to be read ahead.
-    pub fn shared(&self) -> Arc<Mutex<DataEvents>> {
-        Arc::clone(&self.events)
+    pub fn shared(&self) -> Arc<Mutex<Inputs>> {
+        Arc::clone(&self.inputs)
+    }
+
+    /// How its scans are registered, if they have no poses.
+    pub fn setup(&self) -> Option<Arc<OdometrySetup>> {
+        self.setup.clone()
     }
 }
 
 /// An event for Python.
-pub fn item<'py>(py: Python<'py>, event: voxelastic_io::Result<Event>) -> PyResult<Item<'py>> {
+pub fn item<'py>(py: Python<'py>, event: Event) -> PyResult<Item<'py>> {
     let edge = |kind, edge: Edge| {
         let information = edge.information.map(Vec::from);
         let pose = &edge.t_from_to;
         Ok((kind, (edge.from, edge.to, arrays::matrix_of_pose(pose), arrays::numbers_of_pose(pose), information).into_pyobject(py)?.into_any()))
     };
     match event {
-        Ok(Event::Scan(scan)) => Ok(("scan", Py::new(py, Scan::with_pose(scan))?.into_bound(py).into_any())),
-        Ok(Event::OdometryEdge(e)) => edge("odometry", e),
-        Ok(Event::LoopEdge(e)) => edge("loop", e),
-        Ok(Event::PoseUpdate(poses)) => {
+        Event::Scan(scan) => Ok(("scan", Py::new(py, Scan::with_pose(scan))?.into_bound(py).into_any())),
+        Event::OdometryEdge(e) => edge("odometry", e),
+        Event::LoopEdge(e) => edge("loop", e),
+        Event::PoseUpdate(poses) => {
             let row = |(node, pose): &(NodeId, Pose)| (*node, arrays::matrix_of_pose(pose), arrays::numbers_of_pose(pose));
             let poses: Vec<_> = poses.iter().map(row).collect();
             Ok(("poses", poses.into_pyobject(py)?.into_any()))
         }
-        Ok(_) => Err(errors::bug(&"an event of an unknown kind")),
-        Err(error) => Ok(("problem", errors::file(py, &error).into_value(py).into_bound(py).into_any())),
+        _ => Err(errors::bug(&"an event of an unknown kind")),
     }
 }
 
@@ -289,12 +220,15 @@ impl Scan {
         Self { scan: Arc::new(scan), raw: None }
     }
 
-    /// The scan for a mapper.
-    pub fn input(&self) -> Input {
+    /// The scan for a mapper, and how it is to be registered, if it has no pose.
+    pub fn input(&self) -> (Input, Option<Arc<OdometrySetup>>) {
         let scan = (*self.scan).clone();
         match &self.raw {
-            None => Input::Event(Event::Scan(scan)),
-            Some((keyframing, imu)) => Input::Raw(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: imu.clone() }, *keyframing),
+            None => (Input::Event(Event::Scan(scan)), None),
+            Some((setup, imu)) => {
+                let name = format!("of node {}", scan.node);
+                (Input::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: imu.clone() }, name), Some(Arc::clone(setup)))
+            }
         }
     }
 }

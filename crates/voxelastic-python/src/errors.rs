@@ -1,12 +1,12 @@
 //! Errors as Python exceptions: the classes of `voxelastic._errors`.
 
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyAnyMethods, PyType};
 use pyo3::{Py, PyErr, PyResult, Python};
 use std::any::Any;
-use std::error::Error;
 use voxelastic::settings::SettingError;
+use voxelastic_run::error::one_line;
 
 /// A class of `voxelastic._errors`.
 #[derive(Clone, Copy, Debug)]
@@ -46,16 +46,22 @@ pub fn setting(py: Python<'_>, error: &SettingError) -> PyErr {
 
 /// The exception for a file, with its causes: each once.
 pub fn file(py: Python<'_>, error: &voxelastic_io::Error) -> PyErr {
-    let mut message = error.to_string();
-    let mut cause = error.source();
-    while let Some(error) = cause {
-        let text = error.to_string();
-        if !message.contains(&text) {
-            message = format!("{message}: {text}");
-        }
-        cause = error.source();
+    Kind::File.exception(py, one_line(error))
+}
+
+/// The exception for something of a run: with its causes, and with what helps, if that is no flag of the command.
+pub fn run(py: Python<'_>, error: &voxelastic_run::Error) -> PyErr {
+    let text = said(&error.one_line(), error.remedy().unwrap_or_default());
+    match error {
+        voxelastic_run::Error::Setting(_) => Kind::Setting.exception(py, text),
+        _ if error.is_usage() => PyValueError::new_err(text),
+        _ => Kind::File.exception(py, text),
     }
-    Kind::File.exception(py, message)
+}
+
+/// What happened, and what helps, if that is no flag of the command.
+pub fn said(text: &str, remedy: &str) -> String {
+    if remedy.is_empty() || remedy.contains("--") || remedy.contains("`voxelastic") { text.to_owned() } else { format!("{text}; {remedy}") }
 }
 
 /// The exception for a panic: a bug.

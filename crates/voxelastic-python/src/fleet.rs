@@ -1,6 +1,6 @@
 //! What a map that is made by many processes needs: recordings in pieces, places that recordings share, one graph, parts of the map on their own.
 
-use crate::dataset::{Events, Input, Scan};
+use crate::dataset::{Events, Scan};
 use crate::map::Map;
 use crate::{errors, job};
 use pyo3::types::PyBytes;
@@ -13,13 +13,13 @@ use voxelastic::event::{Edge, Event, NodeId, Scan as CoreScan};
 use voxelastic::geometry::PoseExt;
 use voxelastic::meshing::SurfaceTiles;
 use voxelastic::surface::MeshOptions;
+use voxelastic_io::Origin;
 use voxelastic_io::store::join_manifests as join_texts;
 use voxelastic_io::tiles::{Cell, Part, TilesetWriter, leaves};
-use voxelastic_io::{KeyframeFilter, Origin};
+use voxelastic_run::poses::{Motions, OdometryStage, PoseStage, Poses};
+use voxelastic_run::{Input, Warnings};
 use voxelastic_slam::graph::{Options, Problem, optimise as solve};
 use voxelastic_slam::loops::{Closure, LoopFinder, LoopSettings, PlaceBook, PlaceDescriptors, PlacePair, Verdict};
-use voxelastic_slam::odometry::{OdometrySettings, Status};
-use voxelastic_slam::slam::Slam;
 
 /// Numbers of a pose: x, y, z, qx, qy, qz, qw.
 type Numbers = [f64; 7];
@@ -38,7 +38,9 @@ struct State {
     metres: f64,
     /// What lengths are multiplied by, for recordings in other units.
     scale: f64,
-    slam: Option<Box<(Slam, KeyframeFilter)>>,
+    /// Gives scans their poses; from the first input on.
+    poses: Option<PoseStage>,
+    warnings: Warnings,
     finder: LoopFinder,
     numbers: HashMap<NodeId, NodeId>,
     /// The scan whose odometry edge may come.
@@ -53,8 +55,6 @@ struct State {
     corrected: HashMap<NodeId, Pose>,
     problems: Vec<String>,
     is_over: bool,
-    /// That of the first pose. Pieces and nodes count from it.
-    origin: Option<Origin>,
 }
 
 /// A piece: its scans as bytes, and how many there are.
@@ -75,7 +75,8 @@ impl Splitter {
                 first_node,
                 metres,
                 scale,
-                slam: None,
+                poses: None,
+                warnings: Warnings::default(),
                 finder: LoopFinder::new(settings),
                 numbers: HashMap::new(),
                 pending: None,
@@ -89,30 +90,35 @@ impl Splitter {
                 corrected: HashMap::new(),
                 problems: Vec::new(),
                 is_over: false,
-                origin: None,
             }),
         }
     }
 
     /// The next piece; none at the end.
     fn next<'py>(&self, py: Python<'py>, events: &Events) -> PyResult<Option<Piece<'py>>> {
-        let (events, pool) = (events.shared(), job::shared_pool()?);
+        let (events, setup, pool) = (events.shared(), events.setup(), job::shared_pool()?);
+        let threads = pool.current_num_threads();
         let piece = job::run_short(py, || {
             let mut events = events.lock().unwrap_or_else(PoisonError::into_inner);
             let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
             // Guards stay in this thread.
             let (events, state) = (&mut *events, &mut *state);
+            if state.poses.is_none() {
+                let stage = setup.map(|setup| OdometryStage::new((*setup).clone(), Motions::default(), threads)).transpose()?;
+                let poses = stage.map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
+                state.poses = Some(PoseStage::new(poses, None));
+            }
             pool.install(|| {
                 while state.done.is_empty() && !state.is_over {
                     match events.next() {
-                        Some(Ok(input)) => state.take(input),
-                        Some(Err(error)) => state.problems.push(error.to_string()),
+                        Some(input) => state.take(input),
                         None => state.end(),
                     }
                 }
             });
-            (!state.done.is_empty()).then(|| state.done.remove(0))
+            Ok::<_, voxelastic_run::Error>((!state.done.is_empty()).then(|| state.done.remove(0)))
         })?;
+        let piece = piece.map_err(|e| errors::run(py, &e))?;
         let packed = |scans: Vec<CoreScan>| -> PyResult<Piece<'py>> {
             let bytes = postcard::to_stdvec(&scans).map_err(|e| errors::bug(&e.to_string()))?;
             Ok((PyBytes::new(py, &bytes), scans.len()))
@@ -136,34 +142,19 @@ impl Splitter {
             PyBytes::new(py, &descriptors),
             voxel,
             state.problems.clone(),
-            state.origin.unwrap_or_default().coordinates(),
+            state.poses.as_ref().map_or([0.0; 3], |poses| poses.origin().coordinates()),
         ))
     }
 }
 
 impl State {
-    fn take(&mut self, input: Input) {
-        match input {
-            Input::Event(mut event) => {
-                rescale(&mut event, self.scale);
-                if let (None, Event::Scan(scan)) = (self.origin, &event) {
-                    self.origin = Some(Origin::near(&scan.t_map_lidar));
-                }
-                let event = self.origin.unwrap_or_default().event_to_local(event);
-                self.event(event, false);
-            }
-            Input::Raw(mut scan, keyframing) => {
-                rescale_points(&mut scan.cloud, self.scale);
-                let mut slam =
-                    self.slam.take().unwrap_or_else(|| Box::new((Slam::new(OdometrySettings::default()), KeyframeFilter::new(keyframing))));
-                let (time, (tracker, keyframes)) = (scan.time, &mut *slam);
-                let step = tracker.register(scan, |pose| keyframes.takes(pose, time));
-                if let Status::Failed(failure) = step.report.status {
-                    self.problems.push(format!("a scan at {time:.3} s has no pose: {failure}"));
-                }
-                step.events.into_iter().for_each(|event| self.event(event, true));
-                self.slam = Some(slam);
-            }
+    fn take(&mut self, mut input: Input) {
+        rescale(&mut input, self.scale);
+        let Some(poses) = &mut self.poses else { return };
+        let (posed, has_pieces) = (poses.take(input, &mut self.warnings), poses.is_raw() == Some(true));
+        match posed {
+            Ok(events) => events.into_iter().for_each(|event| self.event(event, has_pieces)),
+            Err(problem) => self.problems.push(problem),
         }
     }
 
@@ -223,7 +214,9 @@ impl State {
     }
 
     fn end(&mut self) {
-        let has_pieces = self.slam.is_some();
+        let has_pieces = self.poses.as_ref().and_then(PoseStage::is_raw) == Some(true);
+        let waiting = self.poses.as_mut().map(|poses| poses.finish(&mut self.warnings)).unwrap_or_default();
+        waiting.into_iter().for_each(|event| self.event(event, has_pieces));
         self.settle(has_pieces);
         let found = self.finder.finish();
         self.loops.extend(found);
@@ -234,28 +227,27 @@ impl State {
     }
 }
 
-/// Multiplies all lengths of an event.
-fn rescale(event: &mut Event, scale: f64) {
+/// Multiplies all lengths of an input.
+fn rescale(input: &mut Input, scale: f64) {
     if scale == 1.0 {
         return;
     }
-    match event {
-        Event::Scan(scan) => {
+    match input {
+        Input::Event(Event::Scan(scan)) => {
             scan.t_map_lidar.translation.vector *= scale;
             rescale_points(&mut scan.cloud, scale);
         }
-        Event::OdometryEdge(edge) | Event::LoopEdge(edge) => edge.t_from_to.translation.vector *= scale,
-        Event::PoseUpdate(poses) => poses.iter_mut().for_each(|(_, pose)| pose.translation.vector *= scale),
+        Input::RawScan(scan, _) => rescale_points(&mut scan.cloud, scale),
+        Input::Event(Event::OdometryEdge(edge) | Event::LoopEdge(edge)) => edge.t_from_to.translation.vector *= scale,
+        Input::Event(Event::PoseUpdate(poses)) => poses.iter_mut().for_each(|(_, pose)| pose.translation.vector *= scale),
         _ => {}
     }
 }
 
 fn rescale_points(cloud: &mut voxelastic::Cloud, scale: f64) {
-    if scale != 1.0 {
-        cloud.points.iter_mut().flatten().for_each(|c| *c *= scale as f32);
-        // In the units of the recording, too.
-        cloud.motion = None;
-    }
+    cloud.points.iter_mut().flatten().for_each(|c| *c *= scale as f32);
+    // In the units of the recording, too.
+    cloud.motion = None;
 }
 
 /// The scans of a piece, each with its pose.

@@ -13,7 +13,6 @@ mod fleet;
 mod job;
 mod map;
 mod mapper;
-mod session;
 mod settings;
 mod simulation;
 mod space;

@@ -99,7 +99,7 @@ impl Map {
         self.content.lock().unwrap_or_else(PoisonError::into_inner).is_none()
     }
 
-    /// Opens a stored map; also returns what is to be said about its settings and its origin.
+    /// Opens a stored map; also returns what is to be said about its settings.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf, keep_vanished: bool) -> PyResult<(Self, Vec<String>)> {
         let pool = job::shared_pool()?;
@@ -118,11 +118,8 @@ impl Map {
         };
         let damaged = |words: String| errors::Kind::File.exception(py, format!("the manifest of the map has an origin that is none: {words:?}"));
         let origin = origin.map_err(damaged)?;
-        let mut remarks: Vec<String> =
+        let remarks: Vec<String> =
             stored.refused.iter().map(|problem| format!("the map has a setting that this version does not know: {problem}")).collect();
-        if !origin.is_zero() {
-            remarks.push(format!("coordinates of this map count from its origin: add {origin} m for those of the poses that were mapped"));
-        }
         Ok((Content { atlas, settings: stored.settings, sensor, origin }.into(), remarks))
     }
 
@@ -147,6 +144,11 @@ impl Map {
     /// The settings that it was made with, as text.
     fn settings(&self) -> PyResult<Vec<(&'static str, String)>> {
         Ok(self.content()?.settings.pairs())
+    }
+
+    /// Where coordinates are counted from.
+    fn origin(&self) -> PyResult<[f64; 3]> {
+        Ok(self.content()?.origin.coordinates())
     }
 
     /// Description of the sensor, if known.

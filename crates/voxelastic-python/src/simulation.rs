@@ -96,7 +96,7 @@ impl Simulation {
             [Event::LoopEdge(self.inner.loop_edges()[at].clone()), Event::PoseUpdate(poses)]
         });
         let events = scan.map(Event::Scan).into_iter().chain(edge.cloned().map(Event::OdometryEdge)).chain(closed.into_iter().flatten());
-        events.map(|event| item(py, Ok(event))).collect()
+        events.map(|event| item(py, event)).collect()
     }
 
     /// Writes a folder. Ctrl-C ends it after the scans that are under way.

@@ -38,4 +38,4 @@ pub use content::Report;
 pub use error::{ReportError, Result};
 pub use moving_log::MovingLog;
 pub use packed_surface::{PackedBytes, pack_surface};
-pub use run_log::{Correction, FORMAT, LoopEdge, RegistrationLog, RunLog, ScanLog, TriedClosure};
+pub use run_log::{Correction, FORMAT, LoopEdge, RegistrationLog, RunLog, ScanLog, TriedClosure, Warning};

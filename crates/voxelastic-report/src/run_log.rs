@@ -51,6 +51,22 @@ pub struct RunLog {
     pub closures: Vec<TriedClosure>,
     /// Points on things that moved, which were set aside.
     pub moving: MovingLog,
+    /// What the run had to say that is no error.
+    pub warnings: Vec<Warning>,
+}
+
+/// Something that a run has to say that is no error.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Warning {
+    /// What it is about: a stable name, such as `scan-skipped`.
+    pub code: String,
+    /// What happened, the first time.
+    pub text: String,
+    /// What helps; empty if nothing is known.
+    pub remedy: String,
+    /// How often it happened.
+    pub count: usize,
 }
 
 /// Registrations of raw scans, also of those that were not mapped: columns with a value per scan.

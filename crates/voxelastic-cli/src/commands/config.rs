@@ -1,6 +1,6 @@
 //! `voxelastic config`: prints a documented configuration file.
 
-use crate::config::{SettingFlags, documented_toml};
+use crate::args::settings::{SettingFlags, documented_toml};
 use crate::{failure, output};
 use clap::Args;
 

@@ -5,13 +5,12 @@ mod figures;
 use super::eval::truth::{Limits, Truth};
 use super::eval::{EvalArgs, Field, Summary, measure_against};
 use super::render;
+use crate::args::LoadArgs;
 use crate::failure::{self, Failure};
-use crate::map_files::LoadArgs;
-use crate::mapping::Session;
-use crate::meshing::{SurfaceArgs, pool};
+use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
 use crate::reporting::{self, Subject};
-use crate::{interrupt, map_files, output, usage};
+use crate::{interrupt, output};
 use anyhow::Context;
 use clap::Args;
 use figures::{Figures, Row};
@@ -25,6 +24,8 @@ use voxelastic::{Cloud, Pose};
 use voxelastic_io::store::{MapDetails, MapWriter};
 use voxelastic_report::RunLog;
 use voxelastic_report::content::Distances;
+use voxelastic_run::{Mapping, threads};
+use voxelastic_run::{map_files, usage};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// The world.
@@ -92,7 +93,7 @@ pub fn run(args: &DemoArgs, quiet: bool) -> anyhow::Result<u8> {
         return Ok(failure::INTERRUPTED);
     }
     demo.clouds = Vec::new();
-    let figures = pool(args.threads)?.install(|| demo.measure(&log, clock))?;
+    let figures = threads::pool(args.threads)?.install(|| demo.measure(&log, clock))?;
     if args.json {
         output::print_json(&figures)?;
     } else {
@@ -108,7 +109,7 @@ fn simulation(args: &DemoArgs) -> anyhow::Result<Simulation> {
 
 /// Simulates all scans; none if interrupted.
 fn simulate_scans(simulation: &Simulation, args: &DemoArgs, quiet: bool) -> anyhow::Result<Option<Vec<Cloud>>> {
-    let pool = pool(args.threads)?;
+    let pool = threads::pool(args.threads)?;
     let mut progress = Progress::new("scans simulated", simulation.len() as u64, quiet);
     let mut clouds = Vec::with_capacity(simulation.len());
     let batch = 2 * pool.current_num_threads();
@@ -142,26 +143,26 @@ impl Demo<'_> {
         let clock = Instant::now();
         let settings = Settings { field: FieldKind::Both, max_range: MAX_RANGE_M, threads: self.args.threads, ..Settings::default() };
         let mapper = Mapper::new(settings.clone()).map_err(|e| Failure::new(e.to_string(), "this is a bug"))?;
-        let mut session = Session::new(mapper, pool(self.args.threads)?);
+        let mut mapping = Mapping::new(mapper, threads::pool(self.args.threads)?, None);
         let mut writer = MapWriter::create(self.path(poses)).context("cannot write the map")?;
         let what = if poses == Poses::Elastic { "scans mapped" } else { "scans mapped with odometry alone" };
         let mut progress = Progress::new(what, self.simulation.len() as u64, self.quiet);
         for k in 0..self.simulation.len() {
             for event in self.events(k, poses) {
-                session.take(event)?;
+                mapping.take(event)?;
             }
-            progress.step(|| format!("{} submaps", session.mapper().atlas().submaps().len()));
+            progress.step(|| format!("{} submaps", mapping.atlas().submaps().len()));
             if interrupt::requested() {
                 writer.abandon();
                 return Ok(None);
             }
         }
-        session.finish();
+        mapping.finish();
         drop(progress);
-        let details = MapDetails::describe(&settings, session.mapper().sensor());
-        let atlas = session.mapper().atlas();
-        session.pool().install(|| writer.save(atlas, &details)).context("cannot save the map")?;
-        let log = RunLog { total_s: clock.elapsed().as_secs_f64(), ..session.log() };
+        let details = MapDetails::describe(&settings, mapping.mapper().sensor());
+        let atlas = mapping.atlas();
+        mapping.pool().install(|| writer.save(atlas, &details)).context("cannot save the map")?;
+        let log = RunLog { total_s: clock.elapsed().as_secs_f64(), ..mapping.log() };
         writer.write_run_log(&log.to_json()?).context("cannot save the log of the run")?;
         Ok(Some(log))
     }
@@ -219,7 +220,7 @@ fn largest_drift(simulation: &Simulation) -> f64 {
 
 /// Writes the page on the elastic map.
 fn page(figures: &Figures, log: &RunLog, map: &Path, truth: &Truth, tsdf: [&Summary; 2]) -> anyhow::Result<()> {
-    let loaded = map_files::load(map, LoadArgs::default())?;
+    let loaded = map_files::load(map, LoadArgs::default().into())?;
     let details = MapDetails::describe(&loaded.settings, None);
     let surface = SurfaceArgs::default();
     let subject = Subject { atlas: &loaded.atlas, settings: &loaded.settings, details: &details, run: Some(log.clone()), surface: &surface };

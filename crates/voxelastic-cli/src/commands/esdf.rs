@@ -3,10 +3,10 @@
 mod grid;
 mod write;
 
+use crate::args::LoadArgs;
 use crate::commands::slice::Corners;
 use crate::failure::{self, Failure};
-use crate::map_files::{self, LoadArgs, LoadedMap};
-use crate::{commands, meshing, output};
+use crate::{commands, output};
 use anyhow::Context;
 use clap::Args;
 use grid::Grid;
@@ -16,6 +16,8 @@ use std::time::Instant;
 use voxelastic::geometry::Aabb;
 use voxelastic::query::{AtlasQuery, DistanceQuery, UnknownAs};
 use voxelastic_esdf::{Esdf, EsdfSample, EsdfSettings};
+use voxelastic_run::map_files::{self, LoadedMap};
+use voxelastic_run::threads;
 
 /// Compute the Euclidean distance field of a map (ESDF): distances to the nearest obstacle, with gradients
 ///
@@ -97,8 +99,8 @@ struct Summary<'a> {
 /// Runs the command.
 pub fn run(args: &EsdfArgs) -> anyhow::Result<u8> {
     let format = args.format()?;
-    meshing::pool(args.threads)?.install(|| {
-        let map = map_files::load(&args.map, args.load)?;
+    threads::pool(args.threads)?.install(|| {
+        let map = map_files::load(&args.map, args.load.into())?;
         args.write(format, &map)
     })
 }

@@ -14,18 +14,19 @@ use crate::failure::{self, Failure};
 use crate::meshing::SurfaceArgs;
 use crate::progress::Progress;
 use crate::reporting::{self, Subject};
-use crate::{interrupt, meshing, output};
+use crate::{interrupt, output};
 use course::{Course, Summary};
 use robot::SimulatedRobot;
 use std::path::Path;
 use voxelastic_explore::{Explorer, Purpose};
 use voxelastic_io::store::MapDetails;
+use voxelastic_run::threads;
 use voxelastic_sim::ReachableSpace;
 
 /// Runs the command.
 pub fn run(args: &ExploreArgs, quiet: bool) -> anyhow::Result<u8> {
     interrupt::install("the robot stops where it is, and what it saw so far is reported");
-    let pool = meshing::pool(args.threads)?;
+    let pool = threads::pool(args.threads)?;
     let (summary, was_interrupted) = pool.install(|| explore(args, quiet))?;
     tracing::info!(
         "{:.1} % of {:.0} m3 known after {:.0} m in {:.0} s; {}, {} collisions; a decision took {:.0} ms (median), at most {:.0} ms",

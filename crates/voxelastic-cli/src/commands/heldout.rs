@@ -1,8 +1,8 @@
 //! `voxelastic heldout`: measures a map with scans that it was not built from.
 
-use crate::data::{DataArgs, HoldOut};
+use crate::args::DataArgs;
+use crate::args::LoadArgs;
 use crate::failure::{self, Failure, one_line};
-use crate::map_files::LoadArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
 use crate::progress::Progress;
 use crate::{interrupt, output};
@@ -13,6 +13,7 @@ use voxelastic::event::{Event, NodeId};
 use voxelastic_eval::MeshView;
 use voxelastic_eval::held_out::{HeldOut, HeldOutReport, HeldOutSettings};
 use voxelastic_eval::layers::{LAYER_PLACES, LAYER_REACH, Layers, layers};
+use voxelastic_run::HoldOut;
 
 /// Measure a map with the scans that were held out of it
 ///
@@ -32,7 +33,7 @@ pub struct HeldoutArgs {
     #[command(flatten)]
     data: DataArgs,
     /// The N that the map was built with: every Nth scan is measured
-    #[arg(long, value_name = "N", default_value = "10", value_parser = HoldOut::parse)]
+    #[arg(long, value_name = "N", default_value = "10", value_parser = crate::args::data::hold_out)]
     hold_out: HoldOut,
     /// Maximum range of the points, metres
     #[arg(long, value_name = "M", default_value_t = 20.0)]

@@ -6,11 +6,12 @@ mod map;
 mod recording;
 mod rows;
 
-use crate::data::DataArgs;
+use crate::args::LoadArgs;
+use crate::args::data::DataArgs;
 use crate::failure::{self, Failure};
-use crate::map_files::LoadArgs;
-use crate::{map_files, output};
+use crate::output;
 use clap::Args;
+use voxelastic_run::map_files;
 
 /// Describe a map, a folder of scans, a recording or a cloud
 #[derive(Debug, Args)]

@@ -1,6 +1,5 @@
 //! `voxelastic live`: maps scans as they come.
 
-mod beginning;
 mod delays;
 mod exploring;
 mod figures;
@@ -9,9 +8,8 @@ mod network;
 mod node;
 mod offers;
 mod ouster_address;
-mod place;
+mod positions;
 pub mod rate;
-mod relocalisation;
 mod service;
 mod source;
 mod spinning_address;
@@ -19,19 +17,11 @@ mod tally;
 #[cfg(test)]
 mod tests;
 
-use crate::closure_summary::ClosureSummary;
-use crate::config::SettingFlags;
-use crate::data::{DataArgs, ReadingArgs};
-use crate::elastic::ElasticArgs;
+use crate::args::{CorrectionArgs, DataArgs, ReadingArgs, ResumeArgs, SaveArgs, SettingFlags};
 use crate::failure::{self, Failure};
-use crate::mapping::{Session, TimeSummary};
-use crate::odometry_log::OdometrySummary;
-use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
-use crate::target::{self, Target, TargetArgs};
 use crate::watching::{ADDRESS, DetailArgs, Watch};
-use crate::{allocator, interrupt, meshing, output, usage};
-use beginning::Begun;
-use clap::{Args, FromArgMatches};
+use crate::{allocator, interrupt, output};
+use clap::Args;
 use exploring::{ExplorationSummary, Exploring, ExploringArgs};
 use network::{Network, NetworkArgs};
 use node::{Node, OnNetwork, Requests};
@@ -44,20 +34,21 @@ use source::Source;
 use spinning_address::SpinningAddress;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::channel;
 use std::time::Instant;
 use tally::Tally;
-use voxelastic::mapper::Mapper;
-use voxelastic::sensor::BeamModel;
 use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
-use voxelastic_io::store::SaveReport;
 use voxelastic_live::feed::{Feed, FeedCounts};
+use voxelastic_live::planner::PlannerSettings;
 use voxelastic_live::ros::services::Desk;
 use voxelastic_live::viewer::Control;
 use voxelastic_report::RunLog;
-use voxelastic_slam::Corrector;
+use voxelastic_run::corrections::ClosureSummary;
+use voxelastic_run::keep::{self, CheckpointSummary, Comes, Identity, Target, Unfinished};
+use voxelastic_run::mapping::TimeSummary;
+use voxelastic_run::poses::{OdometrySummary, Poses};
+use voxelastic_run::{Corrections, MappingRun, Plan, Warning, Warnings, threads, usage};
 
 /// Map scans as they come, as on a robot
 ///
@@ -112,7 +103,7 @@ pub struct LiveArgs {
     #[arg(long)]
     slam: bool,
     #[command(flatten)]
-    target: TargetArgs,
+    save: SaveArgs,
     #[command(flatten)]
     resume: ResumeArgs,
     /// Print statistics as one JSON object on stdout
@@ -125,7 +116,7 @@ pub struct LiveArgs {
     #[command(flatten)]
     reading: ReadingArgs,
     #[command(flatten)]
-    elastic: ElasticArgs,
+    corrections: CorrectionArgs,
     #[command(flatten)]
     settings: SettingFlags,
 }
@@ -191,39 +182,71 @@ struct Summary {
     map_mb: f64,
     /// Size of the map on disk, megabytes.
     file_mb: f64,
+    /// What the run had to say that is no error, each with a stable `code`, `text`, `remedy` and `count`.
+    warnings: Vec<Warning>,
 }
 
-/// What came of a run, beside the session.
-struct Run {
+/// What is to be mapped, told and kept.
+struct Play<'a> {
+    /// What is mapped, for the title of the viewer and for messages.
+    name: &'a Path,
+    settings: Settings,
+    corrections: Corrections,
+    /// Where the viewer is, if there is one, and who may control the node by it.
+    view: Option<(SocketAddr, DetailArgs)>,
+    token: Option<&'a Path>,
+    /// Where the map is kept, if it is.
+    kept: Option<(&'a Path, SaveArgs, ResumeArgs)>,
+    /// The network, if there is one, and what is planned for it.
+    network: Option<&'a NetworkArgs>,
+    planner: Option<PlannerSettings>,
+    /// Whether it comes from a robot, which may deliver nothing for long.
+    is_robot: bool,
+    prints_json: bool,
+}
+
+/// What came of a run, beside its map.
+struct Played {
     tally: Tally,
-    /// Scans that an earlier process had mapped, and that came to it and were left out there.
-    resumed: usize,
-    before: [usize; 2],
+    skipped: usize,
     counts: FeedCounts,
     late_ms: f64,
     messages_lost: usize,
-    checkpoints: CheckpointSummary,
     played_s: f64,
     start: Instant,
 }
 
 /// Runs the command.
 pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
-    if args.from.is_none() && args.elastic.rebuilds() {
+    if args.from.is_none() && args.corrections.rebuilds() {
         let remedy = "record the topics, and map the recording with it";
         return Err(Failure::usage("submaps cannot be rebuilt: the scans of a robot are not kept".to_owned(), remedy).into());
     }
-    let output = target::path(args.output.as_deref(), args.name())?;
-    play(args, Some(&output), quiet, |network, recording, threads| args.source(network, recording, threads))
+    let output = keep::path(args.output.as_deref(), args.name())?;
+    args.play(&output, quiet, |network, recording, threads| args.source(network, recording, threads))
 }
 
 /// Maps `data` with the usual settings, for the viewer at `address` only.
 pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: DetailArgs, quiet: bool) -> anyhow::Result<u8> {
-    let command = LiveArgs::augment_args(clap::Command::new("live"));
-    let mut args = LiveArgs::from_arg_matches(&command.try_get_matches_from(["live".as_ref(), "--from".as_ref(), data.as_os_str()])?)?;
-    args.rate = rate.unwrap_or(args.rate);
-    (args.view, args.detail) = (Some(address), detail);
-    play(&args, None, quiet, |network, recording, threads| args.source(network, recording, threads))
+    let corrections = Corrections::default();
+    let play = Play {
+        name: data,
+        settings: Settings::default(),
+        corrections,
+        view: Some((address, detail)),
+        token: None,
+        kept: None,
+        network: None,
+        planner: None,
+        is_robot: false,
+        prints_json: false,
+    };
+    let data = DataArgs::at(data, &ReadingArgs::default());
+    play.run(
+        quiet,
+        |_: &Source, _: &Settings| Identity::default(),
+        |_, _, threads| Source::recording(&data, rate.unwrap_or_default(), false, corrections.pose_kind(), threads).map(Some),
+    )
 }
 
 impl LiveArgs {
@@ -232,14 +255,28 @@ impl LiveArgs {
         self.from.as_deref().unwrap_or(Path::new("live"))
     }
 
-    /// How the node is controlled over HTTP, if it is.
-    fn control(&self, desk: &Desk) -> anyhow::Result<Option<Control>> {
-        let Some(file) = &self.token else { return Ok(None) };
-        let text = std::fs::read_to_string(file)
-            .map_err(|e| Failure::new(format!("{}: cannot read the token: {e}", file.display()), "name a file with a token"))?;
-        let control = Control::new(desk.clone(), text.trim());
-        let remedy = "make one with: head -c 32 /dev/urandom | base64";
-        Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
+    /// Maps what comes from the source that `open` opens.
+    fn play(
+        &self,
+        output: &Path,
+        quiet: bool,
+        open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
+    ) -> anyhow::Result<u8> {
+        let mut settings = self.settings.resolve()?;
+        let planner = self.exploring.prepare(&mut settings, self.network.publishes())?;
+        let play = Play {
+            name: self.name(),
+            settings,
+            corrections: self.corrections.corrections(),
+            view: self.view.map(|address| (address, self.detail)),
+            token: self.token.as_deref(),
+            kept: Some((output, self.save, self.resume)),
+            network: Some(&self.network),
+            planner,
+            is_robot: self.from.is_none(),
+            prints_json: self.json,
+        };
+        play.run(quiet, |source, settings| self.identity(settings, source), open)
     }
 
     /// What decides about the bits of the map; for the topics of a robot, what must not change.
@@ -256,7 +293,7 @@ impl LiveArgs {
             .with("data", data)
             .with("reading", DataArgs::at(path, &self.reading).identity())
             .with("poses by odometry", source.odometry.is_some())
-            .with("corrections", self.elastic.identity())
+            .with("corrections", self.corrections.corrections().identity())
             .with("poses in the frame of a network", self.network.publishes())
     }
 
@@ -266,7 +303,10 @@ impl LiveArgs {
             return Source::spinning(sensor, &self.reading, threads).map(Some);
         }
         match (&self.from, &self.ouster, network) {
-            (Some(data), ..) => Source::recording(&DataArgs::at(data, &self.reading), self.rate, self.slam, self.elastic, threads).map(Some),
+            (Some(data), ..) => {
+                let pose_kind = self.corrections.corrections().pose_kind();
+                Source::recording(&DataArgs::at(data, &self.reading), self.rate, self.slam, pose_kind, threads).map(Some)
+            }
             (None, Some(sensor), _) => Source::ouster(sensor, &self.reading, threads).map(Some),
             (None, None, Some(network)) => Source::topics(network, &self.reading, &self.network, self.slam, recording, threads),
             (None, None, None) => anyhow::bail!("neither a recording nor a network"),
@@ -274,164 +314,186 @@ impl LiveArgs {
     }
 }
 
-/// Maps what comes from the source that `open` opens, and saves the map if there is an `output`.
-fn play(
-    args: &LiveArgs,
-    output: Option<&Path>,
-    quiet: bool,
-    open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
-) -> anyhow::Result<u8> {
-    let clock = Instant::now();
-    allocator::give_back_large_pieces();
-    let mut settings = args.settings.resolve()?;
-    let exploring = args.exploring.prepare(&mut settings, args.network.publishes())?;
-    let pool = meshing::pool(settings.threads)?;
-    let new_mapper = |sensor: Option<BeamModel>| {
-        let mut mapper = Mapper::new(settings.clone()).map_err(|e| Failure::usage(e.to_string(), "see `voxelastic config`"))?;
-        sensor.into_iter().for_each(|model| mapper.set_sensor_model(model));
-        Ok::<_, anyhow::Error>(mapper)
-    };
-    new_mapper(None)?;
-    interrupt::install(if output.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
-    let mut network = Network::join(&args.network, &settings)?;
-    let nothing = |what: &str| Failure::new(format!("{}: {what}; no map was written", args.name().display()), "");
-    let recording = args.network.record.as_deref().map(InputRecording::begin).transpose()?;
-    let (sender, pending) = channel();
-    let desk = Desk::new(sender);
-    let watch = || args.view.map(|address| Watch::start(args.name(), address, args.detail, args.control(&desk)?)).transpose();
-    // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
-    let early = if args.from.is_none() { watch()? } else { None };
-    let Some(source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
-        return Err(nothing("interrupted before the topics were there").into());
-    };
-    let mut target = output.map(|output| Target::create(output, args.target)).transpose()?;
-    let identity = args.identity(&settings, &source);
-    let found = target.as_mut().map(|target| args.resume.find_or_set_aside(target, &identity)).transpose()?.flatten();
-    let is_recorded = source.recorded().is_some();
-    let mut unfinished = found.map(|found| if is_recorded { found } else { found.for_other_scans() });
-    let (is_raw, sensor, frames) = (source.odometry.is_some(), source.sensor.clone(), source.frames.clone());
-    let Some((transport, odometry, source)) = source.start(unfinished.as_mut().and_then(|found| found.input.take())) else {
-        return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
-    };
-    let resumed = unfinished.as_ref().map_or(0, Unfinished::scans);
-    let begun = Begun::new(args.elastic, unfinished, &source, is_raw, (new_mapper(sensor.clone())?, sensor.clone()), pool)?;
-    let Begun { mut session, corrector, jumps, skipped, place } = begun;
-    target.iter().for_each(|target| session.keep_log_in(target.path()));
-    let before = place.before;
-    let mut keeper = Keeper::new(args.resume.checkpoints(), identity, &corrector, is_raw, session.scans());
-    if !is_recorded {
-        keeper = keeper.of_passing_scans(&corrector);
+impl Play<'_> {
+    /// How the node is controlled over HTTP, if it is.
+    fn control(&self, desk: &Desk) -> anyhow::Result<Option<Control>> {
+        let Some(file) = self.token else { return Ok(None) };
+        let text = std::fs::read_to_string(file)
+            .map_err(|e| Failure::new(format!("{}: cannot read the token: {e}", file.display()), "name a file with a token"))?;
+        let control = Control::new(desk.clone(), text.trim());
+        let remedy = "make one with: head -c 32 /dev/urandom | base64";
+        Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
     }
-    let watch = if early.is_some() { early } else { watch()? };
-    let offers = Offers::announce(&args.network, network.as_mut(), &desk, exploring.is_some())?;
-    let exploring = exploring.map(Exploring::start).transpose()?;
-    let on_network = offers.map(|mut offers| {
-        if let Some(frames) = frames.clone().filter(|_| args.network.use_sim_time) {
-            offers.outputs.set_clock(move || frames.clock());
+
+    fn watch(&self, desk: &Desk) -> anyhow::Result<Option<Watch>> {
+        self.view.map(|(address, detail)| Watch::start(self.name, address, detail, self.control(desk)?)).transpose()
+    }
+
+    fn nothing(&self, what: &str) -> Failure {
+        Failure::new(format!("{}: {what}; no map was written", self.name.display()), "")
+    }
+
+    /// The run, anew or where an unfinished one is, and what comes to it. None if an interrupt came before a recording was read up to there.
+    fn begin(&self, source: &mut Source, unfinished: Option<Unfinished>, pool: rayon::ThreadPool) -> anyhow::Result<MappingRun> {
+        let poses = source.odometry.take().map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
+        let (settings, comes) = (self.settings.clone(), source.comes());
+        let plan = Plan { settings, corrections: self.corrections, poses, sensor: source.sensor.clone(), comes };
+        let Some(mut unfinished) = unfinished else { return Ok(MappingRun::new(plan, pool)?) };
+        if let Some(input) = source.recorded() {
+            input.know_motions(unfinished.motions());
         }
-        OnNetwork { node: args.network.node.clone(), offers, frames, exploring }
-    });
-    let feed = Feed::start(transport, source.overload)
-        .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
-    let renew = || -> anyhow::Result<(Mapper, Corrector)> { Ok((new_mapper(sensor.clone())?, args.elastic.corrector(is_raw, None))) };
-    let service = Service { target: target.as_mut(), settings: &settings, esdf: None };
-    let requests = Requests { pending, service, keeper: &mut keeper, sensor: sensor.clone(), renew: &renew };
-    let mut node = Node::new(corrector, odometry, watch, on_network).at(place, jumps, skipped);
-    if resumed > 0 {
-        node.show_before(&session);
+        Ok(MappingRun::resumed(plan, pool, unfinished, source.clouds().as_mut())?)
     }
-    let (mut tally, watch) = node.run(&feed, &mut session, requests, quiet);
-    tally.skipped += source.without_pose();
-    if tally.not_located > 0 {
-        tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);
+
+    /// Maps what comes from the source that `open` opens, and saves the map if it is kept.
+    fn run(
+        self,
+        quiet: bool,
+        identity: impl FnOnce(&Source, &Settings) -> Identity,
+        open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
+    ) -> anyhow::Result<u8> {
+        let start = Instant::now();
+        allocator::give_back_large_pieces();
+        self.settings.validate()?;
+        self.settings.limit_memory()?;
+        let pool = threads::pool(self.settings.threads)?;
+        interrupt::install(if self.kept.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
+        let mut network = self.network.map(|args| Network::join(args, &self.settings)).transpose()?.flatten();
+        let recording = self.network.and_then(|args| args.record.as_deref()).map(InputRecording::begin).transpose()?;
+        let (sender, pending) = channel();
+        let desk = Desk::new(sender);
+        // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
+        let early = if self.is_robot { self.watch(&desk)? } else { None };
+        let Some(mut source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
+            return Err(self.nothing("interrupted before the topics were there").into());
+        };
+        let (mut warnings, comes) = (Warnings::default(), source.comes());
+        let mut unfinished = None;
+        let kept = match self.kept {
+            Some((output, save, resume)) => {
+                let mut target = Target::create(output, save.into(), &mut warnings)?;
+                let identity = identity(&source, &self.settings);
+                unfinished = resume.resume().find_or_set_aside(&mut target, &identity, &mut warnings)?;
+                Some((target, identity, resume.checkpoints))
+            }
+            None => None,
+        };
+        let position = unfinished.as_mut().and_then(|found| found.position.take());
+        let frames = source.frames.clone();
+        // Of a recording, clouds can be read again only once it was played.
+        let Some(transport) = source.play(position) else {
+            return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
+        };
+        let mut run = self.begin(&mut source, unfinished, pool)?;
+        if let Some((target, identity, every)) = kept {
+            run = run.kept_in(target, identity, every, comes, &[]);
+            run.keep_log_on_disk();
+        }
+        run.warnings_mut().append(warnings);
+        let watch = if early.is_some() { early } else { self.watch(&desk)? };
+        let offers = self.network.map(|args| Offers::announce(args, network.as_mut(), &desk, self.planner.is_some())).transpose()?.flatten();
+        let exploring = self.planner.clone().map(Exploring::start).transpose()?;
+        let on_network = offers.zip(self.network).map(|(mut offers, args)| {
+            if let Some(frames) = frames.clone().filter(|_| args.use_sim_time) {
+                offers.outputs.set_clock(move || frames.clock());
+            }
+            // Others on the network get poses and surfaces in the frame in which poses came.
+            run.keep_frame();
+            OnNetwork { node: args.node.clone(), offers, frames, exploring }
+        });
+        let feed = Feed::start(transport, source.overload())
+            .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
+        let mut node = Node::new(source.positions(), watch, on_network);
+        if run.scans_resumed() > 0 {
+            node.show_before(run.mapping());
+        }
+        let (tally, watch) = node.run(&feed, &mut run, Requests { pending, service: Service::default() }, quiet);
+        if tally.not_located > 0 {
+            tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);
+        }
+        let played_s = start.elapsed().as_secs_f64();
+        if run.scans() == 0 {
+            let what = if interrupt::requested() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" };
+            return Err(self.nothing(what).into());
+        }
+        run.complete(source.clouds().as_mut(), |_, _| !interrupt::requested());
+        let played = Played {
+            skipped: run.skipped() + source.without_pose(),
+            tally,
+            counts: feed.counts(),
+            late_ms: source.late().as_secs_f64() * 1e3,
+            messages_lost: source.lost(),
+            played_s,
+            start,
+        };
+        if self.kept.is_some() {
+            save(&mut run, &played, self.prints_json)?;
+        }
+        // Nothing but an interrupt ends a robot's topics, so nobody looks at their map afterwards.
+        let ended = played.tally.interrupted && !self.is_robot;
+        if !ended {
+            run.discard_checkpoints();
+        }
+        if let Some(mut watch) = watch.filter(|_| comes == Comes::Again && !played.tally.interrupted) {
+            let mapping = run.mapping();
+            watch.publisher.note(mapping.mapper(), None);
+            let figures = figures::figures("finished", played.counts.left_out, played.tally.delays_ms.last(), mapping);
+            watch.stay(mapping.atlas(), mapping.pool(), figures);
+        }
+        Ok(match () {
+            () if source.is_broken() => failure::BUG,
+            () if run.target().is_some_and(Target::is_elsewhere) => failure::ELSEWHERE,
+            () if ended => failure::INTERRUPTED,
+            () => failure::DONE,
+        })
     }
-    let played_s = clock.elapsed().as_secs_f64();
-    if session.scans() == 0 {
-        let what = if interrupt::requested() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" };
-        return Err(nothing(what).into());
-    }
-    args.elastic.finish(source.clouds(), &mut session, quiet);
-    let late_ms = source.late().as_secs_f64() * 1e3;
-    let run = Run {
-        tally,
-        resumed,
-        before,
-        counts: feed.counts(),
-        late_ms,
-        messages_lost: source.lost(),
-        checkpoints: keeper.summary(),
-        played_s,
-        start: clock,
-    };
-    if let Some(target) = &mut target {
-        save(target, &session, &run, args.json)?;
-    }
-    // Nothing but an interrupt ends a robot's topics, so nobody looks at their map afterwards.
-    let ended = run.tally.interrupted && args.from.is_some();
-    if let Some(target) = target.as_mut().filter(|_| !ended) {
-        target.discard_checkpoints();
-    }
-    if let Some(mut watch) = watch.filter(|_| is_recorded && !run.tally.interrupted) {
-        watch.publisher.note(session.mapper(), None);
-        let figures = figures::figures("finished", run.counts.left_out, run.tally.delays_ms.last(), &session);
-        watch.stay(session.mapper().atlas(), session.pool(), figures);
-    }
-    Ok(match () {
-        () if source.is_broken.load(Ordering::Relaxed) => failure::BUG,
-        () if target.is_some_and(|target| target.is_elsewhere()) => failure::ELSEWHERE,
-        () if ended => failure::INTERRUPTED,
-        () => failure::DONE,
-    })
 }
 
 /// Saves the map with the log of the run, and prints the results.
-fn save(target: &mut Target, session: &Session, run: &Run, prints_json: bool) -> anyhow::Result<()> {
-    let saved = target.save(session, &session.details())?;
-    target.log(&RunLog {
-        total_s: run.start.elapsed().as_secs_f64(),
-        interrupted: run.tally.interrupted,
-        scans_skipped: run.tally.skipped,
-        registrations: run.tally.odometry.as_ref().map(|odometry| odometry.registrations.clone()).unwrap_or_default(),
-        closures: run.tally.closures.as_ref().map(ClosureSummary::for_report).unwrap_or_default(),
-        ..session.log()
-    });
-    let summary = summarise(session, run, saved, target.path());
+fn save(run: &mut MappingRun, played: &Played, prints_json: bool) -> anyhow::Result<()> {
+    let saved = run.save()?;
+    let log =
+        RunLog { total_s: played.start.elapsed().as_secs_f64(), interrupted: played.tally.interrupted, scans_skipped: played.skipped, ..run.log() };
+    run.save_log(&log);
+    let summary = summarise(run, played, saved.bytes);
     log_summary(&summary);
     if prints_json { output::print_json(&summary) } else { Ok(()) }
 }
 
-fn summarise(session: &Session, run: &Run, saved: SaveReport, output: &Path) -> Summary {
-    let (log, atlas) = (session.log(), session.mapper().atlas());
+fn summarise(run: &MappingRun, played: &Played, bytes: u64) -> Summary {
+    let (mapping, before) = (run.mapping(), run.position().before());
+    let (log, atlas) = (mapping.log(), mapping.atlas());
     Summary {
-        output: output.to_owned(),
-        scans: session.scans(),
-        scans_resumed: run.resumed,
-        scans_came: run.before[0] + run.counts.scans,
-        scans_left_out: run.before[1] + run.counts.left_out,
-        scans_skipped: run.tally.skipped,
-        interrupted: run.tally.interrupted,
+        output: run.target().map(|target| target.path().to_owned()).unwrap_or_default(),
+        scans: run.scans(),
+        scans_resumed: run.scans_resumed(),
+        scans_came: before.scans + played.counts.scans,
+        scans_left_out: before.left_out + played.counts.left_out,
+        scans_skipped: played.skipped,
+        interrupted: played.tally.interrupted,
         submaps: atlas.submaps().len(),
         loops: log.loops.len(),
         corrections: log.corrections.len(),
         submap_moves: log.submap_moves,
-        delay_ms: run.tally.delays_ms.stats(),
-        delay_p99_ms: run.tally.delays_ms.quantile(0.99),
-        shown_ms: run.tally.shown_ms.stats(),
-        shown_p99_ms: run.tally.shown_ms.quantile(0.99),
-        late_ms: run.late_ms,
-        scans_paused: run.tally.paused,
-        messages_lost: run.messages_lost,
-        odometry: run.tally.odometry.clone(),
-        closures: run.tally.closures.clone(),
-        exploration: run.tally.exploration.clone(),
-        checkpoints: run.checkpoints,
-        threads: session.threads(),
-        times: session.times(),
-        played_s: run.played_s,
-        total_s: run.start.elapsed().as_secs_f64(),
+        delay_ms: played.tally.delays_ms.stats(),
+        delay_p99_ms: played.tally.delays_ms.quantile(0.99),
+        shown_ms: played.tally.shown_ms.stats(),
+        shown_p99_ms: played.tally.shown_ms.quantile(0.99),
+        late_ms: played.late_ms,
+        scans_paused: played.tally.paused,
+        messages_lost: played.messages_lost,
+        odometry: run.odometry(),
+        closures: run.closures(),
+        exploration: played.tally.exploration.clone(),
+        checkpoints: run.checkpoints(),
+        threads: mapping.threads(),
+        times: mapping.times(),
+        played_s: played.played_s,
+        total_s: played.start.elapsed().as_secs_f64(),
         peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
         map_mb: usage::megabytes(atlas.bytes() as u64),
-        file_mb: usage::megabytes(saved.bytes),
+        file_mb: usage::megabytes(bytes),
+        warnings: run.warnings().all().to_vec(),
     }
 }
 

@@ -1,12 +1,12 @@
 //! `voxelastic localize`: where in a map scans were taken.
 
-use crate::data::HoldOut;
+use crate::args::LoadArgs;
+use crate::args::data::hold_out;
+use crate::args::raw_data::RawDataArgs;
 use crate::failure::{self, Failure, one_line};
-use crate::map_files::LoadArgs;
 use crate::meshing::{SurfaceArgs, surface_points};
 use crate::progress::Progress;
-use crate::raw_data::RawDataArgs;
-use crate::{interrupt, map_files, output};
+use crate::{interrupt, output};
 use clap::Args;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -17,6 +17,8 @@ use voxelastic::event::NodeId;
 use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{Origin, dataset, poses};
+use voxelastic_run::HoldOut;
+use voxelastic_run::map_files;
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken
@@ -54,7 +56,7 @@ pub struct LocalizeArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     every: u64,
     /// Localise only the scans that `map --hold-out N` left out, to measure
-    #[arg(long, value_name = "N", value_parser = HoldOut::parse, conflicts_with = "every")]
+    #[arg(long, value_name = "N", value_parser = hold_out, conflicts_with = "every")]
     hold_out: Option<HoldOut>,
     /// Print the results as one JSON object on stdout
     #[arg(long)]
@@ -136,7 +138,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     let scans = args.data.open()?;
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let mut truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
-    let map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load.into()))?;
     let points = pool.install(|| surface_points(&map.atlas, map.settings.voxel_size, &args.surface))?;
     let viewpoints = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar)).collect();
     let (submaps_damaged, origin) = (map.damaged, map.origin);

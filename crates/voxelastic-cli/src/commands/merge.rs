@@ -1,14 +1,16 @@
 //! `voxelastic merge`: adds one saved map to another.
 
+use crate::args::AlignArgs;
 use crate::failure::{self, Failure};
-use crate::joining::{self, AlignArgs, Outcome, SessionSummary, Sessions};
-use crate::map_files::{self, LoadArgs};
-use crate::{meshing, output};
+use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic_io::store::MapWriter;
+use voxelastic_run::joining::{self, Outcome, SessionSummary, Sessions};
+use voxelastic_run::map_files::{self, Loading};
+use voxelastic_run::{Warnings, threads, usage};
 
 /// Add a saved map to another one
 ///
@@ -56,14 +58,15 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<u8> {
         return Err(Failure::usage(format!("{}: a map cannot be added to itself", into.display()), "name two maps").into());
     }
     map_files::open(into)?;
-    let pool = meshing::pool(args.threads)?;
+    let pool = threads::pool(args.threads)?;
     let mut writer = MapWriter::open(into)?;
     let settings = map_files::settings_of(writer.store())?;
     let entries = joining::listed_sessions(&map_files::open(more)?);
-    let added = pool.install(|| map_files::load(more, LoadArgs::AS_STORED))?;
+    let added = pool.install(|| map_files::load(more, Loading::AS_STORED))?;
     joining::check_settings(into, &settings, &added.settings, "map one of them again with the settings of the other")?;
     let sessions = Sessions { atlas: &added.atlas, origin: added.origin, entries, has_frame: true };
-    let outcome = pool.install(|| joining::place(writer.store(), sessions, args.align.align))?;
+    let mut warnings = Warnings::default();
+    let outcome = pool.install(|| joining::place(writer.store(), sessions, args.align.align, &mut warnings))?;
     let (addition, session) = match outcome {
         Outcome::Joined(addition, session) => (addition, session),
         Outcome::Apart(why) => {
@@ -72,14 +75,14 @@ pub fn run(args: &MergeArgs) -> anyhow::Result<u8> {
         }
     };
     let saved = pool.install(|| addition.save(&mut writer, &added.atlas)).context("cannot save the map; it is as it was before")?;
-    joining::log(into, &session);
+    joining::log(into, &session, &mut warnings);
     let manifest = writer.store().manifest();
     let summary = Summary {
         map: into,
         session: &session,
         submaps: manifest.submaps.len(),
         scans: manifest.submaps.iter().map(|entry| entry.scans.len()).sum(),
-        file_mb: crate::usage::megabytes(saved.bytes),
+        file_mb: usage::megabytes(saved.bytes),
     };
     tracing::info!("saved {} ({:.1} MB): {} scans in {} submaps", into.display(), summary.file_mb, summary.scans, summary.submaps);
     if args.json {

@@ -1,7 +1,7 @@
 //! `voxelastic mesh`: extracts the surface of a map as a triangle mesh.
 
+use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::map_files::LoadArgs;
 use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
 use crate::painting::{ImageArgs, PaintSummary};
 use crate::texturing::MeshTexture;

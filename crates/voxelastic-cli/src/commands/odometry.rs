@@ -4,12 +4,9 @@ mod output_file;
 mod tracked;
 mod truth;
 
+use crate::args::raw_data::RawDataArgs;
 use crate::failure::{self, Failure, one_line};
-use crate::meshing;
-use crate::odometry_log::{OdometryLog, OdometrySummary};
 use crate::progress::Progress;
-use crate::raw_data::RawDataArgs;
-use crate::usage::{self, PoolClock};
 use crate::{interrupt, output};
 use clap::Args;
 use output_file::OutputFile;
@@ -17,6 +14,10 @@ use serde::Serialize;
 use std::path::PathBuf;
 use tracked::Tracked;
 use truth::{PathErrors, TruePoses};
+use voxelastic_run::poses::{OdometryLog, OdometrySummary};
+use voxelastic_run::threads;
+use voxelastic_run::usage::{self, PoolClock};
+use voxelastic_run::{Code, Warnings};
 use voxelastic_slam::odometry::{Odometry, OdometrySettings};
 
 /// Estimate the poses of scans from the scans alone
@@ -91,14 +92,14 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
     settings.voxel_size = args.voxel_size;
     (settings.min_range, settings.max_range) = (args.min_range, args.max_range);
     settings.deskew = !args.no_deskew;
-    let pool = meshing::pool(args.threads)?;
+    let pool = threads::pool(args.threads)?;
     let clock = PoolClock::new(&pool);
     let mut odometry = Odometry::new(settings);
     interrupt::install("finishing this scan and writing the poses");
 
     let total = scans.count().map(|n| n.min(args.max_scans.unwrap_or(n)) as u64);
     let mut progress = Progress::new("scans", total, quiet);
-    let (mut tracked, mut log, mut unreadable) = (Vec::new(), OdometryLog::default(), 0);
+    let (mut tracked, mut log, mut unreadable, mut warnings) = (Vec::new(), OdometryLog::default(), 0, Warnings::default());
     for scan in scans.iter().take(args.max_scans.unwrap_or(usize::MAX)) {
         let scan = match scan {
             Ok(scan) => scan,
@@ -112,8 +113,8 @@ pub fn run(args: &OdometryArgs, quiet: bool) -> anyhow::Result<u8> {
         let before = clock.now();
         let report = pool.install(|| odometry.register(&scan.cloud, Some(scan.time)));
         let cpu = before.zip(clock.now()).map(|(before, after)| after.saturating_sub(before));
-        if let Some(problem) = log.add(scan.node, &report, cpu) {
-            tracing::warn!("scan {}: {problem}", scan.name);
+        if let Some(problem) = log.add(scan.node, &report, cpu, &mut warnings) {
+            warnings.add(Code::NotRegistered, format!("scan {}: {problem}", scan.name), "");
         }
         progress.step(|| format!("piece {}", report.piece + 1));
         tracked.push(Tracked { node: scan.node, time: scan.time, report });

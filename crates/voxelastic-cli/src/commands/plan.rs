@@ -7,13 +7,15 @@ mod recheck;
 
 pub use args::PlanArgs;
 
-use crate::{failure, map_files, meshing, output};
+use crate::{failure, output};
 use anyhow::Context;
 use args::explain;
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
 use voxelastic_plan::{plan, sharpest_turn};
+use voxelastic_run::map_files;
+use voxelastic_run::threads;
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
@@ -31,7 +33,7 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map, args.load)?;
+    let map = map_files::load(&args.map, args.load.into())?;
     let query = map.atlas.query();
     if let Some(file) = &args.recheck {
         return recheck::run(args, file, &map, &query);
@@ -43,7 +45,7 @@ pub fn run(args: &PlanArgs) -> anyhow::Result<u8> {
     let path = file::PathFile::new(&args.map, &map, &found, figures);
     write(output, &path)?;
     if let Some(to) = &args.picture {
-        meshing::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found, map.origin))?;
+        threads::pool(args.threads)?.install(|| picture::draw(to, &query, &request, &found, map.origin))?;
     }
     let (figures, waypoints, tree_nodes) = (&path.figures, found.path.len(), found.tree.len());
     let turn = sharpest_turn(&found.path);

@@ -1,12 +1,13 @@
 //! `voxelastic remove`: takes a session out of a map.
 
 use crate::failure::{self, Failure};
-use crate::{map_files, output};
+use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic_io::store::{MapWriter, SessionEntry};
+use voxelastic_run::map_files;
 
 /// Take a session out of a map
 ///
@@ -73,7 +74,7 @@ pub fn run(args: &RemoveArgs) -> anyhow::Result<u8> {
         scans_removed,
         sessions: writer.store().manifest().all_sessions().iter().map(|session| session.number).collect(),
         joined_to_it,
-        file_mb: crate::usage::megabytes(saved.bytes),
+        file_mb: voxelastic_run::usage::megabytes(saved.bytes),
     };
     let (number, path) = (args.session, map.display());
     tracing::info!("session {number} is out of {path}: {scans_removed} scans in {submaps_removed} submaps");

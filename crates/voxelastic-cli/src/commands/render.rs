@@ -1,7 +1,7 @@
 //! `voxelastic render`: draws a picture of a map or a mesh.
 
+use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::map_files::{self, LoadArgs};
 use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
@@ -14,6 +14,7 @@ use voxelastic_eval::MeshView;
 use voxelastic_eval::colour::Ramp;
 use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render_png};
 use voxelastic_io::Origin;
+use voxelastic_run::map_files;
 
 /// Draw a picture of a map or a mesh
 ///

@@ -2,8 +2,8 @@
 
 use super::eval::truth::{Limits, Truth};
 use super::plan::file::StoredPath;
+use crate::args::LoadArgs;
 use crate::failure;
-use crate::map_files::{self, LoadArgs};
 use crate::meshing::{Fused, LeftOut, SurfaceArgs};
 use crate::output;
 use crate::reporting::{self, FusedFigures, Subject};
@@ -11,6 +11,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic_report::Report;
+use voxelastic_run::map_files;
 
 /// Write a report on a map and its run, one HTML page
 ///
@@ -86,7 +87,7 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
 }
 
 fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
-    let map = map_files::load(&args.map, args.load)?;
+    let map = map_files::load(&args.map, args.load.into())?;
     let store = map_files::open(&args.map)?;
     let run = reporting::run_log(&store);
     if run.is_none() {

@@ -3,7 +3,6 @@
 mod folder;
 
 use crate::failure::{self, Failure};
-use crate::meshing::pool;
 use crate::progress::Progress;
 use crate::{interrupt, output};
 use anyhow::Context;
@@ -15,6 +14,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 use voxelastic::Pose;
+use voxelastic_run::threads::pool;
 use voxelastic_sim::camera::Lens;
 use voxelastic_sim::drift::LoopSettings;
 use voxelastic_sim::imu::ImuSettings;
@@ -78,7 +78,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "NAME", requires = "bag")]
     second_lidar: Option<String>,
     /// Pose of the second sensor in the frame of the first [default: 0.6 m behind and 0.3 m below it, turned back and 40 degrees down]
-    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::data::pose, allow_hyphen_values = true, requires = "second_lidar")]
+    #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = crate::args::data::pose, allow_hyphen_values = true, requires = "second_lidar")]
     second_pose: Option<Pose>,
     /// Thin the clouds as SLAM systems do: one point, the mean, in each cube of this edge, metres
     #[arg(long, value_name = "M")]

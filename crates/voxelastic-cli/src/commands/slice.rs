@@ -1,8 +1,8 @@
 //! `voxelastic slice`: draws a slice of a map.
 
+use crate::args::LoadArgs;
 use crate::failure::{self, Failure};
-use crate::map_files::{self, LoadArgs, LoadedMap};
-use crate::{meshing, output};
+use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
@@ -13,6 +13,8 @@ use voxelastic::query::{Axis, DistanceQuery, DistanceSlice, Slice, SliceRequest}
 use voxelastic_eval::colour::{Ramp, Rgb};
 use voxelastic_eval::grid_view::GridView;
 use voxelastic_io::Origin;
+use voxelastic_run::map_files::{self, LoadedMap};
+use voxelastic_run::threads;
 
 const OCCUPIED: Rgb = [20, 20, 24];
 const FREE: Rgb = [255, 255, 255];
@@ -113,9 +115,9 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &SliceArgs) -> anyhow::Result<u8> {
-    let pool = meshing::pool(args.threads)?;
+    let pool = threads::pool(args.threads)?;
     pool.install(|| {
-        let map = map_files::load(&args.map, args.load)?;
+        let map = map_files::load(&args.map, args.load.into())?;
         let occupancy = map.atlas.query();
         if !occupancy.is_empty() {
             let request = args.request(occupancy.bounds(), &map);

@@ -1,13 +1,16 @@
 //! `voxelastic view`: a map, or a recording while it is mapped, in the browser.
 
+use crate::args::LoadArgs;
 use crate::commands::live;
 use crate::failure::Failure;
-use crate::map_files::{self, LoadArgs, is_map};
+use crate::interrupt;
 use crate::watching::{ADDRESS, DetailArgs, Figures, Watch};
-use crate::{interrupt, meshing, usage};
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use voxelastic_run::map_files::{self, is_map};
+use voxelastic_run::threads;
+use voxelastic_run::usage;
 
 /// Show a map in the browser, or a recording while it is mapped
 ///
@@ -46,9 +49,9 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
     if args.rate.is_some() {
         return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
     }
-    let pool = meshing::pool(0)?;
+    let pool = threads::pool(0)?;
     let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
-    let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load))?;
+    let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load.into()))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, None);
     let figures = Figures {

@@ -1,13 +1,14 @@
 //! The messages of topics as a transport.
 
 use super::middleware::{Delivery, Handle, Middleware, MiddlewareError, TopicProfile};
-use crate::transport::{Incoming, Transport};
+use crate::transport::Transport;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 use voxelastic_io::bag::live::{LiveEvents, LiveFrames, LiveScans, LiveTopic, LiveTopics, Polled};
 use voxelastic_io::{Error, OpenOptions};
+use voxelastic_run::Input;
 use voxelastic_slam::slam::RawScan;
 
 /// Messages that may wait to be looked at: seconds of an inertial measurement unit.
@@ -148,18 +149,18 @@ fn profile(topic: &LiveTopic) -> TopicProfile {
 pub type Tap<'a> = &'a dyn Fn(&LiveTopic) -> Result<Option<Box<dyn Fn(&[u8]) + Send + Sync>>, MiddlewareError>;
 
 impl Transport for TopicInput {
-    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Incoming> {
-        let unusable = |error: Error| Incoming::Unusable(error.to_string());
+    fn next(&mut self, is_stopped: &dyn Fn() -> bool) -> Option<Input> {
+        let unusable = |error: Error| Input::Unusable(error.to_string());
         while !is_stopped() {
             let incoming = match &mut self.player {
                 Player::Events(events) => match events.poll() {
-                    Polled::Item(event) => event.map_or_else(unusable, Incoming::Event),
+                    Polled::Item(event) => event.map_or_else(unusable, Input::Event),
                     Polled::Nothing => continue,
                     Polled::End => break,
                 },
                 Player::Scans(scans) => match scans.poll() {
                     Polled::Item(Ok(scan)) => {
-                        Incoming::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name)
+                        Input::RawScan(RawScan { node: scan.node, time: scan.time, cloud: scan.cloud, imu: scan.imu }, scan.name)
                     }
                     Polled::Item(Err(error)) => unusable(error),
                     Polled::Nothing => continue,

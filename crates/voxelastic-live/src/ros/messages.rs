@@ -243,7 +243,7 @@ pub enum Health {
 }
 
 /// `diagnostic_msgs/DiagnosticArray` with one status: how `name` is, in words, and figures.
-pub fn diagnostics(header: Header<'_>, name: &str, (health, words): (Health, &str), figures: &[(&str, String)]) -> Vec<u8> {
+pub fn diagnostics(header: Header<'_>, name: &str, (health, words): (Health, &str), figures: &[(String, String)]) -> Vec<u8> {
     let mut message = Writer::new();
     header.write(&mut message).u32(1).u8(health as u8).text(name).text(words).text("").u32(figures.len() as u32);
     for (key, value) in figures {
@@ -308,7 +308,7 @@ print(json.dumps(out))
             ("nav_msgs/msg/Path", path(header, &[(5.5, pose), (6.0, Pose::identity())])),
             ("geometry_msgs/msg/PoseArray", pose_array(header, &[pose])),
             ("tf2_msgs/msg/TFMessage", transforms(&[(header, "odom", pose)])),
-            ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans", "12".into())])),
+            ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(header, "voxelastic", (Health::Warning, "late"), &[("scans".into(), "12".into())])),
             ("sensor_msgs/msg/PointCloud2", distance_cloud(header, &[[1.0, 2.0, 3.0, 0.25]])),
             ("geometry_msgs/msg/PoseStamped", pose_stamped(header, &pose)),
             (

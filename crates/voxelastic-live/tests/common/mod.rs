@@ -4,7 +4,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use voxelastic::Cloud;
 use voxelastic_live::feed::{Feed, Next};
-use voxelastic_live::transport::Incoming;
+use voxelastic_run::Input;
 
 /// The scans that come until `sender` has ended and nothing comes any more.
 pub fn scans_of(feed: &Feed, sender: JoinHandle<()>) -> Vec<(f64, Cloud)> {
@@ -12,7 +12,7 @@ pub fn scans_of(feed: &Feed, sender: JoinHandle<()>) -> Vec<(f64, Cloud)> {
     while !sender.is_finished() || last.elapsed() < Duration::from_millis(300) {
         match feed.next(Duration::from_millis(20)) {
             Next::Incoming(incoming, _) => match *incoming {
-                Incoming::RawScan(scan, _) => {
+                Input::RawScan(scan, _) => {
                     scans.push((scan.time, scan.cloud));
                     last = Instant::now();
                 }

@@ -23,8 +23,9 @@ use voxelastic_live::ros::middleware::{Delivery, Middleware, NodeOptions, Parame
 use voxelastic_live::ros::output::{OdometryLink, OutputOptions, Outputs};
 use voxelastic_live::ros::services::{Desk, Distance, NotLoaded, Pending, Request, Response, offer};
 use voxelastic_live::ros::zenoh::Zenoh;
-use voxelastic_live::transport::{Incoming, Transport};
+use voxelastic_live::transport::Transport;
 use voxelastic_plan::anchor_path;
+use voxelastic_run::Input;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// What takes longer than this has failed.
@@ -122,7 +123,7 @@ fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) 
     while seen.len() < sent.len() {
         assert!(begin.elapsed() < PATIENCE, "only {seen:?} of the scans came");
         match input.next(&|| begin.elapsed() > PATIENCE) {
-            Some(Incoming::Event(Event::Scan(scan))) => {
+            Some(Input::Event(Event::Scan(scan))) => {
                 let k = ((scan.time - 1000.0) * 10.0).round();
                 let which = k as usize % sent.len();
                 assert_eq!(scan.cloud.points, sent[which], "scan {k}");
@@ -133,7 +134,7 @@ fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) 
                 }
                 frames = frames.or_else(|| Some(input.frames()));
             }
-            Some(Incoming::Event(_)) => {}
+            Some(Input::Event(_)) => {}
             other => panic!("{other:?}"),
         }
     }
@@ -206,7 +207,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
         if !outputs.step(mapper.atlas()) {
             std::thread::sleep(Duration::from_millis(5));
         }
-        outputs.diagnostics("voxelastic", || (Health::Ok, "mapping".into(), vec![("scans", "4".into())]));
+        outputs.diagnostics("voxelastic", || (Health::Ok, "mapping".into(), vec![("scans".into(), "4".into())]));
         while let Ok(pending) = requests.try_recv() {
             answer(pending);
         }

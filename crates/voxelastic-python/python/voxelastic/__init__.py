@@ -20,7 +20,7 @@ from importlib.metadata import version as _version
 
 from ._arrays import Pose
 from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
-from ._errors import Error, FileError, PlanError, RefusedError, SettingError
+from ._errors import Error, FileError, PlanError, RefusedError, RunWarning, SettingError
 from ._estimation import Localiser, Location, Odometry, OdometryReport, Trajectory, odometry
 from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
 from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
@@ -55,6 +55,7 @@ __all__ = [
     "Query",
     "RayHits",
     "RefusedError",
+    "RunWarning",
     "Scan",
     "ScanReport",
     "SettingArguments",

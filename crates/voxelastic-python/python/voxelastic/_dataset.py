@@ -232,7 +232,7 @@ class Dataset:
         Raises:
             FileNotFoundError: There is nothing of this name.
             FileError: The data cannot be recognised or read; the message lists what was found.
-            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so, or `slam` is asked for with several sensors.
+            ValueError: `every`, `time_tolerance` or `t_base_lidar` cannot be meant so.
         """
         options = {name: value for name, value in locals().items() if name not in ("cls", "path")}
         path = Path(path)
@@ -245,8 +245,6 @@ class Dataset:
         topics = [] if cloud_topic is None else [cloud_topic] if isinstance(cloud_topic, str) else list(cloud_topic)
         folders = [Path(folder) for folder in ([also] if isinstance(also, str | os.PathLike) else also)]
         lidars = _lidars(t_base_lidar, len(topics), len(folders))
-        if slam and (folders or len(topics) > 1):
-            raise ValueError("slam: the poses of several sensors are estimated by the command alone (voxelastic map); here they have to be in the data")
         interval = None if every is None else str(every)
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options

@@ -1,6 +1,6 @@
 """Exceptions. Their messages are those of the command: they name the file, the place in it and what to do."""
 
-__all__ = ["Error", "FileError", "PlanError", "RefusedError", "SettingError"]
+__all__ = ["Error", "FileError", "PlanError", "RefusedError", "RunWarning", "SettingError"]
 
 
 class Error(Exception):
@@ -21,3 +21,14 @@ class FileError(Error, OSError):
 
 class PlanError(Error):
     """No path was found: the robot does not fit at an end, or within the limits there is no way. The message says which, and what would do."""
+
+
+class RunWarning(UserWarning):
+    """Something that mapping has to say that is no error: a scan that was left out, a gap in time, a tunnel that does not hold the pose."""
+
+    code: str
+    """What it is about, as `--json` of the command and the log of the run have it: `scan-skipped`, `gap`, `degenerate`, ..."""
+
+    def __init__(self, text: str, code: str) -> None:
+        super().__init__(text)
+        self.code = code

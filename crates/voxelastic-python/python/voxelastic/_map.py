@@ -122,7 +122,7 @@ class Submap(NamedTuple):
 class Map:
     """A map, in memory. It does not change: threads may share it.
 
-    Coordinates are metres in the map frame. Long calls let other threads run, and Ctrl-C ends them. `with Map.open(path) as map` frees its memory at the end of
+    Coordinates are metres in the map frame, counted from `origin`. Long calls let other threads run, and Ctrl-C ends them. `with Map.open(path) as map` frees its memory at the end of
     the block; what is asked after that is a `ValueError`. A copy shares the memory and is closed by itself.
     """
 
@@ -190,6 +190,23 @@ class Map:
         self._inner.save(pathlib.Path(path))
 
     @property
+    def origin(self) -> NDArray[np.float64]:
+        """What all coordinates of the map are counted from: those of submaps, meshes and queries, and what `bounds` says; 3 coordinates in the frame of the poses that
+        were mapped, metres. Single precision has steps of half a metre at UTM coordinates, so a map of poses far from zero is made around an origin near the
+        first of them. It is zero for poses within a few kilometres of zero."""
+        return np.array(self._inner.origin())
+
+    def _points(self, points: ArrayLike, name: str = "points") -> NDArray[Any]:
+        """Points for a query, counted from the origin. Those that were not are refused: nothing would be known about them."""
+        array = _arrays.points(points)
+        origin = self.origin
+        if origin.any() and len(array):
+            first = np.asarray(array[0], dtype=np.float64)
+            if np.linalg.norm(first - origin) < np.linalg.norm(first):
+                raise ValueError(f"{name}: coordinates of this map count from its origin: pass `{name} - map.origin`, in double precision")
+        return array
+
+    @property
     def settings(self) -> Settings:
         """The settings that the map was made with."""
         return Settings.from_text(dict(self._inner.settings()))
@@ -251,7 +268,7 @@ class Map:
             raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(interpolated), bool(shells)))
+        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(interpolated), bool(shells)), origin=self.origin)
 
     def query(self, points: ArrayLike) -> Query:
         """Distances to surfaces with their gradients, and whether space is free. `distance` and `state` are faster where that is all you need.
@@ -264,7 +281,7 @@ class Map:
         Raises:
             ValueError: The array has another shape.
         """
-        return Query(*self._inner.query(_arrays.points(points)))
+        return Query(*self._inner.query(self._points(points)))
 
     def distance(self, points: ArrayLike) -> NDArray[np.float32]:
         """Signed distances to the nearest surface: those of `query`, in a fraction of its time.
@@ -278,7 +295,7 @@ class Map:
         Raises:
             ValueError: The array has another shape.
         """
-        return self._inner.distances(_arrays.points(points))
+        return self._inner.distances(self._points(points))
 
     def state(self, points: ArrayLike) -> NDArray[np.uint8]:
         """Whether space is free, occupied or unknown: as `query` tells it, without distances.
@@ -292,7 +309,7 @@ class Map:
         Raises:
             ValueError: The array has another shape.
         """
-        return self._inner.states(_arrays.points(points))
+        return self._inner.states(self._points(points))
 
     def blocks(self, submap: int) -> list[Blocks]:
         """The signed distances of a submap as dense arrays, for torch and the like: one entry for each size of voxels that it has, finest first.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pathlib
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, Optional, cast
@@ -12,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _arrays, _native
 from ._arrays import Pose
 from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan, _EdgeOfData, _PoseUpdateOfData
-from ._errors import RefusedError
+from ._errors import RefusedError, RunWarning
 from ._map import Map
 from ._progress import Progress, reported
 from ._settings import SettingArguments, Settings
@@ -50,24 +52,61 @@ class Mapper:
     Threads may share a mapper: they take turns, and other threads of Python run meanwhile. Processes that are forked cannot use it. `with Mapper() as mapper` frees
     what was not handed over by `finish` at the end of the block.
 
+    With a `path`, the map is kept on disk while it grows: when the process is killed, a mapper of the same path and settings goes on where it was, and makes the same
+    map. `resumed` says how many scans it has then; the next scan that you give it follows those. `replay` leaves out by itself what was taken.
+
     Args:
         settings: The settings; by default those of `Settings()`.
         loops: Whether to find loop closures from the scans, and to correct the poses after them; by default if scans come without poses.
         optimise: Whether to correct the poses after the loop edges that are given, too; otherwise that is up to you, by `update_poses`.
+        path: The directory of a map, such as `hall.vox`, that `finish` saves, and in which checkpoints are kept meanwhile.
+        checkpoints: When: `"auto"` (so that it takes at most a fiftieth of the time), `"off"`, a number of scans, or seconds as `"30s"`.
+        restart: Map from the beginning, and give up what an earlier process has kept at `path`.
         changes: Settings as keyword arguments: `Mapper(voxel_size=0.1, max_range=40)`. They win over `settings`.
 
     Raises:
         SettingError: A setting is unknown or out of range, or settings contradict each other.
+        FileError: There is no place for the map, or what was kept is of another run.
     """
 
     __slots__ = ("__weakref__", "_inner", "_next_node", "_next_time", "_settings")
 
     def __init__(
-        self, settings: Settings | None = None, *, loops: bool | None = None, optimise: bool = False, **changes: Unpack[SettingArguments]
+        self,
+        settings: Settings | None = None,
+        *,
+        loops: bool | None = None,
+        optimise: bool = False,
+        path: str | os.PathLike[str] | None = None,
+        checkpoints: str | int = "auto",
+        restart: bool = False,
+        **changes: Unpack[SettingArguments],
     ) -> None:
+        if settings is not None and not isinstance(settings, Settings):
+            raise TypeError(f"settings: expected Settings, not {settings!r}; settings are keyword arguments: Mapper(voxel_size=0.1)")
         self._settings = (settings or Settings()).replace(**changes)
-        self._inner = _native.Mapper(self._settings.as_text(), loops, bool(optimise))
+        place = None if path is None else pathlib.Path(path)
+        self._inner = _native.Mapper(self._settings.as_text(), loops, bool(optimise), place, str(checkpoints), bool(restart))
         self._next_node, self._next_time = 0, 0.0
+        self._warn(2)
+        if (last := self._inner.resumed()[2]) is not None:
+            self._next_node = last + 1
+
+    @property
+    def resumed(self) -> int:
+        """Scans that an earlier process had integrated at `path`, with whose run this mapper has gone on: give it those that follow."""
+        return self._inner.resumed()[0]
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """What coordinates of the map are counted from: see `Map.origin`. The first scan decides."""
+        return np.array(self._inner.origin())
+
+    def _warn(self, level: int) -> None:
+        """Raises as warnings what was said, but for what is an exception."""
+        for code, text in self._inner.take_warnings():
+            if code != "scan-skipped":
+                warnings.warn(RunWarning(text, code), stacklevel=level + 1)
 
     @property
     def settings(self) -> Settings:
@@ -131,6 +170,7 @@ class Mapper:
             None if motion is None else _arrays.motion(motion),
         )
         self._next_node = number + 1
+        self._warn(2)
         return _report(report)
 
     def add_odometry_edge(self, first: int, second: int, pose: Pose, *, information: Optional[ArrayLike] = None) -> None:
@@ -189,6 +229,7 @@ class Mapper:
         match event:
             case Scan():
                 integrated = self._inner.integrate_scan(event._inner)
+                self._warn(2)
                 if integrated is None:
                     return None
                 report = _report(integrated)
@@ -211,7 +252,7 @@ class Mapper:
 
         Args:
             dataset: The data.
-            strict: A scan that cannot be used is an error; otherwise it is skipped with a warning.
+            strict: A scan that cannot be used is an error; otherwise it is skipped with a `RunWarning`.
             progress: How far it is: see `Progress`.
 
         Raises:
@@ -226,13 +267,14 @@ class Mapper:
                 for problem in problems:
                     if strict:
                         raise RefusedError(problem)
-                    warnings.warn(f"scan skipped: {problem}", stacklevel=2)
+                    warnings.warn(RunWarning(f"scan skipped: {problem}", "scan-skipped"), stacklevel=2)
+                self._warn(2)
                 if scans:
                     report(scans)
         return total
 
     def moving_points(self) -> NDArray[np.float32]:
-        """Points of the last scan that were set aside because they are on something that moves: N x 3, map frame, metres, with the pose that the scan came with.
+        """Points of the last scan that were set aside because they are on something that moves: N x 3, map frame, metres, counted from `origin`, with the pose that the scan came with.
         None with `dynamic="keep"`, where nothing is set aside."""
         return self._inner.moving_points()
 
@@ -241,13 +283,14 @@ class Mapper:
         return Map._of(self._inner.snapshot())
 
     def finish(self) -> Map:
-        """Completes the map, resolves conflicts between its submaps and hands it over without a copy. The mapper takes nothing after that.
+        """Completes the map, resolves conflicts between its submaps, saves it if the mapper has a `path`, and hands it over without a copy. The mapper takes nothing
+        after that.
 
         On Ctrl-C the mapper keeps the map, and `finish` can be called again.
         """
-        native, problem = self._inner.finish()
-        if problem is not None:
-            warnings.warn(f"the last correction is missing: {problem}", stacklevel=2)
+        native, said = self._inner.finish()
+        for code, text in said:
+            warnings.warn(RunWarning(text, code), stacklevel=2)
         return Map._of(native)
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ __all__ = ["Mesh"]
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """A triangle mesh in metres of the map frame. Vertices are shared between triangles; the arrays are yours to change."""
+    """A triangle mesh in metres of the map frame, counted from `origin`. Vertices are shared between triangles; the arrays are yours to change."""
 
     vertices: NDArray[np.float32]
     """V x 3 positions, metres."""
@@ -32,6 +32,9 @@ class Mesh:
     """V x 3 colours, sRGB; none if the scans had none."""
     interpolated: NDArray[np.bool_] | None = None
     """V marks: whether the surface there is interpolated and not measured; none unless that was asked for."""
+    origin: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(3))
+    """What vertices are counted from, 3 coordinates in the frame of the poses, metres: `vertices + origin` in double precision is where they are there. Zero unless
+    the map was made far from zero, as with UTM coordinates: see `Map.origin`."""
 
     def __len__(self) -> int:
         """Number of triangles."""

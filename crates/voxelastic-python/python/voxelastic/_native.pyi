@@ -155,7 +155,18 @@ class Scan:
 class Mapper:
     """Turns events into a map. Threads may share it; they take turns."""
 
-    def __new__(cls, given: Mapping[str, str], loops: bool | None, optimise: bool) -> Mapper: ...
+    def __new__(
+        cls, given: Mapping[str, str], loops: bool | None, optimise: bool, path: str | os.PathLike[str] | None, checkpoints: str, restart: bool
+    ) -> Mapper: ...
+    def resumed(self) -> tuple[int, int, int | None]:
+        """Scans that an earlier process had integrated, inputs that it had taken, and the node that came last."""
+
+    def origin(self) -> list[float]:
+        """Where coordinates of the map are counted from."""
+
+    def take_warnings(self) -> list[tuple[str, str]]:
+        """What was said since this was asked last: codes and texts."""
+
     def integrate(
         self,
         node: int,
@@ -200,8 +211,8 @@ class Mapper:
     def close(self) -> None:
         """Frees the map; nothing if it was handed over."""
 
-    def finish(self) -> tuple[Map, str | None]:
-        """Completes the map and hands it over. Also returns what is wrong with the last corrections, if anything is."""
+    def finish(self) -> tuple[Map, list[tuple[str, str]]]:
+        """Completes the map, saves it if it is kept on disk, and hands it over, with what was said meanwhile: codes and texts."""
 
 @final
 class Map:
@@ -225,6 +236,9 @@ class Map:
 
     def renumbered(self, first: int) -> Map:
         """The same map with submaps numbered from `first` on, in their order."""
+
+    def origin(self) -> list[float]:
+        """Where coordinates are counted from."""
 
     def settings(self) -> list[tuple[str, str]]:
         """The settings that it was made with, as text."""

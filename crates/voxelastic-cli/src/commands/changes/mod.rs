@@ -3,10 +3,10 @@
 mod picture;
 mod two_maps;
 
+use crate::args::LoadArgs;
 use crate::commands;
 use crate::failure::{self, Failure};
-use crate::map_files::LoadArgs;
-use crate::{meshing, output};
+use crate::output;
 use anyhow::Context;
 use clap::Args;
 use serde::Serialize;
@@ -18,6 +18,7 @@ use voxelastic::changes::{ChangeError, ChangeOptions, ChangedPiece, Changes, cha
 use voxelastic::geometry::Rigid;
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
+use voxelastic_run::threads;
 
 /// List what appeared and what vanished between two maps, or between sessions or laps of one
 ///
@@ -103,7 +104,7 @@ struct Summary<'a> {
 
 /// Runs the command.
 pub fn run(args: &ChangesArgs) -> anyhow::Result<u8> {
-    meshing::pool(args.threads)?.install(|| args.compare())
+    threads::pool(args.threads)?.install(|| args.compare())
 }
 
 impl ChangesArgs {

@@ -1,7 +1,7 @@
 //! The two maps that are compared: two files, or sessions or laps of one.
 
+use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::map_files::{self, LoadArgs, LoadedMap};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,6 +9,7 @@ use voxelastic::atlas::{Atlas, Submap, SubmapId, laps};
 use voxelastic::changes::{ChangeOptions, keep_newest};
 use voxelastic::settings;
 use voxelastic_io::Origin;
+use voxelastic_run::map_files::{self, LoadedMap};
 
 /// Two maps in one frame.
 pub(super) struct TwoMaps {
@@ -40,10 +41,12 @@ impl TwoMaps {
     pub fn compare_each(map: &Path, part: Part<'_>, load: LoadArgs, mut compare: impl FnMut(&Self) -> anyhow::Result<()>) -> anyhow::Result<()> {
         // Sessions and laps are compared as they were mapped.
         let load = LoadArgs { keep_vanished: load.keep_vanished || !matches!(part, Part::Newer(_)), ..load };
-        let older = map_files::load(map, load)?;
+        let older = map_files::load(map, load.into())?;
         let is_one_run = || -> anyhow::Result<bool> { Ok(map_files::open(map)?.manifest().all_sessions().len() < 2) };
         match part {
-            Part::Newer(path) => compare(&Self::of_maps(older, map_files::load(path, load)?, [map, path].map(|path| path.display().to_string()))),
+            Part::Newer(path) => {
+                compare(&Self::of_maps(older, map_files::load(path, load.into())?, [map, path].map(|path| path.display().to_string())))
+            }
             Part::Session(session) => compare(&Self::of_sessions(map, older, Some(session))?),
             Part::Lap(lap) => compare(&Laps::of(map, older)?.maps(lap)?),
             Part::Last if older.settings.laps == settings::Laps::Apart && is_one_run()? => {

@@ -1,7 +1,7 @@
 //! Arguments of `voxelastic eval`.
 
 use super::truth::Limits;
-use crate::map_files::LoadArgs;
+use crate::args::LoadArgs;
 use crate::meshing::SurfaceArgs;
 use clap::{Args, ValueEnum};
 use serde::Serialize;

@@ -3,12 +3,12 @@
 use super::args::{EvalArgs, Field};
 use super::surface::Surface;
 use crate::failure::Failure;
-use crate::map_files::{self, LoadedMap};
 use crate::meshing::{LayerArgs, map_mesh};
 use rayon::prelude::*;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::occupancy::{State, state_of};
 use voxelastic::octree::{BLOCK_EDGE, NONE, block_coords, voxel_coords};
+use voxelastic_run::map_files::{self, LoadedMap};
 
 /// A map, or a surface from a file.
 pub enum Measured {
@@ -26,7 +26,7 @@ impl Measured {
             return Err(Failure::new(format!("{}: no such file or folder", path.display()), "check the path").into());
         }
         if path.is_dir() {
-            let map = map_files::load(path, args.load)?;
+            let map = map_files::load(path, args.load.into())?;
             if !map.origin.is_zero() {
                 let what = format!("{}: the map has an origin ({} m), and truths are compared in single precision", path.display(), map.origin);
                 let remedy = "measure it with held-out scans (`voxelastic heldout`), or map and measure with an offset taken off poses and truth";

@@ -1,10 +1,10 @@
 //! Free and occupied space along the beams of the sensor, compared with a simulated world.
 
-use crate::map_files::LoadedMap;
 use rayon::prelude::*;
 use voxelastic::Pose;
 use voxelastic::field::occupancy::State as Known;
 use voxelastic_eval::occupancy::{self, OccupancyScores, State};
+use voxelastic_run::map_files::LoadedMap;
 use voxelastic_sim::Simulation;
 
 /// Largest number of scans, evenly selected.

@@ -2,7 +2,6 @@
 
 use super::surface::Surface;
 use crate::failure::Failure;
-use crate::map_files;
 use anyhow::Context;
 use std::path::Path;
 use voxelastic::Pose;
@@ -12,6 +11,7 @@ use voxelastic_eval::mesh_distance::{MeshIndex, sample_surface};
 use voxelastic_eval::metrics::exact_errors;
 use voxelastic_eval::{MeshView, PointIndex, metrics};
 use voxelastic_io::dataset;
+use voxelastic_run::map_files;
 use voxelastic_sim::dataset::WORLD_FILE;
 use voxelastic_sim::{Simulation, World};
 

@@ -1,10 +1,10 @@
 //! What a run took in each twelfth of its time: whether times and memory grow with the way.
 
 use super::robot::SimulatedRobot;
-use crate::usage;
 use serde::Serialize;
 use std::time::Duration;
 use voxelastic_explore::{Decision, Explorer};
+use voxelastic_run::usage;
 
 /// A run has so many periods ...
 const PERIODS: f64 = 12.0;

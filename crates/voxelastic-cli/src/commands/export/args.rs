@@ -1,6 +1,6 @@
 //! Arguments of `voxelastic export`.
 
-use crate::map_files::LoadArgs;
+use crate::args::LoadArgs;
 use crate::meshing::{LayerArgs, SurfaceArgs};
 use clap::Args;
 use std::path::PathBuf;

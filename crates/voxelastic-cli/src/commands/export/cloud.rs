@@ -1,7 +1,6 @@
 //! Export of the surface as a cloud.
 
 use super::args::ExportArgs;
-use crate::map_files::LoadedMap;
 use crate::meshing::{MapMesh, map_mesh, submap_meshes};
 use crate::output;
 use anyhow::Context;
@@ -15,6 +14,7 @@ use voxelastic::{Cloud, Pose};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
 use voxelastic_io::{Origin, pcd};
+use voxelastic_run::map_files::LoadedMap;
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use super::args::ExportArgs;
 use crate::failure::Failure;
-use crate::{map_files, output};
+use crate::output;
 use anyhow::Context;
 use serde::Serialize;
 use std::path::Path;
@@ -10,6 +10,7 @@ use std::time::Instant;
 use voxelastic::atlas::{Atlas, Submap, SubmapScan};
 use voxelastic::query::Resampling;
 use voxelastic_io::octomap;
+use voxelastic_run::map_files;
 
 /// How far an OctoMap reaches from its centre, voxels.
 const REACH: u32 = 1 << 15;
@@ -30,7 +31,7 @@ struct Summary<'a> {
 pub fn run(args: &ExportArgs, states_only: bool) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
-    let map = pool.install(|| map_files::load(&args.map, args.load))?;
+    let map = pool.install(|| map_files::load(&args.map, args.load.into()))?;
     let query = map.atlas.query();
     if query.is_empty() {
         let remedy = "map the data again with --field occupancy or --field both";

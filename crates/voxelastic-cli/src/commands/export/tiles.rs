@@ -2,8 +2,8 @@
 
 use super::args::ExportArgs;
 use crate::meshing::{has_tiles, map_mesh, surface_tiles};
+use crate::output;
 use crate::progress::Progress;
-use crate::{map_files, output};
 use anyhow::Context;
 use serde::Serialize;
 use std::io::Write;
@@ -14,6 +14,7 @@ use voxelastic::meshing::SurfaceTiles;
 use voxelastic_eval::colour::Ramp;
 use voxelastic_io::tiles::{TilesetWriter, leaves, split};
 use voxelastic_report::tiles_page;
+use voxelastic_run::map_files;
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
@@ -56,7 +57,7 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
         report.tiles,
         report.levels,
         report.triangles,
-        crate::usage::megabytes(report.bytes),
+        voxelastic_run::usage::megabytes(report.bytes),
         folder.display()
     );
     tracing::info!("to look at it: python3 -m http.server -d {} 8000, then open http://localhost:8000", folder.display());

@@ -1,7 +1,7 @@
 //! Description of a dataset folder.
 
 use super::rows::{Bounds, row};
-use crate::data::DataArgs;
+use crate::args::data::DataArgs;
 use serde::Serialize;
 use voxelastic::geometry::{Aabb, PoseExt};
 use voxelastic_io::dataset;

@@ -1,9 +1,7 @@
 //! Description of a map.
 
 use super::rows::{Bounds, row};
-use crate::joining;
-use crate::map_files::{self, LoadArgs, damaged_part, settings_of};
-use crate::usage::megabytes;
+use crate::args::LoadArgs;
 use nalgebra::Point3;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -15,6 +13,9 @@ use voxelastic::geometry::Aabb;
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic_io::store::{MapStore, SessionEntry, SubmapEntry};
 use voxelastic_io::{Error, Origin};
+use voxelastic_run::joining;
+use voxelastic_run::map_files::{self, Loading, damaged_part, settings_of};
+use voxelastic_run::usage::megabytes;
 
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
@@ -98,12 +99,12 @@ impl fmt::Display for KnownSpace {
 
 /// Describes a map; `check` reads and verifies all of it.
 pub fn describe(path: &Path, check: bool, args: LoadArgs) -> anyhow::Result<MapInfo> {
-    args.limit_memory()?;
+    Loading::from(args).limit_memory()?;
     let store = map_files::open(path)?;
     let mut damaged = 0;
     let mut count = |error| {
         if !args.skip_damaged {
-            return Err(damaged_part(path, error));
+            return Err(damaged_part(path, error).into());
         }
         tracing::warn!("damaged: {error}");
         damaged += 1;

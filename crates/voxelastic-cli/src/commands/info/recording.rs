@@ -1,7 +1,7 @@
 //! Description of a recording.
 
 use super::rows::row;
-use crate::data::DataArgs;
+use crate::args::data::DataArgs;
 use serde::Serialize;
 use voxelastic_io::bag;
 

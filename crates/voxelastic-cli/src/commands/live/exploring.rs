@@ -4,7 +4,6 @@ use super::delays::Delays;
 use crate::commands::explore::{MARGIN, radius, seconds, speed, within};
 use crate::commands::slice::{Corners, corners};
 use crate::failure::{Failure, one_line};
-use crate::mapping::Session;
 use clap::Args;
 use serde::Serialize;
 use std::time::Duration;
@@ -17,6 +16,7 @@ use voxelastic_io::Origin;
 use voxelastic_live::planner::{Command, LivePlanner, Plan, PlanState, PlannerSettings};
 use voxelastic_live::ros::output::Outputs;
 use voxelastic_live::ros::services::{Request, Response};
+use voxelastic_run::Mapping;
 
 /// Viewpoints that would show less are left out, cubic metres.
 const LEAST_VOLUME: f64 = 4.0;
@@ -174,8 +174,8 @@ impl Exploring {
     }
 
     /// Publishes the plan that was made, and has the next one made if no scan waits: the map is copied for that.
-    pub fn step(&mut self, session: &Session, outputs: &mut Outputs, scans_wait: bool) {
-        let atlas = session.mapper().atlas();
+    pub fn step(&mut self, mapping: &Mapping, outputs: &mut Outputs, scans_wait: bool) {
+        let atlas = mapping.atlas();
         match self.planner.plan() {
             Some(Ok(plan)) => {
                 outputs.publish_plan(atlas, &plan);

@@ -1,22 +1,16 @@
 //! A saved map in which a node goes on, on request.
 
-use crate::failure::one_line;
-use crate::mapping::Session;
-use crate::{joining, map_files, reporting};
+use crate::reporting;
 use std::path::{Path, PathBuf};
 use voxelastic::Settings;
-use voxelastic::atlas::Atlas;
-use voxelastic_io::{Error, Origin};
+use voxelastic_io::Error;
 use voxelastic_live::ros::services::NotLoaded;
-use voxelastic_report::RunLog;
+use voxelastic_run::{SavedMap, joining, map_files};
 
 /// A map that was loaded.
 pub struct Loaded {
-    pub atlas: Atlas,
-    pub origin: Origin,
-    /// The log of the run that made it.
-    pub log: Option<RunLog>,
-    pub path: PathBuf,
+    pub map: SavedMap,
+    path: PathBuf,
 }
 
 impl Loaded {
@@ -25,7 +19,7 @@ impl Loaded {
         if !path.is_dir() {
             return Err((NotLoaded::NotThere, format!("{}: there is no such map", path.display())));
         }
-        let refused = |why: NotLoaded| move |problem: anyhow::Error| (why_not(&problem).unwrap_or(why), one_line(&problem));
+        let refused = |why: NotLoaded| move |problem: voxelastic_run::Error| (why_not(&problem).unwrap_or(why), problem.one_line());
         let store = map_files::open(path).map_err(refused(NotLoaded::Damaged))?;
         let of_map = map_files::settings_of(&store).map_err(refused(NotLoaded::Damaged))?;
         joining::check_settings(path, &of_map, settings, "start the node with the settings of the map").map_err(refused(NotLoaded::Differs))?;
@@ -40,19 +34,20 @@ impl Loaded {
         }
         // A log of other scans would say wrong things about these.
         let log = reporting::run_log(&store).filter(|log| log.scans.node.len() == atlas.scan_count());
-        Ok(Self { atlas, origin, log, path: path.to_owned() })
+        Ok(Self { map: SavedMap { atlas, origin, log }, path: path.to_owned() })
     }
 
     /// What is said about it.
-    pub fn words(&self, before: &Session) -> String {
-        let dropped = if before.scans() > 0 { format!("; the map of {} scans was dropped", before.scans()) } else { String::new() };
-        format!("going on in {}: {} scans, {} submaps{dropped}", self.path.display(), self.atlas.scan_count(), self.atlas.submaps().len())
+    pub fn words(&self, scans_before: usize) -> String {
+        let dropped = if scans_before > 0 { format!("; the map of {scans_before} scans was dropped") } else { String::new() };
+        let atlas = &self.map.atlas;
+        format!("going on in {}: {} scans, {} submaps{dropped}", self.path.display(), atlas.scan_count(), atlas.submaps().len())
     }
 }
 
 /// What an error of reading says by itself.
-fn why_not(problem: &anyhow::Error) -> Option<NotLoaded> {
-    match problem.downcast_ref::<Error>()? {
+fn why_not(problem: &voxelastic_run::Error) -> Option<NotLoaded> {
+    match problem.file()? {
         Error::NotAMap { .. } => Some(NotLoaded::NotThere),
         Error::Damaged { .. } | Error::Missing { .. } => Some(NotLoaded::Damaged),
         _ => None,

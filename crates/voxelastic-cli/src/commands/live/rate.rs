@@ -7,6 +7,13 @@ pub struct Rate(Option<f64>);
 /// Rates beyond these are mistakes.
 const LIMITS: [f64; 2] = [0.01, 100.0];
 
+impl Default for Rate {
+    /// Its own speed.
+    fn default() -> Self {
+        Self(Some(1.0))
+    }
+}
+
 impl Rate {
     /// Parses the argument.
     pub fn parse(text: &str) -> Result<Self, String> {

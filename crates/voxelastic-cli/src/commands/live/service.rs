@@ -1,20 +1,19 @@
 //! Answers to what others ask of the node.
 
 use crate::failure::one_line;
-use crate::mapping::Session;
 use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
-use crate::target::Target;
 use anyhow::Context;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
+use voxelastic::Pose;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::DistanceQuery;
-use voxelastic::{Pose, Settings};
 use voxelastic_esdf::{EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_live::ros::services::{Distance, Request, Response};
 use voxelastic_plan::{Robot, plan};
+use voxelastic_run::{Mapping, MappingRun};
 
 /// Radius of the robot for which paths are planned, metres.
 const RADIUS: f64 = 0.3;
@@ -24,23 +23,22 @@ const MOST_VOXELS: f64 = 48.0;
 const PLANNING: Duration = Duration::from_millis(300);
 
 /// What requests are answered with.
-pub struct Service<'a> {
-    /// Where the map is saved, if it is.
-    pub target: Option<&'a mut Target>,
-    /// The settings of the map.
-    pub settings: &'a Settings,
+#[derive(Default)]
+pub struct Service {
     /// Distances to obstacles, once somebody has asked for them.
     pub esdf: Option<LocalEsdf>,
 }
 
-impl Service<'_> {
+impl Service {
     /// Answers a request that does not change the map.
-    pub fn answer(&mut self, request: &Request, session: &Session) -> Response {
+    pub fn answer(&mut self, request: &Request, run: &mut MappingRun) -> Response {
         let done = match request {
-            Request::Plan { start, goal, .. } => return Response::Path(find_path(session, start, goal)),
-            Request::Distances(points) => return Response::Distances(session.pool().install(|| self.distances(points, session))),
-            Request::Save => self.save(session),
-            Request::Mesh => self.mesh(session),
+            Request::Plan { start, goal, .. } => return Response::Path(find_path(run.mapping(), start, goal)),
+            Request::Distances(points) => {
+                return Response::Distances(run.mapping().pool().install(|| self.distances(points, run)));
+            }
+            Request::Save => save(run),
+            Request::Mesh => mesh(run),
             _ => Err(anyhow::anyhow!("this cannot be asked here")),
         };
         if let Ok(words) = &done {
@@ -49,16 +47,9 @@ impl Service<'_> {
         Response::Done(done.map_err(|problem| one_line(&problem)))
     }
 
-    fn save(&mut self, session: &Session) -> anyhow::Result<String> {
-        let target = self.target.as_mut().context("nothing is saved here: this is a viewer")?;
-        anyhow::ensure!(session.scans() > 0, "the map is empty");
-        target.save(session, &session.details())?;
-        Ok(format!("{} scans saved in {}", session.scans(), target.path().display()))
-    }
-
     /// Distances to the nearest surface: of maps with occupancy up to some metres in all known space, else near surfaces only. They are those of the moment.
-    pub fn distances(&mut self, points: &[[f64; 3]], session: &Session) -> Result<Vec<Option<Distance>>, String> {
-        let (atlas, origin) = (session.mapper().atlas(), session.origin().coordinates());
+    pub fn distances(&mut self, points: &[[f64; 3]], run: &MappingRun) -> Result<Vec<Option<Distance>>, String> {
+        let (atlas, origin) = (run.mapping().atlas(), run.origin().coordinates());
         let points: Vec<[f64; 3]> = points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
         let space = atlas.query();
         if space.is_empty() {
@@ -67,8 +58,8 @@ impl Service<'_> {
                 .map(|sample| sample.map(|at| Distance { distance: at.distance.abs(), gradient: at.gradient.map(|c| c * at.distance.signum()) }))
                 .collect());
         }
-        let most = EsdfSettings::default().max_distance.min(MOST_VOXELS * f64::from(self.settings.voxel_size));
-        let new = || LocalEsdf::new(EsdfSettings { max_distance: most, ..EsdfSettings::default() }, self.settings.voxel_size);
+        let most = EsdfSettings::default().max_distance.min(MOST_VOXELS * f64::from(atlas.voxel_size()));
+        let new = || LocalEsdf::new(EsdfSettings { max_distance: most, ..EsdfSettings::default() }, atlas.voxel_size());
         let esdf = match self.esdf.take() {
             Some(esdf) => esdf,
             None => new().map_err(|problem| problem.to_string())?,
@@ -80,15 +71,25 @@ impl Service<'_> {
         };
         Ok(samples.into_iter().zip(space.states(&points)).map(known).collect())
     }
+}
 
-    fn mesh(&self, session: &Session) -> anyhow::Result<String> {
-        let target = self.target.as_ref().context("nothing is saved here: this is a viewer")?;
-        let path = target.path().with_extension("ply");
-        let (surface, voxel) = (SurfaceArgs::default(), self.settings.voxel_size);
-        let made = session.pool().install(|| map_mesh(session.mapper().atlas(), voxel, &surface, LayerArgs::default()))?;
-        write_mesh(&path, &made.mesh, session.origin())?;
-        Ok(format!("{} triangles in {}", made.mesh.triangles.len(), path.display()))
-    }
+fn save(run: &mut MappingRun) -> anyhow::Result<String> {
+    let path = path(run)?;
+    anyhow::ensure!(run.scans() > 0, "the map is empty");
+    run.save()?;
+    Ok(format!("{} scans saved in {}", run.scans(), path.display()))
+}
+
+fn path(run: &MappingRun) -> anyhow::Result<PathBuf> {
+    Ok(run.target().context("nothing is saved here: this is a viewer")?.path().to_owned())
+}
+
+fn mesh(run: &MappingRun) -> anyhow::Result<String> {
+    let (path, mapping) = (path(run)?.with_extension("ply"), run.mapping());
+    let (surface, voxel) = (SurfaceArgs::default(), mapping.atlas().voxel_size());
+    let made = mapping.pool().install(|| map_mesh(mapping.atlas(), voxel, &surface, LayerArgs::default()))?;
+    write_mesh(&path, &made.mesh, run.origin())?;
+    Ok(format!("{} triangles in {}", made.mesh.triangles.len(), path.display()))
 }
 
 fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> anyhow::Result<()> {
@@ -106,10 +107,10 @@ fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> 
 }
 
 /// A path between two places; none if there is no way.
-fn find_path(session: &Session, start: &Pose, goal: &Pose) -> Vec<Pose> {
+fn find_path(mapping: &Mapping, start: &Pose, goal: &Pose) -> Vec<Pose> {
     let [from, to] = [start, goal].map(|pose| <[f64; 3]>::from(pose.translation.vector));
     let request = voxelastic_plan::Request { time: PLANNING, ..voxelastic_plan::Request::new(from, to, Robot::flying(RADIUS)) };
-    match session.pool().install(|| plan(&session.mapper().atlas().query(), &request)) {
+    match mapping.pool().install(|| plan(&mapping.atlas().query(), &request)) {
         Ok(found) => {
             tracing::info!("on request: a path of {:.1} m", found.length);
             found.path.iter().map(|[x, y, z]| Pose::translation(*x, *y, *z)).collect()

@@ -3,30 +3,32 @@
 use super::network::{Network, NetworkArgs};
 use super::offers::InputRecording;
 use super::ouster_address::{LIDAR_PORT, OusterAddress};
+use super::positions::Positions;
 use super::rate::Rate;
 use super::spinning_address::SpinningAddress;
-use crate::data::{DataArgs, ReadingArgs};
-use crate::elastic::ElasticArgs;
+use crate::args::{DataArgs, ReadingArgs};
 use crate::failure::Failure;
-use crate::input::{Input, InputState, OdometryStage, Positions};
 use crate::interrupt;
 use std::error::Error;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use voxelastic::Cloud;
 use voxelastic::event::NodeId;
 use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::live::{LiveFrames, LiveTopic};
+use voxelastic_io::{OpenOptions, PoseKind, ReadPosition};
 use voxelastic_live::feed::Overload;
 use voxelastic_live::ouster::OusterInput;
 use voxelastic_live::replay::{Lateness, Replay};
 use voxelastic_live::ros::input::{Lost, TopicInput, discover};
 use voxelastic_live::spinning::SpinningInput;
 use voxelastic_live::transport::Transport;
+use voxelastic_run::keep::Comes;
+use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
 
 /// Scans as they come, and what is known about them.
 pub struct Source {
@@ -38,28 +40,26 @@ pub struct Source {
     /// The frames of topics.
     pub frames: Option<LiveFrames>,
     lost: Lost,
+    lateness: Lateness,
+    /// Whether a decoder failed in a way that is a mistake of this program.
+    is_broken: Arc<AtomicBool>,
 }
 
 /// What delivers scans.
 enum Scans {
-    /// A recording that is played.
-    Recorded(Box<Input>, Rate),
-    /// A robot, whose scans do not come again.
-    Passing(Box<dyn Transport>),
+    /// A recording that is played, and where its reading was after each item.
+    Recorded(Box<voxelastic_run::Source>, Rate, Positions),
+    /// A robot, whose scans do not come again; none once it has begun.
+    Passing(Option<Box<dyn Transport>>),
 }
 
 impl Source {
     /// A recording, or a folder of scans, that is played.
-    pub fn recording(data: &DataArgs, rate: Rate, slam: bool, elastic: ElasticArgs, threads: usize) -> anyhow::Result<Self> {
-        let input = Input::open(data, false, slam, elastic.pose_kind())?;
+    pub fn recording(data: &DataArgs, rate: Rate, slam: bool, pose_kind: PoseKind, threads: usize) -> anyhow::Result<Self> {
+        let input = data.source(false, slam, pose_kind)?;
         input.description().lines().for_each(|line| tracing::info!("{line}"));
-        Ok(Self {
-            odometry: input.odometry(threads)?,
-            sensor: input.sensor(),
-            scans: Scans::Recorded(Box::new(input), rate),
-            frames: None,
-            lost: Lost::default(),
-        })
+        let (odometry, sensor) = (input.odometry(threads)?, input.sensor());
+        Ok(Self::new(Scans::Recorded(Box::new(input), rate, Positions::default()), odometry, sensor))
     }
 
     /// The topics of a robot, which are recorded, too, with `recording`. Waits until they are there; none if an interrupt came before.
@@ -85,7 +85,7 @@ impl Source {
         let tap = |topic: &LiveTopic| recording.map(|recording| recording.tap(topic)).transpose();
         let input = TopicInput::subscribe(network.middleware(), topics, is_raw, &options, &tap)
             .map_err(|problem| Failure::new(problem.to_string(), "check the network and the names of the topics"))?;
-        let odometry = if is_raw { Some(OdometryStage::of_recording(&options, threads)?) } else { None };
+        let odometry = if is_raw { Some(stage(&options, threads)?) } else { None };
         let (frames, lost) = (Some(input.frames()), input.lost());
         Ok(Some(Self { frames, lost, ..Self::passing(Box::new(input), odometry, None) }))
     }
@@ -105,7 +105,7 @@ impl Source {
             )
         })?;
         tracing::info!("listening at the UDP ports {port} and {}", port.saturating_add(1));
-        let odometry = Some(OdometryStage::of_recording(&options, threads)?);
+        let odometry = Some(stage(&options, threads)?);
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, sensor) })
     }
 
@@ -118,60 +118,62 @@ impl Source {
             Failure::new(message, "another program may use it: end it")
         })?;
         tracing::info!("listening at the UDP port {}", address.port);
-        let odometry = Some(OdometryStage::of_recording(&options, threads)?);
+        let odometry = Some(stage(&options, threads)?);
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, None) })
     }
 
     /// What comes once. Poses are estimated if there is an `odometry`.
     pub fn passing(transport: Box<dyn Transport>, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
-        Self { scans: Scans::Passing(transport), odometry, sensor, frames: None, lost: Lost::default() }
+        Self::new(Scans::Passing(Some(transport)), odometry, sensor)
+    }
+
+    fn new(scans: Scans, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
+        let (lost, lateness) = (Lost::default(), Lateness::default());
+        Self { scans, odometry, sensor, frames: None, lost, lateness, is_broken: Arc::default() }
+    }
+
+    /// Whether what comes can be had again.
+    pub fn comes(&self) -> Comes {
+        if self.recorded().is_some() { Comes::Again } else { Comes::Once }
     }
 
     /// The recording, if it is one: its scans can be read again.
-    pub fn recorded(&self) -> Option<&Input> {
-        if let Scans::Recorded(input, _) = &self.scans { Some(input) } else { None }
+    pub fn recorded(&self) -> Option<&voxelastic_run::Source> {
+        if let Scans::Recorded(input, ..) = &self.scans { Some(input) } else { None }
     }
 
-    /// What delivers scans, what estimates their poses, and what remains to be known about them meanwhile; goes on from where an earlier process was. None
-    /// if an interrupt came before a recording was read up to there.
-    pub fn start(self, from: Option<InputState>) -> Option<(Box<dyn Transport>, Option<OdometryStage>, Started)> {
-        let Self { scans, mut odometry, frames, lost, .. } = self;
-        let is_broken = Arc::new(AtomicBool::new(false));
-        let (from, stage) = from.map_or((None, None), |from| (from.position, from.stage));
-        if let Some((odometry, stage)) = odometry.as_mut().zip(stage) {
-            // Those who carry a sensor on do not wait.
-            if matches!(scans, Scans::Recorded(..)) { odometry.resume(stage) } else { odometry.resume_log(stage) }
+    /// What delivers scans, once; of a recording, what comes after a position. None if an interrupt came before it was read up to there.
+    pub fn play(&mut self, from: Option<ReadPosition>) -> Option<Box<dyn Transport>> {
+        let is_broken = Arc::clone(&self.is_broken);
+        match &mut self.scans {
+            Scans::Recorded(input, rate, positions) => {
+                let mut inputs = match from {
+                    Some(from) => input.inputs_from(from, interrupt::requested)?,
+                    None => input.inputs(),
+                };
+                let positions = positions.clone();
+                let replayed = std::iter::from_fn(move || {
+                    let next = inputs.next()?;
+                    positions.add(inputs.read_position());
+                    is_broken.fetch_or(inputs.is_broken(), Ordering::Relaxed);
+                    Some(next)
+                });
+                let replay = Replay::new(Box::new(replayed), rate.factor());
+                self.lateness = replay.lateness();
+                Some(Box::new(replay))
+            }
+            Scans::Passing(transport) => transport.take(),
         }
-        let (transport, started): (Box<dyn Transport>, Started) = match scans {
-            Scans::Recorded(input, rate) => {
-                let positions = Positions::default();
-                let replay = Replay::new(input.incoming(from, positions.clone(), Arc::clone(&is_broken))?, rate.factor());
-                let overload = if rate.factor().is_some() { Overload::NewestWin } else { Overload::Wait };
-                let lateness = replay.lateness();
-                (Box::new(replay), Started { overload, recording: Some((*input, positions)), lateness, frames, lost, is_broken })
-            }
-            Scans::Passing(transport) => {
-                let (overload, lateness) = (Overload::NewestWin, Lateness::default());
-                (transport, Started { overload, recording: None, lateness, frames, lost, is_broken })
-            }
-        };
-        Some((transport, odometry, started))
     }
-}
 
-/// A source whose scans are on their way.
-pub struct Started {
-    /// What happens when they come too fast.
-    pub overload: Overload,
-    recording: Option<(Input, Positions)>,
-    lateness: Lateness,
-    frames: Option<LiveFrames>,
-    lost: Lost,
-    /// Whether a decoder failed in a way that is a mistake of this program.
-    pub is_broken: Arc<AtomicBool>,
-}
+    /// What happens when scans come too fast.
+    pub fn overload(&self) -> Overload {
+        match &self.scans {
+            Scans::Recorded(_, rate, _) if rate.factor().is_none() => Overload::Wait,
+            _ => Overload::NewestWin,
+        }
+    }
 
-impl Started {
     /// How much later than it was due a scan was read, at most.
     pub fn late(&self) -> Duration {
         self.lateness.most()
@@ -182,26 +184,30 @@ impl Started {
         self.lost.count()
     }
 
+    /// Whether a decoder failed in a way that is a mistake of this program.
+    pub fn is_broken(&self) -> bool {
+        self.is_broken.load(Ordering::Relaxed)
+    }
+
     /// Clouds without a pose.
     pub fn without_pose(&self) -> usize {
-        let of_recording = self.recorded().map_or(0, Input::without_pose);
+        let of_recording = self.recorded().map_or(0, voxelastic_run::Source::without_pose);
         of_recording + self.frames.as_ref().map_or(0, LiveFrames::without_pose)
     }
 
     /// Reads clouds again, which is possible for recordings only.
     pub fn clouds(&self) -> Box<dyn ScanSource + Send> {
-        self.recorded().map_or_else(|| Box::new(Gone) as Box<dyn ScanSource + Send>, Input::clouds)
-    }
-
-    /// The recording, if it is one.
-    pub fn recorded(&self) -> Option<&Input> {
-        self.recording.as_ref().map(|(input, _)| input)
+        self.recorded().map_or_else(|| Box::new(Gone) as Box<dyn ScanSource + Send>, voxelastic_run::Source::clouds)
     }
 
     /// Where the reading of a recording was after each item.
     pub fn positions(&self) -> Option<Positions> {
-        self.recording.as_ref().map(|(_, positions)| positions.clone())
+        if let Scans::Recorded(_, _, positions) = &self.scans { Some(positions.clone()) } else { None }
     }
+}
+
+fn stage(options: &OpenOptions, threads: usize) -> anyhow::Result<OdometryStage> {
+    Ok(OdometryStage::new(OdometrySetup::of_recording(options), Motions::default(), threads)?)
 }
 
 /// Scans that were not kept.

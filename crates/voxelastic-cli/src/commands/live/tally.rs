@@ -2,15 +2,11 @@
 
 use super::delays::Delays;
 use super::exploring::ExplorationSummary;
-use crate::closure_summary::ClosureSummary;
-use crate::odometry_log::OdometrySummary;
 use std::time::Instant;
 
 /// Counts of a run.
 #[derive(Debug, Default)]
 pub struct Tally {
-    /// Scans that could not be used.
-    pub skipped: usize,
     /// Whether a signal ended the run.
     pub interrupted: bool,
     /// Scans that were ignored, because mapping was paused.
@@ -26,10 +22,6 @@ pub struct Tally {
     /// When the scans came whose change viewers were not told yet, and how many of them are in the tiles that are being made.
     pub unshown: Vec<Instant>,
     pub in_work: usize,
-    /// Figures of the odometry, if poses were estimated.
-    pub odometry: Option<OdometrySummary>,
-    /// Loop closures that were tried, if they were looked for.
-    pub closures: Option<ClosureSummary>,
     /// What was planned, if the robot explores.
     pub exploration: Option<ExplorationSummary>,
 }

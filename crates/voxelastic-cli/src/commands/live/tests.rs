@@ -1,8 +1,7 @@
 //! Scans that come once, and a process that ends at any moment: the next one goes on with its map.
 
+use super::LiveArgs;
 use super::source::Source;
-use super::{LiveArgs, play};
-use crate::input::OdometryStage;
 use clap::{Args, FromArgMatches};
 use std::collections::VecDeque;
 use std::fs;
@@ -15,20 +14,22 @@ use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::PoseExt;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Keyframing, OpenOptions};
-use voxelastic_live::transport::{Incoming, Transport};
+use voxelastic_live::transport::Transport;
+use voxelastic_run::Input;
+use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 use voxelastic_slam::slam::RawScan;
 
 /// Gives out inputs, a little apart so that none is left out. Before it begins, it may ask the node something. Before it ends, it copies the map folder as it is:
 /// what a process that dies then leaves.
 struct Robot {
-    inputs: VecDeque<Incoming>,
+    inputs: VecDeque<Input>,
     asks: Option<Box<dyn FnOnce() + Send>>,
     dies: Option<[PathBuf; 2]>,
 }
 
 impl Transport for Robot {
-    fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Incoming> {
+    fn next(&mut self, _: &dyn Fn() -> bool) -> Option<Input> {
         if let Some(ask) = self.asks.take() {
             ask();
         }
@@ -61,35 +62,35 @@ fn world(name: &str) -> Simulation {
 }
 
 /// Scans `from..to` of a simulation as nodes 0, 1, .. with poses in a frame that lies at `t_map_frame` in the world.
-fn given(sim: &Simulation, [from, to]: [usize; 2], t_map_frame: &Pose) -> VecDeque<Incoming> {
+fn given(sim: &Simulation, [from, to]: [usize; 2], t_map_frame: &Pose) -> VecDeque<Input> {
     let pose = |k: usize| t_map_frame.inverse() * sim.poses(PoseSource::Truth)[k];
     let node = |k: usize| (k - from) as NodeId;
     let scan = |k: usize| Event::Scan(Scan { node: node(k), time: 0.1 * k as f64, t_map_lidar: pose(k), cloud: sim.cloud(k).unwrap() });
     let edge = |k: usize| Edge { from: node(k - 1), to: node(k), t_from_to: pose(k - 1).inv_mul(&pose(k)), information: None };
-    (from..to).flat_map(|k| [Some(scan(k)), (k > from).then(|| Event::OdometryEdge(edge(k)))]).flatten().map(Incoming::Event).collect()
+    (from..to).flat_map(|k| [Some(scan(k)), (k > from).then(|| Event::OdometryEdge(edge(k)))]).flatten().map(Input::Event).collect()
 }
 
-fn raw(sim: &Simulation, [from, to]: [usize; 2]) -> VecDeque<Incoming> {
+fn raw(sim: &Simulation, [from, to]: [usize; 2]) -> VecDeque<Input> {
     let scan = |k: usize| RawScan { node: (k - from) as NodeId, time: 0.1 * k as f64, cloud: sim.cloud(k).unwrap(), imu: Vec::new() };
-    (from..to).map(|k| Incoming::RawScan(scan(k), k.to_string())).collect()
+    (from..to).map(|k| Input::RawScan(scan(k), k.to_string())).collect()
 }
 
 /// Maps what a robot gives out, as a process of its own would. Returns what it says in the end.
-fn live(map: &Path, flags: &str, inputs: VecDeque<Incoming>, copy: Option<&Path>) -> u8 {
+fn live(map: &Path, flags: &str, inputs: VecDeque<Input>, copy: Option<&Path>) -> u8 {
     live_asked(map, flags, inputs, copy, None)
 }
 
-fn live_asked(map: &Path, flags: &str, inputs: VecDeque<Incoming>, copy: Option<&Path>, asks: Option<Box<dyn FnOnce() + Send>>) -> u8 {
+fn live_asked(map: &Path, flags: &str, inputs: VecDeque<Input>, copy: Option<&Path>, asks: Option<Box<dyn FnOnce() + Send>>) -> u8 {
     let _ = tracing_subscriber::fmt().with_test_writer().without_time().try_init();
     let command = LiveArgs::augment_args(clap::Command::new("live"));
     let line = format!("live --ouster 7502 --voxel-size 0.1 --max-range 15 --checkpoints 1 --threads 2 {flags} -o");
     let words = line.split(' ').filter(|word| !word.is_empty()).map(std::ffi::OsString::from).chain([map.as_os_str().to_owned()]);
     let args = LiveArgs::from_arg_matches(&command.try_get_matches_from(words).unwrap()).unwrap();
-    let is_raw = matches!(inputs.front(), Some(Incoming::RawScan(..)));
+    let is_raw = matches!(inputs.front(), Some(Input::RawScan(..)));
     let robot = Robot { inputs, asks, dies: copy.map(|copy| [map.to_owned(), copy.to_owned()]) };
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
-    let odometry = is_raw.then(|| OdometryStage::of_recording(&options, 2).unwrap());
-    play(&args, Some(map), true, |_, _, _| Ok(Some(Source::passing(Box::new(robot), odometry, None)))).unwrap()
+    let odometry = is_raw.then(|| OdometryStage::new(OdometrySetup::of_recording(&options), Motions::default(), 2).unwrap());
+    args.play(map, true, |_, _, _| Ok(Some(Source::passing(Box::new(robot), odometry, None)))).unwrap()
 }
 
 fn atlas(map: &Path) -> Atlas {
@@ -120,7 +121,7 @@ fn a_robot_that_is_started_again_goes_on_in_the_same_map() {
     let elsewhere = Pose::from_parts(nalgebra::Translation3::new(3.0, -2.0, 0.0), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7));
     // Poses in the frame of before, in another one, and by odometry that begins anew, with loop closures.
     let first = |is_raw: bool| if is_raw { raw(&sim, [0, 12]) } else { given(&sim, [0, 12], &Pose::identity()) };
-    let cases: [(&str, &str, bool, VecDeque<Incoming>); 4] = [
+    let cases: [(&str, &str, bool, VecDeque<Input>); 4] = [
         ("same", "", false, given(&sim, [12, 24], &Pose::identity())),
         ("other", "", false, given(&sim, [12, 24], &elsewhere)),
         ("optimised", "--loops", false, given(&sim, [12, 24], &elsewhere)),

@@ -1,33 +1,30 @@
 //! `voxelastic map`: builds a map from a folder of scans and poses, or from a recording.
 
-mod pipeline;
-
-use crate::closure_summary::ClosureSummary;
+use crate::args::data::hold_out;
+use crate::args::{AlignArgs, CorrectionArgs, DataArgs, ResumeArgs, SaveArgs, SettingFlags};
 use crate::commands::report;
-use crate::config::SettingFlags;
-use crate::data::{DataArgs, HoldOut};
-use crate::elastic::ElasticArgs;
 use crate::failure::{self, Failure};
-use crate::input::Input;
-use crate::joining::{self, AlignArgs, Outcome, SessionSummary, Sessions};
-use crate::mapping::{Session, TimeSummary};
 use crate::meshing::{Fused, SurfaceArgs};
-use crate::odometry_log::OdometrySummary;
+use crate::progress::Progress;
 use crate::reporting::{self, Subject};
-use crate::resume::{CheckpointSummary, Identity, Keeper, ResumeArgs, Unfinished};
-use crate::target::{self, Target, TargetArgs};
-use crate::{interrupt, map_files, meshing, output, usage};
+use crate::{interrupt, output};
 use anyhow::Context;
 use clap::Args;
-use pipeline::{Pipeline, Selection, Tally};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 use voxelastic::memory::keep_arrays_in_file;
 use voxelastic::settings::{Dynamic, Settings};
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
-use voxelastic_io::store::SaveReport;
 use voxelastic_report::{Correction, LoopEdge, RunLog};
+use voxelastic_run::corrections::ClosureSummary;
+use voxelastic_run::joining::{self, SessionSummary};
+use voxelastic_run::keep::{self, CheckpointSummary, Comes, Identity, Target, Unfinished};
+use voxelastic_run::mapping::TimeSummary;
+use voxelastic_run::poses::{OdometrySummary, Poses};
+use voxelastic_run::{HoldOut, Inputs, MappingRun, Plan, SavedSession, Source, Warning, Warnings, map_files, threads, usage};
 
 /// Map a folder of scans, or a recording, with or without poses
 ///
@@ -64,13 +61,13 @@ pub struct MapArgs {
     #[arg(long)]
     slam: bool,
     /// Leave out every Nth scan, for `voxelastic heldout`
-    #[arg(long, value_name = "N", value_parser = HoldOut::parse)]
+    #[arg(long, value_name = "N", value_parser = hold_out)]
     hold_out: Option<HoldOut>,
     /// Stop after this many scans
     #[arg(long, value_name = "N")]
     max_scans: Option<usize>,
     #[command(flatten)]
-    target: TargetArgs,
+    save: SaveArgs,
     /// Fail on the first scan that cannot be used, instead of skipping it
     #[arg(long)]
     strict: bool,
@@ -86,7 +83,7 @@ pub struct MapArgs {
     #[command(flatten)]
     resume: ResumeArgs,
     #[command(flatten)]
-    elastic: ElasticArgs,
+    corrections: CorrectionArgs,
     #[command(flatten)]
     settings: SettingFlags,
 }
@@ -162,164 +159,191 @@ struct Summary {
     blocks: usize,
     /// What was found when submaps were fused for the surface of the report; `null` without `--report`, and for a single submap.
     fused: Option<Fused>,
+    /// What the run had to say that is no error, each with a stable `code`, `text`, `remedy` and `count`.
+    warnings: Vec<Warning>,
+}
+
+/// What the run of the command knows beside the map.
+struct Tally {
+    skipped: usize,
+    held_out: usize,
+    rebuilt: usize,
+    interrupted: bool,
+    mapping_s: f64,
 }
 
 impl MapArgs {
-    /// Opens the data, logs its description, and applies the limits on scans.
-    fn selection(&self) -> anyhow::Result<Selection> {
-        let mut input = Input::open(&self.data, self.strict, self.slam, self.elastic.pose_kind())?;
-        input.description().lines().for_each(|line| tracing::info!("{line}"));
+    /// Opens the data, logs its description, and applies the limits on scans. The counter grows with each scan that is held out.
+    fn source(&self) -> anyhow::Result<(Source, Arc<AtomicUsize>)> {
+        let mut source = self.data.source(self.strict, self.slam, self.corrections.corrections().pose_kind())?;
+        source.description().lines().for_each(|line| tracing::info!("{line}"));
         if let Some(most) = self.max_scans {
-            input.limit(most);
+            source.limit(most);
         }
-        let held_out = self.hold_out.map(|hold_out| input.remove_held_out(hold_out)).unwrap_or_default();
-        Ok(Selection { input, held_out, elastic: self.elastic, strict: self.strict })
+        let held_out = self.hold_out.map(|hold_out| source.remove_held_out(hold_out)).unwrap_or_default();
+        Ok((source, held_out))
     }
 
     /// What decides about the bits of the map.
-    fn identity(&self, settings: &Settings, input: &Input) -> Identity {
+    fn identity(&self, settings: &Settings, source: &Source) -> Identity {
         let or_none = |number: Option<String>| number.unwrap_or_else(|| "none".to_owned());
         Identity::new(settings)
-            .with("data", format!("{:016x}", input.fingerprint()))
+            .with("data", format!("{:016x}", source.fingerprint()))
             .with("reading", self.data.identity())
-            .with("poses by odometry", input.is_raw())
-            .with("corrections", self.elastic.identity())
+            .with("poses by odometry", source.is_raw())
+            .with("corrections", self.corrections.corrections().identity())
             .with("--hold-out", or_none(self.hold_out.map(|n| n.to_string())))
             .with("--max-scans", or_none(self.max_scans.map(|n| n.to_string())))
             .with("--into", if self.into.is_some() { "a map" } else { "none" })
     }
 
     /// The settings, and the directory of the map.
-    fn target(&self) -> anyhow::Result<(Settings, Target)> {
+    fn target(&self, warnings: &mut Warnings) -> anyhow::Result<(Settings, Target)> {
         let Some(map) = &self.into else {
             if self.align.align.is_some() {
                 return Err(Failure::usage("--align says where a session lies in a map", "name the map with --into").into());
             }
             let settings = self.settings.resolve()?;
-            return Ok((settings, Target::create(&target::path(self.output.as_deref(), self.data.path())?, self.target)?));
+            return Ok((settings, Target::create(&self.path(self.output.as_deref())?, self.save.into(), warnings)?));
         };
         let base = map_files::settings_of(&map_files::open(map)?)?;
         let settings = self.settings.resolve_over(base.clone())?;
         joining::check_settings(map, &base, &settings, "leave them out of flags and file: those of the map are used")?;
-        Ok((settings, Target::open(map, self.target)?))
+        Ok((settings, Target::open(map, self.save.into())?))
+    }
+
+    fn path(&self, output: Option<&Path>) -> anyhow::Result<PathBuf> {
+        Ok(keep::path(output, self.data.path())?)
+    }
+
+    /// The run, anew or where an unfinished one is, and what it is to be given. None if the user interrupts the reading again.
+    fn begin(&self, source: &Source, settings: &Settings, unfinished: Option<Unfinished>) -> anyhow::Result<Option<(MappingRun, Inputs)>> {
+        let pool = threads::pool(settings.threads)?;
+        let poses = source.odometry(pool.current_num_threads())?.map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
+        let (corrections, comes) = (self.corrections.corrections(), Comes::Again);
+        let plan = Plan { settings: settings.clone(), corrections, poses, sensor: source.sensor(), comes };
+        let Some(mut unfinished) = unfinished else {
+            return Ok(Some((MappingRun::new(plan, pool)?, source.inputs())));
+        };
+        // Of a recording, clouds can be read again only once it was played.
+        let inputs = match unfinished.position.take() {
+            Some(position) => source.inputs_from(position, interrupt::requested),
+            None => Some(source.inputs()),
+        };
+        let Some(inputs) = inputs else { return Ok(None) };
+        source.know_motions(unfinished.motions());
+        Ok(Some((MappingRun::resumed(plan, pool, unfinished, source.clouds().as_mut())?, inputs)))
+    }
+
+    /// Gives the run all inputs, until they end or the user interrupts. Returns whether that was so.
+    fn map(&self, run: &mut MappingRun, source: &Source, inputs: &mut Inputs, quiet: bool) -> anyhow::Result<bool> {
+        let mut progress = Progress::new("scans", source.scans().map(|n| n as u64), quiet);
+        if run.scans() > 0 {
+            progress.start_after((run.scans() + run.skipped()) as u64);
+        }
+        run.set_idle_task(|| inputs.idle_task());
+        while !run.is_full()
+            && let Some(input) = inputs.next()
+        {
+            let (is_scan, sensors) = (input.is_scan(), run.mapping().mapper().sensor_count());
+            let taken = run.take(input, &mut ());
+            if let Some(problem) = taken.refused.first().filter(|_| self.strict) {
+                return Err(anyhow::Error::msg(problem.clone()).context("a scan cannot be used (--strict); no map was written"));
+            }
+            run.note_position(inputs.read_position());
+            if let (true, Some(sensor)) = (run.mapping().mapper().sensor_count() > sensors, run.mapping().mapper().sensor()) {
+                tracing::info!("sensor: {sensor}");
+            }
+            if is_scan {
+                progress.step(|| note(source, run));
+            }
+            if interrupt::requested() {
+                // The map will have what came until now, and so has this.
+                run.keep_now();
+                return Ok(true);
+            }
+            run.keep(false);
+        }
+        Ok(false)
     }
 
     /// Saves the map; a session is added to the map that is there, or saved as a map of its own.
-    fn save(&self, session: &Session, target: &mut Target, run: String, tally: &Tally) -> anyhow::Result<Saved> {
-        let details = session.details();
+    fn save(&self, run: &mut MappingRun, digest: String, interrupted: bool) -> anyhow::Result<SavedSession> {
         if self.into.is_none() {
-            return Ok(Saved { report: target.save(session, &details)?, added: None, is_kept: false });
+            return Ok(SavedSession { report: run.save()?, ..SavedSession::default() });
         }
-        let map = target.path().to_owned();
-        let why = if tally.interrupted {
-            if target.has_checkpoint() {
-                tracing::warn!("interrupted: {} is as it was before; the same command goes on with the session and adds it", map.display());
-                return Ok(Saved { report: SaveReport::default(), added: None, is_kept: true });
-            }
-            "it was interrupted".to_owned()
-        } else {
-            let atlas = session.mapper().atlas();
-            let entries = vec![joining::new_session(atlas, self.data.path(), run)];
-            let sessions = Sessions { atlas, origin: session.origin(), entries, has_frame: tally.odometry.is_none() };
-            let store = target.store()?;
-            match session.pool().install(|| joining::place(store, sessions, self.align.align))? {
-                Outcome::Joined(addition, summary) => {
-                    target.set_addition(addition);
-                    let report = target.save(session, &details)?;
-                    if !target.is_elsewhere() {
-                        joining::log(&map, &summary);
-                    }
-                    return Ok(Saved { report, added: Some(summary).filter(|_| !target.is_elsewhere()), is_kept: false });
-                }
-                Outcome::Apart(why) => why,
-            }
-        };
-        let report = target.save_apart(session, &details, &target::path(None, self.data.path())?)?;
-        let (map, apart) = (map.display(), target.path().display());
-        tracing::warn!("the session is not added to {map}, which is as it was before: {why}");
-        tracing::warn!("it is saved as {apart}; `voxelastic merge {apart} --into {map} --align X,Y,Z,YAW` adds it where you say it lies");
-        Ok(Saved { report, added: None, is_kept: false })
+        let apart = self.path(None)?;
+        Ok(run.save_session(self.data.path(), digest, self.align.align, interrupted, &apart)?)
     }
-}
-
-/// What was saved, and where.
-struct Saved {
-    report: SaveReport,
-    /// Where the session lies in the map that it was added to.
-    added: Option<SessionSummary>,
-    /// Whether nothing was saved, but the run is kept to be gone on with.
-    is_kept: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let clock = Instant::now();
-    let (settings, mut target) = args.target()?;
+    let mut warnings = Warnings::default();
+    let (settings, mut target) = args.target(&mut warnings)?;
     if args.dynamic_points.is_some() && settings.dynamic == Dynamic::Keep {
         return Err(Failure::usage("--dynamic-points: nothing is set aside with --dynamic keep", "add --dynamic remove").into());
     }
-    let selection = args.selection()?;
-    let identity = args.identity(&settings, &selection.input);
-    let run = identity.digest().context("the run cannot be described")?;
-    if let Some(number) = args.into.as_ref().and(joining::session_of_run(target.store()?, &run)) {
+    let (source, held_out) = args.source()?;
+    let identity = args.identity(&settings, &source);
+    let digest = identity.digest().context("the run cannot be described")?;
+    if let Some(number) = args.into.as_ref().and(joining::session_of_run(target.store()?, &digest)) {
         let map = target.path().display();
         let remedy = format!("`voxelastic remove {map} --session {number}` takes it out");
         return Err(Failure::new(format!("session {number} of {map} is this run already: the same data and settings"), remedy).into());
     }
     // Before what was mapped of a run that did not end is read.
     settings.limit_memory()?;
-    let unfinished = args.resume.find(&mut target, &identity)?;
-    let resumed = unfinished.as_ref().map_or(0, Unfinished::scans);
+    let unfinished = args.resume.resume().find(&mut target, &identity, &mut warnings)?;
     interrupt::install("finishing this scan and saving the map");
 
-    let pool = meshing::pool(settings.threads)?;
-    let Some((mut pipeline, mut session)) = Pipeline::open(&selection, &settings, pool, unfinished)? else {
+    let mapping_clock = Instant::now();
+    let Some((run, mut inputs)) = args.begin(&source, &settings, unfinished)? else {
         return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
     };
+    let mut run = run.kept_in(target, identity, args.resume.checkpoints, Comes::Again, &[]);
+    run.warnings_mut().append(warnings);
     if args.dynamic_points.is_some() {
-        if session.scans() > 0 {
+        if run.scans() > 0 {
             tracing::warn!(
                 "--dynamic-points: points that were set aside before the run was killed are not in the file; --restart maps from the beginning"
             );
         }
-        session.keep_moving_points();
+        run.mapping_mut().keep_moving_points();
     }
-    let mut keeper = Keeper::new(args.resume.checkpoints(), identity, pipeline.corrector(), selection.input.is_raw(), session.scans());
-    pipeline.run(&mut session, &mut target, &mut keeper, quiet)?;
-    let mut tally = pipeline.finish(&mut session);
-    if session.scans() == 0 {
-        let (what, remedy) = if tally.interrupted {
+    let interrupted = args.map(&mut run, &source, &mut inputs, quiet)?;
+    let mapping_s = mapping_clock.elapsed().as_secs_f64();
+    run.finish(&mut ());
+    if run.scans() == 0 {
+        let (what, remedy) = if interrupted {
             ("interrupted before the first scan was integrated", "")
         } else {
             ("no scan could be integrated", "the warnings above give the reason for each scan")
         };
         return Err(Failure::new(format!("{}: {what}; no map was written", args.data.path().display()), remedy).into());
     }
-    tally.rebuilt = args.elastic.finish(selection.input.clouds(), &mut session, quiet);
-    let saved = args.save(&session, &mut target, run, &tally)?;
-    let details = session.details();
-    if !tally.interrupted {
-        target.discard_checkpoints();
+    let mut progress = None;
+    let rebuilt = run.complete(source.clouds().as_mut(), |done, all| {
+        let progress = progress.get_or_insert_with(|| Progress::new("submaps rebuilt", all as u64, quiet));
+        if done > 0 {
+            progress.step(String::new);
+        }
+        !interrupt::requested()
+    });
+    drop(progress);
+    let (skipped, held_out) = (run.skipped() + source.without_pose(), held_out.load(Ordering::Relaxed));
+    let tally = Tally { skipped, held_out, rebuilt, interrupted, mapping_s };
+    let saved = args.save(&mut run, digest, interrupted)?;
+    if !interrupted {
+        run.discard_checkpoints();
     }
-    let output = target.path().to_owned();
-    let is_own_map = args.into.is_none() || target.is_elsewhere();
-    let summary = Summary {
-        scans_resumed: resumed,
-        checkpoints: keeper.summary(),
-        session: saved.added,
-        ..summarise(&session, &tally, saved.report, &output, clock)
-    };
-    let log = RunLog {
-        total_s: summary.total_s,
-        input: args.data.path().display().to_string(),
-        interrupted: tally.interrupted,
-        scans_skipped: tally.skipped,
-        registrations: summary.odometry.as_ref().map(|odometry| odometry.registrations.clone()).unwrap_or_default(),
-        closures: summary.closures.as_ref().map(ClosureSummary::for_report).unwrap_or_default(),
-        ..session.log()
-    };
-    if is_own_map {
-        target.log(&log);
+    let (output, is_elsewhere) = run.target().map(|target| (target.path().to_owned(), target.is_elsewhere())).unwrap_or_default();
+    let summary = Summary { session: saved.added, ..summarise(&run, &tally, saved.report.bytes, &output, clock) };
+    let log =
+        RunLog { total_s: summary.total_s, input: args.data.path().display().to_string(), interrupted, scans_skipped: tally.skipped, ..run.log() };
+    if args.into.is_none() || is_elsewhere {
+        run.save_log(&log);
     }
     if let Some(odometry) = &summary.odometry {
         odometry.log(summary.threads);
@@ -329,7 +353,7 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     }
     log_summary(&summary, saved.is_kept);
     if let Some(path) = &args.dynamic_points {
-        write_moving_points(path, &session).with_context(|| format!("the map is saved as {}, but not the points on what moves", output.display()))?;
+        write_moving_points(path, &run).with_context(|| format!("the map is saved as {}, but not the points on what moves", output.display()))?;
     }
     // No scan needs its arrays any more.
     keep_arrays_in_file(true);
@@ -337,39 +361,47 @@ pub fn run(args: &MapArgs, quiet: bool) -> anyhow::Result<u8> {
     let mut summary = summary;
     let reported = args.report.as_ref().map_or(Ok(0), |page| {
         let page = page.clone().unwrap_or_else(|| report::page_of(&output));
-        let (atlas, settings) = (session.mapper().atlas(), session.mapper().settings());
+        let (mapping, details) = (run.mapping(), run.details());
+        let (atlas, settings) = (mapping.atlas(), mapping.mapper().settings());
         let subject = Subject { atlas, settings, details: &details, run: Some(log), surface: &SurfaceArgs::default() };
-        let (report, figures) = session.pool().install(|| subject.report(&report::name_of(&output)));
+        let (report, figures) = mapping.pool().install(|| subject.report(&report::name_of(&output)));
         summary.fused = figures.fused;
-        session.pool().install(|| reporting::write(&report, &page))
+        mapping.pool().install(|| reporting::write(&report, &page))
     });
     if args.json {
         output::print_json(&summary)?;
     }
     reported.with_context(|| format!("the map is saved as {}, but not its report", output.display()))?;
     Ok(match () {
-        () if tally.broken => failure::BUG,
-        () if target.is_elsewhere() => failure::ELSEWHERE,
-        () if tally.interrupted => failure::INTERRUPTED,
+        () if inputs.is_broken() => failure::BUG,
+        () if is_elsewhere => failure::ELSEWHERE,
+        () if interrupted => failure::INTERRUPTED,
         () => failure::DONE,
     })
 }
 
+/// What progress says beside the number of scans.
+fn note(source: &Source, run: &MappingRun) -> String {
+    let read = source.progress().map_or_else(String::new, |part| format!("{:.0} % read, ", part * 100.0));
+    format!("{read}{} submaps", run.mapping().atlas().submaps().len())
+}
+
 /// Writes the points that were set aside because they are on something that moves.
-fn write_moving_points(path: &Path, session: &Session) -> anyhow::Result<()> {
-    let positions = session.moving_points();
-    write_ply(path, &MeshRef { positions, origin: session.origin().coordinates(), ..MeshRef::default() })?;
+fn write_moving_points(path: &Path, run: &MappingRun) -> anyhow::Result<()> {
+    let positions = run.mapping().moving_points();
+    write_ply(path, &MeshRef { positions, origin: run.origin().coordinates(), ..MeshRef::default() })?;
     tracing::info!("{} points on what moves in {}", positions.len(), path.display());
     Ok(())
 }
 
-fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path, clock: Instant) -> Summary {
-    let (mapper, log) = (session.mapper(), session.log());
+fn summarise(run: &MappingRun, tally: &Tally, bytes: u64, output: &Path, clock: Instant) -> Summary {
+    let (mapping, log) = (run.mapping(), run.mapping().log());
+    let mapper = mapping.mapper();
     let (settings, atlas) = (mapper.settings(), mapper.atlas());
     Summary {
         output: output.to_owned(),
-        scans: session.scans(),
-        scans_resumed: 0,
+        scans: run.scans(),
+        scans_resumed: run.scans_resumed(),
         scans_skipped: tally.skipped,
         scans_held_out: tally.held_out,
         interrupted: tally.interrupted,
@@ -383,24 +415,25 @@ fn summarise(session: &Session, tally: &Tally, saved: SaveReport, output: &Path,
         loops: log.loops,
         corrections: log.corrections,
         session: None,
-        checkpoints: CheckpointSummary::default(),
+        checkpoints: run.checkpoints(),
         submaps_rebuilt: tally.rebuilt,
-        odometry: tally.odometry.clone(),
-        closures: tally.closures.clone(),
+        odometry: run.odometry(),
+        closures: run.closures(),
         field: settings.field.name(),
         voxel_m: settings.voxel_size,
         max_range_m: settings.max_range,
         sensor: mapper.sensor().unwrap_or_default().to_owned(),
         sensor_layout: mapper.sensor_layout().unwrap_or_default(),
-        threads: session.threads(),
-        times: session.times(),
+        threads: mapping.threads(),
+        times: mapping.times(),
         mapping_s: tally.mapping_s,
         total_s: clock.elapsed().as_secs_f64(),
         peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
         map_mb: usage::megabytes(atlas.bytes() as u64),
-        file_mb: usage::megabytes(saved.bytes),
+        file_mb: usage::megabytes(bytes),
         blocks: atlas.submaps().iter().map(|s| s.tsdf().len()).sum(),
         fused: None,
+        warnings: run.warnings().all().to_vec(),
     }
 }
 

@@ -1,9 +1,9 @@
 //! Arguments of `voxelastic plan`.
 
+use crate::args::LoadArgs;
 use crate::commands;
 use crate::commands::slice::Corners;
 use crate::failure::Failure;
-use crate::map_files::LoadArgs;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 use std::time::Duration;

@@ -1,7 +1,6 @@
 //! The file `path.json`, written and read. Its keys are documented and stable; further keys may be added.
 
 use crate::failure::Failure;
-use crate::map_files::LoadedMap;
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -10,6 +9,7 @@ use voxelastic::query::UnknownAs;
 use voxelastic_io::Origin;
 use voxelastic_plan::{Anchor, Plan, Point, Request, Robot, Wheels, anchor_path, distance, sharpest_turn};
 use voxelastic_report::content::PlannedPath;
+use voxelastic_run::map_files::LoadedMap;
 
 /// Version of the file.
 const FORMAT: u32 = 1;

@@ -2,13 +2,13 @@
 
 use super::args::{PlanArgs, explain};
 use super::file::StoredPath;
-use crate::map_files::LoadedMap;
 use crate::{failure, output};
 use serde::Serialize;
 use std::path::Path;
 use voxelastic::field::occupancy::State;
 use voxelastic::query::{AtlasQuery, UnknownAs};
 use voxelastic_plan::{BlockedSegment, FlyingSpace, GroundSpace, PlanError, Point, Robot, distance, length, recheck, resolve_anchors};
+use voxelastic_run::map_files::LoadedMap;
 
 /// The keys of `--json` for a recheck.
 #[derive(Debug, Serialize)]

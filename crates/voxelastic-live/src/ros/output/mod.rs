@@ -316,13 +316,13 @@ impl Outputs {
     }
 
     /// How the node is, once a second: in words, and as figures.
-    pub fn diagnostics(&mut self, node: &str, status: impl FnOnce() -> (Health, String, Vec<(&'static str, String)>)) {
+    pub fn diagnostics(&mut self, node: &str, status: impl FnOnce() -> (Health, String, Vec<(String, String)>)) {
         if self.last_figures.is_some_and(|last| last.elapsed() < PERIOD) {
             return;
         }
         self.last_figures = Some(Instant::now());
         let (health, words, mut figures) = status();
-        figures.push(("messages_lost", self.lost.to_string()));
+        figures.push(("messages_lost".to_owned(), self.lost.to_string()));
         self.publish(Output::Diagnostics, |header| messages::diagnostics(Header { frame: "", ..header }, node, (health, &words), &figures));
     }
 

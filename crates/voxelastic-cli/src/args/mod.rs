@@ -1,0 +1,18 @@
+//! Arguments that several commands have.
+
+mod corrections;
+pub mod data;
+mod frame;
+mod load;
+pub mod raw_data;
+mod resume;
+mod save;
+pub mod settings;
+
+pub use corrections::CorrectionArgs;
+pub use data::{DataArgs, ReadingArgs};
+pub use frame::AlignArgs;
+pub use load::LoadArgs;
+pub use resume::ResumeArgs;
+pub use save::SaveArgs;
+pub use settings::SettingFlags;
