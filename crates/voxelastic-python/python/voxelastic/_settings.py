@@ -37,7 +37,6 @@ class SettingArguments(TypedDict, total=False):
     truncation_front: float
     truncation_behind: float
     max_weight: float
-    known_after: float
     max_scale: int
     interpolate: float
     dynamic: Literal["keep", "remove"]
@@ -124,11 +123,6 @@ class Settings:
     max_weight: float = 100.0
     """Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show. Allowed: 1 to 1000
     observations.
-    """
-    known_after: float = 0.0
-    """For many scans a second, such as 10: a surface that so many rays have met is known. Where a part of a scan shows known surfaces
-    only, the TSDF takes its returns from one scan in four, or in eight after twice as many rays, with four or eight times the weight.
-    That is faster, and rougher where poses are not exact; 0 to take all of every scan. Allowed: 0 to 1000 observations.
     """
     max_scale: int = 3
     """Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution. Allowed: 0 to

@@ -28,8 +28,6 @@ use std::time::{Duration, Instant};
 struct SensorScan<'a> {
     prepared: FrontendScan<'a>,
     moving: &'a mut MovingDetector,
-    /// Number of sensors of which there were scans before.
-    sensors: usize,
 }
 
 /// Turns a stream of events into an [`Atlas`].
@@ -335,11 +333,10 @@ impl Mapper {
 
     /// As [`integrate`](Self::integrate), with the sensors apart: a prepared scan borrows from one of them.
     fn integrate_from(&mut self, sensors: &mut Sensors, scan: &Scan) -> Result<ScanReport, MapError> {
-        let known = sensors.len();
         let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
         let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();
-        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving, sensors: known };
+        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving };
         let prepare = start.elapsed();
         // The node is added to the graph even if its scan is not usable: edges may lead over it.
         self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
@@ -370,18 +367,11 @@ impl Mapper {
         // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.
         let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
-        let clock = Instant::now();
-        let weights = self.atlas.submap(id).and_then(|submap| {
-            // Several sensors alternate, and each has to come to all of its patches.
-            let turn = submap.scans.len() / sensor_scan.sensors.max(1);
-            self.integrators.patch_weights(submap, turn, &t_submap_lidar, prepared, &self.settings)
-        });
-        let prepare = prepare + clock.elapsed();
         // Other submaps are compacted while the planes are fitted: the two are independent.
         let (planes, ()) = rayon::join(
             || {
                 let clock = Instant::now();
-                prepared.fit_planes_for_map(weights.as_ref(), &self.settings);
+                prepared.fit_planes_for_map(&self.settings);
                 clock.elapsed()
             },
             || self.atlas.compact_others(id),
@@ -400,7 +390,7 @@ impl Mapper {
             scan.cloud.sensor,
             submap,
             &t_submap_lidar,
-            &sensor_scan.prepared.without(&moves, weights.as_ref()),
+            &sensor_scan.prepared.without(&moves),
             &self.settings,
             &redundancy,
         );

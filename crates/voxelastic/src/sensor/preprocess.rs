@@ -4,7 +4,6 @@ use super::beam_model::BeamModel;
 use super::between_rows::{RowGaps, add_between_rows};
 use super::cloud_layout::CloudLayout;
 use super::normals::{NormalSettings, PlaneFitter};
-use super::patch_weights::PatchWeights;
 use super::prepared_scan::{Counts, PreparedScan};
 use super::project::{BEYOND, NO_RETURN, OUTSIDE, Projector, TOO_NEAR, project};
 use super::range_image::RangeImage;
@@ -272,18 +271,8 @@ impl LazyScan<'_> {
         &self.preprocessor.model
     }
 
-    /// Whether planes come from an image of which all returns have a pixel.
-    pub(crate) fn has_image(&self) -> bool {
-        matches!(self.preprocessor.fitter, Fitter::Image(_))
-    }
-
     /// Fits the local planes, unless that has been done, and returns the scan with them.
     pub fn fit_planes(&mut self) -> &PreparedScan {
-        self.fit_planes_of(None)
-    }
-
-    /// As [`fit_planes`](Self::fit_planes), for the returns of which the weight is not 0 only. Of scattered clouds, all are fitted.
-    pub(crate) fn fit_planes_of(&mut self, weights: Option<&PatchWeights>) -> &PreparedScan {
         let ScanPreprocessor { scan, fitter, row_gaps, moved, .. } = &mut *self.preprocessor;
         let PreparedScan { image, single_view, returns, .. } = scan;
         if returns.normals.len() < returns.len() {
@@ -291,7 +280,7 @@ impl LazyScan<'_> {
             let times = self.cloud.time.as_deref().filter(|times| times.len() == self.cloud.len());
             match fitter {
                 Fitter::Image(fitter) => {
-                    fitter.fit(points, times, image, weights, returns);
+                    fitter.fit(points, times, image, returns);
                     if let Some(gaps) = *row_gaps {
                         add_between_rows(returns, image, gaps);
                     }

@@ -171,8 +171,6 @@ settings! {
         "The TSDF is updated up to this far behind a surface, in voxels of the integration scale, but along a beam no farther than truncation.";
     max_weight: f32 = 100.0, "observations", Between(1.0, 1000.0), Advanced,
         "Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show.";
-    known_after: f32 = 0.0, "observations", Between(0.0, 1000.0), Advanced,
-        "For many scans a second, such as 10: a surface that so many rays have met is known. Where a part of a scan shows known surfaces only, the TSDF takes its returns from one scan in four, or in eight after twice as many rays, with four or eight times the weight. That is faster, and rougher where poses are not exact; 0 to take all of every scan.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
     interpolate: f32 = 0.0, "m", Between(0.0, 20.0), Advanced,

@@ -5,7 +5,6 @@ mod bad_input;
 mod correction;
 mod fusion;
 mod interpolated;
-mod known_surfaces;
 mod laps;
 mod moving;
 #[allow(dead_code)]

@@ -88,8 +88,6 @@ pub(crate) struct TsdfRays {
     pub has_spacing: bool,
     /// Whether there are rays of interpolated surfaces, whose count is zero.
     pub interpolates: bool,
-    /// Mean number of scans that take turns at its returns, rounded up.
-    pub sharing: usize,
 }
 
 impl TsdfIntegrator {
@@ -139,7 +137,6 @@ impl TsdfIntegrator {
             has_intensity: !returns.intensities.is_empty(),
             has_spacing: !returns.spacing.is_empty(),
             interpolates: returns.spacing.is_empty() && returns.measured < returns.points.len(),
-            sharing: returns.weights.iter().map(|weight| usize::from(*weight)).sum::<usize>().div_ceil(returns.weights.len().max(1)).max(1),
         }
     }
 
@@ -175,7 +172,7 @@ impl TsdfIntegrator {
         let ids: Vec<u32> = self.runs.iter().map(|run| run.block).collect();
         self.update(field, &ids);
         changes.iter().for_each(|&id| field.release_coarser(id));
-        field.record_changes(ids, scan.sharing);
+        field.record_changes(ids);
         let updated = Instant::now();
 
         TsdfStats {
