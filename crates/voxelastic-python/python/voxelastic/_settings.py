@@ -38,7 +38,6 @@ class SettingArguments(TypedDict, total=False):
     truncation_behind: float
     max_weight: float
     max_scale: int
-    interpolate: float
     dynamic: Literal["keep", "remove"]
     laps: Literal["fused", "apart"]
     storage: Literal["all", "once"]
@@ -127,11 +126,6 @@ class Settings:
     max_scale: int = 3
     """Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution. Allowed: 0 to
     3.
-    """
-    interpolate: float = 0.0
-    """Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is
-    interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only,
-    marked; 0 for none. Allowed: 0 to 20 m.
     """
     dynamic: Literal["keep", "remove"] = "keep"
     """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set

@@ -42,7 +42,6 @@ impl Frontend {
         let intensity_scale = first.intensity.as_deref().and_then(scale_of);
         let (mut preprocessor, has_tsdf) = (ScanPreprocessor::new(model, layout, limits), settings.field.has_tsdf());
         preprocessor.fill_between(settings.voxel_size);
-        preprocessor.interpolate_rows(settings.interpolate, settings.voxel_size);
         Ok(Self { preprocessor, has_tsdf, description, intensity_scale, intensities: Vec::new(), colours: Vec::new() })
     }
 

@@ -7,7 +7,6 @@
 //! A *beam* is a direction in which the sensor measures; a *return* is a measured point.
 
 mod beam_model;
-mod between_rows;
 mod cloud_layout;
 mod detect;
 mod error;

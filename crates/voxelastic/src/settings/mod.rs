@@ -173,8 +173,6 @@ settings! {
         "Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
-    interpolate: f32 = 0.0, "m", Between(0.0, 20.0), Advanced,
-        "Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only, marked; 0 for none.";
     dynamic: Dynamic = Dynamic::Keep, "", OneOf(&["keep", "remove"]), Advanced,
         "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
     laps: Laps = Laps::Fused, "", OneOf(&["fused", "apart"]), Advanced,

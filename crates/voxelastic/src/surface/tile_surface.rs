@@ -66,7 +66,6 @@ impl TileSurface {
             intensities: picked(&self.mesh.intensities, &(0..0), &used),
             colours: picked(&self.mesh.colours, &(0..0), &used),
             scales: picked(&self.mesh.scales, &(0..0), &used),
-            interpolated: picked(&self.mesh.interpolated, &(0..0), &used),
             triangles: triangles.into_iter().map(|t| t.map(number)).collect(),
         }
     }
@@ -277,7 +276,6 @@ impl Batch<'_> {
             intensities: picked(&self.mesh.intensities, &own, &copies),
             colours: picked(&self.mesh.colours, &own, &copies),
             scales: picked(&self.mesh.scales, &own, &copies),
-            interpolated: picked(&self.mesh.interpolated, &own, &copies),
             triangles,
         };
         let (piece_of, pieces) = pieces_of(&mesh, own.len(), self.resolved, &heads[ranks.clone()], &self.vertices[ranks.clone()]);

@@ -100,7 +100,6 @@ fn part(mesh: &Mesh, triangles: &[u32]) -> Mesh {
         intensities: picked(&mesh.intensities, &vertices),
         colours: picked(&mesh.colours, &vertices),
         scales: picked(&mesh.scales, &vertices),
-        interpolated: picked(&mesh.interpolated, &vertices),
         triangles,
     }
 }

@@ -4,7 +4,6 @@
 mod bad_input;
 mod correction;
 mod fusion;
-mod interpolated;
 mod laps;
 mod moving;
 #[allow(dead_code)]

@@ -43,7 +43,7 @@ pub(crate) fn bundle(rays: &mut [Ray], limit: f32, width: f32) -> usize {
             bundle.point = bundle.point.map(|c| c * share);
             bundle.range *= share;
             bundle.intensity = (intensities / u32::from(members)) as u8;
-            bundle.count = members * first.count;
+            bundle.count = members;
             (bundle.direction, bundle.normal) = (unit(bundle.direction), unit(bundle.normal));
         }
         rays[kept] = bundle;
@@ -74,7 +74,7 @@ impl<'a> BundleCriterion<'a> {
         let Self { first, max_distance_squared, max_offset_squared } = *self;
         let offset = [0, 1, 2].map(|k| next.point[k] - first.point[k]);
         let is_near = (dot(offset, offset) < max_distance_squared) & (dot(offset, first.normal).powi(2) < max_offset_squared);
-        next.has_plane & (next.scale == first.scale) & (next.count == first.count) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
+        next.has_plane & (next.scale == first.scale) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
     }
 }
 

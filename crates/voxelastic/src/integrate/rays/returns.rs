@@ -14,8 +14,7 @@ pub struct ReturnsView<'a> {
     pub intensities: &'a [u8],
     /// Distance between returns around each of them, metres, where that is measured; else empty, and it follows from the range.
     pub spacing: &'a [f32],
-    /// Number of points that were measured; those after them lie between returns on one plane, and are for surfaces only: without `spacing` they are
-    /// interpolated, and count less than any measurement.
+    /// Number of points that were measured; those after them lie between returns on one plane, and are for surfaces only.
     pub measured: usize,
     /// Position of the lidar when it measured each return, lidar frame, metres; empty when it stood still.
     pub origins: &'a [[f32; 3]],

@@ -72,7 +72,6 @@ pub(crate) fn build_rays(returns: &ReturnsView<'_>, frame: &RayFrame, surface: O
             origins: returns.origins.get(part.clone()).unwrap_or(&[]),
             intensities: returns.intensities.get(part.clone()).unwrap_or(&[]),
             spacing: returns.spacing.get(part.clone()).unwrap_or(&[]),
-            measured_points: if returns.spacing.is_empty() { returns.measured.saturating_sub(part.start) } else { usize::MAX },
             frame,
             surface: surface_params.zip(surface.as_deref_mut()),
             measured: measured_rule.zip(measured.as_deref_mut()),
@@ -125,8 +124,6 @@ struct Transform<'a> {
     origins: &'a [[f32; 3]],
     intensities: &'a [u8],
     spacing: &'a [f32],
-    /// Number of points that were measured; the surface at those after them is interpolated.
-    measured_points: usize,
     frame: &'a RayFrame,
     surface: Option<(SurfaceRayParams, &'a mut [Ray])>,
     measured: Option<(ScaleRule, &'a mut [Ray])>,
@@ -137,7 +134,7 @@ type Lanes = [f32; LANES];
 impl Kernel for Transform<'_> {
     #[inline(always)]
     fn run(self) {
-        let Self { points, normals, origins, intensities, spacing, measured_points, frame, mut surface, mut measured } = self;
+        let Self { points, normals, origins, intensities, spacing, frame, mut surface, mut measured } = self;
         let per_metre = 1.0 / frame.voxel;
         for (step, points) in points.chunks(LANES).enumerate() {
             let first = step * LANES;
@@ -169,8 +166,6 @@ impl Kernel for Transform<'_> {
                         ..lanes.ray(l, &params.rule, per_metre)
                     };
                 }
-                let interpolated = measured_points.saturating_sub(first).min(points.len());
-                rays[first..][interpolated..points.len()].iter_mut().for_each(|ray| ray.count = 0);
                 for (ray, &spacing) in rays[first..].iter_mut().take(points.len()).zip(spacing.get(first..).unwrap_or(&[])) {
                     ray.scale = params.rule.fitting_between(spacing) as u32;
                 }
@@ -327,7 +322,6 @@ mod tests {
             Ray {
                 scale: returns.spacing.get(i).map_or(ray.scale, |&spacing| rule.fitting_between(spacing) as u32),
                 direction: steepened(direction, normal, slope, params.least_slope),
-                count: if i >= returns.measured && returns.spacing.is_empty() { 0 } else { 1 },
                 intensity: returns.intensities.get(i).copied().unwrap_or(0),
                 has_plane,
                 normal,
