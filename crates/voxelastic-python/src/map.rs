@@ -138,8 +138,7 @@ impl Map {
     fn renumbered(&self, first: u32) -> PyResult<Self> {
         let content = self.content()?;
         let Content { atlas, settings, sensor, origin } = &*content;
-        let number = |id| first + atlas.submaps().iter().take_while(|submap| submap.id() < id).count() as u32;
-        let submaps = atlas.submaps().iter().map(|submap| submap.clone().renumbered(number)).collect();
+        let submaps = (first..).zip(atlas.submaps()).map(|(id, submap)| submap.clone().with_id(id)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
         Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin: *origin }.into())
     }

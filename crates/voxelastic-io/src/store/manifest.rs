@@ -151,6 +151,6 @@ impl SubmapEntry {
         let scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
         let submap = Submap::new(self.id, voxel_size, self.t_map_submap).with_scans(scans, self.travelled);
         let submap = submap.with_corrected(self.corrected.iter().map(|s| s.t_submap_lidar).collect());
-        submap.with_fields(fields.tsdf, fields.occupancy).with_handed_over(fields.handed_over)
+        submap.with_fields(fields.tsdf, fields.occupancy)
     }
 }

@@ -24,7 +24,7 @@
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
-//! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans, `handed_over_section` blocks that other submaps have), each a sequence of compressed pages of blocks in Morton order (module `frames`).
+//! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
 mod checkpoint;
@@ -32,7 +32,6 @@ mod colour_section;
 mod details;
 mod files;
 mod frames;
-mod handed_over_section;
 mod join;
 mod journal;
 mod known_file;

@@ -179,7 +179,7 @@ fn entry_of(path: &Path, found: Found) -> Result<(Rank, SubmapEntry, MapDetails,
     let voxel_size = voxel_size.map_err(|what| Error::damaged(path, "origin section", 0, what))?;
     let written = fs::metadata(path).and_then(|m| m.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
     let rank = Rank { scans: origin.scans.len(), written };
-    let submap = origin.submap(found.id, voxel_size, found.fields.tsdf, found.fields.occupancy).with_handed_over(found.fields.handed_over);
+    let submap = origin.submap(found.id, voxel_size, found.fields.tsdf, found.fields.occupancy);
     let piece = Piece { submap: &submap, t_map_submap: origin.t_map_submap, session: None };
     Ok((rank, SubmapEntry::new(&piece, name, found.written), details, origin.session))
 }

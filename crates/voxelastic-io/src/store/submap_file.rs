@@ -11,12 +11,12 @@ use super::bytes::Bytes;
 use super::frames::Section;
 use super::origin_section::{self, Origin};
 use super::piece::{MapDetails, Piece};
-use super::{FORMAT_VERSION, colour_section, files, handed_over_section, occupancy_section, tsdf_section};
+use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
 use crate::{Error, Result};
 use crc32fast::Hasher;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
-use voxelastic::atlas::{HandedOver, Submap, SubmapId};
+use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::OccupancyField;
 use voxelastic::field::tsdf::TsdfField;
 use xxhash_rust::xxh3::xxh3_64;
@@ -39,7 +39,6 @@ const fn head_length(sections: usize) -> usize {
 pub(super) struct Fields {
     pub tsdf: TsdfField,
     pub occupancy: OccupancyField,
-    pub handed_over: Vec<HandedOver>,
 }
 
 /// The sections that this program can store.
@@ -49,21 +48,18 @@ enum Kind {
     /// Of the TSDF before it.
     Colour,
     Occupancy,
-    /// Not a field: blocks of its TSDF that other submaps have.
-    HandedOver,
     /// Not a field: where the submap lies and what it was made from.
     Origin,
 }
 
 impl Kind {
-    const ALL: [Self; 5] = [Self::Tsdf, Self::Colour, Self::Occupancy, Self::HandedOver, Self::Origin];
+    const ALL: [Self; 4] = [Self::Tsdf, Self::Colour, Self::Occupancy, Self::Origin];
 
     fn tag(self) -> [u8; 4] {
         match self {
             Self::Tsdf => *b"tsdf",
             Self::Colour => *b"colr",
             Self::Occupancy => *b"occu",
-            Self::HandedOver => *b"hand",
             Self::Origin => *b"orig",
         }
     }
@@ -74,7 +70,6 @@ impl Kind {
             Self::Tsdf => "tsdf section",
             Self::Colour => "colour section",
             Self::Occupancy => "occupancy section",
-            Self::HandedOver => "section of blocks handed over",
             Self::Origin => "origin section",
         }
     }
@@ -85,7 +80,7 @@ impl Kind {
             Self::Tsdf => section.find_damage(tsdf_section::HEAD),
             Self::Colour => section.find_damage(colour_section::HEAD),
             Self::Occupancy => section.find_damage(occupancy_section::HEAD),
-            Self::HandedOver | Self::Origin => section.damaged(0, "the section does not match its checksum"),
+            Self::Origin => section.damaged(0, "the section does not match its checksum"),
         }
     }
 
@@ -94,7 +89,6 @@ impl Kind {
             Self::Tsdf => !submap.tsdf().is_empty(),
             Self::Colour => !submap.tsdf().colours().is_empty(),
             Self::Occupancy => !submap.occupancy().is_empty(),
-            Self::HandedOver => !submap.handed_over().is_empty(),
             Self::Origin => true,
         }
     }
@@ -104,7 +98,6 @@ impl Kind {
             Self::Tsdf => tsdf_section::digest(submap.tsdf()),
             Self::Colour => colour_section::digest(submap.tsdf()),
             Self::Occupancy => occupancy_section::digest(submap.occupancy()),
-            Self::HandedOver => handed_over_section::digest(submap),
             Self::Origin => origin_section::digest(submap),
         }
     }
@@ -116,7 +109,6 @@ impl Kind {
             Self::Tsdf => tsdf_section::write(submap.tsdf(), out),
             Self::Colour => colour_section::write(submap.tsdf(), out),
             Self::Occupancy => occupancy_section::write(submap.occupancy(), out),
-            Self::HandedOver => handed_over_section::write(submap, out),
             Self::Origin => origin_section::write(piece, details, out).map(|()| origin_section::digest(submap)),
         }
     }
@@ -126,7 +118,6 @@ impl Kind {
             Self::Tsdf => fields.tsdf = tsdf_section::read(section)?,
             Self::Colour => colour_section::read(section, &mut fields.tsdf)?,
             Self::Occupancy => fields.occupancy = occupancy_section::read(section)?,
-            Self::HandedOver => fields.handed_over = handed_over_section::read(section)?,
             // The manifest knows better.
             Self::Origin => {}
         }

@@ -40,7 +40,6 @@ class SettingArguments(TypedDict, total=False):
     max_scale: int
     dynamic: Literal["keep", "remove"]
     laps: Literal["fused", "apart"]
-    storage: Literal["all", "once"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
     robot_height: str
@@ -135,11 +134,6 @@ class Settings:
     """What becomes of the laps of a run, each of which ends where the sensor comes back after 10 m or more: fused (what is seen again
     goes into the submaps that are there), or apart (each lap has submaps of its own, so that changes between them can be told, at the
     price of memory). Allowed: fused | apart.
-    """
-    storage: Literal["all", "once"] = "all"
-    """How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks
-    are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart). Allowed:
-    all | once.
     """
     no_return: Literal["unknown", "free"] = "unknown"
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for

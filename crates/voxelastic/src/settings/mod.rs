@@ -18,7 +18,7 @@ mod error;
 mod value;
 
 pub use error::SettingError;
-pub use value::{Allowed, Dynamic, FieldKind, Laps, NoReturn, RobotRadius, Storage};
+pub use value::{Allowed, Dynamic, FieldKind, Laps, NoReturn, RobotRadius};
 
 use crate::memory::{MemoryError, MemorySize};
 use crate::sensor::{preset, preset_names};
@@ -177,8 +177,6 @@ settings! {
         "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
     laps: Laps = Laps::Fused, "", OneOf(&["fused", "apart"]), Advanced,
         "What becomes of the laps of a run, each of which ends where the sensor comes back after 10 m or more: fused (what is seen again goes into the submaps that are there), or apart (each lap has submaps of its own, so that changes between them can be told, at the price of memory).";
-    storage: Storage = Storage::All, "", OneOf(&["all", "once"]), Advanced,
-        "How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart).";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
@@ -258,10 +256,6 @@ impl Settings {
             let reason = format!("must be less than max_range, which is {} m", self.max_range);
             return Err(SettingError::Contradiction { key: "min_range", value: self.min_range.to_string(), reason });
         }
-        if self.laps == Laps::Apart && self.storage == Storage::Once {
-            let reason = "with laps = apart, each lap keeps what it saw".to_owned();
-            return Err(SettingError::Contradiction { key: "storage", value: self.storage.text(), reason });
-        }
         if self.robot_radius_metres() / self.voxel_size > MAX_ROBOT_RADIUS_VOXELS {
             let reason = format!("at most {MAX_ROBOT_RADIUS_VOXELS} voxels, or {} m", MAX_ROBOT_RADIUS_VOXELS * self.voxel_size);
             return Err(SettingError::Contradiction { key: "robot_radius", value: self.robot_radius_metres().to_string(), reason });
@@ -333,8 +327,6 @@ mod tests {
         assert!(crossed.validate().unwrap_err().to_string().contains("less than max_range"));
         let unknown = Settings { sensor: "os1-63".into(), ..Settings::default() };
         assert!(unknown.validate().unwrap_err().to_string().contains("os1-64"));
-        let stored_once = Settings { laps: Laps::Apart, storage: Storage::Once, ..Settings::default() };
-        assert!(stored_once.validate().unwrap_err().to_string().contains("each lap keeps what it saw"));
         let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
         assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
     }

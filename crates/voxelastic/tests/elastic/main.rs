@@ -9,7 +9,6 @@ mod moving;
 #[allow(dead_code)]
 #[path = "../common/room.rs"]
 mod room;
-mod stored_once;
 mod town;
 
 use voxelastic::Settings;
