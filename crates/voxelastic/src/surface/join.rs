@@ -26,7 +26,7 @@ pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOption
 
 /// Tiles that are joined one after the other, so that they need not be kept.
 #[derive(Debug, Default)]
-pub(crate) struct JoinedTiles {
+struct JoinedTiles {
     /// The vertices of all tiles, and their triangles.
     mesh: Mesh,
     /// By vertex.
