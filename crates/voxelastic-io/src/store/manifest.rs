@@ -53,15 +53,12 @@ impl Manifest {
     /// In words, when they have a number that is no voxel size: with another, every coordinate of the map would be wrong. Other words belong to whoever
     /// stored them.
     pub(super) fn voxel_size(&self) -> Result<f32, String> {
-        let mut settings = Settings::default();
-        for key in ["voxel", "voxel_size"] {
-            if let Some(value) = self.details.settings.get(key)
-                && let Err(problem) = settings.set(key, value)
-                && key == "voxel_size"
-                && value.trim().parse::<f64>().is_ok()
-            {
-                return Err(problem.to_string());
-            }
+        let (key, mut settings) = ("voxel_size", Settings::default());
+        if let Some(value) = self.details.settings.get(key)
+            && let Err(problem) = settings.set(key, value)
+            && value.trim().parse::<f64>().is_ok()
+        {
+            return Err(problem.to_string());
         }
         Ok(settings.voxel_size)
     }

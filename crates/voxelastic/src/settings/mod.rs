@@ -95,12 +95,12 @@ macro_rules! settings {
         });
 
         impl Settings {
-            /// Sets `key`, a present or [former](former_name) name, from text.
+            /// Sets `key`, from text.
             ///
             /// # Errors
             /// [`SettingError::UnknownKey`] and [`SettingError::BadValue`]; the settings are then unchanged.
             pub fn set(&mut self, key: &str, text: &str) -> Result<(), SettingError> {
-                match present_name(key) {
+                match key {
                     $(stringify!($key) => {
                         let parsed = <$kind as Value>::parse(text.trim()).filter(|v| v.is_within(&$allowed));
                         self.$key = parsed.ok_or_else(|| bad_value(stringify!($key), text))?;
@@ -112,7 +112,7 @@ macro_rules! settings {
 
             /// The value of `key` as text that [`set`](Self::set) takes back to the same bits; none for an unknown key.
             pub fn get(&self, key: &str) -> Option<String> {
-                match present_name(key) {
+                match key {
                     $(stringify!($key) => Some(Value::text(&self.$key)),)*
                     _ => None,
                 }
@@ -185,19 +185,6 @@ settings! {
         "How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius.";
     scale_hysteresis: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.";
-}
-
-/// Former names of settings, which files and scripts may still use.
-const RENAMED: [(&str, &str); 3] = [("voxel", "voxel_size"), ("truncation_new", "truncation_front"), ("coarser_factor", "scale_hysteresis")];
-
-/// The former name of setting `key`, if it was renamed. [`Settings::set`] accepts both.
-pub fn former_name(key: &str) -> Option<&'static str> {
-    RENAMED.iter().find(|(_, new)| *new == key).map(|(old, _)| *old)
-}
-
-/// The present name of a setting that is given by its present or former name.
-fn present_name(key: &str) -> &str {
-    RENAMED.iter().find(|(old, _)| *old == key).map_or(key, |(_, new)| *new)
 }
 
 /// What every setting is, basic ones first.
@@ -313,13 +300,13 @@ mod tests {
         let message = |settings: &mut Settings, key: &str, text: &str| settings.set(key, text).unwrap_err().to_string();
         assert_eq!(message(&mut settings, "voxel_size", "0"), "voxel_size = 0: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "voxel_size", "NaN"), "voxel_size = NaN: must be 0.005 to 5 m");
-        assert_eq!(message(&mut settings, "voxel", "ten"), "voxel_size = ten: must be 0.005 to 5 m");
+        assert_eq!(message(&mut settings, "voxel_size", "ten"), "voxel_size = ten: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "threads", "-1"), "threads = -1: must be 0 to 1024");
         assert_eq!(message(&mut settings, "field", "colour"), "field = colour: must be tsdf | occupancy | both");
         assert_eq!(message(&mut settings, "voxel_siz", "1"), "there is no setting `voxel_siz`; did you mean `voxel_size`?");
         assert_eq!(message(&mut settings, "lambda", "1"), "there is no setting `lambda`; did you mean `lambda_odom`?");
         assert_eq!(settings, Settings::default(), "refused values change nothing");
-        settings.set("voxel", "0.005").unwrap();
+        settings.set("voxel_size", "0.005").unwrap();
         assert!(matches!(settings.validate(), Ok(())), "12,000 voxels");
         settings.set("max_range", "1000").unwrap();
         assert!(settings.validate().unwrap_err().to_string().contains("use larger voxels"));
@@ -329,17 +316,6 @@ mod tests {
         assert!(unknown.validate().unwrap_err().to_string().contains("os1-64"));
         let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
         assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
-    }
-
-    #[test]
-    fn former_names_still_work() {
-        let mut settings = Settings::default();
-        for (old, new) in RENAMED {
-            settings.set(old, "2").unwrap();
-            assert_eq!((settings.get(new).as_deref(), settings.get(old).as_deref(), former_name(new)), (Some("2"), Some("2"), Some(old)));
-            assert!(table().iter().all(|setting| setting.key != old));
-        }
-        assert_eq!(former_name("max_range"), None);
     }
 
     #[test]
