@@ -92,7 +92,7 @@ impl Checkpoints {
     pub fn begin(writer: &MapWriter) -> Result<Self> {
         let dir = writer.store().dir().join(UNFINISHED);
         // A manifest that cannot be read is no reason to fail: it is replaced.
-        if matches!(MapStore::open(&dir), Err(Error::Damaged { .. } | Error::Newer { .. })) {
+        if matches!(MapStore::open(&dir), Err(Error::Damaged { .. } | Error::OtherVersion { .. })) {
             discard(&dir);
         }
         let writer = MapWriter::create(&dir)?;
@@ -137,7 +137,7 @@ impl Checkpoints {
     /// The checkpoint in the directory of the map that `writer` will save, and the checkpoints that follow it. None if there is none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] and [`Error::Newer`] for a checkpoint that cannot be used, [`Error::Locked`] and [`Error::Io`].
+    /// [`Error::Damaged`] and [`Error::OtherVersion`] for a checkpoint that cannot be used, [`Error::Locked`] and [`Error::Io`].
     pub fn resume(writer: &MapWriter) -> Result<Option<(Checkpoint, Self)>> {
         if !Self::is_there(writer) {
             return Ok(None);
@@ -318,7 +318,7 @@ fn read_state(path: &Path) -> Result<(StoredTable, Vec<u8>)> {
         return Err(damaged(0, format!("its {} bytes do not match their checksum", bytes.len())));
     }
     if version > VERSION {
-        return Err(Error::Newer { path: path.to_owned(), found: version, supported: VERSION });
+        return Err(Error::OtherVersion { path: path.to_owned(), found: version, supported: VERSION });
     } else if version < VERSION {
         return Err(damaged(8, format!("it is of version {version}, which this program does not go on with")));
     }

@@ -51,7 +51,6 @@ mod submap_file;
 #[cfg(test)]
 mod tests;
 mod tsdf_page;
-mod tsdf_page_v3;
 mod tsdf_section;
 mod writer;
 
@@ -65,5 +64,5 @@ pub use repair::{ManifestState, RepairReport, move_map, repair};
 pub use sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use writer::{MapWriter, SaveReport};
 
-/// Version of the map directory's format that this program writes, and the newest that it reads.
+/// Version of the map directory's format that this program writes and reads; it reads no other.
 pub const FORMAT_VERSION: u32 = 4;

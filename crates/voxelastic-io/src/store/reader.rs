@@ -25,7 +25,7 @@ impl MapStore {
     /// Opens the map directory `path`.
     ///
     /// # Errors
-    /// [`Error::NotAMap`] when something else or nothing is there, [`Error::Newer`], [`Error::Damaged`], and
+    /// [`Error::NotAMap`] when something else or nothing is there, [`Error::OtherVersion`], [`Error::Damaged`], and
     /// [`Error::Io`] when the manifest may not be read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
@@ -78,7 +78,7 @@ impl MapStore {
         &self.manifest
     }
 
-    /// The log of the run that made the map, as it was written; none where there is none, as in maps of older programs.
+    /// The log of the run that made the map, as it was written; none where there is none.
     ///
     /// # Errors
     /// [`Error::Io`] when it may not be read, [`Error::Damaged`] when it is not text.
@@ -105,7 +105,7 @@ impl MapStore {
     /// Loads submap `id`.
     ///
     /// # Errors
-    /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::Newer`],
+    /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::OtherVersion`],
     /// [`Error::UnknownSection`] and [`Error::Io`] for its file.
     pub fn load_submap(&self, id: SubmapId) -> Result<Submap> {
         self.entry(id).ok_or_else(|| Error::NoSuchSubmap { path: self.dir.clone(), id }).and_then(|entry| self.load(entry))

@@ -4,7 +4,7 @@
 //! (4 bytes), CRC-32 (u32), offset in the file (u64) and length (u64); CRC-32 of all this (u32). Sections follow each
 //! other without gaps up to the file's end. All numbers little endian. The head keeps this form in all versions.
 //!
-//! Where the submap lies is the manifest's knowledge: a pose correction rewrites no submap file. From version 3 on the file has a copy of that
+//! Where the submap lies is the manifest's knowledge: a pose correction rewrites no submap file. The file has a copy of that
 //! knowledge, as it was when the file was written, to rebuild a manifest from.
 
 use super::bytes::Bytes;
@@ -249,8 +249,7 @@ pub(super) struct Found {
     pub id: SubmapId,
     pub written: Written,
     pub fields: Fields,
-    /// Absent in files of version 2 and before.
-    pub origin: Option<Origin>,
+    pub origin: Origin,
 }
 
 /// Reads the submap file at `path` without a manifest.
@@ -264,6 +263,7 @@ pub(super) fn read_alone(path: &Path) -> Result<Found> {
             origin = Some(origin_section::read(&section)?);
         }
     }
+    let origin = origin.ok_or_else(|| Error::damaged(path, "section table", HEAD as u64, "it does not say where the submap lies"))?;
     let written = Written { bytes: bytes.len() as u64, crc32: crc32fast::hash(&bytes) };
     Ok(Found { id, written, fields, origin })
 }
@@ -304,14 +304,14 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
     if crc32fast::hash(&bytes[..HEAD + table.len()]) != crc32 {
         return Err(damaged(0, "the header does not match its checksum".to_owned()));
     }
-    if version > FORMAT_VERSION {
-        return Err(Error::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+    if version != FORMAT_VERSION {
+        return Err(Error::OtherVersion { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let mut rows = Bytes::new(table);
     let mut sections: Vec<(Kind, Section<'_>)> = Vec::new();
     let mut end = head_length(count) as u64;
     for _ in 0..count {
-        let (kind, section) = row((path, version), bytes, &mut rows, end)?;
+        let (kind, section) = row(path, bytes, &mut rows, end)?;
         if sections.iter().any(|(other, _)| *other == kind) {
             return Err(damaged(HEAD, format!("it has two {}s", kind.name())));
         }
@@ -325,7 +325,7 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
 }
 
 /// Reads the next row of the section table and checks its section, which starts where the one before ended.
-fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
+fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
     let damaged = |what: String| Error::damaged(path, "section table", HEAD as u64, what);
     let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
     let (tag, crc32, offset, length) = fields().map_err(damaged)?;
@@ -335,6 +335,6 @@ fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.tag() == tag) else {
         return Err(Error::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
     };
-    let section = Section { path, version, name: kind.name(), offset, bytes: content };
+    let section = Section { path, name: kind.name(), offset, bytes: content };
     if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(kind.find_damage(&section)) }
 }
