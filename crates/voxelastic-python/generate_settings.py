@@ -61,7 +61,7 @@ TAIL = '''
 
     @classmethod
     def from_text(cls, text: dict[str, str]) -> Self:
-        """Settings from text, as in configuration files; those that are absent have their defaults, and former names are known.
+        """Settings from text, as in configuration files; those that are absent have their defaults.
 
         Raises:
             SettingError: A setting is unknown or out of range, or settings contradict each other.

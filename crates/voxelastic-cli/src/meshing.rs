@@ -32,9 +32,6 @@ pub struct SurfaceArgs {
     /// Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of single submaps always have them
     #[arg(long)]
     keep_all: bool,
-    /// Add what is interpolated between returns of a map made with --interpolate, marked vertex by vertex in PLY and GLB files
-    #[arg(long)]
-    pub interpolated: bool,
     /// Number of threads; 0 for all cores. The result does not depend on it
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
@@ -67,7 +64,7 @@ fn observations(text: &str) -> Result<f32, String> {
 
 impl Default for SurfaceArgs {
     fn default() -> Self {
-        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, keep_gaps: false, keep_all: false, interpolated: false, threads: 0 }
+        Self { surface: Surface::Measured, lod: 0, min_weight: 1.0, keep_gaps: false, keep_all: false, threads: 0 }
     }
 }
 
@@ -84,13 +81,7 @@ impl SurfaceArgs {
     }
 
     fn options(&self) -> MeshOptions {
-        MeshOptions {
-            min_weight: self.min_weight,
-            lod: usize::from(self.lod),
-            close_gaps: !self.keep_gaps,
-            keep_all: self.keep_all,
-            interpolated: self.interpolated,
-        }
+        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod), close_gaps: !self.keep_gaps, keep_all: self.keep_all }
     }
 
     /// Extracts the surface of a submap in the submap frame.

@@ -224,7 +224,7 @@ fn carriers(atlas: &Atlas, mesh: &Mesh) -> Vec<SubmapId> {
 }
 
 fn surface_of(mesh: Mesh) -> Surface {
-    let Mesh { positions, normals, intensities, colours, scales, triangles, .. } = mesh;
+    let Mesh { positions, normals, intensities, colours, scales, triangles } = mesh;
     Surface { positions, normals, intensities, colours, scales, triangles, ..Surface::default() }
 }
 

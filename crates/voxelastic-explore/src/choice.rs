@@ -1,7 +1,7 @@
 //! Which viewpoint is the next target.
 
 use crate::roadmap::Roadmap;
-use crate::settings::{ExploreSettings, Strategy};
+use crate::settings::ExploreSettings;
 use crate::tour::{self, Lengths};
 use crate::viewpoints::Viewpoint;
 use voxelastic_plan::{Point, Space, distance};
@@ -15,7 +15,8 @@ const DETOUR: f64 = 0.05;
 /// would turn around for ever.
 const BETTER: f64 = 1.5;
 
-/// The next target of the viewpoints that are worth a visit, by the strategy, for a robot that is on its way to `current`.
+/// The next target of the viewpoints that are worth a visit: the first stop of a tour to the one with the largest unknown volume per second of travel, over those whose detour is
+/// worth what they show; for a robot that is on its way to `current`.
 pub(crate) fn choose<S: Space>(
     settings: &ExploreSettings,
     space: &S,
@@ -24,13 +25,8 @@ pub(crate) fn choose<S: Space>(
     current: Option<Point>,
 ) -> Option<Viewpoint> {
     let rate = |v: &Viewpoint| rate(v.volume.likely, v.length, settings.speed);
-    let nearest = || worth.iter().min_by(|a, b| a.length.total_cmp(&b.length)).copied();
-    let best = || worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied();
-    let chosen = match settings.strategy {
-        Strategy::Nearest => return nearest(),
-        Strategy::NextBest => best(),
-        Strategy::Tour => best().map(|target| first_stop(space, roadmap, worth, target)),
-    }?;
+    let best = worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied()?;
+    let chosen = first_stop(space, roadmap, worth, best);
     let off = |v: &Viewpoint| current.map_or(f64::INFINITY, |end| distance(v.place, end));
     let ahead = worth.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(|v| off(v) < settings.spacing);
     Some(ahead.filter(|ahead| rate(&chosen) < BETTER * rate(ahead)).copied().unwrap_or(chosen))
@@ -81,7 +77,7 @@ mod tests {
 
     #[test]
     fn a_robot_between_two_viewpoints_does_not_turn_around_with_each_plan() {
-        let settings = ExploreSettings { strategy: Strategy::NextBest, ..ExploreSettings::new(Robot::flying(0.3), [[-9.0; 3], [9.0; 3]]) };
+        let settings = ExploreSettings::new(Robot::flying(0.3), [[-9.0; 3], [9.0; 3]]);
         let roadmap = Roadmap::new(settings.spacing, [0.0; 3]);
         // One 4 m to the left and one to the right, of a robot at x.
         let choice = |x: f64, right: f64, current: Option<f64>| {

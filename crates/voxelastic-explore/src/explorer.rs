@@ -15,7 +15,7 @@ use crate::near_returns::NearReturns;
 use crate::retreat;
 use crate::roadmap::Roadmap;
 use crate::robot_space::{Clear, RobotSpace, newest_submaps};
-use crate::settings::{ExploreError, ExploreSettings, Strategy};
+use crate::settings::{ExploreError, ExploreSettings};
 use std::time::Instant;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::NodeId;
@@ -357,7 +357,7 @@ impl Explorer {
         let ahead = length(&leg.path);
         match leg.volume {
             None => false,
-            Some(_) if self.since_planned >= PATIENCE && self.settings.strategy != Strategy::Nearest => true,
+            Some(_) if self.since_planned >= PATIENCE => true,
             Some(volume) => {
                 let is_seen = self.settings.view.unknown_volume(now.map, end, self.settings.bounds) < LEFT * volume;
                 self.has_progressed |= is_seen;

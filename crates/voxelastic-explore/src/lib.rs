@@ -5,8 +5,7 @@
 //! 1. [`Frontiers`]: where free space meets unknown space, kept per submap as blocks change, checked against other submaps at the current poses, clustered.
 //! 2. A roadmap of places that the robot can reach, grown over free space by motions of [`voxelastic_plan`]'s spaces: it flies, or follows the floor.
 //! 3. Viewpoints: places of the roadmap that see a cluster. [`SensorView::unknown_volume`] says what the sensor would see there.
-//! 4. A tour to the one that shows most per second of travel, over those beside the way: they are far from it later. The first is the next target ([`Strategy`] has simpler
-//!    rules to compare with).
+//! 4. A tour to the one that shows most per second of travel, over those beside the way: they are far from it later. The first is the next target.
 //! 5. The leg there is shortened and checked as a whole against the map.
 //!
 //! A path is kept until it is done, blocked, or no longer worth it. Waypoints are anchored to scans and move with corrections. Far away, and home, the robot goes along its own
@@ -41,4 +40,4 @@ pub use decision::{Decision, Purpose, ReturnReason};
 pub use explorer::Explorer;
 pub use frontiers::Frontiers;
 pub use gain::SensorView;
-pub use settings::{ExploreError, ExploreSettings, Strategy};
+pub use settings::{ExploreError, ExploreSettings};

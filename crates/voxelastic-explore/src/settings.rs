@@ -7,18 +7,6 @@ use voxelastic_plan::{PlanError, Point, Robot};
 /// Noise of returns that are near the body, metres.
 pub(crate) const NOISE: f64 = 0.03;
 
-/// How the next target is chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Strategy {
-    /// The first stop of a tour to the viewpoint with the largest unknown volume per second of travel, over those whose detour is worth what they show.
-    #[default]
-    Tour,
-    /// The viewpoint at the shortest way: the greedy rule, to compare with.
-    Nearest,
-    /// The viewpoint with the largest unknown volume per second of travel: next best view, to compare with.
-    NextBest,
-}
-
 /// Settings of an [`Explorer`](crate::Explorer).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExploreSettings {
@@ -34,8 +22,6 @@ pub struct ExploreSettings {
     pub bounds: [Point; 2],
     /// What the sensor sees.
     pub view: SensorView,
-    /// How the next target is chosen.
-    pub strategy: Strategy,
     /// How the frontier is clustered.
     pub frontier: FrontierSettings,
     /// Viewpoints that would show less unknown volume than this are left out, cubic metres.
@@ -53,7 +39,6 @@ impl ExploreSettings {
             speed: 2.0,
             bounds,
             view: SensorView::default(),
-            strategy: Strategy::default(),
             frontier: FrontierSettings::default(),
             least_volume: 4.0,
             spacing: if robot.ground.is_some() { 0.45 } else { 0.6 },

@@ -7,7 +7,7 @@ use voxelastic::query::UnknownAs;
 use voxelastic::sensor::preset_with_columns;
 use voxelastic::settings::{FieldKind, RobotRadius, Settings};
 use voxelastic::{Cloud, Pose, field::occupancy::State};
-use voxelastic_explore::{ExploreError, ExploreSettings, Explorer, FrontierSettings, Purpose, SensorView, Strategy};
+use voxelastic_explore::{ExploreError, ExploreSettings, Explorer, FrontierSettings, Purpose, SensorView};
 use voxelastic_plan::{Point, Robot, distance};
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
@@ -49,9 +49,9 @@ fn rooms_with(is_shut: bool, is_closet: bool, pole: Option<Point>) -> World {
     b.build().unwrap()
 }
 
-fn settings(strategy: Strategy) -> ExploreSettings {
+fn settings() -> ExploreSettings {
     let robot = Robot { radius: RADIUS + 0.1, unknown: UnknownAs::Blocked, ground: None };
-    ExploreSettings { strategy, least_volume: 1.0, ..ExploreSettings::new(robot, BOUNDS) }
+    ExploreSettings { least_volume: 1.0, ..ExploreSettings::new(robot, BOUNDS) }
 }
 
 /// A corridor of 100 m from home on, 3 m wide.
@@ -166,20 +166,18 @@ impl Walker {
 }
 
 #[test]
-fn every_strategy_sees_both_rooms_touches_nothing_and_comes_home() {
+fn it_sees_both_rooms_touches_nothing_and_comes_home() {
     let world = rooms(false, false);
-    for strategy in [Strategy::Tour, Strategy::Nearest, Strategy::NextBest] {
-        let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(strategy)).unwrap());
-        let purposes = walker.explore(&mut explorer, 200, None, |_, _| world.clone());
-        // It tries once more from home: what counted as shut may not be so in the map of then.
-        let once = [Purpose::Explore, Purpose::Return, Purpose::Done];
-        let again = [Purpose::Explore, Purpose::Return, Purpose::Explore, Purpose::Return, Purpose::Done];
-        assert!(purposes == once || purposes == again, "{strategy:?} at {:?}: {purposes:?}", walker.position);
-        assert!(distance(walker.position, HOME) < 1.0, "{strategy:?}: {:?}", walker.position);
-        assert!(walker.least > RADIUS, "{strategy:?}: {} m from a wall", walker.least);
-        assert!(walker.known(&world) > 0.97, "{strategy:?}: {} known", walker.known(&world));
-        assert!(walker.travelled > 8.0 && walker.travelled < 120.0, "{strategy:?}: {} m", walker.travelled);
-    }
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
+    let purposes = walker.explore(&mut explorer, 200, None, |_, _| world.clone());
+    // It tries once more from home: what counted as shut may not be so in the map of then.
+    let once = [Purpose::Explore, Purpose::Return, Purpose::Done];
+    let again = [Purpose::Explore, Purpose::Return, Purpose::Explore, Purpose::Return, Purpose::Done];
+    assert!(purposes == once || purposes == again, "at {:?}: {purposes:?}", walker.position);
+    assert!(distance(walker.position, HOME) < 1.0, "{:?}", walker.position);
+    assert!(walker.least > RADIUS, "{} m from a wall", walker.least);
+    assert!(walker.known(&world) > 0.97, "{} known", walker.known(&world));
+    assert!(walker.travelled > 8.0 && walker.travelled < 120.0, "{} m", walker.travelled);
 }
 
 #[test]
@@ -187,7 +185,7 @@ fn the_same_map_gives_the_same_way() {
     let world = rooms(false, false);
     let runs = [1, 3].map(|threads| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
-            let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+            let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
             walker.explore(&mut explorer, 12, None, |_, _| world.clone());
             (walker.position, walker.travelled)
         })
@@ -198,7 +196,7 @@ fn the_same_map_gives_the_same_way() {
 #[test]
 fn a_robot_with_little_time_turns_back() {
     let world = rooms(false, false);
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     let purposes = walker.explore(&mut explorer, 200, Some(17.0), |_, _| world.clone());
     assert_eq!(purposes.last(), Some(&Purpose::Done));
     assert!(distance(walker.position, HOME) < 1.0 && walker.travelled / 2.0 < 17.0, "{:?} after {} m", walker.position, walker.travelled);
@@ -207,7 +205,7 @@ fn a_robot_with_little_time_turns_back() {
 #[test]
 fn a_closet_has_nothing_to_explore() {
     let world = rooms(false, true);
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     let purposes = walker.explore(&mut explorer, 60, None, |_, _| world.clone());
     assert_eq!(purposes.last(), Some(&Purpose::Done));
     assert!(walker.travelled < 3.0 && walker.least > 0.2, "{} m travelled, {} m from a wall", walker.travelled, walker.least);
@@ -216,7 +214,7 @@ fn a_closet_has_nothing_to_explore() {
 #[test]
 fn a_door_that_shuts_behind_the_robot_is_found_shut() {
     let shut_at = std::cell::Cell::new(None);
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     let purposes = walker.explore(&mut explorer, 300, None, |decision, position| {
         if position[0] > 4.2 && shut_at.get().is_none() {
             shut_at.set(Some(decision));
@@ -230,7 +228,7 @@ fn a_door_that_shuts_behind_the_robot_is_found_shut() {
 
 #[test]
 fn a_door_that_opens_while_the_robot_goes_home_is_tried_again_from_there() {
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     let (shut, unlocked) = (rooms(true, false), rooms(false, false));
     let (mut purposes, mut has_looked) = (vec![Purpose::Explore], false);
     while purposes.last() != Some(&Purpose::Done) && walker.scans < 400 {
@@ -250,7 +248,7 @@ fn a_door_that_opens_while_the_robot_goes_home_is_tried_again_from_there() {
 #[test]
 fn a_robot_that_does_not_fit_where_it_stands_goes_back_along_its_track() {
     let pole = std::cell::Cell::new(None);
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     let purposes = walker.explore(&mut explorer, 300, None, |_, position| {
         if position[0] > 4.2 && pole.get().is_none() {
             // Farther ahead than the robot is wide, nearer than it needs.
@@ -267,8 +265,7 @@ fn a_robot_that_does_not_fit_where_it_stands_goes_back_along_its_track() {
 fn a_robot_whose_height_drifts_explores_a_long_corridor() {
     let world = corridor();
     let bounds = [[-2.0, -1.5, 0.3], [100.0, 1.5, 1.6]];
-    let (mut walker, mut explorer) =
-        (Walker::with("os0-64", 512, 0.1), Explorer::new(ExploreSettings { bounds, ..settings(Strategy::Tour) }).unwrap());
+    let (mut walker, mut explorer) = (Walker::with("os0-64", 512, 0.1), Explorer::new(ExploreSettings { bounds, ..settings() }).unwrap());
     // At its end the floor of the map is 0.98 m higher than at home: the box as it was there leaves no room above it.
     walker.rise = 0.0098;
     let mut decisions = 0;
@@ -285,7 +282,7 @@ fn a_robot_that_a_correction_finds_above_the_box_comes_back_and_goes_on() {
     let world = rooms(false, false);
     let bounds = [BOUNDS[0], [BOUNDS[1][0], BOUNDS[1][1], 1.6]];
     let (mut walker, mut explorer) =
-        (Walker::with("os0-64", 512, 0.1), Explorer::new(ExploreSettings { bounds, least_volume: 0.3, ..settings(Strategy::Tour) }).unwrap());
+        (Walker::with("os0-64", 512, 0.1), Explorer::new(ExploreSettings { bounds, least_volume: 0.3, ..settings() }).unwrap());
     walker.position[2] = 1.2;
     let mut poses = Vec::new();
     while walker.position[0] < 4.5 && walker.scans < 60 {
@@ -329,7 +326,7 @@ fn a_robot_without_a_track_finds_its_way_home_in_the_whole_map() {
     b.cuboid([-3.0, -2.0, 2.6], [61.0, 8.0, 3.0], 0.7);
     let world = b.build().unwrap();
     let bounds = [[-2.0, -1.5, 0.3], [60.0, 7.5, 1.6]];
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings(Strategy::Tour) }).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings() }).unwrap());
     let home = [58.0, 0.0, 1.0];
     walker.position = home;
     walker.explore(&mut explorer, 1, None, |_, _| world.clone());
@@ -348,7 +345,7 @@ fn a_robot_without_a_track_finds_its_way_home_in_the_whole_map() {
 fn a_robot_with_a_long_track_turns_back_when_its_time_suffices_for_a_shorter_way() {
     let world = corridor();
     let bounds = [[-2.0, -1.5, 0.3], [100.0, 1.5, 1.6]];
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings(Strategy::Tour) }).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(ExploreSettings { bounds, ..settings() }).unwrap());
     // It comes to and fro across the corridor: 80 m from home, along a track of 229 m.
     for k in 0..108 {
         walker.position = [0.75 * f64::from(k), if k % 2 == 0 { -1.0 } else { 1.0 }, 1.0];
@@ -367,10 +364,10 @@ fn a_robot_with_a_long_track_turns_back_when_its_time_suffices_for_a_shorter_way
 #[test]
 fn another_robot_goes_on_in_a_map_that_is_there() {
     let world = rooms(false, false);
-    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings(Strategy::Tour)).unwrap());
+    let (mut walker, mut explorer) = (Walker::new(), Explorer::new(settings()).unwrap());
     walker.explore(&mut explorer, 4, None, |_, _| world.clone());
     let before = walker.known(&world);
-    let mut another = Explorer::new(settings(Strategy::Tour)).unwrap();
+    let mut another = Explorer::new(settings()).unwrap();
     let home = walker.position;
     let purposes = walker.explore(&mut another, 200, None, |_, _| world.clone());
     assert_eq!(purposes.last(), Some(&Purpose::Done));
@@ -379,7 +376,7 @@ fn another_robot_goes_on_in_a_map_that_is_there() {
 
 #[test]
 fn impossible_settings_and_maps_without_occupancy_are_refused() {
-    let good = settings(Strategy::Tour);
+    let good = settings();
     let bad = [
         ExploreSettings { speed: 0.0, ..good },
         ExploreSettings { spacing: f64::NAN, ..good },

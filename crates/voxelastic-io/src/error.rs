@@ -161,14 +161,14 @@ pub enum Error {
         /// What was found there.
         what: String,
     },
-    /// The file was written by a newer program.
-    #[error("{}: written in format version {found}, but this program reads versions up to {supported}; update voxelastic", path.display())]
-    Newer {
+    /// The file was written in another version of the format, by an older or a newer program.
+    #[error("{}: written in format version {found}, but this program reads version {supported} only; map the data again, to another directory", path.display())]
+    OtherVersion {
         /// The file.
         path: PathBuf,
         /// Its version.
         found: u32,
-        /// The newest version that can be read.
+        /// The version that can be read.
         supported: u32,
     },
     /// A submap file has a section that this program does not know.
@@ -231,7 +231,7 @@ impl Error {
             | Self::Locked { path, .. }
             | Self::Missing { path }
             | Self::Damaged { path, .. }
-            | Self::Newer { path, .. }
+            | Self::OtherVersion { path, .. }
             | Self::UnknownSection { path, .. }
             | Self::NoSuchSubmap { path, .. }
             | Self::NoSuchSession { path, .. }
@@ -261,7 +261,8 @@ impl Error {
             Self::Locked { .. } => Cow::Borrowed("wait for the other process to end, or write to another directory"),
             Self::Missing { .. } => Cow::Borrowed("restore the file from a backup, or open the map again if it was being saved meanwhile"),
             Self::Damaged { .. } => Cow::Borrowed("restore the file from a backup or map the data again"),
-            Self::Newer { .. } | Self::UnknownSection { .. } => Cow::Borrowed("update voxelastic"),
+            Self::OtherVersion { .. } => Cow::Borrowed("map the data again, to another directory"),
+            Self::UnknownSection { .. } => Cow::Borrowed("update voxelastic"),
             Self::NoSuchSession { .. } => Cow::Borrowed("`voxelastic info` lists them"),
             Self::NoSuchSubmap { .. } => Cow::Borrowed("choose one of the manifest's submaps"),
             Self::Panicked { .. } => Cow::Borrowed("please report it with the file"),

@@ -328,10 +328,11 @@ mod tests {
         while tiles.is_behind() {
             shown.extend(made(&mut tiles, mapper.atlas()));
         }
-        let mut whole = voxelastic::meshing::LiveSurface::new(tiles.options.clone());
+        let mut whole = SurfaceChanges::default();
         whole.note(mapper.atlas());
         let all: Vec<TileKey> = whole.waiting().collect();
-        let expected = whole.make(mapper.atlas(), &all).into_iter().map(|(tile, mesh)| (whole.place(tile), mesh.triangles.len()));
+        let made = voxelastic::meshing::TileMaker::new(tiles.options.clone()).make(&whole.gather(mapper.atlas(), &all));
+        let expected = made.meshes.into_iter().map(|(tile, mesh)| (whole.place(tile), mesh.triangles.len()));
         let expected: HashMap<[i32; 3], usize> = expected.filter(|(_, triangles)| *triangles > 0).collect();
         let shown: HashMap<[i32; 3], usize> = shown.into_iter().filter(|(_, triangles)| *triangles > 0).collect();
         assert_eq!(shown, expected);

@@ -78,7 +78,7 @@ fn numbers(pose: &Pose) -> [f64; 7] {
 /// The surface of the map in a tile, which moves with a submap and is in its frame, made when `scans` scans were in the map. `place` is that of the tile among all.
 pub fn tile(submap: SubmapId, place: [i32; 3], scans: u32, mesh: Mesh) -> Vec<u8> {
     let flags = u32::from(!mesh.colours.is_empty()) | u32::from(!mesh.intensities.is_empty()) << 1;
-    let Mesh { positions, normals, intensities, colours, scales, triangles, .. } = mesh;
+    let Mesh { positions, normals, intensities, colours, scales, triangles } = mesh;
     let packed = pack_surface(&Surface { positions, normals, intensities, colours, scales, triangles, ..Surface::default() });
     let mut message = Message::new(1).u32(submap);
     place.iter().for_each(|c| message.0.extend(c.to_le_bytes()));

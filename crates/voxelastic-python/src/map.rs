@@ -135,8 +135,7 @@ impl Map {
     fn renumbered(&self, first: u32) -> PyResult<Self> {
         let content = self.content()?;
         let Content { atlas, settings, sensor, origin } = &*content;
-        let number = |id| first + atlas.submaps().iter().take_while(|submap| submap.id() < id).count() as u32;
-        let submaps = atlas.submaps().iter().map(|submap| submap.clone().renumbered(number)).collect();
+        let submaps = (first..).zip(atlas.submaps()).map(|(id, submap)| submap.clone().with_id(id)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
         Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin: *origin }.into())
     }
@@ -180,7 +179,7 @@ impl Map {
         Ok(job::run_short(py, || content.bounds())?.map(|bounds| (bounds.min, bounds.max)))
     }
 
-    /// Vertices, triangles, normals, scales, intensities, colours and marks of interpolation of a surface.
+    /// Vertices, triangles, normals, scales, intensities and colours of a surface.
     #[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
     fn mesh<'py>(
         &self,
@@ -190,16 +189,14 @@ impl Map {
         min_weight: f32,
         close_gaps: bool,
         keep_all: bool,
-        interpolated: bool,
         shells: bool,
     ) -> PyResult<Bound<'py, PyTuple>> {
         let content = self.content()?;
-        let options = MeshOptions { min_weight, lod, close_gaps, keep_all, interpolated };
+        let options = MeshOptions { min_weight, lod, close_gaps, keep_all };
         let pool = job::shared_pool()?;
         let mesh = job::run(py, move || pool.install(|| content.mesh(&surface, &options, shells)))?;
         // There are fewer than 2^31 vertices, and few programs take unsigned indices.
         let triangles: Vec<[i32; 3]> = bytemuck::allocation::cast_vec(mesh.triangles);
-        let marks = if mesh.interpolated.is_empty() { vec![false; mesh.positions.len()] } else { mesh.interpolated };
         let optional = |is_empty: bool, array: Bound<'py, PyAny>| if is_empty { py.None().into_bound(py) } else { array };
         PyTuple::new(
             py,
@@ -210,7 +207,6 @@ impl Map {
                 PyArray1::from_vec(py, mesh.scales).into_any(),
                 optional(mesh.intensities.is_empty(), PyArray1::from_vec(py, mesh.intensities).into_any()),
                 optional(mesh.colours.is_empty(), arrays::from_rows(py, mesh.colours)?.into_any()),
-                optional(!interpolated, PyArray1::from_vec(py, marks).into_any()),
             ],
         )
     }

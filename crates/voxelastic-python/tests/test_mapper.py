@@ -97,26 +97,6 @@ def test_intensity_and_colours_arrive_in_the_mesh(scans: list[Scan]) -> None:
     assert (np.median(mesh.colours[floor], axis=0) == [250, 10, 10]).all() and (np.median(mesh.colours[ceiling], axis=0) == [10, 10, 250]).all()
 
 
-def test_interpolated_surfaces_are_marked() -> None:
-    # Rows 4 degrees apart, 1.5 m above the ground: the gaps between their rings are several voxels wide.
-    elevation, azimuth = np.deg2rad(np.linspace(-10, -42, 9))[:, None], -np.deg2rad(np.arange(360) + 0.5)[None, :]
-    beams = np.stack(np.broadcast_arrays(np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)), axis=-1)
-    points = (-1.5 / beams[..., 2:] * beams).astype(np.float32)
-    mapper = vx.Mapper(voxel_size=0.1, max_range=20, interpolate=3)
-    mapper.integrate(points, np.eye(4))
-    ground = mapper.finish()
-    measured, everything = ground.mesh(), ground.mesh(interpolated=True)
-    assert measured.interpolated is None and "interpolated" not in repr(measured)
-    assert everything.interpolated is not None and everything.interpolated.dtype == np.bool_ and "interpolated" in repr(everything)
-    assert len(everything.interpolated) == len(everything.vertices) and 0.2 < everything.interpolated.mean() < 1
-    assert len(everything) > len(measured)
-    np.testing.assert_allclose(everything.vertices[everything.interpolated, 2], -1.5, atol=0.05)
-    without = vx.Mapper(voxel_size=0.1, max_range=20)
-    without.integrate(points, np.eye(4))
-    nothing = without.finish().mesh(interpolated=True).interpolated
-    assert nothing is not None and not nothing.any()
-
-
 def test_a_moving_sensor_is_undistorted() -> None:
     """Each column is measured from another place; with times and motion the walls are straight again."""
     speed, sweep = 10.0, 0.1

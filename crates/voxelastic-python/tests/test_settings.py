@@ -20,7 +20,6 @@ def test_settings_are_values() -> None:
     assert eval(repr(settings), {"Settings": vx.Settings}) == settings
     for again in (copy.copy(settings), copy.deepcopy(settings), pickle.loads(pickle.dumps(settings)), vx.Settings.from_text(settings.as_text())):
         assert again == settings
-    assert vx.Settings.from_text({"voxel": "0.2"}).voxel_size == 0.2, "a former name"
 
 
 @pytest.mark.parametrize(

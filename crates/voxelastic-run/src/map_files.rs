@@ -119,14 +119,14 @@ pub fn has_submap_files(dir: &Path) -> bool {
     std::fs::read_dir(dir).is_ok_and(|entries| entries.flatten().any(|entry| named(&entry.file_name().to_string_lossy())))
 }
 
-/// The settings of a map. Settings that an older version did not store have their defaults.
+/// The settings of a map. Settings that are not stored have their defaults.
 pub fn settings_of(store: &MapStore) -> Result<Settings> {
     let Some(stored) = store.manifest().details.stored_settings() else {
         let remedy = "map the data again, or write the map's settings into its manifest as `voxelastic map` does";
         return Err(Error::new(format!("{}: the manifest does not contain the voxel size", store.dir().display()), remedy));
     };
-    let sizes = ["voxel", "voxel_size"].into_iter().filter_map(|key| Some((key, store.manifest().details.settings.get(key)?)));
-    if let Some(error) = sizes.into_iter().find_map(|(key, value)| Settings::default().set(key, value).err()) {
+    let size = store.manifest().details.settings.get("voxel_size");
+    if let Some(error) = size.and_then(|size| Settings::default().set("voxel_size", size).err()) {
         // With another size, every coordinate of the map would be wrong.
         let remedy = "restore the manifest from a backup, or move it away and let `voxelastic repair` make it again";
         return Err(Error::new(format!("{}: damaged settings in manifest.json: {error}", store.dir().display()), remedy));

@@ -17,7 +17,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         [map, file] => (map.clone(), file.clone()),
         _ => return Err("usage: no arguments, or MAP.vox and MESH.ply".into()),
     };
-    // One surface of all submaps, in the map frame. `MeshCache` has the mesh of each submap in its own frame, which a pose correction does not change.
+    // One surface of all submaps, in the map frame. `submap.mesh` has that of a submap in its own frame, which a pose correction does not change.
     let mesh = MapStore::open(map)?.load_atlas()?.mesh(&MeshOptions::default());
     let Mesh { positions, normals, triangles, intensities, .. } = &mesh;
     let intensities: Vec<f32> = intensities.iter().map(|&i| i.into()).collect();

@@ -1,9 +1,9 @@
-//! One surface of several submaps: with drift between them, with wrong poses, brought up to date tile by tile.
+//! One surface of several submaps: with drift between them, with wrong poses, whole and tile by tile, while the map grows and bends.
 
 use std::collections::BTreeMap;
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::event::{Event, Scan};
-use voxelastic::meshing::{FusedSurface, LiveSurface, SurfaceChanges, SurfaceTiles, TileKey, TileMaker};
+use voxelastic::meshing::{SurfaceChanges, SurfaceTiles, TileKey, TileMaker};
 use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -111,56 +111,11 @@ fn submaps_that_are_apart_empty_or_far_away_are_fused_without_trouble() {
     assert!(share(&one.mesh, |p| from_walls(p, [0.0; 3]).min(from_walls(p, [3000.0, -2000.0, 0.0])) < 0.1) > 0.98);
 }
 
-/// The mesh of a surface that is made anew.
-fn fresh(atlas: &Atlas) -> Mesh {
-    let mut surface = FusedSurface::new(MeshOptions::default());
-    surface.update(atlas);
-    surface.mesh()
-}
-
 #[test]
-fn a_surface_kept_up_to_date_is_the_surface_made_anew() {
-    let (mut mapper, mut surface) = (mapper(), FusedSurface::new(MeshOptions::default()));
-    let mut made = Vec::new();
-    for (node, x) in [0.0, 0.5, 1.0, -3.0].into_iter().enumerate() {
-        mapper.handle(scan(node as u64, x)).unwrap();
-        let changed = surface.update(mapper.atlas());
-        assert!(!changed.is_empty() && surface.mesh() == fresh(mapper.atlas()), "scan {node}");
-        assert!(surface.update(mapper.atlas()).is_empty(), "nothing has changed");
-        made.push(changed.len());
-    }
-    assert!(surface.mesh().triangles.len() > 10_000, "{made:?}");
-    // It is the mesh of the atlas, too.
+fn the_mesh_does_not_depend_on_the_number_of_threads() {
     let drifted = two(Pose::translation(0.0, 0.2, 0.0));
-    assert!(fresh(&drifted) == drifted.mesh(&MeshOptions::default()));
-    let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| fresh(&drifted));
-    assert!(threads(1) == threads(3));
-}
-
-#[test]
-fn a_correction_redoes_the_tiles_of_the_submap_that_moved() {
-    let [first, mut second] = [submap(0, &[0.0]), submap(1, &[0.0])];
-    let [near, farther] = [60.0, 90.0].map(|x| Pose::translation(x, 0.0, 0.0));
-    second.set_pose(near);
-    let mut atlas = Atlas::from_submaps(VOXEL, vec![first, second]);
-    let mut surface = FusedSurface::new(MeshOptions::default());
-    surface.update(&atlas);
-    let before: Vec<(TileKey, Mesh)> = surface.tiles().map(|tile| (tile, surface.tile(tile))).collect();
-    atlas.submap_mut(1).unwrap().set_pose(farther);
-    let changed = surface.update(&atlas);
-    assert!(!changed.is_empty() && changed.iter().all(|tile| surface.corner(*tile)[0] > 30.0), "tiles of the other submap");
-    for (tile, mesh) in before.iter().filter(|(tile, _)| !changed.contains(tile)) {
-        assert!(surface.tile(*tile) == *mesh);
-    }
-    assert!(surface.mesh() == fresh(&atlas));
-    assert!(share(&surface.mesh(), |p| p[0] > 40.0 && p[0] < 77.0) == 0.0, "nothing is left where it was");
-    // Tiles together are the whole, but for pieces of which a tile cannot know.
-    let triangles: usize = surface.tiles().map(|tile| surface.tile(tile).triangles.len()).sum();
-    assert_eq!(triangles, surface.mesh().triangles.len());
-    // A submap that is gone takes its surface along.
-    let alone = Atlas::from_submaps(VOXEL, vec![atlas.submaps()[0].clone()]);
-    surface.update(&alone);
-    assert!(surface.mesh() == fresh(&alone) && share(&surface.mesh(), |p| p[0] > 30.0) == 0.0);
+    let mesh = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| drifted.mesh(&MeshOptions::default()));
+    assert!(mesh(1) == mesh(3) && mesh(1).triangles.len() > 10_000);
 }
 
 #[test]
@@ -234,41 +189,65 @@ fn the_surface_in_a_box_is_that_of_the_whole_there() {
     assert!(nowhere.tiles().is_empty());
 }
 
-/// Makes the tiles that wait, at most `most`.
-fn make(surface: &mut LiveSurface, atlas: &Atlas, most: usize, tiles: &mut BTreeMap<TileKey, Mesh>) {
-    let some: Vec<TileKey> = surface.waiting().take(most).collect();
-    tiles.extend(surface.make(atlas, &some));
+/// Keeps the tiles of a map up to date, all on one thread.
+struct Live {
+    changes: SurfaceChanges,
+    maker: TileMaker,
+    tiles: BTreeMap<TileKey, Mesh>,
+}
+
+impl Live {
+    fn new(options: &MeshOptions) -> Self {
+        Self { changes: SurfaceChanges::default(), maker: TileMaker::new(options.clone()), tiles: BTreeMap::new() }
+    }
+
+    fn is_behind(&self) -> bool {
+        self.changes.waiting().next().is_some()
+    }
+
+    /// Makes the tiles that wait, at most `most`.
+    fn make(&mut self, atlas: &Atlas, most: usize) {
+        let some: Vec<TileKey> = self.changes.waiting().take(most).collect();
+        let made = self.maker.make(&self.changes.gather(atlas, &some));
+        self.changes.wait_for(&made.again);
+        self.tiles.extend(made.meshes);
+    }
+
+    /// Makes all of them, `most` at a time, and forgets those without a surface.
+    fn catch_up(&mut self, atlas: &Atlas, most: usize) {
+        while self.is_behind() {
+            self.make(atlas, most);
+        }
+        self.tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+    }
 }
 
 /// All tiles with a surface, made anew.
 fn all_tiles(atlas: &Atlas, options: &MeshOptions) -> BTreeMap<TileKey, Mesh> {
-    let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
-    surface.note(atlas);
-    make(&mut surface, atlas, usize::MAX, &mut tiles);
-    tiles.retain(|_, mesh| !mesh.triangles.is_empty());
-    tiles
+    let mut live = Live::new(options);
+    live.changes.note(atlas);
+    live.make(atlas, usize::MAX);
+    live.tiles.retain(|_, mesh| !mesh.triangles.is_empty());
+    live.tiles
 }
 
 #[test]
 fn tiles_made_a_few_at_a_time_become_those_of_the_map() {
     let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
-    let (mut mapper, mut surface, mut tiles) = (mapper(), LiveSurface::new(options.clone()), BTreeMap::new());
+    let (mut mapper, mut live) = (mapper(), Live::new(&options));
     for (node, x) in [0.0, 0.5, 1.0, -3.0, -3.5].into_iter().enumerate() {
         mapper.handle(scan(node as u64, x)).unwrap();
-        surface.note(mapper.atlas());
-        make(&mut surface, mapper.atlas(), 7, &mut tiles);
-        assert!(surface.waiting().next().is_some(), "more than seven tiles change");
+        live.changes.note(mapper.atlas());
+        live.make(mapper.atlas(), 7);
+        assert!(live.is_behind(), "more than seven tiles change");
     }
-    while surface.waiting().next().is_some() {
-        make(&mut surface, mapper.atlas(), 5, &mut tiles);
-    }
-    surface.note(mapper.atlas());
-    assert!(surface.waiting().next().is_none(), "nothing has changed");
-    tiles.retain(|_, mesh| !mesh.triangles.is_empty());
-    assert!(tiles.len() > 20 && tiles == all_tiles(mapper.atlas(), &options));
+    live.catch_up(mapper.atlas(), 5);
+    live.changes.note(mapper.atlas());
+    assert!(!live.is_behind(), "nothing has changed");
+    assert!(live.tiles.len() > 20 && live.tiles == all_tiles(mapper.atlas(), &options));
     // A place in the hall is in the tile that has its surface.
-    let floor = surface.tile_at([1.0, 0.5, -HALL[2] as f32]).unwrap();
-    assert!(tiles[&floor].positions.iter().any(|p| (p[2] + HALL[2] as f32).abs() < VOXEL));
+    let floor = live.changes.tile_at([1.0, 0.5, -HALL[2] as f32]).unwrap();
+    assert!(live.tiles[&floor].positions.iter().any(|p| (p[2] + HALL[2] as f32).abs() < VOXEL));
     let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap().install(|| all_tiles(mapper.atlas(), &options));
     assert!(threads(1) == threads(3));
 }
@@ -306,16 +285,14 @@ fn a_map_that_does_not_change_any_more_ends_as_its_mesh() {
     let atlas = two(drift);
     for keep_all in [true, false] {
         let options = MeshOptions { keep_all, ..MeshOptions::default() };
-        let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
-        surface.note(&atlas);
-        make(&mut surface, &atlas, usize::MAX, &mut tiles);
-        let before = triangles(tiles.values());
-        surface.settle(&atlas);
-        while surface.waiting().next().is_some() {
-            make(&mut surface, &atlas, 13, &mut tiles);
-        }
+        let mut live = Live::new(&options);
+        live.changes.note(&atlas);
+        live.make(&atlas, usize::MAX);
+        let before = triangles(live.tiles.values());
+        live.changes.settle(&atlas);
+        live.catch_up(&atlas, 13);
         let expected = triangles([&atlas.mesh(&options)]);
-        assert!(before != expected && triangles(tiles.values()) == expected, "{keep_all}");
+        assert!(before != expected && triangles(live.tiles.values()) == expected, "{keep_all}");
     }
 }
 
@@ -326,13 +303,11 @@ fn what_moves_waits_and_nothing_else_does() {
     second.set_pose(near);
     let mut atlas = Atlas::from_submaps(VOXEL, vec![first, second]);
     let options = MeshOptions { keep_all: true, ..MeshOptions::default() };
-    let (mut surface, mut tiles) = (LiveSurface::new(options.clone()), BTreeMap::new());
-    surface.note(&atlas);
-    make(&mut surface, &atlas, usize::MAX, &mut tiles);
+    let mut live = Live::new(&options);
+    live.changes.note(&atlas);
+    live.make(&atlas, usize::MAX);
     // Where nothing is bent, it is the surface of the map.
-    let mut whole = FusedSurface::new(options.clone());
-    whole.update(&atlas);
-    assert!(whole.tiles().all(|tile| whole.tile(tile) == tiles[&tile]));
+    assert!(triangles(live.tiles.values()) == triangles([&atlas.mesh(&options)]));
     for step in 0..3 {
         match step {
             0 => atlas.submap_mut(1).unwrap().set_pose(farther),
@@ -343,16 +318,13 @@ fn what_moves_waits_and_nothing_else_does() {
             }
             _ => atlas = Atlas::from_submaps(VOXEL, vec![atlas.submaps()[0].clone()]),
         }
-        surface.note(&atlas);
-        let waiting: Vec<TileKey> = surface.waiting().collect();
-        assert!(!waiting.is_empty() && waiting.iter().all(|tile| surface.corner(*tile)[0] > 30.0), "tiles of the other submap in step {step}");
-        while surface.waiting().next().is_some() {
-            make(&mut surface, &atlas, 11, &mut tiles);
-        }
-        tiles.retain(|_, mesh| !mesh.triangles.is_empty());
-        assert!(tiles == all_tiles(&atlas, &options), "step {step}");
+        live.changes.note(&atlas);
+        let waiting: Vec<TileKey> = live.changes.waiting().collect();
+        assert!(!waiting.is_empty() && waiting.iter().all(|tile| live.changes.corner(*tile)[0] > 30.0), "tiles of the other submap in step {step}");
+        live.catch_up(&atlas, 11);
+        assert!(live.tiles == all_tiles(&atlas, &options), "step {step}");
     }
-    assert!(tiles.keys().all(|tile| surface.corner(*tile)[0] < 30.0), "a submap that is gone takes its surface along");
+    assert!(live.tiles.keys().all(|tile| live.changes.corner(*tile)[0] < 30.0), "a submap that is gone takes its surface along");
 }
 
 #[test]

@@ -1,7 +1,10 @@
-//! The surface in tiles is the surface, and a scan changes the tiles that it sees.
+//! The surface in tiles is the surface.
 
+use std::collections::BTreeSet;
 use voxelastic::event::{Event, Scan};
-use voxelastic::surface::{Mesh, MeshOptions, Tile, changed_tiles, extract, extract_tiles};
+use voxelastic::field::tsdf::TsdfField;
+use voxelastic::octree::block_coords;
+use voxelastic::surface::{Mesh, MeshOptions, TILE_EDGE, Tile, extract, extract_tiles};
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
 /// A hall of 60 x 16 x 8 m along x, seen from `x` metres along it: near blocks are fine, far ones coarse.
@@ -51,6 +54,16 @@ fn assert_same(whole: &Mesh, parts: &[Mesh]) {
     }
 }
 
+/// The tiles around all blocks of a field: vertices may lie in the next one.
+fn tiles_of(field: &TsdfField) -> Vec<Tile> {
+    let around = |id: u32| {
+        let block = block_coords(field.head(id).key);
+        (0..8).map(move |i| -> Tile { std::array::from_fn(|k| (block[k] - 1 + 2 * (i >> k & 1)).div_euclid(TILE_EDGE)) })
+    };
+    let all: BTreeSet<Tile> = field.ids_in_morton_order().into_iter().flat_map(around).collect();
+    all.into_iter().collect()
+}
+
 #[test]
 fn tiles_together_are_the_surface_at_all_levels_of_detail() {
     let mut mapper = Mapper::new(Settings { voxel_size: 0.065, ..Settings::default() }).unwrap();
@@ -64,35 +77,11 @@ fn tiles_together_are_the_surface_at_all_levels_of_detail() {
         let options = MeshOptions { lod, ..MeshOptions::default() };
         let whole = extract(submap.tsdf(), 0.065, &options);
         assert!(whole.triangles.len() > 1000);
-        let (tiles, _) = changed_tiles(submap.tsdf(), None);
+        let tiles = tiles_of(submap.tsdf());
         assert!(tiles.len() > 50);
         assert_same(&whole, &extract_tiles(submap.tsdf(), 0.065, &options, &tiles));
         // One by one, from fewer blocks.
         let one_by_one: Vec<Mesh> = tiles.iter().flat_map(|tile| extract_tiles(submap.tsdf(), 0.065, &options, &[*tile])).collect();
         assert_same(&whole, &one_by_one);
-    }
-}
-
-#[test]
-fn tiles_that_a_scan_does_not_name_have_not_changed() {
-    let mut mapper = Mapper::new(Settings { voxel_size: 0.1, max_range: 8.0, ..Settings::default() }).unwrap();
-    (0..3).for_each(|k| {
-        mapper.handle(scan(k)).unwrap();
-    });
-    let options = MeshOptions::default();
-    let field = |mapper: &Mapper| mapper.atlas().submaps()[0].tsdf().clone();
-    let (before, (all, now)) = (field(&mapper), changed_tiles(&field(&mapper), None));
-    assert!(changed_tiles(&before, Some(now)).0.is_empty());
-    mapper.handle(scan(6)).unwrap();
-    let after = field(&mapper);
-    let (changed, _) = changed_tiles(&after, Some(now));
-    assert!(!changed.is_empty() && changed.iter().any(|tile| !all.contains(tile)));
-    let others: Vec<Tile> = all.into_iter().filter(|tile| !changed.contains(tile)).collect();
-    assert!(!others.is_empty(), "the scan is ten metres further on and reaches eight");
-    let [one, other] = [&before, &after].map(|field| extract_tiles(field, 0.1, &options, &others));
-    assert!(one.iter().any(|mesh| !mesh.triangles.is_empty()));
-    for (one, other) in one.iter().zip(&other) {
-        assert_eq!(triangles(std::slice::from_ref(one)).len(), triangles(std::slice::from_ref(other)).len());
-        assert_eq!(one.positions, other.positions);
     }
 }

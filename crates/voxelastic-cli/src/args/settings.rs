@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
-use voxelastic::settings::{Group, Setting, Settings, former_name, table};
+use voxelastic::settings::{Group, Setting, Settings, table};
 
 /// A larger configuration file is a mistake, or a device without end.
 const LARGEST_FILE: u64 = 1 << 20;
@@ -46,7 +46,6 @@ fn flag(setting: &'static Setting) -> Arg {
         unit => unit.to_uppercase(),
     };
     Arg::new(setting.key)
-        .aliases(former_name(setting.key).map(|old| old.replace("_", "-")))
         .long(setting.key.replace('_', "-"))
         .value_name(value_name)
         .help(format!("{} [{}; default {}]", setting.help, setting.range(), setting.default))
@@ -152,10 +151,10 @@ mod tests {
     #[test]
     fn errors_in_a_file_name_the_line() {
         let mistake = |text: &str| apply_text(&mut Settings::default(), text).unwrap_err();
-        assert_eq!(mistake("voxel = 0.1\nmax_range = 0\n"), (2, "max_range = 0: must be 0.5 to 1000 m".to_owned()));
+        assert_eq!(mistake("voxel_size = 0.1\nmax_range = 0\n"), (2, "max_range = 0: must be 0.5 to 1000 m".to_owned()));
         assert_eq!(mistake("\n\nvoxels = 0.1"), (3, "there is no setting `voxels`; did you mean `voxel_size`?".to_owned()));
         assert_eq!(mistake("voxel = [1]").1, "voxel is of the type array, but must be a number or a string");
-        assert_eq!(mistake("voxel = 0.1\nmax_range 3").0, 2);
+        assert_eq!(mistake("voxel_size = 0.1\nmax_range 3").0, 2);
         assert!(mistake("threads = 0x10").1.contains("decimal"));
         let mut settings = Settings::default();
         apply_text(&mut settings, "lambda_odom = 1_000\nmax_range = 30").unwrap();

@@ -72,8 +72,6 @@ struct Summary {
     files: Vec<PathBuf>,
     vertices: usize,
     triangles: usize,
-    /// Vertices at which the surface is interpolated; null without `--interpolated`.
-    interpolated: Option<usize>,
     submaps: usize,
     /// Submaps that were left out because they are damaged.
     submaps_damaged: usize,
@@ -129,7 +127,6 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let summary = Summary {
         vertices: meshes.iter().map(|(_, m)| m.mesh.positions.len()).sum(),
         triangles: meshes.iter().map(|(_, m)| m.mesh.triangles.len()).sum(),
-        interpolated: args.surface.interpolated.then(|| meshes.iter().flat_map(|(_, m)| &m.mesh.interpolated).filter(|is| **is).count()),
         files: meshes.into_iter().map(|(path, _)| path).collect(),
         submaps,
         submaps_damaged: map.damaged,
@@ -179,7 +176,6 @@ fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Op
         origin: origin.coordinates(),
         normals: &mesh.mesh.normals,
         colours: colours.as_deref(),
-        interpolated: (!mesh.mesh.interpolated.is_empty()).then_some(&mesh.mesh.interpolated),
         intensity: (!intensity.is_empty()).then_some(&intensity),
         triangles: &mesh.mesh.triangles,
     };

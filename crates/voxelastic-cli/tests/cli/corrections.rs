@@ -39,7 +39,7 @@ fn corrections_reduce_the_errors_of_poses() {
         .for_each(|snapshot| std::fs::remove_file(snapshot).unwrap());
     works(dir.path(), "map street -o odometry.vox --voxel-size 0.4 --max-range 20");
     let odometry = error("odometry.vox");
-    works(dir.path(), "map street -o optimized.vox --voxel 0.4 --max-range 20 --optimize");
+    works(dir.path(), "map street -o optimized.vox --voxel-size 0.4 --max-range 20 --optimize");
     let optimized = error("optimized.vox");
     println!("largest error of a pose: odometry {odometry:.2} m, elastic {elastic:.2} m, rebuilt {rebuilt:.2} m, optimised {optimized:.2} m");
     assert!(optimized < 0.5 * odometry, "{odometry} {optimized}");

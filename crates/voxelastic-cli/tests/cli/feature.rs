@@ -113,7 +113,7 @@ fn settings_from_a_file_equal_those_from_flags() {
     works(dir.path(), "map room -o file.vox --config own.toml");
     works(dir.path(), "map room -o flags.vox --voxel-size 0.15 --max-range 12 --lambda-odom 0.5 --truncation 2.5");
     assert!(content(&dir.path().join("file.vox")) == content(&dir.path().join("flags.vox")));
-    let both = json(dir.path(), "map room -o both.vox --config own.toml --voxel 0.2 --json");
+    let both = json(dir.path(), "map room -o both.vox --config own.toml --voxel-size 0.2 --json");
     assert!((both["voxel_m"].as_f64().unwrap() - 0.2).abs() < 1e-6, "flags win");
     assert_eq!(both["max_range_m"].as_f64(), Some(12.0));
 }

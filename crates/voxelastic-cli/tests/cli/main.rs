@@ -15,7 +15,6 @@ mod feature;
 #[cfg(target_os = "linux")]
 mod full_disk;
 mod images;
-mod interpolated;
 #[cfg(unix)]
 mod kills;
 mod live;

@@ -149,7 +149,7 @@ fn mistakes_on_the_command_line_and_in_settings_exit_with_2() {
     fails(dir.path(), "map room --field colour", 2, &["tsdf"]);
     fails(dir.path(), "map room --t-base-lidar 1,2,3", 2, &["x y z qx qy qz qw"]);
     fails(dir.path(), "map room --hold-out 1", 2, &["2 or more"]);
-    fs::write(dir.path().join("bad.toml"), "voxel = 0.1\nvoxels = 2\n").unwrap();
+    fs::write(dir.path().join("bad.toml"), "voxel_size = 0.1\nvoxels = 2\n").unwrap();
     fails(dir.path(), "map room --config bad.toml", 2, &["bad.toml, line 2", "did you mean `voxel_size`"]);
     fails(dir.path(), "map room --config missing.toml", 1, &["missing.toml"]);
     fails(dir.path(), "mesh room.vox -o room.stl", 2, &[".ply or .glb"]);

@@ -1,6 +1,6 @@
 """How far do an OctoMap and a Voxelastic map of the same scans agree, and where do they not?
 
-    voxelastic map DATA/hall -o hall20.vox --field occupancy --voxel 0.2 --max-range 20 --lambda-odom 1000
+    voxelastic map DATA/hall -o hall20.vox --field occupancy --voxel-size 0.2 --max-range 20 --lambda-odom 1000
     voxelastic export hall20.vox -o hall20.bt
     python3 agreement.py DATA/hall hall20.bt
 

@@ -4,7 +4,6 @@ use super::{EXTENDED, Explorer, Situation};
 use crate::choice::{LEAST_STOP, rate};
 use crate::clusters::FrontierCluster;
 use crate::leg::Leg;
-use crate::settings::Strategy;
 use crate::shortcuts::short_way;
 use crate::viewpoints::Viewpoint;
 use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
@@ -37,7 +36,7 @@ impl Explorer {
     /// Goes to where the most is to be seen for its time, if that is far away and more than `near` shows; returns whether it does.
     pub(super) fn goes_far<S: Space>(&mut self, now: &Situation<'_, S>, frontier: &[FrontierCluster], near: Option<&Viewpoint>) -> bool {
         let has_enough = near.is_some_and(|near| near.volume.likely >= LEAST_STOP);
-        if self.settings.strategy != Strategy::Tour || has_enough {
+        if has_enough {
             return false;
         }
         let track = self.places_of_track();
@@ -149,14 +148,14 @@ mod tests {
     fn it_goes_along_its_track_to_where_much_is_left_if_there_is_time() {
         let mapper = corridor_and_hall();
         let settings = ExploreSettings::new(Robot::flying(0.35), [[-2.0, -15.5, 0.3], [89.5, 15.5, 1.6]]);
-        let path = |strategy, seconds_left| {
-            let mut explorer = Explorer::new(ExploreSettings { strategy, least_volume: 1.0, ..settings }).unwrap();
+        let path = |seconds_left| {
+            let mut explorer = Explorer::new(ExploreSettings { least_volume: 1.0, ..settings }).unwrap();
             // It came home from the hall.
             explorer.track = (0..=30).chain((0..30).rev()).map(|k| ([2.0 * f64::from(k), 0.0, 1.0], Vec::new())).collect();
             let decision = explorer.decide(mapper.atlas(), [0.0, 0.0, 1.0], Some(seconds_left)).unwrap();
             (decision.path.last().map_or(0.0, |end| end[0]), decision.is_unfinished)
         };
-        let ends = [(Strategy::Tour, 200.0), (Strategy::Tour, 70.0), (Strategy::NextBest, 200.0)].map(|(strategy, left)| path(strategy, left));
-        assert!(ends[0].0 > 50.0 && !ends[0].1 && ends[1].0 < 50.0 && ends[2].0 < 50.0, "{ends:?}");
+        let ends = [200.0, 70.0].map(path);
+        assert!(ends[0].0 > 50.0 && !ends[0].1 && ends[1].0 < 50.0, "{ends:?}");
     }
 }

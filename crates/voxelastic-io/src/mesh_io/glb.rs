@@ -8,18 +8,15 @@ use std::io::Write;
 use std::path::Path;
 
 pub(super) const BYTE: u32 = 5120;
-pub(super) const UNSIGNED_BYTE: u32 = 5121;
 pub(super) const UNSIGNED_SHORT: u32 = 5123;
 pub(super) const UNSIGNED_INT: u32 = 5125;
 pub(super) const FLOAT: u32 = 5126;
 pub(super) const VERTEX_BUFFER: u32 = 34962;
 pub(super) const INDEX_BUFFER: u32 = 34963;
 const POINTS: u32 = 0;
-/// Bytes from one mark to the next: vertex attributes start at multiples of four.
-const MARK_STRIDE: usize = 4;
 pub(super) const TRIANGLES: u32 = 4;
 
-/// Writes a mesh as GLB (glTF 2.0), atomically: `POSITION`, then where present `NORMAL`, `COLOR_0`, `_INTENSITY` and `_INTERPOLATED` (1 where the surface is interpolated, else 0), and
+/// Writes a mesh as GLB (glTF 2.0), atomically: `POSITION`, then where present `NORMAL`, `COLOR_0`, `_INTENSITY`, and
 /// indices. glTF's y axis points up, so the mesh hangs on a node that turns z up into y up. Colours are converted from sRGB to
 /// the linear scale that glTF wants, in 16 bits. An origin is the translation of the node: positions themselves are single precision. Normals are normalised; a zero normal becomes z. Without triangles the
 /// vertices are drawn as points; an empty mesh becomes an empty scene.
@@ -124,20 +121,10 @@ struct Buffers {
 
 impl Buffers {
     /// Adds an array and returns the number of its accessor.
-    fn add(&mut self, size: usize, target: u32, accessor: Value) -> usize {
-        self.add_view(size, json!({"target": target}), accessor)
-    }
-
-    /// Adds an array of `VERTEX_BUFFER` whose elements are smaller than their distance, `stride` bytes.
-    fn add_strided(&mut self, stride: usize, accessor: Value) -> usize {
-        self.add_view(stride, json!({"target": VERTEX_BUFFER, "byteStride": stride}), accessor)
-    }
-
-    fn add_view(&mut self, stride: usize, mut view: Value, mut accessor: Value) -> usize {
+    fn add(&mut self, size: usize, target: u32, mut accessor: Value) -> usize {
         let count = accessor["count"].as_u64().unwrap_or(0) as usize;
-        let bytes = count * stride;
-        (view["buffer"], view["byteOffset"], view["byteLength"]) = (json!(0), json!(self.length), json!(bytes));
-        self.views.push(view);
+        let bytes = count * size;
+        self.views.push(json!({"buffer": 0, "byteOffset": self.length, "byteLength": bytes, "target": target}));
         accessor["bufferView"] = json!(self.views.len() - 1);
         self.accessors.push(accessor);
         self.length += bytes;
@@ -168,10 +155,6 @@ impl Buffers {
         }
         if mesh.intensity.is_some() {
             attributes["_INTENSITY"] = json!(self.add(4, VERTEX_BUFFER, json!({"componentType": FLOAT, "type": "SCALAR", "count": count})));
-        }
-        if mesh.interpolated.is_some() {
-            let mark = json!({"componentType": UNSIGNED_BYTE, "type": "SCALAR", "count": count});
-            attributes["_INTERPOLATED"] = json!(self.add_strided(MARK_STRIDE, mark));
         }
         let mut primitive = json!({"attributes": attributes, "mode": POINTS, "material": 0});
         if !mesh.triangles.is_empty() {
@@ -222,9 +205,6 @@ fn write_arrays(w: &mut impl Write, mesh: &MeshRef<'_>) -> std::io::Result<()> {
     if let Some(intensity) = mesh.intensity {
         // JSON has no NaN, but this is binary: what was measured is kept.
         intensity.iter().try_for_each(|v| w.write_all(&v.to_le_bytes()))?;
-    }
-    if let Some(interpolated) = mesh.interpolated {
-        interpolated.iter().try_for_each(|is| w.write_all(&[u8::from(*is), 0, 0, 0]))?;
     }
     mesh.triangles.iter().flatten().try_for_each(|v| w.write_all(&v.to_le_bytes()))
 }

@@ -53,7 +53,7 @@ impl Texture<'_> {
 
 /// Writes a mesh with a texture as GLB (glTF 2.0), atomically. Each triangle has vertices of its own, with `POSITION`, `NORMAL` if the mesh has normals, and `TEXCOORD_0`;
 /// each image of the texture is a PNG in the file, with a primitive of the triangles that lie in it, filtered linearly and without smaller copies, because neighbours in it are not neighbours on the mesh. The rest is as in
-/// [`write_glb`](super::write_glb): z up is turned into y up, an origin is the translation of the node. Colours, intensities and marks of vertices are left out.
+/// [`write_glb`](super::write_glb): z up is turned into y up, an origin is the translation of the node. Colours and intensities of vertices are left out.
 ///
 /// # Errors
 /// [`Error::Unwritable`] if there are no images, some triangle of the mesh is in none or in several of them, a position is not finite, a triangle names a missing vertex or the file would pass the format's 4 GB;

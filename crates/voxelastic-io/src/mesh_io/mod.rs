@@ -26,8 +26,6 @@ pub struct MeshRef<'a> {
     pub colours: Option<&'a [[u8; 3]]>,
     /// Strength of return per vertex.
     pub intensity: Option<&'a [f32]>,
-    /// Whether the surface at each vertex is interpolated and not measured.
-    pub interpolated: Option<&'a [bool]>,
     /// Vertex indices of each triangle, counter-clockwise seen from free space; empty for a cloud.
     pub triangles: &'a [[u32; 3]],
 }
@@ -43,7 +41,6 @@ impl MeshRef<'_> {
         let lengths = [
             ("normals", Some(self.normals.len()).filter(|n| *n > 0)),
             ("colours", self.colours.map(<[_]>::len)),
-            ("marks of interpolation", self.interpolated.map(<[_]>::len)),
             ("intensities", self.intensity.map(<[_]>::len)),
         ];
         for (name, length) in lengths {

@@ -9,8 +9,8 @@ use std::path::Path;
 /// Vertices or triangles that are encoded at a time.
 const RECORDS_AT_ONCE: usize = 4096;
 
-/// Writes a mesh as binary little-endian PLY, atomically: `x y z`, then where present `nx ny nz`, `red green blue`,
-/// `interpolated` (0 or 1) and `intensity`; triangles as lists of `uint`. A mesh without triangles is a cloud. With an origin, positions are in double precision, and a
+/// Writes a mesh as binary little-endian PLY, atomically: `x y z`, then where present `nx ny nz`, `red green blue`
+/// and `intensity`; triangles as lists of `uint`. A mesh without triangles is a cloud. With an origin, positions are in double precision, and a
 /// comment has the origin.
 ///
 /// # Errors
@@ -36,9 +36,6 @@ pub fn write_ply(path: impl AsRef<Path>, mesh: &MeshRef<'_>) -> Result<()> {
                 }
                 if let Some(colours) = mesh.colours {
                     records.extend_from_slice(&colours[k]);
-                }
-                if let Some(interpolated) = mesh.interpolated {
-                    records.push(interpolated[k].into());
                 }
                 if let Some(intensity) = mesh.intensity {
                     numbers(&mut records, &intensity[k..=k]);
@@ -71,7 +68,6 @@ fn header(mesh: &MeshRef<'_>) -> String {
     properties(true, if mesh.has_origin() { "double" } else { "float" }, &["x", "y", "z"]);
     properties(!mesh.normals.is_empty(), "float", &["nx", "ny", "nz"]);
     properties(mesh.colours.is_some(), "uchar", &["red", "green", "blue"]);
-    properties(mesh.interpolated.is_some(), "uchar", &["interpolated"]);
     properties(mesh.intensity.is_some(), "float", &["intensity"]);
     header.push_str(&format!("element face {}\nproperty list uchar uint vertex_indices\nend_header\n", mesh.triangles.len()));
     header

@@ -14,7 +14,8 @@ use super::journal::{self, Journal};
 use super::known_file::KnownFile;
 use super::lock::Lock;
 use super::manifest::SubmapEntry;
-use super::piece::{MapDetails, Piece, pose_as_numbers};
+use super::piece::{MapDetails, Piece};
+use super::pose_as_numbers;
 use super::reader::MapStore;
 use super::submap_file::Written;
 use super::writer::{MapWriter, SaveReport, names};
@@ -92,7 +93,7 @@ impl Checkpoints {
     pub fn begin(writer: &MapWriter) -> Result<Self> {
         let dir = writer.store().dir().join(UNFINISHED);
         // A manifest that cannot be read is no reason to fail: it is replaced.
-        if matches!(MapStore::open(&dir), Err(Error::Damaged { .. } | Error::Newer { .. })) {
+        if matches!(MapStore::open(&dir), Err(Error::Damaged { .. } | Error::OtherVersion { .. })) {
             discard(&dir);
         }
         let writer = MapWriter::create(&dir)?;
@@ -137,7 +138,7 @@ impl Checkpoints {
     /// The checkpoint in the directory of the map that `writer` will save, and the checkpoints that follow it. None if there is none.
     ///
     /// # Errors
-    /// [`Error::Damaged`] and [`Error::Newer`] for a checkpoint that cannot be used, [`Error::Locked`] and [`Error::Io`].
+    /// [`Error::Damaged`] and [`Error::OtherVersion`] for a checkpoint that cannot be used, [`Error::Locked`] and [`Error::Io`].
     pub fn resume(writer: &MapWriter) -> Result<Option<(Checkpoint, Self)>> {
         if !Self::is_there(writer) {
             return Ok(None);
@@ -318,7 +319,7 @@ fn read_state(path: &Path) -> Result<(StoredTable, Vec<u8>)> {
         return Err(damaged(0, format!("its {} bytes do not match their checksum", bytes.len())));
     }
     if version > VERSION {
-        return Err(Error::Newer { path: path.to_owned(), found: version, supported: VERSION });
+        return Err(Error::OtherVersion { path: path.to_owned(), found: version, supported: VERSION });
     } else if version < VERSION {
         return Err(damaged(8, format!("it is of version {version}, which this program does not go on with")));
     }

@@ -15,7 +15,7 @@ const ORIGIN: &str = "origin";
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct StoredSettings {
-    /// The settings. Those that an older version did not store have their defaults.
+    /// The settings. Those that are not stored have their defaults.
     pub settings: Settings,
     /// Stored settings that this version does not know or that are out of range.
     pub refused: Vec<SettingError>,
@@ -58,7 +58,7 @@ impl MapDetails {
 
     /// The settings; none if the voxel size is not among them.
     pub fn stored_settings(&self) -> Option<StoredSettings> {
-        if !self.settings.contains_key("voxel_size") && !self.settings.contains_key("voxel") {
+        if !self.settings.contains_key("voxel_size") {
             return None;
         }
         let mut settings = Settings::default();
@@ -82,7 +82,5 @@ mod tests {
         assert_eq!(details.stored_settings().unwrap().refused.len(), 1);
         details.settings.remove("voxel_size");
         assert_eq!(details.stored_settings(), None);
-        details.settings.insert("voxel".to_owned(), "0.2".to_owned());
-        assert_eq!(details.stored_settings().unwrap().settings.voxel_size, 0.2, "its former name");
     }
 }

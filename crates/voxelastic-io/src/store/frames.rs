@@ -103,8 +103,6 @@ fn write_packed(pages: &[Packed], out: &mut impl Write) -> io::Result<()> {
 #[derive(Clone, Copy)]
 pub(super) struct Section<'a> {
     pub path: &'a Path,
-    /// Version of the file's format.
-    pub version: u32,
     /// The section in words.
     pub name: &'static str,
     /// Where it starts in the file.

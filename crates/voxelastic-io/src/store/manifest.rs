@@ -1,7 +1,8 @@
 //! What a map is made of: settings, sensor, and the table of submaps with where they lie.
 
 use super::files::SubmapName;
-use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, pose_as_numbers, scan_entries};
+use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, scan_entries};
+use super::pose_as_numbers;
 use super::sessions::SessionEntry;
 use super::submap_file::{Expected, Fields, Written};
 use serde::{Deserialize, Serialize};
@@ -53,15 +54,12 @@ impl Manifest {
     /// In words, when they have a number that is no voxel size: with another, every coordinate of the map would be wrong. Other words belong to whoever
     /// stored them.
     pub(super) fn voxel_size(&self) -> Result<f32, String> {
-        let mut settings = Settings::default();
-        for key in ["voxel", "voxel_size"] {
-            if let Some(value) = self.details.settings.get(key)
-                && let Err(problem) = settings.set(key, value)
-                && key == "voxel_size"
-                && value.trim().parse::<f64>().is_ok()
-            {
-                return Err(problem.to_string());
-            }
+        let (key, mut settings) = ("voxel_size", Settings::default());
+        if let Some(value) = self.details.settings.get(key)
+            && let Err(problem) = settings.set(key, value)
+            && value.trim().parse::<f64>().is_ok()
+        {
+            return Err(problem.to_string());
         }
         Ok(settings.voxel_size)
     }
@@ -151,6 +149,6 @@ impl SubmapEntry {
         let scans = self.scans.iter().map(|s| SubmapScan { node: s.node, t_submap_lidar: s.t_submap_lidar }).collect();
         let submap = Submap::new(self.id, voxel_size, self.t_map_submap).with_scans(scans, self.travelled);
         let submap = submap.with_corrected(self.corrected.iter().map(|s| s.t_submap_lidar).collect());
-        submap.with_fields(fields.tsdf, fields.occupancy).with_handed_over(fields.handed_over)
+        submap.with_fields(fields.tsdf, fields.occupancy)
     }
 }

@@ -83,8 +83,8 @@ pub(super) fn read(path: &Path, text: &[u8]) -> Result<Manifest> {
     }
     // The text is whole, so a number that does not fit is a version from very far ahead.
     let version = number.iter().fold(0u32, |n, d| n.saturating_mul(10).saturating_add(u32::from(d - b'0')));
-    if version > FORMAT_VERSION {
-        return Err(Error::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+    if version != FORMAT_VERSION {
+        return Err(Error::OtherVersion { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let document: Document =
         serde_json::from_slice(text).map_err(|e| Error::damaged(path, "text", offset(text, e.line(), e.column()), e.to_string()))?;

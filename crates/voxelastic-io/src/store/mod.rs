@@ -24,7 +24,7 @@
 //! [`repair`] makes a map that opens of one that is damaged: from the files that are whole.
 //!
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
-//! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans, `handed_over_section` blocks that other submaps have), each a sequence of compressed pages of blocks in Morton order (module `frames`).
+//! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
 mod bytes;
 mod checkpoint;
@@ -32,7 +32,6 @@ mod colour_section;
 mod details;
 mod files;
 mod frames;
-mod handed_over_section;
 mod join;
 mod journal;
 mod known_file;
@@ -44,6 +43,7 @@ mod newest;
 mod occupancy_section;
 mod origin_section;
 mod piece;
+mod pose_as_numbers;
 mod reader;
 mod repair;
 mod session_writer;
@@ -52,7 +52,6 @@ mod submap_file;
 #[cfg(test)]
 mod tests;
 mod tsdf_page;
-mod tsdf_page_v3;
 mod tsdf_section;
 mod writer;
 
@@ -66,5 +65,5 @@ pub use repair::{ManifestState, RepairReport, move_map, repair};
 pub use sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use writer::{MapWriter, SaveReport};
 
-/// Version of the map directory's format that this program writes, and the newest that it reads.
+/// Version of the map directory's format that this program writes and reads; it reads no other.
 pub const FORMAT_VERSION: u32 = 4;

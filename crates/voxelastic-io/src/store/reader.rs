@@ -7,7 +7,6 @@ use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use voxelastic::atlas::fusion::{TakeBack, take_back};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 
 /// A stored map. Opening reads the manifest only.
@@ -26,7 +25,7 @@ impl MapStore {
     /// Opens the map directory `path`.
     ///
     /// # Errors
-    /// [`Error::NotAMap`] when something else or nothing is there, [`Error::Newer`], [`Error::Damaged`], and
+    /// [`Error::NotAMap`] when something else or nothing is there, [`Error::OtherVersion`], [`Error::Damaged`], and
     /// [`Error::Io`] when the manifest may not be read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let dir = path.as_ref();
@@ -79,7 +78,7 @@ impl MapStore {
         &self.manifest
     }
 
-    /// The log of the run that made the map, as it was written; none where there is none, as in maps of older programs.
+    /// The log of the run that made the map, as it was written; none where there is none.
     ///
     /// # Errors
     /// [`Error::Io`] when it may not be read, [`Error::Damaged`] when it is not text.
@@ -103,10 +102,10 @@ impl MapStore {
         self.manifest.submaps.binary_search_by_key(&id, |entry| entry.id).ok().map(|i| &self.manifest.submaps[i])
     }
 
-    /// Loads submap `id`. What it handed over to other submaps is not in it, see [`hand_over`](fn@voxelastic::atlas::fusion::hand_over).
+    /// Loads submap `id`.
     ///
     /// # Errors
-    /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::Newer`],
+    /// [`Error::NoSuchSubmap`]; [`Error::Missing`], [`Error::Damaged`], [`Error::OtherVersion`],
     /// [`Error::UnknownSection`] and [`Error::Io`] for its file.
     pub fn load_submap(&self, id: SubmapId) -> Result<Submap> {
         self.entry(id).ok_or_else(|| Error::NoSuchSubmap { path: self.dir.clone(), id }).and_then(|entry| self.load(entry))
@@ -117,7 +116,7 @@ impl MapStore {
         Ok(entry.submap(fields, self.voxel_size()?))
     }
 
-    /// Loads all submaps. Where poses were corrected since the map was made, they take back what they handed over to others.
+    /// Loads all submaps.
     ///
     /// # Errors
     /// As for [`load_submap`](Self::load_submap), for the first submap that cannot be loaded.
@@ -146,9 +145,7 @@ impl MapStore {
     }
 
     fn atlas_of(&self, submaps: Vec<Submap>) -> Result<Atlas> {
-        let mut atlas = Atlas::from_submaps(self.voxel_size()?, submaps);
-        take_back(&mut atlas, TakeBack::Moved);
-        Ok(atlas)
+        Ok(Atlas::from_submaps(self.voxel_size()?, submaps))
     }
 
     fn voxel_size(&self) -> Result<f32> {

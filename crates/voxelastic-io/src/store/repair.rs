@@ -50,7 +50,7 @@ pub struct RepairReport {
 /// are damaged leave the map. Damaged files are renamed, not removed. A map without damage is not changed.
 ///
 /// # Errors
-/// [`Error::NotAMap`] when there is no submap file that can be read, or that says where its submap lies (format version 3), [`Error::Newer`],
+/// [`Error::NotAMap`] when there is no submap file that can be read, or that says where its submap lies, [`Error::OtherVersion`],
 /// [`Error::Locked`], and [`Error::Io`].
 pub fn repair(path: impl AsRef<Path>) -> Result<RepairReport> {
     let dir = path.as_ref();
@@ -172,14 +172,13 @@ struct Rank {
 fn entry_of(path: &Path, found: Found) -> Result<(Rank, SubmapEntry, MapDetails, Option<SessionEntry>)> {
     let name = path.file_name().and_then(|name| SubmapName::parse(&name.to_string_lossy())).filter(|name| name.id == found.id);
     let name = name.ok_or_else(|| Error::damaged(path, "header", 12, format!("it is submap {}, its name says otherwise", found.id)))?;
-    let without = || Error::damaged(path, "section table", 0, "it was written in a format that does not say where the submap lies");
-    let origin = found.origin.ok_or_else(without)?;
+    let origin = found.origin;
     let details = origin.details();
     let voxel_size = Manifest { details: details.clone(), ..Manifest::default() }.voxel_size();
     let voxel_size = voxel_size.map_err(|what| Error::damaged(path, "origin section", 0, what))?;
     let written = fs::metadata(path).and_then(|m| m.modified()).unwrap_or(SystemTime::UNIX_EPOCH);
     let rank = Rank { scans: origin.scans.len(), written };
-    let submap = origin.submap(found.id, voxel_size, found.fields.tsdf, found.fields.occupancy).with_handed_over(found.fields.handed_over);
+    let submap = origin.submap(found.id, voxel_size, found.fields.tsdf, found.fields.occupancy);
     let piece = Piece { submap: &submap, t_map_submap: origin.t_map_submap, session: None };
     Ok((rank, SubmapEntry::new(&piece, name, found.written), details, origin.session))
 }

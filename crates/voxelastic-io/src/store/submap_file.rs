@@ -4,19 +4,19 @@
 //! (4 bytes), CRC-32 (u32), offset in the file (u64) and length (u64); CRC-32 of all this (u32). Sections follow each
 //! other without gaps up to the file's end. All numbers little endian. The head keeps this form in all versions.
 //!
-//! Where the submap lies is the manifest's knowledge: a pose correction rewrites no submap file. From version 3 on the file has a copy of that
+//! Where the submap lies is the manifest's knowledge: a pose correction rewrites no submap file. The file has a copy of that
 //! knowledge, as it was when the file was written, to rebuild a manifest from.
 
 use super::bytes::Bytes;
 use super::frames::Section;
 use super::origin_section::{self, Origin};
 use super::piece::{MapDetails, Piece};
-use super::{FORMAT_VERSION, colour_section, files, handed_over_section, occupancy_section, tsdf_section};
+use super::{FORMAT_VERSION, colour_section, files, occupancy_section, tsdf_section};
 use crate::{Error, Result};
 use crc32fast::Hasher;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
-use voxelastic::atlas::{HandedOver, Submap, SubmapId};
+use voxelastic::atlas::{Submap, SubmapId};
 use voxelastic::field::occupancy::OccupancyField;
 use voxelastic::field::tsdf::TsdfField;
 use xxhash_rust::xxh3::xxh3_64;
@@ -39,7 +39,6 @@ const fn head_length(sections: usize) -> usize {
 pub(super) struct Fields {
     pub tsdf: TsdfField,
     pub occupancy: OccupancyField,
-    pub handed_over: Vec<HandedOver>,
 }
 
 /// The sections that this program can store.
@@ -49,21 +48,18 @@ enum Kind {
     /// Of the TSDF before it.
     Colour,
     Occupancy,
-    /// Not a field: blocks of its TSDF that other submaps have.
-    HandedOver,
     /// Not a field: where the submap lies and what it was made from.
     Origin,
 }
 
 impl Kind {
-    const ALL: [Self; 5] = [Self::Tsdf, Self::Colour, Self::Occupancy, Self::HandedOver, Self::Origin];
+    const ALL: [Self; 4] = [Self::Tsdf, Self::Colour, Self::Occupancy, Self::Origin];
 
     fn tag(self) -> [u8; 4] {
         match self {
             Self::Tsdf => *b"tsdf",
             Self::Colour => *b"colr",
             Self::Occupancy => *b"occu",
-            Self::HandedOver => *b"hand",
             Self::Origin => *b"orig",
         }
     }
@@ -74,7 +70,6 @@ impl Kind {
             Self::Tsdf => "tsdf section",
             Self::Colour => "colour section",
             Self::Occupancy => "occupancy section",
-            Self::HandedOver => "section of blocks handed over",
             Self::Origin => "origin section",
         }
     }
@@ -85,7 +80,7 @@ impl Kind {
             Self::Tsdf => section.find_damage(tsdf_section::HEAD),
             Self::Colour => section.find_damage(colour_section::HEAD),
             Self::Occupancy => section.find_damage(occupancy_section::HEAD),
-            Self::HandedOver | Self::Origin => section.damaged(0, "the section does not match its checksum"),
+            Self::Origin => section.damaged(0, "the section does not match its checksum"),
         }
     }
 
@@ -94,7 +89,6 @@ impl Kind {
             Self::Tsdf => !submap.tsdf().is_empty(),
             Self::Colour => !submap.tsdf().colours().is_empty(),
             Self::Occupancy => !submap.occupancy().is_empty(),
-            Self::HandedOver => !submap.handed_over().is_empty(),
             Self::Origin => true,
         }
     }
@@ -104,7 +98,6 @@ impl Kind {
             Self::Tsdf => tsdf_section::digest(submap.tsdf()),
             Self::Colour => colour_section::digest(submap.tsdf()),
             Self::Occupancy => occupancy_section::digest(submap.occupancy()),
-            Self::HandedOver => handed_over_section::digest(submap),
             Self::Origin => origin_section::digest(submap),
         }
     }
@@ -116,7 +109,6 @@ impl Kind {
             Self::Tsdf => tsdf_section::write(submap.tsdf(), out),
             Self::Colour => colour_section::write(submap.tsdf(), out),
             Self::Occupancy => occupancy_section::write(submap.occupancy(), out),
-            Self::HandedOver => handed_over_section::write(submap, out),
             Self::Origin => origin_section::write(piece, details, out).map(|()| origin_section::digest(submap)),
         }
     }
@@ -126,7 +118,6 @@ impl Kind {
             Self::Tsdf => fields.tsdf = tsdf_section::read(section)?,
             Self::Colour => colour_section::read(section, &mut fields.tsdf)?,
             Self::Occupancy => fields.occupancy = occupancy_section::read(section)?,
-            Self::HandedOver => fields.handed_over = handed_over_section::read(section)?,
             // The manifest knows better.
             Self::Origin => {}
         }
@@ -258,8 +249,7 @@ pub(super) struct Found {
     pub id: SubmapId,
     pub written: Written,
     pub fields: Fields,
-    /// Absent in files of version 2 and before.
-    pub origin: Option<Origin>,
+    pub origin: Origin,
 }
 
 /// Reads the submap file at `path` without a manifest.
@@ -273,6 +263,7 @@ pub(super) fn read_alone(path: &Path) -> Result<Found> {
             origin = Some(origin_section::read(&section)?);
         }
     }
+    let origin = origin.ok_or_else(|| Error::damaged(path, "section table", HEAD as u64, "it does not say where the submap lies"))?;
     let written = Written { bytes: bytes.len() as u64, crc32: crc32fast::hash(&bytes) };
     Ok(Found { id, written, fields, origin })
 }
@@ -313,14 +304,14 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
     if crc32fast::hash(&bytes[..HEAD + table.len()]) != crc32 {
         return Err(damaged(0, "the header does not match its checksum".to_owned()));
     }
-    if version > FORMAT_VERSION {
-        return Err(Error::Newer { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
+    if version != FORMAT_VERSION {
+        return Err(Error::OtherVersion { path: path.to_owned(), found: version, supported: FORMAT_VERSION });
     }
     let mut rows = Bytes::new(table);
     let mut sections: Vec<(Kind, Section<'_>)> = Vec::new();
     let mut end = head_length(count) as u64;
     for _ in 0..count {
-        let (kind, section) = row((path, version), bytes, &mut rows, end)?;
+        let (kind, section) = row(path, bytes, &mut rows, end)?;
         if sections.iter().any(|(other, _)| *other == kind) {
             return Err(damaged(HEAD, format!("it has two {}s", kind.name())));
         }
@@ -334,7 +325,7 @@ fn parse<'a>(path: &'a Path, bytes: &'a [u8]) -> Result<(SubmapId, Vec<(Kind, Se
 }
 
 /// Reads the next row of the section table and checks its section, which starts where the one before ended.
-fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
+fn row<'a>(path: &'a Path, bytes: &'a [u8], rows: &mut Bytes<'_>, start: u64) -> Result<(Kind, Section<'a>)> {
     let damaged = |what: String| Error::damaged(path, "section table", HEAD as u64, what);
     let mut fields = || Ok((rows.u32()?.to_le_bytes(), rows.u32()?, rows.u64()?, rows.u64()?));
     let (tag, crc32, offset, length) = fields().map_err(damaged)?;
@@ -344,6 +335,6 @@ fn row<'a>((path, version): (&'a Path, u32), bytes: &'a [u8], rows: &mut Bytes<'
     let Some(kind) = Kind::ALL.into_iter().find(|kind| kind.tag() == tag) else {
         return Err(Error::UnknownSection { path: path.to_owned(), tag: tag.escape_ascii().to_string(), offset });
     };
-    let section = Section { path, version, name: kind.name(), offset, bytes: content };
+    let section = Section { path, name: kind.name(), offset, bytes: content };
     if crc32fast::hash(content) == crc32 { Ok((kind, section)) } else { Err(kind.find_damage(&section)) }
 }

@@ -1,11 +1,10 @@
 //! What checksums cannot vouch for: bytes that someone made on purpose. They are read or refused, and never worse.
 
-use super::FORMAT_VERSION;
-use super::bytes::{Bytes, push_varint};
+use super::bytes::Bytes;
 use super::frames::Section;
 use super::manifest::Manifest;
 use super::piece::{MapDetails, Piece};
-use super::{colour_section, manifest_text, masks, occupancy_section, submap_file, tsdf_page, tsdf_page_v3, tsdf_section};
+use super::{colour_section, manifest_text, masks, occupancy_section, submap_file, tsdf_page, tsdf_section};
 use proptest::prelude::*;
 use std::io::Cursor;
 use std::path::Path;
@@ -72,7 +71,7 @@ fn occupancy() -> OccupancyField {
 }
 
 fn section<'a>(name: &'static str, bytes: &'a [u8]) -> Section<'a> {
-    Section { path: Path::new("map/submap"), version: FORMAT_VERSION, name, offset: 100, bytes }
+    Section { path: Path::new("map/submap"), name, offset: 100, bytes }
 }
 
 proptest! {
@@ -132,19 +131,6 @@ proptest! {
     }
 
     #[test]
-    fn any_tsdf_page_of_version_3_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0), items in 0usize..80) {
-        let (field, mut raw) = (tsdf(), Vec::new());
-        let true_items = fill_version_3(&field, &mut raw);
-        let items = if items % 2 == 0 { true_items } else { items };
-        if let Ok(page) = tsdf_page_v3::parse(Bytes::new(&changed(raw, &changes, cut)), items) {
-            let mut builder = TsdfBuilder::default();
-            if page.build(&mut builder).is_ok() {
-                extract(&builder.finish(), 0.1, &MeshOptions::default());
-            }
-        }
-    }
-
-    #[test]
     fn any_occupancy_section_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0)) {
         let mut bytes = Vec::new();
         occupancy_section::write(&occupancy(), &mut bytes).unwrap();
@@ -165,7 +151,7 @@ proptest! {
 
     #[test]
     fn any_manifest_is_read_or_refused(changes in changes(), cut in prop::option::weighted(0.2, 0.0..1.0)) {
-        let details = MapDetails { generator: "tests".to_owned(), settings: [("voxel".to_owned(), "0.05".to_owned())].into(), ..MapDetails::default() };
+        let details = MapDetails { generator: "tests".to_owned(), settings: [("voxel_size".to_owned(), "0.05".to_owned())].into(), ..MapDetails::default() };
         let text = manifest_text::write(&Manifest { details, ..Manifest::default() }).unwrap();
         let mut bytes = changed(text.into_bytes(), &changes, cut);
         // With its checksum mended, so that the text itself is what is judged.
@@ -178,40 +164,6 @@ proptest! {
             prop_assert!(error.to_string().contains("manifest.json"));
         }
     }
-}
-
-/// Appends the page of a whole field as version 3 had it; returns how many blocks it has.
-fn fill_version_3(field: &TsdfField, raw: &mut Vec<u8>) -> usize {
-    let ids = field.ids_in_morton_order();
-    let heads: Vec<BlockHead> = ids.iter().map(|&id| field.head(id)).collect();
-    raw.extend(heads.iter().map(|head| head.scale | head.finest << 2 | u8::from(head.has_intensity) << 4));
-    let mut last = 0;
-    for head in &heads {
-        push_varint(raw, head.key - last);
-        last = head.key;
-    }
-    let mut voxels: Vec<u32> = ids.iter().flat_map(|&id| field.stored_voxels(id)).map(bytemuck::cast).collect();
-    let count = masks::push_mask(raw, &mut voxels);
-    let voxels: &[Voxel] = bytemuck::cast_slice(&voxels[..count]);
-    let before = std::iter::once(0).chain(voxels.iter().map(|voxel| voxel.distance));
-    let steps = voxels.iter().zip(before).map(|(voxel, before)| voxel.distance.wrapping_sub(before));
-    let folded: Vec<[u8; 2]> = steps.map(|step| (step << 1 ^ step >> 15).to_le_bytes()).collect();
-    let weights: Vec<[u8; 2]> = voxels.iter().map(|voxel| voxel.weight.to_le_bytes()).collect();
-    for (numbers, byte) in [(&folded, 0), (&folded, 1), (&weights, 0), (&weights, 1)] {
-        raw.extend(numbers.iter().map(|number| number[byte]));
-    }
-    let mut intensities: Vec<u8> = ids.iter().flat_map(|&id| field.stored_intensities(id)).collect();
-    let count = masks::push_mask(raw, &mut intensities);
-    raw.extend(&intensities[..count]);
-    ids.len()
-}
-
-#[test]
-fn pages_of_version_3_come_back() {
-    let (mut raw, mut builder) = (Vec::new(), TsdfBuilder::default());
-    let items = fill_version_3(&tsdf(), &mut raw);
-    tsdf_page_v3::parse(Bytes::new(&raw), items).unwrap().build(&mut builder).unwrap();
-    assert_eq!(tsdf_section::digest(&builder.finish()), tsdf_section::digest(&tsdf()));
 }
 
 #[test]

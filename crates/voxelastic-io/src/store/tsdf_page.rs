@@ -21,7 +21,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const _: () = assert!(WEIGHT_ONE == 16);
 
 /// Bytes that a block counts for: its arrays and more than its head takes.
-pub(super) fn cost(head: &BlockHead) -> usize {
+fn cost(head: &BlockHead) -> usize {
     16 + head.voxel_count() * size_of::<Voxel>() + head.intensity_count()
 }
 
@@ -125,7 +125,7 @@ fn take_voxels(bytes: &mut Bytes<'_>, count: usize) -> Result<Vec<Voxel>, String
     Ok((0..count).map(voxel).collect())
 }
 
-pub(super) fn parse_heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String> {
+fn parse_heads(bytes: &mut Bytes<'_>, blocks: usize) -> Result<Vec<BlockHead>, String> {
     let flags = bytes.take(blocks)?;
     let mut key = 0u64;
     let head = |&flag: &u8| {

@@ -1,9 +1,7 @@
 //! The TSDF section of a submap file: the number of blocks (u64), then [frames](super::frames) of blocks in Morton order.
 
-use super::bytes::Bytes;
 use super::frames::{self, Section};
 use super::tsdf_page::{self, cut, fill, parse};
-use super::tsdf_page_v3::{self, Unpacked};
 use crate::Result;
 use rayon::prelude::*;
 use std::io::{self, Write};
@@ -39,18 +37,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<TsdfField> {
     let (mut head, frames) = section.split(HEAD)?;
     let blocks = head.u64().map_err(|e| section.damaged(0, e))?;
     let mut builder = TsdfBuilder::default();
-    if section.version > 3 {
-        frames::read(section, &frames, parse, |page: PackedBlocks| builder.push_packed(&page).map_err(|e| e.to_string()))?;
-    } else {
-        let parse = |bytes: Bytes<'_>, blocks| {
-            let mut page = tsdf_page_v3::parse(bytes, blocks)?;
-            if section.version < 2 {
-                page.update_weights();
-            }
-            Ok(page)
-        };
-        frames::read(section, &frames, parse, |page: Unpacked| page.build(&mut builder))?;
-    }
+    frames::read(section, &frames, parse, |page: PackedBlocks| builder.push_packed(&page).map_err(|e| e.to_string()))?;
     let field = builder.finish();
     if field.len() as u64 != blocks {
         return Err(section.damaged(0, format!("{blocks} blocks are claimed, {} are there", field.len())));

@@ -54,7 +54,6 @@ impl Owned {
             normals: &self.normals,
             colours: self.colours.as_deref(),
             intensity: self.intensity.as_deref(),
-            interpolated: None,
             triangles: &self.triangles,
         }
     }
@@ -182,44 +181,4 @@ fn a_large_ply_reads_back_as_it_was() {
     write_ply(&path, &mesh).unwrap();
     let back = ply::read_mesh(&path).unwrap();
     assert!(back.positions == positions && back.intensity == Some(intensity) && back.triangles == triangles);
-}
-
-#[test]
-fn marks_of_interpolation_are_a_property_of_ply_files() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("m.ply");
-    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let mesh = MeshRef { positions: &positions, interpolated: Some(&[false, true, false]), triangles: &[[0, 1, 2]], ..MeshRef::default() };
-    write_ply(&path, &mesh).unwrap();
-    let bytes = std::fs::read(&path).unwrap();
-    let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
-    assert!(String::from_utf8_lossy(&bytes[..end]).contains("property float z\nproperty uchar interpolated\n"));
-    assert_eq!([bytes[end + 12], bytes[end + 25], bytes[end + 38]], [0, 1, 0]);
-    assert_eq!(ply::read_mesh(&path).unwrap().positions, positions);
-    let error = write_ply(&path, &MeshRef { interpolated: Some(&[true]), ..mesh }).unwrap_err().to_string();
-    assert!(error.contains("1 marks of interpolation for 3 vertices"), "{error}");
-}
-
-#[test]
-fn marks_of_interpolation_are_an_attribute_of_glb_files() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("m.glb");
-    let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-    let marks = [false, true, true];
-    let mesh =
-        MeshRef { positions: &positions, interpolated: Some(&marks), intensity: Some(&[1.0; 3]), triangles: &[[0, 1, 2]], ..MeshRef::default() };
-    write_glb(&path, &mesh).unwrap();
-    let (document, binary) = open_glb(&std::fs::read(&path).unwrap());
-    assert_eq!(document["buffers"][0]["byteLength"].as_u64().unwrap() as usize, binary.len());
-    let primitive = &document["meshes"][0]["primitives"][0];
-    let (kind, bytes) = accessor(&document, &binary, &primitive["attributes"]["_INTERPOLATED"]);
-    assert_eq!((kind["componentType"].as_u64(), kind["type"].as_str(), kind["count"].as_u64()), (Some(5121), Some("SCALAR"), Some(3)));
-    assert_eq!(document["bufferViews"][kind["bufferView"].as_u64().unwrap() as usize]["byteStride"], 4);
-    assert_eq!(bytes.iter().step_by(4).map(|b| *b == 1).collect::<Vec<_>>(), marks);
-    // What follows is where it should be.
-    let (_, indices) = accessor(&document, &binary, &primitive["indices"]);
-    assert_eq!(indices, [0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
-    write_glb(&path, &MeshRef { interpolated: None, ..mesh }).unwrap();
-    let (document, _) = open_glb(&std::fs::read(&path).unwrap());
-    assert!(document["meshes"][0]["primitives"][0]["attributes"].get("_INTERPOLATED").is_none());
 }

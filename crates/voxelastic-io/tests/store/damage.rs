@@ -205,15 +205,19 @@ fn manifests_that_name_files_elsewhere_are_refused() {
 }
 
 #[test]
-fn newer_versions_are_refused_and_unknown_keys_are_not() {
+fn other_versions_are_refused_and_unknown_keys_are_not() {
     let map = map();
     let original = fs::read_to_string(&map.manifest).unwrap();
     let current = format!("\"version\": {FORMAT_VERSION}");
-    for (version, found) in [((FORMAT_VERSION + 1).to_string(), FORMAT_VERSION + 1), ("99999999999999999999".to_owned(), u32::MAX)] {
+    let near = [FORMAT_VERSION - 1, FORMAT_VERSION + 1].map(|version| (version.to_string(), version));
+    for (version, found) in near.into_iter().chain([("99999999999999999999".to_owned(), u32::MAX)]) {
         rewrite_manifest(&map, &current, &format!("\"version\": {version}"));
         let error = MapStore::open(map.dir.path()).unwrap_err();
-        assert!(matches!(error, Error::Newer { found: f, supported: FORMAT_VERSION, .. } if f == found), "{error}");
-        assert!(matches!(MapWriter::create(map.dir.path()), Err(Error::Newer { .. })), "a newer map is not replaced");
+        assert!(matches!(error, Error::OtherVersion { found: f, supported: FORMAT_VERSION, .. } if f == found), "{error}");
+        let said = error.to_string();
+        let names = said.contains("manifest.json") && said.contains(&format!("version {found},"));
+        assert!(names && said.contains("map the data again") && error.remedy().contains("map the data again"), "{said}");
+        assert!(matches!(MapWriter::create(map.dir.path()), Err(Error::OtherVersion { .. })), "it is not replaced");
         fs::write(&map.manifest, &original).unwrap();
     }
     rewrite_manifest(&map, "\"submaps\": [", "\"weather\": \"fine\",\n\"submaps\": [");
@@ -242,7 +246,7 @@ fn manifests_with_impossible_content_are_refused() {
 }
 
 #[test]
-fn newer_submap_files_and_unknown_sections_are_refused() {
+fn submap_files_of_other_versions_and_unknown_sections_are_refused() {
     let map = map();
     // Mends all checksums: of the submap file's head, which has two rows, and those that the manifest holds.
     let load_changed = |change: &dyn Fn(&mut Vec<u8>)| {
@@ -258,8 +262,10 @@ fn newer_submap_files_and_unknown_sections_are_refused() {
         fs::write(&map.submap, submap).unwrap();
         error
     };
-    let error = load_changed(&|bytes| bytes[8] = FORMAT_VERSION as u8 + 1);
-    assert!(matches!(error, Error::Newer { found, supported: FORMAT_VERSION, .. } if found == FORMAT_VERSION + 1), "{error}");
+    for version in [FORMAT_VERSION - 1, FORMAT_VERSION + 1] {
+        let error = load_changed(&|bytes| bytes[8] = version as u8);
+        assert!(matches!(error, Error::OtherVersion { found, supported: FORMAT_VERSION, .. } if found == version), "{error}");
+    }
     let error = load_changed(&|bytes| bytes[20..24].copy_from_slice(b"heat"));
     assert!(matches!(&error, Error::UnknownSection { tag, offset: 72, .. } if tag == "heat"), "{error}");
     let error = load_changed(&|bytes| bytes[16] = 65);

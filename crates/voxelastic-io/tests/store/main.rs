@@ -12,5 +12,4 @@ mod python_reader;
 mod repair;
 mod resume;
 mod roundtrip;
-mod stored_once;
 mod world;

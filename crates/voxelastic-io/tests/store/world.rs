@@ -80,10 +80,6 @@ pub fn pose(numbers: &mut Numbers) -> Pose {
 
 /// A field of `blocks` blocks with made-up content that depends on `seed` only, on any machine.
 pub fn made_up_field(seed: u64, blocks: usize) -> TsdfField {
-    made_up_field_of(seed, blocks, |weight| weight)
-}
-
-fn made_up_field_of(seed: u64, blocks: usize, weight: fn(u16) -> u16) -> TsdfField {
     let mut numbers = Numbers(seed);
     let mut builder = TsdfBuilder::default();
     let mut key = numbers.next() >> 24;
@@ -92,7 +88,7 @@ fn made_up_field_of(seed: u64, blocks: usize, weight: fn(u16) -> u16) -> TsdfFie
         let (a, b) = ((numbers.next() % 4) as u8, (numbers.next() % 4) as u8);
         let head = BlockHead { key, scale: a.max(b), finest: a.min(b), has_intensity: numbers.next() & 1 == 0 };
         let mut voxel = |_| match numbers.next() {
-            n if n % 3 == 0 => Voxel { distance: (n >> 16) as i16, weight: weight((n >> 40) as u16 % 6400) },
+            n if n % 3 == 0 => Voxel { distance: (n >> 16) as i16, weight: (n >> 40) as u16 % 6400 },
             _ => Voxel::default(),
         };
         let voxels: Vec<Voxel> = (0..head.voxel_count()).map(&mut voxel).collect();
@@ -156,11 +152,6 @@ pub fn made_up_occupancy(seed: u64, octants: usize) -> OccupancyField {
 
 /// An atlas of `submaps` submaps with made-up content that depends on `seed` only.
 pub fn made_up_atlas(seed: u64, submaps: usize, blocks: usize) -> Atlas {
-    made_up_atlas_of(seed, submaps, blocks, |weight| weight)
-}
-
-/// The same with other weights.
-pub fn made_up_atlas_of(seed: u64, submaps: usize, blocks: usize, weight: fn(u16) -> u16) -> Atlas {
     let mut numbers = Numbers(seed);
     let mut atlas = Atlas::new(0.065);
     for _ in 0..submaps {
@@ -169,7 +160,7 @@ pub fn made_up_atlas_of(seed: u64, submaps: usize, blocks: usize, weight: fn(u16
         let submap = atlas.submap_mut(id).expect("just made");
         // Every second and third of four has one field only.
         if id % 4 != 2 {
-            *submap.tsdf_mut() = made_up_field_of(field_seed, blocks, weight);
+            *submap.tsdf_mut() = made_up_field(field_seed, blocks);
             if id % 4 == 3 {
                 colour(submap.tsdf_mut(), field_seed);
             }

@@ -8,7 +8,7 @@ use devtools::Browser;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::event::{Edge, Event, Scan};
-use voxelastic::meshing::LiveSurface;
+use voxelastic::meshing::{SurfaceChanges, TileMaker};
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 use voxelastic_live::publisher::{Publisher, ShownScan};
@@ -137,10 +137,11 @@ fn the_map_grows_bends_and_comes_back() {
 
     // Then the tiles where a submap was or is are made again, and it is one surface: as many triangles as all tiles of the map have, but for crumbs.
     node.settle();
-    let mut whole = LiveSurface::new(MeshOptions::default());
+    let mut whole = SurfaceChanges::default();
     whole.note(node.mapper.atlas());
     let all: Vec<_> = whole.waiting().collect();
-    let expected: usize = whole.make(node.mapper.atlas(), &all).iter().map(|(_, mesh)| mesh.triangles.len()).sum();
+    let made = TileMaker::new(MeshOptions::default()).make(&whole.gather(node.mapper.atlas(), &all));
+    let expected: usize = made.meshes.iter().map(|(_, mesh)| mesh.triangles.len()).sum();
     page.wait(&format!("Math.abs(voxelastic.view.triangles / {expected} - 1) < 0.005"));
 
     // The connection is lost and comes back, with another server at the same place.

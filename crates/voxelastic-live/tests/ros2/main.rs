@@ -254,11 +254,12 @@ fn compare(taken: &serde_json::Value, folder: &Path, mapper: &Mapper, scans: &[S
 
 /// The vertices of the one surface in the map frame, as it is published: level of detail 1, tile by tile.
 fn surface(mapper: &Mapper) -> HashSet<[u8; 12]> {
-    use voxelastic::meshing::LiveSurface;
-    let mut surface = LiveSurface::new(voxelastic::surface::MeshOptions { lod: 1, ..Default::default() });
-    surface.note(mapper.atlas());
-    let tiles: Vec<_> = surface.waiting().collect();
-    let vertices = surface.make(mapper.atlas(), &tiles).into_iter().flat_map(|(_, mesh)| mesh.positions);
+    use voxelastic::meshing::{SurfaceChanges, TileMaker};
+    let mut changes = SurfaceChanges::default();
+    changes.note(mapper.atlas());
+    let tiles: Vec<_> = changes.waiting().collect();
+    let mut maker = TileMaker::new(voxelastic::surface::MeshOptions { lod: 1, ..Default::default() });
+    let vertices = maker.make(&changes.gather(mapper.atlas(), &tiles)).meshes.into_iter().flat_map(|(_, mesh)| mesh.positions);
     vertices.map(|p| p.map(f32::to_le_bytes).concat().try_into().unwrap()).collect()
 }
 

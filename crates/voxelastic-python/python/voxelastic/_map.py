@@ -247,7 +247,7 @@ class Map:
         """Memory of the voxels, bytes."""
         return self._inner.nbytes()
 
-    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False, interpolated: bool = False) -> Mesh:
+    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False) -> Mesh:
         """The surface of the whole map. Overlapping submaps are fused, so that a place has one surface.
 
         Args:
@@ -257,7 +257,6 @@ class Map:
             shells: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
             keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells always have them.
-            interpolated: Add what is interpolated between returns, in a map that was made with the setting `interpolate`; `Mesh.interpolated` marks it.
 
         Returns:
             The mesh; without triangles if the map has no such surface.
@@ -268,7 +267,7 @@ class Map:
             raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(interpolated), bool(shells)), origin=self.origin)
+        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells)), origin=self.origin)
 
     def query(self, points: ArrayLike) -> Query:
         """Distances to surfaces with their gradients, and whether space is free. `distance` and `state` are faster where that is all you need.

@@ -30,8 +30,6 @@ class Mesh:
     """V intensities; none if the scans had none."""
     colours: NDArray[np.uint8] | None
     """V x 3 colours, sRGB; none if the scans had none."""
-    interpolated: NDArray[np.bool_] | None = None
-    """V marks: whether the surface there is interpolated and not measured; none unless that was asked for."""
     origin: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(3))
     """What vertices are counted from, 3 coordinates in the frame of the poses, metres: `vertices + origin` in double precision is where they are there. Zero unless
     the map was made far from zero, as with UTM coordinates: see `Map.origin`."""
@@ -41,7 +39,7 @@ class Mesh:
         return len(self.triangles)
 
     def __repr__(self) -> str:
-        extras = [name for name in ("intensity", "colours", "interpolated") if getattr(self, name) is not None]
+        extras = [name for name in ("intensity", "colours") if getattr(self, name) is not None]
         return f"Mesh({len(self.vertices):,} vertices, {len(self):,} triangles{''.join(f', {name}' for name in extras)})"
 
     def distance(self, points: ArrayLike, *, up_to: float = np.inf) -> NDArray[np.float32]:

@@ -258,7 +258,7 @@ class Map:
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
 
-    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, interpolated: bool, shells: bool) -> tuple[Any, ...]:
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool) -> tuple[Any, ...]:
         """Vertices, triangles, normals, scales, intensities and colours of a surface."""
 
     def blocks(self, submap: int) -> list[tuple[int, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]] | None:

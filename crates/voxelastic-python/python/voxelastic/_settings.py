@@ -37,12 +37,9 @@ class SettingArguments(TypedDict, total=False):
     truncation_front: float
     truncation_behind: float
     max_weight: float
-    known_after: float
     max_scale: int
-    interpolate: float
     dynamic: Literal["keep", "remove"]
     laps: Literal["fused", "apart"]
-    storage: Literal["all", "once"]
     no_return: Literal["unknown", "free"]
     robot_radius: str
     robot_height: str
@@ -125,19 +122,9 @@ class Settings:
     """Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show. Allowed: 1 to 1000
     observations.
     """
-    known_after: float = 0.0
-    """For many scans a second, such as 10: a surface that so many rays have met is known. Where a part of a scan shows known surfaces
-    only, the TSDF takes its returns from one scan in four, or in eight after twice as many rays, with four or eight times the weight.
-    That is faster, and rougher where poses are not exact; 0 to take all of every scan. Allowed: 0 to 1000 observations.
-    """
     max_scale: int = 3
     """Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution. Allowed: 0 to
     3.
-    """
-    interpolate: float = 0.0
-    """Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is
-    interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only,
-    marked; 0 for none. Allowed: 0 to 20 m.
     """
     dynamic: Literal["keep", "remove"] = "keep"
     """What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set
@@ -147,11 +134,6 @@ class Settings:
     """What becomes of the laps of a run, each of which ends where the sensor comes back after 10 m or more: fused (what is seen again
     goes into the submaps that are there), or apart (each lap has submaps of its own, so that changes between them can be told, at the
     price of memory). Allowed: fused | apart.
-    """
-    storage: Literal["all", "once"] = "all"
-    """How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks
-    are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart). Allowed:
-    all | once.
     """
     no_return: Literal["unknown", "free"] = "unknown"
     """How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for
@@ -184,7 +166,7 @@ class Settings:
 
     @classmethod
     def from_text(cls, text: dict[str, str]) -> Self:
-        """Settings from text, as in configuration files; those that are absent have their defaults, and former names are known.
+        """Settings from text, as in configuration files; those that are absent have their defaults.
 
         Raises:
             SettingError: A setting is unknown or out of range, or settings contradict each other.

@@ -55,7 +55,7 @@ impl Addition {
         let is_bent = corrected.iter().zip(&now).any(has_moved);
         let scans = submap.scans().iter().map(|scan| SubmapScan { node: node(scan), t_submap_lidar: scan.t_submap_lidar }).collect();
         let corrected = if is_bent { corrected } else { submap.corrected().to_vec() };
-        let mut placed = submap.clone().renumbered(|id| id + self.offsets.submap).with_scans(scans, submap.travelled()).with_corrected(corrected);
+        let mut placed = submap.clone().with_id(submap.id() + self.offsets.submap).with_scans(scans, submap.travelled()).with_corrected(corrected);
         placed.set_pose(t_map_submap);
         placed
     }

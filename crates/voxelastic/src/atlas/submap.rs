@@ -4,7 +4,6 @@ use crate::event::NodeId;
 use crate::field::occupancy::OccupancyField;
 use crate::field::tsdf::TsdfField;
 use crate::geometry::{Pose, PoseExt};
-use std::sync::Arc;
 
 /// Identifier of a submap: unique within an atlas, not reused after a fusion.
 pub type SubmapId = u32;
@@ -16,17 +15,6 @@ pub struct SubmapScan {
     pub node: NodeId,
     /// Pose of the lidar in the submap frame at which it was integrated.
     pub t_submap_lidar: Pose,
-}
-
-/// Blocks of the TSDF of a submap that it handed over to another one.
-#[derive(Clone, Debug, PartialEq)]
-pub struct HandedOver {
-    /// The submap that has them now.
-    pub to: SubmapId,
-    /// Where the submap that had them before lay in that one.
-    pub t_to_submap: Pose,
-    /// Their Morton keys in the submap that had them before, ascending; see [`block_key`](crate::octree::block_key).
-    pub keys: Arc<[u64]>,
 }
 
 /// A rigid part of the map (paper Sec. IV): fields in the submap frame S, which the root pose places in the map frame M.
@@ -42,26 +30,13 @@ pub struct Submap {
     pub(crate) occupancy: OccupancyField,
     pub(crate) travelled: f64,
     pub(crate) revision: u64,
-    /// What other submaps have of it.
-    pub(crate) handed_over: Vec<HandedOver>,
 }
 
 impl Submap {
     /// An empty submap with finest voxels of `voxel_size` metres, its root at `t_map_submap`.
     pub fn new(id: SubmapId, voxel_size: f32, t_map_submap: Pose) -> Self {
         let (tsdf, occupancy) = (TsdfField::default(), OccupancyField::default());
-        Self {
-            id,
-            voxel_size,
-            t_map_submap,
-            scans: Vec::new(),
-            corrected: Vec::new(),
-            tsdf,
-            occupancy,
-            travelled: 0.0,
-            revision: 0,
-            handed_over: Vec::new(),
-        }
+        Self { id, voxel_size, t_map_submap, scans: Vec::new(), corrected: Vec::new(), tsdf, occupancy, travelled: 0.0, revision: 0 }
     }
 
     /// The same submap with other fields, both in its frame and with its voxel size.
@@ -81,19 +56,6 @@ impl Submap {
     #[must_use]
     pub fn with_corrected(self, corrected: Vec<Pose>) -> Self {
         Self { corrected, ..self }
-    }
-
-    /// The same submap with other notes of what it handed over to other submaps.
-    #[must_use]
-    pub fn with_handed_over(self, handed_over: Vec<HandedOver>) -> Self {
-        Self { handed_over, ..self }
-    }
-
-    /// The same submap in an atlas in which `number` gives all submaps other identifiers.
-    #[must_use]
-    pub fn renumbered(self, number: impl Fn(SubmapId) -> SubmapId) -> Self {
-        let handed_over = self.handed_over.iter().map(|record| HandedOver { to: number(record.to), ..record.clone() }).collect();
-        Self { id: number(self.id), handed_over, ..self }
     }
 
     /// The same submap with another identifier.
@@ -136,11 +98,6 @@ impl Submap {
     /// The node of each scan with its pose in the submap frame after all corrections.
     pub fn corrected_scans(&self) -> impl Iterator<Item = (NodeId, &Pose)> {
         self.scans.iter().enumerate().map(|(n, scan)| (scan.node, self.corrected.get(n).unwrap_or(&scan.t_submap_lidar)))
-    }
-
-    /// What was handed over to other submaps, see [`hand_over`](fn@super::fusion::hand_over): it is not in the TSDF of this one.
-    pub fn handed_over(&self) -> &[HandedOver] {
-        &self.handed_over
     }
 
     /// The TSDF in the submap frame; empty if the map does not have that field.
@@ -194,9 +151,8 @@ impl Submap {
         self.scans.first().map(|s| s.node)
     }
 
-    /// Memory of the fields, and of what is noted of blocks that other submaps have, bytes.
+    /// Memory of the fields, bytes.
     pub fn bytes(&self) -> usize {
-        let noted: usize = self.handed_over.iter().map(|record| size_of_val(&*record.keys)).sum();
-        self.tsdf.bytes() + self.occupancy.bytes() + noted
+        self.tsdf.bytes() + self.occupancy.bytes()
     }
 }

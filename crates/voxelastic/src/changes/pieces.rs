@@ -68,7 +68,6 @@ fn piece(mesh: &Mesh, triangles: &[[u32; 3]]) -> ChangedPiece {
         intensities: vertices().filter_map(|v| mesh.intensities.get(v).copied()).collect(),
         colours: vertices().filter_map(|v| mesh.colours.get(v).copied()).collect(),
         scales: vertices().filter_map(|v| mesh.scales.get(v).copied()).collect(),
-        interpolated: vertices().filter_map(|v| mesh.interpolated.get(v).copied()).collect(),
         triangles: triangles.iter().map(|triangle| triangle.map(|vertex| numbers[&vertex])).collect(),
     };
     let mut bounds = Aabb::default();

@@ -28,10 +28,7 @@ pub(crate) struct FieldsMut<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ScanInput<'a> {
     pub t_submap_lidar: Rigid,
-    /// The returns for occupancy and colours.
     pub returns: ReturnsView<'a>,
-    /// Those for the TSDF, if they are others.
-    pub surface: Option<ReturnsView<'a>>,
     /// Colour of each return, sRGB, [0, 0, 0] for none; empty when the scan has none.
     pub colours: &'a [[u8; 3]],
     /// The range image as seen from the pose of the scan.
@@ -57,17 +54,16 @@ impl FieldIntegrators {
             return (None, stats);
         };
         let clock = Instant::now();
-        let all = scan.returns.first(MAX_RAYS);
-        let returns = scan.surface.unwrap_or(all).first(MAX_RAYS);
+        let returns = scan.returns.first(MAX_RAYS);
         let tsdf_scan = tsdf.scan(&t_submap_lidar, &returns);
         let measured = occupancy.as_mut().map(|occupancy| occupancy.rays_to_build(smallest_angle));
         let surface = Some(tsdf.rays_to_build(smallest_angle));
-        if scan.surface.is_none() && returns.measured == returns.points.len() {
+        if returns.measured == returns.points.len() {
             build_rays(&returns, &tsdf_scan.frame, surface, measured);
         } else {
             build_rays(&returns, &tsdf_scan.frame, surface, None);
             if measured.is_some() {
-                build_rays(&all.measured_only(), &tsdf_scan.frame, None, measured);
+                build_rays(&returns.measured_only(), &tsdf_scan.frame, None, measured);
             }
         }
         let transform = clock.elapsed();
@@ -75,7 +71,7 @@ impl FieldIntegrators {
         tsdf_stats.phases.transform = transform;
         if !scan.colours.is_empty() {
             let settings = tsdf.settings();
-            integrate_colours(fields.tsdf, &t_submap_lidar, &all.measured_only(), scan.colours, settings.voxel_size, settings.max_range);
+            integrate_colours(fields.tsdf, &t_submap_lidar, &returns.measured_only(), scan.colours, settings.voxel_size, settings.max_range);
         }
         let occupancy_scan = OccupancyScan { t_submap_lidar, image, fill, smallest_angle, returns: None };
         let occupancy_stats = occupancy.as_mut().map(|occupancy| occupancy.integrate_scan(fields.occupancy, &occupancy_scan));

@@ -12,6 +12,5 @@ pub(crate) use both_fields::{FieldIntegrators, FieldsMut, ScanInput};
 pub use occupancy::{OccupancyIntegrator, OccupancyPhases, OccupancySettings, OccupancyStats};
 pub use rays::returns::ReturnsView;
 pub use rays::scale::ScaleRule;
-pub(crate) use rays::transform::RayFrame;
-pub(crate) use tsdf::{EarlierBlocks, KnownSurfaces, Redundancy};
+pub(crate) use tsdf::{EarlierBlocks, Redundancy};
 pub use tsdf::{TsdfIntegrator, TsdfPhases, TsdfSettings, TsdfStats, integrate_colours};

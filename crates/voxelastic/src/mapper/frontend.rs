@@ -3,8 +3,7 @@
 use crate::Cloud;
 use crate::integrate::ReturnsView;
 use crate::sensor::{
-    BeamModel, CloudLayout, LazyScan, PatchWeights, PixelRow, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect,
-    layout_for, preset,
+    BeamModel, CloudLayout, LazyScan, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect, layout_for, preset,
 };
 use crate::settings::{Dynamic, Settings};
 use std::borrow::Cow;
@@ -43,7 +42,6 @@ impl Frontend {
         let intensity_scale = first.intensity.as_deref().and_then(scale_of);
         let (mut preprocessor, has_tsdf) = (ScanPreprocessor::new(model, layout, limits), settings.field.has_tsdf());
         preprocessor.fill_between(settings.voxel_size);
-        preprocessor.interpolate_rows(settings.interpolate, settings.voxel_size);
         Ok(Self { preprocessor, has_tsdf, description, intensity_scale, intensities: Vec::new(), colours: Vec::new() })
     }
 
@@ -115,21 +113,11 @@ impl FrontendScan<'_> {
         }
     }
 
-    /// Fits the planes that the map needs: of returns with a weight other than 0, if it has a TSDF; occupancy does not use them. What moves is found by the planes
-    /// of all returns, which must not depend on the map, so that they are the same when a run goes on.
-    pub(super) fn fit_planes_for_map(&mut self, weights: Option<&PatchWeights>, settings: &Settings) {
-        let for_moving = settings.dynamic == Dynamic::Remove;
-        if self.has_tsdf || for_moving {
-            self.scan.fit_planes_of(if for_moving { None } else { weights });
-            // Points may have been added.
-            self.add_intensities();
+    /// Fits the planes if the map has a TSDF, or what moves is to be found; occupancy does not use them.
+    pub(super) fn fit_planes_for_map(&mut self, settings: &Settings) {
+        if self.has_tsdf || settings.dynamic == Dynamic::Remove {
+            self.fit_planes();
         }
-    }
-
-    /// Number of rows and columns of the image that the returns are in; `None` if not all are in one.
-    pub(super) fn image_size(&self) -> Option<(usize, usize)> {
-        let image = &self.scan.scan().image;
-        self.scan.has_image().then_some((image.rows, image.columns))
     }
 
     /// Intensity of each return, 1 to 255; empty when the scan has none.
@@ -157,69 +145,31 @@ impl FrontendScan<'_> {
 pub(super) struct KeptScan<'a> {
     model: &'a BeamModel,
     image: (&'a RangeImage, bool),
-    returns: KeptReturns<'a>,
-    /// Those for the TSDF, if they are others.
-    surface: Option<KeptReturns<'a>>,
-    colours: Cow<'a, [[u8; 3]]>,
-}
-
-/// Some of the returns of a scan.
-struct KeptReturns<'a> {
+    smallest_angle: f32,
     points: Cow<'a, [[f32; 3]]>,
     normals: Cow<'a, [[f32; 3]]>,
     intensities: Cow<'a, [u8]>,
-    weights: Vec<u8>,
     spacing: Cow<'a, [f32]>,
     origins: Cow<'a, [[f32; 3]]>,
+    colours: Cow<'a, [[u8; 3]]>,
     measured: usize,
-    smallest_angle: f32,
 }
 
 impl FrontendScan<'_> {
-    /// The scan without the returns of which `drops` is true, all of it if that is empty; surfaces take those with a weight other than 0.
-    pub(super) fn without<'a>(&'a self, drops: &[bool], weights: Option<&PatchWeights>) -> KeptScan<'a> {
+    /// The scan without the returns of which `drops` is true; all of it if that is empty.
+    pub(super) fn without<'a>(&'a self, drops: &[bool]) -> KeptScan<'a> {
+        let Returns { points, normals, spacing, origins, measured, smallest_angle, .. } = &self.scan().returns;
         KeptScan {
             model: self.model(),
             image: self.scan().view_from_one_pose(self.fills_gaps),
-            returns: self.kept(drops, Vec::new()),
-            surface: weights.map(|weights| {
-                let is_dropped = |i: usize| drops.get(i).is_some_and(|drops| *drops);
-                let mut row = PixelRow::new(self.scan().image.columns);
-                let of = |(i, &pixel): (usize, &u32)| if is_dropped(i) { 0 } else { weights.of(row.place(pixel as usize)) };
-                let all: Vec<u8> = self.scan().returns.pixel.iter().enumerate().map(of).collect();
-                let drops: Vec<bool> = all.iter().map(|weight| *weight == 0).collect();
-                self.kept(&drops, all.into_iter().filter(|weight| *weight != 0).collect())
-            }),
-            colours: kept(self.colours, drops),
-        }
-    }
-
-    fn kept<'a>(&'a self, drops: &[bool], weights: Vec<u8>) -> KeptReturns<'a> {
-        let Returns { points, normals, spacing, origins, measured, smallest_angle, .. } = &self.scan().returns;
-        KeptReturns {
+            smallest_angle: *smallest_angle,
             points: kept(points, drops),
             normals: kept(normals, drops),
             intensities: kept(&self.intensities[..], drops),
-            weights,
             spacing: kept(spacing, drops),
             origins: kept(origins, drops),
+            colours: kept(self.colours, drops),
             measured: measured - drops.iter().take(*measured).filter(|drops| **drops).count(),
-            smallest_angle: *smallest_angle,
-        }
-    }
-}
-
-impl KeptReturns<'_> {
-    fn view(&self) -> ReturnsView<'_> {
-        ReturnsView {
-            points: &self.points,
-            normals: &self.normals,
-            intensities: &self.intensities,
-            weights: &self.weights,
-            spacing: &self.spacing,
-            measured: self.measured,
-            origins: &self.origins,
-            smallest_angle: self.smallest_angle,
         }
     }
 }
@@ -237,12 +187,15 @@ impl KeptScan<'_> {
 
     /// The returns.
     pub(super) fn returns(&self) -> ReturnsView<'_> {
-        self.returns.view()
-    }
-
-    /// Those for the TSDF, if they are others.
-    pub(super) fn surface(&self) -> Option<ReturnsView<'_>> {
-        self.surface.as_ref().map(KeptReturns::view)
+        ReturnsView {
+            points: &self.points,
+            normals: &self.normals,
+            intensities: &self.intensities,
+            spacing: &self.spacing,
+            measured: self.measured,
+            origins: &self.origins,
+            smallest_angle: self.smallest_angle,
+        }
     }
 
     /// Colour of each measured return, sRGB; empty when the scan has none.

@@ -1,14 +1,13 @@
 //! The integrators of both fields and their settings.
 
-use super::frontend::{FrontendScan, KeptScan};
+use super::frontend::KeptScan;
 use crate::atlas::Submap;
 use crate::atlas::fusion::FusionSettings;
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{
-    FieldIntegrators, FieldsMut, KnownSurfaces, OccupancyIntegrator, OccupancySettings, OccupancyStats, RayFrame, Redundancy, ScanInput,
-    TsdfIntegrator, TsdfSettings, TsdfStats,
+    FieldIntegrators, FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, ScanInput, TsdfIntegrator, TsdfSettings,
+    TsdfStats,
 };
-use crate::sensor::PatchWeights;
 use crate::settings::{NoReturn, Settings};
 use std::collections::BTreeMap;
 
@@ -58,23 +57,6 @@ impl Integrators {
         Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new() }
     }
 
-    /// The weights of the returns of scan number `turn` of a sensor into `submap`, by what its surfaces are known; `None` if all are 1.
-    pub fn patch_weights(
-        &self,
-        submap: &Submap,
-        turn: usize,
-        t_submap_lidar: &Pose,
-        scan: &FrontendScan<'_>,
-        settings: &Settings,
-    ) -> Option<PatchWeights> {
-        let (tsdf, size) = (self.fields.tsdf.as_ref()?, scan.image_size()?);
-        let returns = &scan.scan().returns;
-        let frame = RayFrame { t_submap_lidar: Rigid::from(t_submap_lidar), voxel: settings.voxel_size, max_range: settings.max_range };
-        let rule = tsdf.scale_rule(returns.smallest_angle);
-        let known = KnownSurfaces { field: &submap.tsdf, frame, rule, known_after: settings.known_after };
-        known.weights(returns, size, turn)
-    }
-
     /// Integrates a scan of a sensor whose planes are fitted, without the parts that are redundant in the TSDF.
     pub fn integrate(
         &mut self,
@@ -90,14 +72,7 @@ impl Integrators {
             self.fields.occupancy = Some(own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model())));
         }
         let (image, fills_gaps) = scan.image();
-        let input = ScanInput {
-            t_submap_lidar: Rigid::from(t_submap_lidar),
-            returns: scan.returns(),
-            surface: scan.surface(),
-            colours: scan.colours(),
-            image,
-            fills_gaps,
-        };
+        let input = ScanInput { t_submap_lidar: Rigid::from(t_submap_lidar), returns: scan.returns(), colours: scan.colours(), image, fills_gaps };
         let stats = self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy);
         self.occupancy.extend(self.fields.occupancy.take().map(|own| (sensor, own)));
         stats

@@ -13,14 +13,14 @@ use super::rebuild::{RebuildError, RebuildReport, Rebuilder, ScanSource};
 use super::report::{Assignment, ElasticCounts, ScanReport};
 use super::revisit::RevisitDetector;
 use super::sensors::{Sensor, Sensors};
-use crate::atlas::fusion::{TakeBack, hand_over, resolve_conflicts, take_back};
+use crate::atlas::fusion::resolve_conflicts;
 use crate::atlas::graph::{GraphCounts, LinkKind, is_rigid};
 use crate::atlas::{Atlas, Submap, SubmapId, laps};
 use crate::event::{Edge, Event, NodeId, Scan};
 use crate::geometry::{Pose, Rigid};
 use crate::integrate::{OccupancySettings, Redundancy};
 use crate::sensor::BeamModel;
-use crate::settings::{Dynamic, Laps, SettingError, Settings, Storage};
+use crate::settings::{Dynamic, Laps, SettingError, Settings};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -28,8 +28,6 @@ use std::time::{Duration, Instant};
 struct SensorScan<'a> {
     prepared: FrontendScan<'a>,
     moving: &'a mut MovingDetector,
-    /// Number of sensors of which there were scans before.
-    sensors: usize,
 }
 
 /// Turns a stream of events into an [`Atlas`].
@@ -109,8 +107,7 @@ impl Mapper {
         self.atlas
     }
 
-    /// Completes all fusions, removes what moved, compacts the submaps, [resolves conflicts](resolve_conflicts) between them, and stores what several of them know once, if the
-    /// settings say so. To be called before the map is stored; more events may follow.
+    /// Completes all fusions, removes what moved, compacts the submaps, and [resolves conflicts](resolve_conflicts) between them. To be called before the map is stored; more events may follow.
     pub fn finish(&mut self) {
         self.finish_fusions();
         self.clean_submaps();
@@ -118,7 +115,6 @@ impl Mapper {
         if !std::mem::replace(&mut self.conflicts_resolved, true) {
             self.resolve_conflicts();
         }
-        self.store_once();
     }
 
     /// Resolves conflicts between submaps; between those of one lap only, where laps are kept apart: what one says of another time is no conflict.
@@ -142,20 +138,6 @@ impl Mapper {
         }
         self.atlas = Atlas::from_submaps(voxel_size, resolved);
         self.atlas.skip_ids(next);
-    }
-
-    /// Hands blocks over to submaps that know them better, unless that was done and nothing came since.
-    fn store_once(&mut self) {
-        let is_handed_over = self.atlas.submaps().iter().any(|submap| !submap.handed_over.is_empty());
-        if self.settings.storage == Storage::Once && !is_handed_over {
-            // A revisit counts the blocks that its submap had when it began.
-            hand_over(&mut self.atlas, self.revisits.submap(), &(&self.settings).into());
-        }
-    }
-
-    /// Gives submaps back what they handed over, so that they can grow.
-    fn take_back(&mut self) {
-        take_back(&mut self.atlas, TakeBack::All);
     }
 
     /// Completes all fusions in progress or queued.
@@ -260,7 +242,6 @@ impl Mapper {
     /// An event that cannot be used is refused and named; the map is unchanged, and further events can follow.
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         self.conflicts_resolved = false;
-        self.take_back();
         match event {
             Event::Scan(scan) => keep_threads_awake(self.idle_task.clone(), || self.integrate(&scan)).map(Some),
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
@@ -276,7 +257,6 @@ impl Mapper {
     /// # Errors
     /// [`RebuildError`]; the submap is unchanged.
     pub fn rebuild(&mut self, id: SubmapId, source: &mut dyn ScanSource) -> Result<RebuildReport, RebuildError> {
-        self.take_back();
         self.finish_fusions();
         self.conflicts_resolved = false;
         let old = self.atlas.submap_mut(id).ok_or(RebuildError::NoSuchSubmap { submap: id })?;
@@ -335,11 +315,10 @@ impl Mapper {
 
     /// As [`integrate`](Self::integrate), with the sensors apart: a prepared scan borrows from one of them.
     fn integrate_from(&mut self, sensors: &mut Sensors, scan: &Scan) -> Result<ScanReport, MapError> {
-        let known = sensors.len();
         let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
         let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();
-        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving, sensors: known };
+        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving };
         let prepare = start.elapsed();
         // The node is added to the graph even if its scan is not usable: edges may lead over it.
         self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
@@ -370,18 +349,11 @@ impl Mapper {
         // The root's pose in the graph, not the submap's: that one may differ from it by up to `update_distance`.
         let root = self.clusters.assignments.root(id).and_then(|root| self.clusters.graph.pose(root)).copied().unwrap_or(scan.t_map_lidar);
         let t_submap_lidar = root.inv_mul(&scan.t_map_lidar);
-        let clock = Instant::now();
-        let weights = self.atlas.submap(id).and_then(|submap| {
-            // Several sensors alternate, and each has to come to all of its patches.
-            let turn = submap.scans.len() / sensor_scan.sensors.max(1);
-            self.integrators.patch_weights(submap, turn, &t_submap_lidar, prepared, &self.settings)
-        });
-        let prepare = prepare + clock.elapsed();
         // Other submaps are compacted while the planes are fitted: the two are independent.
         let (planes, ()) = rayon::join(
             || {
                 let clock = Instant::now();
-                prepared.fit_planes_for_map(weights.as_ref(), &self.settings);
+                prepared.fit_planes_for_map(&self.settings);
                 clock.elapsed()
             },
             || self.atlas.compact_others(id),
@@ -400,7 +372,7 @@ impl Mapper {
             scan.cloud.sensor,
             submap,
             &t_submap_lidar,
-            &sensor_scan.prepared.without(&moves, weights.as_ref()),
+            &sensor_scan.prepared.without(&moves),
             &self.settings,
             &redundancy,
         );

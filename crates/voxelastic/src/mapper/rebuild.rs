@@ -75,13 +75,11 @@ impl Rebuilder<'_> {
             let node = scan.node;
             let cloud = source.cloud(node).map_err(|source| RebuildError::Scan { submap: id, node, source })?;
             let t_submap_lidar = self.graph.pose(node).map_or(scan.t_submap_lidar, |pose| root.inv_mul(pose));
-            let turn = new.scans.len() / self.sensors.len().max(1);
             let sensor = self.sensors.of(self.settings, self.sensor_model, &cloud, node);
             let sensor = sensor.map_err(|error| RebuildError::Scan { submap: id, node, source: Box::new(error) })?;
             let mut prepared = sensor.frontend.prepare(&cloud);
-            let weights = self.integrators.patch_weights(&new, turn, &t_submap_lidar, &prepared, self.settings);
             new.add_scan_at(node, t_submap_lidar);
-            prepared.fit_planes_for_map(weights.as_ref(), self.settings);
+            prepared.fit_planes_for_map(self.settings);
             if !prepared.scan().returns.is_empty() {
                 let mut moves = Vec::new();
                 if self.settings.dynamic == Dynamic::Remove {
@@ -92,14 +90,7 @@ impl Rebuilder<'_> {
                     moves = moving.judge(&t_submap_lidar, prepared.scan(), prepared.model());
                     moving.remember(node, &t_submap_lidar, None, prepared.scan(), prepared.model());
                 }
-                self.integrators.integrate(
-                    cloud.sensor,
-                    &mut new,
-                    &t_submap_lidar,
-                    &prepared.without(&moves, weights.as_ref()),
-                    self.settings,
-                    &Redundancy::default(),
-                );
+                self.integrators.integrate(cloud.sensor, &mut new, &t_submap_lidar, &prepared.without(&moves), self.settings, &Redundancy::default());
                 scans += 1;
             }
         }

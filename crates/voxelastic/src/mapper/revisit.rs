@@ -89,11 +89,6 @@ impl RevisitDetector {
         self.current.insert(current.unwrap_or(Revisit { submap: id, blocks, later: Vec::new() })).earlier()
     }
 
-    /// The submap of the revisit in progress.
-    pub fn submap(&self) -> Option<SubmapId> {
-        self.current.as_ref().map(|revisit| revisit.submap)
-    }
-
     /// The revisit in progress, to go on with it later.
     pub fn state(&self, atlas: &Atlas) -> Option<RevisitState> {
         let revisit = self.current.as_ref()?;

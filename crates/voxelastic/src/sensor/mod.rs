@@ -7,12 +7,10 @@
 //! A *beam* is a direction in which the sensor measures; a *return* is a measured point.
 
 mod beam_model;
-mod between_rows;
 mod cloud_layout;
 mod detect;
 mod error;
 mod normals;
-mod patch_weights;
 mod pixel_row;
 mod prepared_scan;
 mod preprocess;
@@ -29,8 +27,6 @@ pub use cloud_layout::{CloudLayout, Grid};
 pub use detect::{Detected, Fit, detect, layout_for};
 pub use error::SensorError;
 pub use normals::NormalSettings;
-pub(crate) use patch_weights::PatchWeights;
-pub(crate) use pixel_row::PixelRow;
 pub use prepared_scan::{Counts, PreparedScan};
 pub use preprocess::{LazyScan, ScanPreprocessor};
 pub use presets::{names as preset_names, preset, preset_with_columns};

@@ -1,10 +1,8 @@
 //! Scan preprocessing: from a cloud to a range image and a list of returns.
 
 use super::beam_model::BeamModel;
-use super::between_rows::{RowGaps, add_between_rows};
 use super::cloud_layout::CloudLayout;
 use super::normals::{NormalSettings, PlaneFitter};
-use super::patch_weights::PatchWeights;
 use super::prepared_scan::{Counts, PreparedScan};
 use super::project::{BEYOND, NO_RETURN, OUTSIDE, Projector, TOO_NEAR, project};
 use super::range_image::RangeImage;
@@ -23,8 +21,6 @@ pub struct ScanPreprocessor {
     limits: RangeLimits,
     projector: Projector,
     fitter: Fitter,
-    /// Gaps between rows of the image that are interpolated, if any are.
-    row_gaps: Option<RowGaps>,
     scan: PreparedScan,
     /// Pixel and range of each point of the cloud; the codes of [`crate::sensor::project`] where a point has no pixel.
     pixels: Vec<u32>,
@@ -55,7 +51,6 @@ impl ScanPreprocessor {
             limits,
             projector,
             fitter,
-            row_gaps: None,
             scan: PreparedScan::default(),
             pixels: Vec::new(),
             ranges: Vec::new(),
@@ -72,14 +67,6 @@ impl ScanPreprocessor {
         if let Fitter::Space(fitter) = &mut self.fitter {
             fitter.set_step(step);
         }
-    }
-
-    /// Adds points between returns of neighbouring rows that lie on one plane, no farther than `longest` metres apart, when planes are fitted: about as far from each
-    /// other as voxels there are wide, finest voxels being `voxel` metres wide. Nothing for scattered clouds and for a length of zero; see [`Returns::measured`].
-    ///
-    /// [`Returns::measured`]: super::Returns::measured
-    pub fn interpolate_rows(&mut self, longest: f32, voxel: f32) {
-        self.row_gaps = (longest > 0.0 && matches!(self.fitter, Fitter::Image(_))).then_some(RowGaps { longest, voxel });
     }
 
     /// The sensor.
@@ -272,30 +259,15 @@ impl LazyScan<'_> {
         &self.preprocessor.model
     }
 
-    /// Whether planes come from an image of which all returns have a pixel.
-    pub(crate) fn has_image(&self) -> bool {
-        matches!(self.preprocessor.fitter, Fitter::Image(_))
-    }
-
     /// Fits the local planes, unless that has been done, and returns the scan with them.
     pub fn fit_planes(&mut self) -> &PreparedScan {
-        self.fit_planes_of(None)
-    }
-
-    /// As [`fit_planes`](Self::fit_planes), for the returns of which the weight is not 0 only. Of scattered clouds, all are fitted.
-    pub(crate) fn fit_planes_of(&mut self, weights: Option<&PatchWeights>) -> &PreparedScan {
-        let ScanPreprocessor { scan, fitter, row_gaps, moved, .. } = &mut *self.preprocessor;
+        let ScanPreprocessor { scan, fitter, moved, .. } = &mut *self.preprocessor;
         let PreparedScan { image, single_view, returns, .. } = scan;
         if returns.normals.len() < returns.len() {
             let points = if single_view.is_some() { &*moved } else { &self.cloud.points };
             let times = self.cloud.time.as_deref().filter(|times| times.len() == self.cloud.len());
             match fitter {
-                Fitter::Image(fitter) => {
-                    fitter.fit(points, times, image, weights, returns);
-                    if let Some(gaps) = *row_gaps {
-                        add_between_rows(returns, image, gaps);
-                    }
-                }
+                Fitter::Image(fitter) => fitter.fit(points, times, image, returns),
                 Fitter::Space(fitter) => fitter.fit(returns),
             }
         }

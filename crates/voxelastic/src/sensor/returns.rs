@@ -1,8 +1,7 @@
 //! The usable returns of a scan.
 
 /// The usable returns of one scan, one entry a return in all vectors: pixel by pixel (row-major), and within a pixel in the order of the cloud. Returns whose
-/// pixel shows a nearer one are included. Points between returns may follow them: of [scattered](crate::sensor::CloudLayout::Scattered) clouds, and where gaps between rows
-/// are [interpolated](crate::settings::Settings::interpolate).
+/// pixel shows a nearer one are included. Points between returns may follow them: of [scattered](crate::sensor::CloudLayout::Scattered) clouds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Returns {
     /// The measured points, lidar frame at the cloud's time stamp, metres.
@@ -48,9 +47,7 @@ impl Returns {
         }
         self.source.push(self.source[nearest]);
         self.pixel.push(self.pixel[nearest]);
-        if !self.spacing.is_empty() {
-            self.spacing.push(self.spacing[nearest]);
-        }
+        self.spacing.push(self.spacing[nearest]);
     }
 
     /// Whether the scan has no usable return.

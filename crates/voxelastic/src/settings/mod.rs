@@ -18,7 +18,7 @@ mod error;
 mod value;
 
 pub use error::SettingError;
-pub use value::{Allowed, Dynamic, FieldKind, Laps, NoReturn, RobotRadius, Storage};
+pub use value::{Allowed, Dynamic, FieldKind, Laps, NoReturn, RobotRadius};
 
 use crate::memory::{MemoryError, MemorySize};
 use crate::sensor::{preset, preset_names};
@@ -95,12 +95,12 @@ macro_rules! settings {
         });
 
         impl Settings {
-            /// Sets `key`, a present or [former](former_name) name, from text.
+            /// Sets `key`, from text.
             ///
             /// # Errors
             /// [`SettingError::UnknownKey`] and [`SettingError::BadValue`]; the settings are then unchanged.
             pub fn set(&mut self, key: &str, text: &str) -> Result<(), SettingError> {
-                match present_name(key) {
+                match key {
                     $(stringify!($key) => {
                         let parsed = <$kind as Value>::parse(text.trim()).filter(|v| v.is_within(&$allowed));
                         self.$key = parsed.ok_or_else(|| bad_value(stringify!($key), text))?;
@@ -112,7 +112,7 @@ macro_rules! settings {
 
             /// The value of `key` as text that [`set`](Self::set) takes back to the same bits; none for an unknown key.
             pub fn get(&self, key: &str) -> Option<String> {
-                match present_name(key) {
+                match key {
                     $(stringify!($key) => Some(Value::text(&self.$key)),)*
                     _ => None,
                 }
@@ -171,18 +171,12 @@ settings! {
         "The TSDF is updated up to this far behind a surface, in voxels of the integration scale, but along a beam no farther than truncation.";
     max_weight: f32 = 100.0, "observations", Between(1.0, 1000.0), Advanced,
         "Cap of a voxel's weight. Beyond it the mean becomes a moving average, so that changes of the scene show.";
-    known_after: f32 = 0.0, "observations", Between(0.0, 1000.0), Advanced,
-        "For many scans a second, such as 10: a surface that so many rays have met is known. Where a part of a scan shows known surfaces only, the TSDF takes its returns from one scan in four, or in eight after twice as many rays, with four or eight times the weight. That is faster, and rougher where poses are not exact; 0 to take all of every scan.";
     max_scale: usize = 3, "", Between(0.0, 3.0), Advanced,
         "Coarsest integration scale: the edge of the largest voxels is 2^max_scale finest voxels; 0 for a single resolution.";
-    interpolate: f32 = 0.0, "m", Between(0.0, 20.0), Advanced,
-        "Gaps between rows of an image: where two returns, no farther apart than this, lie on one plane, the surface between them is interpolated. It has less weight than one observation, any measurement replaces it, and meshes have it with --interpolated only, marked; 0 for none.";
     dynamic: Dynamic = Dynamic::Keep, "", OneOf(&["keep", "remove"]), Advanced,
         "What becomes of things that move: keep (they leave traces), or remove (points in space that was observed free before are set aside, and surfaces in space that is free before or after are removed at the end).";
     laps: Laps = Laps::Fused, "", OneOf(&["fused", "apart"]), Advanced,
         "What becomes of the laps of a run, each of which ends where the sensor comes back after 10 m or more: fused (what is seen again goes into the submaps that are there), or apart (each lap has submaps of its own, so that changes between them can be told, at the price of memory).";
-    storage: Storage = Storage::All, "", OneOf(&["all", "once"]), Advanced,
-        "How often surfaces that several submaps saw are stored: all (in each of them), or once (at the end, where submaps agree, blocks are handed over to the submap that observed them with more rays, and taken back where a correction moves the two apart).";
     no_return: NoReturn = NoReturn::Unknown, "", OneOf(&["unknown", "free"]), Advanced,
         "How a beam without return is interpreted: unknown (it is ignored), or free (the space along it is free up to max_range; only for sensors that report every surface in range).";
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
@@ -191,19 +185,6 @@ settings! {
         "How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius.";
     scale_hysteresis: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.";
-}
-
-/// Former names of settings, which files and scripts may still use.
-const RENAMED: [(&str, &str); 3] = [("voxel", "voxel_size"), ("truncation_new", "truncation_front"), ("coarser_factor", "scale_hysteresis")];
-
-/// The former name of setting `key`, if it was renamed. [`Settings::set`] accepts both.
-pub fn former_name(key: &str) -> Option<&'static str> {
-    RENAMED.iter().find(|(_, new)| *new == key).map(|(old, _)| *old)
-}
-
-/// The present name of a setting that is given by its present or former name.
-fn present_name(key: &str) -> &str {
-    RENAMED.iter().find(|(old, _)| *old == key).map_or(key, |(_, new)| *new)
 }
 
 /// What every setting is, basic ones first.
@@ -262,10 +243,6 @@ impl Settings {
             let reason = format!("must be less than max_range, which is {} m", self.max_range);
             return Err(SettingError::Contradiction { key: "min_range", value: self.min_range.to_string(), reason });
         }
-        if self.laps == Laps::Apart && self.storage == Storage::Once {
-            let reason = "with laps = apart, each lap keeps what it saw".to_owned();
-            return Err(SettingError::Contradiction { key: "storage", value: self.storage.text(), reason });
-        }
         if self.robot_radius_metres() / self.voxel_size > MAX_ROBOT_RADIUS_VOXELS {
             let reason = format!("at most {MAX_ROBOT_RADIUS_VOXELS} voxels, or {} m", MAX_ROBOT_RADIUS_VOXELS * self.voxel_size);
             return Err(SettingError::Contradiction { key: "robot_radius", value: self.robot_radius_metres().to_string(), reason });
@@ -323,13 +300,13 @@ mod tests {
         let message = |settings: &mut Settings, key: &str, text: &str| settings.set(key, text).unwrap_err().to_string();
         assert_eq!(message(&mut settings, "voxel_size", "0"), "voxel_size = 0: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "voxel_size", "NaN"), "voxel_size = NaN: must be 0.005 to 5 m");
-        assert_eq!(message(&mut settings, "voxel", "ten"), "voxel_size = ten: must be 0.005 to 5 m");
+        assert_eq!(message(&mut settings, "voxel_size", "ten"), "voxel_size = ten: must be 0.005 to 5 m");
         assert_eq!(message(&mut settings, "threads", "-1"), "threads = -1: must be 0 to 1024");
         assert_eq!(message(&mut settings, "field", "colour"), "field = colour: must be tsdf | occupancy | both");
         assert_eq!(message(&mut settings, "voxel_siz", "1"), "there is no setting `voxel_siz`; did you mean `voxel_size`?");
         assert_eq!(message(&mut settings, "lambda", "1"), "there is no setting `lambda`; did you mean `lambda_odom`?");
         assert_eq!(settings, Settings::default(), "refused values change nothing");
-        settings.set("voxel", "0.005").unwrap();
+        settings.set("voxel_size", "0.005").unwrap();
         assert!(matches!(settings.validate(), Ok(())), "12,000 voxels");
         settings.set("max_range", "1000").unwrap();
         assert!(settings.validate().unwrap_err().to_string().contains("use larger voxels"));
@@ -337,21 +314,8 @@ mod tests {
         assert!(crossed.validate().unwrap_err().to_string().contains("less than max_range"));
         let unknown = Settings { sensor: "os1-63".into(), ..Settings::default() };
         assert!(unknown.validate().unwrap_err().to_string().contains("os1-64"));
-        let stored_once = Settings { laps: Laps::Apart, storage: Storage::Once, ..Settings::default() };
-        assert!(stored_once.validate().unwrap_err().to_string().contains("each lap keeps what it saw"));
         let filled_by_hand = Settings { truncation: f32::NAN, ..Settings::default() };
         assert!(matches!(filled_by_hand.validate(), Err(SettingError::BadValue { key: "truncation", .. })));
-    }
-
-    #[test]
-    fn former_names_still_work() {
-        let mut settings = Settings::default();
-        for (old, new) in RENAMED {
-            settings.set(old, "2").unwrap();
-            assert_eq!((settings.get(new).as_deref(), settings.get(old).as_deref(), former_name(new)), (Some("2"), Some("2"), Some(old)));
-            assert!(table().iter().all(|setting| setting.key != old));
-        }
-        assert_eq!(former_name("max_range"), None);
     }
 
     #[test]

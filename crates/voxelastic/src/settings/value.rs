@@ -122,36 +122,6 @@ impl Value for Laps {
     }
 }
 
-/// How often what several submaps know is stored.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Storage {
-    /// In each submap whose scans saw it.
-    #[default]
-    All,
-    /// Once, in the submap that knows it best, as far as the submaps agree.
-    Once,
-}
-
-impl Value for Storage {
-    fn parse(text: &str) -> Option<Self> {
-        match text {
-            "all" => Some(Self::All),
-            "once" => Some(Self::Once),
-            _ => None,
-        }
-    }
-    fn text(&self) -> String {
-        match self {
-            Self::All => "all",
-            Self::Once => "once",
-        }
-        .to_owned()
-    }
-    fn is_within(&self, _: &Allowed) -> bool {
-        true
-    }
-}
-
 /// What a map stores.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FieldKind {

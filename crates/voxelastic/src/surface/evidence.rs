@@ -7,7 +7,7 @@
 //!
 //! All sums are of whole numbers, so that a piece that lies in several tiles has the same evidence however it is divided.
 
-use super::block_grid::{BlockHead, PART};
+use super::block_grid::BlockHead;
 use super::block_masks::coords;
 use super::mesh::Mesh;
 use super::mesh_part::BlockVertices;
@@ -17,7 +17,6 @@ use super::vertices::mask_index;
 use crate::field::tsdf::{Voxel, WEIGHT_ONE};
 use crate::octree::{voxel_index, voxels_at};
 use nalgebra::Matrix3;
-use rayon::prelude::*;
 
 /// Least evidence of a piece that stays: observations, summed over its vertices.
 const LEAST_EVIDENCE: u32 = 120;
@@ -145,15 +144,6 @@ pub(super) fn pieces_of(
         evidence[piece_of[v as usize] as usize].observations += u32::from(weight.min(MOST_OF_ONE * WEIGHT_ONE));
     }
     (piece_of, evidence)
-}
-
-/// Whether the surface at each vertex of `blocks` is interpolated: fewer than one observation of the less known voxel.
-pub(super) fn interpolated_vertices(resolved: &ResolvedBlocks<'_>, heads: &[BlockHead], blocks: &[BlockVertices]) -> Vec<bool> {
-    let parts = (blocks.par_chunks(PART), heads.par_chunks(PART)).into_par_iter();
-    let of = |(blocks, heads): (&[BlockVertices], &[BlockHead])| -> Vec<bool> {
-        weights(resolved, heads, blocks, |_| true).into_iter().map(|(_, weight)| weight < WEIGHT_ONE).collect()
-    };
-    parts.map(of).collect::<Vec<_>>().concat()
 }
 
 /// Of the vertices of some blocks, numbered from zero on, those that are `wanted`, and the weight of the less observed one of the two voxels between which each

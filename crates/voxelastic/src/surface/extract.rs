@@ -8,7 +8,6 @@ use super::block_grid::{BlockGrid, PART};
 use super::block_masks::MaskedField;
 use super::colour;
 use super::crossings;
-use super::evidence::interpolated_vertices;
 use super::fill_holes::FilledField;
 use super::mesh::Mesh;
 use super::mesh_part::{BlockVertices, MeshPart};
@@ -16,7 +15,7 @@ use super::resolved_blocks::ResolvedBlocks;
 use super::simplify::coarsen;
 use super::triangles::{Connect, NORMAL_STEPS, NormalSum, added};
 use super::vertices::PlaceVertices;
-use crate::field::tsdf::{INTERPOLATED_SURFACE, TsdfField, WEIGHT_ONE};
+use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::simd::dispatch;
 use rayon::prelude::*;
@@ -32,13 +31,11 @@ pub struct MeshOptions {
     pub close_gaps: bool,
     /// Whether pieces with little evidence stay in the surface of an atlas: see [`Atlas::mesh`](crate::atlas::Atlas::mesh).
     pub keep_all: bool,
-    /// Whether the surface has what is [interpolated](crate::settings::Settings::interpolate) between returns, too, marked: see [`Mesh::interpolated`].
-    pub interpolated: bool,
 }
 
 impl Default for MeshOptions {
     fn default() -> Self {
-        Self { min_weight: 1.0, lod: 0, close_gaps: true, keep_all: false, interpolated: false }
+        Self { min_weight: 1.0, lod: 0, close_gaps: true, keep_all: false }
     }
 }
 
@@ -72,18 +69,13 @@ pub(super) fn extract_blocks(
     options: &MeshOptions,
 ) -> (BlockGrid, Vec<BlockVertices>, Vec<MeshPart>) {
     let grid = BlockGrid::new(resolved);
-    let least = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
-    let min_weight = if options.interpolated { least.min(INTERPOLATED_SURFACE) } else { least };
+    let min_weight = (options.min_weight * f32::from(WEIGHT_ONE)).clamp(1.0, f32::from(u16::MAX)) as u16;
     let masked = MaskedField::new(resolved, &grid, min_weight);
     let filled = FilledField::new(&masked, &grid, options.close_gaps);
     let (vertices, parts) = crossings::find(&filled);
     let first = [mesh.positions.len(), mesh.triangles.len()];
     let (counts, intensities) = place_vertices(mesh, &filled, resolved, &vertices, voxel);
     connect(mesh, first[0], (&grid, voxel), (&vertices, &counts), &parts);
-    if options.interpolated {
-        mesh.interpolated.resize(first[0], false);
-        mesh.interpolated.extend(interpolated_vertices(resolved, &grid.heads, &vertices));
-    }
     let colours = colour::of_vertices(resolved.field, voxel, mesh, first);
     mesh.append_attributes(first[0], &intensities, &colours);
     (grid, vertices, parts)

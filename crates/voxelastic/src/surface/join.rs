@@ -26,7 +26,7 @@ pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOption
 
 /// Tiles that are joined one after the other, so that they need not be kept.
 #[derive(Debug, Default)]
-pub(crate) struct JoinedTiles {
+struct JoinedTiles {
     /// The vertices of all tiles, and their triangles.
     mesh: Mesh,
     /// By vertex.
@@ -47,7 +47,6 @@ impl JoinedTiles {
         self.mesh.positions.extend_from_slice(&tile.mesh.positions[..own]);
         self.mesh.normals.extend_from_slice(&tile.mesh.normals[..own]);
         self.mesh.scales.extend_from_slice(&tile.mesh.scales[..own]);
-        self.mesh.interpolated.extend_from_slice(tile.mesh.interpolated.get(..own).unwrap_or(&[]));
         let (intensities, colours) = (tile.mesh.intensities.get(..own).unwrap_or(&[]), tile.mesh.colours.get(..own).unwrap_or(&[]));
         self.mesh.append_attributes(first, intensities, colours);
         self.piece_of.extend(tile.piece_of[..own].iter().map(|piece| first_piece + piece));
@@ -109,9 +108,6 @@ fn leave_out(mesh: &mut Mesh, piece_of: Vec<u32>, stays: &[bool]) {
         mesh.positions[next] = mesh.positions[v];
         mesh.normals[next] = mesh.normals[v];
         mesh.scales[next] = mesh.scales[v];
-        if let Some(&interpolated) = mesh.interpolated.get(v) {
-            mesh.interpolated[next] = interpolated;
-        }
         if let Some(&intensity) = mesh.intensities.get(v) {
             mesh.intensities[next] = intensity;
         }
@@ -123,7 +119,6 @@ fn leave_out(mesh: &mut Mesh, piece_of: Vec<u32>, stays: &[bool]) {
     mesh.positions.truncate(next);
     mesh.normals.truncate(next);
     mesh.scales.truncate(next);
-    mesh.interpolated.truncate(next);
     mesh.intensities.truncate(next);
     mesh.colours.truncate(next);
     // All vertices of a triangle are of one piece.

@@ -17,10 +17,6 @@ pub struct Mesh {
     pub colours: Vec<[u8; 3]>,
     /// Integration scale per vertex, 0 to 3 (of the finer of the two voxels between which it lies).
     pub scales: Vec<u8>,
-    /// Whether the surface at each vertex is interpolated between returns, not measured; empty if it is left out, see [`MeshOptions::interpolated`].
-    ///
-    /// [`MeshOptions::interpolated`]: super::MeshOptions::interpolated
-    pub interpolated: Vec<bool>,
     /// Vertex indices of each triangle, counter-clockwise seen from free space.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -45,7 +41,6 @@ impl Mesh {
         self.intensities.shrink_to_fit();
         self.colours.shrink_to_fit();
         self.scales.shrink_to_fit();
-        self.interpolated.shrink_to_fit();
         self.triangles.shrink_to_fit();
     }
 
@@ -67,7 +62,6 @@ impl Mesh {
         self.normals.extend(other.normals.iter().map(|&n| t.rotate(n)));
         self.append_attributes(first as usize, &other.intensities, &other.colours);
         self.scales.extend_from_slice(&other.scales);
-        append(&mut self.interpolated, &other.interpolated, first as usize, self.positions.len(), false);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     }
 }

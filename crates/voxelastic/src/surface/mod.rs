@@ -33,10 +33,10 @@ mod vertices;
 
 pub use evidence::Crumbs;
 pub use extract::{MeshOptions, extract, extract_onto};
-pub(crate) use join::{JoinedTiles, extract_joined};
+pub(crate) use join::extract_joined;
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};
 pub(crate) use seams::{Seams, TileSeam};
 pub use simplify::simplify;
 pub(crate) use tile_surface::{TileIndex, TileSurface, tile_surfaces};
-pub use tiles::{TILE_EDGE, Tile, changed_tiles, extract_tiles};
+pub use tiles::{TILE_EDGE, Tile, extract_tiles};

@@ -45,7 +45,6 @@ fn join_cells(mesh: &mut Mesh, first: [usize; 2], cell: f32, stays: impl Fn(usiz
     join(&mut mesh.intensities, first[0], &cells, |all| known_mean(all.map(|s| [s]))[0]);
     join(&mut mesh.colours, first[0], &cells, |all| known_mean(all));
     join(&mut mesh.scales, first[0], &cells, |all| all.min().unwrap_or(0));
-    join(&mut mesh.interpolated, first[0], &cells, |all| all.min().unwrap_or(false));
     mesh.normalise_from(first[0]);
 
     let mut kept = first[1];

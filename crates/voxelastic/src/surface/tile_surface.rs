@@ -66,7 +66,6 @@ impl TileSurface {
             intensities: picked(&self.mesh.intensities, &(0..0), &used),
             colours: picked(&self.mesh.colours, &(0..0), &used),
             scales: picked(&self.mesh.scales, &(0..0), &used),
-            interpolated: picked(&self.mesh.interpolated, &(0..0), &used),
             triangles: triangles.into_iter().map(|t| t.map(number)).collect(),
         }
     }
@@ -167,23 +166,6 @@ impl TileIndex {
         tiles
     }
 
-    /// The tiles whose surfaces depend on any of some blocks, ascending.
-    pub fn around(&self, keys: &[u64]) -> Vec<u64> {
-        let mut found = HashSet::new();
-        for c in keys.iter().map(|key| block_coords(*key)) {
-            let ends = |k: usize| [c[k] - self.margin, c[k], c[k] + self.margin];
-            for i in 0..27 {
-                let tile = self.tile_of(block_key([ends(0)[i % 3], ends(1)[i / 3 % 3], ends(2)[i / 9]]));
-                if self.tiles.contains_key(&tile) {
-                    found.insert(tile);
-                }
-            }
-        }
-        let mut found: Vec<u64> = found.into_iter().collect();
-        found.sort_unstable();
-        found
-    }
-
     /// Splits tiles, ascending, into batches that are extracted one after the other, so that the memory for it is bounded.
     pub fn batches<'a>(&self, tiles: &'a [u64]) -> Vec<&'a [u64]> {
         let (mut batches, mut start, mut blocks) = (Vec::new(), 0, 0);
@@ -277,7 +259,6 @@ impl Batch<'_> {
             intensities: picked(&self.mesh.intensities, &own, &copies),
             colours: picked(&self.mesh.colours, &own, &copies),
             scales: picked(&self.mesh.scales, &own, &copies),
-            interpolated: picked(&self.mesh.interpolated, &own, &copies),
             triangles,
         };
         let (piece_of, pieces) = pieces_of(&mesh, own.len(), self.resolved, &heads[ranks.clone()], &self.vertices[ranks.clone()]);

@@ -1,4 +1,4 @@
-//! The surface in tiles: cubes of blocks that can be extracted one by one, so that a change of a few blocks costs what these blocks cost.
+//! The surface in tiles: cubes of blocks that can be extracted one by one, so that a part of a surface costs what its blocks cost.
 
 use super::extract::{MeshOptions, extract_blocks};
 use super::mesh::Mesh;
@@ -14,26 +14,9 @@ pub const TILE_EDGE: i32 = 8;
 /// The mesh of a block depends on the blocks this far around it: its vertices lie between voxels of neighbouring blocks, whose holes are filled from
 /// their neighbours, and normals are means over the triangles around a vertex.
 const MARGIN: i32 = 2;
-/// A block that changes moves vertices this far around it.
-const REACH: i32 = 1;
 
 /// A tile by its position in the submap frame, in tiles: tile `[x, y, z]` begins at that many times [`TILE_EDGE`] blocks.
 pub type Tile = [i32; 3];
-
-/// The tiles of `field` whose surface may differ from that at an earlier time, in ascending order, and the time now. A time is what an earlier call returned; without
-/// one, all tiles that have blocks are returned. Scans advance the time, and fusions of submaps do not.
-pub fn changed_tiles(field: &TsdfField, since: Option<u32>) -> (Vec<Tile>, u32) {
-    let now = field.change_log.clock;
-    if since == Some(now) {
-        return (Vec::new(), now);
-    }
-    let is_later = |changed: u32| since.is_none_or(|since| changed.wrapping_sub(since) as i32 > 0);
-    let changed = field.ids().into_par_iter().with_min_len(4096).map(|id| field.block(id)).filter(|block| is_later(block.changed));
-    let mut tiles: Vec<Tile> = changed.flat_map_iter(|block| tiles_around(block_coords(block.key), REACH)).collect();
-    tiles.par_sort_unstable();
-    tiles.dedup();
-    (tiles, now)
-}
 
 /// Extracts the surface in some tiles, each in metres of the submap frame, with finest voxels of `voxel` metres. A triangle belongs to the tile that
 /// contains its centre, so that the tiles of a field together are [`extract`](super::extract()), but for the order of triangles and the last bits of
@@ -100,7 +83,6 @@ fn part(mesh: &Mesh, triangles: &[u32]) -> Mesh {
         intensities: picked(&mesh.intensities, &vertices),
         colours: picked(&mesh.colours, &vertices),
         scales: picked(&mesh.scales, &vertices),
-        interpolated: picked(&mesh.interpolated, &vertices),
         triangles,
     }
 }

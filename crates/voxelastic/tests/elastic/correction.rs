@@ -3,11 +3,10 @@
 use crate::settings;
 use crate::town::{LAP, Town};
 use std::error::Error;
-use voxelastic::atlas::{Atlas, Submap};
+use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event, NodeId};
 use voxelastic::geometry::PoseExt;
 use voxelastic::mapper::ScanSource;
-use voxelastic::meshing::MeshCache;
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Cloud, Mapper, Pose, Settings};
 
@@ -32,10 +31,9 @@ impl ScanSource for ReplayedScans<'_> {
 
 fn mean_height_error(atlas: &Atlas) -> f64 {
     // Ground and walls are at whole known places: x or y of +-30 and +-15, z of 0.
-    let mut cache = MeshCache::new(MeshOptions::default());
     let (mut sum, mut count) = (0.0, 0);
     for submap in atlas.submaps() {
-        for p in &cache.mesh(submap).positions {
+        for p in &submap.mesh(&MeshOptions::default()).positions {
             let p = submap.t_map_submap() * nalgebra::Point3::from(p.map(f64::from));
             let walls = [p.x.abs(), p.y.abs()].into_iter().flat_map(|c| [(c - 30.0).abs(), (c - 15.0).abs()]).fold(p.z.abs(), f64::min);
             if walls < 1.5 {
@@ -124,23 +122,6 @@ fn small_corrections_are_ignored() {
         assert_eq!(mapper.atlas().submaps()[0].t_map_submap() == correction, follows);
     }
     assert_eq!(mapper.elastic_counts().submap_moves, 2);
-}
-
-#[test]
-fn a_mesh_is_extracted_once_whatever_the_pose_does() {
-    let town = Town::new();
-    let mut mapper = Mapper::new(settings()).unwrap();
-    let pose = Town::pose(0.0);
-    mapper.handle(town.scan(0, &pose, &pose)).unwrap();
-    let mut cache = MeshCache::new(MeshOptions::default());
-    let first = cache.mesh(&mapper.atlas().submaps()[0]);
-    mapper.handle(Event::PoseUpdate(vec![(0, Pose::translation(50.0, 0.0, 0.0))])).unwrap();
-    assert!(std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])), "the correction is a matrix");
-    let next = Pose::translation(50.0, 1.0, 0.0);
-    mapper.handle(town.scan(1, &Town::pose(1.0), &next)).unwrap();
-    assert!(!std::sync::Arc::ptr_eq(&first, &cache.mesh(&mapper.atlas().submaps()[0])));
-    cache.retain(&[] as &[Submap]);
-    assert!(cache.is_empty());
 }
 
 #[test]

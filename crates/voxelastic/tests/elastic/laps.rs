@@ -6,7 +6,6 @@ use std::collections::HashSet;
 use std::ops::Range;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event};
-use voxelastic::meshing::MeshCache;
 use voxelastic::settings::FieldKind;
 use voxelastic::surface::MeshOptions;
 use voxelastic::{Mapper, Pose, Settings};
@@ -82,9 +81,8 @@ fn the_map_does_not_depend_on_the_number_of_threads() {
 
 /// Vertices of all meshes, in the map frame.
 fn vertices(atlas: &Atlas) -> Vec<[f64; 3]> {
-    let mut cache = MeshCache::new(MeshOptions::default());
     let of = |submap: &voxelastic::atlas::Submap| {
-        let mesh = cache.mesh(submap);
+        let mesh = submap.mesh(&MeshOptions::default());
         let in_map = |p: &[f32; 3]| (submap.t_map_submap() * nalgebra::Point3::from(p.map(f64::from))).coords.into();
         mesh.positions.iter().map(in_map).collect::<Vec<_>>()
     };

@@ -4,14 +4,11 @@
 mod bad_input;
 mod correction;
 mod fusion;
-mod interpolated;
-mod known_surfaces;
 mod laps;
 mod moving;
 #[allow(dead_code)]
 #[path = "../common/room.rs"]
 mod room;
-mod stored_once;
 mod town;
 
 use voxelastic::Settings;

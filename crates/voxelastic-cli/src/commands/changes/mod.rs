@@ -245,7 +245,6 @@ fn write(path: &Path, pieces: &[ChangedPiece], origin: Origin) -> anyhow::Result
         normals: &mesh.normals,
         colours: (!mesh.colours.is_empty()).then_some(&mesh.colours),
         intensity: None,
-        interpolated: None,
         triangles: &mesh.triangles,
     };
     write_ply(path, &file).with_context(|| format!("cannot write {}", path.display()))

@@ -2,11 +2,11 @@
 
 use crate::commands::{self, slice::Corners};
 use crate::failure::Failure;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
 use voxelastic::query::UnknownAs;
 use voxelastic::sensor::{BeamModel, preset};
-use voxelastic_explore::{ExploreSettings, SensorView, Strategy};
+use voxelastic_explore::{ExploreSettings, SensorView};
 use voxelastic_io::Origin;
 use voxelastic_plan::{Point, Robot, Wheels};
 use voxelastic_sim::World;
@@ -22,7 +22,7 @@ pub const MARGIN: f64 = 0.1;
 #[command(after_help = "Examples:
   voxelastic explore maze --picture maze.png --report maze.html
   voxelastic explore mine --ground --time 900 --json
-  voxelastic explore campus --seed 3 --drift 2 --strategy nearest --json
+  voxelastic explore campus --seed 3 --drift 2 --json
   for seed in 1 2 3 4 5 6 7 8 9 10; do voxelastic explore mine --seed $seed --json --quiet; done")]
 pub struct ExploreArgs {
     /// The world
@@ -34,9 +34,6 @@ pub struct ExploreArgs {
     /// Follow the floor, for robots on wheels
     #[arg(long)]
     pub ground: bool,
-    /// How the next target is chosen
-    #[arg(long, value_enum, default_value_t = Rule::Tour)]
-    pub strategy: Rule,
     /// Time until the robot must be at home, seconds of the simulation
     #[arg(long, value_name = "S", default_value_t = 600.0, value_parser = seconds)]
     pub time: f64,
@@ -82,17 +79,6 @@ pub struct ExploreArgs {
     /// Print one JSON object on stdout: share of the space known over time, distance, collisions, times of decisions
     #[arg(long)]
     pub json: bool,
-}
-
-/// How the next target is chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Rule {
-    /// The first stop on the way to the viewpoint that shows most per second: what is beside the way is looked at first
-    Tour,
-    /// The nearest viewpoint of the frontier, to compare with
-    Nearest,
-    /// The viewpoint that shows most per second of travel, to compare with
-    NextBest,
 }
 
 /// Parses a number from `low` to `high`.
@@ -157,11 +143,6 @@ impl ExploreArgs {
         let robot = Robot { radius: self.radius + MARGIN, unknown: UnknownAs::Blocked, ground };
         let model = preset(self.sensor()).map_err(|error| Failure::usage(error.to_string(), "see `voxelastic map --help` for the sensors"))?;
         let view = view(&model, self.max_range, self.voxel_size);
-        let strategy = match self.strategy {
-            Rule::Tour => Strategy::Tour,
-            Rule::Nearest => Strategy::Nearest,
-            Rule::NextBest => Strategy::NextBest,
-        };
-        Ok(ExploreSettings { margin: MARGIN, speed: self.speed, view, strategy, ..ExploreSettings::new(robot, bounds) })
+        Ok(ExploreSettings { margin: MARGIN, speed: self.speed, view, ..ExploreSettings::new(robot, bounds) })
     }
 }

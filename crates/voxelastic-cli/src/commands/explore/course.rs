@@ -38,7 +38,6 @@ pub struct Moment {
 pub struct Summary {
     world: String,
     seed: u64,
-    strategy: &'static str,
     ground: bool,
     drift_m_per_100_m: f64,
     pub time_s: f64,
@@ -187,15 +186,9 @@ impl Course {
 
     /// The summary at the end.
     pub fn summary(&self, args: &ExploreArgs, robot: &SimulatedRobot, truth: &ReachableSpace, bounds: [Point; 2]) -> Summary {
-        let strategy = match args.strategy {
-            super::args::Rule::Tour => "tour",
-            super::args::Rule::Nearest => "nearest",
-            super::args::Rule::NextBest => "next-best",
-        };
         Summary {
             world: args.world.clone(),
             seed: args.seed,
-            strategy,
             ground: args.ground,
             drift_m_per_100_m: args.drift,
             time_s: robot.time(),

@@ -35,7 +35,7 @@ pub struct ExportArgs {
     #[arg(short, long, value_name = "FILE|FOLDER/")]
     pub output: PathBuf,
     /// Edge of the OctoMap's voxels, metres [default: the finest voxel of the map]
-    #[arg(long, alias = "voxel", value_name = "M", value_parser = voxel_size)]
+    #[arg(long, value_name = "M", value_parser = voxel_size)]
     pub voxel_size: Option<f64>,
     /// Print one JSON object on stdout: file, points, intensity, colours, seconds; of tiles folder, tiles, levels, triangles, bytes, files_kept, seconds; of an
     /// OctoMap file, voxel_m, leaves, occupied_leaves, seconds

@@ -100,7 +100,6 @@ fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> 
         normals: &mesh.normals,
         colours: (!mesh.colours.is_empty()).then_some(&mesh.colours),
         intensity: (!intensity.is_empty()).then_some(&intensity),
-        interpolated: None,
         triangles: &mesh.triangles,
     };
     write_ply(path, &file).with_context(|| format!("cannot write the mesh {}", path.display()))

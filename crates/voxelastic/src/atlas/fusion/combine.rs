@@ -151,7 +151,7 @@ fn mean<'a>(votes: impl Iterator<Item = &'a Vote>) -> Voxel {
         most = most.max(vote.voxel.weight);
     }
     let limits = (f32::from(i16::MIN), f32::from(i16::MAX));
-    // However many submaps interpolate a surface, it is not measured.
+    // However many submaps have a voxel from other scales only, it is not measured.
     let weight = if most < WEIGHT_ONE { weight.min(f32::from(WEIGHT_ONE - 1)) } else { weight };
     Voxel { distance: (sum / shares).round().clamp(limits.0, limits.1) as i16, weight: weight.round().clamp(1.0, f32::from(u16::MAX)) as u16 }
 }

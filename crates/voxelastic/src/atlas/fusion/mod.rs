@@ -10,7 +10,6 @@
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 //!
 //! [`OneField`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
-//! [`hand_over()`] merges blocks of a submap into another one that knows them better, so that they are stored once.
 //! [`resolve_conflicts`] does the same for single voxels: evidence of all submaps decides where one of them has an isolated hit.
 
 mod alignment;
@@ -20,7 +19,6 @@ mod conflict_evidence;
 mod conflict_resolution;
 mod decoded_blocks;
 mod fused_field;
-mod hand_over;
 mod live_field;
 mod merge;
 mod occupancy;
@@ -47,7 +45,6 @@ pub use combine::Agreement;
 pub use conflict_resolution::resolve_conflicts;
 pub(crate) use conflict_resolution::{BlockVotes, add_votes};
 pub(crate) use fused_field::FusedField;
-pub use hand_over::{TakeBack, hand_over, take_back};
 pub(crate) use live_field::{LiveField, cubes_around, cubes_between};
 pub use merge::{Merge, fuse};
 pub(crate) use merge::{fuse_from, move_scans};

@@ -1,8 +1,7 @@
 //! The TSDFs of all submaps as one field in the map frame (paper Sec. V-A): what a surface is extracted from.
 //!
 //! The blocks that any submap reaches are gone through in Morton order, some at a time: every submap is sampled there, and the samples are
-//! combined. A voxel's value depends on its own place in the map frame, and on how the submaps are bent onto each other. The field can be brought up to date: then only
-//! blocks that changed submaps reach are sampled again.
+//! combined. A voxel's value depends on its own place in the map frame, and on how the submaps are bent onto each other.
 
 use super::alignment::{Alignment, Corrections, Displacement, PairAgreement};
 use super::colour::ColourPatch;
@@ -33,26 +32,6 @@ pub struct OneField {
     pub pairs: Vec<PairAgreement>,
     /// How well the submaps agree, by block.
     agreement: HashMap<u64, BlockAgreement>,
-    /// What the field was made of.
-    known: Vec<Known>,
-    /// Lowest and highest blocks to fuse, by their coordinates; all if there are none.
-    within: Option<[[i32; 3]; 2]>,
-}
-
-/// A TSDF that the field was made of, as it was then.
-#[derive(Debug)]
-struct Known {
-    /// The submap, and whether it is being merged into another one.
-    id: (SubmapId, bool),
-    pose: Pose,
-    /// Where the last correction put its scans.
-    corrected: Vec<Pose>,
-    displacement: Displacement,
-    /// Time of the field's last scan, and the number of changes of any kind.
-    clock: u32,
-    revision: u64,
-    /// The blocks of the map that it reaches.
-    blocks: Arc<[TargetBlock]>,
 }
 
 /// A TSDF in the lattice of the map frame.
@@ -85,15 +64,24 @@ impl OneField {
     /// Submaps whose poses are not finite, and blocks farther from the map's origin than a key can hold, are left out. The result does not
     /// depend on the number of threads.
     pub fn new(atlas: &Atlas) -> Self {
-        let mut one = Self::default();
-        one.update(atlas);
-        one
+        Self::of(atlas, None)
     }
 
     /// The same, of the blocks from `low` to `high` alone, by their coordinates. They are what they are in the whole field.
     pub fn within(atlas: &Atlas, low: [i32; 3], high: [i32; 3]) -> Self {
-        let mut one = Self { within: Some([low, high]), ..Self::default() };
-        one.update(atlas);
+        Self::of(atlas, Some([low, high]))
+    }
+
+    fn of(atlas: &Atlas, within: Option<[[i32; 3]; 2]>) -> Self {
+        let sources = sources(atlas);
+        let (displacements, pairs) = align(&sources);
+        let reached: Vec<Reached<'_>> =
+            sources.iter().zip(&displacements).map(|(source, displacement)| source.reached(displacement, within)).collect();
+        let mut keys: Vec<u64> = reached.iter().flat_map(|source| source.blocks.iter().map(TargetBlock::key)).collect();
+        keys.par_sort_unstable();
+        keys.dedup();
+        let mut one = Self { pairs, ..Self::default() };
+        one.sample(&reached, &keys, BLOCKS_PER_PART);
         one
     }
 
@@ -102,42 +90,6 @@ impl OneField {
         let mut sum = Agreement::default();
         self.agreement.values().for_each(|block| block.add_to(&mut sum));
         sum
-    }
-
-    /// Brings the field up to date with an atlas of the same map. Returns the keys of the blocks that may have changed, ascending.
-    ///
-    /// Submaps are bent onto each other anew when one of them was moved, appeared, or was merged into another one, but not after each scan: what a scan adds is fused as
-    /// the correction before left the submaps.
-    pub fn update(&mut self, atlas: &Atlas) -> Vec<u64> {
-        let sources = sources(atlas);
-        let is_as_known = |(source, known): (&Source<'_>, &Known)| {
-            let is_there = known.id == source.id && known.pose == source.pose && known.corrected == source.submap.corrected;
-            is_there && !source.was_merged(known)
-        };
-        let displacements: Vec<Displacement> = if sources.len() == self.known.len() && sources.iter().zip(&self.known).all(is_as_known) {
-            self.known.iter().map(|known| known.displacement.clone()).collect()
-        } else {
-            let (displacements, pairs) = align(&sources);
-            self.pairs = pairs;
-            let before = |source: &Source<'_>| self.known.iter().find(|known| known.id == source.id).map(|known| &known.displacement);
-            sources.iter().zip(displacements).map(|(source, now)| now.kept_from(before(source))).collect()
-        };
-        let mut keys: Vec<u64> = Vec::new();
-        let mut now: Vec<Known> = Vec::new();
-        for (source, displacement) in sources.iter().zip(displacements) {
-            let before = self.known.iter().position(|known| known.id == source.id).map(|i| self.known.swap_remove(i));
-            now.push(source.changes(before, displacement, self.within, &mut keys));
-        }
-        // Those that are gone.
-        keys.extend(self.known.iter().flat_map(|known| known.blocks.iter().map(TargetBlock::key)));
-        self.known = now;
-        keys.par_sort_unstable();
-        keys.dedup();
-        let known = std::mem::take(&mut self.known);
-        let reached: Vec<Reached<'_>> = sources.iter().zip(&known).map(|(source, known)| source.reached_by(known)).collect();
-        self.sample(&reached, &keys, BLOCKS_PER_PART);
-        self.known = known;
-        keys
     }
 
     /// Samples and combines the blocks `keys`, ascending, `per_part` at a time, and replaces what was there.
@@ -217,52 +169,20 @@ pub(super) fn sources(atlas: &Atlas) -> Vec<Source<'_>> {
 }
 
 impl<'a> Source<'a> {
-    /// Whether another submap was merged into it since, or it was changed by other means than scans.
-    fn was_merged(&self, known: &Known) -> bool {
-        self.was_merged_since(known.revision, known.clock)
-    }
-
-    /// The same since it had a revision, and a time of its last scan.
+    /// Whether, since it had a revision and a time of its last scan, another submap was merged into it, or it was changed by other means than scans.
     pub(super) fn was_merged_since(&self, revision: u64, clock: u32) -> bool {
         // Each scan counts in both.
         self.revision.wrapping_sub(revision) as u32 != self.field.change_log.clock.wrapping_sub(clock)
     }
 
-    /// Adds the blocks of the map that changes of the source since `before` may have changed to `keys`; returns it as it is now.
-    fn changes(&self, before: Option<Known>, displacement: Displacement, within: Option<[[i32; 3]; 2]>, keys: &mut Vec<u64>) -> Known {
-        let clock = self.field.change_log.clock;
-        let corrected = self.submap.corrected.clone();
-        let now = |blocks, displacement| Known { id: self.id, pose: self.pose, corrected, displacement, clock, revision: self.revision, blocks };
-        match before {
-            Some(known) if known.pose == self.pose && known.displacement == displacement && !self.was_merged(&known) => {
-                if clock == known.clock {
-                    return now(known.blocks, displacement);
-                }
-                // Of blocks that scans changed, the samples around change, too: those of blocks that touch them, and of one voxel beyond.
-                let changed: Vec<u32> = self.field.ids().filter(|id| self.field.block(*id).changed.wrapping_sub(known.clock) as i32 > 0).collect();
-                let changed = displaced_target_blocks(self.field, &self.placement, &displacement, &changed, SURROUNDINGS);
-                keys.extend(changed.iter().map(TargetBlock::key).filter(|key| is_within(*key, within)));
-                let blocks = self.reached(&displacement, within);
-                // A block that is new may change the scale of one that is not.
-                keys.extend(different(&known.blocks, &blocks));
-                now(blocks, displacement)
-            }
-            before => {
-                let blocks = self.reached(&displacement, within);
-                keys.extend(before.iter().flat_map(|known| known.blocks.iter()).chain(blocks.iter()).map(TargetBlock::key));
-                now(blocks, displacement)
-            }
-        }
-    }
-
     /// The blocks of the map that it reaches.
-    fn reached(&self, displacement: &Displacement, within: Option<[[i32; 3]; 2]>) -> Arc<[TargetBlock]> {
-        let all = displaced_target_blocks(self.field, &self.placement, displacement, &self.field.ids().collect::<Vec<_>>(), 0.0);
-        if within.is_none() { all } else { all.iter().filter(|block| is_within(block.key(), within)).copied().collect() }
-    }
-
-    fn reached_by<'b>(&'b self, known: &'b Known) -> Reached<'b> {
-        Reached { field: self.field, placement: self.placement, displacement: &known.displacement, blocks: Arc::clone(&known.blocks) }
+    fn reached<'b>(&self, displacement: &'b Displacement, within: Option<[[i32; 3]; 2]>) -> Reached<'b>
+    where
+        'a: 'b,
+    {
+        let all = displaced_target_blocks(self.field, &self.placement, displacement, &self.field.ids().collect::<Vec<_>>());
+        let blocks = if within.is_none() { all } else { all.iter().filter(|block| is_within(block.key(), within)).copied().collect() };
+        Reached { field: self.field, placement: self.placement, displacement, blocks }
     }
 }
 
@@ -270,18 +190,6 @@ impl<'a> Source<'a> {
 fn is_within(key: u64, within: Option<[[i32; 3]; 2]>) -> bool {
     let c = block_coords(key);
     within.is_none_or(|[low, high]| (0..3).all(|k| low[k] <= c[k] && c[k] <= high[k]))
-}
-
-/// Voxels around a block of which the samples depend on the block: those of the coarsest scale.
-const SURROUNDINGS: f32 = 8.0;
-
-/// The keys of blocks that are in one of two ascending lists only, or different.
-fn different(one: &[TargetBlock], other: &[TargetBlock]) -> Vec<u64> {
-    let beyond = |all: &[TargetBlock], block: &TargetBlock| all.binary_search_by_key(&block.key(), TargetBlock::key).map(|i| all[i] != *block);
-    let only = |from: &[TargetBlock], all: &[TargetBlock]| -> Vec<u64> {
-        from.iter().filter(|block| beyond(all, block).unwrap_or(true)).map(TargetBlock::key).collect()
-    };
-    [only(one, other), only(other, one)].concat()
 }
 
 /// Some blocks of the map, combined.
@@ -435,16 +343,13 @@ mod tests {
         let mut submap = sphere(0, turned(), [0.04, 0.03, 0.02], 2);
         submap.add_scan(7, &Pose::translation(0.04, 0.03, 0.02));
         let mut atlas = Atlas::from_submaps(VOXEL, vec![submap]);
-        let mut one = OneField::new(&atlas);
-        let before = ends(&one.field);
+        let before = ends(&OneField::new(&atlas).field);
         let corrected = turned().inv_mul(&Pose::translation(0.29, 0.03, 0.02));
         for (corrected, shift) in [(vec![corrected], 2.5), (vec![], 0.0)] {
             atlas.submap_mut(0).unwrap().corrected = corrected;
-            assert!(!one.update(&atlas).is_empty() && one.update(&atlas).is_empty());
-            for (now, before) in ends(&one.field).iter().zip(before) {
+            for (now, before) in ends(&OneField::new(&atlas).field).iter().zip(before) {
                 assert!((now - before - shift).abs() < 0.05, "{now} instead of {before} + {shift}");
             }
-            assert_eq!(ends(&OneField::new(&atlas).field), ends(&one.field), "made anew");
         }
     }
 

@@ -34,6 +34,7 @@ pub(super) struct EncodedBlock {
 
 impl SampledBlock {
     /// A block of given voxels.
+    #[cfg(test)]
     pub fn new(key: u64, scale: u8, observation_count: ObservationCount, voxels: Box<[Voxel]>, intensities: Option<Box<[u8]>>) -> Self {
         let observed = observed(&voxels);
         Self { key, scale, observation_count, voxels, intensities, observed }

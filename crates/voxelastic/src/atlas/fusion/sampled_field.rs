@@ -68,7 +68,7 @@ impl SampledField {
 
 impl GatheredSource {
     fn reached_in(&self, cubes: &[u64]) -> Reached<'_> {
-        let all = displaced_target_blocks(&self.field, &self.placement, &self.displacement, &self.reached, 0.0);
+        let all = displaced_target_blocks(&self.field, &self.placement, &self.displacement, &self.reached);
         let is_in = |block: &&TargetBlock| cubes.binary_search(&(block.key() >> (3 * CUBE_SHIFT))).is_ok();
         let blocks = all.iter().filter(is_in).copied().collect();
         Reached { field: &self.field, placement: self.placement, displacement: &self.displacement, blocks }

@@ -38,11 +38,6 @@ pub(super) struct TargetBlock {
 }
 
 impl TargetBlock {
-    /// A block to be sampled at `scale`.
-    pub fn new(key: u64, scale: u8) -> Self {
-        Self { key, scale, observation_count: ObservationCount::default() }
-    }
-
     /// Its Morton key in the target's lattice.
     pub fn key(&self) -> u64 {
         self.key
@@ -268,19 +263,13 @@ fn box_around(blocks: &[TargetBlock]) -> TargetBox {
 /// The target's blocks that the source reaches, in Morton order. Scale and observation count are those of the source's block at the
 /// target block's centre, otherwise those of the coarsest block that touches it.
 pub(super) fn target_blocks(field: &TsdfField, placement: &Placement) -> Arc<[TargetBlock]> {
-    displaced_target_blocks(field, placement, &Displacement::default(), &field.ids().collect::<Vec<_>>(), 0.0)
+    displaced_target_blocks(field, placement, &Displacement::default(), &field.ids().collect::<Vec<_>>())
 }
 
-/// As [`target_blocks`], of some blocks of a field that is displaced in the target, and of what is up to `around` finest voxels beside them.
-pub(super) fn displaced_target_blocks(
-    field: &TsdfField,
-    placement: &Placement,
-    displacement: &Displacement,
-    ids: &[u32],
-    around: f32,
-) -> Arc<[TargetBlock]> {
+/// As [`target_blocks`], of some blocks of a field that is displaced in the target.
+pub(super) fn displaced_target_blocks(field: &TsdfField, placement: &Placement, displacement: &Displacement, ids: &[u32]) -> Arc<[TargetBlock]> {
     let half = 0.5 * BLOCK_EDGE as f32;
-    let spread = if displacement.is_zero() { around } else { around + DIFFERENCE };
+    let spread = if displacement.is_zero() { 0.0 } else { DIFFERENCE };
     let touching = |&id: &u32| {
         let (scale, observation_count) = (field.block(id).finest, field.block(id).observation_count);
         let block = block_coords(field.block(id).key);

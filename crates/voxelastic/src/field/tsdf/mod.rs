@@ -25,6 +25,5 @@ pub use field::TsdfField;
 pub(crate) use observation_count::ObservationCount;
 pub(crate) use remove::RemoveFrom;
 pub(crate) use storage::compaction::BrickPages;
-pub(crate) use voxel::INTERPOLATED_SURFACE;
 pub use voxel::{DISTANCE_STEPS, Voxel, WEIGHT_ONE};
 pub(crate) use writer::{BlockWriter, BrickRef};

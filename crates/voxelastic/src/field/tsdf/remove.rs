@@ -33,7 +33,7 @@ impl TsdfField {
             }
         }
         let changed = ids.into_iter().zip(changed).filter(|(_, changed)| *changed).map(|(id, _)| id).collect();
-        self.record_changes(changed, 1);
+        self.record_changes(changed);
         removed
     }
 

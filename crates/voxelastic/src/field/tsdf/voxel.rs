@@ -10,9 +10,6 @@ pub const DISTANCE_STEPS: f32 = 2048.0;
 /// Weight of one full observation.
 pub const WEIGHT_ONE: u16 = 16;
 
-/// Weight of a voxel of an interpolated surface: less than that of any measurement, and more than that of voxels that follow from other scales.
-pub(crate) const INTERPOLATED_SURFACE: u16 = WEIGHT_ONE / 2;
-
 /// One voxel of a TSDF.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -48,25 +45,6 @@ impl Voxel {
     }
 }
 
-impl Voxel {
-    /// Folds in what interpolation between returns gives. Where anything was measured it changes nothing.
-    #[inline(always)]
-    pub(crate) fn interpolate(&mut self, distance_steps: f32) {
-        /// Part of the distance that is taken from the newest scan.
-        const NEWEST: f32 = 0.2;
-        if self.weight <= INTERPOLATED_SURFACE {
-            let (old, share) = (f32::from(self.distance), if self.weight == INTERPOLATED_SURFACE { NEWEST } else { 1.0 });
-            *self = Self { distance: low_bits(old + share * (distance_steps - old)) as i16, weight: INTERPOLATED_SURFACE };
-        }
-    }
-
-    /// This voxel before its first measurement, if its surface is interpolated: unobserved.
-    #[inline(always)]
-    pub(crate) fn without_interpolation(self) -> Self {
-        if self.weight == INTERPOLATED_SURFACE { Self::default() } else { self }
-    }
-}
-
 /// The low 16 bits of `x` rounded to nearest, ties to even, for |x| < 2^22: adding the constant leaves no fraction bits in the mantissa.
 /// A cast would saturate and handle NaN, at several times the cost.
 #[inline(always)]
@@ -78,21 +56,6 @@ fn low_bits(x: f32) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_measurement_replaces_what_is_interpolated_and_not_the_other_way_round() {
-        let mut voxel = Voxel::default();
-        (0..50).for_each(|_| voxel.interpolate(900.0));
-        assert_eq!(voxel, Voxel { distance: 900, weight: INTERPOLATED_SURFACE });
-        voxel.interpolate(1000.0);
-        assert_eq!(voxel.distance, 920);
-        voxel = voxel.without_interpolation();
-        voxel.observe(100.0, f32::from(WEIGHT_ONE), 100.0);
-        assert_eq!(voxel, Voxel { distance: 100, weight: WEIGHT_ONE });
-        assert_eq!(voxel.without_interpolation(), voxel);
-        voxel.interpolate(900.0);
-        assert_eq!(voxel, Voxel { distance: 100, weight: WEIGHT_ONE });
-    }
 
     #[test]
     fn observations_average_and_the_weight_is_capped() {

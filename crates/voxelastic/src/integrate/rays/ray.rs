@@ -14,7 +14,7 @@ pub(crate) struct Ray {
     pub direction: [f32; 3],
     /// Intensity of the return.
     pub intensity: u8,
-    /// Number of returns that were bundled into this ray (see [`super::ray_bundling`]); 0 if its surface is interpolated between returns.
+    /// Number of returns that were bundled into this ray (see [`super::ray_bundling`]).
     pub count: u8,
     /// Whether the local plane is known.
     pub has_plane: bool,

@@ -43,7 +43,7 @@ pub(crate) fn bundle(rays: &mut [Ray], limit: f32, width: f32) -> usize {
             bundle.point = bundle.point.map(|c| c * share);
             bundle.range *= share;
             bundle.intensity = (intensities / u32::from(members)) as u8;
-            bundle.count = first.count.saturating_mul(members);
+            bundle.count = members;
             (bundle.direction, bundle.normal) = (unit(bundle.direction), unit(bundle.normal));
         }
         rays[kept] = bundle;
@@ -74,7 +74,7 @@ impl<'a> BundleCriterion<'a> {
         let Self { first, max_distance_squared, max_offset_squared } = *self;
         let offset = [0, 1, 2].map(|k| next.point[k] - first.point[k]);
         let is_near = (dot(offset, offset) < max_distance_squared) & (dot(offset, first.normal).powi(2) < max_offset_squared);
-        next.has_plane & (next.scale == first.scale) & (next.count == first.count) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
+        next.has_plane & (next.scale == first.scale) & is_near & (dot(next.normal, first.normal) >= LEAST_COSINE)
     }
 }
 
@@ -119,14 +119,13 @@ mod tests {
 
     proptest! {
         #[test]
-        fn bundles_are_narrow_and_flat_and_contain_every_ray_once(rays in row(), weight in 1u8..9, width in 0f32..1.5, limit in 40f32..60.0) {
-            let rays: Vec<Ray> = rays.into_iter().map(|ray| Ray { count: weight, ..ray }).collect();
+        fn bundles_are_narrow_and_flat_and_contain_every_ray_once(rays in row(), width in 0f32..1.5, limit in 40f32..60.0) {
             let mut bundled = rays.clone();
             let kept = bundle(&mut bundled, limit, width);
             let near: Vec<&Ray> = rays.iter().filter(|ray| ray.range <= limit).collect();
             let mut remaining = &near[..];
             for bundle in &bundled[..kept] {
-                let (members, after) = remaining.split_at((bundle.count / weight).into());
+                let (members, after) = remaining.split_at(bundle.count.into());
                 remaining = after;
                 let first = members[0];
                 if members.len() == 1 {

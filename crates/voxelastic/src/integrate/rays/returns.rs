@@ -12,12 +12,9 @@ pub struct ReturnsView<'a> {
     pub normals: &'a [[f32; 3]],
     /// Intensity of each return, 0 to 255; empty when the scan has none.
     pub intensities: &'a [u8],
-    /// Number of returns that each stands for; empty if each stands for itself.
-    pub weights: &'a [u8],
     /// Distance between returns around each of them, metres, where that is measured; else empty, and it follows from the range.
     pub spacing: &'a [f32],
-    /// Number of points that were measured; those after them lie between returns on one plane, and are for surfaces only: without `spacing` they are
-    /// interpolated, and count less than any measurement.
+    /// Number of points that were measured; those after them lie between returns on one plane, and are for surfaces only.
     pub measured: usize,
     /// Position of the lidar when it measured each return, lidar frame, metres; empty when it stood still.
     pub origins: &'a [[f32; 3]],
@@ -29,12 +26,12 @@ impl<'a> ReturnsView<'a> {
     /// The returns of a prepared scan, without intensities.
     pub fn new(returns: &'a Returns) -> Self {
         let Returns { points, normals, spacing, measured, origins, smallest_angle, .. } = returns;
-        Self { points, normals, intensities: &[], weights: &[], spacing, measured: *measured, origins, smallest_angle: *smallest_angle }
+        Self { points, normals, intensities: &[], spacing, measured: *measured, origins, smallest_angle: *smallest_angle }
     }
 
     /// `points` with `normals`, all of them measured, without any of the rest.
     pub fn of_points(points: &'a [[f32; 3]], normals: &'a [[f32; 3]], smallest_angle: f32) -> Self {
-        Self { points, normals, intensities: &[], weights: &[], spacing: &[], measured: points.len(), origins: &[], smallest_angle }
+        Self { points, normals, intensities: &[], spacing: &[], measured: points.len(), origins: &[], smallest_angle }
     }
 
     /// The returns that were measured.
@@ -51,7 +48,6 @@ impl<'a> ReturnsView<'a> {
             points: head(self.points, count),
             normals: head(self.normals, count),
             intensities: head(self.intensities, count),
-            weights: head(self.weights, count),
             spacing: head(self.spacing, count),
             measured: self.measured.min(count),
             origins: head(self.origins, count),

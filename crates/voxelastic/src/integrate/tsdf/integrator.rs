@@ -73,8 +73,6 @@ pub struct TsdfIntegrator {
     rays: Vec<Ray>,
     selection: Selection,
     runs: Vec<BlockRun>,
-    /// Whether some of the rays are of interpolated surfaces.
-    interpolates: bool,
 }
 
 /// A scan whose rays the integrator holds already.
@@ -86,16 +84,12 @@ pub(crate) struct TsdfRays {
     pub has_intensity: bool,
     /// Whether the rays have scales of their own, which decide on those of blocks; else the distance to the sensor does.
     pub has_spacing: bool,
-    /// Whether there are rays of interpolated surfaces, whose count is zero.
-    pub interpolates: bool,
-    /// Mean number of scans that take turns at its returns, rounded up.
-    pub sharing: usize,
 }
 
 impl TsdfIntegrator {
     /// An integrator with the given settings.
     pub fn new(settings: TsdfSettings) -> Self {
-        Self { settings, rays: Vec::new(), selection: Selection::default(), runs: Vec::new(), interpolates: false }
+        Self { settings, rays: Vec::new(), selection: Selection::default(), runs: Vec::new() }
     }
 
     /// The settings.
@@ -138,8 +132,6 @@ impl TsdfIntegrator {
             smallest_angle: returns.smallest_angle,
             has_intensity: !returns.intensities.is_empty(),
             has_spacing: !returns.spacing.is_empty(),
-            interpolates: returns.spacing.is_empty() && returns.measured < returns.points.len(),
-            sharing: returns.weights.iter().map(|weight| usize::from(*weight)).sum::<usize>().div_ceil(returns.weights.len().max(1)).max(1),
         }
     }
 
@@ -162,7 +154,6 @@ impl TsdfIntegrator {
         if scan.has_spacing {
             self.rays.iter_mut().for_each(|ray| ray.count = ray.count.saturating_mul(SCATTERED_WEIGHT));
         }
-        self.interpolates = scan.interpolates;
         let clock = Instant::now();
         let position = scan.frame.t_submap_lidar.translation;
         self.selection.select(&self.rays, position.map(|c| c / self.settings.voxel_size), reach);
@@ -175,7 +166,7 @@ impl TsdfIntegrator {
         let ids: Vec<u32> = self.runs.iter().map(|run| run.block).collect();
         self.update(field, &ids);
         changes.iter().for_each(|&id| field.release_coarser(id));
-        field.record_changes(ids, scan.sharing);
+        field.record_changes(ids);
         let updated = Instant::now();
 
         TsdfStats {
@@ -299,7 +290,6 @@ impl TsdfIntegrator {
                 fade: 1.0 / (self.settings.truncation_behind - 1.0).max(0.5),
                 weight: f32::from(WEIGHT_ONE),
                 max_weight: (self.settings.max_weight * f32::from(WEIGHT_ONE)).min(f32::from(u16::MAX)),
-                interpolates: self.interpolates,
             },
         };
         field.write_blocks(ids, RUNS_PER_TASK, |range, writer| {

@@ -3,7 +3,6 @@
 mod block_run;
 mod colours;
 mod integrator;
-mod known_surfaces;
 mod redundancy;
 mod rescale;
 mod settings;
@@ -12,6 +11,5 @@ mod update;
 
 pub use colours::integrate_colours;
 pub use integrator::{TsdfIntegrator, TsdfPhases, TsdfStats};
-pub(crate) use known_surfaces::KnownSurfaces;
 pub(crate) use redundancy::{EarlierBlocks, Redundancy};
 pub use settings::TsdfSettings;

@@ -5,10 +5,13 @@
 //! skips blocks that have more observations than the scan adds, except octants in which a ray ends where no surface is known.
 
 use super::block_run::{ALL_OCTANTS, octant_bit};
-use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField};
+use crate::field::tsdf::{Block, DISTANCE_STEPS, TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::integrate::rays::ray::Ray;
 use crate::octree::{BLOCK_EDGE, Cursor, MAX_BLOCK_COORD, block_key, voxel_index};
+
+/// Weight of a voxel that one ray has observed with half its weight, in the fading end of the band behind a surface: it says little about where a surface is.
+const HALF_OBSERVED: u16 = WEIGHT_ONE / 2;
 
 /// What earlier passes observed of the place where a scan is taken. By default nothing.
 #[derive(Clone, Debug, Default)]
@@ -40,9 +43,9 @@ impl Redundancy<'_> {
     /// The octants of block `id` of the scan's own `field` in which `rays` add information, a bit each: all, or those in which a ray ends where the field has no
     /// surface. `corner` is the smallest corner of the block, finest voxels.
     #[inline(always)]
-    pub fn new_octants<'b>(&self, field: &TsdfField, id: u32, corner: [f32; 3], rays: impl Iterator<Item = &'b Ray> + Clone) -> u8 {
+    pub fn new_octants<'b>(&self, field: &TsdfField, id: u32, corner: [f32; 3], rays: impl ExactSizeIterator<Item = &'b Ray>) -> u8 {
         let block = field.block(id);
-        if !self.before.contains(id) || block.observation_count.get() < count_measured(rays.clone()) {
+        if !self.before.contains(id) || block.observation_count.get() < rays.len() as u32 {
             return ALL_OCTANTS;
         }
         octants_without_surface(corner, rays, |octant, point| has_surface(field, block, octant, std::array::from_fn(|k| point[k] - corner[k])))
@@ -64,8 +67,8 @@ impl OtherFields<'_> {
     /// The octants of a block with smallest corner `corner`, finest voxels, in which `rays` add information, a bit each: all, or those in which a ray ends where
     /// no other field has a surface.
     #[inline(always)]
-    pub fn new_octants<'b>(&mut self, corner: [f32; 3], rays: impl Iterator<Item = &'b Ray> + Clone) -> u8 {
-        if self.fields.is_empty() || self.observation_count(corner.map(|c| c + 0.5 * BLOCK_EDGE as f32)) < count_measured(rays.clone()) {
+    pub fn new_octants<'b>(&mut self, corner: [f32; 3], rays: impl ExactSizeIterator<Item = &'b Ray>) -> u8 {
+        if self.fields.is_empty() || self.observation_count(corner.map(|c| c + 0.5 * BLOCK_EDGE as f32)) < rays.len() as u32 {
             return ALL_OCTANTS;
         }
         octants_without_surface(corner, rays, |_, point| self.have_surface(point))
@@ -99,17 +102,11 @@ impl OtherFields<'_> {
     }
 }
 
-/// Number of rays whose surface is measured and not interpolated.
-#[inline(always)]
-fn count_measured<'b>(rays: impl Iterator<Item = &'b Ray>) -> u32 {
-    rays.map(|ray| u32::from(ray.count > 0)).sum()
-}
-
-/// The octants of a block with smallest corner `corner` in which a measured ray ends without a known surface, a bit each.
+/// The octants of a block with smallest corner `corner` in which a ray ends without a known surface, a bit each.
 #[inline(always)]
 fn octants_without_surface<'b>(corner: [f32; 3], rays: impl Iterator<Item = &'b Ray>, mut has_surface: impl FnMut(u8, [f32; 3]) -> bool) -> u8 {
     let mut octants = 0;
-    for ray in rays.filter(|ray| ray.count > 0) {
+    for ray in rays {
         let octant = octant_bit(ray.point, corner);
         if octants & octant != octant && !has_surface(octant, ray.point) {
             octants |= octant;
@@ -119,14 +116,14 @@ fn octants_without_surface<'b>(corner: [f32; 3], rays: impl Iterator<Item = &'b 
 }
 
 /// Whether `block` of `field` has a surface at `within`, finest voxels from its smallest corner: the voxel there is within one voxel of a surface, or it is
-/// unobserved, or interpolated, in an octant that has observed voxels.
+/// unobserved, or observed by half a ray behind a surface, in an octant that has observed voxels.
 #[inline(always)]
 fn has_surface(field: &TsdfField, block: &Block, octant: u8, within: [f32; 3]) -> bool {
     let scale = usize::from(block.scale);
     // Rounding may put a point on the far face.
     let place = within.map(|c| (c.max(0.0) as usize).min(BLOCK_EDGE - 1) >> scale);
     let voxel = field.voxel(block, voxel_index(place, scale));
-    if voxel.without_interpolation().is_observed() {
+    if voxel.is_observed() && voxel.weight != HALF_OBSERVED {
         f32::from(voxel.distance).abs() < DISTANCE_STEPS
     } else {
         field.observed_octants(block) & octant != 0

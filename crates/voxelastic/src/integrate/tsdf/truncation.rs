@@ -21,8 +21,6 @@ pub(super) struct TruncationBand {
     pub weight: f32,
     /// Largest weight of a voxel.
     pub max_weight: f32,
-    /// Whether the scan has rays of interpolated surfaces, whose count is zero.
-    pub interpolates: bool,
 }
 
 impl TruncationBand {
@@ -94,12 +92,6 @@ impl TruncationBand {
         // By a mask: which voxels exist is unpredictable.
         let is_updated = u32::from(voxel.is_observed() | self.creates_voxel(distance));
         let weight = f32::from_bits(weight.to_bits() & is_updated.wrapping_neg());
-        if self.interpolates {
-            if weight == 0.0 && is_updated == 1 {
-                return voxel.interpolate(distance * DISTANCE_STEPS);
-            }
-            *voxel = if weight > 0.0 { voxel.without_interpolation() } else { *voxel };
-        }
         voxel.observe(distance * DISTANCE_STEPS, weight, self.max_weight);
     }
 }

@@ -58,7 +58,7 @@ impl Kernel for UpdateTask<'_, '_> {
             if run.change != ScaleChange::None {
                 change_scale(writer, i, run.change, &context.band);
             }
-            count_observations(writer.block_mut(i), run, context);
+            count_observations(writer.block_mut(i), run);
             let mut block = BlockContext::new(writer, i);
             for record in run.start as usize..run.end as usize {
                 if let Some(&later) = context.records.get(record + RAYS_AHEAD) {
@@ -241,7 +241,7 @@ impl<'b, 'w> LaneBatch<'b, 'w> {
             let mut observed = cell.get();
             observe_intensity(&mut observed, self.intensity[lane]);
             // Branch-free: most voxels take an intensity, and which do is unpredictable.
-            cell.set(if has_intensity_at(distance) & (weight > 0.0) { observed } else { cell.get() });
+            cell.set(if has_intensity_at(distance) { observed } else { cell.get() });
         }
     }
 }
@@ -269,15 +269,10 @@ impl<'w> BlockContext<'w> {
     }
 }
 
-/// Adds the run's measured rays to the block's observation count, unless only some octants are updated.
+/// Adds the run's rays to the block's observation count, unless only some octants are updated.
 #[inline(always)]
-fn count_observations(block: &mut Block, run: &BlockRun, context: &UpdateContext<'_>) {
+fn count_observations(block: &mut Block, run: &BlockRun) {
     if run.octant_mask == ALL_OCTANTS {
-        let mut count = run.end - run.start;
-        if context.band.interpolates {
-            let records = &context.records[run.start as usize..run.end as usize];
-            count -= records.iter().map(|&record| u32::from(context.rays[ray_of(record)].count == 0)).sum::<u32>();
-        }
-        block.observation_count = block.observation_count.plus(count);
+        block.observation_count = block.observation_count.plus(run.end - run.start);
     }
 }

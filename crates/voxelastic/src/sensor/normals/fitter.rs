@@ -8,7 +8,6 @@ use super::plane_select::select_planes;
 use super::settings::{NormalSettings, STRIP};
 use super::sweep_seam::Seam;
 use crate::sensor::beam_model::BeamModel;
-use crate::sensor::patch_weights::PatchWeights;
 use crate::sensor::range_image::RangeImage;
 use crate::sensor::returns::Returns;
 use crate::simd::dispatch;
@@ -33,16 +32,9 @@ impl PlaneFitter {
         Self { settings, rule, grid: Grid::new(model), planes: Planes::default(), scratch: Vec::new() }
     }
 
-    /// Fills the normals and roughness of `returns`, whose points and pixels are those of `image`; zero for returns of weight 0. `times` are the measurement
-    /// times of all points, if known.
-    pub(crate) fn fit(
-        &mut self,
-        points: &[[f32; 3]],
-        times: Option<&[f32]>,
-        image: &RangeImage,
-        weights: Option<&PatchWeights>,
-        returns: &mut Returns,
-    ) {
+    /// Fills the normals and roughness of `returns`, whose points and pixels are those of `image`. `times` are the measurement times of all points, if
+    /// known.
+    pub(crate) fn fit(&mut self, points: &[[f32; 3]], times: Option<&[f32]>, image: &RangeImage, returns: &mut Returns) {
         self.grid.fill(points, image);
         let noise = self.settings.range_noise.unwrap_or_else(|| self.grid.range_noise()).max(0.002);
         self.grid.link(noise, times.and_then(|times| Seam::new(times, image)).as_ref());
@@ -54,13 +46,13 @@ impl PlaneFitter {
         let (grid, rule, settings) = (&self.grid, &self.rule, self.settings);
         let parts = self.planes.split(per_task);
         parts.into_par_iter().zip(&mut self.scratch).with_max_len(1).enumerate().for_each(|(task, (mut rows, scratch))| {
-            let mut work = StripFit { grid, rule, settings: &settings, noise, weights, scratch };
+            let mut work = StripFit { grid, rule, settings: &settings, noise, scratch };
             let strips = rows.first().map_or(0, |row| row.len() / STRIP);
             for strip in 0..strips {
                 work.fit((task * per_task + strip) * STRIP, rows.iter_mut().filter_map(|row| row[strip * STRIP..].first_chunk_mut()));
             }
         });
-        select_planes(&self.search(noise.max(self.settings.roughness)), image, weights, returns);
+        select_planes(&self.search(noise.max(self.settings.roughness)), image, returns);
     }
 
     /// A search among the planes that were fitted last, of points with so much noise, metres.
@@ -75,7 +67,6 @@ struct StripFit<'a> {
     rule: &'a WindowRule,
     settings: &'a NormalSettings,
     noise: f32,
-    weights: Option<&'a PatchWeights>,
     scratch: &'a mut Scratch,
 }
 
@@ -83,13 +74,7 @@ impl StripFit<'_> {
     /// Fits wide windows at all pixels of the strip that starts at `first_column`, and narrow ones where that gives no plane.
     fn fit<'p>(&mut self, first_column: usize, rows: impl Iterator<Item = &'p mut [Plane; STRIP]>) {
         self.scratch.start(self.grid.rows);
-        let weights = self.weights;
-        let is_used = |row| weights.is_none_or(|weights| weights.of((row, first_column)) != 0);
         for (row, planes) in rows.enumerate() {
-            if !is_used(row) {
-                *planes = [Plane::NONE; STRIP];
-                continue;
-            }
             self.solve(Width::Wide, (row, first_column), planes);
             let at = self.grid.at(row, first_column);
             if has_gaps(planes, &self.grid.inverse[at..at + STRIP]) {
@@ -102,46 +87,5 @@ impl StripFit<'_> {
         let Self { grid, rule, settings, noise, .. } = *self;
         let windows = self.scratch.window(grid, rule, width, (row, first_column));
         dispatch(Solve { windows, settings, noise, planes });
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sensor::preset;
-    use proptest::prelude::*;
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(16))]
-        #[test]
-        fn patches_that_are_used_get_the_planes_that_all_would(seed in prop::collection::vec(-1f32..1.0, 977), turn in 0usize..8, sharing in prop::collection::vec(0u32..4, 1..40)) {
-            let model = preset("vlp-16").map_err(|e| TestCaseError::fail(e.to_string()))?;
-            let size = (model.rows(), model.columns());
-            let range = |pixel: usize| (4.0 + (pixel % size.1 / 40) as f32 * 0.7) * (1.0 + 0.002 * seed[pixel * 31 % seed.len()]);
-            let pixels = 0..size.0 * size.1;
-            let points: Vec<[f32; 3]> = pixels.clone().map(|pixel| model.point((pixel / size.1) as f32, (pixel % size.1) as f32, range(pixel))).collect();
-            let numbers: Vec<u32> = (0..points.len() as u32).collect();
-            let image = RangeImage { rows: size.0, columns: size.1, ranges: pixels.map(range).collect(), points: numbers.clone() };
-            let weights = PatchWeights::new(size, turn, |patch| 1 << sharing[patch % sharing.len()]);
-            let [mut all, mut used] = [None, Some(&weights)].map(|weights| {
-                let mut fitter = PlaneFitter::new(&model, NormalSettings { range_noise: Some(0.02), ..NormalSettings::default() });
-                let mut returns = Returns { points: points.clone(), pixel: numbers.clone(), source: numbers.clone(), ..Returns::default() };
-                fitter.fit(&points, None, &image, weights, &mut returns);
-                (fitter, returns)
-            });
-            let mut planes = 0;
-            for pixel in 0..points.len() {
-                let (row, column) = (pixel / size.1, pixel % size.1);
-                if weights.of((row, column)) == 0 {
-                    prop_assert_eq!(used.1.normals[pixel], [0.0; 3]);
-                    continue;
-                }
-                prop_assert_eq!(used.0.planes.at(row, column).is_accepted(), all.0.planes.at(row, column).is_accepted());
-                let [own_all, own_used] = [&mut all, &mut used].map(|fit| fit.0.planes.at(row, column).normal);
-                prop_assert_eq!(own_used, own_all);
-                planes += usize::from(used.1.normals[pixel] != [0.0; 3]);
-            }
-            prop_assert!(planes > 0);
-        }
     }
 }

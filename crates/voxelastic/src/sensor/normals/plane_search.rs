@@ -187,7 +187,7 @@ mod tests {
             let image = RangeImage { rows, columns, ranges: (0..points.len()).map(range).collect(), points: numbers.clone() };
             let mut fitter = PlaneFitter::new(&model, NormalSettings { range_noise: Some(0.02), ..NormalSettings::default() });
             let mut returns = Returns { points: points.clone(), pixel: numbers.clone(), source: numbers, ..Returns::default() };
-            fitter.fit(&points, None, &image, None, &mut returns);
+            fitter.fit(&points, None, &image, &mut returns);
             let search = fitter.search(noise);
             let mut counts = [0; 2];
             for i in 0..6000 {

@@ -1,7 +1,6 @@
 //! Selection of the plane that each return lies on.
 
 use super::plane_search::{ON_PLANE, PlaneSearch};
-use crate::sensor::patch_weights::PatchWeights;
 use crate::sensor::pixel_row::PixelRow;
 use crate::sensor::range_image::RangeImage;
 use crate::sensor::returns::Returns;
@@ -12,8 +11,8 @@ use rayon::prelude::*;
 const CHUNK: usize = 4096;
 
 /// Gives every return the plane of its pixel, or, where that is rejected or does not contain the return, the best fitting plane of the pixels around: at an edge
-/// or a crease the windows of the neighbours on one side contain one surface only. Returns of weight 0 get none.
-pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weights: Option<&PatchWeights>, returns: &mut Returns) {
+/// or a crease the windows of the neighbours on one side contain one surface only.
+pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, returns: &mut Returns) {
     let count = returns.points.len();
     returns.normals.resize(count, [0.0; 3]);
     returns.roughness.resize(count, 0.0);
@@ -23,7 +22,7 @@ pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weight
         let first = chunk * CHUNK;
         let part = first..first + normals.len();
         let (points, pixels, source) = (&points[part.clone()], &pixels[part.clone()], &source[part]);
-        dispatch(Select { search, image, weights, points, pixels, source, normals, roughness });
+        dispatch(Select { search, image, points, pixels, source, normals, roughness });
     });
 }
 
@@ -31,7 +30,6 @@ pub(super) fn select_planes(search: &PlaneSearch<'_>, image: &RangeImage, weight
 struct Select<'s, 'a> {
     search: &'s PlaneSearch<'a>,
     image: &'s RangeImage,
-    weights: Option<&'s PatchWeights>,
     points: &'s [[f32; 3]],
     pixels: &'s [u32],
     source: &'s [u32],
@@ -42,23 +40,15 @@ struct Select<'s, 'a> {
 impl Kernel for Select<'_, '_> {
     #[inline(always)]
     fn run(self) {
-        let Self { search, image, weights, points, pixels, source, normals, roughness } = self;
+        let Self { search, image, points, pixels, source, normals, roughness } = self;
         let mut row = PixelRow::new(search.grid.columns);
         for i in 0..normals.len() {
             let pixel = pixels[i] as usize;
             let at = row.place(pixel);
-            (normals[i], roughness[i]) = ([0.0; 3], 0.0);
-            if let Some(weights) = weights
-                && weights.of(at) == 0
-            {
-                continue;
-            }
             let own = search.planes.at(at.0, at.1);
             let is_shown = image.points[pixel] == source[i];
             let plane = if is_shown && own.is_accepted() && own.misfit <= ON_PLANE { Some(own) } else { search.find(points[i], at) };
-            if let Some(plane) = plane {
-                (normals[i], roughness[i]) = (plane.normal, plane.roughness);
-            }
+            (normals[i], roughness[i]) = plane.map_or(([0.0; 3], 0.0), |plane| (plane.normal, plane.roughness));
         }
     }
 }

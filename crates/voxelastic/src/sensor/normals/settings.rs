@@ -1,9 +1,7 @@
 //! Settings of the plane fit, and the strip width common to its steps.
 
-use crate::sensor::patch_weights::PATCH_COLUMNS;
-
 /// Columns that are processed together: the sums of a strip stay in the second-level cache.
-pub(super) const STRIP: usize = PATCH_COLUMNS;
+pub(super) const STRIP: usize = 32;
 
 /// Settings of the plane fit.
 #[derive(Clone, Copy, Debug, PartialEq)]

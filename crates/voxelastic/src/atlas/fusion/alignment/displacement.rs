@@ -11,8 +11,6 @@ const EDGE: f32 = 64.0;
 const LOW: f32 = (block_coords(block_key([0; 3]) >> KEY_BITS << KEY_BITS)[0] * BLOCK_EDGE as i32) as f32;
 /// Key bits of a block within a cell.
 const KEY_BITS: u32 = 9;
-/// Displacements that differ by less than this, finest voxels, are the same.
-const KEPT: f32 = 0.05;
 
 /// A cell by its position, in cells.
 pub(super) type Cell = [i32; 3];
@@ -55,18 +53,6 @@ impl Displacement {
             vectors.clear();
         }
         Self { vectors }
-    }
-
-    /// This displacement, or that of `before` if no cell differs much: what was made with it need not be made again.
-    pub fn kept_from(self, before: Option<&Self>) -> Self {
-        let is_near = |other: &Self| {
-            let differs = |cell: &Cell| (0..3).any(|k| (self.of_cell(cell)[k] - other.of_cell(cell)[k]).abs() > KEPT);
-            !self.vectors.keys().chain(other.vectors.keys()).any(differs)
-        };
-        match before {
-            Some(other) if is_near(other) => other.clone(),
-            _ => self,
-        }
     }
 
     /// Whether nothing is moved.

@@ -137,7 +137,7 @@ proptest! {
         let placement = Placement::new(&Pose::new(Vector3::from(shift), Vector3::from(angles)), 1.0);
         let displacement = Displacement::new((0..8).map(|i| ([i & 1, i >> 1 & 1, i >> 2], vectors[i as usize])));
         let ids: Vec<u32> = source.ids().collect();
-        let targets = displaced_target_blocks(&source, &placement, &displacement, &ids, 0.0);
+        let targets = displaced_target_blocks(&source, &placement, &displacement, &ids);
         let sampled = TsdfSampling::displaced(&source, &placement, displacement.clone(), targets.clone()).sample(0..targets.len());
         let mut count = 0;
         for block in &sampled {

@@ -31,8 +31,8 @@ const AHEAD: usize = 4;
 pub(crate) type BrickPages = Vec<PageVec<Brick>>;
 
 impl TsdfField {
-    /// Records that a scan has changed blocks `ids`, and compresses the blocks that none of the last scans changed: more of them where `sharing` scans take turns.
-    pub(crate) fn record_changes(&mut self, ids: Vec<u32>, sharing: usize) {
+    /// Records that a scan has changed blocks `ids`, and compresses the blocks that none of the last scans changed.
+    pub(crate) fn record_changes(&mut self, ids: Vec<u32>) {
         self.change_log.clock = self.change_log.clock.wrapping_add(1);
         let clock = self.change_log.clock;
         ids.iter().for_each(|&id| self.blocks[id].changed = clock);
@@ -40,7 +40,7 @@ impl TsdfField {
         let mut left = MAX_BLOCKS_PER_SCAN;
         loop {
             let is_urgent = self.bricks.live() > MOST_RESIDENT || is_tight();
-            let (recent, limit) = if is_urgent { (1, MAX_BLOCKS_PER_SCAN) } else { (RECENT_CHANGES * sharing, left) };
+            let (recent, limit) = if is_urgent { (1, MAX_BLOCKS_PER_SCAN) } else { (RECENT_CHANGES, left) };
             if self.change_log.changes.len() <= recent || limit == 0 {
                 return;
             }
@@ -192,7 +192,7 @@ mod tests {
                 }
             }
         });
-        field.record_changes(ids, 1);
+        field.record_changes(ids);
     }
 
     #[test]
