@@ -2,7 +2,7 @@
 
 use super::manifest::{Manifest, SubmapEntry};
 use super::manifest_text;
-use super::piece::pose_as_numbers;
+use super::pose_as_numbers;
 use crate::{Error, Origin, Result};
 use std::collections::BTreeMap;
 use std::path::Path;

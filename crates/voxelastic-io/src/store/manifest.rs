@@ -1,7 +1,8 @@
 //! What a map is made of: settings, sensor, and the table of submaps with where they lie.
 
 use super::files::SubmapName;
-use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, pose_as_numbers, scan_entries};
+use super::piece::{MapDetails, Piece, ScanEntry, corrected_entries, scan_entries};
+use super::pose_as_numbers;
 use super::sessions::SessionEntry;
 use super::submap_file::{Expected, Fields, Written};
 use serde::{Deserialize, Serialize};

@@ -44,6 +44,7 @@ mod newest;
 mod occupancy_section;
 mod origin_section;
 mod piece;
+mod pose_as_numbers;
 mod reader;
 mod repair;
 mod session_writer;

@@ -3,7 +3,8 @@
 //! The root pose is the one of the time at which the file was written: a correction of poses rewrites the manifest only.
 
 use super::frames::Section;
-use super::piece::{MapDetails, Piece, ScanEntry, pose_as_numbers, scan_entries};
+use super::piece::{MapDetails, Piece, ScanEntry, scan_entries};
+use super::pose_as_numbers;
 use super::sessions::SessionEntry;
 use crate::Result;
 use serde::{Deserialize, Serialize};

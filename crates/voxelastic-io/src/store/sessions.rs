@@ -2,7 +2,7 @@
 //!
 //! Each has submaps of its own, whose numbers follow each other. So one that is taken out leaves the others as they were, bit for bit.
 
-use super::piece::pose_as_numbers;
+use super::pose_as_numbers;
 use serde::{Deserialize, Serialize};
 use voxelastic::Pose;
 use voxelastic::atlas::SubmapId;
