@@ -54,7 +54,7 @@ use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::store::SaveReport;
 use voxelastic_live::feed::{Feed, FeedCounts};
-use voxelastic_live::ros::services::Desk;
+use voxelastic_live::ros::services::RequestSender as Desk;
 use voxelastic_live::viewer::Control;
 use voxelastic_report::RunLog;
 use voxelastic_slam::Corrector;

@@ -11,7 +11,7 @@ use voxelastic::Pose;
 use voxelastic_io::ros::{MessageReader, MessageWriter};
 
 /// A request is answered within this time, or not at all.
-const PATIENCE: Duration = Duration::from_secs(120);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What can be asked of a node.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,9 +97,9 @@ impl Pending {
 
 /// Asks a node, and waits for its answer.
 #[derive(Clone, Debug)]
-pub struct Desk(Sender<Pending>);
+pub struct RequestSender(Sender<Pending>);
 
-impl Desk {
+impl RequestSender {
     /// One whose requests are sent to `requests`.
     pub fn new(requests: Sender<Pending>) -> Self {
         Self(requests)
@@ -109,7 +109,7 @@ impl Desk {
     pub fn ask(&self, request: Request) -> Option<Response> {
         let (answer, response) = sync_channel(1);
         self.0.send(Pending { request, answer }).ok()?;
-        response.recv_timeout(PATIENCE).ok()
+        response.recv_timeout(ANSWER_TIMEOUT).ok()
     }
 }
 
@@ -121,27 +121,27 @@ const MOST_POINTS: usize = 100_000;
 ///
 /// # Errors
 /// When the network refuses.
-pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result<Vec<Handle>, MiddlewareError> {
+pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSender) -> Result<Vec<Handle>, MiddlewareError> {
     let trigger = |request: Request| {
-        let desk = desk.clone();
-        let answer: Answer = Box::new(move |_| Some(done(desk.ask(request.clone())?)));
+        let requests = requests.clone();
+        let answer: Answer = Box::new(move |_| Some(done(requests.ask(request.clone())?)));
         ("std_srvs/srv/Trigger", answer)
     };
     let switch = |request: fn(bool) -> Request| {
-        let desk = desk.clone();
-        let answer: Answer = Box::new(move |message| Some(done(desk.ask(request(MessageReader::new(message)?.bool()?))?)));
+        let requests = requests.clone();
+        let answer: Answer = Box::new(move |message| Some(done(requests.ask(request(MessageReader::new(message)?.bool()?))?)));
         ("std_srvs/srv/SetBool", answer)
     };
-    let planning = desk.clone();
+    let planning = requests.clone();
     let plan: Answer = Box::new(move |message| {
         let (request, frame) = plan_request(message)?;
         let Response::Path(poses) = planning.ask(request)? else { return None };
         let poses: Vec<(f64, Pose)> = poses.into_iter().map(|pose| (0.0, pose)).collect();
         Some(write_path(&mut MessageWriter::new(), Header { stamp: 0.0, frame: &frame }, &poses).finish())
     });
-    let loading = desk.clone();
+    let loading = requests.clone();
     let load: Answer = Box::new(move |message| Some(loaded(loading.ask(Request::Load(load_request(message)?))?)));
-    let measuring = desk.clone();
+    let measuring = requests.clone();
     let distances: Answer = Box::new(move |message| {
         let answer = match distances_request(message)? {
             Ok(points) => measuring.ask(Request::Distances(points))?,
@@ -283,7 +283,7 @@ pub(super) mod tests {
     fn requests_reach_the_node_and_answers_come_back() {
         let (sender, requests) = channel();
         let mut board = Switchboard::default();
-        offer(&mut board, "voxelastic", &Desk::new(sender)).unwrap();
+        offer(&mut board, "voxelastic", &RequestSender::new(sender)).unwrap();
         let node = std::thread::spawn(move || {
             let mut seen = Vec::new();
             while let Ok(pending) = requests.recv() {

@@ -7,7 +7,7 @@ use std::path::Path;
 use voxelastic_io::bag::live::LiveTopic;
 use voxelastic_live::ros::middleware::{Handle, MiddlewareError};
 use voxelastic_live::ros::output::{OutputOptions, Outputs};
-use voxelastic_live::ros::services::{Desk, offer};
+use voxelastic_live::ros::services::{RequestSender as Desk, offer};
 
 /// What gets the messages of a topic.
 type Record = Box<dyn Fn(&[u8]) + Send + Sync>;
