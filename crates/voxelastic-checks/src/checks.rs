@@ -4,7 +4,7 @@ use crate::crate_source::{CrateSource, Reference};
 use crate::cycles::cycles;
 use crate::layers::{CRATES, EXAMPLE_DEPENDENCIES, KNOWN_ARROWS, KNOWN_CYCLES, KNOWN_UNSAFE_FILES, Layer, ROOMS, UNSAFE_FILES};
 use crate::manifest;
-use crate::tokens::tokenize;
+use proc_macro2::{TokenStream, TokenTree};
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,8 @@ impl Workspace {
             for path in rust_files(&src)? {
                 let file = path.strip_prefix(&src).unwrap_or(&path).to_string_lossy().into_owned();
                 let text = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-                let Some(line) = allows_unsafe(&text) else { continue };
+                let tokens = text.parse().map_err(|e| format!("crates/{name}/src/{file}: {e}"))?;
+                let Some(line) = allows_unsafe(tokens) else { continue };
                 let listed = UNSAFE_FILES.iter().chain(KNOWN_UNSAFE_FILES).any(|&(c, f)| c == name && f == file);
                 if !listed {
                     found.push(format!(
@@ -178,11 +179,22 @@ fn describe_cycle(name: &str, cycle: &[String], references: &[Reference]) -> Str
 }
 
 /// The line that allows unsafe code, from 1.
-fn allows_unsafe(source: &str) -> Option<usize> {
-    let tokens = tokenize(source);
-    let is = |at: usize, text: &str| tokens.get(at).is_some_and(|t| t.text == text);
-    let found = (0..tokens.len()).find(|&at| (is(at, "allow") || is(at, "expect")) && is(at + 1, "(") && is(at + 2, "unsafe_code"));
-    found.map(|at| tokens[at].line)
+fn allows_unsafe(tokens: TokenStream) -> Option<usize> {
+    let mut tokens = tokens.into_iter().peekable();
+    while let Some(token) = tokens.next() {
+        let found = match (&token, tokens.peek()) {
+            (TokenTree::Group(group), _) => allows_unsafe(group.stream()),
+            (TokenTree::Ident(word), Some(TokenTree::Group(lints))) if word == "allow" || word == "expect" => {
+                let is_unsafe = |lint: TokenTree| matches!(lint, TokenTree::Ident(lint) if lint == "unsafe_code");
+                lints.stream().into_iter().any(is_unsafe).then(|| word.span().start().line)
+            }
+            _ => None,
+        };
+        if found.is_some() {
+            return found;
+        }
+    }
+    None
 }
 
 /// All `.rs` files below a folder, sorted.
@@ -212,7 +224,9 @@ mod tests {
 
     #[test]
     fn allowing_unsafe_code_is_found_with_its_line() {
-        assert_eq!(allows_unsafe("// allow(unsafe_code)\n#[allow(unsafe_code)]\nfn f() {}"), Some(2));
-        assert_eq!(allows_unsafe("#![deny(unsafe_code)]"), None);
+        let line = |source: &str| allows_unsafe(source.parse().unwrap());
+        assert_eq!(line("// allow(unsafe_code)\n#[allow(unsafe_code)]\nfn f() {}"), Some(2));
+        assert_eq!(line("fn f() {\n#![cfg_attr(unix, expect(dead_code, unsafe_code))] }"), Some(2));
+        assert_eq!(line("#![deny(unsafe_code)] const A: &str = \"allow(unsafe_code)\";"), None);
     }
 }

@@ -31,7 +31,7 @@ impl CrateSource {
     /// Reads the sources of a crate, starting with `root` (`lib.rs` or `main.rs`) in the folder `src`.
     ///
     /// # Errors
-    /// When a file cannot be read, or a module is declared that has no file.
+    /// When a file cannot be read or is not Rust, or a module is declared that has no file.
     pub fn read(name: &str, src: &FilePath, root: &str) -> Result<Self, String> {
         let mut source = Self { name: name.to_owned(), modules: BTreeMap::new() };
         source.read_module(&|file| std::fs::read_to_string(src.join(file)).ok(), root.to_owned(), Vec::new())?;
@@ -41,7 +41,7 @@ impl CrateSource {
     /// The same of files in memory, the first of which is the root.
     ///
     /// # Panics
-    /// When a module is declared that has no file.
+    /// When a file is not Rust, or a module is declared that has no file.
     pub fn from_files(name: &str, files: &[(&str, &str)]) -> Self {
         let mut source = Self { name: name.to_owned(), modules: BTreeMap::new() };
         let text = |file: &str| files.iter().find(|(name, _)| *name == file).map(|(_, text)| (*text).to_owned());
@@ -56,7 +56,7 @@ impl CrateSource {
 
     fn read_module(&mut self, text: &dyn Fn(&str) -> Option<String>, file: String, path: Vec<String>) -> Result<(), String> {
         let source = text(&file).ok_or_else(|| format!("{}: cannot read {file}", self.name))?;
-        for module in parse(&path, &source) {
+        for module in parse(&path, &source).map_err(|e| format!("{}: {file}: {e}", self.name))? {
             let folder: String = module.path.iter().map(|m| format!("{m}/")).collect();
             for child in &module.children {
                 let candidates = [format!("{folder}{child}.rs"), format!("{folder}{child}/mod.rs")];
@@ -236,6 +236,15 @@ mod tests {
             ("c.rs", "\nstruct C(super::a::A);"),
         ];
         assert_eq!(arrows(&files), ["b.rs:1 -> a.rs", "c.rs:2 -> a.rs"]);
+    }
+
+    #[test]
+    fn modules_that_attributes_name_count() {
+        let numbers = ("a.rs", "use crate::b::B; pub mod numbers { pub fn serialize() {} }");
+        let by_path = ("b.rs", "pub struct B(#[serde(with = \"super::a::numbers\")] u8);");
+        assert_eq!(arrows(&[("lib.rs", "mod a; mod b;"), numbers, by_path]), ["a.rs:1 -> b.rs", "b.rs:1 -> a.rs"]);
+        let by_name = ("b.rs", "use super::a::numbers;\npub struct B(#[serde(with = \"numbers\")] u8);");
+        assert_eq!(arrows(&[("lib.rs", "mod a; mod b;"), numbers, by_name]), ["a.rs:1 -> b.rs", "b.rs:2 -> a.rs"]);
     }
 
     #[test]

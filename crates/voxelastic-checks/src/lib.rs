@@ -4,8 +4,8 @@
 //! `cargo run -p voxelastic-checks` prints what was found: the arrows between crates and rooms with their counts, and the cycles. The tests of this
 //! crate fail on what [`layers`] does not allow; [`checks`] says what to do about it.
 //!
-//! Sources are read as tokens, not parsed: enough to follow `use` declarations, re-exports and paths such as `crate::field::Voxel`. References that need type
-//! inference, such as calls of methods, are not seen.
+//! Seen are `use` declarations, re-exports and paths such as `crate::field::Voxel`, in code, in arguments of macros and in strings of attributes
+//! (`#[serde(with = "..")]`). References that need type inference, such as calls of methods, are not seen.
 //!
 //! ```
 //! use voxelastic_checks::crate_source::CrateSource;
@@ -23,4 +23,3 @@ pub mod layers;
 pub mod licences;
 pub mod manifest;
 pub mod module;
-pub mod tokens;

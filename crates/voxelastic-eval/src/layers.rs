@@ -11,7 +11,7 @@ pub const LAYER_PLACES: usize = 50_000;
 /// The usual reach, metres.
 pub const LAYER_REACH: f32 = 0.08;
 /// Crossings of one normal that are nearer together than this, metres, are one layer: those with the two triangles of an edge.
-const SAME: f32 = 1e-3;
+const LAYER_MERGE_DISTANCE: f32 = 1e-3;
 
 /// How many surfaces lie on top of each other.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -71,7 +71,7 @@ fn crossings(bvh: &TriangleBvh, p: [f32; 3], n: [f32; 3], reach: f32) -> usize {
         }
     });
     at.sort_by(f32::total_cmp);
-    1 + at.windows(2).filter(|pair| pair[1] - pair[0] > SAME).count()
+    1 + at.windows(2).filter(|pair| pair[1] - pair[0] > LAYER_MERGE_DISTANCE).count()
 }
 
 /// Where the line through `p` along `n` crosses a triangle (Möller and Trumbore 1997), borders included.

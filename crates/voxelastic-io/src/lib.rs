@@ -8,7 +8,7 @@
 //! - [`dataset::open`] recognises a folder of clouds and poses without flags, also the dumps of hdl_graph_slam, GLIM, SC-LIO-SAM, BALM and
 //!   HBA, and KITTI, MulRan and Newer College as downloaded.
 //! - [`bag::Recording`] plays recordings of ROS 1 and ROS 2 without ROS, and captures of Ouster sensors ([`ouster`]).
-//! - [`source::open`] opens either.
+//! - [`source::open`] opens either. [`ros`] has the messages of recordings as bytes.
 //! - [`raw::open`] reads scans without poses, for odometry.
 //! - [`images::open`] reads images of cameras beside the scans.
 //!
@@ -97,6 +97,7 @@ pub mod poses;
 pub mod raw;
 mod read_ahead;
 mod read_position;
+pub mod ros;
 mod scan_list;
 pub mod source;
 mod stamped_cloud;

@@ -15,7 +15,7 @@ use voxelastic_run::Input;
 /// Datagrams that may wait to be looked at: more than a second of the largest sensor.
 const WAITING: usize = 16_384;
 /// A sensor answers within this time, and with no more than this many bytes.
-const PATIENCE: Duration = Duration::from_secs(10);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 const LARGEST_ANSWER: u64 = 16 << 20;
 
 /// Asks a sensor for its description, over HTTP: `/api/v1/sensor/metadata` (firmware 2.1 and later). `host` is a name or an address, perhaps with a port.
@@ -25,8 +25,8 @@ const LARGEST_ANSWER: u64 = 16 << 20;
 pub fn ask_metadata(host: &str) -> io::Result<Vec<u8>> {
     let address = if host.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok()) { host.to_owned() } else { format!("{host}:80") };
     let address = address.to_socket_addrs()?.next().ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "the name has no address"))?;
-    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
+    let mut stream = TcpStream::connect_timeout(&address, ANSWER_TIMEOUT)?;
+    stream.set_read_timeout(Some(ANSWER_TIMEOUT))?;
     // Version 1.0: the answer comes in one piece, and ends with the connection.
     stream.write_all(format!("GET /api/v1/sensor/metadata HTTP/1.0\r\nHost: {host}\r\n\r\n").as_bytes())?;
     let mut answer = Vec::new();

@@ -11,7 +11,7 @@
 //! the browser.
 
 use crate::page;
-use crate::ros::services::{Desk, Request, Response as Answered};
+use crate::ros::services::{Request, RequestSender, Response as Answered};
 use crate::scene::{Have, Scene, Thing};
 use crate::wire;
 use axum::Router;
@@ -62,15 +62,15 @@ struct Site {
 /// How a node is controlled over HTTP.
 #[derive(Debug)]
 pub struct Control {
-    desk: Desk,
+    requests: RequestSender,
     token: String,
 }
 
 impl Control {
-    /// By those who know `token`, who ask at `desk`; none if the token could be guessed or not be sent.
-    pub fn new(desk: Desk, token: &str) -> Option<Self> {
+    /// By those who know `token`, whose requests go to `requests`; none if the token could be guessed or not be sent.
+    pub fn new(requests: RequestSender, token: &str) -> Option<Self> {
         let is_token = token.len() >= SHORTEST_TOKEN && token.bytes().all(|byte| byte.is_ascii_graphic());
-        is_token.then(|| Self { desk, token: token.to_owned() })
+        is_token.then(|| Self { requests, token: token.to_owned() })
     }
 
     /// Whether a request has the token. The time that takes does not say how much of it is right.
@@ -169,7 +169,7 @@ async fn control(State(site): State<Site>, headers: HeaderMap, uri: Uri, body: B
     if !control.allows(&headers) {
         return (StatusCode::UNAUTHORIZED, "send the token: Authorization: Bearer TOKEN\n").into_response();
     }
-    match tokio::task::spawn_blocking(move || control.desk.ask(request)).await {
+    match tokio::task::spawn_blocking(move || control.requests.ask(request)).await {
         Ok(Some(Answered::Done(Ok(words)) | Answered::Loaded(Ok(words)))) => (StatusCode::OK, words + "\n").into_response(),
         Ok(Some(Answered::Done(Err(words)) | Answered::Loaded(Err((_, words))))) => (StatusCode::CONFLICT, words + "\n").into_response(),
         _ => (StatusCode::SERVICE_UNAVAILABLE, "the node does not answer\n").into_response(),
@@ -353,10 +353,10 @@ mod tests {
         let (sender, requests) = std::sync::mpsc::channel();
         let token = "correct-horse-battery";
         assert!(
-            Control::new(Desk::new(sender.clone()), "short").is_none()
-                && Control::new(Desk::new(sender.clone()), "sixteen or more but spaces").is_none()
+            Control::new(RequestSender::new(sender.clone()), "short").is_none()
+                && Control::new(RequestSender::new(sender.clone()), "sixteen or more but spaces").is_none()
         );
-        let control = Control::new(Desk::new(sender), token);
+        let control = Control::new(RequestSender::new(sender), token);
         let viewer = Viewer::start(Arc::default(), "a map", ([127, 0, 0, 1], 0).into(), control).unwrap();
         let node = std::thread::spawn(move || {
             let pending: crate::ros::services::Pending = requests.recv().unwrap();

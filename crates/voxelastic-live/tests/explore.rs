@@ -22,7 +22,7 @@ const BOUNDS: [Point; 2] = [[-3.0, -2.5, 0.3], [9.0, 2.5, 2.0]];
 /// Metres that the robot moves between two scans: 2 m/s, 10 scans a second.
 const STEP: f64 = 0.2;
 /// What takes longer than this has failed.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Two rooms of 6 x 5 m with a door 1.6 m wide between them, at x = 3, and perhaps a pillar in the second one.
 fn rooms(has_pillar: bool) -> World {
@@ -133,7 +133,7 @@ impl Run {
                 }
             }
             was_asked |= self.planner.step(self.mapper.atlas()).is_some();
-            assert!(begin.elapsed() < PATIENCE);
+            assert!(begin.elapsed() < TIMEOUT);
             std::thread::sleep(Duration::from_millis(1));
         }
     }

@@ -8,7 +8,7 @@ use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use voxelastic_live::ros::services::{Desk, Pending};
+use voxelastic_live::ros::services::{Pending, RequestSender};
 use voxelastic_live::scene::{Scene, Thing};
 use voxelastic_live::viewer::{Control, Viewer};
 use voxelastic_live::wire;
@@ -187,7 +187,7 @@ fn asked(address: SocketAddr, request: &str) -> String {
 fn the_viewers_server_answers_or_closes() {
     let _alone = alone();
     let (sender, requests) = channel::<Pending>();
-    let control = Control::new(Desk::new(sender), TOKEN);
+    let control = Control::new(RequestSender::new(sender), TOKEN);
     let scene = Arc::new(Scene::default());
     scene.put([(Thing::Statistics, wire::statistics("{\"scans\":3}"))]);
     scene.put((0..20).map(|x| (Thing::Tile([x, 0, 0]), vec![1; 10_000])));

@@ -15,7 +15,7 @@ use voxelastic_io::g2o;
 use voxelastic_slam::graph::{LiveOptimiser, Options};
 
 /// A wrong closure joins places that are at least so far apart, metres.
-const APART: f64 = 30.0;
+const WRONG_CLOSURE_DISTANCE: f64 = 30.0;
 
 /// Optimises the drive as a stream: final poses, and the loops that are outvoted.
 fn optimised(drive: &Drive) -> (Vec<Pose>, Vec<(NodeId, NodeId)>) {
@@ -33,7 +33,7 @@ fn wrong_closure(drive: &Drive, numbers: &mut Numbers) -> Edge {
     loop {
         let (a, b) = ((numbers.next() * count as f64) as usize, (numbers.next() * count as f64) as usize);
         let (from, to) = (a.min(b), a.max(b));
-        if drive.truth[from].translation_distance(&drive.truth[to]) > APART {
+        if drive.truth[from].translation_distance(&drive.truth[to]) > WRONG_CLOSURE_DISTANCE {
             let t_from_to = numbers.motion(1.0, 0.3);
             return Edge { from: from as NodeId, to: to as NodeId, t_from_to, information: Some(information(0.07, 0.0035)) };
         }

@@ -41,7 +41,7 @@ use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
 use voxelastic_live::feed::{Feed, FeedCounts};
 use voxelastic_live::planner::PlannerSettings;
-use voxelastic_live::ros::services::Desk;
+use voxelastic_live::ros::services::RequestSender;
 use voxelastic_live::viewer::Control;
 use voxelastic_report::RunLog;
 use voxelastic_run::corrections::ClosureSummary;
@@ -316,16 +316,16 @@ impl LiveArgs {
 
 impl Play<'_> {
     /// How the node is controlled over HTTP, if it is.
-    fn control(&self, desk: &Desk) -> anyhow::Result<Option<Control>> {
+    fn control(&self, requests: &RequestSender) -> anyhow::Result<Option<Control>> {
         let Some(file) = self.token else { return Ok(None) };
         let text = std::fs::read_to_string(file)
             .map_err(|e| Failure::new(format!("{}: cannot read the token: {e}", file.display()), "name a file with a token"))?;
-        let control = Control::new(desk.clone(), text.trim());
+        let control = Control::new(requests.clone(), text.trim());
         let remedy = "make one with: head -c 32 /dev/urandom | base64";
         Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
     }
 
-    fn watch(&self, desk: &Desk) -> anyhow::Result<Option<Watch>> {
+    fn watch(&self, requests: &RequestSender) -> anyhow::Result<Option<Watch>> {
         self.view.map(|(address, detail)| Watch::start(self.name, address, detail, self.control(desk)?)).transpose()
     }
 
@@ -361,9 +361,9 @@ impl Play<'_> {
         let mut network = self.network.map(|args| Network::join(args, &self.settings)).transpose()?.flatten();
         let recording = self.network.and_then(|args| args.record.as_deref()).map(InputRecording::begin).transpose()?;
         let (sender, pending) = channel();
-        let desk = Desk::new(sender);
+        let requests = RequestSender::new(sender);
         // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
-        let early = if self.is_robot { self.watch(&desk)? } else { None };
+        let early = if self.is_robot { self.watch(&requests)? } else { None };
         let Some(mut source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
             return Err(self.nothing("interrupted before the topics were there").into());
         };
@@ -390,8 +390,8 @@ impl Play<'_> {
             run.keep_log_on_disk();
         }
         run.warnings_mut().append(warnings);
-        let watch = if early.is_some() { early } else { self.watch(&desk)? };
-        let offers = self.network.map(|args| Offers::announce(args, network.as_mut(), &desk, self.planner.is_some())).transpose()?.flatten();
+        let watch = if early.is_some() { early } else { self.watch(&requests)? };
+        let offers = self.network.map(|args| Offers::announce(args, network.as_mut(), &requests, self.planner.is_some())).transpose()?.flatten();
         let exploring = self.planner.clone().map(Exploring::start).transpose()?;
         let on_network = offers.zip(self.network).map(|(mut offers, args)| {
             if let Some(frames) = frames.clone().filter(|_| args.use_sim_time) {

@@ -1,17 +1,7 @@
 //! Files of messages, whatever their format.
 
 use crate::Result;
-
-/// Serialisation of messages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
-    /// ROS 1: packed, little-endian.
-    Ros1,
-    /// ROS 2: CDR, aligned, byte order in the first bytes.
-    Cdr,
-    /// Anything else; not read.
-    Other,
-}
+pub(super) use crate::ros::Encoding;
 
 /// A topic of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]

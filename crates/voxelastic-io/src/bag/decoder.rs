@@ -2,10 +2,10 @@
 
 use super::camera_info::CameraInfo;
 use super::container::{Encoding, Message, Topic};
-use super::cursor::MessageCursor;
 use super::point_clouds::{livox_cloud, point_cloud2, point_cloud2_fields};
 use super::topic_role::TopicRole;
 use crate::images::RawPixels;
+use crate::ros::MessageReader;
 use crate::stamped_cloud::StampedCloud;
 use crate::{Error, Position, Result};
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
@@ -41,8 +41,8 @@ pub(super) struct MessageDecoder<'a> {
 }
 
 impl<'a> MessageDecoder<'a> {
-    fn cursor(&self) -> Result<MessageCursor<'a>> {
-        MessageCursor::of(&self.message.data, self.topic.encoding).ok_or_else(|| self.error("it does not begin like a CDR message"))
+    fn cursor(&self) -> Result<MessageReader<'a>> {
+        MessageReader::of(&self.message.data, self.topic.encoding).ok_or_else(|| self.error("it does not begin like a CDR message"))
     }
 
     fn error(&self, problem: impl Into<Cow<'static, str>>) -> Error {
@@ -121,7 +121,7 @@ impl<'a> MessageDecoder<'a> {
     }
 }
 
-fn header(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<Header> {
+fn header(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<Header> {
     if encoding == Encoding::Ros1 {
         cursor.u32()?; // sequence number
     }
@@ -134,20 +134,20 @@ fn frame(name: String) -> String {
     name.strip_prefix('/').map_or_else(|| name.clone(), str::to_owned)
 }
 
-fn odometry(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<StampedPose> {
+fn odometry(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<StampedPose> {
     let header = header(cursor, encoding)?;
     let child = frame(cursor.text()?);
     Some(StampedPose { time: header.time, parent: header.frame, child, t_parent_child: pose(cursor)? })
 }
 
-fn pose_stamped(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<StampedPose> {
+fn pose_stamped(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<StampedPose> {
     let header = header(cursor, encoding)?;
     Some(StampedPose { time: header.time, parent: header.frame, child: String::new(), t_parent_child: pose(cursor)? })
 }
 
-type Read = fn(&mut MessageCursor<'_>, Encoding) -> Option<StampedPose>;
+type Read = fn(&mut MessageReader<'_>, Encoding) -> Option<StampedPose>;
 
-fn list(cursor: &mut MessageCursor<'_>, encoding: Encoding, has_header: bool, read: Read) -> Option<Vec<StampedPose>> {
+fn list(cursor: &mut MessageReader<'_>, encoding: Encoding, has_header: bool, read: Read) -> Option<Vec<StampedPose>> {
     if has_header {
         header(cursor, encoding)?;
     }
@@ -156,7 +156,7 @@ fn list(cursor: &mut MessageCursor<'_>, encoding: Encoding, has_header: bool, re
 }
 
 /// Stamp and measurements; the orientation between them, which few units have, is left out.
-fn imu(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<ImuSample> {
+fn imu(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<ImuSample> {
     let Header { time, .. } = header(cursor, encoding)?;
     let mut numbers = |skipped: usize| {
         (0..skipped).try_for_each(|_| cursor.f64().map(|_| ()))?;
@@ -168,7 +168,7 @@ fn imu(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<ImuSample> 
     is_finite.then_some(ImuSample { time, angular_velocity, acceleration })
 }
 
-fn raw_image(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, RawPixels)> {
+fn raw_image(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<(Header, RawPixels)> {
     let header = header(cursor, encoding)?;
     let (height, width) = (cursor.u32()? as usize, cursor.u32()? as usize);
     let encoding = cursor.text()?;
@@ -179,14 +179,14 @@ fn raw_image(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Head
     Some((header, RawPixels { width, height, encoding, step, bytes }))
 }
 
-fn compressed_image(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, Vec<u8>)> {
+fn compressed_image(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<(Header, Vec<u8>)> {
     let header = header(cursor, encoding)?;
     let _format = cursor.text()?;
     let count = cursor.u32()? as usize;
     Some((header, cursor.bytes(count)?.to_vec()))
 }
 
-fn camera_info(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(Header, CameraInfo)> {
+fn camera_info(cursor: &mut MessageReader<'_>, encoding: Encoding) -> Option<(Header, CameraInfo)> {
     let header = header(cursor, encoding)?;
     let (height, width) = (cursor.u32()?, cursor.u32()?);
     let model = cursor.text()?;
@@ -201,7 +201,7 @@ fn camera_info(cursor: &mut MessageCursor<'_>, encoding: Encoding) -> Option<(He
 }
 
 /// Position and quaternion; `None` if a number is not finite or the quaternion is not close to a unit quaternion.
-fn pose(cursor: &mut MessageCursor<'_>) -> Option<Pose> {
+fn pose(cursor: &mut MessageReader<'_>) -> Option<Pose> {
     let [x, y, z, qx, qy, qz, qw]: [f64; 7] = {
         let mut numbers = [0.0; 7];
         for number in &mut numbers {

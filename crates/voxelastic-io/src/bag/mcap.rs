@@ -3,9 +3,9 @@
 use super::chunk::Compression;
 use super::chunk_reader::ChunkReader;
 use super::container::{Encoding, Index, Message, Topic};
-use super::cursor::MessageCursor;
 use super::format::MCAP_MAGIC;
 use super::records::{RecordFile, TopicTable};
+use crate::ros::MessageReader;
 use crate::{Error, Position, Result};
 use std::collections::HashMap;
 use std::path::Path;
@@ -70,7 +70,7 @@ impl Mcap {
 
     /// The index in a statistics record.
     fn parse_statistics(&self, bytes: &[u8]) -> Option<Index> {
-        let mut cursor = MessageCursor::packed(bytes);
+        let mut cursor = MessageReader::packed(bytes);
         let messages = cursor.u64()?;
         cursor.bytes(2 + 4 * 4)?;
         let times_ns = (cursor.u64()? as i64, cursor.u64()? as i64);
@@ -93,7 +93,7 @@ impl Mcap {
 
     fn schema(&mut self, size: u64) -> Result<()> {
         let bytes = self.reader.take(size)?;
-        let mut cursor = MessageCursor::packed(&bytes);
+        let mut cursor = MessageReader::packed(&bytes);
         let (Some(id), Some(name)) = (cursor.u16(), cursor.text()) else { return Err(self.damaged("a truncated schema")) };
         self.schemas.insert(id, name);
         Ok(())
@@ -101,7 +101,7 @@ impl Mcap {
 
     fn channel(&mut self, size: u64) -> Result<()> {
         let bytes = self.reader.take(size)?;
-        let mut cursor = MessageCursor::packed(&bytes);
+        let mut cursor = MessageReader::packed(&bytes);
         let (Some(id), Some(schema), Some(name), Some(encoding)) = (cursor.u16(), cursor.u16(), cursor.text(), cursor.text()) else {
             return Err(self.damaged("a truncated channel"));
         };
@@ -173,7 +173,7 @@ impl RecordFile for Mcap {
             CHUNK => self.enter(size)?,
             MESSAGE if size >= MESSAGE_HEAD => {
                 let head = self.reader.take(MESSAGE_HEAD)?;
-                let mut cursor = MessageCursor::packed(&head);
+                let mut cursor = MessageReader::packed(&head);
                 let (channel, _, time) = (cursor.u16(), cursor.u32(), cursor.u64());
                 let topic = channel.and_then(|c| self.topics.get(c.into())).filter(|t| wanted(&self.topics.list()[*t]));
                 let size = size - MESSAGE_HEAD;

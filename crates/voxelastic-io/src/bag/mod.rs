@@ -24,7 +24,6 @@ mod camera_info;
 mod chunk;
 mod chunk_reader;
 mod container;
-mod cursor;
 mod decoder;
 mod describe;
 mod description;

@@ -2,8 +2,8 @@
 //!
 //! The functions read what follows the message's header. Errors say what is wrong; the caller adds the message that it is wrong with.
 
-use super::cursor::MessageCursor;
 use crate::points::{Column, Field, FieldRoles, RawCloud, Scalar};
+use crate::ros::MessageReader;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -22,7 +22,7 @@ struct PointCloud2<'a> {
 }
 
 impl<'a> PointCloud2<'a> {
-    fn read(cursor: &mut MessageCursor<'a>) -> Option<Self> {
+    fn read(cursor: &mut MessageReader<'a>) -> Option<Self> {
         let (height, width) = (cursor.u32()? as usize, cursor.u32()? as usize);
         let count = cursor.count(13)?;
         let mut fields = Vec::with_capacity(count);
@@ -48,12 +48,12 @@ fn scalar(kind: u8) -> Option<Scalar> {
 }
 
 /// Names of the fields of a `PointCloud2`; `None` if it is truncated.
-pub(super) fn point_cloud2_fields(cursor: &mut MessageCursor<'_>) -> Option<Vec<String>> {
+pub(super) fn point_cloud2_fields(cursor: &mut MessageReader<'_>) -> Option<Vec<String>> {
     Some(PointCloud2::read(cursor)?.fields.into_iter().map(|f| f.name).collect())
 }
 
 /// Decodes a `PointCloud2`; `path` is for messages only.
-pub(super) fn point_cloud2(cursor: &mut MessageCursor<'_>, path: &Path) -> Result<RawCloud, String> {
+pub(super) fn point_cloud2(cursor: &mut MessageReader<'_>, path: &Path) -> Result<RawCloud, String> {
     let message = PointCloud2::read(cursor).ok_or("it ends early")?;
     let (width, height, step) = (message.width, message.height, message.point_step);
     let points = width.checked_mul(height).filter(|n| *n <= message.data.len());
@@ -86,7 +86,7 @@ pub(super) fn point_cloud2(cursor: &mut MessageCursor<'_>, path: &Path) -> Resul
 }
 
 /// Decodes a Livox `CustomMsg`; `path` is for messages only. CDR aligns each point to 4 bytes.
-pub(super) fn livox_cloud(cursor: &mut MessageCursor<'_>, path: &Path) -> Result<RawCloud, String> {
+pub(super) fn livox_cloud(cursor: &mut MessageReader<'_>, path: &Path) -> Result<RawCloud, String> {
     let stride = if cursor.is_aligned() { LIVOX_POINT + 1 } else { LIVOX_POINT };
     let (points, bytes) = livox_points(cursor, stride).ok_or("it ends early")?;
     let big_endian = cursor.is_big_endian();
@@ -105,7 +105,7 @@ pub(super) fn livox_cloud(cursor: &mut MessageCursor<'_>, path: &Path) -> Result
 }
 
 /// Number of points and their bytes.
-fn livox_points<'a>(cursor: &mut MessageCursor<'a>, stride: usize) -> Option<(usize, &'a [u8])> {
+fn livox_points<'a>(cursor: &mut MessageReader<'a>, stride: usize) -> Option<(usize, &'a [u8])> {
     cursor.u64()?; // time of the first point, as in the header
     cursor.bytes(4 + 1 + 3)?;
     let count = cursor.count(LIVOX_POINT)?;

@@ -1,6 +1,6 @@
 //! The packets of a sensor that turns, as they come.
 
-use super::recognise::{Shown, is_about_device, sensor_of};
+use super::recognise::{DetectedSensor, is_about_device, sensor_of};
 use super::stream::message;
 use super::turn_assembler::TurnAssembler;
 use crate::Result;
@@ -13,7 +13,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 /// How long a call waits for a packet.
-const PATIENCE: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// A datagram of a sensor.
 #[derive(Clone, Debug)]
@@ -63,7 +63,7 @@ impl SpinningStream {
         if self.sensor.is_none() && !self.is_refused {
             let device = self.device.as_ref().filter(|(source, _)| *source == packet.source).map(|(_, device)| device.clone());
             let found = sensor_of(&packet.payload, self.angles.as_deref(), device, &self.origin).inspect_err(|_| self.is_refused = true)?;
-            self.sensor = found.map(|Shown { packets, frame, words }| {
+            self.sensor = found.map(|DetectedSensor { packets, frame, words }| {
                 tracing::info!("sensor: {words}, at {}", packet.source);
                 Sensor { source: packet.source, assembler: TurnAssembler::new(packets), frame }
             });
@@ -88,7 +88,7 @@ impl MessageStream for SpinningStream {
         if let Some(message) = self.pending.pop_front() {
             return Some(Ok(message));
         }
-        match self.packets.recv_timeout(PATIENCE) {
+        match self.packets.recv_timeout(POLL_INTERVAL) {
             Ok(packet) => Some(self.add(&packet).map(|()| self.pending.pop_front().unwrap_or(SensorMessage::Other))),
             Err(RecvTimeoutError::Timeout) => Some(Ok(SensorMessage::Other)),
             // A turn that was not completed is worth mapping, too.

@@ -84,7 +84,7 @@ impl Kind {
 }
 
 /// Why nothing reads the packets of a sensor.
-enum Unmade {
+enum UnsupportedSensor {
     /// It is not known, or something is missing: what to do instead.
     Remedy(String),
     /// The file with the angles cannot be used.
@@ -100,14 +100,14 @@ struct Particulars {
 
 impl Kind {
     /// What reads its packets, and a remark.
-    fn make(self, particulars: Particulars) -> std::result::Result<(Make, Option<String>), Unmade> {
+    fn make(self, particulars: Particulars) -> std::result::Result<(Make, Option<String>), UnsupportedSensor> {
         let Particulars { angles, device } = particulars;
         let drivers = |names: Vec<&str>| format!("those of {} are; have the sensor's driver make clouds of it, and record those", names.join(", "));
         let of_a_file = |file: &PathBuf| format!("the angles of its beams are those of {}", file.display());
         match self {
             Self::Velodyne(product) => {
                 let model = if let Product::Known(number) = product { velodyne::Model::of(number) } else { None };
-                Ok((Make::Velodyne(model.ok_or_else(|| Unmade::Remedy(drivers(velodyne::Model::names())))?), None))
+                Ok((Make::Velodyne(model.ok_or_else(|| UnsupportedSensor::Remedy(drivers(velodyne::Model::names())))?), None))
             }
             Self::Hesai(id) => {
                 let usual =
@@ -116,10 +116,10 @@ impl Kind {
                 Ok((Make::Hesai(id.model(), angles), Some(note)))
             }
             Self::RoboSense(kind) => {
-                let model = kind.model().ok_or_else(|| Unmade::Remedy(drivers(robosense::Model::names())))?;
-                let piece = robosense::Piece::new(model, angles.as_deref(), device.as_deref()).map_err(Unmade::File)?;
+                let model = kind.model().ok_or_else(|| UnsupportedSensor::Remedy(drivers(robosense::Model::names())))?;
+                let piece = robosense::Piece::new(model, angles.as_deref(), device.as_deref()).map_err(UnsupportedSensor::File)?;
                 let remedy = "each piece has its own angles: record its packets about the device, too (DIFOP, usually to port 7788), or give a table (.csv with Channel,Elevation,Azimuth) with --metadata";
-                let piece = piece.ok_or_else(|| Unmade::Remedy(remedy.into()))?;
+                let piece = piece.ok_or_else(|| UnsupportedSensor::Remedy(remedy.into()))?;
                 let note = match (&angles, robosense::Piece::of(model, device.as_deref())) {
                     (Some(file), _) => of_a_file(file),
                     (None, (Some(_), _)) => "the angles of its beams are in its packets about the device (usually to port 7788)".into(),
@@ -134,7 +134,7 @@ impl Kind {
 }
 
 /// A sensor that a packet has shown.
-pub(super) struct Shown {
+pub(super) struct DetectedSensor {
     /// What reads its packets.
     pub(super) packets: Box<dyn SpinningPackets>,
     /// The name that drivers give its frame.
@@ -153,15 +153,15 @@ pub(super) fn is_about_device(packet: &[u8]) -> bool {
 ///
 /// # Errors
 /// [`Error::Dataset`] for sensors whose packets are not read; [`Error::Content`] if the file with the angles is damaged; [`Error::Io`].
-pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, device: Option<Vec<u8>>, origin: &Path) -> Result<Option<Shown>> {
+pub(super) fn sensor_of(packet: &[u8], angles: Option<&Path>, device: Option<Vec<u8>>, origin: &Path) -> Result<Option<DetectedSensor>> {
     let Some(kind) = Kind::of(packet) else { return Ok(None) };
-    let (make, note) = kind.make(Particulars { angles: angles.map(Path::to_owned), device }).map_err(|unmade| match unmade {
-        Unmade::Remedy(remedy) => Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy),
-        Unmade::File(error) => error,
+    let (make, note) = kind.make(Particulars { angles: angles.map(Path::to_owned), device }).map_err(|unsupported| match unsupported {
+        UnsupportedSensor::Remedy(remedy) => Error::dataset(origin, format!("packets of a {}, which are not read", kind.name()), remedy),
+        UnsupportedSensor::File(error) => error,
     })?;
     let sensor = SpinningSensor { make, source: 0, port: 0 };
     let words = note.map_or_else(|| kind.name(), |note| format!("{}; {note}", kind.name()));
-    Ok(Some(Shown { packets: sensor.packets()?, frame: sensor.frame(), words }))
+    Ok(Some(DetectedSensor { packets: sensor.packets()?, frame: sensor.frame(), words }))
 }
 
 /// The sensors that are read from their packets.
@@ -196,8 +196,8 @@ pub(super) fn recognise(path: &Path, angles: Option<&Path>) -> Result<Recognised
             notes.extend(note);
             make
         }
-        Err(Unmade::Remedy(remedy)) => return Ok(Recognised::Unreadable(kind.name(), remedy)),
-        Err(Unmade::File(error)) => return Err(error),
+        Err(UnsupportedSensor::Remedy(remedy)) => return Ok(Recognised::Unreadable(kind.name(), remedy)),
+        Err(UnsupportedSensor::File(error)) => return Err(error),
     };
     let sensor = SpinningSensor { make, source, port };
     // So that a damaged file is reported now.

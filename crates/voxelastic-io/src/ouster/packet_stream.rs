@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 /// How long a call waits for a datagram.
-const PATIENCE: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// The message stream of a sensor. Its time is that of the datagrams' coming.
 pub(crate) struct PacketStream {
@@ -44,7 +44,7 @@ impl MessageStream for PacketStream {
         if let Some(message) = self.pending.pop_front() {
             return Some(Ok(message));
         }
-        match self.packets.recv_timeout(PATIENCE) {
+        match self.packets.recv_timeout(POLL_INTERVAL) {
             Ok(packet) => {
                 self.assembler.add(&packet);
                 self.collect();

@@ -14,39 +14,16 @@ use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{SystemTime, UNIX_EPOCH};
+use voxelastic_io::ros::definition;
 
 /// Messages that may wait to be written.
 const WAITING: usize = 1024;
 /// Messages that may wait for a client that reads slowly; then the oldest are dropped.
 const BACKLOG: usize = 256;
 
-macro_rules! definitions {
-    ($($name:literal),*) => {
-        &[$(($name, include_str!(concat!("definitions/", $name, ".msg")))),*]
-    };
-}
-
-/// Definitions of messages by the last part of their types.
-const DEFINITIONS: &[(&str, &str)] = definitions!(
-    "CustomMsg",
-    "DiagnosticArray",
-    "Imu",
-    "MarkerArray",
-    "OccupancyGrid",
-    "Octomap",
-    "Odometry",
-    "Path",
-    "PointCloud2",
-    "PoseArray",
-    "PoseStamped",
-    "PoseWithCovarianceStamped",
-    "TFMessage"
-);
-
 fn channel(context: &Arc<Context>, name: &str, kind: &str) -> Result<Arc<RawChannel>, MiddlewareError> {
     let failed = |problem: &dyn Display| MiddlewareError::new(format!("cannot publish {name} for Foxglove"), problem);
-    let base = kind.rsplit('/').next().unwrap_or(kind);
-    let (_, definition) = DEFINITIONS.iter().find(|(name, _)| *name == base).ok_or_else(|| failed(&format!("{kind} is not known")))?;
+    let definition = definition(kind).ok_or_else(|| failed(&format!("{kind} is not known")))?;
     let schema = Schema::new(kind, "ros2msg", definition.as_bytes());
     context.channel_builder(name).message_encoding("cdr").schema(schema).build_raw().map_err(|e| failed(&e))
 }

@@ -1,76 +1,36 @@
 //! Messages of ROS 2 as bytes (CDR). Definitions: common_interfaces, geometry2 and octomap_msgs, as in ROS 2 Jazzy.
 
-use super::cdr::Writer;
 use voxelastic::Pose;
-
-/// When and in which frame a message was made.
-#[derive(Clone, Copy, Debug)]
-pub struct Header<'a> {
-    /// Seconds.
-    pub stamp: f64,
-    /// Name of the frame.
-    pub frame: &'a str,
-}
-
-impl Header<'_> {
-    fn write(self, message: &mut Writer) -> &mut Writer {
-        write_time(message, self.stamp).text(self.frame)
-    }
-}
-
-/// `builtin_interfaces/Time`.
-fn write_time(message: &mut Writer, seconds: f64) -> &mut Writer {
-    let seconds = if seconds.is_finite() { seconds.max(0.0) } else { 0.0 };
-    // Seconds since 1970 leave no room for nanoseconds in 64 bits: the parts are taken one by one.
-    let nanoseconds = (seconds.fract() * 1e9).round() as u64;
-    message.u32((seconds as u64 + nanoseconds / 1_000_000_000) as u32).u32((nanoseconds % 1_000_000_000) as u32)
-}
-
-/// `geometry_msgs/Pose`; `geometry_msgs/Transform` is laid out in the same way.
-fn write_pose<'w>(message: &'w mut Writer, pose: &Pose) -> &'w mut Writer {
-    let (t, q) = (pose.translation.vector, pose.rotation.coords);
-    message.f64s(&[t.x, t.y, t.z, q.x, q.y, q.z, q.w])
-}
+use voxelastic_io::ros::{FieldType, MessageWriter};
+pub use voxelastic_io::ros::{Header, transforms};
 
 /// A colour, sRGB.
 pub type Rgb = [u8; 3];
 
-/// `sensor_msgs/PointCloud2` until its points, which have these fields of four bytes.
-fn cloud_head(header: Header<'_>, fields: &[&str], points: usize) -> Writer {
-    let step = 4 * fields.len();
-    let mut message = Writer::with_capacity(points * step + 256);
-    header.write(&mut message).u32(1).u32(points as u32).u32(fields.len() as u32);
-    for (k, name) in fields.iter().enumerate() {
-        // 7 is FLOAT32.
-        message.text(name).u32(4 * k as u32).u8(7).u32(1);
-    }
-    message.bool(false).u32(step as u32).u32((step * points) as u32).u32((step * points) as u32);
-    message
+/// `sensor_msgs/PointCloud2` of points in one row, of 32-bit numbers with these names.
+fn row_of_points(header: Header<'_>, fields: &[&str], data: &[u8]) -> Vec<u8> {
+    let points = data.len() / (4 * fields.len());
+    let fields: Vec<_> = fields.iter().map(|name| (*name, FieldType::F32)).collect();
+    voxelastic_io::ros::point_cloud(header, [1, points], &fields, data, true)
 }
 
 /// `sensor_msgs/PointCloud2`: x, y, z and, as `intensity`, a distance, all as `f32`, metres.
 pub fn distance_cloud(header: Header<'_>, points: &[[f32; 4]]) -> Vec<u8> {
-    let mut message = cloud_head(header, &["x", "y", "z", "intensity"], points.len());
-    for number in points.iter().flatten() {
-        message.raw(&number.to_le_bytes());
-    }
-    message.bool(true).finish()
+    let data: Vec<u8> = points.iter().flatten().flat_map(|number| number.to_le_bytes()).collect();
+    row_of_points(header, &["x", "y", "z", "intensity"], &data)
 }
 
 /// `sensor_msgs/PointCloud2`: x, y, z as `f32`, metres, and rgb if there is a colour for each point.
 pub fn point_cloud(header: Header<'_>, points: &[[f32; 3]], colours: &[Rgb]) -> Vec<u8> {
     let colours = Some(colours).filter(|colours| colours.len() == points.len() && !points.is_empty());
-    let fields = if colours.is_some() { &["x", "y", "z", "rgb"][..] } else { &["x", "y", "z"][..] };
-    let mut message = cloud_head(header, fields, points.len());
+    let mut data = Vec::with_capacity(16 * points.len());
     for (k, point) in points.iter().enumerate() {
-        for c in point {
-            message.raw(&c.to_le_bytes());
-        }
+        data.extend(point.iter().flat_map(|c| c.to_le_bytes()));
         if let Some([r, g, b]) = colours.map(|colours| colours[k]) {
-            message.raw(&[b, g, r, 0]);
+            data.extend([b, g, r, 0]);
         }
     }
-    message.bool(true).finish()
+    row_of_points(header, if colours.is_some() { &["x", "y", "z", "rgb"] } else { &["x", "y", "z"] }, &data)
 }
 
 /// A triangle mesh of `visualization_msgs/MarkerArray`; without triangles it is removed.
@@ -87,7 +47,7 @@ pub struct MeshMarker {
 /// `visualization_msgs/MarkerArray` of triangle meshes in the frame of the header.
 pub fn mesh_markers(header: Header<'_>, markers: &[MeshMarker]) -> Vec<u8> {
     let corners: usize = markers.iter().map(|marker| marker.corners.len()).sum();
-    let mut message = Writer::with_capacity(corners * 40 + markers.len() * 400 + 64);
+    let mut message = MessageWriter::with_capacity(corners * 40 + markers.len() * 400 + 64);
     message.u32(markers.len() as u32);
     for MeshMarker { namespace, id, corners } in markers {
         const TRIANGLE_LIST: i32 = 11;
@@ -122,7 +82,7 @@ impl Shape {
 /// `visualization_msgs/MarkerArray` of shapes in the frame of the header, in place of all those of before.
 pub fn shape_markers(header: Header<'_>, namespace: &str, shapes: &[Shape]) -> Vec<u8> {
     const DELETE_ALL: i32 = 3;
-    let mut message = Writer::with_capacity(shapes.len() * 400 + 512);
+    let mut message = MessageWriter::with_capacity(shapes.len() * 400 + 512);
     message.u32(shapes.len() as u32 + 1);
     let nothing = Shape::cuboid(Pose::identity(), [1.0; 3], [0.0; 4]);
     write_marker(&mut message, header, (namespace, 0, DELETE_ALL), &nothing, &[]);
@@ -133,10 +93,16 @@ pub fn shape_markers(header: Header<'_>, namespace: &str, shapes: &[Shape]) -> V
 }
 
 /// `visualization_msgs/Marker`, with its namespace, its number there and its action.
-fn write_marker(message: &mut Writer, header: Header<'_>, (namespace, id, action): (&str, i32, i32), shape: &Shape, corners: &[([f32; 3], Rgb)]) {
-    header.write(message).text(namespace).i32(id).i32(shape.kind).i32(action);
+fn write_marker(
+    message: &mut MessageWriter,
+    header: Header<'_>,
+    (namespace, id, action): (&str, i32, i32),
+    shape: &Shape,
+    corners: &[([f32; 3], Rgb)],
+) {
+    message.header(header).text(namespace).i32(id).i32(shape.kind).i32(action);
     // Then lifetime; whether it moves with its frame.
-    write_pose(message, &shape.pose).f64s(&shape.scale).f32s(&shape.colour).i32(0).u32(0).bool(false);
+    message.pose(&shape.pose).f64s(&shape.scale).f32s(&shape.colour).i32(0).u32(0).bool(false);
     message.u32(corners.len() as u32);
     for (corner, _) in corners {
         message.f64s(&corner.map(f64::from));
@@ -148,15 +114,15 @@ fn write_marker(message: &mut Writer, header: Header<'_>, (namespace, id, action
     }
     // Texture: its name, an empty image (header, format, data), coordinates.
     message.text("");
-    write_time(message, 0.0).text("").text("").bytes(&[]).u32(0);
+    message.time(0.0).text("").text("").bytes(&[]).u32(0);
     // Text; mesh: its name, an empty file (name, data), whether to use its materials.
     message.text("").text("").text("").bytes(&[]).bool(false);
 }
 
 /// `octomap_msgs/Octomap` of free and occupied space: the nodes of a `.bt` file, without its text, whose smallest cubes have an edge of `resolution` metres.
 pub fn octomap(header: Header<'_>, resolution: f64, nodes: &[u8]) -> Vec<u8> {
-    let mut message = Writer::with_capacity(nodes.len() + 128);
-    header.write(&mut message).bool(true).text("OcTree").f64s(&[resolution]).bytes(nodes).finish()
+    let mut message = MessageWriter::with_capacity(nodes.len() + 128);
+    message.header(header).bool(true).text("OcTree").f64s(&[resolution]).bytes(nodes).finish()
 }
 
 /// A floor plan.
@@ -174,16 +140,16 @@ pub struct Grid<'a> {
 
 /// `nav_msgs/OccupancyGrid`.
 pub fn occupancy_grid(header: Header<'_>, grid: &Grid<'_>) -> Vec<u8> {
-    write_occupancy_grid(&mut Writer::with_capacity(grid.cells.len() + 160), header, grid).finish()
+    write_occupancy_grid(&mut MessageWriter::with_capacity(grid.cells.len() + 160), header, grid).finish()
 }
 
 /// A floor plan as a part of a message.
-pub(super) fn write_occupancy_grid<'w>(message: &'w mut Writer, header: Header<'_>, grid: &Grid<'_>) -> &'w mut Writer {
-    header.write(message);
-    write_time(message, header.stamp).f32s(&[grid.resolution as f32]).u32(grid.width as u32);
+pub(super) fn write_occupancy_grid<'w>(message: &'w mut MessageWriter, header: Header<'_>, grid: &Grid<'_>) -> &'w mut MessageWriter {
+    message.header(header);
+    message.time(header.stamp).f32s(&[grid.resolution as f32]).u32(grid.width as u32);
     message.u32((grid.cells.len() / grid.width.max(1)) as u32);
     let [x, y, z] = grid.origin;
-    write_pose(message, &Pose::translation(x, y, z)).u32(grid.cells.len() as u32);
+    message.pose(&Pose::translation(x, y, z)).u32(grid.cells.len() as u32);
     for cell in grid.cells {
         message.u8(*cell as u8);
     }
@@ -192,41 +158,31 @@ pub(super) fn write_occupancy_grid<'w>(message: &'w mut Writer, header: Header<'
 
 /// `nav_msgs/Path`: poses with their times, seconds, in the frame of the header.
 pub fn path(header: Header<'_>, poses: &[(f64, Pose)]) -> Vec<u8> {
-    let mut message = Writer::with_capacity(poses.len() * 96 + 64);
+    let mut message = MessageWriter::with_capacity(poses.len() * 96 + 64);
     write_path(&mut message, header, poses).finish()
 }
 
 /// A path as a part of a message.
-pub(super) fn write_path<'w>(message: &'w mut Writer, header: Header<'_>, poses: &[(f64, Pose)]) -> &'w mut Writer {
-    header.write(message).u32(poses.len() as u32);
+pub(super) fn write_path<'w>(message: &'w mut MessageWriter, header: Header<'_>, poses: &[(f64, Pose)]) -> &'w mut MessageWriter {
+    message.header(header).u32(poses.len() as u32);
     for (stamp, pose) in poses {
-        write_pose(Header { stamp: *stamp, ..header }.write(message), pose);
+        message.header(Header { stamp: *stamp, ..header }).pose(pose);
     }
     message
 }
 
 /// `geometry_msgs/PoseStamped`.
 pub fn pose_stamped(header: Header<'_>, pose: &Pose) -> Vec<u8> {
-    let mut message = Writer::with_capacity(128);
-    write_pose(header.write(&mut message), pose).finish()
+    let mut message = MessageWriter::with_capacity(128);
+    message.header(header).pose(pose).finish()
 }
 
 /// `geometry_msgs/PoseArray`.
 pub fn pose_array(header: Header<'_>, poses: &[Pose]) -> Vec<u8> {
-    let mut message = Writer::with_capacity(poses.len() * 56 + 64);
-    header.write(&mut message).u32(poses.len() as u32);
+    let mut message = MessageWriter::with_capacity(poses.len() * 56 + 64);
+    message.header(header).u32(poses.len() as u32);
     for pose in poses {
-        write_pose(&mut message, pose);
-    }
-    message.finish()
-}
-
-/// A pose of frame `child` in the frame of the header, for `tf2_msgs/TFMessage`.
-pub fn transforms(links: &[(Header<'_>, &str, Pose)]) -> Vec<u8> {
-    let mut message = Writer::new();
-    message.u32(links.len() as u32);
-    for (header, child, pose) in links {
-        write_pose(header.write(&mut message).text(child), pose);
+        message.pose(pose);
     }
     message.finish()
 }
@@ -244,8 +200,8 @@ pub enum Health {
 
 /// `diagnostic_msgs/DiagnosticArray` with one status: how `name` is, in words, and figures.
 pub fn diagnostics(header: Header<'_>, name: &str, (health, words): (Health, &str), figures: &[(String, String)]) -> Vec<u8> {
-    let mut message = Writer::new();
-    header.write(&mut message).u32(1).u8(health as u8).text(name).text(words).text("").u32(figures.len() as u32);
+    let mut message = MessageWriter::new();
+    message.header(header).u32(1).u8(health as u8).text(name).text(words).text("").u32(figures.len() as u32);
     for (key, value) in figures {
         message.text(key).text(value);
     }

@@ -10,9 +10,8 @@
 //! | [`messages`] | messages as bytes |
 //! | [`services`] | requests to the node |
 //!
-//! Messages are handled as bytes (CDR): the same bytes go to DDS, to Zenoh and into recordings.
+//! Messages are handled as bytes (CDR, by [`voxelastic_io::ros`]): the same bytes go to DDS, to Zenoh and into recordings.
 
-mod cdr;
 #[cfg(feature = "ros2")]
 pub mod dds;
 #[cfg(feature = "foxglove")]

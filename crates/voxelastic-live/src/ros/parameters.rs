@@ -1,8 +1,8 @@
 //! The parameters of a node as services (`rcl_interfaces`), for networks whose library does not offer them.
 
-use super::cdr::{Reader, Writer};
 use super::middleware::{Answer, Handle, Middleware, MiddlewareError, NodeOptions, Parameter};
 use std::sync::Arc;
+use voxelastic_io::ros::{MessageReader, MessageWriter};
 
 /// What is answered to who wants to change a parameter.
 pub(super) const FIXED: &str = "settings cannot change while a map is made: start the node with another value";
@@ -35,7 +35,7 @@ pub(super) fn offer(middleware: &mut dyn Middleware, options: &NodeOptions) -> R
     services.into_iter().map(serve).collect()
 }
 
-fn texts(reader: &mut Reader<'_>) -> Option<Vec<String>> {
+fn texts(reader: &mut MessageReader<'_>) -> Option<Vec<String>> {
     let count = reader.u32()?;
     (0..count).map(|_| reader.text()).collect()
 }
@@ -47,9 +47,9 @@ fn is_listed(name: &str, prefixes: &[String]) -> bool {
 }
 
 fn list(request: &[u8], values: &Values) -> Option<Vec<u8>> {
-    let prefixes = texts(&mut Reader::new(request)?)?;
+    let prefixes = texts(&mut MessageReader::new(request)?)?;
     let names: Vec<&String> = values.iter().map(|(name, _)| name).filter(|name| is_listed(name, &prefixes)).collect();
-    let mut message = Writer::new();
+    let mut message = MessageWriter::new();
     message.u32(names.len() as u32);
     for name in names {
         message.text(name);
@@ -64,12 +64,12 @@ fn asked(request: &[u8], values: &Values) -> Option<Vec<(String, Option<Paramete
         let found = values.iter().find(|(known, _)| *known == name).map(|(_, value)| value.clone());
         (name, found)
     };
-    Some(texts(&mut Reader::new(request)?)?.into_iter().map(value).collect())
+    Some(texts(&mut MessageReader::new(request)?)?.into_iter().map(value).collect())
 }
 
 fn get(request: &[u8], values: &Values) -> Option<Vec<u8>> {
     let asked = asked(request, values)?;
-    let mut message = Writer::new();
+    let mut message = MessageWriter::new();
     message.u32(asked.len() as u32);
     for (_, value) in &asked {
         write_value(&mut message, value.as_ref());
@@ -80,12 +80,12 @@ fn get(request: &[u8], values: &Values) -> Option<Vec<u8>> {
 fn types(request: &[u8], values: &Values) -> Option<Vec<u8>> {
     let asked = asked(request, values)?;
     let types: Vec<u8> = asked.iter().map(|(_, value)| type_of(value.as_ref())).collect();
-    Some(Writer::new().bytes(&types).finish())
+    Some(MessageWriter::new().bytes(&types).finish())
 }
 
 fn describe(request: &[u8], values: &Values) -> Option<Vec<u8>> {
     let asked = asked(request, values)?;
-    let mut message = Writer::new();
+    let mut message = MessageWriter::new();
     message.u32(asked.len() as u32);
     for (name, value) in &asked {
         // Description; constraints; read only; of any type; ranges of numbers and whole numbers.
@@ -96,7 +96,7 @@ fn describe(request: &[u8], values: &Values) -> Option<Vec<u8>> {
 
 fn set(request: &[u8], values: &Values) -> Option<Vec<u8>> {
     let names = changed(request)?;
-    let mut message = Writer::new();
+    let mut message = MessageWriter::new();
     message.u32(names.len() as u32);
     for name in &names {
         message.bool(false).text(why_not(name, values));
@@ -107,7 +107,7 @@ fn set(request: &[u8], values: &Values) -> Option<Vec<u8>> {
 fn set_atomically(request: &[u8], values: &Values) -> Option<Vec<u8>> {
     let names = changed(request)?;
     let refused = names.first().map(|name| why_not(name, values));
-    Some(Writer::new().bool(refused.is_none()).text(refused.unwrap_or_default()).finish())
+    Some(MessageWriter::new().bool(refused.is_none()).text(refused.unwrap_or_default()).finish())
 }
 
 fn why_not(name: &str, values: &Values) -> &'static str {
@@ -116,9 +116,9 @@ fn why_not(name: &str, values: &Values) -> &'static str {
 
 /// The parameters that a request wants to change.
 fn changed(request: &[u8]) -> Option<Vec<String>> {
-    let mut reader = Reader::new(request)?;
+    let mut reader = MessageReader::new(request)?;
     let count = reader.u32()?;
-    let change = |reader: &mut Reader<'_>| {
+    let change = |reader: &mut MessageReader<'_>| {
         let name = reader.text()?;
         skip_value(reader)?;
         Some(name)
@@ -137,7 +137,7 @@ fn type_of(value: Option<&Parameter>) -> u8 {
 }
 
 /// `rcl_interfaces/ParameterValue`: its type, a field for each type, and sequences, which no setting is.
-fn write_value(message: &mut Writer, value: Option<&Parameter>) {
+fn write_value(message: &mut MessageWriter, value: Option<&Parameter>) {
     let (mut truth, mut whole, mut number, mut text) = (false, 0, 0.0, "");
     match value {
         Some(Parameter::Bool(value)) => truth = *value,
@@ -155,7 +155,7 @@ fn write_value(message: &mut Writer, value: Option<&Parameter>) {
 /// Bytes of the elements of the sequences: bytes, truth values, whole numbers, numbers; and texts.
 const SEQUENCES: [usize; 5] = [1, 1, 8, 8, 0];
 
-fn skip_value(reader: &mut Reader<'_>) -> Option<()> {
+fn skip_value(reader: &mut MessageReader<'_>) -> Option<()> {
     // The type, and a field for each.
     reader.u8()?;
     reader.bool()?;
@@ -180,7 +180,7 @@ mod tests {
     use crate::ros::services::tests::Switchboard;
 
     fn names(all: &[&str]) -> Vec<u8> {
-        let mut message = Writer::new();
+        let mut message = MessageWriter::new();
         message.u32(all.len() as u32);
         for name in all {
             message.text(name);
@@ -196,13 +196,13 @@ mod tests {
         offer(&mut board, &NodeOptions { name: "node".into(), parameters, ..NodeOptions::default() }).unwrap();
         let ask = |name: &str, request: &[u8]| board.0[&format!("/node/{name}")].1(request);
         let listed = ask("list_parameters", &names(&[])).unwrap();
-        let mut reader = Reader::new(&listed).unwrap();
+        let mut reader = MessageReader::new(&listed).unwrap();
         assert_eq!(reader.u32(), Some(3));
         assert_eq!([(); 3].map(|()| reader.text().unwrap()), ["field", "threads", "voxel_size"]);
         let none = ask("list_parameters", &names(&["thread"])).unwrap();
-        assert_eq!(Reader::new(&none).unwrap().u32(), Some(0), "a prefix is a whole part of a name");
+        assert_eq!(MessageReader::new(&none).unwrap().u32(), Some(0), "a prefix is a whole part of a name");
         let got = ask("get_parameters", &names(&["voxel_size", "nothing", "field"])).unwrap();
-        let mut reader = Reader::new(&got).unwrap();
+        let mut reader = MessageReader::new(&got).unwrap();
         assert_eq!(reader.u32(), Some(3));
         let mut value = || {
             let kind = reader.u8()?;
@@ -216,11 +216,11 @@ mod tests {
         assert_eq!(ask("get_parameter_types", &names(&["threads", "nothing"])).unwrap()[4..], [2, 0, 0, 0, 2, 0]);
         assert!(ask("describe_parameters", &names(&["threads"])).unwrap().len() > 20);
         for (service, name, why) in [("set_parameters", "threads", FIXED), ("set_parameters_atomically", "x", "there is no such parameter")] {
-            let mut request = Writer::new();
+            let mut request = MessageWriter::new();
             request.u32(1).text(name);
             write_value(&mut request, Some(&Parameter::Integer(4)));
             let answer = ask(service, &request.finish()).unwrap();
-            let mut reader = Reader::new(&answer).unwrap();
+            let mut reader = MessageReader::new(&answer).unwrap();
             if service == "set_parameters" {
                 assert_eq!(reader.u32(), Some(1));
             }

@@ -1,10 +1,10 @@
 //! A message that is neither serialised nor deserialised: its bytes.
 
-use super::cdr::HEADER;
 use serde::de::{SeqAccess, Visitor};
 use serde::ser::SerializeTuple;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
+use voxelastic_io::ros::CDR_HEADER;
 
 /// The body of a message in little-endian CDR, without its header. For serde it is numbers, eight bytes each, and the bytes that are left: aligned numbers
 /// in sequence are serialised as they are.
@@ -14,12 +14,12 @@ pub struct RawMessage(Vec<u8>);
 impl RawMessage {
     /// Of a message with its header.
     pub fn of(message: &[u8]) -> Self {
-        Self(message.get(HEADER.len()..).unwrap_or_default().to_vec())
+        Self(message.get(CDR_HEADER.len()..).unwrap_or_default().to_vec())
     }
 
     /// The message with its header.
     pub fn into_message(mut self) -> Vec<u8> {
-        self.0.splice(..0, HEADER);
+        self.0.splice(..0, CDR_HEADER);
         self.0
     }
 }

@@ -1,6 +1,5 @@
 //! Requests to the node: what others may ask of it, and what it answers.
 
-use super::cdr::{Reader, Writer};
 use super::messages::{Grid, Header, write_occupancy_grid, write_path};
 use super::middleware::{Answer, Handle, Middleware, MiddlewareError};
 use super::output::MAP_FRAME;
@@ -9,9 +8,10 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Sender, SyncSender, sync_channel};
 use std::time::Duration;
 use voxelastic::Pose;
+use voxelastic_io::ros::{MessageReader, MessageWriter};
 
 /// A request is answered within this time, or not at all.
-const PATIENCE: Duration = Duration::from_secs(120);
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// What can be asked of a node.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,9 +97,9 @@ impl Pending {
 
 /// Asks a node, and waits for its answer.
 #[derive(Clone, Debug)]
-pub struct Desk(Sender<Pending>);
+pub struct RequestSender(Sender<Pending>);
 
-impl Desk {
+impl RequestSender {
     /// One whose requests are sent to `requests`.
     pub fn new(requests: Sender<Pending>) -> Self {
         Self(requests)
@@ -109,7 +109,7 @@ impl Desk {
     pub fn ask(&self, request: Request) -> Option<Response> {
         let (answer, response) = sync_channel(1);
         self.0.send(Pending { request, answer }).ok()?;
-        response.recv_timeout(PATIENCE).ok()
+        response.recv_timeout(ANSWER_TIMEOUT).ok()
     }
 }
 
@@ -121,27 +121,27 @@ const MOST_POINTS: usize = 100_000;
 ///
 /// # Errors
 /// When the network refuses.
-pub fn offer(middleware: &mut dyn Middleware, node: &str, desk: &Desk) -> Result<Vec<Handle>, MiddlewareError> {
+pub fn offer(middleware: &mut dyn Middleware, node: &str, requests: &RequestSender) -> Result<Vec<Handle>, MiddlewareError> {
     let trigger = |request: Request| {
-        let desk = desk.clone();
-        let answer: Answer = Box::new(move |_| Some(done(desk.ask(request.clone())?)));
+        let requests = requests.clone();
+        let answer: Answer = Box::new(move |_| Some(done(requests.ask(request.clone())?)));
         ("std_srvs/srv/Trigger", answer)
     };
     let switch = |request: fn(bool) -> Request| {
-        let desk = desk.clone();
-        let answer: Answer = Box::new(move |message| Some(done(desk.ask(request(Reader::new(message)?.bool()?))?)));
+        let requests = requests.clone();
+        let answer: Answer = Box::new(move |message| Some(done(requests.ask(request(MessageReader::new(message)?.bool()?))?)));
         ("std_srvs/srv/SetBool", answer)
     };
-    let planning = desk.clone();
+    let planning = requests.clone();
     let plan: Answer = Box::new(move |message| {
         let (request, frame) = plan_request(message)?;
         let Response::Path(poses) = planning.ask(request)? else { return None };
         let poses: Vec<(f64, Pose)> = poses.into_iter().map(|pose| (0.0, pose)).collect();
-        Some(write_path(&mut Writer::new(), Header { stamp: 0.0, frame: &frame }, &poses).finish())
+        Some(write_path(&mut MessageWriter::new(), Header { stamp: 0.0, frame: &frame }, &poses).finish())
     });
-    let loading = desk.clone();
+    let loading = requests.clone();
     let load: Answer = Box::new(move |message| Some(loaded(loading.ask(Request::Load(load_request(message)?))?)));
-    let measuring = desk.clone();
+    let measuring = requests.clone();
     let distances: Answer = Box::new(move |message| {
         let answer = match distances_request(message)? {
             Ok(points) => measuring.ask(Request::Distances(points))?,
@@ -171,12 +171,12 @@ fn done(response: Response) -> Vec<u8> {
         Response::Loaded(Ok(words)) => (true, words),
         Response::Path(_) | Response::Distances(Ok(_)) => (true, String::new()),
     };
-    Writer::new().bool(is_done).text(&words).finish()
+    MessageWriter::new().bool(is_done).text(&words).finish()
 }
 
 /// The request of `nav_msgs/GetPlan`, and the frame of its start.
 fn plan_request(message: &[u8]) -> Option<(Request, String)> {
-    let mut reader = Reader::new(message)?;
+    let mut reader = MessageReader::new(message)?;
     let mut stamped = || {
         reader.u32()?;
         reader.u32()?;
@@ -197,7 +197,7 @@ fn plan_request(message: &[u8]) -> Option<(Request, String)> {
 
 /// The map that a request of `nav_msgs/LoadMap` names: a path, or a URL of a file.
 fn load_request(message: &[u8]) -> Option<PathBuf> {
-    let url = Reader::new(message)?.text()?;
+    let url = MessageReader::new(message)?.text()?;
     Some(PathBuf::from(url.strip_prefix("file://").unwrap_or(&url)))
 }
 
@@ -210,19 +210,19 @@ fn loaded(response: Response) -> Vec<u8> {
         Response::Loaded(Err((NotLoaded::Differs, _))) => 3,
         _ => 255,
     };
-    let mut message = Writer::new();
+    let mut message = MessageWriter::new();
     let grid = Grid { resolution: 0.0, width: 0, origin: [0.0; 3], cells: &[] };
     write_occupancy_grid(&mut message, Header { stamp: 0.0, frame: MAP_FRAME }, &grid).u8(result).finish()
 }
 
 /// The points of `voxelastic_msgs/GetDistances`; in words if there are too many.
 fn distances_request(message: &[u8]) -> Option<Result<Vec<[f64; 3]>, String>> {
-    let mut reader = Reader::new(message)?;
+    let mut reader = MessageReader::new(message)?;
     let count = reader.u32()? as usize;
     if count > MOST_POINTS {
         return Some(Err(format!("{count} points: at most {MOST_POINTS} can be asked for at a time")));
     }
-    let point = |reader: &mut Reader<'_>| Some([reader.f64()?, reader.f64()?, reader.f64()?]);
+    let point = |reader: &mut MessageReader<'_>| Some([reader.f64()?, reader.f64()?, reader.f64()?]);
     (0..count).map(|_| point(&mut reader)).collect::<Option<Vec<_>>>().map(Ok)
 }
 
@@ -233,7 +233,7 @@ fn measured(response: Response) -> Vec<u8> {
         Response::Distances(Err(words)) | Response::Done(Err(words)) => (Vec::new(), Some(words)),
         _ => (Vec::new(), Some("the node does not answer".to_owned())),
     };
-    let mut message = Writer::with_capacity(samples.len() * 33 + 64);
+    let mut message = MessageWriter::with_capacity(samples.len() * 33 + 64);
     message.bool(words.is_none()).text(&words.unwrap_or_default()).u32(samples.len() as u32);
     for sample in &samples {
         message.bool(sample.is_some());
@@ -283,7 +283,7 @@ pub(super) mod tests {
     fn requests_reach_the_node_and_answers_come_back() {
         let (sender, requests) = channel();
         let mut board = Switchboard::default();
-        offer(&mut board, "voxelastic", &Desk::new(sender)).unwrap();
+        offer(&mut board, "voxelastic", &RequestSender::new(sender)).unwrap();
         let node = std::thread::spawn(move || {
             let mut seen = Vec::new();
             while let Ok(pending) = requests.recv() {
@@ -301,13 +301,13 @@ pub(super) mod tests {
             seen
         });
         let ask = |name: &str, request: &[u8]| board.0[&format!("/voxelastic/{name}")].1(request);
-        let saved = ask("save", &Writer::new().u8(0).finish()).unwrap();
-        let mut reader = Reader::new(&saved).unwrap();
+        let saved = ask("save", &MessageWriter::new().u8(0).finish()).unwrap();
+        let mut reader = MessageReader::new(&saved).unwrap();
         assert_eq!((reader.bool(), reader.text().as_deref()), (Some(true), Some("map.vox")));
         for name in ["pause", "explore", "return_home"] {
-            assert_eq!(Reader::new(&ask(name, &Writer::new().bool(true).finish()).unwrap()).unwrap().bool(), Some(false));
+            assert_eq!(MessageReader::new(&ask(name, &MessageWriter::new().bool(true).finish()).unwrap()).unwrap().bool(), Some(false));
         }
-        let mut request = Writer::new();
+        let mut request = MessageWriter::new();
         for x in [1.0, 2.0] {
             request.u32(5).u32(0).text("map").f64s(&[x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         }
@@ -318,21 +318,21 @@ pub(super) mod tests {
             assert_eq!(ask("plan", garbage), None);
         }
         assert_eq!(ask("pause", &[]), None);
-        let answers = ["/maps/a.vox", "file:///maps/b.vox"].map(|url| ask("load", &Writer::new().text(url).finish()).unwrap());
+        let answers = ["/maps/a.vox", "file:///maps/b.vox"].map(|url| ask("load", &MessageWriter::new().text(url).finish()).unwrap());
         // The result is the last byte.
         assert_eq!(answers.map(|answer| *answer.last().unwrap()), [0, 3]);
         let [p, q] = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
-        let answer = ask("distances", &Writer::new().u32(2).f64s(&p).f64s(&q).finish()).unwrap();
-        let mut reader = Reader::new(&answer).unwrap();
+        let answer = ask("distances", &MessageWriter::new().u32(2).f64s(&p).f64s(&q).finish()).unwrap();
+        let mut reader = MessageReader::new(&answer).unwrap();
         assert_eq!((reader.bool(), reader.text().as_deref()), (Some(true), Some("")));
         assert_eq!((reader.u32(), reader.bool(), reader.bool()), (Some(2), Some(true), Some(false)));
         assert_eq!((reader.u32(), reader.f64(), reader.f64().map(f64::is_nan)), (Some(2), Some(0.5), Some(true)));
         let gradients = (reader.u32(), [(); 6].map(|()| reader.f64().unwrap()), reader.f64());
         assert_eq!(gradients, (Some(2), [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], None));
         // More than the message has, and more than is answered at a time.
-        assert_eq!(ask("distances", &Writer::new().u32(3).f64s(&p).finish()), None);
-        let many = ask("distances", &Writer::new().u32(u32::MAX).finish()).unwrap();
-        assert_eq!(Reader::new(&many).unwrap().bool(), Some(false));
+        assert_eq!(ask("distances", &MessageWriter::new().u32(3).f64s(&p).finish()), None);
+        let many = ask("distances", &MessageWriter::new().u32(u32::MAX).finish()).unwrap();
+        assert_eq!(MessageReader::new(&many).unwrap().bool(), Some(false));
         drop(board);
         let seen = node.join().unwrap();
         assert_eq!(seen.len(), 8);

@@ -21,7 +21,7 @@ use voxelastic_live::ros::messages::Health;
 use voxelastic_live::ros::middleware::{Answer, Deliver, Handle, MiddlewareError, Sink};
 use voxelastic_live::ros::middleware::{Delivery, Middleware, NodeOptions, Parameter, TopicProfile};
 use voxelastic_live::ros::output::{OdometryLink, OutputOptions, Outputs};
-use voxelastic_live::ros::services::{Desk, Distance, NotLoaded, Pending, Request, Response, offer};
+use voxelastic_live::ros::services::{Distance, NotLoaded, Pending, Request, RequestSender, Response, offer};
 use voxelastic_live::ros::zenoh::Zenoh;
 use voxelastic_live::transport::Transport;
 use voxelastic_plan::anchor_path;
@@ -29,7 +29,7 @@ use voxelastic_run::Input;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 
 /// What takes longer than this has failed.
-const PATIENCE: Duration = Duration::from_secs(180);
+const TIMEOUT: Duration = Duration::from_secs(180);
 
 /// A program at the other end; it ends with the test.
 struct Peer(Child);
@@ -114,15 +114,15 @@ fn write_scans(folder: &Path) {
 fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) {
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let begin = Instant::now();
-    let found = discover(middleware, &options, false, &|_| false, &|| begin.elapsed() > PATIENCE).unwrap();
+    let found = discover(middleware, &options, false, &|_| false, &|| begin.elapsed() > TIMEOUT).unwrap();
     let (topics, is_raw): (LiveTopics, bool) = found.expect("the topics are found by their types");
     assert!(!is_raw && topics.description().contains("/points") && topics.description().contains("/odom"), "{}", topics.description());
     let mut input = TopicInput::subscribe(middleware, topics, is_raw, &options, &|_| Ok(None)).unwrap();
     let (sent, mut seen) = (scans(), HashSet::new());
     let mut frames = None;
     while seen.len() < sent.len() {
-        assert!(begin.elapsed() < PATIENCE, "only {seen:?} of the scans came");
-        match input.next(&|| begin.elapsed() > PATIENCE) {
+        assert!(begin.elapsed() < TIMEOUT, "only {seen:?} of the scans came");
+        match input.next(&|| begin.elapsed() > TIMEOUT) {
             Some(Input::Event(Event::Scan(scan))) => {
                 let k = ((scan.time - 1000.0) * 10.0).round();
                 let which = k as usize % sent.len();
@@ -191,7 +191,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
     let mut outputs = Outputs::new(OutputOptions { explores: true, ..OutputOptions::default() });
     outputs.add(middleware, "voxelastic").unwrap();
     let (sender, requests) = channel();
-    let _services = offer(middleware, "voxelastic", &Desk::new(sender)).unwrap();
+    let _services = offer(middleware, "voxelastic", &RequestSender::new(sender)).unwrap();
     for scan in &scans {
         outputs.add_scan(scan.node, scan.time);
     }
@@ -203,7 +203,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
     let _peer = start()?;
     let begin = Instant::now();
     while !folder.join("taken.json").exists() {
-        assert!(begin.elapsed() < PATIENCE, "the peer has not got everything");
+        assert!(begin.elapsed() < TIMEOUT, "the peer has not got everything");
         if !outputs.step(mapper.atlas()) {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -296,11 +296,11 @@ fn clients_on_cyclone_dds_call_the_services() {
     let (dir, domain) = (tempfile::tempdir().unwrap(), domain(3));
     let mut dds = Dds::open(&NodeOptions { for_cyclone: true, ..options(domain) }).unwrap();
     let (sender, requests) = channel();
-    let _services = offer(&mut dds, "voxelastic", &Desk::new(sender)).unwrap();
+    let _services = offer(&mut dds, "voxelastic", &RequestSender::new(sender)).unwrap();
     let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["ask", &domain.to_string()], dir.path()) else { return };
     let (begin, path) = (Instant::now(), dir.path().join("answers.json"));
     while !path.exists() {
-        assert!(begin.elapsed() < PATIENCE, "the peer has not got all answers");
+        assert!(begin.elapsed() < TIMEOUT, "the peer has not got all answers");
         if let Ok(pending) = requests.recv_timeout(Duration::from_millis(50)) {
             answer(pending);
         }
@@ -362,7 +362,7 @@ fn messages_of_any_length_arrive_as_they_were_sent() {
     sent.iter().for_each(|message| sink.publish(message).unwrap());
     let begin = Instant::now();
     let mut got = Vec::new();
-    while got.len() < sent.len() && begin.elapsed() < PATIENCE {
+    while got.len() < sent.len() && begin.elapsed() < TIMEOUT {
         got.extend(messages.recv_timeout(Duration::from_millis(100)));
     }
     // Also those from before the subscription. DDS fills up to four bytes.

@@ -7,7 +7,7 @@ use std::path::Path;
 use voxelastic_io::bag::live::LiveTopic;
 use voxelastic_live::ros::middleware::{Handle, MiddlewareError};
 use voxelastic_live::ros::output::{OutputOptions, Outputs};
-use voxelastic_live::ros::services::{Desk, offer};
+use voxelastic_live::ros::services::{RequestSender, offer};
 
 /// What gets the messages of a topic.
 type Record = Box<dyn Fn(&[u8]) + Send + Sync>;
@@ -21,14 +21,14 @@ pub struct Offers {
 }
 
 impl Offers {
-    /// What the arguments ask for; none if that is nothing. Requests go to `desk`. A robot that `explores` has topics for that, too.
-    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, desk: &Desk, explores: bool) -> anyhow::Result<Option<Self>> {
+    /// What the arguments ask for; none if that is nothing. Requests go to `requests`. A robot that `explores` has topics for that, too.
+    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, requests: &RequestSender, explores: bool) -> anyhow::Result<Option<Self>> {
         if network.is_none() && args.foxglove.is_none() {
             return Ok(None);
         }
         let mut offers = Self { outputs: Outputs::new(OutputOptions { explores, ..OutputOptions::default() }), held: Vec::new() };
         if let Some(network) = network {
-            let announced = offers.add_network(network, &args.node, desk);
+            let announced = offers.add_network(network, &args.node, requests);
             announced.map_err(|problem| Failure::new(problem.to_string(), "another name of the node may help: --node"))?;
         }
         if let Some(address) = args.foxglove {
@@ -43,9 +43,9 @@ impl Offers {
         Ok(Some(offers))
     }
 
-    fn add_network(&mut self, network: &mut Network, node: &str, desk: &Desk) -> Result<(), MiddlewareError> {
+    fn add_network(&mut self, network: &mut Network, node: &str, requests: &RequestSender) -> Result<(), MiddlewareError> {
         self.outputs.add(network.middleware(), node)?;
-        self.held.extend(offer(network.middleware(), node, desk)?);
+        self.held.extend(offer(network.middleware(), node, requests)?);
         Ok(())
     }
 

@@ -13,7 +13,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How long a call waits for a message.
-const PATIENCE: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// A message whose stamp is this far from the clock of a simulation, seconds, may be of another run of it.
 const LARGEST_DISORDER_S: f64 = 1.0;
 
@@ -136,7 +136,7 @@ impl MessageStream for LiveStream {
             self.note_frames(&message);
             return Some(Ok(message));
         }
-        match self.messages.recv_timeout(PATIENCE) {
+        match self.messages.recv_timeout(POLL_INTERVAL) {
             Ok((topic, data)) => Some(self.decode(topic, data)),
             Err(RecvTimeoutError::Timeout) => Some(Ok(SensorMessage::Other)),
             Err(RecvTimeoutError::Disconnected) => None,

@@ -2,78 +2,38 @@
 
 use super::*;
 use crate::OpenOptions;
+use crate::ros::{FieldType, Header, MessageWriter, point_cloud, transforms};
 use crate::scan_list::Keyframing;
 use std::sync::mpsc::{SyncSender, sync_channel};
+use voxelastic::Pose;
 use voxelastic::event::Event;
 
-/// A little-endian CDR message; numbers are aligned to their size.
-struct Cdr(Vec<u8>);
+fn header(time: f64, frame: &str) -> Header<'_> {
+    Header { stamp: time, frame }
+}
 
-impl Cdr {
-    fn new() -> Self {
-        Self(vec![0, 1, 0, 0])
-    }
-
-    fn pad(&mut self, size: usize) {
-        while !(self.0.len() - 4).is_multiple_of(size) {
-            self.0.push(0);
-        }
-    }
-
-    fn u8(mut self, value: u8) -> Self {
-        self.0.push(value);
-        self
-    }
-
-    fn u32(mut self, value: u32) -> Self {
-        self.pad(4);
-        self.0.extend(value.to_le_bytes());
-        self
-    }
-
-    fn f64s(mut self, values: &[f64]) -> Self {
-        self.pad(8);
-        values.iter().for_each(|v| self.0.extend(v.to_le_bytes()));
-        self
-    }
-
-    fn text(self, text: &str) -> Self {
-        let mut message = self.u32(text.len() as u32 + 1);
-        message.0.extend(text.bytes().chain([0]));
-        message
-    }
-
-    fn header(self, time: f64, frame: &str) -> Self {
-        self.u32(time as u32).u32((time.fract() * 1e9).round() as u32).text(frame)
-    }
-
-    fn pose(self, x: f64) -> Self {
-        self.f64s(&[x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    }
+fn at(x: f64) -> Pose {
+    Pose::translation(x, 0.0, 0.0)
 }
 
 fn cloud(time: f64) -> Vec<u8> {
-    let fields = ["x", "y", "z"];
-    let mut message = Cdr::new().header(time, "lidar").u32(1).u32(2).u32(3);
-    for (k, name) in fields.iter().enumerate() {
-        message = message.text(name).u32(4 * k as u32).u8(7).u32(1);
-    }
-    message = message.u8(0).u32(12).u32(24).u32(24);
-    [5.0f32, 0.0, 1.0, 0.0, 6.0, 1.0].iter().for_each(|v| message.0.extend(v.to_le_bytes()));
-    message.u8(1).0
+    let data: Vec<u8> = [5.0f32, 0.0, 1.0, 0.0, 6.0, 1.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    point_cloud(header(time, "lidar"), [1, 2], &["x", "y", "z"].map(|name| (name, FieldType::F32)), &data, true)
 }
 
 fn odometry(time: f64, x: f64) -> Vec<u8> {
-    Cdr::new().header(time, "odom").text("base").pose(x).0
+    MessageWriter::new().header(header(time, "odom")).text("base").pose(&at(x)).finish()
 }
 
 fn path(poses: &[(f64, f64)]) -> Vec<u8> {
-    let message = Cdr::new().header(0.0, "map").u32(poses.len() as u32);
-    poses.iter().fold(message, |message, (time, x)| message.header(*time, "map").pose(*x)).0
+    let mut message = MessageWriter::new();
+    message.header(header(0.0, "map")).u32(poses.len() as u32);
+    poses.iter().for_each(|(time, x)| _ = message.header(header(*time, "map")).pose(&at(*x)));
+    message.finish()
 }
 
 fn transform(time: f64, parent: &str, child: &str, x: f64) -> Vec<u8> {
-    Cdr::new().u32(1).header(time, parent).text(child).pose(x).0
+    transforms(&[(header(time, parent), child, at(x))])
 }
 
 fn there() -> Vec<(String, String)> {
@@ -185,7 +145,7 @@ fn a_clock_that_goes_back_is_noticed() {
 }
 
 fn clock(time: f64) -> Vec<u8> {
-    Cdr::new().u32(time as u32).u32((time.fract() * 1e9).round() as u32).0
+    MessageWriter::new().time(time).finish()
 }
 
 #[test]
@@ -237,8 +197,8 @@ fn a_simulation_that_is_started_again_uses_no_pose_of_after_for_a_scan_of_before
 #[test]
 fn samples_of_before_do_not_belong_to_scans_of_after() {
     let imu = |time: f64| {
-        Cdr::new()
-            .header(time, "lidar")
+        MessageWriter::new()
+            .header(header(time, "lidar"))
             .f64s(&[0.0, 0.0, 0.0, 1.0])
             .f64s(&[0.0; 9])
             .f64s(&[0.0; 3])
@@ -304,17 +264,26 @@ fn nothing_is_kept_of_a_scan_that_comes_only_once() {
 
 fn livox(time: f64) -> Vec<u8> {
     // Time base, counts, lidar, reserved; two points with time, place, reflectivity, tag and line.
-    let mut message = Cdr::new().header(time, "lidar").u32(0).u32(0).u32(2).u8(1).u8(0).u8(0).u8(0).u32(2);
+    let mut message = MessageWriter::new();
+    message.header(header(time, "lidar")).u32(0).u32(0).u32(2).u8(1).u8(0).u8(0).u8(0).u32(2);
     for k in 0..2u32 {
-        message = message.u32(k).u32(5f32.to_bits()).u32(1f32.to_bits()).u32(0).u8(9).u8(0).u8(1);
+        message.u32(k).u32(5f32.to_bits()).u32(1f32.to_bits()).u32(0).u8(9).u8(0).u8(1);
     }
-    message.0
+    message.finish()
 }
 
 /// All that can be subscribed to, by type: the robots that have it, and whether poses are estimated.
 fn robots() -> Vec<(LiveTopics, Vec<Vec<u8>>)> {
-    let imu = Cdr::new().header(1.0, "lidar").f64s(&[0.0; 4]).f64s(&[0.0; 9]).f64s(&[0.0; 3]).f64s(&[0.0; 9]).f64s(&[0.0; 3]).f64s(&[0.0; 9]).0;
-    let pose = Cdr::new().header(1.0, "map").pose(1.0).0;
+    let imu = MessageWriter::new()
+        .header(header(1.0, "lidar"))
+        .f64s(&[0.finish(); 4])
+        .f64s(&[0.0; 9])
+        .f64s(&[0.0; 3])
+        .f64s(&[0.0; 9])
+        .f64s(&[0.0; 3])
+        .f64s(&[0.0; 9])
+        .0;
+    let pose = MessageWriter::new().header(header(1.0, "map")).pose(&at(1.0)).finish();
     let whole = vec![cloud(1.0), livox(1.0), odometry(1.0, 2.0), pose, path(&[(1.0, 1.0)]), transform(1.0, "a", "b", 1.0), imu, clock(1.0)];
     let kinds = |pairs: &[(&str, &str)]| pairs.iter().map(|(name, kind)| ((*name).to_owned(), (*kind).to_owned())).collect::<Vec<_>>();
     let corrected = OpenOptions { correction_topic: Some("c".into()), ..OpenOptions::default() };
