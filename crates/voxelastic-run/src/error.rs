@@ -101,7 +101,11 @@ impl Error {
 
     /// Whether another disk, or more space on this one, could help.
     pub fn is_of_the_system(&self) -> bool {
-        chain(self).any(|cause| cause.downcast_ref::<std::io::Error>().is_some())
+        match self {
+            Self::System(_) => true,
+            Self::During { source, .. } => source.is_of_the_system(),
+            other => chain(other).any(|cause| cause.downcast_ref::<std::io::Error>().is_some()),
+        }
     }
 
     /// The message with its causes on one line, for a log. A cause whose text is part of the message before it is left out.

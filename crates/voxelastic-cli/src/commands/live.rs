@@ -326,7 +326,7 @@ impl Play<'_> {
     }
 
     fn watch(&self, requests: &RequestSender) -> anyhow::Result<Option<Watch>> {
-        self.view.map(|(address, detail)| Watch::start(self.name, address, detail, self.control(desk)?)).transpose()
+        self.view.map(|(address, detail)| Watch::start(self.name, address, detail, self.control(requests)?)).transpose()
     }
 
     fn nothing(&self, what: &str) -> Failure {

@@ -28,7 +28,7 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     let map = json(dir.path(), &format!("map room --json --hold-out 5 {QUICK} --lambda-odom 2"));
     let expected = "blocks checkpoints closures corrections field file_mb fused fusions groups_apart integrate_cpu_ms integrate_ms interrupted loops map_mb mapping_s \
                     max_range_m moving_points odometry output peak_rss_mb phases_ms scans scans_held_out scans_resumed scans_skipped sensor sensor_layout session submap_moves submaps \
-                    submaps_rebuilt threads total_s voxel_m voxels_freed voxels_removed";
+                    submaps_rebuilt threads total_s voxel_m voxels_freed voxels_removed warnings";
     assert_eq!(keys(&map), expected.split_whitespace().collect());
     for spread in ["integrate_ms", "integrate_cpu_ms"] {
         assert_eq!(keys(&map[spread]), BTreeSet::from(["mean", "median", "p95"]));
