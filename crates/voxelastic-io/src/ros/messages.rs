@@ -1,16 +1,7 @@
 //! Messages that recordings and topics have in common.
 
-use super::MessageWriter;
+use super::{Header, MessageWriter};
 use voxelastic::Pose;
-
-/// When and in which frame a message was made.
-#[derive(Clone, Copy, Debug)]
-pub struct Header<'a> {
-    /// Seconds.
-    pub stamp: f64,
-    /// Name of the frame.
-    pub frame: &'a str,
-}
 
 /// Type of a field of `sensor_msgs/PointCloud2`, with its number in `sensor_msgs/PointField`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,7 +16,7 @@ mod reader;
 mod writer;
 
 pub use definitions::definition;
-pub use messages::{FieldType, Header, point_cloud, transforms};
+pub use messages::{FieldType, point_cloud, transforms};
 pub(crate) use reader::Encoding;
 pub use reader::MessageReader;
-pub use writer::{CDR_HEADER, MessageWriter};
+pub use writer::{CDR_HEADER, Header, MessageWriter};

@@ -1,7 +1,15 @@
 //! Writing CDR, the serialisation of ROS 2 (OMG DDSI-RTPS 2.3, section 10): little-endian, numbers aligned to their size from the end of the header.
 
-use super::Header;
 use voxelastic::Pose;
+
+/// When and in which frame a message was made.
+#[derive(Clone, Copy, Debug)]
+pub struct Header<'a> {
+    /// Seconds.
+    pub stamp: f64,
+    /// Name of the frame.
+    pub frame: &'a str,
+}
 
 /// The header of messages in plain CDR, little-endian.
 pub const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];

@@ -104,3 +104,67 @@ const CAMERA_TOPICS: [(&str, &str); 2] =
 fn nanoseconds(time: f64) -> u64 {
     (time.max(0.0) * 1e9).round() as u64
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::camera::Lens;
+    use crate::imu::ImuSettings;
+    use crate::{SimError, SimOptions, Simulation};
+    use std::ops::ControlFlow;
+    use std::path::Path;
+    use voxelastic_io::{OpenOptions, bag};
+    use voxelastic_testing::run_python;
+
+    fn write(path: &Path) -> Result<Simulation, SimError> {
+        let options = SimOptions { scans: Some(3), columns: Some(64), imu: Some(ImuSettings::default()), ..SimOptions::of("room") };
+        let simulation = Simulation::new(SimOptions { rate: Some(10.0), camera: Some(Lens::Fisheye), ..options })?;
+        assert_eq!(simulation.write_recording(path, &mut |_, _| ControlFlow::Continue(()))?, 3);
+        Ok(simulation)
+    }
+
+    #[test]
+    fn a_recording_counts_what_it_holds() -> Result<(), SimError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("recording.mcap");
+        let simulation = write(&path)?;
+        let description = bag::describe(&path, &OpenOptions::default()).unwrap();
+        let messages = |name: &str| description.topics.iter().find(|topic| topic.name == name).and_then(|topic| topic.messages);
+        let [clouds, poses, images] = ["/points", "/tf_static", "/front/image/compressed"].map(messages);
+        assert_eq!((clouds, poses, images, messages("/front/camera_info")), (Some(3), Some(2), Some(3), Some(3)));
+        assert!(messages("/imu").is_some_and(|n| n > 10), "{:?}", messages("/imu"));
+        let scans = voxelastic_io::raw::open(&path, &OpenOptions::default()).unwrap();
+        let first = scans.iter().next().unwrap().unwrap();
+        let points = &simulation.cloud(0).unwrap_or_default().points;
+        assert_eq!(first.cloud.points.iter().filter(|p| p[0].is_finite()).count(), points.iter().filter(|p| p[0].is_finite()).count());
+        Ok(())
+    }
+
+    /// With the definitions that the file itself has, and to the last byte.
+    #[test]
+    fn another_implementation_reads_every_message() -> Result<(), SimError> {
+        let script = "
+import sys
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from mcap.reader import make_reader
+counts = {}
+with open(sys.argv[1], 'rb') as file:
+    reader = make_reader(file, validate_crcs=True)
+    stores = {}
+    for schema, channel, message in reader.iter_messages(log_time_order=False):
+        if schema.name not in stores:
+            stores[schema.name] = get_typestore(Stores.EMPTY)
+            stores[schema.name].register(get_types_from_msg(schema.data.decode(), schema.name))
+        value = stores[schema.name].deserialize_cdr(message.data, schema.name)
+        assert bytes(stores[schema.name].serialize_cdr(value, schema.name)) == message.data, schema.name
+        counts[channel.topic] = counts.get(channel.topic, 0) + 1
+    assert counts == {c.topic: reader.get_summary().statistics.channel_message_counts[i] for i, c in reader.get_summary().channels.items()}
+print(counts['/points'], counts['/front/image/compressed'])
+";
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("recording.mcap");
+        write(&path)?;
+        let Some(read) = run_python("rosbags, mcap", script, &[&path]) else { return Ok(()) };
+        assert_eq!(read.trim(), "3 3");
+        Ok(())
+    }
+}

@@ -205,7 +205,7 @@ fn samples_of_before_do_not_belong_to_scans_of_after() {
             .f64s(&[0.0; 9])
             .f64s(&[0.0, 0.0, 9.8])
             .f64s(&[0.0; 9])
-            .0
+            .finish()
     };
     let topics = LiveTopics::choose("test", &there(), true, &OpenOptions::default()).unwrap().with_clock();
     let position = |name: &str| topics.subscriptions().iter().position(|topic| topic.name == name).unwrap();
@@ -276,13 +276,13 @@ fn livox(time: f64) -> Vec<u8> {
 fn robots() -> Vec<(LiveTopics, Vec<Vec<u8>>)> {
     let imu = MessageWriter::new()
         .header(header(1.0, "lidar"))
-        .f64s(&[0.finish(); 4])
+        .f64s(&[0.0; 4])
         .f64s(&[0.0; 9])
         .f64s(&[0.0; 3])
         .f64s(&[0.0; 9])
         .f64s(&[0.0; 3])
         .f64s(&[0.0; 9])
-        .0;
+        .finish();
     let pose = MessageWriter::new().header(header(1.0, "map")).pose(&at(1.0)).finish();
     let whole = vec![cloud(1.0), livox(1.0), odometry(1.0, 2.0), pose, path(&[(1.0, 1.0)]), transform(1.0, "a", "b", 1.0), imu, clock(1.0)];
     let kinds = |pairs: &[(&str, &str)]| pairs.iter().map(|(name, kind)| ((*name).to_owned(), (*kind).to_owned())).collect::<Vec<_>>();
