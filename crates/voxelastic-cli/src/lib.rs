@@ -23,7 +23,7 @@ mod reporting;
 mod texturing;
 mod watching;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::{
     bench, changes, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize,
     plan, remove, render, repair, report, simulate, slice, view,
@@ -42,6 +42,24 @@ Examples:
   voxelastic map hall                      map the folder hall: makes hall.vox
   voxelastic mesh hall.vox -o hall.ply     extract a mesh
   voxelastic render hall.vox -o hall.png   draw a picture";
+
+/// The commands by headings, those that most people need first.
+const GROUPS: [(&str, &[&str]); 5] = [
+    ("Commands", &["map", "live", "view", "mesh", "export", "render", "report", "info", "plan", "localize", "config", "demo"]),
+    ("Sessions and damaged maps", &["merge", "remove", "changes", "repair"]),
+    ("Free space", &["slice", "esdf", "explore"]),
+    ("Poses alone", &["odometry", "optimize"]),
+    ("Measuring", &["eval", "heldout", "simulate", "bench"]),
+];
+
+/// The command line, with its commands by headings.
+fn command_line() -> clap::Command {
+    let command = Cli::command();
+    let about = |name: &str| command.find_subcommand(name).and_then(clap::Command::get_about).map(ToString::to_string).unwrap_or_default();
+    let row = |name: &&str| format!("  {name:<10}{}\n", about(name));
+    let list: String = GROUPS.iter().map(|(heading, names)| format!("{heading}:\n{}\n", names.iter().map(row).collect::<String>())).collect();
+    command.help_template(format!("{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options:\n{{options}}{{after-help}}"))
+}
 
 /// Elastic LiDAR mapping: builds a dense map from registered scans and deforms it when poses are corrected.
 ///
@@ -128,7 +146,7 @@ impl Logging {
 /// It is made for a process of its own: it installs handlers of signals and a panic hook, and sends log lines to stderr from the first call on.
 pub fn run<A: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = A>, program: Option<&Path>) -> u8 {
     failure::install_panic_hook();
-    let cli = match Cli::try_parse_from(arguments) {
+    let cli = match command_line().try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(end) => return failure::report_usage(&end),
     };
@@ -171,10 +189,27 @@ impl Command {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
+    use std::collections::BTreeSet;
 
     #[test]
     fn the_command_line_is_well_formed() {
-        Cli::command().debug_assert();
+        command_line().debug_assert();
+    }
+
+    #[test]
+    fn every_command_is_under_one_heading() {
+        let listed: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        let command = Cli::command();
+        let all: BTreeSet<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+        assert_eq!(listed.len(), all.len());
+        assert_eq!(listed.into_iter().collect::<BTreeSet<_>>(), all);
+    }
+
+    #[test]
+    fn the_short_help_of_map_has_a_dozen_flags() {
+        let mut command = Cli::command();
+        let help = command.find_subcommand_mut("map").unwrap().render_help().to_string();
+        let flags = help.lines().filter(|line| line.trim_start().starts_with("--") || line.trim_start().starts_with("-o")).count();
+        assert!((10..=14).contains(&flags), "{help}");
     }
 }

@@ -37,7 +37,7 @@ mod _native {
     #[pymodule_export]
     use crate::job::{limit_memory, use_threads};
     #[pymodule_export]
-    use crate::map::Map;
+    use crate::map::{Map, write_mesh};
     #[pymodule_export]
     use crate::mapper::Mapper;
     #[pymodule_export]

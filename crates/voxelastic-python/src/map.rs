@@ -1,10 +1,10 @@
 //! A map: its submaps, surface and distances.
 
 use crate::{arrays, errors, job};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::types::PyTuple;
-use pyo3::{Bound, PyAny, PyResult, Python, pyclass, pymethods};
+use pyo3::{Bound, PyAny, PyResult, Python, pyclass, pyfunction, pymethods};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::Settings;
@@ -16,6 +16,7 @@ use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
 use voxelastic_io::Origin;
+use voxelastic_io::mesh_io::{self, MeshRef};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
 
 /// Points queried between two looks for Ctrl-C.
@@ -131,13 +132,14 @@ impl Map {
         saved.map(|_| ()).map_err(|e| errors::file(py, &e))
     }
 
-    /// The same map with submaps numbered from `first` on, in their order.
-    fn renumbered(&self, first: u32) -> PyResult<Self> {
+    /// The same map with submaps numbered from `first` on, in their order, whose coordinates count from `origin`.
+    fn renumbered(&self, first: u32, origin: [f64; 3]) -> PyResult<Self> {
+        let origin = Origin::new(origin).ok_or_else(|| PyValueError::new_err("the origin is not finite"))?;
         let content = self.content()?;
-        let Content { atlas, settings, sensor, origin } = &*content;
+        let Content { atlas, settings, sensor, .. } = &*content;
         let submaps = (first..).zip(atlas.submaps()).map(|(id, submap)| submap.clone().with_id(id)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
-        Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin: *origin }.into())
+        Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin }.into())
     }
 
     /// The settings that it was made with, as text.
@@ -171,6 +173,18 @@ impl Map {
         let content = self.content()?;
         let nodes = |submap: &voxelastic::atlas::Submap| submap.scans().iter().map(|scan| scan.node).collect();
         Ok(content.atlas.submaps().iter().map(|submap| (submap.id(), arrays::matrix_of_pose(&submap.t_map_submap()), nodes(submap))).collect())
+    }
+
+    /// The nodes of the map with the present poses of their scans, 4 x 4.
+    fn poses(&self) -> PyResult<Vec<(u64, [[f64; 4]; 4])>> {
+        let content = self.content()?;
+        let of = |submap: &voxelastic::atlas::Submap| {
+            let t_map_submap = submap.t_map_submap();
+            submap.corrected_scans().map(|(node, t)| (node, arrays::matrix_of_pose(&content.origin.to_map(t_map_submap * t)))).collect::<Vec<_>>()
+        };
+        let mut poses: Vec<_> = content.atlas.submaps().iter().flat_map(of).collect();
+        poses.sort_by_key(|(node, _)| *node);
+        Ok(poses)
     }
 
     /// Smallest and largest coordinates of what was observed, map frame; none for an empty map.
@@ -252,6 +266,26 @@ impl Map {
         let content = self.content()?;
         Ok(PyArray1::from_vec(py, states_of(py, &content.atlas.query(), points)?))
     }
+}
+
+/// Writes a mesh in the format that the ending of its name says; `colours` and `intensity` may be none.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
+pub fn write_mesh(
+    py: Python<'_>,
+    path: PathBuf,
+    vertices: PyReadonlyArray2<'_, f32>,
+    triangles: PyReadonlyArray2<'_, u32>,
+    normals: PyReadonlyArray2<'_, f32>,
+    colours: Option<PyReadonlyArray2<'_, u8>>,
+    intensity: Option<PyReadonlyArray1<'_, f32>>,
+    origin: [f64; 3],
+) -> PyResult<()> {
+    let (positions, triangles, normals) = (arrays::rows(&vertices)?, arrays::rows(&triangles)?, arrays::rows(&normals)?);
+    let colours = colours.as_ref().map(arrays::rows).transpose()?;
+    let intensity = intensity.as_ref().map(|values| values.as_slice()).transpose()?;
+    let mesh = MeshRef { positions, origin, normals, colours, intensity, triangles };
+    job::run_short(py, || mesh_io::write(&path, &mesh))?.map_err(|e| errors::file(py, &e))
 }
 
 /// Identifier, pose, nodes.

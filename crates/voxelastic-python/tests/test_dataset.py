@@ -26,7 +26,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_folder_gives_its_scans(drive: Path) -> None:
     dataset = vx.Dataset.open(drive)
-    assert dataset.scan_count == 12 and dataset.path == drive and repr(dataset) == f"Dataset({str(drive)!r}, 12 scans)"
+    assert dataset.scan_count == len(dataset) == 12 and dataset.path == drive and repr(dataset) == f"Dataset({str(drive)!r}, 12 scans)"
     assert "poses.tum" in str(dataset)
     scans = list(dataset)
     assert [scan.node for scan in scans] == list(range(12)) == [scan.node for scan in dataset], "as often as one likes"

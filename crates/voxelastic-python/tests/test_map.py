@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import voxelastic as vx
-from conftest import ROOM, distance_to_walls, room_scans, with_box
+from conftest import ROOM, Scan, distance_to_walls, room_scans, with_box
 
 
 def test_the_mesh_is_the_walls(room: vx.Map) -> None:
@@ -197,3 +197,32 @@ def test_a_map_of_two_sessions_is_as_it_was_last(tmp_path: Path) -> None:
     assert of_box(newest) == 0 and of_box(everything) > 100
     side = np.array([[low[0] + 0.03, y, z] for y in np.arange(-1.3, -0.7, 0.1) for z in np.arange(-0.5, 0.3, 0.1)])
     assert (newest.state(side) == vx.State.FREE).mean() > 0.9 and (everything.state(side) == vx.State.OCCUPIED).mean() > 0.5
+
+
+def test_a_mesh_is_written_by_its_ending_and_read_by_others(room: vx.Map, tmp_path: Path) -> None:
+    mesh = room.mesh()
+    for name in ("room.ply", "room.glb"):
+        mesh.save(tmp_path / name)
+    with pytest.raises(vx.FileError, match=r"\.ply or \.glb"):
+        mesh.save(tmp_path / "room.obj")
+    head = (tmp_path / "room.ply").read_bytes()[:400]
+    assert head.startswith(b"ply\nformat binary_little_endian") and f"element vertex {len(mesh.vertices)}\n".encode() in head
+    assert (tmp_path / "room.glb").read_bytes()[:4] == b"glTF"
+    trimesh = pytest.importorskip("trimesh")
+    again = trimesh.load(tmp_path / "room.ply", process=False)
+    np.testing.assert_allclose(again.vertices, mesh.vertices, atol=1e-6)
+    np.testing.assert_array_equal(again.faces, mesh.triangles)
+
+
+def test_poses_of_a_map_are_those_of_its_scans_after_corrections(scans: list[Scan]) -> None:
+    mapper = vx.Mapper(voxel_size=0.1, max_range=20)
+    for points, pose in scans:
+        mapper.integrate(points, pose[:3])
+    poses = mapper.snapshot().poses
+    assert list(poses) == list(range(len(scans)))
+    for (_, pose), found in zip(scans, poses.values(), strict=True):
+        np.testing.assert_allclose(found, pose, atol=1e-6)
+    lift = np.eye(4)
+    lift[2, 3] = 0.5
+    mapper.update_poses({node: lift @ pose for node, pose in poses.items()})
+    np.testing.assert_allclose(mapper.finish().poses[3], lift @ poses[3], atol=1e-6)

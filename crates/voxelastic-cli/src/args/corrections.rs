@@ -9,19 +9,19 @@ use voxelastic_run::corrections::Rebuild;
 #[command(next_help_heading = "Corrections")]
 pub struct CorrectionArgs {
     /// Optimise the pose graph after loop edges and correct the map: for data whose poses are odometry
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     optimize: bool,
     /// Find loop closures from the scans, and optimise after them; scans without poses have that by themselves
     #[arg(long, overrides_with = "no_loops")]
     loops: bool,
     /// Do not look for loop closures in scans without poses
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_loops: bool,
     /// At the end, rebuild all submaps from their scans with the final poses
-    #[arg(long, conflicts_with = "rebuild_deformed")]
+    #[arg(long, conflicts_with = "rebuild_deformed", hide_short_help = true)]
     rebuild: bool,
     /// At the end, rebuild the submaps whose scans moved relative to each other by more than deform_tolerance
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     rebuild_deformed: bool,
 }
 

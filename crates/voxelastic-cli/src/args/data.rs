@@ -32,7 +32,7 @@ pub struct ReadingArgs {
     poses: Option<PathBuf>,
     /// The g2o pose graph with loop and odometry edges, named as for --poses; for a recording also a folder of corrected
     /// trajectories, each named by the time from which it holds (poses@SECONDS.tum)
-    #[arg(long, value_name = "FILE.g2o")]
+    #[arg(long, value_name = "FILE.g2o", hide_short_help = true)]
     graph: Option<PathBuf>,
     /// Pose of the lidar in the vehicle frame, where the poses in the files are those of the vehicle; for several sensors one for each --cloud-topic
     #[arg(long, value_name = "\"X Y Z QX QY QZ QW\"", value_parser = pose, allow_hyphen_values = true)]
@@ -42,14 +42,14 @@ pub struct ReadingArgs {
     every: Option<Keyframing>,
     /// The topic of the clouds in a recording, if there are several; given more than once, the sensors are mapped together. Poses that do not say whose they are
     /// are those of the first
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     cloud_topic: Vec<String>,
     /// A folder with the scans and poses of a further sensor, which is mapped together with DATA; may be given several times. With --t-base-lidar there is one
     /// for each folder, in their order. Where the poses are estimated, they are those of DATA, and --t-base-lidar says where the others are
-    #[arg(long, value_name = "FOLDER")]
+    #[arg(long, value_name = "FOLDER", hide_short_help = true)]
     also: Vec<PathBuf>,
     /// The topic of the poses in a recording (odometry, path, stamped poses, /tf), if there are several
-    #[arg(long, value_name = "TOPIC")]
+    #[arg(long, value_name = "TOPIC", hide_short_help = true)]
     pose_topic: Option<String>,
     /// The topic of corrected poses of the scans so far: paths with the time stamps of the scans, as SLAM systems publish them after a loop
     #[arg(long, value_name = "TOPIC", hide_short_help = true)]
@@ -64,7 +64,7 @@ pub struct ReadingArgs {
     #[arg(long, value_name = "FILE", hide_short_help = true)]
     metadata: Option<PathBuf>,
     /// Do not compensate the motion of the sensor during a sweep: for clouds that are compensated already but still have point times
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     no_deskew: bool,
     /// Largest time difference between a scan and its pose, seconds
     #[arg(long, value_name = "S", default_value_t = TIME_TOLERANCE_S, value_parser = seconds, hide_short_help = true)]

@@ -8,14 +8,14 @@ use voxelastic_run::keep::{CheckpointEvery, Resume};
 #[command(next_help_heading = "Runs that did not end")]
 pub struct ResumeArgs {
     /// Go on with the run that did not end; fail if there is none. Without it, a run with the same input and settings goes on, too
-    #[arg(long, conflicts_with = "restart")]
+    #[arg(long, conflicts_with = "restart", hide_short_help = true)]
     resume: bool,
     /// Map from the beginning, and give up what a run that did not end has mapped
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     restart: bool,
     /// When to keep what is mapped so far, to go on after the process is killed: auto (so that it takes at most a fiftieth of the time),
     /// off, a number of scans, or seconds (30s)
-    #[arg(long, value_name = "auto|off|N|SECONDSs", default_value = "auto")]
+    #[arg(long, value_name = "auto|off|N|SECONDSs", default_value = "auto", hide_short_help = true)]
     pub checkpoints: CheckpointEvery,
 }
 

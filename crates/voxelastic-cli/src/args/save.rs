@@ -19,10 +19,10 @@ enum OnFullDisk {
 #[derive(Clone, Copy, Debug, Args)]
 pub struct SaveArgs {
     /// Replace an existing map even if it has more scans than the new one
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     overwrite: bool,
     /// What to do when the finished map cannot be written, because the disk is full for one
-    #[arg(long, value_name = "WHAT", default_value = "elsewhere")]
+    #[arg(long, value_name = "WHAT", default_value = "elsewhere", hide_short_help = true)]
     on_full_disk: OnFullDisk,
 }
 

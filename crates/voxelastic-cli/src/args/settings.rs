@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 use voxelastic::settings::{Group, Setting, Settings, table};
 
+/// Settings that `-h` shows; `--help` shows all.
+const IN_SHORT_HELP: [&str; 3] = ["field", "voxel_size", "max_range"];
 /// A larger configuration file is a mistake, or a device without end.
 const LARGEST_FILE: u64 = 1 << 20;
 
@@ -50,7 +52,7 @@ fn flag(setting: &'static Setting) -> Arg {
         .value_name(value_name)
         .help(format!("{} [{}; default {}]", setting.help, setting.range(), setting.default))
         .help_heading(if advanced { "Advanced settings" } else { "Settings" })
-        .hide_short_help(advanced)
+        .hide_short_help(!IN_SHORT_HELP.contains(&setting.key))
         .allow_negative_numbers(true)
         .value_parser(move |text: &str| Settings::default().set(setting.key, text).map(|()| text.to_owned()))
 }

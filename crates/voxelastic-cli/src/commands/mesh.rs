@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::Origin;
-use voxelastic_io::mesh_io::{MeshRef, write_glb, write_ply, write_textured_glb};
+use voxelastic_io::mesh_io::{self, Format, MeshRef, write_textured_glb};
 
 /// Extract the surface of a map as a triangle mesh
 ///
@@ -58,14 +58,6 @@ pub struct MeshArgs {
     #[command(flatten)]
     images: ImageArgs,
 }
-
-/// A mesh file's format.
-#[derive(Clone, Copy)]
-enum Format {
-    Ply,
-    Glb,
-}
-
 /// The keys of `--json`.
 #[derive(Debug, Serialize)]
 struct Summary {
@@ -88,7 +80,7 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
-    let format = format_of(&args.output)?;
+    let format = Format::of(&args.output).map_err(|problem| Failure::usage(problem.to_string(), ""))?;
     if args.images.data().is_some() && (args.separate || args.colour.is_some()) {
         let remedy = "leave out --separate and --colour: one submap may hide another, and images give the colours";
         return Err(Failure::usage("--images colours the surface of the whole map", remedy).into());
@@ -122,7 +114,7 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     };
     let clock = Instant::now();
     for (path, mesh) in &meshes {
-        write(path, format, mesh, map.origin, args.colour, texture.as_ref())?;
+        write(path, mesh, map.origin, args.colour, texture.as_ref())?;
     }
     let summary = Summary {
         vertices: meshes.iter().map(|(_, m)| m.mesh.positions.len()).sum(),
@@ -152,15 +144,6 @@ fn list(files: &[PathBuf]) -> String {
     }
 }
 
-fn format_of(path: &Path) -> anyhow::Result<Format> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    match ending.as_deref() {
-        Some("ply") => Ok(Format::Ply),
-        Some("glb") => Ok(Format::Glb),
-        _ => Err(Failure::usage(format!("{}: not a known mesh format", path.display()), "use the extension .ply or .glb").into()),
-    }
-}
-
 /// The file of a submap: `parts-000007.ply` for `parts.ply` and 7.
 fn numbered(path: &Path, id: u32) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -168,7 +151,7 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
     path.with_file_name(format!("{stem}-{id:06}.{ending}"))
 }
 
-fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Option<Colour>, texture: Option<&MeshTexture>) -> anyhow::Result<()> {
+fn write(path: &Path, mesh: &MapMesh, origin: Origin, colour: Option<Colour>, texture: Option<&MeshTexture>) -> anyhow::Result<()> {
     let colours = mesh.colours(colour.unwrap_or_else(|| mesh.default_colour()))?;
     let intensity: Vec<f32> = mesh.mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
@@ -179,10 +162,9 @@ fn write(path: &Path, format: Format, mesh: &MapMesh, origin: Origin, colour: Op
         intensity: (!intensity.is_empty()).then_some(&intensity),
         triangles: &mesh.mesh.triangles,
     };
-    match (format, texture) {
-        (Format::Ply, _) => write_ply(path, &file),
-        (Format::Glb, None) => write_glb(path, &file),
-        (Format::Glb, Some(texture)) => write_textured_glb(path, &file, &texture.images),
+    match texture {
+        None => mesh_io::write(path, &file),
+        Some(texture) => write_textured_glb(path, &file, &texture.images),
     }
     .with_context(|| format!("cannot write the mesh {}", path.display()))
 }

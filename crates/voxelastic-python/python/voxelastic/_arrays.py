@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Pose: TypeAlias = Union[ArrayLike, tuple[ArrayLike, ArrayLike]]
-"""A rigid transform: a 4 x 4 matrix, or a translation (x, y, z) in metres with a unit quaternion (x, y, z, w)."""
+"""A rigid transform: a 4 x 4 matrix or its first three rows, or a translation (x, y, z) in metres with a unit quaternion (x, y, z, w)."""
 
 _IDENTITY_ERROR = 1e-3
 _MOST_POINTS = 1 << 27
@@ -100,7 +100,7 @@ def _exact(array: NDArray[Any], name: str, dtype: type[np.generic]) -> NDArray[A
 
 def pose(value: Any, name: str = "pose") -> NDArray[np.float64]:
     """x, y, z, qx, qy, qz, qw of a pose."""
-    expected = "a 4 x 4 matrix, or a translation (x, y, z) and a quaternion (x, y, z, w)"
+    expected = "a 4 x 4 or 3 x 4 matrix, or a translation (x, y, z) and a quaternion (x, y, z, w)"
     if isinstance(value, tuple) and len(value) == 2:
         translation, quaternion = (_numeric(part, name, expected).astype(np.float64) for part in value)
         if translation.shape != (3,) or quaternion.shape != (4,):
@@ -112,6 +112,8 @@ def pose(value: Any, name: str = "pose") -> NDArray[np.float64]:
             raise ValueError(f"{name}: the norm of the quaternion is {norm:.3f}, but must be 1; the order is x, y, z, w")
         return numbers
     matrix = _numeric(value, name, expected).astype(np.float64)
+    if matrix.shape == (3, 4):
+        matrix = np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
     if matrix.shape != (4, 4):
         raise ValueError(f"{name}: expected {expected}, not {matrix.shape}")
     _check_finite(matrix, name)

@@ -276,6 +276,16 @@ class Dataset:
         """The folder or file."""
         return self._path
 
+    def __len__(self) -> int:
+        """Number of scans, where that is known before they are read: of folders. `len` of a recording is a `TypeError`."""
+        scans = self.scan_count
+        if scans is None:
+            raise TypeError("a recording does not say how many scans it has before it is read: count them with sum(1 for _ in dataset)")
+        return scans
+
+    def __bool__(self) -> bool:
+        return True
+
     @property
     def has_poses(self) -> bool:
         """Whether the scans have poses."""

@@ -206,6 +206,9 @@ class Map:
                 raise ValueError(f"{name}: coordinates of this map count from its origin: pass `{name} - map.origin`, in double precision")
         return array
 
+    def _doubles(self, points: ArrayLike, name: str) -> NDArray[np.float64]:
+        return np.ascontiguousarray(self._points(points, name), dtype=np.float64)
+
     @property
     def settings(self) -> Settings:
         """The settings that the map was made with."""
@@ -225,6 +228,12 @@ class Map:
     def submaps(self) -> list[Submap]:
         """The rigid parts of the map, by number."""
         return [Submap(number, np.array(pose), nodes) for number, pose, nodes in self._inner.submaps()]
+
+    @property
+    def poses(self) -> dict[int, NDArray[np.float64]]:
+        """Where the scans of the map were taken, as they are known now, after all corrections: the lidar frame in the frame of the poses that were mapped, 4 x 4, by
+        node. With the origin: these are the poses of the trajectory."""
+        return {node: np.array(pose) for node, pose in self._inner.poses()}
 
     @property
     def bounds(self) -> NDArray[np.float32] | None:
@@ -343,7 +352,7 @@ class Map:
             ValueError: The map has no occupancy, or an array has another shape.
         """
         self._needs_occupancy("ray_cast")
-        starts = _arrays.doubles(np.atleast_2d(np.asarray(origins)), "origins")
+        starts = self._doubles(np.atleast_2d(np.asarray(origins)), "origins")
         rays = _arrays.doubles(directions, "directions")
         if len(starts) not in (1, len(rays)):
             raise ValueError(f"origins: expected one, or as many as directions, which are {len(rays)}, not {len(starts)}")
@@ -413,7 +422,7 @@ class Map:
             ValueError: The map has no occupancy, or the array has another shape.
         """
         self._needs_occupancy("clearance")
-        return _native.clearance(self._inner, _arrays.doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
+        return _native.clearance(self._inner, self._doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
 
     def esdf(self, points: ArrayLike, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Distances to the nearest obstacles and their gradients, by the Euclidean distance field of the whole map, which is computed first.
@@ -434,7 +443,7 @@ class Map:
         """
         if unknown_blocks:
             self._needs_occupancy("esdf")
-        return _native.esdf(self._inner, _arrays.doubles(points, "points"), _positive(max_distance, "max_distance"), bool(unknown_blocks))
+        return _native.esdf(self._inner, self._doubles(points, "points"), _positive(max_distance, "max_distance"), bool(unknown_blocks))
 
     def slice(
         self, axis: Literal["x", "y", "z"] = "z", at: float = 1.0, *, thickness: float = 0.0, pixel: float | None = None, of: Literal["state", "distance"] | None = None
@@ -503,7 +512,7 @@ class Map:
             ValueError: The map has no occupancy.
         """
         self._needs_occupancy("plan")
-        begin, end = (_arrays.doubles([point], name)[0].tolist() for point, name in ((start, "start"), (goal, "goal")))
+        begin, end = (self._doubles([point], name)[0].tolist() for point, name in ((start, "start"), (goal, "goal")))
         found = _native.plan(self._inner, begin, end, float(radius), bool(wheels), step, bool(unknown_blocks), float(time), samples, int(seed))
         return Path(**found)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
+import pathlib
 from typing import Any
 
 import numpy as np
@@ -58,6 +60,21 @@ class Mesh:
         places = np.ascontiguousarray(_arrays.points(points), dtype=np.float32)
         vertices, triangles = np.ascontiguousarray(self.vertices), np.ascontiguousarray(self.triangles)
         return _native.mesh_distances(vertices, triangles, places, float(up_to))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the mesh to a file, with normals, colours and intensity where there are any, in the frame of the poses: `origin` is added.
+
+        Args:
+            path: The file; its ending says the format: `.ply` (binary, in double precision if there is an origin) or `.glb`.
+
+        Raises:
+            FileError: The ending is another, or the file cannot be written.
+        """
+        vertices, triangles = np.ascontiguousarray(self.vertices, dtype=np.float32), np.ascontiguousarray(self.triangles, dtype=np.uint32)
+        colours = None if self.colours is None else np.ascontiguousarray(self.colours, dtype=np.uint8)
+        intensity = None if self.intensity is None else self.intensity.astype(np.float32)
+        normals = np.ascontiguousarray(self.normals, dtype=np.float32)
+        _native.write_mesh(pathlib.Path(path), vertices, triangles, normals, colours, intensity, [float(c) for c in self.origin])
 
     def vertex_colours(self) -> NDArray[np.uint8]:
         """V x 3 colours to draw the mesh with: those of the scans, or grey by intensity, or by height."""

@@ -234,8 +234,8 @@ class Map:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Saves the map to a directory."""
 
-    def renumbered(self, first: int) -> Map:
-        """The same map with submaps numbered from `first` on, in their order."""
+    def renumbered(self, first: int, origin: Sequence[float]) -> Map:
+        """The same map with submaps numbered from `first` on, in their order, whose coordinates count from `origin`."""
 
     def origin(self) -> list[float]:
         """Where coordinates are counted from."""
@@ -254,6 +254,9 @@ class Map:
 
     def submaps(self) -> list[tuple[int, list[list[float]], list[int]]]:
         """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes."""
+
+    def poses(self) -> list[tuple[int, list[list[float]]]]:
+        """The nodes with the present poses of their scans."""
 
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
@@ -354,6 +357,17 @@ def compare_surfaces(
     max_points: int,
 ) -> str:
     """Compares the points of a map, or its mesh, with true points, or with a world: as JSON."""
+
+def write_mesh(
+    path: str | os.PathLike[str],
+    vertices: NDArray[np.float32],
+    triangles: NDArray[np.uint32],
+    normals: NDArray[np.float32],
+    colours: NDArray[np.uint8] | None,
+    intensity: NDArray[np.float32] | None,
+    origin: Sequence[float],
+) -> None:
+    """Writes a mesh in the format that the ending of its name says."""
 
 def mesh_distances(
     vertices: NDArray[np.float32], triangles: NDArray[np.int32], points: NDArray[np.float32], cut_off: float

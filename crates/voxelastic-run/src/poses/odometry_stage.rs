@@ -11,6 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use voxelastic::Pose;
 use voxelastic::event::{Event, NodeId};
+use voxelastic::geometry::stored::StoredPose;
 use voxelastic::motion::Motion;
 use voxelastic_io::bag::KEYFRAME_DISTANCE_M;
 use voxelastic_io::{KeyframeFilter, Keyframing, OpenOptions};
@@ -119,6 +120,9 @@ struct Chosen {
 #[derive(Serialize, Deserialize)]
 pub struct StageState {
     slam: SlamState,
+    deskew: bool,
+    t_first_sensor: Vec<StoredPose>,
+    keyframing: Keyframing,
     chosen: BTreeMap<u16, Chosen>,
     held_out: usize,
     left: usize,
@@ -142,6 +146,9 @@ impl OdometryStage {
     pub fn state(&self) -> Option<StageState> {
         Some(StageState {
             slam: self.slam.state()?,
+            deskew: self.setup.settings.deskew,
+            t_first_sensor: self.setup.t_first_sensor.iter().copied().map(StoredPose).collect(),
+            keyframing: self.setup.keyframing,
             chosen: self.selection.chosen.clone(),
             held_out: self.selection.hold_out.as_ref().map_or(0, |(_, count)| count.load(Ordering::Relaxed)),
             left: self.selection.left,
@@ -151,6 +158,10 @@ impl OdometryStage {
 
     /// Goes on with what the stage of another process knew, and the scans after those that it has seen.
     pub fn resume(&mut self, state: StageState) {
+        // A program that pushes scans has not said yet what they are.
+        self.setup.settings.deskew = state.deskew;
+        self.setup.t_first_sensor = state.t_first_sensor.iter().map(|pose| pose.0).collect();
+        (self.setup.keyframing, self.selection.keyframing) = (state.keyframing, state.keyframing);
         self.slam = Slam::resume(self.setup.settings.clone(), self.setup.t_first_sensor.clone(), state.slam);
         if let Some((_, count)) = &self.selection.hold_out {
             count.store(state.held_out, Ordering::Relaxed);

@@ -8,14 +8,14 @@
 //! on with it (`state`).
 //!
 //! ```
-//! use voxelastic::event::{Event, Scan};
+//! use voxelastic::event::Scan;
 //! use voxelastic::{Cloud, Error, Mapper, Pose, Settings};
 //!
 //! let settings = Settings { sensor: "vlp-16".to_owned(), ..Settings::default() };
 //! let mut mapper = Mapper::builder().settings(settings).build()?;
 //! let wall = Cloud::from_points((0..50).map(|i| [2.0, 0.01 * i as f32, 0.0]).collect());
 //! let scan = Scan { node: 0, time: 0.0, t_map_lidar: Pose::identity(), cloud: wall };
-//! let report = mapper.handle(Event::Scan(scan))?.expect("a scan gives a report");
+//! let report = mapper.integrate(&scan)?;
 //! assert!(report.is_new_submap);
 //! let atlas = mapper.into_atlas();
 //! assert_eq!(atlas.scan_count(), 1);

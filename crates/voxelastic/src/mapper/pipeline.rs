@@ -55,13 +55,13 @@ pub struct Mapper {
 }
 
 impl Mapper {
-    /// A mapper with an empty atlas; [`builder`](Self::builder) has more options. A memory budget among the settings becomes that of the process.
+    /// A mapper with an empty atlas; [`builder`](Self::builder) has more options. A memory budget is the program's to set, for all mappers:
+    /// [`Settings::limit_memory`].
     ///
     /// # Errors
-    /// Settings out of range, or that contradict each other, or a memory budget that cannot be kept.
+    /// Settings out of range, or that contradict each other.
     pub fn new(settings: Settings) -> Result<Self, SettingError> {
         settings.validate()?;
-        settings.limit_memory()?;
         Ok(Self {
             atlas: Atlas::new(settings.voxel_size),
             clusters: Clusters::new(&settings),
@@ -243,12 +243,21 @@ impl Mapper {
     pub fn handle(&mut self, event: Event) -> Result<Option<ScanReport>, MapError> {
         self.conflicts_resolved = false;
         match event {
-            Event::Scan(scan) => keep_threads_awake(self.idle_task.clone(), || self.integrate(&scan)).map(Some),
+            Event::Scan(scan) => self.integrate(&scan).map(Some),
             Event::OdometryEdge(edge) => self.add_edge(LinkKind::Odometry, &edge).map(|()| None),
             Event::LoopEdge(edge) => self.add_edge(LinkKind::Loop, &edge).map(|()| None),
             Event::PoseUpdate(poses) => self.update_poses(&poses).map(|()| None),
             Event::Vertical(_) => Ok(None),
         }
+    }
+
+    /// Integrates a scan, which stays the caller's: what [`handle`](Self::handle) does with one.
+    ///
+    /// # Errors
+    /// A scan that cannot be used is refused and named; the map is unchanged, and others can follow.
+    pub fn integrate(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
+        self.conflicts_resolved = false;
+        keep_threads_awake(self.idle_task.clone(), || self.add_scan(scan))
     }
 
     /// Rebuilds submap `id` from its scans at the current poses of their nodes, after completing all fusions. Its conflicts with other
@@ -300,7 +309,7 @@ impl Mapper {
         Ok(())
     }
 
-    fn integrate(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
+    fn add_scan(&mut self, scan: &Scan) -> Result<ScanReport, MapError> {
         if self.clusters.assignments.submap_of(scan.node).is_some() {
             return Err(MapError::DuplicateNode { node: scan.node });
         }
@@ -308,13 +317,13 @@ impl Mapper {
             return Err(MapError::BadPose { node: scan.node });
         }
         let mut sensors = std::mem::take(&mut self.sensors);
-        let result = self.integrate_from(&mut sensors, scan);
+        let result = self.add_scan_from(&mut sensors, scan);
         self.sensors = sensors;
         result
     }
 
-    /// As [`integrate`](Self::integrate), with the sensors apart: a prepared scan borrows from one of them.
-    fn integrate_from(&mut self, sensors: &mut Sensors, scan: &Scan) -> Result<ScanReport, MapError> {
+    /// As [`add_scan`](Self::add_scan), with the sensors apart: a prepared scan borrows from one of them.
+    fn add_scan_from(&mut self, sensors: &mut Sensors, scan: &Scan) -> Result<ScanReport, MapError> {
         let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
         let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();

@@ -61,21 +61,21 @@ pub struct MapArgs {
     #[arg(long)]
     slam: bool,
     /// Leave out every Nth scan, for `voxelastic heldout`
-    #[arg(long, value_name = "N", value_parser = hold_out)]
+    #[arg(long, value_name = "N", value_parser = hold_out, hide_short_help = true)]
     hold_out: Option<HoldOut>,
     /// Stop after this many scans
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", hide_short_help = true)]
     max_scans: Option<usize>,
     #[command(flatten)]
     save: SaveArgs,
     /// Fail on the first scan that cannot be used, instead of skipping it
-    #[arg(long)]
+    #[arg(long, hide_short_help = true)]
     strict: bool,
     /// Write a report on the map and the run, an HTML page [default name: that of the map with .html, in the current directory]
     #[arg(long, value_name = "FILE.html", num_args = 0..=1, require_equals = true)]
     report: Option<Option<PathBuf>>,
     /// With --dynamic=remove: write the points on things that move as a cloud (PLY, map frame)
-    #[arg(long, value_name = "FILE.ply")]
+    #[arg(long, value_name = "FILE.ply", hide_short_help = true)]
     dynamic_points: Option<PathBuf>,
     /// Print the results as one JSON object on stdout
     #[arg(long)]

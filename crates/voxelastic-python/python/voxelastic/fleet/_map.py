@@ -216,9 +216,9 @@ class _Fleet:
         tasks, sources = [], []
         for one, number in pieces:
             piece = one.record["pieces"][number]
-            first = one.session["number"] * FIRST_SUBMAPS + number * SUBMAPS_OF_PIECE
-            task_key = key("integrate", piece["name"], first, settings)
-            tasks.append(Task(task_key, integrate, (self.store, task_key, piece["name"], first, settings)))
+            first, origin = one.session["number"] * FIRST_SUBMAPS + number * SUBMAPS_OF_PIECE, one.record["origin"]
+            task_key = key("integrate", piece["name"], first, settings, origin)
+            tasks.append(Task(task_key, integrate, (self.store, task_key, piece["name"], first, settings, origin)))
             sources.append(one.session)
         submaps = []
         for session, record in zip(sources, self.runner.run("integrate", tasks)):

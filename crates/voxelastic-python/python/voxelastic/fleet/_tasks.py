@@ -114,8 +114,8 @@ def split(store: Store, session: Record, task_key: str, metres: float, voxel: fl
         return _refused(error)
 
 
-def integrate(store: Store, task_key: str, piece: str, first_submap: int, settings: dict[str, str]) -> Record:
-    """Maps a piece: its submaps as files of the map."""
+def integrate(store: Store, task_key: str, piece: str, first_submap: int, settings: dict[str, str], origin: list[float]) -> Record:
+    """Maps a piece, whose poses count from `origin`: its submaps as files of the map."""
 
     def work() -> Record:
         mapper = Mapper(Settings.from_text(settings), loops=False)
@@ -124,7 +124,7 @@ def integrate(store: Store, task_key: str, piece: str, first_submap: int, settin
         made = mapper.finish()
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "part.vox"
-            made._inner.renumbered(first_submap).save(path)
+            made._inner.renumbered(first_submap, origin).save(path)
             manifest = (path / "manifest.json").read_text()
             for file in sorted(path.glob("*.vxs")):
                 store.write(f"{MAP}/{file.name}", file.read_bytes())
