@@ -11,6 +11,7 @@ use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::event::Event;
 use voxelastic::mapper::{IdleTask, MapError, Mapper, RebuildError, RebuildReport, ScanReport, ScanSource};
 use voxelastic::sensor::BeamModel;
+use voxelastic::settings::Settings;
 use voxelastic_eval::SeriesStats;
 use voxelastic_report::RunLog;
 
@@ -35,6 +36,13 @@ pub struct TimeSummary {
     pub integrate_cpu_ms: SeriesStats,
     /// Wall time by phase: `prepare` (range image, local planes) and the phases of each field.
     pub phases_ms: BTreeMap<String, SeriesStats>,
+}
+
+/// A mapper with an empty map, of a sensor with tables of beams of its own, if they are known.
+pub(crate) fn empty_mapper(settings: &Settings, sensor: Option<BeamModel>) -> crate::Result<Mapper> {
+    let mut mapper = Mapper::new(settings.clone())?;
+    sensor.into_iter().for_each(|model| mapper.set_sensor_model(model));
+    Ok(mapper)
 }
 
 impl Mapping {

@@ -10,7 +10,7 @@ pub use save::SavedSession;
 use crate::corrections::{ClosureSummary, Corrections};
 use crate::input::Input;
 use crate::keep::{CheckpointEvery, CheckpointSummary, Comes, Identity, Keeper, Stages, Target};
-use crate::mapping::Mapping;
+use crate::mapping::{Mapping, empty_mapper};
 use crate::poses::{Jumps, MapFrame, OdometryStage, OdometrySummary, Outcome, PoseStage, Relocalisation, StreamPosition, placed};
 use crate::warning::{Code, Warnings};
 use crate::{Error, Result};
@@ -267,7 +267,7 @@ impl MappingRun {
     /// # Errors
     /// None, unless settings have become wrong.
     pub fn restart(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        let mapper = begin::mapper(self.mapping.mapper().settings(), self.sensor.clone())?;
+        let mapper = empty_mapper(self.mapping.mapper().settings(), self.sensor.clone())?;
         self.begin_anew(mapper, None, observer);
         self.poses.go_on(self.poses.first_node(), None);
         Ok(())

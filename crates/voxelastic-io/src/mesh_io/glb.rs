@@ -1,6 +1,6 @@
 //! Writing GLB, the binary form of glTF 2.0 (Khronos specification, section 4.4: a JSON chunk and a binary chunk).
 
-use super::MeshRef;
+use super::mesh_ref::MeshRef;
 use crate::file::write_atomically;
 use crate::{Error, Result};
 use serde_json::{Value, json};

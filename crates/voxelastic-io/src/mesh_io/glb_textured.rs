@@ -1,8 +1,8 @@
 //! Meshes with a texture as GLB.
 
-use super::MeshRef;
 use super::glb::INDEX_BUFFER;
 use super::glb::{FLOAT, TRIANGLES, UNSIGNED_INT, VERTEX_BUFFER, unit, up_rotation};
+use super::mesh_ref::MeshRef;
 use crate::file::write_atomically;
 use crate::{Error, Result};
 use image::ImageEncoder;

@@ -1,8 +1,8 @@
 //! Meshes of tiles as GLB: small, with coordinates on a lattice (glTF extension KHR_mesh_quantization).
 
-use super::MeshRef;
 use super::glb::{BYTE, FLOAT, GlbFile, TRIANGLES, UNSIGNED_INT, UNSIGNED_SHORT, VERTEX_BUFFER, linear_from_srgb, unit};
 use super::glb::{INDEX_BUFFER, up_rotation};
+use super::mesh_ref::MeshRef;
 use serde_json::{Value, json};
 
 /// The lattice of a tile's vertices: a vertex lies at `origin` plus whole multiples of `step`.

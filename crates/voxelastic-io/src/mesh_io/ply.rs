@@ -1,6 +1,6 @@
 //! Writing PLY.
 
-use super::MeshRef;
+use super::mesh_ref::MeshRef;
 use crate::Result;
 use crate::file::write_atomically;
 use std::io::Write;

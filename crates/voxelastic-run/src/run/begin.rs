@@ -4,10 +4,10 @@ use super::{Alignment, Kept, MappingRun};
 use crate::Result;
 use crate::corrections::Corrections;
 use crate::keep::{CheckpointEvery, Comes, Identity, Keeper, Target, Unfinished};
-use crate::mapping::Mapping;
+use crate::mapping::{Mapping, empty_mapper};
 use crate::poses::{Jumps, PoseStage, Poses, Relocalisation, StreamPosition};
 use crate::warning::Warnings;
-use voxelastic::mapper::{Mapper, ScanSource};
+use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
 use voxelastic::settings::Settings;
 use voxelastic_slam::Corrector;
@@ -27,13 +27,6 @@ pub struct Plan {
     pub comes: Comes,
 }
 
-/// A mapper with an empty map.
-pub(super) fn mapper(settings: &Settings, sensor: Option<BeamModel>) -> Result<Mapper> {
-    let mut mapper = Mapper::new(settings.clone())?;
-    sensor.into_iter().for_each(|model| mapper.set_sensor_model(model));
-    Ok(mapper)
-}
-
 impl MappingRun {
     /// A run with an empty map.
     ///
@@ -41,7 +34,7 @@ impl MappingRun {
     /// Settings out of range.
     pub fn new(plan: Plan, pool: rayon::ThreadPool) -> Result<Self> {
         let Plan { settings, corrections, poses, sensor, comes } = plan;
-        let mapping = Mapping::new(mapper(&settings, sensor.clone())?, pool, None);
+        let mapping = Mapping::new(empty_mapper(&settings, sensor.clone())?, pool, None);
         let mut run = Self {
             mapping,
             poses: PoseStage::new(poses, None),
