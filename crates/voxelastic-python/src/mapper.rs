@@ -39,7 +39,6 @@ type MotionSamples<'py> = (Vec<f32>, Vec<PyReadonlyArray1<'py, f64>>);
 #[pymethods]
 impl Mapper {
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "called by name from Python only")]
     fn new(
         py: Python<'_>,
         given: BTreeMap<String, String>,

@@ -41,7 +41,7 @@ SHEAR = IDENTITY + np.eye(4, k=1)
 @pytest.mark.parametrize(
     ("pose", "message"),
     [
-        (np.eye(3), r"pose: expected a 4 x 4 matrix, or .*, not \(3, 3\)"),
+        (np.eye(3), r"pose: expected a 4 x 4 or 3 x 4 matrix, or .*, not \(3, 3\)"),
         (np.full((4, 4), np.nan), "pose: a number is not finite"),
         (MIRROR, "not a rigid transform"),
         (SHEAR, "not a rigid transform"),
@@ -71,7 +71,7 @@ def test_wrong_poses_are_refused(pose: Any, message: str) -> None:
         ({"node": 2**64}, "expected a whole number"),
         ({"motion": [(0.0, IDENTITY)]}, "pass them as `times`"),
         ({"motion": [(0.0, IDENTITY)], "times": np.zeros(5)}, "motion: expected two poses or more"),
-        ({"motion": [(0.0, IDENTITY), (0.1, np.eye(3))], "times": np.zeros(5)}, r"motion\[1\]: expected a 4 x 4 matrix"),
+        ({"motion": [(0.0, IDENTITY), (0.1, np.eye(3))], "times": np.zeros(5)}, r"motion\[1\]: expected a 4 x 4 or 3 x 4 matrix"),
     ],
 )
 def test_wrong_channels_are_refused(channels: dict[str, Any], message: str) -> None:

@@ -159,7 +159,7 @@ def test_folders_of_two_sensors_are_mapped_together(tmp_path: Path) -> None:
         vx.Dataset.open(front, also=rear, t_base_lidar=[np.eye(4)] * 3)
     with pytest.raises(vx.FileError, match="nowhere"):
         vx.Dataset.open(front, poses="groundtruth", also=[tmp_path / "nowhere"])
-    with pytest.raises(ValueError, match="slam: the poses of several sensors"):
+    with pytest.raises(vx.FileError, match="where its sensor is beside the first is not known"):
         vx.Dataset.open(front, also=rear, slam=True)
 
 

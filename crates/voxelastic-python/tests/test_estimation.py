@@ -38,7 +38,7 @@ def test_a_folder_without_poses_has_a_trajectory_and_a_map(drive: vx.Simulation,
     drive.write(tmp_path / "drive")
     data = vx.Dataset.open(tmp_path / "drive", slam=True)
     assert not data.has_poses and data.scan_count == 12 and next(iter(data)).pose is None
-    assert "estimates" in str(data) and "at" not in repr(next(iter(data)))
+    assert "by odometry" in str(data) and "at" not in repr(next(iter(data)))
     seen: list[int] = []
     path = vx.odometry(tmp_path / "drive", progress=seen.append)
     assert len(seen) == len(path.times) == 12 and set(path.pieces) == {0}

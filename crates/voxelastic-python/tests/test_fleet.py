@@ -364,8 +364,9 @@ def test_the_command(world: vx.Simulation, tmp_path: Path, capsys: pytest.Captur
     report = json.loads(said.out)
     assert code == 0 and report["submaps"] > 0 and "tiles" in said.err
     assert report["origin_m"] == [448_000, 5_412_000, 0]
-    with pytest.warns(UserWarning, match="add 448000 5412000 0 m"):
-        submaps = vx.Map.open(store / "map.vox").submaps
+    made = vx.Map.open(store / "map.vox")
+    np.testing.assert_array_equal(made.origin, [448_000, 5_412_000, 0])
+    submaps = made.submaps
     assert all(np.abs(submap.pose[:3, 3]).max() < 500 for submap in submaps)
     root = json.loads((store / "tiles" / "tileset.json").read_text())["root"]
     assert root["transform"][12:] == [448_000, 5_412_000, 0, 1] and np.abs(root["boundingVolume"]["box"][:3]).max() < 500

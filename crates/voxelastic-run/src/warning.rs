@@ -29,8 +29,6 @@ pub enum Code {
     NoLastCorrection,
     /// A submap could not be rebuilt.
     NotRebuilt,
-    /// Scans moved relative to each other inside of submaps.
-    Deformed,
     /// A checkpoint could not be written.
     NoCheckpoint,
     /// What an earlier process had mapped is another map.
@@ -62,7 +60,6 @@ impl Code {
             Self::UnknownNodes => "unknown-nodes",
             Self::NoLastCorrection => "no-last-correction",
             Self::NotRebuilt => "not-rebuilt",
-            Self::Deformed => "deformed",
             Self::NoCheckpoint => "no-checkpoint",
             Self::SetAside => "set-aside",
             Self::NotInMap => "not-in-map",

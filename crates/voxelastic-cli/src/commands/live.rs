@@ -392,7 +392,7 @@ impl Play<'_> {
         run.warnings_mut().append(warnings);
         let watch = if early.is_some() { early } else { self.watch(&requests)? };
         let offers = self.network.map(|args| Offers::announce(args, network.as_mut(), &requests, self.planner.is_some())).transpose()?.flatten();
-        let exploring = self.planner.clone().map(Exploring::start).transpose()?;
+        let exploring = self.planner.map(Exploring::start).transpose()?;
         let on_network = offers.zip(self.network).map(|(mut offers, args)| {
             if let Some(frames) = frames.clone().filter(|_| args.use_sim_time) {
                 offers.outputs.set_clock(move || frames.clock());

@@ -24,7 +24,12 @@ class PlanError(Error):
 
 
 class RunWarning(UserWarning):
-    """Something that mapping has to say that is no error: a scan that was left out, a gap in time, a tunnel that does not hold the pose."""
+    """Something that mapping has to say that is no error: a scan that was left out, a gap in time, a tunnel that does not hold the pose.
+
+    Args:
+        text: What happened.
+        code: What it is about.
+    """
 
     code: str
     """What it is about, as `--json` of the command and the log of the run have it: `scan-skipped`, `gap`, `degenerate`, ..."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import pathlib
 import warnings
@@ -191,13 +192,13 @@ class Map:
 
     @property
     def origin(self) -> NDArray[np.float64]:
-        """What all coordinates of the map are counted from: those of submaps, meshes and queries, and what `bounds` says; 3 coordinates in the frame of the poses that
+        """What all coordinates of the map are counted from: those of submaps, meshes and queries, and what `bounds` says; a point (x, y, z) in the frame of the poses that
         were mapped, metres. Single precision has steps of half a metre at UTM coordinates, so a map of poses far from zero is made around an origin near the
         first of them. It is zero for poses within a few kilometres of zero."""
         return np.array(self._inner.origin())
 
-    def _points(self, points: ArrayLike, name: str = "points") -> NDArray[Any]:
-        """Points for a query, counted from the origin. Those that were not are refused: nothing would be known about them."""
+    def _points(self, points: Any, name: str = "points") -> NDArray[Any]:
+        """N x 3 points for a query, metres, counted from the origin. Those that were not are refused: nothing would be known about them."""
         array = _arrays.points(points)
         origin = self.origin
         if origin.any() and len(array):
@@ -206,7 +207,8 @@ class Map:
                 raise ValueError(f"{name}: coordinates of this map count from its origin: pass `{name} - map.origin`, in double precision")
         return array
 
-    def _doubles(self, points: ArrayLike, name: str) -> NDArray[np.float64]:
+    def _doubles(self, points: Any, name: str) -> NDArray[np.float64]:
+        """The same, N x 3 in metres, in double precision."""
         return np.ascontiguousarray(self._points(points, name), dtype=np.float64)
 
     @property
@@ -276,7 +278,8 @@ class Map:
             raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        return Mesh(*self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells)), origin=self.origin)
+        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells))
+        return dataclasses.replace(Mesh(*arrays), origin=self.origin)
 
     def query(self, points: ArrayLike) -> Query:
         """Distances to surfaces with their gradients, and whether space is free. `distance` and `state` are faster where that is all you need.

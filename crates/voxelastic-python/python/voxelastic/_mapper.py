@@ -99,7 +99,7 @@ class Mapper:
 
     @property
     def origin(self) -> NDArray[np.float64]:
-        """What coordinates of the map are counted from: see `Map.origin`. The first scan decides."""
+        """What coordinates of the map are counted from, a point (x, y, z), metres: see `Map.origin`. The first scan decides."""
         return np.array(self._inner.origin())
 
     def _warn(self, level: int) -> None:

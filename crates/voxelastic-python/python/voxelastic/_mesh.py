@@ -33,7 +33,7 @@ class Mesh:
     colours: NDArray[np.uint8] | None
     """V x 3 colours, sRGB; none if the scans had none."""
     origin: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.zeros(3))
-    """What vertices are counted from, 3 coordinates in the frame of the poses, metres: `vertices + origin` in double precision is where they are there. Zero unless
+    """What vertices are counted from, a point (x, y, z) in the frame of the poses, metres: `vertices + origin` in double precision is where they are there. Zero unless
     the map was made far from zero, as with UTM coordinates: see `Map.origin`."""
 
     def __len__(self) -> int:

@@ -18,10 +18,8 @@ impl MappingRun {
         if !deformed.is_empty() {
             let most = deformed.iter().map(|d| d.distance).fold(0.0, f64::max);
             let text = format!("corrections moved scans of {} submaps relative to each other, by up to {most:.2} m", deformed.len());
-            match rebuild {
-                Rebuild::None => self.warnings.add(Code::Deformed, text, "--rebuild-deformed rebuilds them"),
-                Rebuild::Deformed | Rebuild::All => tracing::info!("{text}"),
-            }
+            let remedy = if rebuild == Rebuild::None { "; --rebuild-deformed rebuilds them" } else { "" };
+            tracing::info!("{text}{remedy}");
         }
         let submaps: Vec<SubmapId> = match rebuild {
             Rebuild::All => self.mapping.atlas().submaps().iter().map(|s| s.id()).collect(),
