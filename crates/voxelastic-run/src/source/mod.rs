@@ -37,7 +37,7 @@ impl Source {
     pub fn open(path: &Path, options: &OpenOptions, slam: Option<bool>) -> Result<Self> {
         let named = names_poses(options);
         if slam == Some(true) {
-            if let (true, Some(what)) = (named.is_some(), named) {
+            if let Some(what) = named {
                 return Err(Error::usage(format!("the poses are to be estimated, and {what} are named"), "do without one of the two"));
             }
             return Ok(Self::Raw(Box::new(RawSource::open(path, options)?)));
