@@ -24,12 +24,22 @@ pub(crate) fn choose<S: Space>(
     worth: &[Viewpoint],
     current: Option<Point>,
 ) -> Option<Viewpoint> {
+    let best = best(settings, worth)?;
+    Some(steady(settings, worth, current, first_stop(space, roadmap, worth, best)))
+}
+
+/// The one with the largest unknown volume per second of travel.
+fn best(settings: &ExploreSettings, worth: &[Viewpoint]) -> Option<Viewpoint> {
     let rate = |v: &Viewpoint| rate(v.volume.likely, v.length, settings.speed);
-    let best = worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied()?;
-    let chosen = first_stop(space, roadmap, worth, best);
+    worth.iter().max_by(|a, b| rate(a).total_cmp(&rate(b))).copied()
+}
+
+/// The one that the robot is on its way to, unless `chosen` is much better.
+fn steady(settings: &ExploreSettings, worth: &[Viewpoint], current: Option<Point>, chosen: Viewpoint) -> Viewpoint {
+    let rate = |v: &Viewpoint| rate(v.volume.likely, v.length, settings.speed);
     let off = |v: &Viewpoint| current.map_or(f64::INFINITY, |end| distance(v.place, end));
     let ahead = worth.iter().min_by(|a, b| off(a).total_cmp(&off(b))).filter(|v| off(v) < settings.spacing);
-    Some(ahead.filter(|ahead| rate(&chosen) < BETTER * rate(ahead)).copied().unwrap_or(chosen))
+    ahead.filter(|ahead| rate(&chosen) < BETTER * rate(ahead)).copied().unwrap_or(chosen)
 }
 
 /// Unknown volume for a second of the way there and a second of looking: of `volume` cubic metres, `length` metres away, at `speed` metres a second.
@@ -58,27 +68,9 @@ mod tests {
     use crate::gain::UnknownVolume;
     use voxelastic_plan::Robot;
 
-    /// Everything is free.
-    struct Open;
-
-    impl Space for Open {
-        fn steer(&self, _: Point, to: Point) -> Option<Point> {
-            Some(to)
-        }
-
-        fn state_at(&self, p: Point) -> Option<Point> {
-            Some(p)
-        }
-
-        fn bounds(&self) -> [Point; 2] {
-            [[-1e3; 3], [1e3; 3]]
-        }
-    }
-
     #[test]
     fn a_robot_between_two_viewpoints_does_not_turn_around_with_each_plan() {
         let settings = ExploreSettings::new(Robot::flying(0.3), [[-9.0; 3], [9.0; 3]]);
-        let roadmap = Roadmap::new(settings.spacing, [0.0; 3]);
         // One 4 m to the left and one to the right, of a robot at x.
         let choice = |x: f64, right: f64, current: Option<f64>| {
             let view = |node, at: f64, likely| Viewpoint {
@@ -88,7 +80,7 @@ mod tests {
                 volume: UnknownVolume { possible: likely, likely },
             };
             let worth = [view(0, -4.0, 100.0), view(1, 4.0, right)];
-            choose(&settings, &Open, &roadmap, &worth, current.map(|at| [at, 0.0, 0.0])).map(|chosen| chosen.node)
+            best(&settings, &worth).map(|best| steady(&settings, &worth, current.map(|at| [at, 0.0, 0.0]), best).node)
         };
         assert_eq!([-0.4, 0.4].map(|x| choice(x, 100.0, None)), [Some(0), Some(1)]);
         assert_eq!([-0.4, 0.4].map(|x| choice(x, 100.0, Some(4.0))), [Some(1), Some(1)]);
