@@ -39,6 +39,7 @@ __all__ = [
     "use_threads",
     "verify_places",
     "world_names",
+    "write_mesh",
     "write_tiles",
 ]
 
