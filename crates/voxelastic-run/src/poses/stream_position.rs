@@ -40,11 +40,6 @@ impl StreamPosition {
         Self { before, ..self }
     }
 
-    /// Whether what comes can be read again.
-    pub fn is_recorded(&self) -> bool {
-        self.is_recorded
-    }
-
     /// Where the reading of a recording is, if it can go on from there; none within, where nobody can.
     pub fn position(&self) -> Option<Option<ReadPosition>> {
         if self.is_recorded { self.position.clone().map(Some) } else { Some(None) }
