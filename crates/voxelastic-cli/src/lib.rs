@@ -21,7 +21,6 @@ mod painting;
 mod progress;
 mod reporting;
 mod texturing;
-mod watching;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::{

@@ -5,14 +5,14 @@ use crate::failure::Failure;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 use std::path::Path;
-use voxelastic::atlas::fusion::{Agreement, PairAgreement};
-use voxelastic::atlas::{Atlas, Submap, SubmapId};
-use voxelastic::geometry::Rigid;
-use voxelastic::meshing::{OneSurface, SurfaceTiles};
-use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
+use voxelastic::atlas::fusion::PairAgreement;
+use voxelastic::atlas::{Atlas, SubmapId};
+use voxelastic::meshing::SurfaceTiles;
+use voxelastic::surface::{Crumbs, MeshOptions, OccupancySurface};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 use voxelastic_run::map_files::{self, LoadedMap};
-use voxelastic_run::{Warnings, precision, threads};
+use voxelastic_run::surfaces::{self, MapMesh, SurfaceOptions};
+use voxelastic_run::{Warnings, threads};
 
 /// Arguments that select the surface.
 #[derive(Clone, Debug, Args)]
@@ -80,35 +80,17 @@ impl SurfaceArgs {
         Ok(if self.surface == Surface::Measured { map_files::load_surfaces(path, load)? } else { map_files::load(path, load)? })
     }
 
-    fn options(&self) -> MeshOptions {
-        MeshOptions { min_weight: self.min_weight, lod: usize::from(self.lod), close_gaps: !self.keep_gaps, keep_all: self.keep_all }
-    }
-
-    /// Extracts the surface of a submap in the submap frame.
-    pub fn extract(&self, submap: &Submap, voxel: f32) -> Mesh {
-        match self.occupancy(submap) {
-            Some(kind) => extract_occupancy(submap.occupancy(), voxel, kind, self.lod.into()),
-            None => extract(submap.tsdf(), voxel, &self.options()),
-        }
-    }
-
-    /// Appends the surface of a submap to `mesh`, in the map frame.
-    pub fn extract_onto(&self, mesh: &mut Mesh, submap: &Submap, voxel: f32) {
-        let t = Rigid::from(&submap.t_map_submap());
-        match self.occupancy(submap) {
-            Some(kind) => mesh.append(&extract_occupancy(submap.occupancy(), voxel, kind, self.lod.into()), &t),
-            None => extract_onto(mesh, submap.tsdf(), voxel, &self.options(), Some(&t)),
-        }
-    }
-
-    /// The surface of occupancy to extract; none for that of the TSDF.
-    fn occupancy(&self, submap: &Submap) -> Option<OccupancySurface> {
-        match self.surface {
-            Surface::Measured => submap.tsdf().is_empty().then_some(OccupancySurface::Occupied),
+    /// The surface that these arguments ask for.
+    pub fn options(&self, layers: LayerArgs) -> SurfaceOptions {
+        let Self { surface, lod, min_weight, keep_gaps, keep_all, .. } = *self;
+        let occupancy = match surface {
+            Surface::Measured => None,
             Surface::Occupied => Some(OccupancySurface::Occupied),
             Surface::FreeHull => Some(OccupancySurface::FreeHull),
             Surface::Frontier => Some(OccupancySurface::Frontier),
-        }
+        };
+        let mesh = MeshOptions { min_weight, lod: lod.into(), close_gaps: !keep_gaps, keep_all };
+        SurfaceOptions { occupancy, mesh, unfused: layers.shells }
     }
 
     /// The error for an empty surface.
@@ -138,21 +120,6 @@ pub enum Colour {
     Scale,
     /// Nothing
     None,
-}
-
-/// The mesh of a submap or of a map, in the map frame.
-#[derive(Debug, Default)]
-pub struct MapMesh {
-    /// The surface, metres.
-    pub mesh: Mesh,
-    /// Submap of each vertex; empty if submaps were fused.
-    pub submaps: Vec<SubmapId>,
-    /// How well the submaps agree, if they were fused.
-    pub agreement: Option<Agreement>,
-    /// The same by pairs of submaps.
-    pub pairs: Vec<PairAgreement>,
-    /// What was left out for lack of evidence, if anything could be.
-    pub crumbs: Option<Crumbs>,
 }
 
 /// What was left out of a surface for lack of evidence, as `--json` has it.
@@ -235,70 +202,21 @@ impl Fused {
 }
 
 /// Meshes of all submaps that have a surface, in the map frame, by submap.
-pub fn submap_meshes(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
-    precision::check(atlas, voxel, &mut Warnings::default())?;
-    let mut meshes = Vec::new();
-    for submap in atlas.submaps() {
-        let mut mesh = surface.extract(submap, voxel);
-        if !mesh.triangles.is_empty() {
-            mesh.transform(&Rigid::from(&submap.t_map_submap()));
-            let submaps = vec![submap.id(); mesh.positions.len()];
-            meshes.push((submap.id(), MapMesh { mesh, submaps, ..MapMesh::default() }));
-        }
-    }
-    if meshes.is_empty() {
-        return Err(surface.empty_error());
-    }
-    Ok(meshes)
+pub fn submap_meshes(atlas: &Atlas, surface: &SurfaceArgs) -> anyhow::Result<Vec<(SubmapId, MapMesh)>> {
+    let meshes = surfaces::by_submap(atlas, &surface.options(LayerArgs::default()), &mut Warnings::default())?;
+    if meshes.is_empty() { Err(surface.empty_error()) } else { Ok(meshes) }
 }
 
-/// The surface of the whole map, in the map frame: overlapping submaps are fused, and a place has one surface. Surfaces of occupancy are those
-/// of the submaps.
-pub fn map_mesh(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
-    precision::check(atlas, voxel, &mut Warnings::default())?;
-    let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
-    let fields = atlas.tsdfs().len();
-    if layers.shells || fields == 0 || !is_measured {
-        return shells(atlas, voxel, surface);
-    }
-    let OneSurface { mesh, agreement, pairs, crumbs, .. } = atlas.one_surface(&surface.options());
-    if mesh.triangles.is_empty() {
-        return Err(surface.empty_error());
-    }
-    let only = atlas.submaps().iter().find(|submap| fields == 1 && !submap.tsdf().is_empty());
-    let submaps = only.map_or_else(Vec::new, |submap| vec![submap.id(); mesh.positions.len()]);
-    Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), pairs, crumbs: (!surface.keep_all).then_some(crumbs) })
+/// The surface of the whole map, in the map frame.
+pub fn map_mesh(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> anyhow::Result<MapMesh> {
+    let found = surfaces::of_map(atlas, &surface.options(layers), &mut Warnings::default())?;
+    if found.mesh.triangles.is_empty() { Err(surface.empty_error()) } else { Ok(found) }
 }
 
-/// Whether the surface of the map can be made tile by tile: at full detail, one of all submaps, of their TSDFs.
-pub fn has_tiles(atlas: &Atlas, surface: &SurfaceArgs, layers: LayerArgs) -> bool {
-    let is_measured = atlas.submaps().iter().all(|submap| submap.tsdf().is_empty() || surface.occupancy(submap).is_none());
-    surface.lod == 0 && !layers.shells && is_measured && !atlas.tsdfs().is_empty()
-}
-
-/// That surface. The atlas is dropped when its submaps are fused.
-pub fn surface_tiles(atlas: Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<SurfaceTiles<Atlas>> {
-    precision::check(&atlas, voxel, &mut Warnings::default())?;
-    let tiles = SurfaceTiles::new(atlas, surface.options());
+/// The same tile by tile, for maps that have tiles.
+pub fn surface_tiles(atlas: Atlas, surface: &SurfaceArgs) -> anyhow::Result<SurfaceTiles<Atlas>> {
+    let tiles = surfaces::tiles(atlas, &surface.options(LayerArgs::default()), &mut Warnings::default())?;
     if tiles.is_empty() { Err(surface.empty_error()) } else { Ok(tiles) }
-}
-
-/// Points on the surfaces of all submaps, in the map frame.
-pub fn surface_points(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Vec<[f32; 3]>> {
-    Ok(shells(atlas, voxel, surface)?.mesh.positions)
-}
-
-/// The surfaces of all submaps on top of each other, in the map frame.
-fn shells(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<MapMesh> {
-    let mut all = MapMesh::default();
-    for submap in atlas.submaps() {
-        surface.extract_onto(&mut all.mesh, submap, voxel);
-        all.submaps.resize(all.mesh.positions.len(), submap.id());
-    }
-    if all.mesh.triangles.is_empty() {
-        return Err(surface.empty_error());
-    }
-    Ok(all)
 }
 
 /// Range of the height colours, metres: the 1st and 99th percentiles, so that outliers do not matter.
@@ -310,38 +228,36 @@ pub fn height_range(positions: &[[f32; 3]]) -> (f32, f32) {
     (low, high.max(low + 0.01))
 }
 
-impl MapMesh {
-    /// The default colouring: the colours of the scans if there are any, else height.
-    pub fn default_colour(&self) -> Colour {
-        if self.mesh.colours.is_empty() { Colour::Height } else { Colour::Scans }
-    }
+/// The default colouring: the colours of the scans if there are any, else height.
+pub fn default_colour(found: &MapMesh) -> Colour {
+    if found.mesh.colours.is_empty() { Colour::Height } else { Colour::Scans }
+}
 
-    /// A colour for each vertex; none for [`Colour::None`].
-    ///
-    /// # Errors
-    /// When vertices are to be coloured by intensities or colours that the map does not have.
-    pub fn colours(&self, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> {
-        let mesh = &self.mesh;
-        Ok(match by {
-            Colour::None => None,
-            Colour::Height => {
-                let (low, high) = height_range(&mesh.positions);
-                Some(mesh.positions.iter().map(|p| Ramp::Land.at((p[2] - low) / (high - low))).collect())
-            }
-            Colour::Intensity if mesh.intensities.is_empty() => {
-                return Err(Failure::new("the map has no intensity: the scans have none", "choose another --colour, such as height").into());
-            }
-            Colour::Intensity => Some(mesh.intensities.iter().map(|&s| Ramp::Grey.at(f32::from(s) / 255.0)).collect()),
-            Colour::Scans if mesh.colours.is_empty() => {
-                return Err(Failure::new("the map has no colours: the scans have none", "choose another --colour, such as height").into());
-            }
-            Colour::Scans => Some(mesh.colours.clone()),
-            Colour::Submap if self.submaps.is_empty() => {
-                let remedy = "add --shells for the surfaces of the submaps, or choose another --colour";
-                return Err(Failure::usage("the surface is made of several submaps", remedy).into());
-            }
-            Colour::Submap => Some(self.submaps.iter().map(|&id| palette(id as usize)).collect()),
-            Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
-        })
-    }
+/// A colour for each vertex; none for [`Colour::None`].
+///
+/// # Errors
+/// When vertices are to be coloured by intensities or colours that the map does not have.
+pub fn colours(found: &MapMesh, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> {
+    let mesh = &found.mesh;
+    Ok(match by {
+        Colour::None => None,
+        Colour::Height => {
+            let (low, high) = height_range(&mesh.positions);
+            Some(mesh.positions.iter().map(|p| Ramp::Land.at((p[2] - low) / (high - low))).collect())
+        }
+        Colour::Intensity if mesh.intensities.is_empty() => {
+            return Err(Failure::new("the map has no intensity: the scans have none", "choose another --colour, such as height").into());
+        }
+        Colour::Intensity => Some(mesh.intensities.iter().map(|&s| Ramp::Grey.at(f32::from(s) / 255.0)).collect()),
+        Colour::Scans if mesh.colours.is_empty() => {
+            return Err(Failure::new("the map has no colours: the scans have none", "choose another --colour, such as height").into());
+        }
+        Colour::Scans => Some(mesh.colours.clone()),
+        Colour::Submap if found.submaps.is_empty() => {
+            let remedy = "add --shells for the surfaces of the submaps, or choose another --colour";
+            return Err(Failure::usage("the surface is made of several submaps", remedy).into());
+        }
+        Colour::Submap => Some(found.submaps.iter().map(|&id| palette(id as usize)).collect()),
+        Colour::Scale => Some(mesh.scales.iter().map(|&s| Ramp::Violet.at(1.0 - f32::from(s) / 3.0)).collect()),
+    })
 }

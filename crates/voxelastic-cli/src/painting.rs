@@ -196,7 +196,7 @@ impl ImageArgs {
 
 /// The poses of the scans of a map as they are now, with the times that the log of the run has.
 fn corrected_poses(map: &LoadedMap, path: &Path) -> anyhow::Result<Vec<(f64, Pose)>> {
-    let log: Option<RunLog> = crate::reporting::run_log(&voxelastic_run::map_files::open(path)?);
+    let log: Option<RunLog> = voxelastic_run::map_files::run_log(&voxelastic_run::map_files::open(path)?);
     let mut times: Vec<(NodeId, f64)> = log.map(|log| log.scans.node.into_iter().zip(log.scans.time_s).collect()).unwrap_or_default();
     times.sort_by_key(|(node, _)| *node);
     let mut timed = Vec::new();

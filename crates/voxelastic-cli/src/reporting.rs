@@ -1,8 +1,7 @@
 //! Reports: from a map and the log of its run to an HTML page.
 
 use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
-use crate::failure::one_line;
-use crate::meshing::{Fused, LayerArgs, LeftOut, MapMesh, Pair, SurfaceArgs, map_mesh};
+use crate::meshing::{Fused, LayerArgs, LeftOut, Pair, SurfaceArgs, map_mesh};
 use anyhow::Context;
 use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
@@ -16,10 +15,11 @@ use voxelastic::settings::Settings;
 use voxelastic::surface::Mesh;
 use voxelastic_eval::colour::palette;
 use voxelastic_eval::metrics::Comparison;
-use voxelastic_io::store::{MapDetails, MapStore};
+use voxelastic_io::store::MapDetails;
 use voxelastic_report::content::{Distances, Fact, MovingPoints, Node, Table};
 use voxelastic_report::surface::{RootPose, Surface};
 use voxelastic_report::{MovingLog, Report, RunLog, Warning};
+use voxelastic_run::surfaces::MapMesh;
 use voxelastic_run::usage::megabytes;
 
 /// Numbers of blocks from which a map is meshed one, two and three levels of detail coarser for a page, which would be decimated anyway.
@@ -112,9 +112,9 @@ impl Subject<'_> {
             first_pose: first_poses.get(&submap.id()).map(root_pose),
             ..surface_of(mesh)
         };
-        let voxel = self.settings.voxel_size;
-        let Ok(mut mesh) = map_mesh(self.atlas, voxel, &how, LayerArgs::default()) else {
-            return (self.atlas.submaps().iter().map(|submap| of(submap, how.extract(submap, voxel))).collect(), None);
+        let options = how.options(LayerArgs::default());
+        let Ok(mut mesh) = map_mesh(self.atlas, &how, LayerArgs::default()) else {
+            return (self.atlas.submaps().iter().map(|submap| of(submap, options.extract(submap))).collect(), None);
         };
         let mut surfaces: Vec<Surface> = self.atlas.submaps().iter().map(|submap| of(submap, Mesh::default())).collect();
         let carriers = if mesh.submaps.is_empty() { carriers(self.atlas, &mesh.mesh) } else { mesh.submaps.clone() };
@@ -249,16 +249,6 @@ fn nodes(atlas: &Atlas) -> Vec<Node> {
     let mut nodes: Vec<Node> = atlas.submaps().iter().flat_map(of_submap).collect();
     nodes.sort_by_key(|n| n.node);
     nodes
-}
-
-/// The log of the run stored in a map, if it can be read. Problems are logged.
-pub fn run_log(store: &MapStore) -> Option<RunLog> {
-    let text = store.run_log().map_err(anyhow::Error::from);
-    let log = text.and_then(|text| text.map(|t| RunLog::from_json(&t)).transpose().map_err(anyhow::Error::from));
-    log.unwrap_or_else(|problem| {
-        tracing::warn!("{}: {}", store.dir().display(), one_line(&problem));
-        None
-    })
 }
 
 /// Measures the map at `map` against a truth and adds the errors to the report.

@@ -5,6 +5,7 @@
 //! | [`transport`] | where inputs come from: the trait that a robot's middleware or a recording implements |
 //! | [`replay`] | a recording as a transport, at its own or another rate |
 //! | [`ouster`], [`spinning`] | the packets of an Ouster sensor, and of Velodyne's, Hesai's and RoboSense's, as a transport |
+//! | [`node`] | all of it together: what comes is mapped, told, published and kept |
 //! | [`ros`] | topics and services of ROS 2 |
 //! | [`feed`] | the thread that a transport runs on, and the bounded queue between it and the mapper |
 //! | [`planner`] | where to go next, on a thread with a copy of the map |
@@ -17,6 +18,7 @@
 //! puts what changed into a [`Scene`](scene::Scene), and never waits for those who look at it.
 
 pub mod feed;
+pub mod node;
 pub mod ouster;
 mod page;
 pub mod planner;

@@ -11,6 +11,39 @@ const NAP: Duration = Duration::from_millis(50);
 /// A step between two time stamps that is longer than this, seconds, or goes back, is a jump of the clock and not a pause of the recording.
 const LONGEST_PAUSE: f64 = 600.0;
 
+/// The speed at which a recording is played: a factor, or as fast as possible.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rate(Option<f64>);
+
+/// Rates beyond these are mistakes.
+const RATES: [f64; 2] = [0.01, 100.0];
+
+impl Default for Rate {
+    /// Its own speed.
+    fn default() -> Self {
+        Self(Some(1.0))
+    }
+}
+
+impl Rate {
+    /// Parses `max` or a factor.
+    ///
+    /// # Errors
+    /// When it is neither.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let number = || text.parse().ok().filter(|r: &f64| (RATES[0]..=RATES[1]).contains(r));
+        match text {
+            "max" => Ok(Self(None)),
+            _ => number().map(|rate| Self(Some(rate))).ok_or_else(|| format!("must be `max` or a number from {} to {}", RATES[0], RATES[1])),
+        }
+    }
+
+    /// The factor; none for as fast as possible.
+    pub fn factor(self) -> Option<f64> {
+        self.0
+    }
+}
+
 /// Plays inputs by their time stamps: two scans that are a second apart are given out a second apart, at rate 1.
 pub struct Replay<I> {
     inputs: I,
@@ -37,9 +70,9 @@ impl Lateness {
 }
 
 impl<I: Iterator<Item = Input> + Send> Replay<I> {
-    /// Plays `inputs` at `rate` times their own speed; without a rate, as fast as they are taken.
-    pub fn new(inputs: I, rate: Option<f64>) -> Self {
-        Self { inputs, rate, reference: None, last: None, lateness: Lateness::default() }
+    /// Plays `inputs` at `rate` times their own speed, or as fast as they are taken.
+    pub fn new(inputs: I, rate: Rate) -> Self {
+        Self { inputs, rate: rate.factor(), reference: None, last: None, lateness: Lateness::default() }
     }
 
     /// How late inputs were read, which can be asked while the recording is played.
@@ -93,7 +126,7 @@ mod tests {
     }
 
     fn play(times: &[f64], rate: Option<f64>) -> Duration {
-        let mut replay = Replay::new(times.iter().map(|t| scan(*t)), rate);
+        let mut replay = Replay::new(times.iter().map(|t| scan(*t)), Rate(rate));
         let clock = Instant::now();
         let mut seen = 0;
         while replay.next(&|| false).is_some() {
@@ -117,10 +150,16 @@ mod tests {
 
     #[test]
     fn a_long_pause_can_be_ended() {
-        let mut replay = Replay::new([scan(0.0), scan(500.0)].into_iter(), Some(1.0));
+        let mut replay = Replay::new([scan(0.0), scan(500.0)].into_iter(), Rate::default());
         assert!(replay.next(&|| false).is_some());
         let clock = Instant::now();
         assert!(replay.next(&|| clock.elapsed() > Duration::from_millis(20)).is_none());
         assert!(clock.elapsed() < Duration::from_secs(5));
+    }
+
+    #[test]
+    fn rates_are_factors_or_max() {
+        assert_eq!((Rate::parse("max"), Rate::parse("0.5")), (Ok(Rate(None)), Ok(Rate(Some(0.5)))));
+        assert!(["0", "-1", "nan", "inf", "101", "fast", ""].iter().all(|text| Rate::parse(text).is_err()));
     }
 }

@@ -5,7 +5,7 @@ use voxelastic::settings::SettingError;
 use voxelastic_slam::SlamError;
 
 /// Result of a step of a run.
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Why something of a run did not work, and what helps.
 #[derive(Debug, thiserror::Error)]

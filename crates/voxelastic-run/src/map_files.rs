@@ -1,5 +1,6 @@
 //! Maps on disk: loading.
 
+use crate::error::one_line;
 use crate::{Error, Result};
 use std::path::Path;
 use voxelastic::atlas::Atlas;
@@ -8,6 +9,7 @@ use voxelastic::memory::{MemorySize, keep_arrays_in_file};
 use voxelastic::settings::Settings;
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Error as FileError, Origin};
+use voxelastic_report::RunLog;
 
 /// A map in memory.
 pub struct LoadedMap {
@@ -135,6 +137,13 @@ pub fn settings_of(store: &MapStore) -> Result<Settings> {
         tracing::warn!("{}: the map has a setting that this version of voxelastic does not know: {error}", store.dir().display());
     }
     Ok(stored.settings)
+}
+
+/// The log of the run stored in a map, if it can be read. Problems are logged.
+pub fn run_log(store: &MapStore) -> Option<RunLog> {
+    let refused = |problem: &(dyn std::error::Error + 'static)| tracing::warn!("{}: {}", store.dir().display(), one_line(problem));
+    let text = store.run_log().inspect_err(|problem| refused(problem)).ok()??;
+    RunLog::from_json(&text).inspect_err(|problem| refused(problem)).ok()
 }
 
 /// The origin of a map.

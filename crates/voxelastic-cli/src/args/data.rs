@@ -160,11 +160,14 @@ impl DataArgs {
         !self.reading.also.is_empty() || self.reading.cloud_topic.len() > 1
     }
 
-    /// Refuses poses of sensors that are not named.
+    /// Refuses poses of sensors that are not named, and flags about poses where `slam` has them estimated.
     ///
     /// # Errors
     /// A usage error.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub fn check(&self, slam: bool) -> Result<(), Failure> {
+        if slam && let Some(flag) = self.names_poses() {
+            return Err(Failure::usage(format!("--slam estimates the poses, so {flag} has no meaning with it"), "do without one of the two"));
+        }
         let (topics, poses, also) = (self.reading.cloud_topic.len(), self.reading.t_base_lidar.len(), self.reading.also.len());
         if also > 0 && poses > 0 && poses != also + 1 {
             let problem = format!("{poses} x --t-base-lidar, but {} folders", also + 1);
@@ -185,10 +188,7 @@ impl DataArgs {
     /// # Errors
     /// A usage error, or when the data cannot be read.
     pub fn source(&self, strict: bool, slam: bool, pose_kind: PoseKind) -> anyhow::Result<voxelastic_run::Source> {
-        self.check()?;
-        if slam && let Some(flag) = self.names_poses() {
-            return Err(Failure::usage(format!("--slam estimates the poses, so {flag} has no meaning with it"), "do without one of the two").into());
-        }
+        self.check(slam)?;
         let options = OpenOptions { pose_kind, ..self.options(strict) };
         Ok(voxelastic_run::Source::open(&self.data, &options, slam.then_some(true))?)
     }

@@ -63,13 +63,13 @@ struct Summary {
 
 /// Runs the command.
 pub fn run(args: &HeldoutArgs, quiet: bool) -> anyhow::Result<u8> {
-    args.data.check()?;
+    args.data.check(false)?;
     let pool = args.surface.pool()?;
     let mut held = args.data.open(false)?;
     args.hold_out.keep_held_out(&mut held);
     let map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let mapped: Vec<NodeId> = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| scan.node)).collect();
-    let mesh = pool.install(|| map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers))?.mesh;
+    let mesh = pool.install(|| map_mesh(&map.atlas, &args.surface, args.layers))?.mesh;
     let view = MeshView::new(&mesh.positions, &mesh.triangles)?;
     let settings = HeldOutSettings { max_range: args.max_range, min_range: map.settings.min_range, ..HeldOutSettings::default() };
     let mut measure = pool.install(|| HeldOut::new(&view, settings))?;

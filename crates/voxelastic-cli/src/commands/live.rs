@@ -1,54 +1,37 @@
 //! `voxelastic live`: maps scans as they come.
 
-mod delays;
 mod exploring;
-mod figures;
-mod loading;
 mod network;
-mod node;
-mod offers;
-mod ouster_address;
-mod positions;
-pub mod rate;
-mod service;
-mod source;
-mod spinning_address;
-mod tally;
-#[cfg(test)]
-mod tests;
+mod summary;
 
 use crate::args::{CorrectionArgs, DataArgs, ReadingArgs, ResumeArgs, SaveArgs, SettingFlags};
 use crate::failure::{self, Failure};
-use crate::watching::{ADDRESS, DetailArgs, Watch};
+use crate::progress::Progress;
 use crate::{allocator, interrupt, output};
 use clap::Args;
-use exploring::{ExplorationSummary, Exploring, ExploringArgs};
-use network::{Network, NetworkArgs};
-use node::{Node, OnNetwork, Requests};
-use offers::{InputRecording, Offers};
-use ouster_address::OusterAddress;
-use rate::Rate;
-use serde::Serialize;
-use service::Service;
-use source::Source;
-use spinning_address::SpinningAddress;
+use exploring::ExploringArgs;
+use network::NetworkArgs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::channel;
-use std::time::Instant;
-use tally::Tally;
+use summary::Summary;
 use voxelastic::settings::Settings;
-use voxelastic_eval::SeriesStats;
-use voxelastic_live::feed::{Feed, FeedCounts};
-use voxelastic_live::planner::PlannerSettings;
-use voxelastic_live::ros::services::RequestSender;
-use voxelastic_live::viewer::Control;
-use voxelastic_report::RunLog;
-use voxelastic_run::corrections::ClosureSummary;
-use voxelastic_run::keep::{self, CheckpointSummary, Comes, Identity, Target, Unfinished};
-use voxelastic_run::mapping::TimeSummary;
-use voxelastic_run::poses::{OdometrySummary, Poses};
-use voxelastic_run::{Corrections, MappingRun, Plan, Warning, Warnings, threads, usage};
+use voxelastic_io::OpenOptions;
+use voxelastic_live::node::{KeptIn, ScansFrom, Setup, ViewerSetup, play};
+use voxelastic_live::ouster::OusterAddress;
+use voxelastic_live::replay::Rate;
+use voxelastic_live::spinning::SpinningAddress;
+use voxelastic_run::{Corrections, keep};
+
+/// Where the viewer is if nothing else is said: this machine only.
+pub const VIEWER: &str = "127.0.0.1:7717";
+
+/// How much the viewer shows.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct DetailArgs {
+    /// Level of detail of the surface in the viewer: 0 is full resolution, 3 has vertices eight voxels apart
+    #[arg(long, value_name = "0..3", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=3))]
+    pub view_detail: u8,
+}
 
 /// Map scans as they come, as on a robot
 ///
@@ -88,7 +71,7 @@ pub struct LiveArgs {
     rate: Rate,
     /// Serve a page that shows the map while it grows, and after the end of the input until Ctrl-C. Without an address on this machine only, at
     /// 127.0.0.1:7717; port 0 is one that is free
-    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = ADDRESS)]
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, require_equals = true, default_missing_value = VIEWER)]
     view: Option<SocketAddr>,
     /// Let those control the node over HTTP who know the token in this file: POST /save, /mesh, /pause, /resume, /reset, and /load with the path of a saved map, at
     /// the viewer's address; with --explore also /explore, /explore/pause and /explore/home
@@ -121,132 +104,78 @@ pub struct LiveArgs {
     settings: SettingFlags,
 }
 
-/// The keys of `--json`.
-#[derive(Debug, Serialize)]
-struct Summary {
-    /// The map.
-    output: PathBuf,
-    /// Scans integrated.
-    scans: usize,
-    /// Of these, scans that an earlier process had mapped, with whose run this one has gone on.
-    scans_resumed: usize,
-    /// Scans that came, with those that came to an earlier process.
-    scans_came: usize,
-    /// Scans that were left out, because newer ones came before they could be mapped.
-    scans_left_out: usize,
-    /// Scans that could not be used.
-    scans_skipped: usize,
-    /// Whether the run was ended by Ctrl-C or a termination request.
-    interrupted: bool,
-    /// Submaps in the map.
-    submaps: usize,
-    /// Loop edges.
-    loops: usize,
-    /// Pose corrections.
-    corrections: usize,
-    /// Root poses moved by corrections.
-    submap_moves: usize,
-    /// From the coming of a scan to the end of its integration, milliseconds.
-    delay_ms: SeriesStats,
-    /// The same: 99 of 100 scans are within it; `null` without scans.
-    delay_p99_ms: Option<f64>,
-    /// From the coming of a scan to the first change of the surface after it in the viewer's server, milliseconds; empty without `--view`.
-    shown_ms: SeriesStats,
-    /// The same: 99 of 100 scans are within it; `null` without `--view`.
-    shown_p99_ms: Option<f64>,
-    /// How much later than its time stamp says a scan was read, at most, milliseconds: decoding that cannot keep up; 0 with `--rate max`.
-    late_ms: f64,
-    /// Scans that were ignored, because mapping was paused on request.
-    scans_paused: usize,
-    /// Messages of topics that were not looked at, because those before them took too long.
-    messages_lost: usize,
-    /// Figures of the odometry; `null` where the data have poses.
-    odometry: Option<OdometrySummary>,
-    /// Loop closures that were tried; `null` where none were looked for.
-    closures: Option<ClosureSummary>,
-    /// What was planned; `null` without `--explore`.
-    exploration: Option<ExplorationSummary>,
-    /// Checkpoints that were written.
-    checkpoints: CheckpointSummary,
-    /// Threads of the mapper.
-    threads: usize,
-    #[serde(flatten)]
-    times: TimeSummary,
-    /// From the start to the last scan, seconds.
-    played_s: f64,
-    /// From start to saved map, seconds.
-    total_s: f64,
-    /// Peak resident memory, megabytes (10^6 bytes); `null` where the system does not report it.
-    peak_rss_mb: Option<f64>,
-    /// Memory of the fields of the map, megabytes.
-    map_mb: f64,
-    /// Size of the map on disk, megabytes.
-    file_mb: f64,
-    /// What the run had to say that is no error, each with a stable `code`, `text`, `remedy` and `count`.
-    warnings: Vec<Warning>,
-}
-
-/// What is to be mapped, told and kept.
-struct Play<'a> {
-    /// What is mapped, for the title of the viewer and for messages.
-    name: &'a Path,
-    settings: Settings,
-    corrections: Corrections,
-    /// Where the viewer is, if there is one, and who may control the node by it.
-    view: Option<(SocketAddr, DetailArgs)>,
-    token: Option<&'a Path>,
-    /// Where the map is kept, if it is.
-    kept: Option<(&'a Path, SaveArgs, ResumeArgs)>,
-    /// The network, if there is one, and what is planned for it.
-    network: Option<&'a NetworkArgs>,
-    planner: Option<PlannerSettings>,
-    /// Whether it comes from a robot, which may deliver nothing for long.
-    is_robot: bool,
-    prints_json: bool,
-}
-
-/// What came of a run, beside its map.
-struct Played {
-    tally: Tally,
-    skipped: usize,
-    counts: FeedCounts,
-    late_ms: f64,
-    messages_lost: usize,
-    played_s: f64,
-    start: Instant,
-}
-
 /// Runs the command.
 pub fn run(args: &LiveArgs, quiet: bool) -> anyhow::Result<u8> {
     if args.from.is_none() && args.corrections.rebuilds() {
         let remedy = "record the topics, and map the recording with it";
         return Err(Failure::usage("submaps cannot be rebuilt: the scans of a robot are not kept".to_owned(), remedy).into());
     }
-    let output = keep::path(args.output.as_deref(), args.name())?;
-    args.play(&output, quiet, |network, recording, threads| args.source(network, recording, threads))
+    let mut settings = args.settings.resolve()?;
+    let planner = args.exploring.prepare(&mut settings, args.network.publishes())?;
+    let corrections = args.corrections.corrections();
+    let setup = Setup {
+        name: args.name().to_owned(),
+        reading: args.reading(corrections)?,
+        settings,
+        corrections,
+        viewer: args.view.map(|address| ViewerSetup { address, detail: args.detail.view_detail, token: args.token.clone() }),
+        kept: Some(KeptIn {
+            path: keep::path(args.output.as_deref(), args.name())?,
+            save: args.save.into(),
+            resume: args.resume.resume(),
+            checkpoints: args.resume.checkpoints,
+        }),
+        network: Some(args.network.setup()),
+        planner,
+        is_stopped: interrupt::requested,
+    };
+    node(&setup, args.scans(), args.json, quiet)
 }
 
 /// Maps `data` with the usual settings, for the viewer at `address` only.
 pub fn watch(data: &Path, rate: Option<Rate>, address: SocketAddr, detail: DetailArgs, quiet: bool) -> anyhow::Result<u8> {
     let corrections = Corrections::default();
-    let play = Play {
-        name: data,
+    let setup = Setup {
+        name: data.to_owned(),
+        reading: reading(data, &ReadingArgs::default(), corrections),
         settings: Settings::default(),
         corrections,
-        view: Some((address, detail)),
-        token: None,
+        viewer: Some(ViewerSetup { address, detail: detail.view_detail, token: None }),
         kept: None,
         network: None,
         planner: None,
-        is_robot: false,
-        prints_json: false,
+        is_stopped: interrupt::requested,
     };
-    let data = DataArgs::at(data, &ReadingArgs::default());
-    play.run(
-        quiet,
-        |_: &Source, _: &Settings| Identity::default(),
-        |_, _, threads| Source::recording(&data, rate.unwrap_or_default(), false, corrections.pose_kind(), threads).map(Some),
-    )
+    node(&setup, ScansFrom::Recording { data: data.to_owned(), rate: rate.unwrap_or_default(), slam: false }, false, quiet)
+}
+
+/// How `data` are read, with the poses that the corrections begin with.
+fn reading(data: &Path, reading: &ReadingArgs, corrections: Corrections) -> OpenOptions {
+    OpenOptions { pose_kind: corrections.pose_kind(), ..DataArgs::at(data, reading).options(false) }
+}
+
+/// Maps what comes, saves the map if it is kept, and prints the results.
+fn node(setup: &Setup, from: ScansFrom, prints_json: bool, quiet: bool) -> anyhow::Result<u8> {
+    allocator::give_back_large_pieces();
+    interrupt::install(if setup.kept.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
+    let mut progress = Progress::new("scans", None, quiet);
+    let mut played = play(setup, from, &mut |mapping| progress.step(|| format!("{} submaps", mapping.atlas().submaps().len())))?;
+    drop(progress);
+    if setup.kept.is_some() {
+        let bytes = played.save()?;
+        let summary = Summary::of(&played, bytes);
+        summary.log();
+        if prints_json {
+            output::print_json(&summary)?;
+        }
+    }
+    played.end(interrupt::requested);
+    Ok(match () {
+        () if played.is_broken => failure::BUG,
+        () if played.is_elsewhere() => failure::ELSEWHERE,
+        () if played.can_go_on() => failure::INTERRUPTED,
+        () => failure::DONE,
+    })
 }
 
 impl LiveArgs {
@@ -255,265 +184,22 @@ impl LiveArgs {
         self.from.as_deref().unwrap_or(Path::new("live"))
     }
 
-    /// Maps what comes from the source that `open` opens.
-    fn play(
-        &self,
-        output: &Path,
-        quiet: bool,
-        open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
-    ) -> anyhow::Result<u8> {
-        let mut settings = self.settings.resolve()?;
-        let planner = self.exploring.prepare(&mut settings, self.network.publishes())?;
-        let play = Play {
-            name: self.name(),
-            settings,
-            corrections: self.corrections.corrections(),
-            view: self.view.map(|address| (address, self.detail)),
-            token: self.token.as_deref(),
-            kept: Some((output, self.save, self.resume)),
-            network: Some(&self.network),
-            planner,
-            is_robot: self.from.is_none(),
-            prints_json: self.json,
-        };
-        play.run(quiet, |source, settings| self.identity(settings, source), open)
+    /// How what comes is read.
+    fn reading(&self, corrections: Corrections) -> anyhow::Result<OpenOptions> {
+        let data = DataArgs::at(self.name(), &self.reading);
+        if self.from.is_some() {
+            data.check(self.slam)?;
+        }
+        Ok(reading(self.name(), &self.reading, corrections))
     }
 
-    /// What decides about the bits of the map; for the topics of a robot, what must not change.
-    fn identity(&self, settings: &Settings, source: &Source) -> Identity {
-        let passing = match (&self.ouster, &self.velodyne) {
-            (Some(_), _) => "ouster",
-            (_, Some(_)) => "velodyne",
-            _ => "topics",
-        };
-        let path = self.from.as_deref().unwrap_or(Path::new(passing));
-        let data = source.recorded().map_or_else(|| path.display().to_string(), |input| format!("{:016x}", input.fingerprint()));
-        Identity::new(settings)
-            .with("command", "live")
-            .with("data", data)
-            .with("reading", DataArgs::at(path, &self.reading).identity())
-            .with("poses by odometry", source.odometry.is_some())
-            .with("corrections", self.corrections.corrections().identity())
-            .with("poses in the frame of a network", self.network.publishes())
-    }
-
-    /// Where scans come from; none if an interrupt came before they did.
-    fn source(&self, network: Option<&mut Network>, recording: Option<&InputRecording>, threads: usize) -> anyhow::Result<Option<Source>> {
-        if let Some(sensor) = &self.velodyne {
-            return Source::spinning(sensor, &self.reading, threads).map(Some);
-        }
-        match (&self.from, &self.ouster, network) {
-            (Some(data), ..) => {
-                let pose_kind = self.corrections.corrections().pose_kind();
-                Source::recording(&DataArgs::at(data, &self.reading), self.rate, self.slam, pose_kind, threads).map(Some)
-            }
-            (None, Some(sensor), _) => Source::ouster(sensor, &self.reading, threads).map(Some),
-            (None, None, Some(network)) => Source::topics(network, &self.reading, &self.network, self.slam, recording, threads),
-            (None, None, None) => anyhow::bail!("neither a recording nor a network"),
+    /// Where scans come from.
+    fn scans(&self) -> ScansFrom {
+        match (&self.velodyne, &self.from, &self.ouster) {
+            (Some(address), ..) => ScansFrom::Spinning(address.clone()),
+            (_, Some(data), _) => ScansFrom::Recording { data: data.clone(), rate: self.rate, slam: self.slam },
+            (_, _, Some(address)) => ScansFrom::Ouster(address.clone()),
+            _ => ScansFrom::Topics { slam: self.slam },
         }
     }
-}
-
-impl Play<'_> {
-    /// How the node is controlled over HTTP, if it is.
-    fn control(&self, requests: &RequestSender) -> anyhow::Result<Option<Control>> {
-        let Some(file) = self.token else { return Ok(None) };
-        let text = std::fs::read_to_string(file)
-            .map_err(|e| Failure::new(format!("{}: cannot read the token: {e}", file.display()), "name a file with a token"))?;
-        let control = Control::new(requests.clone(), text.trim());
-        let remedy = "make one with: head -c 32 /dev/urandom | base64";
-        Ok(Some(control.ok_or_else(|| Failure::new(format!("{}: a token has 16 characters or more, without spaces", file.display()), remedy))?))
-    }
-
-    fn watch(&self, requests: &RequestSender) -> anyhow::Result<Option<Watch>> {
-        self.view.map(|(address, detail)| Watch::start(self.name, address, detail, self.control(requests)?)).transpose()
-    }
-
-    fn nothing(&self, what: &str) -> Failure {
-        Failure::new(format!("{}: {what}; no map was written", self.name.display()), "")
-    }
-
-    /// The run, anew or where an unfinished one is, and what comes to it. None if an interrupt came before a recording was read up to there.
-    fn begin(&self, source: &mut Source, unfinished: Option<Unfinished>, pool: rayon::ThreadPool) -> anyhow::Result<MappingRun> {
-        let poses = source.odometry.take().map_or(Poses::Given, |stage| Poses::Estimated(Box::new(stage)));
-        let (settings, comes) = (self.settings.clone(), source.comes());
-        let plan = Plan { settings, corrections: self.corrections, poses, sensor: source.sensor.clone(), comes };
-        let Some(mut unfinished) = unfinished else { return Ok(MappingRun::new(plan, pool)?) };
-        if let Some(input) = source.recorded() {
-            input.know_motions(unfinished.motions());
-        }
-        Ok(MappingRun::resumed(plan, pool, unfinished, source.clouds().as_mut())?)
-    }
-
-    /// Maps what comes from the source that `open` opens, and saves the map if it is kept.
-    fn run(
-        self,
-        quiet: bool,
-        identity: impl FnOnce(&Source, &Settings) -> Identity,
-        open: impl FnOnce(Option<&mut Network>, Option<&InputRecording>, usize) -> anyhow::Result<Option<Source>>,
-    ) -> anyhow::Result<u8> {
-        let start = Instant::now();
-        allocator::give_back_large_pieces();
-        self.settings.validate()?;
-        self.settings.limit_memory()?;
-        let pool = threads::pool(self.settings.threads)?;
-        interrupt::install(if self.kept.is_some() { "mapping what has come and saving the map" } else { "closing the viewer" });
-        let mut network = self.network.map(|args| Network::join(args, &self.settings)).transpose()?.flatten();
-        let recording = self.network.and_then(|args| args.record.as_deref()).map(InputRecording::begin).transpose()?;
-        let (sender, pending) = channel();
-        let requests = RequestSender::new(sender);
-        // A robot may publish nothing for long: meanwhile it can be asked how the node is. What is wrong with a recording is said before where the page is.
-        let early = if self.is_robot { self.watch(&requests)? } else { None };
-        let Some(mut source) = open(network.as_mut(), recording.as_ref(), pool.current_num_threads())? else {
-            return Err(self.nothing("interrupted before the topics were there").into());
-        };
-        let (mut warnings, comes) = (Warnings::default(), source.comes());
-        let mut unfinished = None;
-        let kept = match self.kept {
-            Some((output, save, resume)) => {
-                let mut target = Target::create(output, save.into(), &mut warnings)?;
-                let identity = identity(&source, &self.settings);
-                unfinished = resume.resume().find_or_set_aside(&mut target, &identity, &mut warnings)?;
-                Some((target, identity, resume.checkpoints))
-            }
-            None => None,
-        };
-        let position = unfinished.as_mut().and_then(|found| found.position.take());
-        let frames = source.frames.clone();
-        // Of a recording, clouds can be read again only once it was played.
-        let Some(transport) = source.play(position) else {
-            return Err(Failure::new("interrupted before the run went on; it can still be gone on with", "").into());
-        };
-        let mut run = self.begin(&mut source, unfinished, pool)?;
-        if let Some((target, identity, every)) = kept {
-            run = run.kept_in(target, identity, every, comes, &[]);
-            run.keep_log_on_disk();
-        }
-        run.warnings_mut().append(warnings);
-        let watch = if early.is_some() { early } else { self.watch(&requests)? };
-        let offers = self.network.map(|args| Offers::announce(args, network.as_mut(), &requests, self.planner.is_some())).transpose()?.flatten();
-        let exploring = self.planner.map(Exploring::start).transpose()?;
-        let on_network = offers.zip(self.network).map(|(mut offers, args)| {
-            if let Some(frames) = frames.clone().filter(|_| args.use_sim_time) {
-                offers.outputs.set_clock(move || frames.clock());
-            }
-            // Others on the network get poses and surfaces in the frame in which poses came.
-            run.keep_frame();
-            OnNetwork { node: args.node.clone(), offers, frames, exploring }
-        });
-        let feed = Feed::start(transport, source.overload())
-            .map_err(|e| Failure::new(format!("cannot start a thread: {e}"), "end other programs, or raise the limit of processes"))?;
-        let mut node = Node::new(source.positions(), watch, on_network);
-        if run.scans_resumed() > 0 {
-            node.show_before(run.mapping());
-        }
-        let (tally, watch) = node.run(&feed, &mut run, Requests { pending, service: Service::default() }, quiet);
-        if tally.not_located > 0 {
-            tracing::warn!("{} scans are not in the map: where they belong in what was mapped before was not found until the end", tally.not_located);
-        }
-        let played_s = start.elapsed().as_secs_f64();
-        if run.scans() == 0 {
-            let what = if interrupt::requested() { "interrupted before the first scan was mapped" } else { "no scan could be mapped" };
-            return Err(self.nothing(what).into());
-        }
-        run.complete(source.clouds().as_mut(), |_, _| !interrupt::requested());
-        let played = Played {
-            skipped: run.skipped() + source.without_pose(),
-            tally,
-            counts: feed.counts(),
-            late_ms: source.late().as_secs_f64() * 1e3,
-            messages_lost: source.lost(),
-            played_s,
-            start,
-        };
-        if self.kept.is_some() {
-            save(&mut run, &played, self.prints_json)?;
-        }
-        // Nothing but an interrupt ends a robot's topics, so nobody looks at their map afterwards.
-        let ended = played.tally.interrupted && !self.is_robot;
-        if !ended {
-            run.discard_checkpoints();
-        }
-        if let Some(mut watch) = watch.filter(|_| comes == Comes::Again && !played.tally.interrupted) {
-            let mapping = run.mapping();
-            watch.publisher.note(mapping.mapper(), None);
-            let figures = figures::figures("finished", played.counts.left_out, played.tally.delays_ms.last(), mapping);
-            watch.stay(mapping.atlas(), mapping.pool(), figures);
-        }
-        Ok(match () {
-            () if source.is_broken() => failure::BUG,
-            () if run.target().is_some_and(Target::is_elsewhere) => failure::ELSEWHERE,
-            () if ended => failure::INTERRUPTED,
-            () => failure::DONE,
-        })
-    }
-}
-
-/// Saves the map with the log of the run, and prints the results.
-fn save(run: &mut MappingRun, played: &Played, prints_json: bool) -> anyhow::Result<()> {
-    let saved = run.save()?;
-    let log =
-        RunLog { total_s: played.start.elapsed().as_secs_f64(), interrupted: played.tally.interrupted, scans_skipped: played.skipped, ..run.log() };
-    run.save_log(&log);
-    let summary = summarise(run, played, saved.bytes);
-    log_summary(&summary);
-    if prints_json { output::print_json(&summary) } else { Ok(()) }
-}
-
-fn summarise(run: &MappingRun, played: &Played, bytes: u64) -> Summary {
-    let (mapping, before) = (run.mapping(), run.position().before());
-    let (log, atlas) = (mapping.log(), mapping.atlas());
-    Summary {
-        output: run.target().map(|target| target.path().to_owned()).unwrap_or_default(),
-        scans: run.scans(),
-        scans_resumed: run.scans_resumed(),
-        scans_came: before.scans + played.counts.scans,
-        scans_left_out: before.left_out + played.counts.left_out,
-        scans_skipped: played.skipped,
-        interrupted: played.tally.interrupted,
-        submaps: atlas.submaps().len(),
-        loops: log.loops.len(),
-        corrections: log.corrections.len(),
-        submap_moves: log.submap_moves,
-        delay_ms: played.tally.delays_ms.stats(),
-        delay_p99_ms: played.tally.delays_ms.quantile(0.99),
-        shown_ms: played.tally.shown_ms.stats(),
-        shown_p99_ms: played.tally.shown_ms.quantile(0.99),
-        late_ms: played.late_ms,
-        scans_paused: played.tally.paused,
-        messages_lost: played.messages_lost,
-        odometry: run.odometry(),
-        closures: run.closures(),
-        exploration: played.tally.exploration.clone(),
-        checkpoints: run.checkpoints(),
-        threads: mapping.threads(),
-        times: mapping.times(),
-        played_s: played.played_s,
-        total_s: played.start.elapsed().as_secs_f64(),
-        peak_rss_mb: usage::peak_resident_bytes().map(usage::megabytes),
-        map_mb: usage::megabytes(atlas.bytes() as u64),
-        file_mb: usage::megabytes(bytes),
-        warnings: run.warnings().all().to_vec(),
-    }
-}
-
-/// Logs the results in a few lines.
-fn log_summary(s: &Summary) {
-    let skipped = if s.scans_skipped > 0 { format!(", {} skipped", s.scans_skipped) } else { String::new() };
-    let resumed = if s.scans_resumed > 0 { format!(", {} of them by an earlier process,", s.scans_resumed) } else { String::new() };
-    tracing::info!(
-        "{} of {} scans mapped{skipped}{resumed} in {:.1} s; {} submaps, {:.0} MB in memory",
-        s.scans,
-        s.scans_came,
-        s.played_s,
-        s.submaps,
-        s.map_mb
-    );
-    if s.scans_left_out > 0 {
-        tracing::warn!("{} scans came faster than they could be mapped and were left out: the newest win", s.scans_left_out);
-    }
-    if let (Some(median), Some(p99)) = (s.delay_ms.median, s.delay_p99_ms) {
-        tracing::info!("from a scan's coming to its being in the map: median {median:.1} ms, 99 % within {p99:.1} ms, {} threads", s.threads);
-    }
-    tracing::info!("map: {} ({:.1} MB)", s.output.display(), s.file_mb);
 }

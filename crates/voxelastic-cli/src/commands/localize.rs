@@ -4,7 +4,7 @@ use crate::args::LoadArgs;
 use crate::args::data::hold_out;
 use crate::args::raw_data::RawDataArgs;
 use crate::failure::{self, Failure, one_line};
-use crate::meshing::{SurfaceArgs, surface_points};
+use crate::meshing::{LayerArgs, SurfaceArgs};
 use crate::progress::Progress;
 use crate::{interrupt, output};
 use clap::Args;
@@ -18,7 +18,7 @@ use voxelastic::geometry::PoseExt;
 use voxelastic_eval::SeriesStats;
 use voxelastic_io::{Origin, dataset, poses};
 use voxelastic_run::HoldOut;
-use voxelastic_run::map_files;
+use voxelastic_run::{map_files, surfaces};
 use voxelastic_slam::loops::{Localiser, LocaliserSettings, Whereabouts};
 
 /// Find where in a map scans were taken
@@ -139,7 +139,7 @@ pub fn run(args: &LocalizeArgs, quiet: bool) -> anyhow::Result<u8> {
     scans.description().lines().for_each(|line| tracing::info!("{line}"));
     let mut truth = args.truth.as_deref().map(|file| true_poses(args.data.path(), file)).transpose()?;
     let map = pool.install(|| map_files::load(&args.map, args.load.into()))?;
-    let points = pool.install(|| surface_points(&map.atlas, map.settings.voxel_size, &args.surface))?;
+    let points = pool.install(|| surfaces::of_submaps(&map.atlas, &args.surface.options(LayerArgs::default())))?.positions;
     let viewpoints = map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar)).collect();
     let (submaps_damaged, origin) = (map.damaged, map.origin);
     drop(map);

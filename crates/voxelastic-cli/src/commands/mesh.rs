@@ -2,7 +2,7 @@
 
 use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, MapMesh, SurfaceArgs, map_mesh, submap_meshes};
+use crate::meshing::{Colour, Fused, LayerArgs, LeftOut, SurfaceArgs, colours, default_colour, map_mesh, submap_meshes};
 use crate::painting::{ImageArgs, PaintSummary};
 use crate::texturing::MeshTexture;
 use crate::{failure, output};
@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{self, Format, MeshRef, write_textured_glb};
+use voxelastic_run::surfaces::MapMesh;
 
 /// Extract the surface of a map as a triangle mesh
 ///
@@ -95,11 +96,11 @@ pub fn run(args: &MeshArgs) -> anyhow::Result<u8> {
     let clock = Instant::now();
     let (mut meshes, submaps) = pool.install(|| -> anyhow::Result<(Vec<(PathBuf, MapMesh)>, usize)> {
         if args.separate {
-            let parts = submap_meshes(&map.atlas, map.settings.voxel_size, &args.surface)?;
+            let parts = submap_meshes(&map.atlas, &args.surface)?;
             let submaps = parts.len();
             Ok((parts.into_iter().map(|(id, mesh)| (numbered(&args.output, id), mesh)).collect(), submaps))
         } else {
-            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, args.layers)?)], map.atlas.submaps().len()))
+            Ok((vec![(args.output.clone(), map_mesh(&map.atlas, &args.surface, args.layers)?)], map.atlas.submaps().len()))
         }
     })?;
     let fused = meshes.first().and_then(|(_, mesh)| Fused::of(mesh, map.settings.voxel_size));
@@ -152,7 +153,7 @@ fn numbered(path: &Path, id: u32) -> PathBuf {
 }
 
 fn write(path: &Path, mesh: &MapMesh, origin: Origin, colour: Option<Colour>, texture: Option<&MeshTexture>) -> anyhow::Result<()> {
-    let colours = mesh.colours(colour.unwrap_or_else(|| mesh.default_colour()))?;
+    let colours = colours(mesh, colour.unwrap_or_else(|| default_colour(mesh)))?;
     let intensity: Vec<f32> = mesh.mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.mesh.positions,

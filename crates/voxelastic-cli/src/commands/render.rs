@@ -2,7 +2,7 @@
 
 use crate::args::LoadArgs;
 use crate::failure::Failure;
-use crate::meshing::{Colour, LayerArgs, MapMesh, SurfaceArgs, height_range, map_mesh};
+use crate::meshing::{Colour, LayerArgs, SurfaceArgs, colours, default_colour, height_range, map_mesh};
 use crate::{failure, output};
 use anyhow::Context;
 use clap::{Args, Parser, ValueEnum};
@@ -15,6 +15,7 @@ use voxelastic_eval::colour::Ramp;
 use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render_png};
 use voxelastic_io::Origin;
 use voxelastic_run::map_files;
+use voxelastic_run::surfaces::MapMesh;
 
 /// Draw a picture of a map or a mesh
 ///
@@ -137,8 +138,8 @@ pub fn run(args: &RenderArgs) -> anyhow::Result<u8> {
 fn draw(args: &RenderArgs) -> anyhow::Result<u8> {
     let subject = load(args)?;
     let mesh = &subject.mesh.mesh;
-    let by = args.colour.unwrap_or_else(|| subject.mesh.default_colour());
-    let colours = if by == Colour::Height { None } else { subject.mesh.colours(by)? };
+    let by = args.colour.unwrap_or_else(|| default_colour(&subject.mesh));
+    let colours = if by == Colour::Height { None } else { colours(&subject.mesh, by)? };
     let (low, high) = height_range(&mesh.positions);
     let colouring = match &colours {
         Some(colours) => Colouring::Vertex(colours),
@@ -172,7 +173,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
         path.sort_unstable_by_key(|(node, _)| *node);
         // A fused surface has no submaps to be coloured by.
         let layers = LayerArgs { shells: args.layers.shells || args.colour == Some(Colour::Submap) };
-        let mesh = map_mesh(&map.atlas, map.settings.voxel_size, &args.surface, layers)?;
+        let mesh = map_mesh(&map.atlas, &args.surface, layers)?;
         return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect(), origin: map.origin, damaged: map.damaged });
     }
     let read = voxelastic_io::ply::read_mesh(&args.input)?;

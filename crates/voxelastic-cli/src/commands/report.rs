@@ -89,7 +89,7 @@ pub fn run(args: &ReportArgs) -> anyhow::Result<u8> {
 fn write_report(args: &ReportArgs) -> anyhow::Result<u8> {
     let map = map_files::load(&args.map, args.load.into())?;
     let store = map_files::open(&args.map)?;
-    let run = reporting::run_log(&store);
+    let run = map_files::run_log(&store);
     if run.is_none() {
         tracing::info!("{}: the map has no log of its run, so the page has no charts of it", args.map.display());
     }

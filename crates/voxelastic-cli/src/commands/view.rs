@@ -1,13 +1,14 @@
 //! `voxelastic view`: a map, or a recording while it is mapped, in the browser.
 
 use crate::args::LoadArgs;
-use crate::commands::live;
+use crate::commands::live::{self, DetailArgs, VIEWER};
 use crate::failure::Failure;
 use crate::interrupt;
-use crate::watching::{ADDRESS, DetailArgs, Figures, Watch};
 use clap::Args;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use voxelastic_live::node::{Figures, Watch};
+use voxelastic_live::replay::Rate;
 use voxelastic_run::map_files::{self, is_map};
 use voxelastic_run::threads;
 use voxelastic_run::usage;
@@ -27,11 +28,11 @@ pub struct ViewArgs {
     #[arg(value_name = "MAP|DATA")]
     thing: PathBuf,
     /// Where to serve: an address of this machine and a port; port 0 is one that is free
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = ADDRESS)]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = VIEWER)]
     address: SocketAddr,
     /// Speed at which a recording is played: 1 is its own, `max` as fast as it can be mapped [default: 1]
-    #[arg(long, value_name = "RATE", value_parser = live::rate::Rate::parse)]
-    rate: Option<live::rate::Rate>,
+    #[arg(long, value_name = "RATE", value_parser = Rate::parse)]
+    rate: Option<Rate>,
     #[command(flatten)]
     detail: DetailArgs,
     #[command(flatten)]
@@ -50,7 +51,7 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
         return Err(Failure::usage(format!("{} is a map, and --rate is for recordings", args.thing.display()), "leave it out").into());
     }
     let pool = threads::pool(0)?;
-    let mut watch = Watch::start(&args.thing, args.address, args.detail, None)?;
+    let mut watch = Watch::start(&args.thing, args.address, args.detail.view_detail, None)?;
     let map = pool.install(|| map_files::load_surfaces(&args.thing, args.load.into()))?;
     interrupt::install("closing the viewer");
     watch.publisher.note_atlas(&map.atlas, None);
@@ -62,6 +63,6 @@ pub fn run(args: &ViewArgs, quiet: bool) -> anyhow::Result<u8> {
         rss_mb: usage::resident_bytes().map(usage::megabytes),
         ..Figures::default()
     };
-    watch.stay(&map.atlas, &pool, figures);
+    watch.stay(&map.atlas, &pool, figures, interrupt::requested);
     Ok(crate::failure::DONE)
 }

@@ -11,7 +11,7 @@ pub use frame::{Frame, numbers};
 
 use crate::error::{Error, Result};
 use crate::map_files::{self, Loading};
-use crate::surfaces;
+use crate::surfaces::{self, SurfaceOptions};
 use crate::warning::{Code, Warnings};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -86,7 +86,7 @@ impl View {
             path.extend(submap.corrected_scans().map(|(node, t_submap_lidar)| (node, submap.t_map_submap() * t_submap_lidar)));
         }
         path.sort_by_key(|(node, _)| *node);
-        Ok(Self { surface: surfaces::of_submaps(atlas)?, voxel, path })
+        Ok(Self { surface: surfaces::of_submaps(atlas, &SurfaceOptions::default())?, voxel, path })
     }
 
     fn surface(&self) -> MapSurface<'_> {

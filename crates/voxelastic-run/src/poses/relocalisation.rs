@@ -5,7 +5,7 @@
 //! only looks alike, so two scans have to say the same.
 
 use crate::mapping::Mapping;
-use crate::surfaces;
+use crate::surfaces::{self, SurfaceOptions};
 use voxelastic::Pose;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::PoseExt;
@@ -60,7 +60,7 @@ impl Relocalisation {
         let scans = atlas.submaps().iter().flat_map(|submap| submap.scans().iter().map(move |scan| (submap, scan)));
         let mut path: Vec<(NodeId, Pose)> = scans.map(|(submap, scan)| (scan.node, submap.t_map_submap() * scan.t_submap_lidar)).collect();
         path.sort_by_key(|(node, _)| *node);
-        let points = mapping.pool().install(|| surfaces::of_submaps(atlas)).map(|mesh| mesh.positions);
+        let points = mapping.pool().install(|| surfaces::of_submaps(atlas, &SurfaceOptions::default())).map(|mesh| mesh.positions);
         let max_range = f64::from(settings.max_range);
         let localiser = points.ok().map(|points| {
             let mut of_map = LocaliserSettings::default();

@@ -80,8 +80,7 @@ fn field(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Field> {
 
 /// Vertices of the mesh of the whole map, in which submaps are fused (paper Sec. V-A), or of the meshes of the submaps.
 fn vertices(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Surface> {
-    let voxel = map.settings.voxel_size;
-    let mesh = map_mesh(&map.atlas, voxel, &args.surface, LayerArgs { shells: args.no_fuse })?;
+    let mesh = map_mesh(&map.atlas, &args.surface, LayerArgs { shells: args.no_fuse })?;
     Ok(Surface { what: "vertices", positions: mesh.mesh.positions, triangles: mesh.mesh.triangles })
 }
 

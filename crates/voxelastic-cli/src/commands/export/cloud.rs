@@ -1,7 +1,7 @@
 //! Export of the surface as a cloud.
 
 use super::args::ExportArgs;
-use crate::meshing::{MapMesh, map_mesh, submap_meshes};
+use crate::meshing::{map_mesh, submap_meshes};
 use crate::output;
 use anyhow::Context;
 use serde::Serialize;
@@ -15,6 +15,7 @@ use voxelastic_io::mesh_io::{MeshRef, write_ply};
 use voxelastic_io::survey::{SurveyCloud, copc, e57, las};
 use voxelastic_io::{Origin, pcd};
 use voxelastic_run::map_files::LoadedMap;
+use voxelastic_run::surfaces::MapMesh;
 
 /// File formats of clouds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,15 +59,14 @@ pub fn run(args: &ExportArgs, format: Format) -> anyhow::Result<()> {
     let pool = args.surface.pool()?;
     let clock = Instant::now();
     let map = pool.install(|| args.surface.load(&args.map, args.load))?;
-    let voxel = map.settings.voxel_size;
     let mut parts = Vec::new();
     let all = if format == Format::E57 {
-        parts = pool.install(|| submap_meshes(&map.atlas, voxel, &args.surface))?;
+        parts = pool.install(|| submap_meshes(&map.atlas, &args.surface))?;
         let mut all = Mesh::default();
         parts.iter().for_each(|(_, part)| all.append(&part.mesh, &Rigid::from(&Pose::identity())));
         all
     } else {
-        pool.install(|| map_mesh(&map.atlas, voxel, &args.surface, args.layers))?.mesh
+        pool.install(|| map_mesh(&map.atlas, &args.surface, args.layers))?.mesh
     };
     match format {
         Format::Ply => write_cloud_ply(&args.output, &all, map.origin),

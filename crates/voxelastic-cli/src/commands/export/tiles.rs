@@ -1,7 +1,7 @@
 //! Export of the surface as 3D Tiles, with a page that streams them.
 
 use super::args::ExportArgs;
-use crate::meshing::{has_tiles, map_mesh, surface_tiles};
+use crate::meshing::{colours, default_colour, map_mesh, surface_tiles};
 use crate::output;
 use crate::progress::Progress;
 use anyhow::Context;
@@ -40,9 +40,9 @@ pub fn run(args: &ExportArgs, quiet: bool) -> anyhow::Result<()> {
     let mut map = pool.install(|| args.surface.load(&args.map, args.load))?;
     let voxel = map.settings.voxel_size;
     let mut writer = writer.with_origin(map.origin);
-    if has_tiles(&map.atlas, &args.surface, args.layers) {
+    if args.surface.options(args.layers).has_tiles(&map.atlas) {
         let atlas = std::mem::replace(&mut map.atlas, Atlas::new(voxel));
-        pool.install(|| stream(surface_tiles(atlas, voxel, &args.surface)?, voxel, &mut writer, quiet))?;
+        pool.install(|| stream(surface_tiles(atlas, &args.surface)?, voxel, &mut writer, quiet))?;
     } else {
         pool.install(|| write_whole(args, &map.atlas, voxel, &mut writer, quiet))?;
     }
@@ -95,8 +95,8 @@ fn stream(surface: SurfaceTiles<Atlas>, voxel: f32, writer: &mut TilesetWriter, 
 
 /// Writes a surface that is made as a whole.
 fn write_whole(args: &ExportArgs, atlas: &Atlas, voxel: f32, writer: &mut TilesetWriter, quiet: bool) -> anyhow::Result<()> {
-    let mut whole = map_mesh(atlas, voxel, &args.surface, args.layers)?;
-    if let Some(colours) = whole.colours(whole.default_colour())? {
+    let mut whole = map_mesh(atlas, &args.surface, args.layers)?;
+    if let Some(colours) = colours(&whole, default_colour(&whole))? {
         whole.mesh.colours = colours;
     }
     let leaves = split(&whole.mesh, f64::from(voxel));

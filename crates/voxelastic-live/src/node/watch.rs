@@ -1,44 +1,35 @@
-//! The viewer of `live` and `view`: what it is told, and where it is.
+//! The viewer of a node or of a saved map: what it is told, and where it is.
 
-use crate::failure::Failure;
-use crate::interrupt;
-use clap::Args;
+use crate::publisher::Publisher;
+use crate::scene::Scene;
+use crate::viewer::{Control, Viewer};
 use serde_json::json;
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use voxelastic::atlas::Atlas;
-use voxelastic_live::publisher::Publisher;
-use voxelastic_live::scene::Scene;
-use voxelastic_live::viewer::{Control, Viewer};
+use voxelastic_run::{Error, Result};
 
-/// Where the viewer is if nothing else is said: this machine only.
-pub const ADDRESS: &str = "127.0.0.1:7717";
 /// Figures are sent at most this often.
 const FIGURES: Duration = Duration::from_millis(250);
 /// A pause when nothing is to do, and one while tiles of the surface are made.
 const PAUSES: [Duration; 2] = [Duration::from_millis(50), Duration::from_millis(2)];
-
-/// How much the viewer shows.
-#[derive(Clone, Copy, Debug, Args)]
-pub struct DetailArgs {
-    /// Level of detail of the surface in the viewer: 0 is full resolution, 3 has vertices eight voxels apart
-    #[arg(long, value_name = "0..3", default_value_t = 1, value_parser = clap::value_parser!(u8).range(0..=3))]
-    pub view_detail: u8,
-}
 
 /// Figures of a node.
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     /// What it does: `starting`, `mapping`, `finished`, `a saved map`.
     pub state: &'static str,
-    /// Scans in the map, and those that were left out.
+    /// Scans in the map.
     pub scans: usize,
+    /// Scans that were left out.
     pub left_out: usize,
+    /// Submaps.
     pub submaps: usize,
-    /// Memory of the map and of the process, megabytes.
+    /// Memory of the map, megabytes.
     pub map_mb: f64,
+    /// Memory of the process, megabytes; none where the system does not tell.
     pub rss_mb: Option<f64>,
     /// From the coming of the last scan to its being in the map.
     pub delay_ms: Option<f64>,
@@ -71,20 +62,20 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Starts the server, and says where it is and what it shows. `name` is what is mapped.
-    pub fn start(name: &Path, address: SocketAddr, detail: DetailArgs, control: Option<Control>) -> anyhow::Result<Self> {
+    /// Starts the server, and says where it is and what it shows. `name` is what is mapped, `detail` the level of detail of its surface: 0 is full resolution.
+    pub fn start(name: &Path, address: SocketAddr, detail: u8, control: Option<Control>) -> Result<Self> {
         let scene = Arc::new(Scene::default());
         let title = name.file_name().unwrap_or(name.as_os_str()).to_string_lossy();
         let controlled = if control.is_some() { "who knows the token can save, pause and reset" } else { "nobody can change anything" };
         let viewer = Viewer::start(Arc::clone(&scene), &title, address, control).map_err(|error| {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
-            Failure::new(format!("cannot serve the viewer at {address}: {error}"), remedy)
+            Error::new(format!("cannot serve the viewer at {address}: {error}"), remedy)
         })?;
         tracing::info!("viewer: http://{}", viewer.address());
         if !viewer.address().ip().is_loopback() {
             tracing::warn!("everyone who reaches {} sees the map, the trajectory and the scans; {controlled}", viewer.address());
         }
-        let publisher = Publisher::new(scene, detail.view_detail.into());
+        let publisher = Publisher::new(scene, detail.into());
         publisher.statistics(&Figures { state: "starting", ..Figures::default() }.json());
         Ok(Self { publisher, viewer, last_figures: None })
     }
@@ -103,11 +94,11 @@ impl Watch {
         }
     }
 
-    /// Shows a map that does not change any more, until an interrupt.
-    pub fn stay(mut self, atlas: &Atlas, pool: &rayon::ThreadPool, figures: Figures) {
+    /// Shows a map that does not change any more, until it is stopped.
+    pub fn stay(mut self, atlas: &Atlas, pool: &rayon::ThreadPool, figures: Figures, is_stopped: fn() -> bool) {
         self.publisher.statistics(&figures.json());
         let (mut is_settled, mut said) = (false, false);
-        while !interrupt::requested() {
+        while !is_stopped() {
             if self.step(atlas, pool) {
                 continue;
             }

@@ -1,8 +1,6 @@
 //! Answers to what others ask of the node.
 
-use crate::failure::one_line;
-use crate::meshing::{LayerArgs, SurfaceArgs, map_mesh};
-use anyhow::Context;
+use crate::ros::services::{Distance, Request, Response};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use voxelastic::Pose;
@@ -11,9 +9,9 @@ use voxelastic::query::DistanceQuery;
 use voxelastic_esdf::{EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{MeshRef, write_ply};
-use voxelastic_live::ros::services::{Distance, Request, Response};
 use voxelastic_plan::{Robot, plan};
-use voxelastic_run::{Mapping, MappingRun};
+use voxelastic_run::surfaces::{self, SurfaceOptions};
+use voxelastic_run::{Error, Mapping, MappingRun, Result, Warnings};
 
 /// Radius of the robot for which paths are planned, metres.
 const RADIUS: f64 = 0.3;
@@ -39,12 +37,12 @@ impl Service {
             }
             Request::Save => save(run),
             Request::Mesh => mesh(run),
-            _ => Err(anyhow::anyhow!("this cannot be asked here")),
+            _ => Err(Error::new("this cannot be asked here", "")),
         };
         if let Ok(words) = &done {
             tracing::info!("on request: {words}");
         }
-        Response::Done(done.map_err(|problem| one_line(&problem)))
+        Response::Done(done.map_err(|problem| problem.one_line()))
     }
 
     /// Distances to the nearest surface: of maps with occupancy up to some metres in all known space, else near surfaces only. They are those of the moment.
@@ -73,26 +71,31 @@ impl Service {
     }
 }
 
-fn save(run: &mut MappingRun) -> anyhow::Result<String> {
+fn save(run: &mut MappingRun) -> Result<String> {
     let path = path(run)?;
-    anyhow::ensure!(run.scans() > 0, "the map is empty");
+    if run.scans() == 0 {
+        return Err(Error::new("the map is empty", ""));
+    }
     run.save()?;
     Ok(format!("{} scans saved in {}", run.scans(), path.display()))
 }
 
-fn path(run: &MappingRun) -> anyhow::Result<PathBuf> {
-    Ok(run.target().context("nothing is saved here: this is a viewer")?.path().to_owned())
+fn path(run: &MappingRun) -> Result<PathBuf> {
+    let target = run.target().ok_or_else(|| Error::new("nothing is saved here: this is a viewer", ""))?;
+    Ok(target.path().to_owned())
 }
 
-fn mesh(run: &MappingRun) -> anyhow::Result<String> {
+fn mesh(run: &MappingRun) -> Result<String> {
     let (path, mapping) = (path(run)?.with_extension("ply"), run.mapping());
-    let (surface, voxel) = (SurfaceArgs::default(), mapping.atlas().voxel_size());
-    let made = mapping.pool().install(|| map_mesh(mapping.atlas(), voxel, &surface, LayerArgs::default()))?;
+    let made = mapping.pool().install(|| surfaces::of_map(mapping.atlas(), &SurfaceOptions::default(), &mut Warnings::default()))?;
+    if made.mesh.triangles.is_empty() {
+        return Err(Error::new("the map has no surface", "map more scans"));
+    }
     write_mesh(&path, &made.mesh, run.origin())?;
     Ok(format!("{} triangles in {}", made.mesh.triangles.len(), path.display()))
 }
 
-fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> anyhow::Result<()> {
+fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> Result<()> {
     let intensity: Vec<f32> = mesh.intensities.iter().map(|&s| f32::from(s)).collect();
     let file = MeshRef {
         positions: &mesh.positions,
@@ -102,7 +105,7 @@ fn write_mesh(path: &Path, mesh: &voxelastic::surface::Mesh, origin: Origin) -> 
         intensity: (!intensity.is_empty()).then_some(&intensity),
         triangles: &mesh.triangles,
     };
-    write_ply(path, &file).with_context(|| format!("cannot write the mesh {}", path.display()))
+    Ok(write_ply(path, &file)?)
 }
 
 /// A path between two places; none if there is no way.

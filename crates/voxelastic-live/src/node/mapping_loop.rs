@@ -2,24 +2,19 @@
 
 use super::exploring::Exploring;
 use super::figures::{OverloadWarning, diagnosis, figures};
+use super::listeners::Listeners;
 use super::loading::Loaded;
-use super::offers::Offers;
 use super::positions::Positions;
 use super::service::Service;
 use super::tally::Tally;
-use crate::interrupt;
-use crate::progress::Progress;
-use crate::watching::Watch;
+use super::watch::Watch;
+use crate::feed::{Feed, Next};
+use crate::ros::output::Outputs;
+use crate::ros::services::{NotLoaded, Pending, Request, Response};
 use std::path::Path;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
-use voxelastic::event::Event;
-use voxelastic_io::bag::live::LiveFrames;
-use voxelastic_live::feed::{Feed, Next};
-use voxelastic_live::publisher::ShownScan;
-use voxelastic_live::ros::output::{OdometryLink, Outputs};
-use voxelastic_live::ros::services::{NotLoaded, Pending, Request, Response};
-use voxelastic_run::{Input, Mapping, MappingRun, Moment, Observer};
+use voxelastic_run::{Input, Mapping, MappingRun};
 
 /// How often an interrupt is looked for while nothing comes.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
@@ -29,17 +24,6 @@ const POLL_INTERVAL_MESHING: Duration = Duration::from_millis(2);
 const POLL_INTERVAL_PLANNING: Duration = Duration::from_millis(10);
 /// Occupancy is published at least this often while scans wait.
 const LONGEST_SILENCE: Duration = Duration::from_millis(500);
-/// A robot's node in a network.
-pub struct OnNetwork {
-    /// Its name.
-    pub node: String,
-    /// What it publishes.
-    pub offers: Offers,
-    /// The frames of what comes; none for a recording.
-    pub frames: Option<LiveFrames>,
-    /// Where to go next, if it explores.
-    pub exploring: Option<Exploring>,
-}
 
 /// Gives a run what a feed delivers, in one thread: what happens does not depend on when it happens. Tells viewers and others about it.
 pub struct Node {
@@ -51,15 +35,6 @@ pub struct Node {
     tally: Tally,
 }
 
-/// Who is told what happens to the map.
-pub struct Listeners {
-    watch: Option<Watch>,
-    network: Option<OnNetwork>,
-    /// Of the event that the mapper is about to take: the scan as viewers see it, and whether it is an edge.
-    shown: Option<ShownScan>,
-    is_edge: bool,
-}
-
 /// What is asked of a node, and what it needs to answer.
 pub struct Requests {
     /// What is asked.
@@ -68,84 +43,21 @@ pub struct Requests {
     pub service: Service,
 }
 
-impl Observer for Listeners {
-    fn before(&mut self, event: &Event, mapping: &Mapping) {
-        (self.shown, self.is_edge) = (None, matches!(event, Event::OdometryEdge(_) | Event::LoopEdge(_)));
-        match event {
-            Event::Scan(scan) => {
-                self.shown = self.watch.is_some().then(|| ShownScan::of(&scan.cloud, scan.time));
-                if let Some(network) = &mut self.network {
-                    network.offers.outputs.add_scan(scan.node, scan.time);
-                    network.exploring.iter_mut().for_each(|exploring| exploring.add_scan(scan, mapping.mapper().settings()));
-                }
-            }
-            Event::LoopEdge(edge) => {
-                if let Some(watch) = &mut self.watch {
-                    watch.publisher.add_loop(edge.from, edge.to);
-                }
-            }
-            _ => {}
-        }
-    }
-
-    fn after(&mut self, moment: &Moment<'_>) {
-        if let Some(watch) = &mut self.watch {
-            watch.publisher.note(moment.mapping.mapper(), self.shown.as_ref());
-        }
-        if let Some(network) = self.network.as_mut().filter(|_| !self.is_edge) {
-            let link = network.odometry_link(moment);
-            network.offers.outputs.note(moment.mapping.mapper(), link);
-            network.exploring.iter_mut().for_each(Exploring::note);
-        }
-    }
-
-    fn restarted(&mut self) {
-        if let Some(watch) = &mut self.watch {
-            watch.publisher.reset();
-        }
-        if let Some(network) = &mut self.network {
-            network.offers.outputs.reset();
-            network.exploring.iter_mut().for_each(Exploring::restart);
-        }
-    }
-}
-
-impl OnNetwork {
-    /// How the odometry is tied to the last scan.
-    fn odometry_link(&self, moment: &Moment<'_>) -> Option<OdometryLink> {
-        let frames = self.frames.as_ref()?;
-        if let Some((node, time, t_odom_lidar)) = moment.odometry_pose {
-            return Some(OdometryLink { odom: "odom".to_owned(), t_odom_lidar, node, time, base: frames.base() });
-        }
-        let reported = frames.reported()?;
-        let node = reported.node + moment.first_node;
-        Some(OdometryLink { odom: frames.odom()?, t_odom_lidar: reported.t_odom_lidar, node, time: reported.time, base: None })
-    }
-}
-
 impl Node {
-    /// A node; with `watch`, viewers are told what happens, and with `network`, others are. `positions` are those of a recording.
-    pub fn new(positions: Option<Positions>, watch: Option<Watch>, network: Option<OnNetwork>) -> Self {
-        let listeners = Listeners { watch, network, shown: None, is_edge: false };
+    /// A node. `positions` are those of a recording.
+    pub fn new(positions: Option<Positions>, listeners: Listeners) -> Self {
         Self { listeners, positions, is_paused: false, last_step: Instant::now(), tally: Tally::default() }
     }
 
-    /// What viewers and others are to know of the map of before.
-    pub fn show_before(&mut self, mapping: &Mapping) {
-        if let Some(watch) = &mut self.listeners.watch {
-            mapping.log().loops.iter().for_each(|edge| watch.publisher.add_loop(edge.from, edge.to));
-            watch.publisher.note(mapping.mapper(), None);
-        }
-        if let Some(network) = &mut self.listeners.network {
-            let scans = mapping.log().scans;
-            scans.node.iter().zip(&scans.time_s).for_each(|(node, time)| network.offers.outputs.add_scan(*node, *time));
-            network.offers.outputs.note(mapping.mapper(), None);
-        }
-    }
-
-    /// Maps what comes until the feed ends. An interrupt stops the feed; what had come is mapped.
-    pub fn run(mut self, feed: &Feed, run: &mut MappingRun, mut requests: Requests, quiet: bool) -> (Tally, Option<Watch>) {
-        let mut progress = Progress::new("scans", None, quiet);
+    /// Maps what comes until the feed ends, and says so after each scan. Once it `is_stopped`, the feed stops; what had come is mapped.
+    pub fn run(
+        mut self,
+        feed: &Feed,
+        run: &mut MappingRun,
+        mut requests: Requests,
+        is_stopped: fn() -> bool,
+        progress: &mut dyn FnMut(&Mapping),
+    ) -> (Tally, Option<Watch>) {
         let mut overload = OverloadWarning::default();
         loop {
             let pause = self.show(run.mapping(), feed.counts().waiting > 0);
@@ -162,7 +74,7 @@ impl Node {
                         tracing::info!("sensor: {sensor}");
                     }
                     if is_scan {
-                        progress.step(|| format!("{} submaps", run.mapping().atlas().submaps().len()));
+                        progress(run.mapping());
                     }
                     overload.check(feed.counts().left_out);
                 }
@@ -179,11 +91,10 @@ impl Node {
             run.keep(feed.counts().waiting > 0);
             feed.end_pause();
             self.show_figures(feed, run);
-            if interrupt::requested() && !std::mem::replace(&mut self.tally.interrupted, true) {
+            if is_stopped() && !std::mem::replace(&mut self.tally.interrupted, true) {
                 feed.stop();
             }
         }
-        drop(progress);
         if self.tally.interrupted && self.positions.is_some() {
             // The map will have what came until now, and so has this.
             run.keep_now();
@@ -285,7 +196,7 @@ impl Node {
         let words = loaded.words(run.scans());
         run.go_on_in(loaded.map, &mut self.listeners).map_err(|problem| (NotLoaded::Other, problem.one_line()))?;
         requests.service.esdf = None;
-        self.show_before(run.mapping());
+        self.listeners.show_before(run.mapping());
         tracing::warn!("on request: {words}");
         Ok(words)
     }

@@ -1,17 +1,16 @@
-//! Where the scans come from: a recording, or the topics of a robot.
+//! Where the scans come from: a recording, the topics of a robot, or a sensor.
 
-use super::network::{Network, NetworkArgs};
+use super::network::{Network, NetworkSetup};
 use super::offers::InputRecording;
-use super::ouster_address::{LIDAR_PORT, OusterAddress};
 use super::positions::Positions;
-use super::rate::Rate;
-use super::spinning_address::SpinningAddress;
-use crate::args::{DataArgs, ReadingArgs};
-use crate::failure::Failure;
-use crate::interrupt;
-use std::error::Error;
+use crate::feed::Overload;
+use crate::ouster::{LIDAR_PORT, OusterAddress, OusterInput};
+use crate::replay::{Lateness, Rate, Replay};
+use crate::ros::input::{Lost, TopicInput, discover};
+use crate::spinning::{SpinningAddress, SpinningInput};
+use crate::transport::Transport;
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -20,15 +19,52 @@ use voxelastic::event::NodeId;
 use voxelastic::mapper::ScanSource;
 use voxelastic::sensor::BeamModel;
 use voxelastic_io::bag::live::{LiveFrames, LiveTopic};
-use voxelastic_io::{OpenOptions, PoseKind, ReadPosition};
-use voxelastic_live::feed::Overload;
-use voxelastic_live::ouster::OusterInput;
-use voxelastic_live::replay::{Lateness, Replay};
-use voxelastic_live::ros::input::{Lost, TopicInput, discover};
-use voxelastic_live::spinning::SpinningInput;
-use voxelastic_live::transport::Transport;
+use voxelastic_io::{OpenOptions, ReadPosition};
 use voxelastic_run::keep::Comes;
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
+use voxelastic_run::{Error, Result};
+
+/// Where scans are to come from.
+pub enum ScansFrom {
+    /// A recording, or a folder of scans, that is played. `slam` has poses estimated, even if the data have some.
+    Recording {
+        /// The recording or folder.
+        data: PathBuf,
+        /// The speed.
+        rate: Rate,
+        /// Whether poses are estimated.
+        slam: bool,
+    },
+    /// The topics of a robot; poses are estimated where no topic has them, or with `slam`.
+    Topics {
+        /// Whether poses are estimated.
+        slam: bool,
+    },
+    /// The packets of an Ouster sensor. Poses are estimated.
+    Ouster(OusterAddress),
+    /// The packets of a Velodyne, a Hesai or a RoboSense. Poses are estimated.
+    Spinning(SpinningAddress),
+    /// Anything else, which comes once. Poses are estimated if there is a stage for that.
+    Transport(Box<dyn Transport>, Option<Box<OdometryStage>>),
+}
+
+impl ScansFrom {
+    /// Whether it is a robot, which may deliver nothing for long and does not deliver twice.
+    pub(super) fn is_robot(&self) -> bool {
+        !matches!(self, Self::Recording { .. })
+    }
+
+    /// What it is, as it decides about the bits of the map.
+    pub(super) fn name(&self) -> String {
+        match self {
+            Self::Recording { data, .. } => data.display().to_string(),
+            Self::Topics { .. } => "topics".to_owned(),
+            Self::Ouster(_) => "ouster".to_owned(),
+            Self::Spinning(_) => "velodyne".to_owned(),
+            Self::Transport(..) => "transport".to_owned(),
+        }
+    }
+}
 
 /// Scans as they come, and what is known about them.
 pub struct Source {
@@ -54,76 +90,85 @@ enum Scans {
 }
 
 impl Source {
-    /// A recording, or a folder of scans, that is played.
-    pub fn recording(data: &DataArgs, rate: Rate, slam: bool, pose_kind: PoseKind, threads: usize) -> anyhow::Result<Self> {
-        let input = data.source(false, slam, pose_kind)?;
-        input.description().lines().for_each(|line| tracing::info!("{line}"));
-        let (odometry, sensor) = (input.odometry(threads)?, input.sensor());
-        Ok(Self::new(Scans::Recorded(Box::new(input), rate, Positions::default()), odometry, sensor))
+    /// Opens what scans come from. Topics are waited for, and recorded, too, with `recording`; none if `is_stopped` became true before they were there.
+    pub fn open(
+        from: ScansFrom,
+        options: &OpenOptions,
+        network: Option<(&mut Network, &NetworkSetup)>,
+        recording: Option<&InputRecording>,
+        threads: usize,
+        is_stopped: fn() -> bool,
+    ) -> Result<Option<Self>> {
+        match (from, network) {
+            (ScansFrom::Recording { data, rate, slam }, _) => {
+                let input = voxelastic_run::Source::open(&data, options, slam.then_some(true))?;
+                input.description().lines().for_each(|line| tracing::info!("{line}"));
+                let (odometry, sensor) = (input.odometry(threads)?, input.sensor());
+                Ok(Some(Self::new(Scans::Recorded(Box::new(input), rate, Positions::default()), odometry, sensor)))
+            }
+            (ScansFrom::Ouster(address), _) => Self::ouster(&address, options, threads).map(Some),
+            (ScansFrom::Spinning(address), _) => Self::spinning(&address, options, threads).map(Some),
+            (ScansFrom::Transport(transport, odometry), _) => Ok(Some(Self::passing(transport, odometry.map(|stage| *stage), None))),
+            (ScansFrom::Topics { slam }, Some((network, setup))) => Self::topics(network, setup, options, slam, recording, threads, is_stopped),
+            (ScansFrom::Topics { .. }, None) => Err(Error::usage("topics need a network", "join one, over DDS or Zenoh")),
+        }
     }
 
-    /// The topics of a robot, which are recorded, too, with `recording`. Waits until they are there; none if an interrupt came before.
-    pub fn topics(
+    fn topics(
         network: &mut Network,
-        reading: &ReadingArgs,
-        args: &NetworkArgs,
+        setup: &NetworkSetup,
+        options: &OpenOptions,
         slam: bool,
         recording: Option<&InputRecording>,
         threads: usize,
-    ) -> anyhow::Result<Option<Self>> {
-        let options = DataArgs::at(Path::new("topics"), reading).options(false);
+        is_stopped: fn() -> bool,
+    ) -> Result<Option<Self>> {
         let node = network.node().to_owned();
         let is_own =
             move |name: &str| name.strip_prefix('/').and_then(|name| name.strip_prefix(node.as_str())).is_some_and(|rest| rest.starts_with('/'));
-        let found = discover(network.middleware(), &options, slam, &is_own, &interrupt::requested)?;
+        let found = discover(network.middleware(), options, slam, &is_own, &is_stopped)?;
         let Some((topics, is_raw)) = found else { return Ok(None) };
-        let topics = if args.use_sim_time { topics.with_clock() } else { topics };
+        let topics = if setup.use_sim_time { topics.with_clock() } else { topics };
         if is_raw && !slam {
             tracing::info!("no topic of poses: they are estimated from the scans (--pose-topic names one)");
         }
         topics.description().lines().for_each(|line| tracing::info!("{line}"));
         let tap = |topic: &LiveTopic| recording.map(|recording| recording.tap(topic)).transpose();
-        let input = TopicInput::subscribe(network.middleware(), topics, is_raw, &options, &tap)
-            .map_err(|problem| Failure::new(problem.to_string(), "check the network and the names of the topics"))?;
-        let odometry = if is_raw { Some(stage(&options, threads)?) } else { None };
+        let input = TopicInput::subscribe(network.middleware(), topics, is_raw, options, &tap)
+            .map_err(|problem| Error::new(problem.to_string(), "check the network and the names of the topics"))?;
+        let odometry = if is_raw { Some(stage(options, threads)?) } else { None };
         let (frames, lost) = (Some(input.frames()), input.lost());
         Ok(Some(Self { frames, lost, ..Self::passing(Box::new(input), odometry, None) }))
     }
 
-    /// An Ouster sensor, whose packets come here. Poses are estimated.
-    pub fn ouster(address: &OusterAddress, reading: &ReadingArgs, threads: usize) -> anyhow::Result<Self> {
-        let options = DataArgs::at(Path::new("ouster"), reading).options(false);
+    fn ouster(address: &OusterAddress, options: &OpenOptions, threads: usize) -> Result<Self> {
         let metadata = address.metadata(options.metadata.as_deref())?;
         let port = address.port().or(metadata.lidar_port()).unwrap_or(LIDAR_PORT);
         // Sensors send the packets of their inertial measurement unit to the next port.
         let addresses = [port, port.saturating_add(1)].map(|port| SocketAddr::from(([0, 0, 0, 0], port)));
         let sensor = metadata.model().ok();
         let input = OusterInput::listen(metadata, &addresses, address.host(), options.use_imu).map_err(|problem| {
-            Failure::new(
-                format!("cannot listen at the UDP ports {port} and {}: {problem}", port.saturating_add(1)),
-                "another program may use them: end it",
-            )
+            let message = format!("cannot listen at the UDP ports {port} and {}: {problem}", port.saturating_add(1));
+            Error::new(message, "another program may use them: end it")
         })?;
         tracing::info!("listening at the UDP ports {port} and {}", port.saturating_add(1));
-        let odometry = Some(stage(&options, threads)?);
+        let odometry = Some(stage(options, threads)?);
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, sensor) })
     }
 
-    /// A Velodyne, a Hesai or a RoboSense, whose packets come here. Poses are estimated.
-    pub fn spinning(address: &SpinningAddress, reading: &ReadingArgs, threads: usize) -> anyhow::Result<Self> {
-        let options = DataArgs::at(Path::new("sensor"), reading).options(false);
+    fn spinning(address: &SpinningAddress, options: &OpenOptions, threads: usize) -> Result<Self> {
         let at = SocketAddr::from(([0, 0, 0, 0], address.port));
         let input = SpinningInput::listen(at, address.host()?, options.metadata.clone()).map_err(|problem| {
             let message = format!("cannot listen at the UDP port {}: {problem}", address.port);
-            Failure::new(message, "another program may use it: end it")
+            Error::new(message, "another program may use it: end it")
         })?;
         tracing::info!("listening at the UDP port {}", address.port);
-        let odometry = Some(stage(&options, threads)?);
+        let odometry = Some(stage(options, threads)?);
         Ok(Self { lost: Lost::of(input.lost()), ..Self::passing(Box::new(input), odometry, None) })
     }
 
     /// What comes once. Poses are estimated if there is an `odometry`.
-    pub fn passing(transport: Box<dyn Transport>, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
+    fn passing(transport: Box<dyn Transport>, odometry: Option<OdometryStage>, sensor: Option<BeamModel>) -> Self {
         Self::new(Scans::Passing(Some(transport)), odometry, sensor)
     }
 
@@ -142,13 +187,13 @@ impl Source {
         if let Scans::Recorded(input, ..) = &self.scans { Some(input) } else { None }
     }
 
-    /// What delivers scans, once; of a recording, what comes after a position. None if an interrupt came before it was read up to there.
-    pub fn play(&mut self, from: Option<ReadPosition>) -> Option<Box<dyn Transport>> {
+    /// What delivers scans, once; of a recording, what comes after a position. None if it was stopped before it was read up to there.
+    pub fn play(&mut self, from: Option<ReadPosition>, is_stopped: fn() -> bool) -> Option<Box<dyn Transport>> {
         let is_broken = Arc::clone(&self.is_broken);
         match &mut self.scans {
             Scans::Recorded(input, rate, positions) => {
                 let mut inputs = match from {
-                    Some(from) => input.inputs_from(from, interrupt::requested)?,
+                    Some(from) => input.inputs_from(from, is_stopped)?,
                     None => input.inputs(),
                 };
                 let positions = positions.clone();
@@ -158,7 +203,7 @@ impl Source {
                     is_broken.fetch_or(inputs.is_broken(), Ordering::Relaxed);
                     Some(next)
                 });
-                let replay = Replay::new(Box::new(replayed), rate.factor());
+                let replay = Replay::new(Box::new(replayed), *rate);
                 self.lateness = replay.lateness();
                 Some(Box::new(replay))
             }
@@ -206,15 +251,15 @@ impl Source {
     }
 }
 
-fn stage(options: &OpenOptions, threads: usize) -> anyhow::Result<OdometryStage> {
-    Ok(OdometryStage::new(OdometrySetup::of_recording(options), Motions::default(), threads)?)
+fn stage(options: &OpenOptions, threads: usize) -> Result<OdometryStage> {
+    OdometryStage::new(OdometrySetup::of_recording(options), Motions::default(), threads)
 }
 
 /// Scans that were not kept.
 struct Gone;
 
 impl ScanSource for Gone {
-    fn cloud(&mut self, _: NodeId) -> Result<Cloud, Box<dyn Error + Send + Sync>> {
+    fn cloud(&mut self, _: NodeId) -> Result<Cloud, Box<dyn std::error::Error + Send + Sync>> {
         Err("the scans of a robot are not kept: record them, and map the recording".into())
     }
 }

@@ -1,10 +1,9 @@
 //! A saved map in which a node goes on, on request.
 
-use crate::reporting;
+use crate::ros::services::NotLoaded;
 use std::path::{Path, PathBuf};
 use voxelastic::Settings;
 use voxelastic_io::Error;
-use voxelastic_live::ros::services::NotLoaded;
 use voxelastic_run::{SavedMap, joining, map_files};
 
 /// A map that was loaded.
@@ -33,7 +32,7 @@ impl Loaded {
             return Err((NotLoaded::Differs, format!("{}: the map is empty", path.display())));
         }
         // A log of other scans would say wrong things about these.
-        let log = reporting::run_log(&store).filter(|log| log.scans.node.len() == atlas.scan_count());
+        let log = map_files::run_log(&store).filter(|log| log.scans.node.len() == atlas.scan_count());
         Ok(Self { map: SavedMap { atlas, origin, log }, path: path.to_owned() })
     }
 

@@ -1,8 +1,8 @@
 //! How a node is: figures for viewers and other nodes, and a warning where scans come too fast.
 
-use crate::watching::Figures;
+use super::watch::Figures;
+use crate::ros::messages::Health;
 use std::time::{Duration, Instant};
-use voxelastic_live::ros::messages::Health;
 use voxelastic_run::{Mapping, Warning, usage};
 
 /// How a node is, in words and figures, with what its run has said, by code. `is_worse` says that scans were left out since it was asked last.

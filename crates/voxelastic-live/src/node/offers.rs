@@ -1,13 +1,13 @@
 //! What a node offers: topics and services, to a network, to Foxglove and to files.
 
-use super::network::{Network, NetworkArgs};
-use crate::failure::Failure;
+use super::network::{Network, NetworkSetup};
+use crate::ros::middleware::{Handle, MiddlewareError};
+use crate::ros::output::{OutputOptions, Outputs};
+use crate::ros::services::{RequestSender, offer};
 use std::net::SocketAddr;
 use std::path::Path;
 use voxelastic_io::bag::live::LiveTopic;
-use voxelastic_live::ros::middleware::{Handle, MiddlewareError};
-use voxelastic_live::ros::output::{OutputOptions, Outputs};
-use voxelastic_live::ros::services::{RequestSender, offer};
+use voxelastic_run::{Error, Result};
 
 /// What gets the messages of a topic.
 type Record = Box<dyn Fn(&[u8]) + Send + Sync>;
@@ -21,24 +21,24 @@ pub struct Offers {
 }
 
 impl Offers {
-    /// What the arguments ask for; none if that is nothing. Requests go to `requests`. A robot that `explores` has topics for that, too.
-    pub fn announce(args: &NetworkArgs, network: Option<&mut Network>, requests: &RequestSender, explores: bool) -> anyhow::Result<Option<Self>> {
-        if network.is_none() && args.foxglove.is_none() {
+    /// What the setup asks for; none if that is nothing. Requests go to `requests`. A robot that `explores` has topics for that, too.
+    pub fn announce(setup: &NetworkSetup, network: Option<&mut Network>, requests: &RequestSender, explores: bool) -> Result<Option<Self>> {
+        if network.is_none() && setup.foxglove.is_none() {
             return Ok(None);
         }
         let mut offers = Self { outputs: Outputs::new(OutputOptions { explores, ..OutputOptions::default() }), held: Vec::new() };
         if let Some(network) = network {
-            let announced = offers.add_network(network, &args.node, requests);
-            announced.map_err(|problem| Failure::new(problem.to_string(), "another name of the node may help: --node"))?;
+            let announced = offers.add_network(network, &setup.node, requests);
+            announced.map_err(|problem| Error::new(problem.to_string(), "another name of the node may help: --node"))?;
         }
-        if let Some(address) = args.foxglove {
+        if let Some(address) = setup.foxglove {
             let remedy = "another program may use that port: name another address, or port 0 for one that is free";
-            offers.add_foxglove(address, &args.node).map_err(|problem| Failure::new(problem.to_string(), remedy))?;
+            offers.add_foxglove(address, &setup.node).map_err(|problem| Error::new(problem.to_string(), remedy))?;
         }
-        if let Some(file) = &args.record {
+        if let Some(file) = &setup.record {
             offers
-                .add_recording(&recording_of_outputs(file), &args.node)
-                .map_err(|problem| Failure::new(problem.to_string(), "name a file that does not exist"))?;
+                .add_recording(&recording_of_outputs(file), &setup.node)
+                .map_err(|problem| Error::new(problem.to_string(), "name a file that does not exist"))?;
         }
         Ok(Some(offers))
     }
@@ -51,7 +51,7 @@ impl Offers {
 
     #[cfg(feature = "foxglove")]
     fn add_foxglove(&mut self, address: SocketAddr, node: &str) -> Result<(), MiddlewareError> {
-        let server = voxelastic_live::ros::foxglove::FoxgloveServer::start(node, address)?;
+        let server = crate::ros::foxglove::FoxgloveServer::start(node, address)?;
         self.outputs.add_sinks(node, |profile| server.advertise(profile))?;
         tracing::info!("Foxglove: open a connection to ws://{}", server.address());
         if !server.address().ip().is_loopback() {
@@ -63,8 +63,8 @@ impl Offers {
 
     #[cfg(feature = "foxglove")]
     fn add_recording(&mut self, file: &Path, node: &str) -> Result<(), MiddlewareError> {
-        use voxelastic_live::ros::middleware::Sink;
-        let recorder = voxelastic_live::ros::foxglove::Recorder::create(file)?;
+        use crate::ros::middleware::Sink;
+        let recorder = crate::ros::foxglove::Recorder::create(file)?;
         self.outputs.add_sinks(node, |profile| Ok(Box::new(recorder.topic(&profile.name, &profile.kind)?) as Box<dyn Sink>))?;
         tracing::info!("what is published is recorded in {}", file.display());
         self.held.push(Handle::new(recorder));
@@ -85,20 +85,20 @@ impl Offers {
 /// A recording of what comes in.
 pub struct InputRecording {
     #[cfg(feature = "foxglove")]
-    recorder: voxelastic_live::ros::foxglove::Recorder,
+    recorder: crate::ros::foxglove::Recorder,
 }
 
 impl InputRecording {
     /// Begins the file.
-    pub fn begin(file: &Path) -> anyhow::Result<Self> {
-        let begun = Self::create(file).map_err(|problem| Failure::new(problem.to_string(), "name a file that does not exist"))?;
+    pub fn begin(file: &Path) -> Result<Self> {
+        let begun = Self::create(file).map_err(|problem| Error::new(problem.to_string(), "name a file that does not exist"))?;
         tracing::info!("what comes in is recorded in {}", file.display());
         Ok(begun)
     }
 
     #[cfg(feature = "foxglove")]
     fn create(file: &Path) -> Result<Self, MiddlewareError> {
-        Ok(Self { recorder: voxelastic_live::ros::foxglove::Recorder::create(file)? })
+        Ok(Self { recorder: crate::ros::foxglove::Recorder::create(file)? })
     }
 
     #[cfg(not(feature = "foxglove"))]

@@ -1,22 +1,23 @@
 //! Scans that come once, and a process that ends at any moment: the next one goes on with its map.
 
-use super::LiveArgs;
-use super::source::Source;
-use clap::{Args, FromArgMatches};
 use std::collections::VecDeque;
 use std::fs;
 use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
-use voxelastic::Pose;
 use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::geometry::PoseExt;
+use voxelastic::settings::FieldKind;
+use voxelastic::{Pose, Settings};
 use voxelastic_io::store::MapStore;
 use voxelastic_io::{Keyframing, OpenOptions};
+use voxelastic_live::node::{KeptIn, NetworkSetup, ScansFrom, Setup, ViewerSetup, play};
+use voxelastic_live::planner::PlannerSettings;
 use voxelastic_live::transport::Transport;
-use voxelastic_run::Input;
+use voxelastic_run::keep::{CheckpointEvery, Resume, SaveOptions};
 use voxelastic_run::poses::{Motions, OdometrySetup, OdometryStage};
+use voxelastic_run::{Corrections, Input};
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
 use voxelastic_slam::slam::RawScan;
 
@@ -75,22 +76,50 @@ fn raw(sim: &Simulation, [from, to]: [usize; 2]) -> VecDeque<Input> {
     (from..to).map(|k| Input::RawScan(scan(k), k.to_string())).collect()
 }
 
-/// Maps what a robot gives out, as a process of its own would. Returns what it says in the end.
-fn live(map: &Path, flags: &str, inputs: VecDeque<Input>, copy: Option<&Path>) -> u8 {
-    live_asked(map, flags, inputs, copy, None)
+/// A node that keeps its map at `map`.
+fn setup(map: &Path) -> Setup {
+    Setup {
+        name: PathBuf::from("live"),
+        reading: OpenOptions::default(),
+        settings: Settings { voxel_size: 0.1, max_range: 15.0, threads: 2, ..Settings::default() },
+        corrections: Corrections::default(),
+        viewer: None,
+        kept: Some(KeptIn {
+            path: map.to_owned(),
+            save: SaveOptions::default(),
+            resume: Resume::default(),
+            checkpoints: "1".parse::<CheckpointEvery>().unwrap(),
+        }),
+        network: None,
+        planner: None,
+        is_stopped: || false,
+    }
 }
 
-fn live_asked(map: &Path, flags: &str, inputs: VecDeque<Input>, copy: Option<&Path>, asks: Option<Box<dyn FnOnce() + Send>>) -> u8 {
-    let _ = tracing_subscriber::fmt().with_test_writer().without_time().try_init();
-    let command = LiveArgs::augment_args(clap::Command::new("live"));
-    let line = format!("live --ouster 7502 --voxel-size 0.1 --max-range 15 --checkpoints 1 --threads 2 {flags} -o");
-    let words = line.split(' ').filter(|word| !word.is_empty()).map(std::ffi::OsString::from).chain([map.as_os_str().to_owned()]);
-    let args = LiveArgs::from_arg_matches(&command.try_get_matches_from(words).unwrap()).unwrap();
+/// A node that finds loops in scans that have poses.
+fn with_loops(setup: Setup) -> Setup {
+    Setup { corrections: Corrections { loops: Some(true), ..setup.corrections }, ..setup }
+}
+
+/// A viewer at `port` with the token in a file.
+fn viewer(port: u16, token: &Path) -> Option<ViewerSetup> {
+    Some(ViewerSetup { address: SocketAddr::from(([127, 0, 0, 1], port)), detail: 1, token: Some(token.to_owned()) })
+}
+
+/// Maps what a robot gives out, as a process of its own would.
+fn live(setup: &Setup, inputs: VecDeque<Input>, copy: Option<&Path>) {
+    live_asked(setup, inputs, copy, None);
+}
+
+fn live_asked(setup: &Setup, inputs: VecDeque<Input>, copy: Option<&Path>, asks: Option<Box<dyn FnOnce() + Send>>) {
     let is_raw = matches!(inputs.front(), Some(Input::RawScan(..)));
-    let robot = Robot { inputs, asks, dies: copy.map(|copy| [map.to_owned(), copy.to_owned()]) };
+    let map = setup.kept.as_ref().unwrap().path.clone();
+    let robot = Robot { inputs, asks, dies: copy.map(|copy| [map, copy.to_owned()]) };
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
-    let odometry = is_raw.then(|| OdometryStage::new(OdometrySetup::of_recording(&options), Motions::default(), 2).unwrap());
-    args.play(map, true, |_, _, _| Ok(Some(Source::passing(Box::new(robot), odometry, None)))).unwrap()
+    let odometry = is_raw.then(|| Box::new(OdometryStage::new(OdometrySetup::of_recording(&options), Motions::default(), 2).unwrap()));
+    let mut played = play(setup, ScansFrom::Transport(Box::new(robot), odometry), &mut |_| {}).unwrap();
+    played.save().unwrap();
+    played.end(|| true);
 }
 
 fn atlas(map: &Path) -> Atlas {
@@ -121,27 +150,28 @@ fn a_robot_that_is_started_again_goes_on_in_the_same_map() {
     let elsewhere = Pose::from_parts(nalgebra::Translation3::new(3.0, -2.0, 0.0), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7));
     // Poses in the frame of before, in another one, and by odometry that begins anew, with loop closures.
     let first = |is_raw: bool| if is_raw { raw(&sim, [0, 12]) } else { given(&sim, [0, 12], &Pose::identity()) };
-    let cases: [(&str, &str, bool, VecDeque<Input>); 4] = [
-        ("same", "", false, given(&sim, [12, 24], &Pose::identity())),
-        ("other", "", false, given(&sim, [12, 24], &elsewhere)),
-        ("optimised", "--loops", false, given(&sim, [12, 24], &elsewhere)),
-        ("slam", "", true, raw(&sim, [12, 24])),
+    let cases: [(&str, bool, VecDeque<Input>); 4] = [
+        ("same", false, given(&sim, [12, 24], &Pose::identity())),
+        ("other", false, given(&sim, [12, 24], &elsewhere)),
+        ("optimised", false, given(&sim, [12, 24], &elsewhere)),
+        ("slam", true, raw(&sim, [12, 24])),
     ];
-    for (name, flags, is_raw, then) in cases {
+    for (name, is_raw, then) in cases {
+        let node = |map: &Path| if name == "optimised" { with_loops(setup(map)) } else { setup(map) };
         let [before, map] = ["-before.vox", ".vox"].map(|end| dir.path().join(format!("{name}{end}")));
-        assert_eq!(live(&before, flags, first(is_raw), Some(&map)), 0);
+        live(&node(&before), first(is_raw), Some(&map));
         assert!(!before.join("unfinished").exists());
         let kept = path(&atlas(&map.join("unfinished")));
         assert_eq!(kept.len(), 12, "{name}: what the process leaves");
         // Another one dies, too.
-        assert_eq!(live(&map, flags, then.clone(), None), 0);
+        live(&node(&map), then.clone(), None);
         let after = path(&atlas(&map));
         assert_eq!(after.iter().map(|(node, _)| *node).collect::<Vec<_>>(), (0..24).collect::<Vec<_>>(), "{name}: nothing is lost");
         let off = error(&after, &sim);
         assert!(off < if name == "same" { 1e-6 } else { 0.15 }, "{name}: {off} m");
         assert!(!map.join("unfinished").exists());
         if name == "same" {
-            assert_eq!(live(&dir.path().join("whole.vox"), "", given(&sim, [0, 24], &Pose::identity()), None), 0);
+            live(&setup(&dir.path().join("whole.vox")), given(&sim, [0, 24], &Pose::identity()), None);
             let submaps = |map: &str| atlas(&dir.path().join(map)).submaps().iter().map(|submap| submap.scans().len()).collect::<Vec<_>>();
             assert_eq!(submaps("same.vox"), submaps("whole.vox"));
         }
@@ -152,8 +182,8 @@ fn a_robot_that_is_started_again_goes_on_in_the_same_map() {
 fn scans_of_another_place_begin_a_new_map_and_that_of_before_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let [before, map] = ["before.vox", "map.vox"].map(|name| dir.path().join(name));
-    assert_eq!(live(&before, "", raw(&world("room"), [0, 12]), Some(&map)), 0);
-    assert_eq!(live(&map, "", raw(&world("street"), [0, 22]), None), 0);
+    live(&setup(&before), raw(&world("room"), [0, 12]), Some(&map));
+    live(&setup(&map), raw(&world("street"), [0, 22]), None);
     assert_eq!(path(&atlas(&dir.path().join("map-unfinished.vox"))).len(), 12);
     let nodes: Vec<NodeId> = path(&atlas(&map)).iter().map(|(node, _)| *node).collect();
     assert!(nodes.len() == 22 && nodes[0] >= 12, "{nodes:?}");
@@ -181,12 +211,12 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
     let sim = world("room");
     let [saved, coarse, token] = ["saved.vox", "coarse.vox", "token"].map(|name| dir.path().join(name));
     fs::write(&token, TOKEN).unwrap();
-    assert_eq!(live(&saved, "", given(&sim, [0, 12], &Pose::identity()), None), 0);
-    assert_eq!(live(&coarse, "--field occupancy", given(&sim, [0, 2], &Pose::identity()), None), 0);
+    live(&setup(&saved), given(&sim, [0, 12], &Pose::identity()), None);
+    let occupancy = Settings { field: FieldKind::Occupancy, ..setup(&coarse).settings };
+    live(&Setup { settings: occupancy, ..setup(&coarse) }, given(&sim, [0, 2], &Pose::identity()), None);
     let elsewhere = Pose::from_parts(nalgebra::Translation3::new(3.0, -2.0, 0.0), nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, 0.7));
     // Poses in the frame of the map, in another one, with corrections, and by odometry that begins before the map is loaded.
-    let cases = [("same", "", false), ("other", "", false), ("optimised", "--loops", false), ("slam", "", true)];
-    for (name, flags, is_raw) in cases {
+    for (name, is_raw) in [("same", false), ("other", false), ("optimised", false), ("slam", true)] {
         let map = dir.path().join(format!("{name}.vox"));
         let frame = if name == "same" { Pose::identity() } else { elsewhere };
         let inputs = if is_raw { raw(&sim, [12, 24]) } else { given(&sim, [12, 24], &frame) };
@@ -206,8 +236,8 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
             let loaded = load(&paths[0]);
             assert!(loaded.starts_with("HTTP/1.1 200") && loaded.contains("12 scans"), "{loaded}");
         };
-        let flags = format!("{flags} --view=127.0.0.1:{port} --token {}", token.display());
-        assert_eq!(live_asked(&map, &flags, inputs, None, Some(Box::new(ask))), 0, "{name}");
+        let node = Setup { viewer: viewer(port, &token), ..setup(&map) };
+        live_asked(&if name == "optimised" { with_loops(node) } else { node }, inputs, None, Some(Box::new(ask)));
         let after = path(&atlas(&map));
         assert_eq!(after.len(), 24, "{name}: {:?}", after.iter().map(|(node, _)| *node).collect::<Vec<_>>());
         let off = error(&after, &sim);
@@ -216,6 +246,19 @@ fn a_saved_map_is_loaded_and_mapping_goes_on_in_it() {
     }
 }
 
+#[cfg(feature = "foxglove")]
+/// What is published goes to Foxglove alone.
+fn foxglove() -> NetworkSetup {
+    let foxglove = Some(SocketAddr::from(([127, 0, 0, 1], 0)));
+    NetworkSetup { node: "voxelastic".to_owned(), backend: None, domain: None, is_local: true, use_sim_time: false, foxglove, record: None }
+}
+
+#[cfg(feature = "foxglove")]
+fn planner() -> PlannerSettings {
+    PlannerSettings { radius: 0.3, margin: 0.1, height: None, speed: 1.0, bounds: None, time: None, max_range: 15.0, least_volume: 4.0 }
+}
+
+#[cfg(feature = "foxglove")]
 #[test]
 fn a_robot_that_explores_is_held_and_sent_home_on_request() {
     let dir = tempfile::tempdir().unwrap();
@@ -230,10 +273,11 @@ fn a_robot_that_explores_is_held_and_sent_home_on_request() {
                 assert!(answer.starts_with(&format!("HTTP/1.1 {status}")) && answer.contains(words), "{request}: {answer}");
             }
         };
-        let explore = if explores { "--explore --foxglove=127.0.0.1:0" } else { "" };
-        let flags = format!("{explore} --field both --view=127.0.0.1:{port} --token {}", token.display());
         let map = dir.path().join(format!("{explores}.vox"));
-        assert_eq!(live_asked(&map, &flags, given(&sim, [0, 4], &Pose::identity()), None, Some(Box::new(ask))), 0);
+        let settings = Settings { field: FieldKind::Both, ..setup(&map).settings };
+        let (network, planner) = (explores.then(foxglove), explores.then(planner));
+        let node = Setup { settings, viewer: viewer(port, &token), network, planner, ..setup(&map) };
+        live_asked(&node, given(&sim, [0, 4], &Pose::identity()), None, Some(Box::new(ask)));
         assert_eq!(path(&atlas(&map)).len(), 4);
     }
 }

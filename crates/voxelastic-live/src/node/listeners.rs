@@ -1,0 +1,106 @@
+//! Who is told what happens to the map.
+
+use super::exploring::Exploring;
+use super::offers::Offers;
+use super::watch::Watch;
+use crate::publisher::ShownScan;
+use crate::ros::output::OdometryLink;
+use voxelastic::event::Event;
+use voxelastic_io::bag::live::LiveFrames;
+use voxelastic_run::{Mapping, Moment, Observer};
+
+/// A robot's node in a network.
+pub struct OnNetwork {
+    /// Its name.
+    pub node: String,
+    /// What it publishes.
+    pub offers: Offers,
+    /// The frames of what comes; none for a recording.
+    pub frames: Option<LiveFrames>,
+    /// Where to go next, if it explores.
+    pub exploring: Option<Exploring>,
+}
+
+/// Who is told what happens to the map.
+pub struct Listeners {
+    pub watch: Option<Watch>,
+    pub network: Option<OnNetwork>,
+    /// Of the event that the mapper is about to take: the scan as viewers see it, and whether it is an edge.
+    shown: Option<ShownScan>,
+    is_edge: bool,
+}
+
+impl Listeners {
+    /// Viewers, and others in a network.
+    pub fn new(watch: Option<Watch>, network: Option<OnNetwork>) -> Self {
+        Self { watch, network, shown: None, is_edge: false }
+    }
+
+    /// What they are to know of the map of before.
+    pub fn show_before(&mut self, mapping: &Mapping) {
+        if let Some(watch) = &mut self.watch {
+            mapping.log().loops.iter().for_each(|edge| watch.publisher.add_loop(edge.from, edge.to));
+            watch.publisher.note(mapping.mapper(), None);
+        }
+        if let Some(network) = &mut self.network {
+            let scans = mapping.log().scans;
+            scans.node.iter().zip(&scans.time_s).for_each(|(node, time)| network.offers.outputs.add_scan(*node, *time));
+            network.offers.outputs.note(mapping.mapper(), None);
+        }
+    }
+}
+
+impl Observer for Listeners {
+    fn before(&mut self, event: &Event, mapping: &Mapping) {
+        (self.shown, self.is_edge) = (None, matches!(event, Event::OdometryEdge(_) | Event::LoopEdge(_)));
+        match event {
+            Event::Scan(scan) => {
+                self.shown = self.watch.is_some().then(|| ShownScan::of(&scan.cloud, scan.time));
+                if let Some(network) = &mut self.network {
+                    network.offers.outputs.add_scan(scan.node, scan.time);
+                    network.exploring.iter_mut().for_each(|exploring| exploring.add_scan(scan, mapping.mapper().settings()));
+                }
+            }
+            Event::LoopEdge(edge) => {
+                if let Some(watch) = &mut self.watch {
+                    watch.publisher.add_loop(edge.from, edge.to);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn after(&mut self, moment: &Moment<'_>) {
+        if let Some(watch) = &mut self.watch {
+            watch.publisher.note(moment.mapping.mapper(), self.shown.as_ref());
+        }
+        if let Some(network) = self.network.as_mut().filter(|_| !self.is_edge) {
+            let link = network.odometry_link(moment);
+            network.offers.outputs.note(moment.mapping.mapper(), link);
+            network.exploring.iter_mut().for_each(Exploring::note);
+        }
+    }
+
+    fn restarted(&mut self) {
+        if let Some(watch) = &mut self.watch {
+            watch.publisher.reset();
+        }
+        if let Some(network) = &mut self.network {
+            network.offers.outputs.reset();
+            network.exploring.iter_mut().for_each(Exploring::restart);
+        }
+    }
+}
+
+impl OnNetwork {
+    /// How the odometry is tied to the last scan.
+    fn odometry_link(&self, moment: &Moment<'_>) -> Option<OdometryLink> {
+        let frames = self.frames.as_ref()?;
+        if let Some((node, time, t_odom_lidar)) = moment.odometry_pose {
+            return Some(OdometryLink { odom: "odom".to_owned(), t_odom_lidar, node, time, base: frames.base() });
+        }
+        let reported = frames.reported()?;
+        let node = reported.node + moment.first_node;
+        Some(OdometryLink { odom: frames.odom()?, t_odom_lidar: reported.t_odom_lidar, node, time: reported.time, base: None })
+    }
+}
