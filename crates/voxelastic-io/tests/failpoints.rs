@@ -1,7 +1,7 @@
 //! Every operation on files fails in turn, writes with half of their bytes written; alone, and with all that follow, as if the process was killed there. The error names a file, the map or checkpoint of before is there, or the new one, and what follows works.
 #![allow(clippy::print_stdout)]
 
-#[path = "store/world.rs"]
+#[path = "all/store/world.rs"]
 #[allow(dead_code)]
 mod world;
 

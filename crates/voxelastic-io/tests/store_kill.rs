@@ -1,7 +1,7 @@
 //! A process that is killed at any moment while it saves leaves a map that opens: the old one or the new one.
 #![cfg(unix)]
 
-#[path = "store/world.rs"]
+#[path = "all/store/world.rs"]
 #[allow(dead_code)]
 mod world;
 

@@ -4,7 +4,7 @@
 //! `cargo run --release -p voxelastic-live --example explore -- maze 1 300 [picture.png]`: the world, its seed, seconds at most; the picture shows what was published
 //! after a third of them.
 
-#[path = "../tests/common/published.rs"]
+#[path = "../tests/all/common/published.rs"]
 mod published;
 
 use nalgebra::{Translation3, UnitQuaternion, Vector3};

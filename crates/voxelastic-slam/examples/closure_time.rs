@@ -6,9 +6,9 @@
 //! A drive over a grid of streets, closures at every EVERYth node where it was before; the last closures are timed both ways.
 #![allow(clippy::print_stdout)]
 
-#[path = "../tests/support/drive.rs"]
+#[path = "../tests/all/common/drive.rs"]
 mod drive;
-#[path = "../tests/support/numbers.rs"]
+#[path = "../tests/all/common/numbers.rs"]
 mod numbers;
 
 use std::error::Error;

@@ -16,7 +16,7 @@ use voxelastic::settings::{FieldKind, Settings};
 use voxelastic::surface::{MeshOptions, OccupancySurface, extract, extract_occupancy};
 use voxelastic::{Mapper, Pose};
 
-#[path = "../tests/sensor/scene.rs"]
+#[path = "../tests/all/sensor/scene.rs"]
 #[allow(dead_code)]
 mod scene;
 

@@ -9,9 +9,9 @@ use voxelastic::query::{Capsule, DistanceQuery, FieldQuery, OrientedBox, Ray, Sh
 use voxelastic::settings::FieldKind;
 use voxelastic::surface::MeshOptions;
 
-#[path = "../tests/common/cpu_time.rs"]
+#[path = "support/cpu_time.rs"]
 mod cpu_time;
-#[path = "../tests/query/hall.rs"]
+#[path = "../tests/all/query/hall.rs"]
 mod hall;
 
 use cpu_time::CpuTime;

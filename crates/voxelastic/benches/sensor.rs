@@ -5,7 +5,7 @@ use std::hint::black_box;
 use voxelastic::Cloud;
 use voxelastic::sensor::{BeamModel, CloudLayout, RangeLimits, ScanPreprocessor, detect, preset};
 
-#[path = "../tests/sensor/scene.rs"]
+#[path = "../tests/all/sensor/scene.rs"]
 #[allow(dead_code)]
 mod scene;
 

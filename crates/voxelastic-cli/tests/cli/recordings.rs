@@ -3,9 +3,9 @@
 use crate::{json, voxelastic, works};
 use std::path::{Path, PathBuf};
 
-/// A recording that other software wrote (see `voxelastic-io/tests/bags/write.py`).
+/// A recording that other software wrote (see `voxelastic-io/tests/all/bags/write.py`).
 fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../voxelastic-io/tests/bags/fixtures").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../voxelastic-io/tests/all/bags/fixtures").join(name)
 }
 
 #[test]

@@ -94,7 +94,7 @@ mod tests {
 
     #[test]
     fn prefetching_changes_no_message() {
-        let whole = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bags/fixtures/ouster_bz2.bag")).unwrap();
+        let whole = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/all/bags/fixtures/ouster_bz2.bag")).unwrap();
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.bag");
         for k in 0..60 {

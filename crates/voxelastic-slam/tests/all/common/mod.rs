@@ -1,0 +1,4 @@
+//! What several tests need.
+
+pub mod drive;
+pub mod numbers;
