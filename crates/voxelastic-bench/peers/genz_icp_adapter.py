@@ -1,4 +1,4 @@
-"""GenZ-ICP as a peer of `voxelastic bench --slam`: odometry, with its defaults (voxels of 0.3 m).
+"""GenZ-ICP as a peer of `voxelastic-bench --slam`: odometry, with its defaults (voxels of 0.3 m).
 
     python3 genz_icp_adapter.py request.json
 """

@@ -1,4 +1,4 @@
-"""KISS-ICP as a peer of `voxelastic bench --slam`: odometry, with its defaults.
+"""KISS-ICP as a peer of `voxelastic-bench --slam`: odometry, with its defaults.
 
     python3 kiss_icp_adapter.py request.json
 """

@@ -1,4 +1,4 @@
-"""KISS-SLAM as a peer of `voxelastic bench --slam`: odometry, closures between local maps of 100 m, and its pose graph, with its defaults.
+"""KISS-SLAM as a peer of `voxelastic-bench --slam`: odometry, closures between local maps of 100 m, and its pose graph, with its defaults.
 
     python3 kiss_slam_adapter.py request.json
 """

@@ -1,4 +1,4 @@
-"""MapClosures as a peer of `voxelastic bench --slam`: closures between local maps, by poses that are given (what its own pipeline does with the
+"""MapClosures as a peer of `voxelastic-bench --slam`: closures between local maps, by poses that are given (what its own pipeline does with the
 odometry of KISS-ICP, which loses itself on thin scans). A closure is what its pipeline takes for one: enough inliers.
 
     python3 map_closures_adapter.py request.json

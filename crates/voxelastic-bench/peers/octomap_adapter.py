@@ -1,4 +1,4 @@
-"""OctoMap as a peer of `voxelastic bench`.
+"""OctoMap as a peer of `voxelastic-bench`.
 
     python3 octomap_adapter.py request.json
 

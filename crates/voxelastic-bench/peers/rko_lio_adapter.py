@@ -1,4 +1,4 @@
-"""RKO-LIO as a peer of `voxelastic bench --slam`: odometry with an inertial measurement unit, with its defaults.
+"""RKO-LIO as a peer of `voxelastic-bench --slam`: odometry with an inertial measurement unit, with its defaults.
 
     python3 rko_lio_adapter.py request.json
 """

@@ -1,4 +1,4 @@
-"""Common parts of the adapters for `voxelastic bench --slam`: they read a request and print one JSON object per line (the protocol is in
+"""Common parts of the adapters for `voxelastic-bench --slam`: they read a request and print one JSON object per line (the protocol is in
 src/slam/peer.rs)."""
 import json
 import os

@@ -1,4 +1,4 @@
-"""VDBFusion as a peer of `voxelastic bench`.
+"""VDBFusion as a peer of `voxelastic-bench`.
 
     python3 vdbfusion_adapter.py request.json
 

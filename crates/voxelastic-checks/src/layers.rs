@@ -24,9 +24,19 @@ pub const CRATES: &[Layer] = &[
     ("voxelastic-run", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-slam", "voxelastic-report"]),
     (
         "voxelastic-live",
-        &["voxelastic", "voxelastic-io", "voxelastic-slam", "voxelastic-plan", "voxelastic-explore", "voxelastic-report", "voxelastic-run"],
+        &[
+            "voxelastic",
+            "voxelastic-io",
+            "voxelastic-eval",
+            "voxelastic-slam",
+            "voxelastic-plan",
+            "voxelastic-esdf",
+            "voxelastic-explore",
+            "voxelastic-report",
+            "voxelastic-run",
+        ],
     ),
-    ("voxelastic-bench", &["voxelastic", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
+    ("voxelastic-bench", &["voxelastic", "voxelastic-files", "voxelastic-io", "voxelastic-eval", "voxelastic-sim", "voxelastic-report"]),
     (
         "voxelastic-cli",
         &[
@@ -43,7 +53,6 @@ pub const CRATES: &[Layer] = &[
             "voxelastic-report",
             "voxelastic-run",
             "voxelastic-live",
-            "voxelastic-bench",
         ],
     ),
     (

@@ -24,11 +24,10 @@ mod texturing;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use commands::{
-    bench, changes, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize,
-    plan, remove, render, repair, report, simulate, slice, view,
+    changes, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize, plan,
+    remove, render, repair, report, simulate, slice, view,
 };
 use std::ffi::OsString;
-use std::path::Path;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -48,7 +47,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Sessions and damaged maps", &["merge", "remove", "changes", "repair"]),
     ("Free space", &["slice", "esdf", "explore"]),
     ("Poses alone", &["odometry", "optimize"]),
-    ("Measuring", &["eval", "heldout", "simulate", "bench"]),
+    ("Measuring", &["eval", "heldout", "simulate"]),
 ];
 
 /// The command line, with its commands by headings.
@@ -102,7 +101,6 @@ enum Command {
     Heldout(heldout::HeldoutArgs),
     Eval(eval::EvalArgs),
     Simulate(simulate::SimulateArgs),
-    Bench(bench::BenchArgs),
     Odometry(odometry::OdometryArgs),
     Localize(localize::LocalizeArgs),
     Optimize(optimize::OptimizeArgs),
@@ -139,22 +137,21 @@ impl Logging {
     }
 }
 
-/// Runs the command with `arguments`, of which the first is the name of the program, and returns the exit code. `program` is what starts it again:
-/// `bench` measures whole processes; by default it is the executable of this process.
+/// Runs the command with `arguments`, of which the first is the name of the program, and returns the exit code.
 ///
 /// It is made for a process of its own: it installs handlers of signals and a panic hook, and sends log lines to stderr from the first call on.
-pub fn run<A: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = A>, program: Option<&Path>) -> u8 {
+pub fn run<A: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = A>) -> u8 {
     failure::install_panic_hook();
     let cli = match command_line().try_get_matches_from(arguments).and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(end) => return failure::report_usage(&end),
     };
     cli.logging.install();
-    cli.command.run(cli.logging.quiet, program).unwrap_or_else(|error| failure::report(&error))
+    cli.command.run(cli.logging.quiet).unwrap_or_else(|error| failure::report(&error))
 }
 
 impl Command {
-    fn run(&self, quiet: bool, program: Option<&Path>) -> anyhow::Result<u8> {
+    fn run(&self, quiet: bool) -> anyhow::Result<u8> {
         match self {
             Self::Demo(args) => demo::run(args, quiet),
             Self::Map(args) => map::run(args, quiet),
@@ -176,7 +173,6 @@ impl Command {
             Self::Heldout(args) => heldout::run(args, quiet),
             Self::Eval(args) => eval::run(args),
             Self::Simulate(args) => simulate::run(args, quiet),
-            Self::Bench(args) => bench::run(args, program),
             Self::Localize(args) => localize::run(args, quiet),
             Self::Odometry(args) => odometry::run(args, quiet),
             Self::Optimize(args) => optimize::run(args),

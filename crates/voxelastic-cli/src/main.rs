@@ -7,5 +7,5 @@ use voxelastic_cli::allocator::Allocator;
 static ALLOCATOR: Allocator = Allocator;
 
 fn main() -> ExitCode {
-    ExitCode::from(voxelastic_cli::run(std::env::args_os(), None))
+    ExitCode::from(voxelastic_cli::run(std::env::args_os()))
 }

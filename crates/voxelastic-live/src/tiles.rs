@@ -208,6 +208,7 @@ mod tests {
     use voxelastic::event::Event;
     use voxelastic::settings::Settings;
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+    use voxelastic_testing::PATIENCE;
 
     fn robot(atlas: &Atlas) -> [f32; 3] {
         let submap = &atlas.submaps()[0];
@@ -227,7 +228,7 @@ mod tests {
             if !tiles.is_busy() {
                 return all;
             }
-            assert!(begin.elapsed() < Duration::from_secs(60));
+            assert!(begin.elapsed() < PATIENCE);
             std::thread::sleep(Duration::from_millis(1));
         }
     }

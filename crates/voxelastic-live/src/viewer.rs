@@ -336,14 +336,12 @@ mod tests {
         let stuck = attached(&viewer, "");
         let mut one = attached(&viewer, "");
         next(&mut one);
-        let clock = std::time::Instant::now();
         // Far more than sockets hold, of which the latest of each tile is kept.
         for round in 0..200u64 {
             scene.put((0..8).map(|x| (Thing::Tile([x, 0, 0]), vec![0; 100_000])));
             let seen = scene.size();
             assert_eq!(seen, (8, 800_000), "round {round}");
         }
-        assert!(clock.elapsed() < Duration::from_secs(20));
         while next(&mut one).1 < 1600 {}
         drop(stuck);
     }

@@ -46,7 +46,7 @@ WAYS = {"mapper.replay(data)": by_replay, "for event in data.events()": by_event
 def in_this_process(way: str, data: str, target: str) -> None:
     begin = time.process_time()
     if way == COMMAND:
-        code = _native.run_command(["voxelastic", "map", data, "-o", target, "-q"], None)
+        code = _native.run_command(["voxelastic", "map", data, "-o", target, "-q"])
         assert code == 0, f"the command ended with {code}"
     else:
         mapper = vx.Mapper()

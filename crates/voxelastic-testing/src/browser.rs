@@ -11,7 +11,7 @@ pub struct Browser(Child);
 
 impl Browser {
     /// How long tests wait for a page: a browser on a busy machine without a graphics card is slow.
-    pub const TIMEOUT: Duration = Duration::from_secs(150);
+    pub const TIMEOUT: Duration = crate::PATIENCE;
 
     /// Opens `url` with the further flags; `profile` is a folder of its own for the browser's files. None, after noting the skip, without a browser.
     ///

@@ -16,15 +16,32 @@
 //! ```
 
 mod browser;
+mod domain;
 pub mod packets;
 mod skip;
 mod small_disk;
 
 pub use browser::Browser;
+pub use domain::Domain;
 pub use skip::{Need, skip};
 pub use small_disk::SmallDisk;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
+
+/// A test that waits longer than this hangs: it is not slow, however busy the machine.
+pub const PATIENCE: Duration = Duration::from_secs(600);
+
+/// Processor time of this thread, which other programs do not lengthen; elsewhere than on Unix, time.
+pub fn thread_cpu_time() -> Duration {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)
+    }
+    #[cfg(not(unix))]
+    std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default()
+}
 
 /// A file or folder of the recorded data; none, after noting the skip, where it is absent.
 ///

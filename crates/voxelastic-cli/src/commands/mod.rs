@@ -1,6 +1,5 @@
 //! One file per subcommand: its arguments, its examples, and what it does.
 
-pub mod bench;
 pub mod changes;
 pub mod config;
 pub mod demo;

@@ -12,6 +12,7 @@ use voxelastic::query::DistanceQuery;
 use voxelastic_esdf::{Esdf, EsdfSettings};
 use voxelastic_io::poses;
 use voxelastic_io::store::MapStore;
+use voxelastic_testing::PATIENCE;
 
 /// Scans that are mapped when the node is asked; one more comes so much later that the test is over by then.
 const SCANS: usize = 16;
@@ -48,7 +49,7 @@ fn asked(dir: &Path, python: &str, field: &str) -> (serde_json::Value, Atlas) {
         if let Some(done) = asking.try_wait().unwrap() {
             break done;
         }
-        assert!(node.try_wait().unwrap().is_none() && clock.elapsed() < Duration::from_secs(180), "no answer");
+        assert!(node.try_wait().unwrap().is_none() && clock.elapsed() < PATIENCE, "no answer");
         std::thread::sleep(Duration::from_millis(20));
     };
     kill_process(Pid::from_child(&node), Signal::TERM).unwrap();

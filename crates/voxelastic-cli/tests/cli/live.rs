@@ -88,7 +88,7 @@ fn killed_live(dir: &Path) {
     let mut child = voxelastic(dir).args(arguments.split_whitespace()).stderr(Stdio::null()).spawn().unwrap();
     let clock = Instant::now();
     while !dir.join("room.vox/unfinished/manifest.json").exists() {
-        assert!(child.try_wait().unwrap().is_none() && clock.elapsed() < Duration::from_secs(60));
+        assert!(child.try_wait().unwrap().is_none() && clock.elapsed() < voxelastic_testing::PATIENCE);
         std::thread::sleep(Duration::from_millis(1));
     }
     child.kill().unwrap();

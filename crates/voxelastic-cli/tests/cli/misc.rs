@@ -192,11 +192,3 @@ fn a_map_is_not_measured_with_its_own_scans() {
     fails(dir.path(), "heldout room.vox room --hold-out 2", 1, &["part of the map", "--hold-out"]);
     fails(dir.path(), "heldout room.vox room --hold-out 100", 1, &["--hold-out"]);
 }
-
-#[test]
-fn a_benchmark_with_wrong_arguments_is_refused() {
-    let dir = tempfile::tempdir().unwrap();
-    fails(dir.path(), "bench --growth --quick", 2, &["--growth", "--quick", "cannot be used with"]);
-    fails(dir.path(), "bench --peer nonsense", 2, &["must be a name, =, and a command"]);
-    fails(dir.path(), "bench --campus . -o out", 1, &["voxelastic simulate campus"]);
-}

@@ -7,6 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
+use voxelastic_testing::PATIENCE;
 
 /// Random numbers.
 pub struct Numbers(pub u64);
@@ -102,7 +103,7 @@ fn unfinished(dir: &Path, arguments: &str, map: &str) {
     let mut child = voxelastic(dir).args(arguments.split_whitespace()).args(["--checkpoints", "1"]).stderr(Stdio::null()).spawn().unwrap();
     let clock = Instant::now();
     while !dir.join(map).join("unfinished/manifest.json").exists() {
-        assert!(child.try_wait().unwrap().is_none() && clock.elapsed() < Duration::from_secs(60), "{arguments}");
+        assert!(child.try_wait().unwrap().is_none() && clock.elapsed() < PATIENCE, "{arguments}");
         std::thread::sleep(Duration::from_millis(1));
     }
     child.kill().unwrap();

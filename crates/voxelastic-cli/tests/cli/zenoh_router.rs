@@ -6,8 +6,7 @@ use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
-
-const PATIENCE: Duration = Duration::from_secs(120);
+use voxelastic_testing::PATIENCE;
 
 /// A program that is killed with the test.
 struct Peer(Child);

@@ -6,6 +6,5 @@ mod bags;
 mod common;
 mod files;
 mod folders;
-mod hostile;
 mod real_data;
 mod store;

@@ -185,6 +185,7 @@ mod tests {
     use voxelastic::settings::FieldKind;
     use voxelastic::{Mapper, Settings};
     use voxelastic_sim::{PoseSource, SimOptions, Simulation};
+    use voxelastic_testing::PATIENCE;
 
     fn settings() -> PlannerSettings {
         PlannerSettings { radius: 0.25, margin: 0.1, height: None, speed: 1.0, bounds: None, time: None, max_range: 12.0, least_volume: 4.0 }
@@ -218,7 +219,7 @@ mod tests {
             if let Some(plan) = planner.plan() {
                 break plan.unwrap();
             }
-            assert!(begin.elapsed() < Duration::from_secs(60));
+            assert!(begin.elapsed() < PATIENCE);
             std::thread::sleep(Duration::from_millis(1));
         };
         assert_eq!((plan.state, planner.is_busy()), (PlanState::Exploring, false));

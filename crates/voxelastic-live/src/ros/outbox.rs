@@ -122,7 +122,6 @@ impl Shared {
 mod tests {
     use super::*;
     use std::sync::mpsc::{Receiver, channel};
-    use std::time::Instant;
 
     /// A message that is sent when the gate opens, and then says its name.
     fn message(gate: &Arc<Mutex<Receiver<()>>>, sent: &Arc<Mutex<Vec<String>>>, name: &str) -> SendTask {
@@ -140,7 +139,6 @@ mod tests {
         let outbox = Outbox::start("test").unwrap();
         let (tiles, path) = (outbox.topic(3), outbox.topic(1));
         let push = |topic: &OutboxTopic, name: &str| topic.push(message(&gate, &sent, name));
-        let begin = Instant::now();
         assert!(push(&tiles, "tile 0"));
         while tiles.waiting() > 0 {
             std::thread::yield_now();
@@ -149,7 +147,7 @@ mod tests {
         assert!(push(&path, "path 0") && push(&tiles, "tile 1") && push(&tiles, "tile 2") && push(&tiles, "tile 3"));
         assert!(!push(&path, "path 1") && !push(&tiles, "tile 4"), "the oldest are lost");
         assert_eq!((tiles.waiting(), path.waiting()), (3, 1));
-        assert!(begin.elapsed() < Duration::from_secs(2) && sent.lock().unwrap().is_empty());
+        assert!(sent.lock().unwrap().is_empty());
         (0..5).for_each(|_| open.send(()).unwrap());
         drop((tiles, path));
         assert_eq!(*sent.lock().unwrap(), ["tile 0", "tile 2", "tile 3", "path 1", "tile 4"], "a topic that ends waits for what it has to send");

@@ -12,14 +12,13 @@ use voxelastic_live::ros::output::{OutputOptions, Outputs};
 use voxelastic_sim::random::Stream;
 use voxelastic_sim::sensor::{Lidar, LidarSettings};
 use voxelastic_sim::{World, WorldBuilder};
+use voxelastic_testing::PATIENCE;
 
 const HOME: Point = [0.0, 0.0, 1.0];
 const RADIUS: f64 = 0.25;
 const BOUNDS: [Point; 2] = [[-3.0, -2.5, 0.3], [9.0, 2.5, 2.0]];
 /// Metres that the robot moves between two scans: 2 m/s, 10 scans a second.
 const STEP: f64 = 0.2;
-/// What takes longer than this has failed.
-const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Two rooms of 6 x 5 m with a door 1.6 m wide between them, at x = 3, and perhaps a pillar in the second one.
 fn rooms(has_pillar: bool) -> World {
@@ -130,7 +129,7 @@ impl Run {
                 }
             }
             was_asked |= self.planner.step(self.mapper.atlas()).is_some();
-            assert!(begin.elapsed() < TIMEOUT);
+            assert!(begin.elapsed() < PATIENCE);
             std::thread::sleep(Duration::from_millis(1));
         }
     }

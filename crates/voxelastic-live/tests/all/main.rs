@@ -8,4 +8,3 @@ mod explore;
 mod node;
 mod ouster;
 mod spinning;
-mod websocket;

@@ -27,9 +27,7 @@ use voxelastic_live::transport::Transport;
 use voxelastic_plan::anchor_path;
 use voxelastic_run::Input;
 use voxelastic_sim::{PoseSource, SimOptions, Simulation};
-
-/// What takes longer than this has failed.
-const TIMEOUT: Duration = Duration::from_secs(180);
+use voxelastic_testing::{Domain, PATIENCE};
 
 /// A program at the other end; it ends with the test.
 struct Peer(Child);
@@ -54,11 +52,6 @@ impl Drop for Peer {
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
-}
-
-/// A domain that no other test of this machine is likely to use.
-fn domain(offset: u32) -> u16 {
-    (20 + (std::process::id() * 4 + offset) % 200) as u16
 }
 
 fn options(domain: u16) -> NodeOptions {
@@ -114,15 +107,15 @@ fn write_scans(folder: &Path) {
 fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) {
     let options = OpenOptions { keyframing: Some(Keyframing::All), ..OpenOptions::default() };
     let begin = Instant::now();
-    let found = discover(middleware, &options, false, &|_| false, &|| begin.elapsed() > TIMEOUT).unwrap();
+    let found = discover(middleware, &options, false, &|_| false, &|| begin.elapsed() > PATIENCE).unwrap();
     let (topics, is_raw): (LiveTopics, bool) = found.expect("the topics are found by their types");
     assert!(!is_raw && topics.description().contains("/points") && topics.description().contains("/odom"), "{}", topics.description());
     let mut input = TopicInput::subscribe(middleware, topics, is_raw, &options, &|_| Ok(None)).unwrap();
     let (sent, mut seen) = (scans(), HashSet::new());
     let mut frames = None;
     while seen.len() < sent.len() {
-        assert!(begin.elapsed() < TIMEOUT, "only {seen:?} of the scans came");
-        match input.next(&|| begin.elapsed() > TIMEOUT) {
+        assert!(begin.elapsed() < PATIENCE, "only {seen:?} of the scans came");
+        match input.next(&|| begin.elapsed() > PATIENCE) {
             Some(Input::Event(Event::Scan(scan))) => {
                 let k = ((scan.time - 1000.0) * 10.0).round();
                 let which = k as usize % sent.len();
@@ -145,10 +138,10 @@ fn scans_come_as_they_were_sent(middleware: &mut dyn Middleware, folder: &Path) 
 
 #[test]
 fn scans_come_over_dds() {
-    let (dir, domain) = (tempfile::tempdir().unwrap(), domain(0));
+    let (dir, domain) = (tempfile::tempdir().unwrap(), Domain::free());
     write_scans(dir.path());
-    let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["give", &domain.to_string()], dir.path()) else { return };
-    scans_come_as_they_were_sent(&mut Dds::open(&options(domain)).unwrap(), dir.path());
+    let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["give", &domain.number().to_string()], dir.path()) else { return };
+    scans_come_as_they_were_sent(&mut Dds::open(&options(domain.number())).unwrap(), dir.path());
 }
 
 #[test]
@@ -203,7 +196,7 @@ fn the_map_goes_out_as_it_is(middleware: &mut dyn Middleware, folder: &Path, sta
     let _peer = start()?;
     let begin = Instant::now();
     while !folder.join("taken.json").exists() {
-        assert!(begin.elapsed() < TIMEOUT, "the peer has not got everything");
+        assert!(begin.elapsed() < PATIENCE, "the peer has not got everything");
         if !outputs.step(mapper.atlas()) {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -265,9 +258,9 @@ fn surface(mapper: &Mapper) -> HashSet<[u8; 12]> {
 
 #[test]
 fn the_map_goes_out_over_dds() {
-    let (dir, domain) = (tempfile::tempdir().unwrap(), domain(1));
-    let mut dds = Dds::open(&options(domain)).unwrap();
-    let start = || Peer::start("dds_peer.py", "cyclonedds", ["take", &domain.to_string()], dir.path());
+    let (dir, domain) = (tempfile::tempdir().unwrap(), Domain::free());
+    let mut dds = Dds::open(&options(domain.number())).unwrap();
+    let start = || Peer::start("dds_peer.py", "cyclonedds", ["take", &domain.number().to_string()], dir.path());
     the_map_goes_out_as_it_is(&mut dds, dir.path(), start);
 }
 
@@ -293,14 +286,14 @@ fn the_map_goes_out_over_zenoh() {
 
 #[test]
 fn clients_on_cyclone_dds_call_the_services() {
-    let (dir, domain) = (tempfile::tempdir().unwrap(), domain(3));
-    let mut dds = Dds::open(&NodeOptions { for_cyclone: true, ..options(domain) }).unwrap();
+    let (dir, domain) = (tempfile::tempdir().unwrap(), Domain::free());
+    let mut dds = Dds::open(&NodeOptions { for_cyclone: true, ..options(domain.number()) }).unwrap();
     let (sender, requests) = channel();
     let _services = offer(&mut dds, "voxelastic", &RequestSender::new(sender)).unwrap();
-    let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["ask", &domain.to_string()], dir.path()) else { return };
+    let Some(_peer) = Peer::start("dds_peer.py", "cyclonedds", ["ask", &domain.number().to_string()], dir.path()) else { return };
     let (begin, path) = (Instant::now(), dir.path().join("answers.json"));
     while !path.exists() {
-        assert!(begin.elapsed() < TIMEOUT, "the peer has not got all answers");
+        assert!(begin.elapsed() < PATIENCE, "the peer has not got all answers");
         if let Ok(pending) = requests.recv_timeout(Duration::from_millis(50)) {
             answer(pending);
         }
@@ -352,8 +345,9 @@ fn the_map_goes_out_over_foxglove() {
 
 #[test]
 fn messages_of_any_length_arrive_as_they_were_sent() {
-    let domain = domain(2);
-    let [mut from, mut to] = [Dds::open(&NodeOptions { name: "sender".into(), ..options(domain) }).unwrap(), Dds::open(&options(domain)).unwrap()];
+    let domain = Domain::free();
+    let [mut from, mut to] =
+        [Dds::open(&NodeOptions { name: "sender".into(), ..options(domain.number()) }).unwrap(), Dds::open(&options(domain.number())).unwrap()];
     let (sender, messages) = channel();
     let profile = TopicProfile { name: "/points".into(), kind: "sensor_msgs/msg/PointCloud2".into(), delivery: Delivery::Latched, depth: 50 };
     let mut sink = from.advertise(&profile).unwrap();
@@ -362,7 +356,7 @@ fn messages_of_any_length_arrive_as_they_were_sent() {
     sent.iter().for_each(|message| sink.publish(message).unwrap());
     let begin = Instant::now();
     let mut got = Vec::new();
-    while got.len() < sent.len() && begin.elapsed() < TIMEOUT {
+    while got.len() < sent.len() && begin.elapsed() < PATIENCE {
         got.extend(messages.recv_timeout(Duration::from_millis(100)));
     }
     // Also those from before the subscription. DDS fills up to four bytes.

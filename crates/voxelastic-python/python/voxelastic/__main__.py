@@ -14,11 +14,7 @@ def main() -> NoReturn:
     """Runs the command with the arguments of this process and exits with its code."""
     # Without this, Ctrl-C would wait until the command is done; the long ones have handlers of their own, which save what there is.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # What `voxelastic bench` starts: this script, or the one beside the interpreter.
-    script = sys.argv[0]
-    if os.path.basename(script) == "__main__.py":
-        script = os.path.join(os.path.dirname(sys.executable), "voxelastic")
-    code = _native.run_command(["voxelastic", *sys.argv[1:]], script if os.access(script, os.X_OK) else None)
+    code = _native.run_command(["voxelastic", *sys.argv[1:]])
     # At once: there is nothing to clean up, and threads of the command may still be about to end.
     sys.stdout.flush()
     os._exit(code)

@@ -43,7 +43,7 @@ __all__ = [
     "write_tiles",
 ]
 
-def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None) -> int:
+def run_command(arguments: Sequence[str]) -> int:
     """Runs the command and returns its exit code."""
 
 def use_threads(threads: int) -> None:

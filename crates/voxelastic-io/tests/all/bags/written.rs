@@ -170,7 +170,7 @@ fn what_cannot_be_meant_is_said() {
     assert!(topic.to_string().contains("/odometry"), "{topic}");
     let lonely = open(OpenOptions { graph: Some("graph.g2o".into()), ..OpenOptions::default() });
     assert!(lonely.to_string().contains("--poses"), "{lonely}");
-    let none = Recording::open(Path::new(file!()).file_name().map(|_| fixture("../main.rs")).unwrap(), &OpenOptions::default()).unwrap_err();
+    let none = Recording::open(Path::new(file!()).file_name().map(|_| fixture("../mod.rs")).unwrap(), &OpenOptions::default()).unwrap_err();
     assert!(matches!(&none, Error::Content { .. }) && none.to_string().contains("not a recording"), "{none}");
     // A name without its slash will do.
     let chosen = OpenOptions {

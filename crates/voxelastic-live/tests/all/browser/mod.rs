@@ -14,6 +14,7 @@ use voxelastic::{Cloud, Mapper, Pose, Settings};
 use voxelastic_live::publisher::{Publisher, ShownScan};
 use voxelastic_live::scene::Scene;
 use voxelastic_live::viewer::Viewer;
+use voxelastic_testing::PATIENCE;
 
 /// A corridor of 4 x 3 m along x, seen from `x` metres along it.
 fn corridor(x: f64) -> Cloud {
@@ -50,7 +51,7 @@ impl Node {
     fn settle(&mut self) {
         let begin = Instant::now();
         while self.publisher.is_behind() {
-            assert!(begin.elapsed() < Duration::from_secs(100), "the surface is not made");
+            assert!(begin.elapsed() < PATIENCE, "the surface is not made");
             self.publisher.step(self.mapper.atlas());
             std::thread::sleep(Duration::from_millis(1));
         }

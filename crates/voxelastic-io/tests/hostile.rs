@@ -1,8 +1,13 @@
 //! Files that were damaged or made to harm: nothing panics, and memory follows the file and not its claims. A process of its own, because it measures
 //! its peak of memory.
 
-use crate::common::damage::{Random, soak};
-use crate::common::encode::{Field, Table};
+#[path = "all/common/damage.rs"]
+mod damage;
+#[path = "all/common/encode.rs"]
+mod encode;
+
+use damage::{Random, soak};
+use encode::{Field, Table};
 use std::path::Path;
 use std::time::Duration;
 use voxelastic::Cloud;

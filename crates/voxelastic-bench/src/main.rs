@@ -1,12 +1,11 @@
-//! `voxelastic bench`: time, memory and error at the paper's settings, compared with other systems, and their growth.
+//! The program `voxelastic-bench`: time, memory and error of the command at the paper's settings, compared with other systems, and their growth.
 
-use crate::failure::{self, Failure};
-use crate::output;
 use anyhow::Context;
-use clap::Args;
+use clap::Parser;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Duration;
 use voxelastic_bench::peers::{self, Peer};
 use voxelastic_bench::suite::{self, Options};
@@ -27,17 +26,24 @@ const PYTHON_VARIABLE: &str = "VOXELASTIC_PYTHON";
 /// default ../shared/data). Each configuration is mapped in a separate process, for its own peak of memory, and the map is measured against the
 /// world or against held-out scans. The output ends with the goals of the project; the folder then contains bench.json (or growth.json) and
 /// plots. Takes ten minutes on a quiet machine, with --quick one.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  voxelastic bench --quick                                the hardest setting on 60 scans, to check a change
-  voxelastic bench --peers -o bench                       everything, with OctoMap and VDBFusion on the same scans
-  voxelastic bench --growth                               how cost grows with rings, range, voxels and submaps
-  voxelastic bench --slam --peers                         odometry and loop closures, beside other systems
-  voxelastic bench --peer \"Bonxai=python3 bonxai.py\"      another system, by an adapter
+#[derive(Debug, Parser)]
+#[command(
+    name = "voxelastic-bench",
+    version,
+    after_help = "Examples:
+  voxelastic-bench --quick                                the hardest setting on 60 scans, to check a change
+  voxelastic-bench --peers -o bench                       everything, with OctoMap and VDBFusion on the same scans
+  voxelastic-bench --growth                               how cost grows with rings, range, voxels and submaps
+  voxelastic-bench --slam --peers                         odometry and loop closures, beside other systems
+  voxelastic-bench --peer \"Bonxai=python3 bonxai.py\"      another system, by an adapter
 
 OctoMap and VDBFusion run in Python: `pip install pyoctomap vdbfusion` (VDBFusion has packages up to Python 3.10). VOXELASTIC_PYTHON is the
-interpreter that has them [default: python3]. Those of --slam: `pip install kiss-icp genz-icp kiss-slam map-closures rko-lio`. The protocol of adapters is documented in crates/voxelastic-bench/src/peers/mod.rs.")]
-pub struct BenchArgs {
+interpreter that has them [default: python3]. Those of --slam: `pip install kiss-icp genz-icp kiss-slam map-closures rko-lio`. The protocol of adapters is documented in crates/voxelastic-bench/src/peers/mod.rs."
+)]
+struct BenchArgs {
+    /// The command to measure [default: `voxelastic` beside this program]
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
     /// The folder for results and simulated scans; existing scans are reused
     #[arg(short, long, value_name = "DIR", default_value = "voxelastic-bench")]
     output: PathBuf,
@@ -77,10 +83,32 @@ fn peer(text: &str) -> Result<Peer, String> {
     Peer::parse(text).ok_or_else(|| "must be a name, =, and a command".to_owned())
 }
 
-/// Runs the command. It starts `program`, by default the executable of this process.
-pub fn run(args: &BenchArgs, program: Option<&Path>) -> anyhow::Result<u8> {
-    let this = || std::env::current_exe().context("cannot find the path of this program, which is to be measured");
-    let program = program.map_or_else(this, |path| Ok(path.to_owned()))?;
+fn main() -> ExitCode {
+    let args = BenchArgs::parse();
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).without_time().init();
+    match run(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(problem) => {
+            tracing::error!("{problem:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The command beside this program.
+fn beside() -> anyhow::Result<PathBuf> {
+    let this = std::env::current_exe().context("cannot find the path of this program")?;
+    let program = this.with_file_name(format!("voxelastic{}", std::env::consts::EXE_SUFFIX));
+    anyhow::ensure!(
+        program.is_file(),
+        "{}: the command to measure is not there: cargo build --release makes it, --program names another",
+        program.display()
+    );
+    Ok(program)
+}
+
+fn run(args: &BenchArgs) -> anyhow::Result<()> {
+    let program = args.program.clone().map_or_else(beside, Ok)?;
     let data = std::env::var_os(DATA_VARIABLE).map_or_else(|| PathBuf::from(DATA_FOLDER), PathBuf::from);
     let workspace = Workspace::create(program, args.output.clone())?;
     if args.growth {
@@ -123,18 +151,13 @@ fn python() -> String {
 }
 
 /// Saves and prints the results.
-fn finish(args: &BenchArgs, name: &str, found: &impl Serialize, text: &str) -> anyhow::Result<u8> {
+fn finish(args: &BenchArgs, name: &str, found: &impl Serialize, text: &str) -> anyhow::Result<()> {
     let path: &Path = &args.output.join(name);
     let json = serde_json::to_string(found).context("cannot write the results as JSON")?;
-    voxelastic_files::write(path, |out| writeln!(out, "{json}"))
-        .map_err(|e| Failure::new(format!("{}: {e}", path.display()), "choose another folder with -o"))?;
+    voxelastic_files::write(path, |out| writeln!(out, "{json}")).with_context(|| format!("{}: choose another folder with -o", path.display()))?;
     tracing::info!("wrote {}", path.display());
-    if args.json {
-        output::print_json(found)?;
-    } else {
-        output::print(text)?;
-    }
-    Ok(failure::DONE)
+    let text = if args.json { json + "\n" } else { text.to_owned() };
+    std::io::stdout().write_all(text.as_bytes()).context("cannot write to stdout")
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use voxelastic_live::ros::services::{Pending, RequestSender};
 use voxelastic_live::scene::{Scene, Thing};
 use voxelastic_live::viewer::{Control, Viewer};
 use voxelastic_live::wire;
+use voxelastic_testing::PATIENCE;
 
 /// Connections of each kind.
 const ROUNDS: usize = 400;
@@ -105,7 +106,7 @@ fn upgraded(address: SocketAddr, request: &str) -> TcpStream {
         if is_upgraded(&mut stream) {
             return stream;
         }
-        assert!(begin.elapsed() < Duration::from_secs(30), "a request as it should be is not answered");
+        assert!(begin.elapsed() < PATIENCE, "a request as it should be is not answered");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -228,7 +229,7 @@ fn the_viewers_server_answers_or_closes() {
     let begin = Instant::now();
     let mut all = Vec::new();
     while all.len() < 32 {
-        assert!(begin.elapsed() < Duration::from_secs(60), "only {} viewers have a place", all.len());
+        assert!(begin.elapsed() < PATIENCE, "only {} viewers have a place", all.len());
         let stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         match tungstenite::client(format!("ws://{address}/socket"), stream) {
@@ -261,11 +262,14 @@ fn the_foxglove_server_answers_or_closes() {
     sink.publish(&[0, 1, 0, 0, 5, 0, 0, 0]).unwrap();
     let protocol = "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n";
     let mut random = Random(2);
-    assault(server.address(), "/", protocol, &mut random);
-    let before = usage().0;
-    let ends = [assault(server.address(), "/", protocol, &mut random), assault(server.address(), "/", protocol, &mut random)];
-    let after = usage().0;
-    assert!(after < before + MOST_GROWTH, "from {} to {} MB; {ends:?}", before >> 20, after >> 20);
+    // The library takes messages of up to 64 MB, and the allocator keeps some of their memory: what is not given back at all grows with each assault.
+    let mut used = Vec::new();
+    let settles = (0..6).any(|_| {
+        assault(server.address(), "/", protocol, &mut random);
+        used.push(usage().0);
+        matches!(used[..], [.., before, after] if after < before + MOST_GROWTH / 4)
+    });
+    assert!(settles, "memory grows without end: {:?} MB", used.iter().map(|bytes| bytes >> 20).collect::<Vec<_>>());
     // Others are served as before.
     let _stream = upgraded(server.address(), &handshake("/", protocol));
     sink.publish(&[0, 1, 0, 0, 6, 0, 0, 0]).unwrap();
