@@ -23,10 +23,11 @@ mod reporting;
 mod texturing;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
-use commands::{
-    changes, config as config_command, demo, esdf, eval, explore, export, heldout, info, live, localize, map, merge, mesh, odometry, optimize, plan,
-    remove, render, repair, report, simulate, slice, view,
-};
+use commands::measuring::{demo, eval, heldout, simulate};
+use commands::poses::{localize, odometry, optimize};
+use commands::sessions::{changes, merge, remove, repair};
+use commands::space::{esdf, explore, plan, slice};
+use commands::{config as config_command, export, info, live, map, mesh, render, report, view};
 use std::ffi::OsString;
 use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;

@@ -1,6 +1,7 @@
 //! Reports: from a map and the log of its run to an HTML page.
 
-use crate::commands::eval::{EvalArgs, Summary, measure_against, truth::Truth};
+use crate::commands::measuring::eval::truth::Truth;
+use crate::commands::measuring::eval::{EvalArgs, Summary, measure_against};
 use crate::meshing::{Fused, LayerArgs, LeftOut, Pair, SurfaceArgs, map_mesh};
 use anyhow::Context;
 use std::collections::{BTreeMap, HashMap};

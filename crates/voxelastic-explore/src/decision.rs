@@ -1,6 +1,6 @@
 //! What an explorer says.
 
-use crate::clusters::FrontierCluster;
+use crate::targets::clusters::FrontierCluster;
 use std::fmt;
 use std::time::Duration;
 use voxelastic_plan::Point;

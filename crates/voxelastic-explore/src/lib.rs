@@ -13,31 +13,18 @@
 //!
 //! All lengths are metres, all times seconds, all points in the map frame.
 
-mod choice;
-mod clusters;
-mod columns;
 mod decision;
 mod explorer;
-mod frontier;
-mod frontiers;
-mod gain;
 mod last_scans;
-mod leg;
 mod near_returns;
-mod retreat;
-mod roadmap;
 mod robot_space;
+mod routes;
 mod settings;
-mod shortcuts;
-mod shortest;
-mod tour;
-mod track_graph;
-mod viewpoints;
-mod ways;
+mod targets;
 
-pub use clusters::{FrontierCluster, FrontierSettings};
 pub use decision::{Decision, Purpose, ReturnReason};
 pub use explorer::Explorer;
-pub use frontiers::Frontiers;
-pub use gain::SensorView;
 pub use settings::{ExploreError, ExploreSettings};
+pub use targets::clusters::{FrontierCluster, FrontierSettings};
+pub use targets::frontiers::Frontiers;
+pub use targets::gain::SensorView;

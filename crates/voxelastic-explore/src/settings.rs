@@ -1,7 +1,7 @@
 //! Settings of exploration.
 
-use crate::clusters::FrontierSettings;
-use crate::gain::SensorView;
+use crate::targets::clusters::FrontierSettings;
+use crate::targets::gain::SensorView;
 use voxelastic_plan::{PlanError, Point, Robot};
 
 /// Noise of returns that are near the body, metres.

@@ -1,7 +1,7 @@
 //! `voxelastic report`: a map and its run as one HTML page.
 
-use super::eval::truth::{Limits, Truth};
-use super::plan::file::StoredPath;
+use super::measuring::eval::truth::{Limits, Truth};
+use super::space::plan::file::StoredPath;
 use crate::args::LoadArgs;
 use crate::failure;
 use crate::meshing::{Fused, LeftOut, SurfaceArgs};

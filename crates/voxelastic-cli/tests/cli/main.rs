@@ -1,48 +1,15 @@
-//! Tests of the binary `voxelastic`: `feature` has what works, `misc` has errors and their messages.
+//! Tests of the binary `voxelastic`: `first_map` has what works, `inputs/bad_input.rs` has errors and their messages.
 
 // Figures, for those who run the tests with `--nocapture`.
 #![allow(clippy::print_stdout)]
 
-mod changes;
-mod colours;
-mod corrections;
-mod damage;
-#[cfg(all(unix, feature = "ros2"))]
-mod distances;
-mod evaluation;
-mod exploration;
-mod feature;
-#[cfg(target_os = "linux")]
-mod full_disk;
-mod images;
-#[cfg(unix)]
-mod kills;
-mod live;
-#[cfg(target_os = "linux")]
-mod memory;
-mod misc;
-mod occupancy;
-mod origin;
-#[cfg(target_os = "linux")]
-mod out_of_memory;
-mod planning;
-#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
-mod recorded_topics;
-mod recordings;
-mod reliability;
-mod report;
-#[cfg(unix)]
-mod resume;
+mod elastic;
+mod faults;
+mod first_map;
+mod inputs;
+mod nodes;
+mod results;
 mod room;
-#[cfg(unix)]
-mod sensors;
-mod sessions;
-mod simulation;
-mod slam;
-mod tiles;
-mod two_sensors;
-#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
-mod zenoh_router;
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -1,11 +1,11 @@
 //! Far away: where little is left to see around the robot and the frontier has much of it elsewhere, the robot goes there along its track, as it has come from there.
 
 use super::{EXTENDED, Explorer, Situation};
-use crate::choice::{LEAST_STOP, rate};
-use crate::clusters::FrontierCluster;
-use crate::leg::Leg;
-use crate::shortcuts::short_way;
-use crate::viewpoints::Viewpoint;
+use crate::routes::leg::Leg;
+use crate::routes::shortcuts::short_way;
+use crate::targets::choice::{LEAST_STOP, rate};
+use crate::targets::clusters::FrontierCluster;
+use crate::targets::viewpoints::Viewpoint;
 use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 
 /// Farther away than the roadmap reaches, metres.

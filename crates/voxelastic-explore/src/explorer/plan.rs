@@ -1,17 +1,17 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
 use super::{EXTENDED, Explorer, PATIENCE, Situation};
-use crate::choice::choose;
-use crate::clusters::FrontierCluster;
 use crate::decision::{Purpose, ReturnReason};
-use crate::leg::Leg;
 use crate::near_returns;
-use crate::retreat;
-use crate::roadmap::Roadmap;
+use crate::routes::leg::Leg;
+use crate::routes::retreat;
+use crate::routes::roadmap::Roadmap;
+use crate::routes::shortcuts::short_way;
+use crate::routes::ways::Part;
 use crate::settings::NOISE;
-use crate::shortcuts::short_way;
-use crate::viewpoints::{Viewpoint, viewpoints};
-use crate::ways::Part;
+use crate::targets::choice::choose;
+use crate::targets::clusters::FrontierCluster;
+use crate::targets::viewpoints::{Viewpoint, viewpoints};
 use hashbrown::HashSet;
 use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, recheck, shorten};
 

@@ -2,8 +2,8 @@
 
 use super::{Explorer, Situation};
 use crate::decision::{Purpose, ReturnReason};
-use crate::retreat;
-use crate::shortcuts::short_way;
+use crate::routes::retreat;
+use crate::routes::shortcuts::short_way;
 use voxelastic_plan::{Point, Space, length};
 
 /// The way home takes up to this much longer than it is, and this many seconds.

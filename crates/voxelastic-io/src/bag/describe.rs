@@ -1,9 +1,9 @@
 //! Looking into a recording without playing it.
 
+use super::containers::files;
+use super::containers::format::BagFormat;
+use super::containers::open::open;
 use super::description::RecordingDescription;
-use super::files;
-use super::format::BagFormat;
-use super::open::open;
 use super::summary::{RecordingSummary, count_messages};
 use super::topics::choose;
 use crate::capture::CaptureKind;

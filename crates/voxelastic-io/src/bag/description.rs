@@ -1,6 +1,6 @@
 //! What a recording consists of, for people.
 
-use super::format::BagFormat;
+use super::containers::format::BagFormat;
 use super::summary::TopicSummary;
 use super::topics::ChosenTopics;
 use crate::OpenOptions;

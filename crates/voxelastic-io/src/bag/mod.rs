@@ -20,37 +20,23 @@
 //! Formats: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, the schema of rosbag2's sqlite3 storage; messages as in common_interfaces and
 //! livox_ros_driver2.
 
-mod camera_info;
-mod chunk;
-mod chunk_reader;
-mod container;
-mod decoder;
+mod containers;
 mod describe;
 mod description;
-mod files;
-mod format;
 mod graph_nodes;
-mod images;
 pub mod live;
-mod mcap;
-mod open;
-mod point_clouds;
-mod prefetch;
+mod messages;
 mod raw_player;
 mod raw_recording;
 mod recording;
-mod records;
-mod ros1;
-mod sqlite;
 mod stream;
 mod summary;
-mod topic_role;
 mod topics;
 
+pub use containers::format::BagFormat;
 pub use describe::{describe, is_recording};
 pub use description::{KEYFRAME_DISTANCE_M, RecordingDescription};
-pub use format::BagFormat;
-pub(crate) use images::{BagImages, images};
+pub(crate) use messages::images::{BagImages, images};
 pub(crate) use raw_recording::RawRecording;
 pub use recording::{Recording, RecordingEvents};
 pub use summary::TopicSummary;

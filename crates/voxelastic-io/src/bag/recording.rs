@@ -3,8 +3,8 @@
 use super::describe::{capture_without_poses, describe_bag, describe_capture, is_capture, summarise};
 use super::description::RecordingDescription;
 use super::graph_nodes::read_nodes;
+use super::messages::topic_role::TopicRole;
 use super::stream::{BagStream, StreamTopics};
-use super::topic_role::TopicRole;
 use super::topics::{ChosenTopics, choose};
 use crate::capture::CaptureKind;
 use crate::fingerprint::Fingerprint;

@@ -1,9 +1,9 @@
 //! The messages of a recording as clouds, poses and transforms, one file after the other.
 
-use super::container::{Container, Message, Topic};
-use super::decoder::MessageDecoder;
-use super::open::open;
-use super::topic_role::TopicRole;
+use super::containers::container::{Container, Message, Topic};
+use super::containers::open::open;
+use super::messages::decoder::MessageDecoder;
+use super::messages::topic_role::TopicRole;
 use crate::Result;
 use crate::motion::PoseTrack;
 use crate::playback::{CloudMessage, MessageStream, SensorMessage};

@@ -1,9 +1,9 @@
 //! Summary of a recording: topics and counts from its index, and what its first seconds show.
 
-use super::container::{Index, Topic};
-use super::open::open;
+use super::containers::container::{Index, Topic};
+use super::containers::open::open;
+use super::messages::topic_role::TopicRole;
 use super::stream::{MessageReader, is_static};
-use super::topic_role::TopicRole;
 use crate::Result;
 use crate::motion::TransformTree;
 use std::collections::HashMap;

@@ -1,8 +1,8 @@
 //! Choosing the topics of clouds and poses.
 
+use super::messages::topic_role::TopicRole;
 use super::stream::is_static;
 use super::summary::{CloudTopic, RecordingSummary};
-use super::topic_role::TopicRole;
 use crate::playback::SensorMounts;
 use crate::points::is_time;
 use crate::{Error, OpenOptions, Result};

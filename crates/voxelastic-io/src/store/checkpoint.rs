@@ -8,16 +8,16 @@
 //! endian. The table is JSON: the root pose that each submap had when its file was written, because the file has a copy of it, and name and length
 //! of the journal. State and records of the journal are the caller's: the state is what is small, the journal what grows with the run.
 
-use super::bytes::Bytes;
+use super::description::manifest::SubmapEntry;
+use super::description::piece::{MapDetails, Piece};
+use super::description::pose_as_numbers;
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED, state_name};
 use super::journal::{self, Journal};
 use super::known_file::KnownFile;
 use super::lock::Lock;
-use super::manifest::SubmapEntry;
-use super::piece::{MapDetails, Piece};
-use super::pose_as_numbers;
 use super::reader::MapStore;
-use super::submap_file::Written;
+use super::sections::bytes::Bytes;
+use super::sections::submap_file::Written;
 use super::writer::{MapWriter, SaveReport, names};
 use crate::{Error, Result};
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! A submap file that was written before.
 
 use super::files::SubmapName;
-use super::submap_file::Written;
+use super::sections::submap_file::Written;
 use std::path::{Path, PathBuf};
 
 /// A file that a submap need not be written to again.

@@ -26,43 +26,28 @@
 //! Submap files (module `submap_file`) are sequences of tagged sections, one per field (modules `tsdf_section` and
 //! `occupancy_section`, and `colour_section` for colours of the TSDF; `origin_section` has poses and scans), each a sequence of compressed pages of blocks in Morton order (module `frames`).
 
-mod bytes;
+mod additions;
 mod checkpoint;
-mod colour_section;
-mod details;
+mod description;
 mod files;
-mod frames;
-mod join;
 mod journal;
 mod known_file;
 mod lock;
-mod manifest;
-mod manifest_text;
-mod masks;
-mod newest;
-mod occupancy_section;
-mod origin_section;
-mod piece;
-mod pose_as_numbers;
 mod reader;
 mod repair;
-mod session_writer;
-mod sessions;
-mod submap_file;
+mod sections;
 #[cfg(test)]
 mod tests;
-mod tsdf_page;
-mod tsdf_section;
 mod writer;
 
+pub use additions::join::join_manifests;
+pub use additions::sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use checkpoint::{Checkpoint, Checkpoints};
-pub use details::StoredSettings;
-pub use join::join_manifests;
-pub use manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
-pub use piece::{MapDetails, ScanEntry};
+pub use description::details::StoredSettings;
+pub use description::manifest::{Manifest, OccupancySummary, SubmapEntry, TsdfSummary};
+pub use description::piece::{MapDetails, ScanEntry};
 pub use reader::MapStore;
 pub use repair::{ManifestState, RepairReport, move_map, repair};
-pub use sessions::{SessionEntry, StoredEdge, StoredFrame};
 pub use writer::{MapWriter, SaveReport};
 
 /// Version of the map directory's format that this program writes and reads; it reads no other.

@@ -1,8 +1,9 @@
 //! Reading a map directory.
 
+use super::description::manifest::{Manifest, SubmapEntry};
+use super::description::manifest_text;
 use super::files::{self, MANIFEST, RUN_LOG, UNFINISHED};
-use super::manifest::{Manifest, SubmapEntry};
-use super::{manifest_text, submap_file};
+use super::sections::submap_file;
 use crate::{Error, Result};
 use rayon::prelude::*;
 use std::io::ErrorKind;

@@ -1,13 +1,13 @@
 //! Repairing a map: a manifest of the submap files that are whole.
 
+use super::additions::sessions::SessionEntry;
+use super::description::manifest::{Manifest, SubmapEntry};
+use super::description::manifest_text;
+use super::description::piece::{MapDetails, Piece};
 use super::files::{self, MANIFEST, SubmapName};
 use super::lock::Lock;
-use super::manifest::{Manifest, SubmapEntry};
-use super::manifest_text;
-use super::piece::{MapDetails, Piece};
 use super::reader::MapStore;
-use super::sessions::SessionEntry;
-use super::submap_file::{self, Found};
+use super::sections::submap_file::{self, Found};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};

@@ -1,10 +1,11 @@
 //! What checksums cannot vouch for: bytes that someone made on purpose. They are read or refused, and never worse.
 
-use super::bytes::Bytes;
-use super::frames::Section;
-use super::manifest::Manifest;
-use super::piece::{MapDetails, Piece};
-use super::{colour_section, manifest_text, masks, occupancy_section, submap_file, tsdf_page, tsdf_section};
+use super::description::manifest::Manifest;
+use super::description::manifest_text;
+use super::description::piece::{MapDetails, Piece};
+use super::sections::bytes::Bytes;
+use super::sections::frames::Section;
+use super::sections::{colour_section, masks, occupancy_section, submap_file, tsdf_page, tsdf_section};
 use proptest::prelude::*;
 use std::io::Cursor;
 use std::path::Path;

@@ -1,14 +1,14 @@
 //! Saving an atlas to a map directory.
 
+use super::additions::sessions::SessionEntry;
+use super::description::manifest::{Manifest, SubmapEntry};
+use super::description::manifest_text;
+use super::description::piece::{MapDetails, Piece, check_storable};
 use super::files::{self, LOCK, MANIFEST, RUN_LOG, SubmapName, UNFINISHED};
 use super::known_file::KnownFile;
 use super::lock::Lock;
-use super::manifest::{Manifest, SubmapEntry};
-use super::manifest_text;
-use super::piece::{MapDetails, Piece, check_storable};
 use super::reader::MapStore;
-use super::sessions::SessionEntry;
-use super::submap_file::{self, Written};
+use super::sections::submap_file::{self, Written};
 use crate::{Error, Result};
 use rayon::prelude::*;
 use std::collections::HashSet;

@@ -7,13 +7,13 @@
 //!
 //! All sums are of whole numbers, so that a piece that lies in several tiles has the same evidence however it is divided.
 
-use super::block_grid::BlockHead;
-use super::block_masks::coords;
+use super::blocks::block_grid::BlockHead;
+use super::blocks::block_masks::coords;
+use super::blocks::resolved_blocks::ResolvedBlocks;
+use super::marching_cubes::mesh_part::BlockVertices;
+use super::marching_cubes::vertices::mask_index;
 use super::mesh::Mesh;
-use super::mesh_part::BlockVertices;
 use super::pieces::Pieces;
-use super::resolved_blocks::ResolvedBlocks;
-use super::vertices::mask_index;
 use crate::field::tsdf::{Voxel, WEIGHT_ONE};
 use crate::octree::{voxel_index, voxels_at};
 use nalgebra::Matrix3;

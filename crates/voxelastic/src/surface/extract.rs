@@ -4,17 +4,17 @@
 //! measured voxels, filled holes, crossed edges and cells. Then all vertices have numbers, and positions and triangles are written to
 //! their final positions.
 
-use super::block_grid::{BlockGrid, PART};
-use super::block_masks::MaskedField;
-use super::colour;
-use super::crossings;
-use super::fill_holes::FilledField;
+use super::blocks::block_grid::{BlockGrid, PART};
+use super::blocks::block_masks::MaskedField;
+use super::blocks::fill_holes::FilledField;
+use super::blocks::resolved_blocks::ResolvedBlocks;
+use super::marching_cubes::colour;
+use super::marching_cubes::crossings;
+use super::marching_cubes::mesh_part::{BlockVertices, MeshPart};
+use super::marching_cubes::triangles::{Connect, NORMAL_STEPS, NormalSum, added};
+use super::marching_cubes::vertices::PlaceVertices;
 use super::mesh::Mesh;
-use super::mesh_part::{BlockVertices, MeshPart};
-use super::resolved_blocks::ResolvedBlocks;
 use super::simplify::coarsen;
-use super::triangles::{Connect, NORMAL_STEPS, NormalSum, added};
-use super::vertices::PlaceVertices;
 use crate::field::tsdf::{TsdfField, WEIGHT_ONE};
 use crate::geometry::Rigid;
 use crate::simd::dispatch;

@@ -3,8 +3,8 @@
 //! The band of a TSDF is only wide enough for full detail, so marching cubes over larger voxels would leave holes. Joining vertices leaves none:
 //! an edge shared by two triangles remains shared, or vanishes.
 
+use super::marching_cubes::vertices::GREY;
 use super::mesh::Mesh;
-use super::vertices::GREY;
 use crate::octree::SCALES;
 use rayon::prelude::*;
 

@@ -1,5 +1,6 @@
 //! Meshes of analytic shapes over blocks of mixed scales.
 
+use super::marching_cubes::{cells, mc_table};
 use super::*;
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{Array, DISTANCE_STEPS, TsdfField, Voxel, WEIGHT_ONE};

@@ -1,7 +1,7 @@
 //! Arguments for a robot that explores while the map grows.
 
-use crate::commands::explore::{MARGIN, radius, seconds, speed, within};
-use crate::commands::slice::{Corners, corners};
+use crate::commands::space::explore::{MARGIN, radius, seconds, speed, within};
+use crate::commands::space::slice::{Corners, corners};
 use crate::failure::Failure;
 use clap::Args;
 use voxelastic::Settings;

@@ -1,9 +1,9 @@
 //! Which topics are subscribed to.
 
-use super::super::container::{Encoding, Topic};
+use super::super::containers::container::{Encoding, Topic};
+use super::super::messages::topic_role::TopicRole;
 use super::super::stream::StreamTopics;
 use super::super::summary::RecordingSummary;
-use super::super::topic_role::TopicRole;
 use super::super::topics::{choose_clouds, choose_live_poses};
 use crate::{Error, OpenOptions, Result};
 use std::path::{Path, PathBuf};

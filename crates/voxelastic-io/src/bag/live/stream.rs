@@ -1,8 +1,8 @@
 //! Messages that come from a middleware as a stream.
 
-use super::super::container::{Encoding, Message, Topic};
+use super::super::containers::container::{Encoding, Message, Topic};
+use super::super::messages::topic_role::TopicRole;
 use super::super::stream::{SensorMessages, TopicMessage};
-use super::super::topic_role::TopicRole;
 use super::{LiveFrames, LiveMessages, LiveTopics};
 use crate::Result;
 use crate::motion::ImuMount;

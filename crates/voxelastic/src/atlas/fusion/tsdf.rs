@@ -1,6 +1,6 @@
 //! TSDF fusion: weighted means of the target's voxels and the samples of the source.
 
-use super::sampled_block::{SampledBlock, refine, resize_intensities};
+use super::samples::sampled_block::{SampledBlock, refine, resize_intensities};
 use crate::field::tsdf::resolve::resolve_block;
 use crate::field::tsdf::storage::brick_codec::EncodedArray;
 use crate::field::tsdf::{TsdfField, Voxel};

@@ -1,0 +1,5 @@
+//! Poses alone.
+
+pub mod localize;
+pub mod odometry;
+pub mod optimize;

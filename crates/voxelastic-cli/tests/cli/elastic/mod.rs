@@ -1,0 +1,6 @@
+//! Maps that bend, and maps of several sessions.
+
+pub(super) mod changes;
+pub(super) mod corrections;
+pub(super) mod sessions;
+pub(super) mod slam;

@@ -1,0 +1,10 @@
+//! What comes in: folders, recordings, sensors, images; good and bad.
+
+pub(super) mod bad_input;
+pub(super) mod images;
+pub(super) mod origin;
+pub(super) mod recordings;
+#[cfg(unix)]
+pub(super) mod sensors;
+pub(super) mod simulation;
+pub(super) mod two_sensors;

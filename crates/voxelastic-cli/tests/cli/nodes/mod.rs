@@ -1,0 +1,9 @@
+//! Nodes, and what they publish.
+
+#[cfg(all(unix, feature = "ros2"))]
+pub(super) mod distances;
+pub(super) mod live;
+#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
+pub(super) mod recorded_topics;
+#[cfg(all(unix, feature = "ros2", feature = "foxglove"))]
+pub(super) mod zenoh_router;

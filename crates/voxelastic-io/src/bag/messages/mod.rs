@@ -1,0 +1,7 @@
+//! Messages as clouds, images, poses and transforms.
+
+pub(super) mod camera_info;
+pub(super) mod decoder;
+pub(super) mod images;
+pub(super) mod point_clouds;
+pub(super) mod topic_role;

@@ -1,0 +1,6 @@
+//! Sessions that were added to a map, and maps that were joined to one.
+
+pub(super) mod join;
+pub(super) mod newest;
+pub(super) mod session_writer;
+pub(super) mod sessions;

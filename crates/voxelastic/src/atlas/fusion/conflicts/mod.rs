@@ -1,0 +1,4 @@
+//! What submaps contradict each other in, and who is believed.
+
+pub(super) mod conflict_evidence;
+pub(super) mod conflict_resolution;

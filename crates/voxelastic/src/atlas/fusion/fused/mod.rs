@@ -1,0 +1,7 @@
+//! The TSDFs of all submaps as one field.
+
+pub(super) mod combine;
+pub(super) mod fused_field;
+pub(super) mod live_field;
+pub(super) mod one_field;
+pub(super) mod sampled_field;
