@@ -8,7 +8,7 @@ use std::path::Path;
 use voxelastic::atlas::fusion::PairAgreement;
 use voxelastic::atlas::{Atlas, SubmapId};
 use voxelastic::meshing::SurfaceTiles;
-use voxelastic::surface::{Crumbs, MeshOptions, OccupancySurface};
+use voxelastic::surface::{MeshOptions, OccupancySurface, SmallComponents};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
 use voxelastic_run::map_files::{self, LoadedMap};
 use voxelastic_run::surfaces::{self, MapMesh, SurfaceOptions};
@@ -29,7 +29,7 @@ pub struct SurfaceArgs {
     /// Do not close gaps of one voxel
     #[arg(long)]
     keep_gaps: bool,
-    /// Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of single submaps always have them
+    /// Keep small components, too: pieces of a few triangles that few rays saw. Unfused surfaces and those of single submaps always have them
     #[arg(long)]
     keep_all: bool,
     /// Number of threads; 0 for all cores. The result does not depend on it
@@ -42,7 +42,7 @@ pub struct SurfaceArgs {
 pub struct LayerArgs {
     /// Do not fuse overlapping submaps: the surfaces of all submaps on top of each other
     #[arg(long)]
-    pub shells: bool,
+    pub unfused: bool,
 }
 
 /// Kinds of surfaces.
@@ -90,7 +90,7 @@ impl SurfaceArgs {
             Surface::Frontier => Some(OccupancySurface::Frontier),
         };
         let mesh = MeshOptions { min_weight, lod: lod.into(), close_gaps: !keep_gaps, keep_all };
-        SurfaceOptions { occupancy, mesh, unfused: layers.shells }
+        SurfaceOptions { occupancy, mesh, unfused: layers.unfused }
     }
 
     /// The error for an empty surface.
@@ -133,7 +133,7 @@ pub struct LeftOut {
 impl LeftOut {
     /// What was left out of `mesh`; none if all of the surface was to be kept.
     pub fn of(mesh: &MapMesh) -> Option<Self> {
-        mesh.crumbs.map(|Crumbs { pieces, triangles, area }| Self { pieces, triangles, area_m2: (area * 1e3).round() / 1e3 })
+        mesh.small_components.map(|SmallComponents { pieces, triangles, area }| Self { pieces, triangles, area_m2: (area * 1e3).round() / 1e3 })
     }
 }
 
@@ -254,7 +254,7 @@ pub fn colours(found: &MapMesh, by: Colour) -> anyhow::Result<Option<Vec<Rgb>>> 
         }
         Colour::Scans => Some(mesh.colours.clone()),
         Colour::Submap if found.submaps.is_empty() => {
-            let remedy = "add --shells for the surfaces of the submaps, or choose another --colour";
+            let remedy = "add --unfused for the surfaces of the submaps, or choose another --colour";
             return Err(Failure::usage("the surface is made of several submaps", remedy).into());
         }
         Colour::Submap => Some(found.submaps.iter().map(|&id| palette(id as usize)).collect()),

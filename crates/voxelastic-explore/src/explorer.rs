@@ -34,7 +34,7 @@ const LEFT: f64 = 0.35;
 /// A path that is shut farther on is followed this far before it is planned anew, metres.
 const GOES_ON: f64 = 2.0;
 /// Decisions after which a path is planned anew although nothing is wrong with it.
-const PATIENCE: usize = 6;
+const LONGEST_PLAN_AGE: usize = 6;
 /// Until a loop closes, the map may be off by this share of the distance since the last correction ...
 const DRIFT: f64 = 0.01;
 /// ... and by at most this, metres.
@@ -357,7 +357,7 @@ impl Explorer {
         let ahead = length(&leg.path);
         match leg.volume {
             None => false,
-            Some(_) if self.since_planned >= PATIENCE => true,
+            Some(_) if self.since_planned >= LONGEST_PLAN_AGE => true,
             Some(volume) => {
                 let is_seen = self.settings.view.unknown_volume(now.map, end, self.settings.bounds) < LEFT * volume;
                 self.has_progressed |= is_seen;
@@ -377,7 +377,7 @@ impl Explorer {
 
     /// Whether a plan has to be made because of the time: an upper bound of the way home that needs no search.
     fn is_time_up<S: Space>(&self, now: &Situation<'_, S>, ahead: f64) -> bool {
-        now.seconds_left.is_some_and(|left| (ahead + 2.0 * EXTENDED) / self.settings.speed > left || self.since_planned >= PATIENCE / 2)
+        now.seconds_left.is_some_and(|left| (ahead + 2.0 * EXTENDED) / self.settings.speed > left || self.since_planned >= LONGEST_PLAN_AGE / 2)
     }
 }
 

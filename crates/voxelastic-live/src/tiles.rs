@@ -317,7 +317,7 @@ mod tests {
         let room = Simulation::new(SimOptions { scans: Some(6), columns: Some(256), ..SimOptions::of("room") }).unwrap();
         let mut mapper = Mapper::new(Settings { voxel_size: 0.05, ..Settings::default() }).unwrap();
         let (mut tiles, mut shown) = (ChangedTiles::<([i32; 3], usize)>::new(0), HashMap::new());
-        // Which crumbs stay may depend on what was there before.
+        // Which small components stay may depend on what was there before.
         tiles.options.keep_all = true;
         for scan in room.scans(PoseSource::Truth) {
             // A step between scans does not wait for what was ordered.

@@ -76,7 +76,7 @@ impl Localiser {
         let (content, pool) = (map.content()?, job::shared_pool()?);
         let prepare = move || {
             pool.install(|| {
-                let points = content.atlas.shells(&MeshOptions::default()).positions;
+                let points = content.atlas.unfused_mesh(&MeshOptions::default()).positions;
                 let viewpoints = content.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(|scan| s.t_map_submap() * scan.t_submap_lidar));
                 (!points.is_empty()).then(|| voxelastic_slam::loops::Localiser::new(points, viewpoints.collect(), LocaliserSettings::default()))
             })

@@ -65,7 +65,7 @@ impl Content {
                 }
                 mesh
             }
-            None if shells => self.atlas.shells(options),
+            None if shells => self.atlas.unfused_mesh(options),
             None => self.atlas.mesh(options),
         }
     }

@@ -4,8 +4,8 @@ use crate::{Error, Result, Warnings, precision};
 use voxelastic::atlas::fusion::{Agreement, PairAgreement};
 use voxelastic::atlas::{Atlas, Submap, SubmapId};
 use voxelastic::geometry::Rigid;
-use voxelastic::meshing::{OneSurface, SurfaceTiles};
-use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
+use voxelastic::meshing::{FusedMesh, SurfaceTiles};
+use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, SmallComponents, extract, extract_occupancy, extract_onto};
 
 /// What the surface of a map is made of, and how.
 #[derive(Clone, Debug, Default)]
@@ -30,7 +30,7 @@ pub struct MapMesh {
     /// The same by pairs of submaps.
     pub pairs: Vec<PairAgreement>,
     /// What was left out for lack of evidence, if anything could be.
-    pub crumbs: Option<Crumbs>,
+    pub small_components: Option<SmallComponents>,
 }
 
 impl SurfaceOptions {
@@ -77,11 +77,17 @@ pub fn of_map(atlas: &Atlas, options: &SurfaceOptions, warnings: &mut Warnings) 
     if !options.is_fused(atlas) {
         return Ok(unfused(atlas, options));
     }
-    let OneSurface { mesh, agreement, pairs, crumbs, .. } = atlas.one_surface(&options.mesh);
+    let FusedMesh { mesh, agreement, pairs, small_components, .. } = atlas.fused_mesh(&options.mesh);
     let fields = atlas.tsdfs().len();
     let only = atlas.submaps().iter().find(|submap| fields == 1 && !submap.tsdf().is_empty());
     let submaps = only.map_or_else(Vec::new, |submap| vec![submap.id(); mesh.positions.len()]);
-    Ok(MapMesh { mesh, submaps, agreement: (fields > 1).then_some(agreement), pairs, crumbs: (!options.mesh.keep_all).then_some(crumbs) })
+    Ok(MapMesh {
+        mesh,
+        submaps,
+        agreement: (fields > 1).then_some(agreement),
+        pairs,
+        small_components: (!options.mesh.keep_all).then_some(small_components),
+    })
 }
 
 /// The same tile by tile, for maps that [have tiles](SurfaceOptions::has_tiles). The atlas is dropped when its submaps are fused.

@@ -36,7 +36,7 @@ pub struct DetailArgs {
 /// Map scans as they come, as on a robot
 ///
 /// The input is a recording, or a folder of scans, that is played at its own speed or another: each scan comes when its time stamp says, and waits for nothing.
-/// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster or --velodyne they are the packets of a sensor.
+/// Or it is a robot: with --ros2, scans come from topics, with poses by topic or /tf, or estimated; the topics are found by their types. With --ouster or --lidar they are the packets of a sensor.
 /// When scans come faster than they can be mapped, four wait (sixteen that came within 0.4 s), and the newest win: for each that comes, the oldest that waits is left out and
 /// counted; edges and corrected poses are never left out. With `--rate max` every scan is mapped, as fast as possible.
 /// Where no scan is left out, the map is that of `voxelastic map`, bit for bit.
@@ -55,17 +55,17 @@ pub struct DetailArgs {
   voxelastic live --from drive.mcap --ros2              play a recording, and publish its map
   voxelastic live --ros2 --field both --explore --every 0.5m   and publish where to go next
   voxelastic live --ouster os-122312.local --view       straight from an Ouster sensor, without a driver
-  voxelastic live --velodyne 192.168.1.201 --view       straight from a Velodyne, Hesai or RoboSense")]
+  voxelastic live --lidar 192.168.1.201 --view          straight from a Velodyne, Hesai or RoboSense")]
 pub struct LiveArgs {
     /// Folder with scans, or a recording, to be played: as for `voxelastic map`
-    #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster", "velodyne"])]
+    #[arg(long, value_name = "DATA", required_unless_present_any = ["ros2", "ouster", "lidar"])]
     from: Option<PathBuf>,
     /// An Ouster sensor: its name or address, which is asked what it is, or the port to which packets come (with --metadata). Poses are estimated
     #[arg(long, value_name = "HOST|PORT", value_parser = OusterAddress::parse, conflicts_with = "from")]
     ouster: Option<OusterAddress>,
     /// A Velodyne, a Hesai or a RoboSense, which its packets tell: its name or address, or the port to which packets come (2368 unless it is given; 6699 is usual for RoboSense). Poses are estimated
-    #[arg(long, visible_aliases = ["hesai", "robosense"], value_name = "HOST[:PORT]|PORT", value_parser = SpinningAddress::parse, conflicts_with_all = ["from", "ouster"])]
-    velodyne: Option<SpinningAddress>,
+    #[arg(long, visible_aliases = ["velodyne", "hesai", "robosense"], value_name = "HOST[:PORT]|PORT", value_parser = SpinningAddress::parse, conflicts_with_all = ["from", "ouster"])]
+    lidar: Option<SpinningAddress>,
     /// Speed at which it is played: 1 is its own, `max` as fast as it can be mapped, with no scan left out
     #[arg(long, value_name = "RATE", default_value = "1", value_parser = Rate::parse)]
     rate: Rate,
@@ -195,7 +195,7 @@ impl LiveArgs {
 
     /// Where scans come from.
     fn scans(&self) -> ScansFrom {
-        match (&self.velodyne, &self.from, &self.ouster) {
+        match (&self.lidar, &self.from, &self.ouster) {
             (Some(address), ..) => ScansFrom::Spinning(address.clone()),
             (_, Some(data), _) => ScansFrom::Recording { data: data.clone(), rate: self.rate, slam: self.slam },
             (_, _, Some(address)) => ScansFrom::Ouster(address.clone()),

@@ -28,9 +28,9 @@ use voxelastic_run::surfaces::MapMesh;
   voxelastic mesh hall.vox -o hall.glb --colour intensity     for viewers in a browser
   voxelastic mesh hall.vox -o coarse.ply --lod 2              a sixteenth of the triangles
   voxelastic mesh hall.vox -o clean.ply --min-weight 3        only surface observed three times or more
-  voxelastic mesh hall.vox -o all.ply --keep-all              with the crumbs that few rays saw
+  voxelastic mesh hall.vox -o all.ply --keep-all              with small components that few rays saw
   voxelastic mesh hall.vox -o parts.ply --separate            parts-000000.ply, parts-000001.ply, ..
-  voxelastic mesh hall.vox -o shells.ply --shells --colour submap
+  voxelastic mesh hall.vox -o unfused.ply --unfused --colour submap
   voxelastic mesh hall.vox -o hall.glb --images hall/images   coloured by a camera: hall/images/cameras.toml describes it
   voxelastic mesh hall.vox -o hall.glb --images hall.mcap     by the images in a recording
   voxelastic mesh hall.vox -o hall.glb --images hall/images --texture 0.01     as sharp as a texel a centimetre allows")]
@@ -47,7 +47,7 @@ pub struct MeshArgs {
     #[arg(long, value_enum)]
     colour: Option<Colour>,
     /// Write one file per submap instead of one for the map
-    #[arg(long, conflicts_with = "shells")]
+    #[arg(long, conflicts_with = "unfused")]
     separate: bool,
     /// Print one JSON object on stdout: files, vertices, triangles, what was fused, seconds, ..
     #[arg(long)]
@@ -70,7 +70,7 @@ struct Summary {
     submaps_damaged: usize,
     /// Null unless submaps were fused.
     fused: Option<Fused>,
-    /// Null with `--keep-all`, and for shells, single submaps and surfaces of occupancy.
+    /// Null with `--keep-all`, and for unfused surfaces, single submaps and surfaces of occupancy.
     left_out: Option<LeftOut>,
     /// Null without `--images`.
     images: Option<PaintSummary>,

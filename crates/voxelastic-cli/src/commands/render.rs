@@ -172,7 +172,7 @@ fn load(args: &RenderArgs) -> anyhow::Result<Subject> {
             map.atlas.submaps().iter().flat_map(|s| s.scans().iter().map(move |scan| (scan.node, place(s, &scan.t_submap_lidar)))).collect();
         path.sort_unstable_by_key(|(node, _)| *node);
         // A fused surface has no submaps to be coloured by.
-        let layers = LayerArgs { shells: args.layers.shells || args.colour == Some(Colour::Submap) };
+        let layers = LayerArgs { unfused: args.layers.unfused || args.colour == Some(Colour::Submap) };
         let mesh = map_mesh(&map.atlas, &args.surface, layers)?;
         return Ok(Subject { mesh, path: path.into_iter().map(|(_, p)| p).collect(), origin: map.origin, damaged: map.damaged });
     }

@@ -47,17 +47,17 @@ fn a_folder_is_mapped_meshed_rendered_and_measured() {
     assert!(std::fs::read(dir.path().join("coarse.glb")).unwrap().starts_with(b"glTF"));
     // The walls of this room lie on faces of the coarse cells, so that their vertices fall into cells on either side.
     assert!(coarse["triangles"].as_u64().unwrap() * 5 < 2 * mesh["triangles"].as_u64().unwrap(), "{coarse}");
-    let shells = json(dir.path(), "mesh room.vox -o shells.ply --shells --colour submap --json");
-    let coarse_shells = json(dir.path(), "mesh room.vox -o coarse.ply --shells --lod 1 --json");
-    assert!(coarse_shells["triangles"].as_u64().unwrap() * 3 < shells["triangles"].as_u64().unwrap(), "{coarse_shells} {shells}");
-    assert!(shells["fused"].is_null() && shells["left_out"].is_null(), "{shells}");
+    let unfused = json(dir.path(), "mesh room.vox -o unfused.ply --unfused --colour submap --json");
+    let coarse_unfused = json(dir.path(), "mesh room.vox -o coarse.ply --unfused --lod 1 --json");
+    assert!(coarse_unfused["triangles"].as_u64().unwrap() * 3 < unfused["triangles"].as_u64().unwrap(), "{coarse_unfused} {unfused}");
+    assert!(unfused["fused"].is_null() && unfused["left_out"].is_null(), "{unfused}");
     let all = json(dir.path(), "mesh room.vox -o all.ply --keep-all --json");
     let left_out = mesh["left_out"]["triangles"].as_u64().unwrap();
     assert_eq!(mesh["triangles"].as_u64().unwrap() + left_out, all["triangles"].as_u64().unwrap(), "{mesh} {all}");
     assert_eq!((keys(&mesh["left_out"]), all["left_out"].is_null()), (BTreeSet::from(["area_m2", "pieces", "triangles"]), true));
     if map["submaps"].as_u64().unwrap() > 1 {
         assert!(mesh["fused"]["merged"].as_u64().unwrap() > 1000, "{mesh}");
-        assert!(mesh["triangles"].as_u64().unwrap() < shells["triangles"].as_u64().unwrap(), "{mesh} {shells}");
+        assert!(mesh["triangles"].as_u64().unwrap() < unfused["triangles"].as_u64().unwrap(), "{mesh} {unfused}");
     }
     let parts = json(dir.path(), "mesh room.vox -o parts.ply --separate --colour submap --json");
     assert_eq!(parts["files"].as_array().unwrap().len() as u64, map["submaps"].as_u64().unwrap());

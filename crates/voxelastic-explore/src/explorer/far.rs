@@ -11,16 +11,16 @@ use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, reche
 /// Farther away than the roadmap reaches, metres.
 const FAR: f64 = 2.0 * EXTENDED;
 /// So many clusters are looked at: those with the largest area for their distance.
-const LOOKED_AT: usize = 16;
+const MOST_CLUSTERS: usize = 16;
 /// They are looked at from so far in front of them, metres.
 const IN_FRONT: f64 = 1.5;
 /// The robot leaves its track for a view at most so far from it, metres, straight ...
 const NEAR_TRACK: f64 = 30.0;
 /// ... from one of so many places of it, this far apart, metres.
-const TRIED: usize = 8;
-const APART: f64 = 2.0;
+const MOST_TRACK_PLACES: usize = 8;
+const TRACK_PLACE_SPACING: f64 = 2.0;
 /// Clusters within this distance of each other, metres, are one place to go to ...
-const SAME: f64 = 15.0;
+const CLUSTER_MERGE_DISTANCE: f64 = 15.0;
 /// ... and the robot sets out for each so often: from there the roadmap leads on, or nothing does.
 const MOST_TRIALS: usize = 2;
 
@@ -65,7 +65,7 @@ impl Explorer {
     /// Views of clusters far away that the robot has not gone to, those first that show the most for their distance.
     fn far_views<S: Space>(&self, now: &Situation<'_, S>, frontier: &[FrontierCluster]) -> Vec<FarView> {
         let (robot, [low, high]) = (now.robot, now.viewpoint_box);
-        let is_gone_to = |p: Point| self.gone_to.iter().filter(|(place, _)| distance(*place, p) < SAME).count() >= MOST_TRIALS;
+        let is_gone_to = |p: Point| self.gone_to.iter().filter(|(place, _)| distance(*place, p) < CLUSTER_MERGE_DISTANCE).count() >= MOST_TRIALS;
         let worth = |cluster: &FrontierCluster| cluster.area / distance(cluster.centre, robot);
         let mut far: Vec<&FrontierCluster> =
             frontier.iter().filter(|cluster| distance(cluster.centre, robot) > FAR && !is_gone_to(cluster.centre)).collect();
@@ -77,7 +77,7 @@ impl Explorer {
                 .then(|| FarView { place, volume: self.settings.view.unknown(now.map, place, self.settings.bounds).likely })
         };
         let rate = |view: &FarView| rate(view.volume, distance(view.place, robot), self.settings.speed);
-        let mut views: Vec<FarView> = far.into_iter().take(LOOKED_AT).filter_map(view).filter(|view| view.volume >= LEAST_STOP).collect();
+        let mut views: Vec<FarView> = far.into_iter().take(MOST_CLUSTERS).filter_map(view).filter(|view| view.volume >= LEAST_STOP).collect();
         views.sort_by(|a, b| rate(b).total_cmp(&rate(a)));
         views
     }
@@ -88,9 +88,9 @@ fn seen_from<S: Space>(space: &S, track: &[Point], view: Point) -> Option<usize>
     let off = |k: &usize| distance(track[*k], view);
     let mut near: Vec<usize> = (0..track.len()).filter(|k| off(k) < NEAR_TRACK).collect();
     near.sort_by(|a, b| off(a).total_cmp(&off(b)));
-    let mut tried: Vec<Point> = Vec::with_capacity(TRIED);
+    let mut tried: Vec<Point> = Vec::with_capacity(MOST_TRACK_PLACES);
     near.into_iter().find(|k| {
-        let is_tried = tried.len() < TRIED && tried.iter().all(|other| distance(*other, track[*k]) > APART);
+        let is_tried = tried.len() < MOST_TRACK_PLACES && tried.iter().all(|other| distance(*other, track[*k]) > TRACK_PLACE_SPACING);
         is_tried && {
             tried.push(track[*k]);
             space.connects(track[*k], view)

@@ -1,6 +1,6 @@
 //! Plans of an explorer: the next target and the path there, or back when there is none.
 
-use super::{EXTENDED, Explorer, PATIENCE, Situation};
+use super::{EXTENDED, Explorer, Situation};
 use crate::decision::{Purpose, ReturnReason};
 use crate::near_returns;
 use crate::routes::leg::Leg;
@@ -18,7 +18,9 @@ use voxelastic_plan::{Effort, Point, Space, anchor_path, distance, length, reche
 /// Tries to find a path that is still free.
 const TRIES: usize = 6;
 /// Plans in a row that led nowhere, after which the robot goes back along its track.
-const LOST_PATIENCE: usize = 2;
+const STUCK_BEFORE_RETREAT: usize = 2;
+/// The same, after which it goes home, looks everywhere, and ends.
+const STUCK_BEFORE_END: usize = 6;
 /// It goes back this far before it plans again, in spacings of the roadmap.
 const RETREAT: f64 = 2.0;
 /// After more ways back in a row it goes home: it cannot get where there is more to see.
@@ -120,16 +122,16 @@ impl Explorer {
     fn note_progress<S: Space>(&mut self, now: &Situation<'_, S>) {
         let leads_on = self.leg.as_ref().and_then(Leg::end).is_some_and(|end| distance(end, now.robot) > 0.3 * self.settings.spacing);
         self.stuck = if leads_on { 0 } else { self.stuck + 1 };
-        if self.stuck >= LOST_PATIENCE {
+        if self.stuck >= STUCK_BEFORE_RETREAT {
             self.retreat(now);
         }
         match self.purpose {
-            Purpose::Explore if self.stuck >= PATIENCE => self.turn_back(ReturnReason::Stuck),
-            Purpose::Return if self.stuck >= PATIENCE && !self.looks_everywhere => {
+            Purpose::Explore if self.stuck >= STUCK_BEFORE_END => self.turn_back(ReturnReason::Stuck),
+            Purpose::Return if self.stuck >= STUCK_BEFORE_END && !self.looks_everywhere => {
                 (self.looks_everywhere, self.is_unfinished, self.stuck) = (true, true, 0);
                 (self.roadmap, self.radius) = (None, f64::INFINITY);
             }
-            Purpose::Return if self.stuck >= PATIENCE => self.purpose = Purpose::Done,
+            Purpose::Return if self.stuck >= STUCK_BEFORE_END => self.purpose = Purpose::Done,
             _ => {}
         }
     }

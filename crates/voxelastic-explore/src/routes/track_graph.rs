@@ -8,7 +8,7 @@ use voxelastic_plan::{Point, Space, distance};
 /// Motions from one pass of the track to another are at most this long, metres.
 const LONGEST: f64 = 15.0;
 /// They begin and end at places this far apart along the track, metres.
-const APART: f64 = 2.0;
+const PLACE_SPACING: f64 = 2.0;
 /// A motion that saves less than this, metres, or less than this share of its length, is not worth a check.
 const LEAST_SAVED: (f64, f64) = (2.0, 0.2);
 /// Motions that are checked against the map, at most: in a maze most of those that would help lead through a wall.
@@ -88,7 +88,7 @@ impl TrackGraph {
                 graph.link(other, node);
             }
             along += last.map_or(0.0, |last| distance(graph.places[last as usize], graph.places[node as usize]));
-            if is_robot || stops.last().is_none_or(|(_, before)| along - before >= APART) {
+            if is_robot || stops.last().is_none_or(|(_, before)| along - before >= PLACE_SPACING) {
                 stops.push((node, along));
             }
             (last, graph.robot) = (Some(node), node);

@@ -19,7 +19,7 @@ const REACH: f64 = 5.0;
 /// Best distance of a viewpoint from its cluster, metres.
 const BEST_DISTANCE: f64 = 1.5;
 /// Places tried for a cluster.
-const TRIED: usize = 40;
+const MOST_CANDIDATES: usize = 40;
 
 /// A place to look from.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ pub(crate) fn viewpoints(
         let mut nodes: Vec<u32> = roadmap.near(cluster.centre, REACH);
         nodes.retain(|node| ways.length(*node).is_finite() && !is_excluded(*node));
         nodes.sort_by(|a, b| cost(*a).total_cmp(&cost(*b)).then(a.cmp(b)));
-        nodes.into_iter().take(TRIED).find(|node| sees(map, roadmap.place(*node), cluster.centre))
+        nodes.into_iter().take(MOST_CANDIDATES).find(|node| sees(map, roadmap.place(*node), cluster.centre))
     };
     // Near clusters are not always near by way, so more of them are looked at than are scored.
     let found: Vec<Option<u32>> = clusters.par_iter().take(2 * CLUSTERS).map(best).collect();

@@ -60,7 +60,7 @@ impl ScansFrom {
             Self::Recording { data, .. } => data.display().to_string(),
             Self::Topics { .. } => "topics".to_owned(),
             Self::Ouster(_) => "ouster".to_owned(),
-            Self::Spinning(_) => "velodyne".to_owned(),
+            Self::Spinning(_) => "lidar".to_owned(),
             Self::Transport(..) => "transport".to_owned(),
         }
     }

@@ -1,4 +1,4 @@
-//! Thin things stay in the fused surface: leaving crumbs out takes no poles, railings, cables, and no small thing that was seen once.
+//! Thin things stay in the fused surface: leaving small components out takes no poles, railings, cables, and no small thing that was seen once.
 
 use std::collections::HashSet;
 use voxelastic::atlas::Atlas;
@@ -86,10 +86,10 @@ impl Thing {
 fn poles_rails_and_cables_stay_in_the_fused_surface() {
     let (atlas, returns) = map();
     assert_eq!(atlas.tsdfs().len(), 2);
-    let [one, all] = [false, true].map(|keep_all| atlas.one_surface(&MeshOptions { keep_all, ..MeshOptions::default() }));
-    // There are crumbs, which are left out: else nothing could be lost.
+    let [one, all] = [false, true].map(|keep_all| atlas.fused_mesh(&MeshOptions { keep_all, ..MeshOptions::default() }));
+    // There are small components, which are left out: else nothing could be lost.
     let vertices = |mesh: &Mesh| mesh.positions.iter().map(|p| p.map(f32::to_bits)).collect::<HashSet<_>>();
-    assert!(one.crumbs.pieces > 0 && vertices(&one.mesh).is_subset(&vertices(&all.mesh)));
+    assert!(one.small_components.pieces > 0 && vertices(&one.mesh).is_subset(&vertices(&all.mesh)));
     for thing in &THINGS {
         let [(hit, kept), (_, of_all)] = [&one.mesh, &all.mesh].map(|mesh| thing.kept(&returns, mesh));
         // Of the far ends of the cable, beams that hit it once or twice left pieces of a few triangles. They are lost.

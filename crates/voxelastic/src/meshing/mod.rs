@@ -5,7 +5,7 @@ mod surface_changes;
 mod surface_tiles;
 mod tile_maker;
 
-pub use atlas_mesh::OneSurface;
+pub use atlas_mesh::FusedMesh;
 pub use surface_changes::{SurfaceChanges, TileWork};
 pub use surface_tiles::SurfaceTiles;
 pub use tile_maker::{MadeTiles, TileMaker};

@@ -4,7 +4,7 @@ use crate::atlas::Atlas;
 use crate::atlas::fusion::FusedField;
 use crate::geometry::{Pose, Rigid};
 use crate::meshing::TileKey;
-use crate::surface::{Crumbs, Mesh, MeshOptions, Seams, TileIndex, TileSeam, tile_surfaces};
+use crate::surface::{Mesh, MeshOptions, Seams, SmallComponents, TileIndex, TileSeam, tile_surfaces};
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ const TILE_SHIFT: u32 = 4;
 const TILE_EDGE: f64 = 128.0;
 /// Triangles reach this far beyond their tile: a voxel of the coarsest scale, and what one block is bent, finest voxels.
 const BEYOND: f64 = 16.0;
-/// Of the surface around a part that is asked for, so much is looked at to tell crumbs from pieces that go on there, finest voxels.
+/// Of the surface around a part that is asked for, so much is looked at to tell small components from pieces that go on there, finest voxels.
 const AROUND: f64 = 64.0;
 /// Colour of vertices without one, where others have one.
 const GREY: [u8; 3] = [128; 3];
@@ -47,11 +47,11 @@ pub struct SurfaceTiles<A> {
     tiles: Vec<TileKey>,
     /// By tile, which of its pieces stay.
     stays: Vec<Vec<bool>>,
-    crumbs: Crumbs,
+    small_components: SmallComponents,
     /// Number of vertices by their height in the map frame, in finest voxels.
     heights: BTreeMap<i32, u64>,
     vertices: u64,
-    /// With crumbs.
+    /// With small components.
     triangles: u64,
 }
 
@@ -62,7 +62,7 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
         Self::of(FusedField::new(atlas), voxel, options)
     }
 
-    /// The surface in and around a box of the map frame, metres: submaps are fused there alone. In the box it is the whole one, but for crumbs at its faces: of pieces that
+    /// The surface in and around a box of the map frame, metres: submaps are fused there alone. In the box it is the whole one, but for small components at its faces: of pieces that
     /// go on beyond, the evidence of some voxels around the box counts.
     pub fn within(atlas: A, options: MeshOptions, low: [f64; 3], high: [f64; 3]) -> Self {
         let voxel = atlas.borrow().voxel_size();
@@ -74,8 +74,8 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
         // Levels of detail are made of whole meshes.
         let options = MeshOptions { lod: 0, ..options };
         let index = TileIndex::new(TILE_SHIFT);
-        let (tiles, stays, crumbs) = (Vec::new(), Vec::new(), Crumbs::default());
-        let mut surface = Self { fused, voxel, options, index, tiles, stays, crumbs, heights: BTreeMap::new(), vertices: 0, triangles: 0 };
+        let (tiles, stays, small_components) = (Vec::new(), Vec::new(), SmallComponents::default());
+        let mut surface = Self { fused, voxel, options, index, tiles, stays, small_components, heights: BTreeMap::new(), vertices: 0, triangles: 0 };
         surface.judge();
         surface
     }
@@ -97,7 +97,7 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
             }
         }
         let seams = Seams::new(&seams, self.options.keep_all);
-        (self.crumbs, self.stays, self.tiles) = (seams.crumbs, seams.stays, tiles);
+        (self.small_components, self.stays, self.tiles) = (seams.small_components, seams.stays, tiles);
     }
 
     /// The tiles, ascending. Near tiles are near each other. Some may be empty.
@@ -110,9 +110,9 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
         !self.stays.iter().flatten().any(|stays| *stays)
     }
 
-    /// Number of triangles of all tiles, without crumbs.
+    /// Number of triangles of all tiles, without small components.
     pub fn triangles(&self) -> u64 {
-        self.triangles - self.crumbs.triangles
+        self.triangles - self.small_components.triangles
     }
 
     /// Splits tiles into batches that are to be made one after the other, so that the memory for it is bounded.
@@ -170,7 +170,7 @@ impl<A: Borrow<Atlas>> SurfaceTiles<A> {
     }
 
     /// Pieces that are left out because they have too little evidence.
-    pub fn crumbs(&self) -> Crumbs {
-        self.crumbs
+    pub fn small_components(&self) -> SmallComponents {
+        self.small_components
     }
 }

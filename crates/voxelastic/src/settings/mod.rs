@@ -182,7 +182,7 @@ settings! {
     robot_radius: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
         "Where the sensor stood, space within this radius is free, unless it was observed occupied or is hidden behind what was: a robot can start where it was. auto: min_range, at most 0.5 m; 0 for none.";
     robot_height: RobotRadius = RobotRadius::Auto, "m", Text("auto | 0 to 5 m"), Advanced,
-        "How far the space of robot_radius reaches along the axis of the sensor, to both sides: a robot that sees nothing above and below it needs much free space beside it to set off, and must not sink into what it has not seen. auto: robot_radius.";
+        "Half the height of the space of robot_radius, along the axis of the sensor. A robot that sees nothing above and below it needs much free space beside it to set off, and little above and below. auto: robot_radius.";
     scale_hysteresis: f32 = 1.5, "", Between(1.0, 10.0), Advanced,
         "A block switches to a coarser scale only beyond this factor times the distance at which the coarser scale starts to fit the beams.";
 }

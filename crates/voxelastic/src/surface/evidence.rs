@@ -1,8 +1,8 @@
 //! Pieces of a surface that have too little evidence are left out.
 //!
-//! Returns from dust, from leaves and from the edges of things, scans that are a little off and things that moved leave crumbs: pieces of a few triangles that few rays
+//! Returns from dust, from leaves and from the edges of things, scans that are a little off and things that moved leave small components: pieces of a few triangles that few rays
 //! saw. A piece's evidence is the sum of the observations at its vertices, so that one that is large, or was seen often, stays. Measurements of a
-//! surface that is there agree on its direction, and those of a crumb do not: a flat piece needs much less evidence. Normals of a pole, a rail or a cable have all
+//! surface that is there agree on its direction, and those of a small component do not: a flat piece needs much less evidence. Normals of a pole, a rail or a cable have all
 //! directions across its axis and none along it: such a piece needs less, too.
 //!
 //! All sums are of whole numbers, so that a piece that lies in several tiles has the same evidence however it is divided.
@@ -28,7 +28,7 @@ const FLAT: f64 = 0.95;
 const LEAST_OF_BAR: u32 = 40;
 /// ... which is if the mean square of their components along it is at most this.
 const ACROSS: f64 = 0.05;
-/// A vertex counts as this many observations at most, so that a piece of a few triangles is a crumb however often it was seen.
+/// A vertex counts as this many observations at most, so that a piece of a few triangles is a small component however often it was seen.
 const MOST_OF_ONE: u16 = 8;
 /// Steps of the components of normals, and of areas in square metres.
 const NORMAL_STEPS: f32 = 4096.0;
@@ -36,7 +36,7 @@ const AREA_STEPS: f64 = 1e9;
 
 /// What was left out of a surface for lack of evidence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Crumbs {
+pub struct SmallComponents {
     /// Connected pieces.
     pub pieces: u64,
     /// Triangles of these pieces.
@@ -45,7 +45,7 @@ pub struct Crumbs {
     pub area: f64,
 }
 
-impl Crumbs {
+impl SmallComponents {
     /// Adds a piece.
     pub(super) fn add(&mut self, piece: &Evidence) {
         self.pieces += 1;

@@ -16,7 +16,7 @@ mod simplify;
 mod tests;
 mod tiling;
 
-pub use evidence::Crumbs;
+pub use evidence::SmallComponents;
 pub use extract::{MeshOptions, extract, extract_onto};
 pub use mesh::Mesh;
 pub use occupancy_faces::{OccupancySurface, extract_occupancy};

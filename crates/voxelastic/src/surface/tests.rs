@@ -103,15 +103,15 @@ fn pieces_of_little_evidence_are_left_out() {
     // At the corner of eight blocks, and all of them far enough from each other.
     let (large, often) = (([-15.0, -14.0, -13.0], 12.0, 1), ([16.2, 16.1, 15.8], 2.0, 40));
     assert!(extract(&balls(&[often]), 1.0, &MeshOptions::default()).positions.len() < 110);
-    let crumbs = [([16.0, -16.0, 0.3], 2.0, 1), ([-20.0, 20.0, 20.0], 1.2, 3)];
-    let field = balls(&[large, crumbs[0], often, crumbs[1]]);
+    let small_components = [([16.0, -16.0, 0.3], 2.0, 1), ([-20.0, 20.0, 20.0], 1.2, 3)];
+    let field = balls(&[large, small_components[0], often, small_components[1]]);
     let mesh = |keep_all| extract_joined(&field, 0.1, &MeshOptions { keep_all, ..MeshOptions::default() }, 3);
     let (all, nothing) = mesh(true);
-    assert_eq!(nothing, Crumbs::default());
+    assert_eq!(nothing, SmallComponents::default());
     assert!(all == extract(&field, 0.1, &MeshOptions::default()));
     let (evident, left_out) = mesh(false);
     assert!(evident == extract(&balls(&[large, often]), 0.1, &MeshOptions::default()), "what stays is as it was");
-    let alone = extract(&balls(&crumbs), 0.1, &MeshOptions::default());
+    let alone = extract(&balls(&small_components), 0.1, &MeshOptions::default());
     assert_eq!((left_out.pieces, left_out.triangles), (2, alone.triangles.len() as u64));
     let expected = 4.0 * std::f64::consts::PI * (0.2f64.powi(2) + 0.12f64.powi(2));
     assert!((left_out.area / expected - 1.0).abs() < 0.15, "{} of {expected} m2", left_out.area);
@@ -129,10 +129,10 @@ fn small_flat_pieces_stay_if_they_were_seen() {
         if within(5.0, 6.0) || within(-12.0, 2.0) { p[2] - 0.3 } else { f32::NAN }
     };
     let field = observed_field(2, |p| if p[2].abs() > 2.5 { f32::NAN } else { plane(p) }, |_| 2, |_| 0);
-    let (mesh, crumbs) = extract_joined(&field, 1.0, &MeshOptions::default(), 3);
+    let (mesh, small_components) = extract_joined(&field, 1.0, &MeshOptions::default(), 3);
     assert_eq!((mesh.positions.len(), mesh.triangles.len()), (36, 50));
-    assert_eq!((crumbs.pieces, crumbs.triangles), (1, 2));
-    assert!((crumbs.area - 1.0).abs() < 1e-6);
+    assert_eq!((small_components.pieces, small_components.triangles), (1, 2));
+    assert!((small_components.area - 1.0).abs() < 1e-6);
 }
 
 #[test]
@@ -180,7 +180,7 @@ proptest! {
         if gaps == 0.0 {
             assert_closed_manifold(&joined);
         }
-        // A level of detail and crumbs, too.
+        // A level of detail and small components, too.
         let coarse = MeshOptions { lod: 1, ..MeshOptions::default() };
         prop_assert!(extract_joined(&field, 1.0, &coarse, 1) == extract_joined(&field, 1.0, &coarse, 3));
     }

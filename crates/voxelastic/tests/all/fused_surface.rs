@@ -67,19 +67,19 @@ fn share(mesh: &Mesh, is: impl Fn([f32; 3]) -> bool) -> f64 {
 
 #[test]
 fn drift_of_a_few_voxels_leaves_one_surface_between_the_two() {
-    let one = two(Pose::identity()).one_surface(&MeshOptions::default());
+    let one = two(Pose::identity()).fused_mesh(&MeshOptions::default());
     let drift = Pose::new(nalgebra::Vector3::new(0.15, 0.28, -0.2), nalgebra::Vector3::new(0.004, 0.0, 0.006));
     let atlas = two(drift);
-    let bent = atlas.one_surface(&MeshOptions::default());
+    let bent = atlas.fused_mesh(&MeshOptions::default());
     let [pair] = bent.pairs[..] else { panic!("{:?}", bent.pairs) };
     assert!(pair.submaps == [0, 1] && pair.matched * 10 > pair.places * 7, "{pair:?}");
     assert!((1.3..3.0).contains(&pair.apart) && pair.left < 0.5, "{pair:?}");
     // As much surface as without drift, and as all scans in one submap make. Of the shells, what both submaps have is gone once: each alone has some two thirds of the
     // surface, because their rows of points are farther apart than voxels where they are far away.
     let together = area(&Atlas::from_submaps(VOXEL, vec![submap(0, &[0.0, 1.0, 0.5, -1.0])]).mesh(&MeshOptions::default()));
-    let [whole, drifted, shells] = [area(&one.mesh), area(&bent.mesh), area(&atlas.shells(&MeshOptions::default()))];
+    let [whole, drifted, shells] = [area(&one.mesh), area(&bent.mesh), area(&atlas.unfused_mesh(&MeshOptions::default()))];
     assert!((whole / together - 1.0).abs() < 0.01 && (drifted / whole - 1.0).abs() < 0.02, "{together} {whole} {drifted} m2");
-    let alone = |submap: &Submap| area(&Atlas::from_submaps(VOXEL, vec![submap.clone()]).shells(&MeshOptions::default()));
+    let alone = |submap: &Submap| area(&Atlas::from_submaps(VOXEL, vec![submap.clone()]).unfused_mesh(&MeshOptions::default()));
     let twice = atlas.submaps().iter().map(alone).sum::<f64>() - together;
     assert!(twice > 0.3 * together && ((shells - drifted) / twice - 1.0).abs() < 0.05, "{twice} m2 twice, {shells} instead of {drifted} m2");
     // In the middle of both: within a voxel where one of the two alone would be up to three away.
@@ -90,7 +90,7 @@ fn drift_of_a_few_voxels_leaves_one_surface_between_the_two() {
 
 #[test]
 fn poses_that_are_wrong_by_metres_are_said_and_pull_nothing() {
-    let wrong = two(Pose::translation(0.0, 5.0, 0.0)).one_surface(&MeshOptions::default());
+    let wrong = two(Pose::translation(0.0, 5.0, 0.0)).fused_mesh(&MeshOptions::default());
     let [pair] = wrong.pairs[..] else { panic!("{:?}", wrong.pairs) };
     // Floor and ceiling lie on each other, walls do not.
     assert!(pair.places > 500 && pair.matched * 4 < pair.places * 3, "{pair:?}");
@@ -100,12 +100,12 @@ fn poses_that_are_wrong_by_metres_are_said_and_pull_nothing() {
 #[test]
 fn submaps_that_are_apart_empty_or_far_away_are_fused_without_trouble() {
     let alone = submap(0, &[0.0]);
-    let expected = Atlas::from_submaps(VOXEL, vec![alone.clone()]).one_surface(&MeshOptions::default());
+    let expected = Atlas::from_submaps(VOXEL, vec![alone.clone()]).fused_mesh(&MeshOptions::default());
     assert!(expected.pairs.is_empty() && expected.agreement.merged == 0);
     let mut far = submap(2, &[0.0]);
     far.set_pose(Pose::translation(3000.0, -2000.0, 0.0));
     let empty = Submap::new(1, VOXEL, Pose::identity());
-    let one = Atlas::from_submaps(VOXEL, vec![alone, empty, far]).one_surface(&MeshOptions::default());
+    let one = Atlas::from_submaps(VOXEL, vec![alone, empty, far]).fused_mesh(&MeshOptions::default());
     assert!(one.pairs.is_empty() && one.agreement.merged == 0 && one.agreement.refused == 0);
     assert!((area(&one.mesh) / area(&expected.mesh) - 2.0).abs() < 0.05);
     assert!(share(&one.mesh, |p| from_walls(p, [0.0; 3]).min(from_walls(p, [3000.0, -2000.0, 0.0])) < 0.1) > 0.98);
@@ -155,11 +155,11 @@ fn the_surface_tile_by_tile_is_the_whole_one() {
     single.submap_mut(0).unwrap().set_pose(drift);
     for (atlas, keep_all) in [(two(drift), false), (two(drift), true), (single, false), (Atlas::new(VOXEL), false)] {
         let options = MeshOptions { keep_all, ..MeshOptions::default() };
-        let whole = atlas.one_surface(&options);
+        let whole = atlas.fused_mesh(&options);
         let surface = SurfaceTiles::new(&atlas, options);
         let meshes: Vec<Mesh> = surface.batches(surface.tiles()).into_iter().flat_map(|batch| surface.meshes(batch)).collect();
         assert!(meshes.len() == surface.tiles().len() && (atlas.submaps().is_empty() || meshes.len() > 3));
-        assert!(triangles(&meshes) == triangles([&whole.mesh]) && surface.crumbs() == whole.crumbs);
+        assert!(triangles(&meshes) == triangles([&whole.mesh]) && surface.small_components() == whole.small_components);
         assert_eq!((surface.triangles(), surface.is_empty()), (whole.mesh.triangles.len() as u64, whole.mesh.triangles.is_empty()));
         for (tile, mesh) in surface.tiles().iter().zip(&meshes) {
             let (low, high) = surface.bounds(*tile);

@@ -47,7 +47,7 @@ fn a_map_with_true_poses_has_small_errors() {
     // The mesh as a file, and the world by its file, give the same distances; the world's file names the same world.
     works(dir.path(), "mesh room.vox -o room.ply --keep-all");
     let of_file = json(dir.path(), "eval room.ply --truth room/world.toml --json");
-    let unfused = json(dir.path(), "eval room.vox --truth room --no-fuse --json");
+    let unfused = json(dir.path(), "eval room.vox --truth room --unfused --json");
     assert_eq!(of_file["surface"]["accuracy_exact"], unfused["surface"]["accuracy_exact"]);
     assert!(of_file["trajectory"].is_null() && of_file["occupancy"].is_null());
     let voxels = json(dir.path(), "eval room.vox --truth room --field occupancy --json");

@@ -103,7 +103,7 @@ fn a_map_is_shared_as_tiles_and_copc() {
         assert!(is_there(corner), "{corner:?}");
     }
     // Of a coarser surface, and of those of the submaps, which are made as a whole.
-    for flags in ["--lod 1", "--shells"] {
+    for flags in ["--lod 1", "--unfused"] {
         let other = json(dir.path(), &format!("export room.vox -o other/ --json {flags}"));
         assert!(other["tiles"].as_u64().unwrap() > 4 && other["triangles"] != tiles["triangles"], "{other}");
     }

@@ -136,7 +136,7 @@ fn the_map_grows_bends_and_comes_back() {
     page.wait("[...voxelastic.view.tiles.values()].some((tile) => Math.abs(tile.matrix[13] - tile.origin[1] - 3) < 1e-3)");
     assert_eq!(page.value("String(voxelastic.seen.tiles)"), tiles, "no tile was sent again");
 
-    // Then the tiles where a submap was or is are made again, and it is one surface: as many triangles as all tiles of the map have, but for crumbs.
+    // Then the tiles where a submap was or is are made again, and it is one surface: as many triangles as all tiles of the map have, but for small components.
     node.settle();
     let mut whole = SurfaceChanges::default();
     whole.note(node.mapper.atlas());

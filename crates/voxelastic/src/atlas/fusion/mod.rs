@@ -9,7 +9,7 @@
 //!   colours of the nearest voxel;
 //! - occupancy: log-odds add up and are clamped, unknown stays unknown, free space stays as coarse as it is.
 //!
-//! [`OneField`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
+//! [`FusedTsdf`] samples the TSDFs of all submaps in the lattice of the map frame, for a surface without layers; the submaps stay as they are.
 //! [`resolve_conflicts`] does the same for single voxels: evidence of all submaps decides where one of them has an isolated hit.
 
 mod alignment;
@@ -31,8 +31,8 @@ pub use conflicts::conflict_resolution::resolve_conflicts;
 pub(crate) use conflicts::conflict_resolution::{BlockVotes, add_votes};
 pub use fused::combine::Agreement;
 pub(crate) use fused::fused_field::FusedField;
+pub use fused::fused_tsdf::FusedTsdf;
 pub(crate) use fused::live_field::{LiveField, cubes_around, cubes_between};
-pub use fused::one_field::OneField;
 pub(crate) use fused::sampled_field::{CUBE_SHIFT, Gathered, SampledField};
 pub use merge::{Merge, fuse};
 pub(crate) use merge::{fuse_from, move_scans};

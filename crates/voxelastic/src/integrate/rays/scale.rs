@@ -33,7 +33,7 @@ impl ScaleRule {
     /// The scale that fits between returns that are `spacing` metres apart, with points between them.
     #[inline(always)]
     pub fn fitting_between(&self, spacing: f32) -> usize {
-        /// With points between the returns, voxels may be so much smaller; with more of them, nothing is gained (docs/experiments/scattered-clouds.md).
+        /// With points between the returns, voxels may be so much smaller; with more of them, nothing is gained (docs/experiments/scans/scattered-clouds.md).
         const FINER: f32 = 4.0;
         self.fitting(spacing / (FINER * self.width_per_metre))
     }

@@ -29,7 +29,7 @@ const LEAST_SLOPE: f32 = 0.4;
 /// How much farther in front of the surface existing voxels are updated than new ones are created, voxels. Farther voxels may belong to another surface.
 const ERODE_MARGIN: f32 = 0.5;
 
-/// Weight of a scattered return: there are fewer of them than of a dense scan, and a surface that few saw must not count as crumbs.
+/// Weight of a scattered return: there are fewer of them than of a dense scan, and a surface that few saw must not count as small components.
 const SCATTERED_WEIGHT: u8 = 4;
 
 thread_local! {

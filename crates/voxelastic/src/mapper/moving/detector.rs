@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// A scan is kept as a view if it was taken this far from the last one, metres and radians, or this many scans later.
-const APART: f64 = 0.4;
+const VIEW_SPACING: f64 = 0.4;
 const TURNED: f64 = 0.1;
 const LATER: usize = 5;
 /// Of so many rows and columns, one return is judged first, by few views; those around it only if it moves.
@@ -162,7 +162,7 @@ impl MovingDetector {
         self.scans += 1;
         let is_apart = self.views.last().is_none_or(|last| {
             let (a, b) = (&last.t_submap_lidar, t_submap_lidar);
-            a.translation_distance(b) >= APART || a.rotation_distance(b) >= TURNED || self.scans >= LATER
+            a.translation_distance(b) >= VIEW_SPACING || a.rotation_distance(b) >= TURNED || self.scans >= LATER
         });
         let is_kept = t_map_lidar.is_some_and(|pose| self.kept.wants(pose));
         if !(is_apart || is_kept) {

@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// A scan is kept if it was taken this far from the last one kept, metres, or this many scans later.
-const APART: f64 = 3.0;
+const KEPT_SPACING: f64 = 3.0;
 const LATER: usize = 10;
 /// Scans just before and after those of a submap that tell of its surfaces as well.
 const SAME_TIME: usize = 5;
@@ -53,7 +53,7 @@ impl KeptScans {
     /// Whether the next scan, at a pose in the map, is to be kept.
     pub fn wants(&mut self, t_map_lidar: &Pose) -> bool {
         self.since += 1;
-        let wants = self.last.is_none_or(|last| last.translation_distance(t_map_lidar) >= APART || self.since >= LATER);
+        let wants = self.last.is_none_or(|last| last.translation_distance(t_map_lidar) >= KEPT_SPACING || self.since >= LATER);
         if wants {
             (self.last, self.since) = (Some(*t_map_lidar), 0);
         }

@@ -3,7 +3,7 @@
 use super::piece_sets::PieceSets;
 use super::tile_surface::{TileIndex, TileSurface, VertexKey, tile_surfaces};
 use crate::field::tsdf::TsdfField;
-use crate::surface::evidence::Crumbs;
+use crate::surface::evidence::SmallComponents;
 use crate::surface::extract::MeshOptions;
 use crate::surface::mesh::Mesh;
 use crate::surface::simplify::coarsen;
@@ -14,7 +14,7 @@ const NONE: u32 = u32::MAX;
 
 /// The surface of `field` as one mesh, with finest voxels of `voxel` metres, made in tiles with edges of 2^`shift` blocks; and what was left out for lack of evidence,
 /// unless `options` keep it. The mesh does not depend on the size of tiles.
-pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOptions, shift: u32) -> (Mesh, Crumbs) {
+pub(crate) fn extract_joined(field: &TsdfField, voxel: f32, options: &MeshOptions, shift: u32) -> (Mesh, SmallComponents) {
     let mut index = TileIndex::new(shift);
     index.extend(field);
     let (tiles, mut joined) = (index.tiles(), JoinedTiles::default());
@@ -75,7 +75,7 @@ impl JoinedTiles {
     }
 
     /// The mesh of all tiles, at the level of detail of `options`, with finest voxels of `voxel` metres; and what was left out of it.
-    pub fn finish(mut self, options: &MeshOptions, voxel: f32) -> (Mesh, Crumbs) {
+    pub fn finish(mut self, options: &MeshOptions, voxel: f32) -> (Mesh, SmallComponents) {
         for (triangle, corner, key) in self.corners {
             self.mesh.triangles[triangle as usize][usize::from(corner)] = self.border.get(&key).copied().unwrap_or(NONE);
         }
@@ -85,13 +85,13 @@ impl JoinedTiles {
             }
         }
         drop(self.border);
-        let (stays, crumbs) = self.pieces.judge(options.keep_all);
-        if crumbs.pieces > 0 {
+        let (stays, small_components) = self.pieces.judge(options.keep_all);
+        if small_components.pieces > 0 {
             leave_out(&mut self.mesh, self.piece_of, &stays);
         }
         coarsen(&mut self.mesh, [0; 2], voxel, options.lod);
         self.mesh.shrink_to_fit();
-        (self.mesh, crumbs)
+        (self.mesh, small_components)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Pieces of tiles that belong together, and whether they stay.
 
-use crate::surface::evidence::{Crumbs, Evidence};
+use crate::surface::evidence::{Evidence, SmallComponents};
 
 /// The pieces of several tiles, numbered from 0. Those that are connected across the border of tiles are one piece.
 #[derive(Clone, Debug, Default)]
@@ -26,7 +26,7 @@ impl PieceSets {
     }
 
     /// Which pieces have enough evidence to stay, all with `keep_all`, and what does not.
-    pub fn judge(mut self, keep_all: bool) -> (Vec<bool>, Crumbs) {
+    pub fn judge(mut self, keep_all: bool) -> (Vec<bool>, SmallComponents) {
         let count = self.lower.len() as u32;
         for piece in 0..count {
             let root = self.root(piece);
@@ -35,17 +35,17 @@ impl PieceSets {
                 self.evidence[root as usize].add(&evidence);
             }
         }
-        let (mut stays, mut crumbs) = (Vec::with_capacity(count as usize), Crumbs::default());
+        let (mut stays, mut small_components) = (Vec::with_capacity(count as usize), SmallComponents::default());
         for piece in 0..count {
             // A root has a lower number than the pieces that it stands for.
             let root = self.root(piece);
             let is_enough = if root == piece { keep_all || self.evidence[piece as usize].is_enough() } else { stays[root as usize] };
             if root == piece && !is_enough {
-                crumbs.add(&self.evidence[piece as usize]);
+                small_components.add(&self.evidence[piece as usize]);
             }
             stays.push(is_enough);
         }
-        (stays, crumbs)
+        (stays, small_components)
     }
 
     /// The lowest piece that `piece` is connected to; halves the way there.

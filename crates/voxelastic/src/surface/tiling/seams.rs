@@ -2,7 +2,7 @@
 
 use super::piece_sets::PieceSets;
 use super::tile_surface::{TileSurface, VertexKey};
-use crate::surface::evidence::{Crumbs, Evidence};
+use crate::surface::evidence::{Evidence, SmallComponents};
 use hashbrown::HashMap;
 use std::borrow::Borrow;
 
@@ -29,7 +29,7 @@ pub(crate) struct Seams {
     /// By tile, whether each of its pieces stays.
     pub stays: Vec<Vec<bool>>,
     /// The pieces that do not.
-    pub crumbs: Crumbs,
+    pub small_components: SmallComponents,
 }
 
 impl Seams {
@@ -50,8 +50,8 @@ impl Seams {
                 }
             }
         }
-        let (all, crumbs) = sets.judge(keep_all);
+        let (all, small_components) = sets.judge(keep_all);
         let stays = tiles.iter().zip(firsts).map(|(tile, first)| all[first as usize..][..tile.pieces.len()].to_vec());
-        Self { stays: stays.collect(), crumbs }
+        Self { stays: stays.collect(), small_components }
     }
 }

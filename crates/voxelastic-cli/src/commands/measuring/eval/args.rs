@@ -60,9 +60,9 @@ pub struct EvalArgs {
     /// The field to measure [default: tsdf if the map has it, else occupancy; and free and occupied space]
     #[arg(long, value_enum)]
     pub field: Option<Field>,
-    /// Measure the meshes of the submaps as `voxelastic mesh --shells` writes them, instead of fusing the submaps first
+    /// Measure the meshes of the submaps as `voxelastic mesh --unfused` writes them, instead of fusing the submaps first
     #[arg(long)]
-    pub no_fuse: bool,
+    pub unfused: bool,
     /// Write the measured points coloured by their errors: from teal for none to dark red for --error-max and more
     #[arg(long, value_name = "FILE.ply")]
     pub error_ply: Option<PathBuf>,
@@ -101,7 +101,7 @@ impl EvalArgs {
             truth_voxel: Limits::default().truth_voxel,
             max_points: usize::MAX,
             field: None,
-            no_fuse: false,
+            unfused: false,
             error_ply: None,
             error_max: 0.1,
             json: false,

@@ -34,9 +34,9 @@ impl Measured {
             }
             return Ok(Self::Map(Box::new(map)));
         }
-        if args.field.is_some() || args.no_fuse {
+        if args.field.is_some() || args.unfused {
             let what = format!("{}: this is not a map, so it has no fields and no submaps", path.display());
-            return Err(Failure::usage(what, "leave out --field and --no-fuse").into());
+            return Err(Failure::usage(what, "leave out --field and --unfused").into());
         }
         Ok(Self::File(Surface::read(path)?))
     }
@@ -80,7 +80,7 @@ fn field(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Field> {
 
 /// Vertices of the mesh of the whole map, in which submaps are fused (paper Sec. V-A), or of the meshes of the submaps.
 fn vertices(map: &LoadedMap, args: &EvalArgs) -> anyhow::Result<Surface> {
-    let mesh = map_mesh(&map.atlas, &args.surface, LayerArgs { shells: args.no_fuse })?;
+    let mesh = map_mesh(&map.atlas, &args.surface, LayerArgs { unfused: args.unfused })?;
     Ok(Surface { what: "vertices", positions: mesh.mesh.positions, triangles: mesh.mesh.triangles })
 }
 

@@ -1,7 +1,7 @@
 //! The TSDF of a whole map: that of its submaps, fused, or that of a single submap as it is.
 
 use crate::atlas::Atlas;
-use crate::atlas::fusion::OneField;
+use crate::atlas::fusion::FusedTsdf;
 use crate::field::tsdf::TsdfField;
 use crate::geometry::Pose;
 use crate::octree::BLOCK_EDGE;
@@ -11,7 +11,7 @@ use std::borrow::Borrow;
 #[derive(Debug)]
 pub(crate) enum FusedField<A> {
     /// A field in the map frame. The atlas is not needed any more.
-    Submaps(Box<OneField>),
+    Submaps(Box<FusedTsdf>),
     /// A single submap is not resampled.
     Single(A),
 }
@@ -19,7 +19,7 @@ pub(crate) enum FusedField<A> {
 impl<A: Borrow<Atlas>> FusedField<A> {
     /// That of all of the map.
     pub fn new(atlas: A) -> Self {
-        if atlas.borrow().tsdfs().len() < 2 { Self::Single(atlas) } else { Self::Submaps(Box::new(OneField::new(atlas.borrow()))) }
+        if atlas.borrow().tsdfs().len() < 2 { Self::Single(atlas) } else { Self::Submaps(Box::new(FusedTsdf::new(atlas.borrow()))) }
     }
 
     /// The same, fused only in a box of the map frame, metres.
@@ -29,7 +29,7 @@ impl<A: Borrow<Atlas>> FusedField<A> {
         }
         let block = f64::from(atlas.borrow().voxel_size()) * BLOCK_EDGE as f64;
         let [low, high] = [low, high].map(|at| at.map(|c| (c / block).floor() as i32));
-        Self::Submaps(Box::new(OneField::within(atlas.borrow(), low, high)))
+        Self::Submaps(Box::new(FusedTsdf::within(atlas.borrow(), low, high)))
     }
 
     /// The field, and its frame in the map frame; none if no submap has a TSDF.

@@ -4,7 +4,7 @@
 //! [`SampledField::renew`](crate::atlas::fusion::SampledField::renew) samples them, on any thread. Submaps lie where their poses are, each bent as corrections moved its scans. They are
 //! not bent onto each other, because for that all of the map has to be looked at.
 
-use super::one_field::{Source, align, sources};
+use super::fused_tsdf::{Source, align, sources};
 use super::sampled_field::{CUBE_SHIFT, Gathered, GatheredSource};
 use crate::atlas::fusion::alignment::{Corrections, Displacement, expected};
 use crate::atlas::{Atlas, SubmapId};

@@ -1,6 +1,6 @@
 //! The fused field of a map that grows and bends: what is gathered from submaps is sampled here, on any thread.
 
-use super::one_field::{OneField, Reached};
+use super::fused_tsdf::{FusedTsdf, Reached};
 use crate::atlas::fusion::alignment::Displacement;
 use crate::atlas::fusion::placement::Placement;
 use crate::atlas::fusion::samples::tsdf_sampling::{TargetBlock, displaced_target_blocks};
@@ -37,7 +37,7 @@ pub(crate) struct GatheredSource {
 /// The map as one field, as far as it was sampled.
 #[derive(Debug, Default)]
 pub(crate) struct SampledField {
-    one: OneField,
+    one: FusedTsdf,
     /// The blocks that were sampled, by cube.
     made: HashMap<u64, Vec<u64>>,
 }

@@ -25,7 +25,7 @@ const PARTS_AT_ONCE: usize = 8;
 
 /// One TSDF of the whole map.
 #[derive(Debug, Default)]
-pub struct OneField {
+pub struct FusedTsdf {
     /// The field in the map frame, with the atlas' voxel size.
     pub field: TsdfField,
     /// The same by pairs of submaps that have surfaces in the same places, before they are bent onto each other.
@@ -58,7 +58,7 @@ impl<'a> Reached<'a> {
     }
 }
 
-impl OneField {
+impl FusedTsdf {
     /// Fuses the TSDFs of all submaps, and of a submap that is being merged into another one, at their current root poses.
     ///
     /// Submaps whose poses are not finite, and blocks farther from the map's origin than a key can hold, are left out. The result does not
@@ -278,9 +278,9 @@ mod tests {
     }
 
     /// Two submaps of a sphere, the second with the sphere `shift` metres along x and `times` observations.
-    fn two(shift: f64, times: usize) -> OneField {
+    fn two(shift: f64, times: usize) -> FusedTsdf {
         let submaps = vec![sphere(0, Pose::identity(), [0.04, 0.03, 0.02], 2), sphere(1, turned(), [0.04 + shift, 0.03, 0.02], times)];
-        OneField::new(&Atlas::from_submaps(VOXEL, submaps))
+        FusedTsdf::new(&Atlas::from_submaps(VOXEL, submaps))
     }
 
     /// Zero crossings of a field between neighbouring voxels along x through the middle of the sphere, from behind a surface to its front or back.
@@ -343,11 +343,11 @@ mod tests {
         let mut submap = sphere(0, turned(), [0.04, 0.03, 0.02], 2);
         submap.add_scan(7, &Pose::translation(0.04, 0.03, 0.02));
         let mut atlas = Atlas::from_submaps(VOXEL, vec![submap]);
-        let before = ends(&OneField::new(&atlas).field);
+        let before = ends(&FusedTsdf::new(&atlas).field);
         let corrected = turned().inv_mul(&Pose::translation(0.29, 0.03, 0.02));
         for (corrected, shift) in [(vec![corrected], 2.5), (vec![], 0.0)] {
             atlas.submap_mut(0).unwrap().corrected = corrected;
-            for (now, before) in ends(&OneField::new(&atlas).field).iter().zip(before) {
+            for (now, before) in ends(&FusedTsdf::new(&atlas).field).iter().zip(before) {
                 assert!((now - before - shift).abs() < 0.05, "{now} instead of {before} + {shift}");
             }
         }
@@ -360,7 +360,7 @@ mod tests {
         // One around the other: no displacement brings them together, because both lie in one cell.
         let middle = [3.2; 3];
         let submaps = vec![ball(0, Pose::identity(), middle, 1.5, 2), ball(1, turned(), middle, 1.25, 2)];
-        let near = OneField::new(&Atlas::from_submaps(VOXEL, submaps));
+        let near = FusedTsdf::new(&Atlas::from_submaps(VOXEL, submaps));
         assert!(near.agreement().refused > 100, "{:?}", near.agreement());
         assert!((2.0..=3.0).contains(&near.agreement().refused_apart()), "{:?}", near.agreement());
     }
@@ -374,9 +374,9 @@ mod tests {
         let submaps = vec![sphere(0, Pose::identity(), [0.0; 3], 1), Submap::new(1, VOXEL, turned()), sphere(2, nowhere, [0.0; 3], 1)];
         let atlas = Atlas::from_submaps(VOXEL, submaps);
         assert_eq!(atlas.tsdfs().len(), 1);
-        let one = OneField::new(&atlas);
+        let one = FusedTsdf::new(&atlas);
         assert_eq!((one.agreement().merged, one.agreement().refused, crossings(&one.field)), (0, 0, 2));
-        let empty = OneField::new(&Atlas::new(VOXEL));
+        let empty = FusedTsdf::new(&Atlas::new(VOXEL));
         assert!(empty.field.is_empty() && empty.agreement() == Agreement::default());
     }
 
@@ -384,7 +384,7 @@ mod tests {
     fn a_submap_at_the_maps_origin_is_what_it_was() {
         let submap = sphere(0, Pose::identity(), [0.04, 0.03, 0.02], 2);
         let expected = image(&submap.tsdf);
-        let one = OneField::new(&Atlas::from_submaps(VOXEL, vec![submap]));
+        let one = FusedTsdf::new(&Atlas::from_submaps(VOXEL, vec![submap]));
         let is_observed = |(_, voxels): &(u64, Vec<Voxel>)| voxels.iter().any(|v| v.is_observed());
         assert!(image(&one.field) == expected.into_iter().filter(is_observed).collect::<Vec<_>>());
     }
