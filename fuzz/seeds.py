@@ -18,7 +18,7 @@ XYZ = np.stack([1.0 + K * 0.25, np.sin(K), -0.5 * K - 1.0], axis=1)
 
 
 def recordings(folder):
-    sys.path.insert(0, str(REPOSITORY / "crates/voxelastic-io/tests/all/bags"))
+    sys.path.insert(0, str(REPOSITORY / "crates/parts/voxelastic-io/tests/all/bags"))
     import write
 
     write.SCANS, write.POINTS = 3, 32
