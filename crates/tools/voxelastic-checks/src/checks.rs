@@ -116,7 +116,10 @@ impl Workspace {
                 continue;
             }
             let Reference { from: file, line, path, .. } = reference;
-            found.push(format!("{}/src/{file}:{line}: `{path}` makes an arrow {from} -> {to} that is not in the drawing. {REMEDY_ARROW}", self.folder(CORE)));
+            found.push(format!(
+                "{}/src/{file}:{line}: `{path}` makes an arrow {from} -> {to} that is not in the drawing. {REMEDY_ARROW}",
+                self.folder(CORE)
+            ));
         }
         found.extend(known.iter().map(|(from, to)| format!("KNOWN_ARROWS in layers.rs has {from} -> {to}, which is gone. Remove it from the list.")));
         Ok(found)
@@ -166,9 +169,7 @@ impl Workspace {
                 unused.retain(|&(c, f)| (c, f) != (name.as_str(), file.as_str()));
             }
         }
-        found.extend(
-            unused.iter().map(|(c, f)| format!("layers.rs lists {c}/src/{f} for unsafe code, which has none. Remove it from the list.")),
-        );
+        found.extend(unused.iter().map(|(c, f)| format!("layers.rs lists {c}/src/{f} for unsafe code, which has none. Remove it from the list.")));
         let architecture = self.root.join("ARCHITECTURE.md");
         let text = std::fs::read_to_string(&architecture).map_err(|e| format!("{}: {e}", architecture.display()))?;
         let unnamed = UNSAFE_FILES.iter().filter(|(_, file)| !text.contains(file));

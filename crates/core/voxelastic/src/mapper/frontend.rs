@@ -1,7 +1,8 @@
 //! The way from a cloud to a prepared scan: the sensor, the returns, their intensities on a common scale, and their colours.
 
 use crate::Cloud;
-use crate::integrate::ReturnsView;
+use crate::geometry::{Pose, Rigid};
+use crate::integrate::{ReturnsView, SubmapScan};
 use crate::sensor::{
     BeamModel, CloudLayout, LazyScan, PreparedScan, RangeImage, RangeLimits, Returns, ScanPreprocessor, SensorError, detect, layout_for, preset,
 };
@@ -180,14 +181,9 @@ impl KeptScan<'_> {
         self.model
     }
 
-    /// The range image as seen from the pose of the scan, with what was set aside, and whether single empty pixels of it are artefacts of projection.
-    pub(super) fn image(&self) -> (&RangeImage, bool) {
-        self.image
-    }
-
-    /// The returns.
-    pub(super) fn returns(&self) -> ReturnsView<'_> {
-        ReturnsView {
+    /// The scan at its pose in a submap; its range image has what was set aside, too.
+    pub(super) fn in_submap(&self, t_submap_lidar: &Pose) -> SubmapScan<'_> {
+        let returns = ReturnsView {
             points: &self.points,
             normals: &self.normals,
             intensities: &self.intensities,
@@ -195,12 +191,9 @@ impl KeptScan<'_> {
             measured: self.measured,
             origins: &self.origins,
             smallest_angle: self.smallest_angle,
-        }
-    }
-
-    /// Colour of each measured return, sRGB; empty when the scan has none.
-    pub(super) fn colours(&self) -> &[[u8; 3]] {
-        &self.colours
+        };
+        let (image, fills_gaps) = self.image;
+        SubmapScan { t_submap_lidar: Rigid::from(t_submap_lidar), returns, colours: &self.colours, image, fills_gaps }
     }
 }
 

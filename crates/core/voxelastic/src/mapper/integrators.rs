@@ -3,11 +3,8 @@
 use super::frontend::KeptScan;
 use crate::atlas::Submap;
 use crate::atlas::fusion::FusionSettings;
-use crate::geometry::{Pose, Rigid};
-use crate::integrate::{
-    FieldIntegrators, FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, ScanInput, TsdfIntegrator, TsdfSettings,
-    TsdfStats,
-};
+use crate::geometry::Pose;
+use crate::integrate::{FieldsMut, OccupancyIntegrator, OccupancySettings, OccupancyStats, Redundancy, TsdfIntegrator, TsdfSettings, TsdfStats};
 use crate::settings::{NoReturn, Settings};
 use std::collections::BTreeMap;
 
@@ -45,16 +42,14 @@ impl From<&Settings> for FusionSettings {
 /// One integrator per field: they hold scratch memory, so all submaps share them.
 #[derive(Debug)]
 pub(super) struct Integrators {
-    /// That of occupancy belongs to a sensor, and is there while a scan of it is integrated.
-    fields: FieldIntegrators,
+    tsdf: Option<TsdfIntegrator>,
     /// Those of occupancy by sensor, made for its first scan.
     occupancy: BTreeMap<u16, OccupancyIntegrator>,
 }
 
 impl Integrators {
     pub fn new(settings: &Settings) -> Self {
-        let tsdf = settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into()));
-        Self { fields: FieldIntegrators { tsdf, occupancy: None }, occupancy: BTreeMap::new() }
+        Self { tsdf: settings.field.has_tsdf().then(|| TsdfIntegrator::new(settings.into())), occupancy: BTreeMap::new() }
     }
 
     /// Integrates a scan of a sensor whose planes are fitted, without the parts that are redundant in the TSDF.
@@ -67,14 +62,9 @@ impl Integrators {
         settings: &Settings,
         redundancy: &Redundancy<'_>,
     ) -> (Option<TsdfStats>, Option<OccupancyStats>) {
-        if settings.field.has_occupancy() {
-            let own = self.occupancy.remove(&sensor);
-            self.fields.occupancy = Some(own.unwrap_or_else(|| OccupancyIntegrator::new(settings.into(), scan.model())));
-        }
-        let (image, fills_gaps) = scan.image();
-        let input = ScanInput { t_submap_lidar: Rigid::from(t_submap_lidar), returns: scan.returns(), colours: scan.colours(), image, fills_gaps };
-        let stats = self.fields.integrate(FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy }, &input, redundancy);
-        self.occupancy.extend(self.fields.occupancy.take().map(|own| (sensor, own)));
-        stats
+        let occupancy = settings.field.has_occupancy();
+        let occupancy = occupancy.then(|| self.occupancy.entry(sensor).or_insert_with(|| OccupancyIntegrator::new(settings.into(), scan.model())));
+        let fields = FieldsMut { tsdf: &mut submap.tsdf, occupancy: &mut submap.occupancy };
+        scan.in_submap(t_submap_lidar).integrate(fields, self.tsdf.as_mut(), occupancy, redundancy)
     }
 }

@@ -24,12 +24,6 @@ use crate::settings::{Dynamic, Laps, SettingError, Settings};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-/// A scan, with what its sensor knows about things that move.
-struct SensorScan<'a> {
-    prepared: FrontendScan<'a>,
-    moving: &'a mut MovingDetector,
-}
-
 /// Turns a stream of events into an [`Atlas`].
 #[derive(Debug)]
 pub struct Mapper {
@@ -192,12 +186,18 @@ impl Mapper {
     }
 
     /// Finds the returns of a scan into submap `id` that are on something that moves, a flag each; empty if none is.
-    fn find_moving(&mut self, id: SubmapId, scan: &Scan, t_submap_lidar: &Pose, sensor_scan: &mut SensorScan<'_>) -> Vec<bool> {
+    fn find_moving(
+        &mut self,
+        id: SubmapId,
+        scan: &Scan,
+        t_submap_lidar: &Pose,
+        prepared: &FrontendScan<'_>,
+        moving: &mut MovingDetector,
+    ) -> Vec<bool> {
         self.moving_points.clear();
         if self.settings.dynamic == Dynamic::Keep {
             return Vec::new();
         }
-        let SensorScan { prepared, moving, .. } = sensor_scan;
         if moving.submap() != Some(id) {
             let root = |id| self.clusters.graph.pose(self.clusters.assignments.root(id)?);
             let t_new_old = moving.submap().and_then(|old| Some((t_submap_lidar * scan.t_map_lidar.inverse()) * root(old)?));
@@ -327,14 +327,14 @@ impl Mapper {
         let sensor = sensors.of(&self.settings, self.sensor_model.as_ref(), &scan.cloud, scan.node);
         let Sensor { frontend, moving, .. } = sensor.map_err(|reason| MapError::Sensor { node: scan.node, reason })?;
         let start = Instant::now();
-        let mut sensor_scan = SensorScan { prepared: frontend.prepare(&scan.cloud), moving };
+        let mut prepared = frontend.prepare(&scan.cloud);
         let prepare = start.elapsed();
         // The node is added to the graph even if its scan is not usable: edges may lead over it.
         self.clusters.graph.add_node(scan.node, &scan.t_map_lidar);
         if let Some(last) = self.last_node.replace(scan.node) {
             self.clusters.graph.assume_odometry(last, scan.node);
         }
-        let result = self.integrate_prepared(scan, &mut sensor_scan, prepare);
+        let result = self.map_prepared(scan, &mut prepared, moving, prepare);
         let clock = Instant::now();
         self.queue_fusions();
         let entered = result.as_ref().ok().map(|report| report.submap);
@@ -342,8 +342,13 @@ impl Mapper {
         result.map(|report| ScanReport { elastic: report.elastic + clock.elapsed(), ..report })
     }
 
-    fn integrate_prepared(&mut self, scan: &Scan, sensor_scan: &mut SensorScan<'_>, prepare: Duration) -> Result<ScanReport, MapError> {
-        let prepared = &mut sensor_scan.prepared;
+    fn map_prepared(
+        &mut self,
+        scan: &Scan,
+        prepared: &mut FrontendScan<'_>,
+        moving: &mut MovingDetector,
+        prepare: Duration,
+    ) -> Result<ScanReport, MapError> {
         let (node, counts) = (scan.node, prepared.scan().counts);
         if prepared.scan().returns.is_empty() {
             return Err(MapError::NoReturns { node, counts });
@@ -369,7 +374,7 @@ impl Mapper {
         );
         let prepare = prepare + planes;
         let clock = Instant::now();
-        let moves = self.find_moving(id, scan, &t_submap_lidar, sensor_scan);
+        let moves = self.find_moving(id, scan, &t_submap_lidar, prepared, moving);
         let prepare = prepare + clock.elapsed();
         let before = self.revisits.blocks_before(&self.atlas, id, &revisited);
         let Some((submap, others)) = self.atlas.with_neighbours(id, &revisited) else { return Err(MapError::LostSubmap { node, submap: id }) };
@@ -377,14 +382,8 @@ impl Mapper {
         let elsewhere = others.into_iter().map(|(other, t_map_other)| (&other.tsdf, Rigid::from(&t_map_other.inv_mul(&root)))).collect();
         let redundancy = Redundancy { before, elsewhere };
         submap.add_scan_at(node, t_submap_lidar);
-        let (tsdf, occupancy) = self.integrators.integrate(
-            scan.cloud.sensor,
-            submap,
-            &t_submap_lidar,
-            &sensor_scan.prepared.without(&moves),
-            &self.settings,
-            &redundancy,
-        );
+        let (tsdf, occupancy) =
+            self.integrators.integrate(scan.cloud.sensor, submap, &t_submap_lidar, &prepared.without(&moves), &self.settings, &redundancy);
         let is_new_submap = assignment == Assignment::NewSubmap;
         self.counts.count(assignment);
         let moving = self.moving_points.len();

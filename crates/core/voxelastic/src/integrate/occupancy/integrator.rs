@@ -17,6 +17,7 @@ use super::update_blocks::{UpdateContext, UpdateTask, write_outcomes};
 use crate::field::occupancy::OccupancyField;
 use crate::field::occupancy::propagate::ChangedOctants;
 use crate::geometry::Rigid;
+use crate::integrate::SubmapScan;
 use crate::integrate::rays::ray::Ray;
 use crate::integrate::rays::returns::ReturnsView;
 use crate::integrate::rays::scale::ScaleRule;
@@ -76,17 +77,12 @@ pub struct OccupancyIntegrator {
     blocks: Vec<u32>,
 }
 
-/// A scan to be integrated; its rays are in the integrator, or are made of `returns`.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct OccupancyScan<'a> {
-    pub t_submap_lidar: Rigid,
-    pub image: &'a RangeImage,
-    /// Whether the points were no grid, so that single empty pixels between returns are artefacts of projection.
-    pub fill: bool,
-    /// Smallest angle between adjacent beams, radians.
-    pub smallest_angle: f32,
-    /// The returns, unless their rays were built already.
-    pub returns: Option<ReturnsView<'a>>,
+/// Whether the rays of a scan are in the integrator already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rays {
+    Built,
+    /// They are to be made of the returns.
+    ToBuild,
 }
 
 /// Blocks are never made coarser: detail once observed is kept.
@@ -118,8 +114,8 @@ impl OccupancyIntegrator {
         returns: &ReturnsView<'_>,
         fill: bool,
     ) -> OccupancyStats {
-        let (t_submap_lidar, smallest_angle) = (*t_submap_lidar, returns.smallest_angle);
-        self.integrate_scan(field, &OccupancyScan { t_submap_lidar, image, fill, smallest_angle, returns: Some(*returns) })
+        let scan = SubmapScan { t_submap_lidar: *t_submap_lidar, returns: *returns, colours: &[], image, fills_gaps: fill };
+        self.update(field, &scan, Rays::ToBuild)
     }
 
     /// The rays of the next scan, to be filled by [`build_rays`].
@@ -131,17 +127,17 @@ impl OccupancyIntegrator {
         ScaleRule::new(smallest_angle, self.settings.voxel_size, SCALES - 1, HYSTERESIS)
     }
 
-    /// Integrates one scan.
-    pub(crate) fn integrate_scan(&mut self, field: &mut OccupancyField, scan: &OccupancyScan<'_>) -> OccupancyStats {
+    /// Updates the field from a scan.
+    pub(crate) fn update(&mut self, field: &mut OccupancyField, scan: &SubmapScan<'_>, made: Rays) -> OccupancyStats {
         let steps = Steps::new(&self.settings);
         let reach = self.cover(field, scan.t_submap_lidar.translation);
-        let (see, descend, select) = self.find_cells(field, scan, &steps, reach);
+        let (see, descend, select) = self.find_cells(field, scan, made, &steps, reach);
 
         let selected = Instant::now();
         let mut changed = self.tasks.allocate(field, &self.free, &self.selection.blocks, &steps);
         let allocated = Instant::now();
 
-        self.update(field, &steps);
+        self.update_voxels(field, &steps);
         let updated = Instant::now();
 
         write_outcomes(field, &self.tasks.list, &self.outcomes, &mut changed);
@@ -183,12 +179,12 @@ impl OccupancyIntegrator {
 
     /// Finds free space and the blocks of the rays, side by side, because both have parts that do not use all threads. Returns the durations of the phases
     /// *see*, *descend* and *select*.
-    fn find_cells(&mut self, field: &OccupancyField, scan: &OccupancyScan<'_>, steps: &Steps, reach: u32) -> (Duration, Duration, Duration) {
-        let rule = self.scale_rule(scan.smallest_angle);
+    fn find_cells(&mut self, field: &OccupancyField, scan: &SubmapScan<'_>, made: Rays, steps: &Steps, reach: u32) -> (Duration, Duration, Duration) {
+        let rule = self.scale_rule(scan.returns.smallest_angle);
         let Self { settings, pyramid, selection, rays, tasks, scratches, free, .. } = self;
         let settings: &OccupancySettings = settings;
         let descend = || {
-            let ((), see) = timed(|| pyramid.build(scan.image, settings.max_range, settings.clear_no_return, scan.fill));
+            let ((), see) = timed(|| pyramid.build(scan.image, settings.max_range, settings.clear_no_return, scan.fills_gaps));
             let classifier = Classifier::new(pyramid, settings, &scan.t_submap_lidar);
             let ((), descend) = timed(|| Descent { field, classifier, settings, steps: *steps }.run(scratches, free));
             (see, descend)
@@ -198,9 +194,9 @@ impl OccupancyIntegrator {
             const RAYS_PER_TASK: usize = 4096;
             let OccupancySettings { voxel_size: voxel, max_range, .. } = *settings;
             let ((), see) = timed(|| {
-                if let Some(returns) = &scan.returns {
+                if made == Rays::ToBuild {
                     let frame = RayFrame { t_submap_lidar: scan.t_submap_lidar, voxel, max_range };
-                    build_rays(&returns.first(MAX_RAYS), &frame, None, Some(MeasuredRays { rule, rays: &mut *rays }));
+                    build_rays(&scan.returns.first(MAX_RAYS), &frame, None, Some(MeasuredRays { rule, rays: &mut *rays }));
                 }
                 rays.par_iter_mut().with_min_len(RAYS_PER_TASK).for_each(|ray| {
                     let (before, behind) = Evidence::new(settings, ray.range * voxel, ray.scale as usize).reach();
@@ -219,7 +215,7 @@ impl OccupancyIntegrator {
     }
 
     /// Updates the voxels of all blocks.
-    fn update(&mut self, field: &mut OccupancyField, steps: &Steps) {
+    fn update_voxels(&mut self, field: &mut OccupancyField, steps: &Steps) {
         const BLOCKS_PER_TASK: usize = 64;
         let Self { settings, rays, selection, tasks, free, outcomes, blocks, .. } = self;
         let context = UpdateContext { rays, records: &selection.records, free, settings, steps };

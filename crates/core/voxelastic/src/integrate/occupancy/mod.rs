@@ -19,6 +19,6 @@ mod settings;
 mod texel;
 mod update_blocks;
 
-pub(crate) use integrator::OccupancyScan;
+pub(crate) use integrator::Rays;
 pub use integrator::{OccupancyIntegrator, OccupancyPhases, OccupancyStats};
 pub use settings::OccupancySettings;

@@ -21,7 +21,7 @@ struct BlockContext {
 
 /// Colours the voxels around the returns of a scan taken at `t_submap_lidar`, which must have been integrated into the field. `colours` has one sRGB entry a
 /// return, [0, 0, 0] where a return has no colour. Finest voxels are `voxel` metres wide; returns beyond `max_range` metres are skipped.
-pub fn integrate_colours(field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>, colours: &[[u8; 3]], voxel: f32, max_range: f32) {
+pub fn colour_voxels(field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>, colours: &[[u8; 3]], voxel: f32, max_range: f32) {
     let TsdfField { tree, blocks, colours: layer, .. } = field;
     let mut cursor = Cursor::new(tree);
     let mut context = BlockContext { coords: [i32::MAX; 3], block: None };

@@ -75,17 +75,6 @@ pub struct TsdfIntegrator {
     runs: Vec<BlockRun>,
 }
 
-/// A scan whose rays the integrator holds already.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct TsdfRays {
-    pub frame: RayFrame,
-    /// Smallest angle between adjacent beams, radians.
-    pub smallest_angle: f32,
-    pub has_intensity: bool,
-    /// Whether the rays have scales of their own, which decide on those of blocks; else the distance to the sensor does.
-    pub has_spacing: bool,
-}
-
 impl TsdfIntegrator {
     /// An integrator with the given settings.
     pub fn new(settings: TsdfSettings) -> Self {
@@ -104,35 +93,18 @@ impl TsdfIntegrator {
 
     /// Integrates the returns of one scan taken at `t_submap_lidar`. Returns beyond the maximum range, and those after the first 2^24, are skipped.
     pub fn integrate(&mut self, field: &mut TsdfField, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>) -> TsdfStats {
-        self.integrate_masked(field, t_submap_lidar, returns, &Redundancy::default())
-    }
-
-    /// As [`integrate`](Self::integrate), but skips rays that are redundant.
-    pub(crate) fn integrate_masked(
-        &mut self,
-        field: &mut TsdfField,
-        t_submap_lidar: &Rigid,
-        returns: &ReturnsView<'_>,
-        redundancy: &Redundancy<'_>,
-    ) -> TsdfStats {
         let clock = Instant::now();
         let returns = returns.first(MAX_RAYS);
-        let scan = self.scan(t_submap_lidar, &returns);
-        build_rays(&returns, &scan.frame, Some(self.rays_to_build(returns.smallest_angle)), None);
+        let frame = self.frame(t_submap_lidar);
+        build_rays(&returns, &frame, Some(self.rays_to_build(returns.smallest_angle)), None);
         let transform = clock.elapsed();
-        let stats = self.integrate_rays(field, &scan, redundancy);
+        let stats = self.update_from_rays(field, t_submap_lidar, &returns, &Redundancy::default());
         TsdfStats { phases: TsdfPhases { transform, ..stats.phases }, ..stats }
     }
 
-    /// What [`integrate_rays`](Self::integrate_rays) needs besides the rays of `returns`.
-    pub(crate) fn scan(&self, t_submap_lidar: &Rigid, returns: &ReturnsView<'_>) -> TsdfRays {
-        let frame = RayFrame { t_submap_lidar: *t_submap_lidar, voxel: self.settings.voxel_size, max_range: self.settings.max_range };
-        TsdfRays {
-            frame,
-            smallest_angle: returns.smallest_angle,
-            has_intensity: !returns.intensities.is_empty(),
-            has_spacing: !returns.spacing.is_empty(),
-        }
+    /// What makes rays of the returns of a scan taken at `t_submap_lidar`.
+    pub(crate) fn frame(&self, t_submap_lidar: &Rigid) -> RayFrame {
+        RayFrame { t_submap_lidar: *t_submap_lidar, voxel: self.settings.voxel_size, max_range: self.settings.max_range }
     }
 
     /// The rays of the next scan, to be filled by [`build_rays`].
@@ -147,19 +119,25 @@ impl TsdfIntegrator {
         SurfaceRays { params, rays: &mut self.rays }
     }
 
-    /// Integrates the scan whose rays were built last; skips rays that are redundant.
-    pub(crate) fn integrate_rays(&mut self, field: &mut TsdfField, scan: &TsdfRays, redundancy: &Redundancy<'_>) -> TsdfStats {
-        let rule = self.scale_rule(scan.smallest_angle);
+    /// Updates the field from the rays that were built last, of `returns`; skips rays that are redundant.
+    pub(crate) fn update_from_rays(
+        &mut self,
+        field: &mut TsdfField,
+        t_submap_lidar: &Rigid,
+        returns: &ReturnsView<'_>,
+        redundancy: &Redundancy<'_>,
+    ) -> TsdfStats {
+        let rule = self.scale_rule(returns.smallest_angle);
         let reach = self.reach().min(MAX_REACH);
-        if scan.has_spacing {
+        if !returns.spacing.is_empty() {
             self.rays.iter_mut().for_each(|ray| ray.count = ray.count.saturating_mul(SCATTERED_WEIGHT));
         }
         let clock = Instant::now();
-        let position = scan.frame.t_submap_lidar.translation;
+        let position = t_submap_lidar.translation;
         self.selection.select(&self.rays, position.map(|c| c / self.settings.voxel_size), reach);
         let selected = Instant::now();
 
-        let new_blocks = self.allocate(field, &rule, scan, redundancy);
+        let new_blocks = self.allocate(field, &rule, position, returns, redundancy);
         let allocated = Instant::now();
 
         let changes: Vec<u32> = self.runs.iter().filter(|r| r.change != ScaleChange::None).map(|r| r.block).collect();
@@ -185,11 +163,18 @@ impl TsdfIntegrator {
     }
 
     /// Finds or creates every selected block and moves it towards the scale that fits; returns how many are new.
-    fn allocate(&mut self, field: &mut TsdfField, rule: &ScaleRule, scan: &TsdfRays, redundancy: &Redundancy<'_>) -> usize {
-        let (block_edge, sensor, has_intensity) =
-            (BLOCK_EDGE as f32 * self.settings.voxel_size, scan.frame.t_submap_lidar.translation, scan.has_intensity);
+    fn allocate(
+        &mut self,
+        field: &mut TsdfField,
+        rule: &ScaleRule,
+        sensor: [f32; 3],
+        returns: &ReturnsView<'_>,
+        redundancy: &Redundancy<'_>,
+    ) -> usize {
+        let (block_edge, has_intensity) = (BLOCK_EDGE as f32 * self.settings.voxel_size, !returns.intensities.is_empty());
         field.tree.grow_over(self.selection.blocks.iter().map(|run| run.key));
-        let scales = if scan.has_spacing {
+        // Rays with a spacing of their own have scales of their own, which decide on those of blocks; else the distance to the sensor does.
+        let scales = if !returns.spacing.is_empty() {
             // The mean of the rays' scales, rounded.
             let scale_of = |run: &BlockRays| {
                 let all = &self.selection.records[run.start as usize..run.end as usize];

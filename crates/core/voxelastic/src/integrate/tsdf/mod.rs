@@ -9,7 +9,7 @@ mod settings;
 mod truncation;
 mod update;
 
-pub use colours::integrate_colours;
+pub use colours::colour_voxels;
 pub use integrator::{TsdfIntegrator, TsdfPhases, TsdfStats};
 pub(crate) use redundancy::{EarlierBlocks, Redundancy};
 pub use settings::TsdfSettings;

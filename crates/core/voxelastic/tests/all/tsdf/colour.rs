@@ -7,7 +7,7 @@ use voxelastic::atlas::fusion::{FusionSettings, fuse};
 use voxelastic::atlas::{Atlas, Submap};
 use voxelastic::field::tsdf::TsdfField;
 use voxelastic::geometry::{Pose, Rigid};
-use voxelastic::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings, integrate_colours};
+use voxelastic::integrate::{ReturnsView, TsdfIntegrator, TsdfSettings, colour_voxels};
 use voxelastic::surface::{Mesh, MeshOptions, extract};
 
 /// The colour at a position: it changes by at most 44 of 255 per metre and is nowhere grey.
@@ -31,7 +31,7 @@ fn colour_field(scans: &Scans, settings: &TsdfSettings, t_map_field: &Pose) -> T
         let pose_in_field = Rigid { rotation, translation: to_field.apply(pose.translation) };
         integrator.integrate(&mut field, &pose_in_field, &returns);
         let colours: Vec<[u8; 3]> = points.iter().map(|p| colour_at(pose.apply(*p))).collect();
-        integrate_colours(&mut field, &pose_in_field, &returns, &colours, settings.voxel_size, settings.max_range);
+        colour_voxels(&mut field, &pose_in_field, &returns, &colours, settings.voxel_size, settings.max_range);
     }
     field
 }
@@ -120,8 +120,8 @@ fn points_without_colour_leave_colours_unchanged() {
     let before = extract(&field, 0.08, &MeshOptions::default());
     let (pose, points, normals) = &scans.scans[0];
     let returns = ReturnsView::of_points(points, normals, scans.smallest_angle);
-    integrate_colours(&mut field, pose, &returns, &vec![[0; 3]; points.len()], 0.08, 60.0);
-    integrate_colours(&mut field, pose, &returns, &vec![[9; 3]; points.len()], 0.08, 0.01);
+    colour_voxels(&mut field, pose, &returns, &vec![[0; 3]; points.len()], 0.08, 60.0);
+    colour_voxels(&mut field, pose, &returns, &vec![[9; 3]; points.len()], 0.08, 0.01);
     assert!(extract(&field, 0.08, &MeshOptions::default()) == before, "black is no colour, and returns beyond the range are skipped");
 }
 
