@@ -56,9 +56,9 @@ fn formats() -> Vec<(String, Vec<u8>, Reader)> {
     let unit = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1";
     let lines = |line: &dyn Fn(usize) -> String| (0..20).map(line).collect::<String>().into_bytes();
     for (format, text) in [
-        (PoseFormat::Tum, lines(&|k| format!("{k}.5 1 2 3 0 0.6 0 0.8\n"))),
-        (PoseFormat::Kitti, lines(&|k| format!("1 0 0 {k} 0 1e0 0 2 0 0 1 3\n"))),
-        (PoseFormat::NewerCollege, lines(&|k| format!("{k},500000000,1,2,3,0,0.6,0,0.8\n"))),
+        (PoseFormat::TUM, lines(&|k| format!("{k}.5 1 2 3 0 0.6 0 0.8\n"))),
+        (PoseFormat::KITTI, lines(&|k| format!("1 0 0 {k} 0 1e0 0 2 0 0 1 3\n"))),
+        (PoseFormat::NEWER_COLLEGE, lines(&|k| format!("{k},500000000,1,2,3,0,0.6,0,0.8\n"))),
         (PoseFormat::G2o, lines(&|k| format!("VERTEX_SE3:QUAT {k} 1 2 3 0 0 0 1\nEDGE_SE3:QUAT 0 {} 1 0 0 0 0 0 1 {unit}\n", k.max(1)))),
     ] {
         let read = move |b: &[u8]| {

@@ -9,10 +9,10 @@ use clap::{Args, Parser, ValueEnum};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use voxelastic::Pose;
-use voxelastic::surface::Mesh;
-use voxelastic_eval::MeshView;
+use voxelastic::surface::{Mesh, MeshOptions};
 use voxelastic_eval::colour::Ramp;
-use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render_png};
+use voxelastic_eval::render::{Camera, Colouring, Faces, Legend, MeshItem, Polyline, Scene, Size, Style, render as render_picture, render_png};
+use voxelastic_eval::{MeshView, Picture};
 use voxelastic_io::Origin;
 use voxelastic_run::map_files;
 use voxelastic_run::surfaces::MapMesh;
@@ -127,6 +127,32 @@ struct Alone {
 pub fn draw_from_the_side(map: &Path, picture: &Path) -> anyhow::Result<()> {
     let words = ["render".as_ref(), map.as_os_str(), "-o".as_ref(), picture.as_os_str(), "--view".as_ref(), "orbit".as_ref()];
     draw(&Alone::try_parse_from(words)?.args).map(drop)
+}
+
+/// Height above the lowest part of a map at which [`draw_beside`] cuts it, metres: above doors, below roofs.
+const CUT_M: f64 = 4.0;
+
+/// Draws two maps from above, cut above the ground so that walls are lines, side by side in the same view, each under its title.
+pub fn draw_beside(maps: [(&Path, &str); 2], picture: &Path) -> anyhow::Result<()> {
+    let mesh = |map: &Path| Ok::<_, Failure>(map_files::load_surfaces(map, LoadArgs::default().into())?.atlas.mesh(&MeshOptions::default()));
+    let meshes = [mesh(maps[0].0)?, mesh(maps[1].0)?];
+    let heights = height_range(&meshes[1].positions);
+    let scenes = [cut_scene(&meshes[0], heights, maps[0].1)?, cut_scene(&meshes[1], heights, maps[1].1)?];
+    let camera = Camera::top(&scenes[1].bounds());
+    let half = Size { width: 1000, height: 1000 };
+    let [left, right] = [render_picture(&scenes[0], &camera, half)?, render_picture(&scenes[1], &camera, half)?];
+    let rows = left.pixels.chunks(half.width as usize).zip(right.pixels.chunks(half.width as usize));
+    let pixels = rows.flat_map(|(left, right)| [left, right]).flatten().copied().collect();
+    let both = Picture { size: Size { width: 2 * half.width, height: half.height }, pixels };
+    both.write_png(picture).with_context(|| format!("cannot draw {}", picture.display()))
+}
+
+/// A mesh without what is higher than [`CUT_M`], coloured by heights in a range.
+fn cut_scene<'a>(mesh: &'a Mesh, (low, high): (f32, f32), title: &str) -> anyhow::Result<Scene<'a>> {
+    let view = MeshView::new(&mesh.positions, &mesh.triangles)?.with_normals(&mesh.normals)?;
+    let colouring = Colouring::Height { ramp: Ramp::Land, low, high };
+    let style = Style { cut_above: Some(f64::from(low) + CUT_M), title: title.to_owned(), ..Style::default() };
+    Ok(Scene { meshes: vec![MeshItem { mesh: view, t_map_mesh: Pose::identity(), colouring }], style, ..Scene::default() })
 }
 
 /// Runs the command.

@@ -4,7 +4,7 @@ use super::folder::{Folder, recognise};
 use super::pose_file::PoseFile;
 use crate::folders::stem_of;
 use crate::options::PoseKind;
-use crate::poses::{PoseFormat, TextContent};
+use crate::poses::{KNOWN_FORMATS, PoseFormat, TextContent};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -43,15 +43,30 @@ pub(super) fn poses(folder: &Folder, requested: Option<&Path>, kind: PoseKind) -
         return Ok(chosen);
     }
     match (trajectories.as_slice(), estimates.as_slice(), graphs) {
-        ([], _, 0) => Err(Error::no_poses(
-            &folder.path,
-            "no poses",
-            "add a trajectory (TUM, KITTI rows, registered_poses.csv) or a g2o graph, name one elsewhere with --poses, or let `voxelastic odometry` make one",
-        )),
+        ([], _, 0) => Err(none(folder)),
         ([], _, 1) => Ok(folder.poses[0].clone().into()),
         ([one], [_], _) | ([one], [], 0) => Ok((*one).clone().into()),
         (_, [one], _) if one.is_named("poses") => Ok((*one).clone().into()),
         _ => Err(ambiguous(folder, "pose files", "--poses", folder.poses.iter())),
+    }
+}
+
+/// Words in the names of files of poses.
+const POSE_WORDS: [&str; 8] = ["pose", "traj", "odom", "gt", "truth", "tum", "path", "slam"];
+
+/// Without poses: an error about the file that should have some, by its name, else that there are none.
+fn none(folder: &Folder) -> Error {
+    let is_named_so = |path: &Path| POSE_WORDS.iter().any(|word| stem_of(path).to_ascii_lowercase().contains(word));
+    match folder.perhaps_poses.iter().find(|(path, _)| is_named_so(path)) {
+        Some((path, columns)) => {
+            let problem = format!("{columns} numbers on each line, and which of them is what is not known");
+            Error::dataset(path, problem, format!("{KNOWN_FORMATS}; or let --slam estimate the poses"))
+        }
+        None => Error::no_poses(
+            &folder.path,
+            "no poses",
+            "add a trajectory (TUM, KITTI rows, registered_poses.csv) or a g2o graph, name one elsewhere with --poses, or let `voxelastic odometry` make one",
+        ),
     }
 }
 
@@ -111,8 +126,7 @@ fn resolve(folder: &Folder, requested: &Path, what: &'static str, flag: &'static
     let candidates = if is_bare { [inside.as_path(), requested] } else { [requested, inside.as_path()] };
     if let Some(path) = candidates.into_iter().find(|p| p.is_file()) {
         let Some(TextContent::Poses(format)) = recognise(path)? else {
-            let remedy = "name a file of TUM, KITTI rows, sec,nsec,x,y,z,qx,qy,qz,qw or g2o";
-            return Err(Error::dataset(path, "not in a known pose format", remedy));
+            return Err(Error::dataset(path, "not in a known pose format", KNOWN_FORMATS));
         };
         return Ok(PoseFile { path: path.into(), format });
     }

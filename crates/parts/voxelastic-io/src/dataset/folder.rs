@@ -21,6 +21,8 @@ pub(super) struct Folder {
     pub(super) clouds: CloudFolder,
     /// Trajectories and graphs, in the order of their names.
     pub(super) poses: Vec<PoseFile>,
+    /// Files that could hold poses, with the numbers on each of their lines, but which number is what is not known.
+    pub(super) perhaps_poses: Vec<(PathBuf, usize)>,
     /// Files of times.
     pub(super) times: Vec<PathBuf>,
     /// In the order of their nodes.
@@ -30,19 +32,20 @@ pub(super) struct Folder {
 /// Lists a dataset's files and recognises them.
 pub(super) fn scan(path: &Path) -> Result<Folder> {
     let mut clouds = find_clouds(path)?;
-    let (mut poses, mut times, mut snapshots) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut poses, mut perhaps_poses, mut times, mut snapshots) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for file in list(path)?.iter().filter(|e| e.is_file() && has_extension(e, &TEXT)) {
         let number = stem_of(file).strip_prefix("poses@").and_then(|n| n.parse::<u64>().ok());
         match (recognise(file)?, number) {
             (Some(TextContent::Poses(format)), Some(after)) => snapshots.push(Snapshot { after, file: PoseFile { path: file.clone(), format } }),
             (Some(TextContent::Poses(format)), None) => poses.push(PoseFile { path: file.clone(), format }),
             (Some(TextContent::Times), _) if stem_of(file).to_ascii_lowercase().contains("time") => times.push(file.clone()),
+            (Some(TextContent::PerhapsPoses(columns)), None) => perhaps_poses.push((file.clone(), columns)),
             (_, Some(_)) => clouds.notes.push(format!("{} is ignored: it is not in a known pose format", name_of(file))),
             _ => {}
         }
     }
     snapshots.sort_by_key(|s| s.after);
-    Ok(Folder { path: path.into(), clouds, poses, times, snapshots })
+    Ok(Folder { path: path.into(), clouds, poses, perhaps_poses, times, snapshots })
 }
 
 /// Recognises a text file by its beginning.

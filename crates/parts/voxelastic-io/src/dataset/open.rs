@@ -41,6 +41,9 @@ fn open_one(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     {
         return open_dump(path, dump, options);
     }
+    if options.poses.is_none() {
+        dumps::refuse_incomplete(path)?;
+    }
     open_folder(path, options)
 }
 

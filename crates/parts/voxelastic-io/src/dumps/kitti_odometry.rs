@@ -29,7 +29,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     }
     let Some(t_camera_lidar) = lidar_in_camera(&calibration)? else { return Ok(None) };
     let Some(file) = pose_file(path) else { return Ok(None) };
-    let camera = poses::parse(&text::read(&file)?, &file, PoseFormat::Kitti)?.poses;
+    let camera = poses::parse(&text::read(&file)?, &file, PoseFormat::KITTI)?.poses;
     let clouds = files_with_extension(&velodyne, "bin")?;
     let times = path.join("times.txt");
     let times = if times.is_file() { Some(poses::read_times(&times)?) } else { None };
@@ -46,6 +46,29 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
         }
     }
     Ok(Some(dump.in_order()))
+}
+
+/// Refuses a sequence whose poses are the camera's, and nothing says where the lidar is in its frame.
+pub(super) fn refuse_without_transform(path: &Path) -> Result<()> {
+    let only = only_sequence(path);
+    let path = only.as_deref().unwrap_or(path);
+    let calibration = path.join("calib.txt");
+    if !calibration.is_file() || !path.join("velodyne").is_dir() || lidar_in_camera(&calibration)?.is_some() {
+        return Ok(());
+    }
+    let read = text::read(&calibration)?;
+    let has_cameras = lines(&calibration, &read).any(|line| line.text.starts_with("P0"));
+    match pose_file(path).filter(|_| has_cameras) {
+        Some(poses) => {
+            let problem = format!("no line Tr, the lidar's pose in the frame of the camera, whose poses are in {}", poses.display());
+            let remedy = format!(
+                "take the calib.txt of the benchmark's velodyne calibration; if the poses are the lidar's already, name them: --poses {}; or let --slam estimate them",
+                poses.display()
+            );
+            Err(Error::dataset(&calibration, problem, remedy))
+        }
+        None => Ok(()),
+    }
 }
 
 /// The sequence of a folder with one sequence.

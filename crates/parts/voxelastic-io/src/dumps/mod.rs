@@ -48,3 +48,10 @@ pub(crate) fn find(path: &Path) -> Result<Option<Dump>> {
     }
     Ok(None)
 }
+/// Refuses a folder in a known layout whose poses cannot be used as they are.
+///
+/// # Errors
+/// [`Error::Dataset`](crate::Error::Dataset), with what is missing.
+pub(crate) fn refuse_incomplete(path: &Path) -> Result<()> {
+    kitti_odometry::refuse_without_transform(path)
+}

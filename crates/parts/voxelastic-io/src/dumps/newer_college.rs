@@ -24,7 +24,7 @@ pub(super) fn find(path: &Path) -> Result<Option<Dump>> {
     let folder =
         ["raw_format/ouster_scan", "raw_format/ouster_zip_files/ouster_scan", "ouster_scan"].map(|f| path.join(f)).into_iter().find(|f| f.is_dir());
     let (true, Some(folder)) = (file.is_file(), folder) else { return Ok(None) };
-    let trajectory = poses::parse(&text::read(&file)?, &file, PoseFormat::NewerCollege)?;
+    let trajectory = poses::parse(&text::read(&file)?, &file, PoseFormat::NEWER_COLLEGE)?;
     let mut track = PoseTrack::default();
     trajectory.times.iter().flatten().zip(trajectory.poses).for_each(|(time, pose)| track.add(*time, pose));
     let entries = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;

@@ -144,6 +144,13 @@ mod tests {
             ("timestamp", Scalar::F64, [epoch, epoch + 0.05], 0.05, Some(epoch)),
             ("timestamp", Scalar::F64, [epoch * 1e9, epoch * 1e9 + 5e7], 0.05, Some(epoch)),
             ("t", Scalar::U64, [epoch * 1e9, epoch * 1e9 + 1e8], 0.1, Some(epoch)),
+            // Other units than the type stands for: a sweep cannot last 0.1 ms, nor 100 s.
+            ("t", Scalar::U32, [0.0, 1e5], 0.1, None),
+            ("time", Scalar::F32, [0.0, 1e5], 0.1, None),
+            ("time", Scalar::F32, [0.0, 99.0], 0.099, None),
+            ("point_time_offset", Scalar::F32, [0.0, 5e7], 0.05, None),
+            ("stamps", Scalar::F64, [epoch, epoch + 0.05], 0.05, Some(epoch)),
+            ("timestamp", Scalar::U64, [epoch * 1e6, epoch * 1e6 + 1e5], 0.1, Some(epoch)),
         ];
         for (name, scalar, times, difference, stamp) in cases {
             let read = raw(&[P, P], name, scalar, &times).finish(Path::new("a")).unwrap();
@@ -174,6 +181,10 @@ mod tests {
         let read = raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap();
         let t = read.cloud.time.unwrap();
         assert!((1..20).filter(|k| ![3, 17].contains(k)).all(|k| (f64::from(t[k]) - (k as f64 - 1.0) * 0.005).abs() < 1e-6), "{t:?}");
+        // Ring by ring, the first ring begins late.
+        (times[1], times[5]) = (times[5], times[1]);
+        let read = raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap();
+        assert!((read.stamp.unwrap() - 1000.005).abs() < 1e-9 && read.cloud.time.unwrap()[5] == 0.0, "the earliest point is the origin");
         times[19] = 2000.0;
         assert!(raw(&points, "timestamp", Scalar::F64, &times).finish(Path::new("a")).unwrap().cloud.time.is_none());
     }
@@ -181,7 +192,7 @@ mod tests {
     #[test]
     fn curvatures_and_too_long_sweeps_are_not_times() {
         assert!(raw(&[P, P], "curvature", Scalar::F32, &[0.01, 0.2]).finish(Path::new("a")).unwrap().cloud.time.is_none());
-        assert!(raw(&[P, P], "time", Scalar::F32, &[0.0, 1e8]).finish(Path::new("a")).unwrap().cloud.time.is_none());
+        assert!(raw(&[P, P], "time", Scalar::F32, &[0.0, 1e12]).finish(Path::new("a")).unwrap().cloud.time.is_none());
     }
 
     #[test]

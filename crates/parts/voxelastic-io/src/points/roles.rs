@@ -17,7 +17,12 @@ pub(super) const CURVATURE: &str = "curvature";
 
 /// Whether a field of this name holds the times of points.
 pub(crate) fn is_time(name: &str) -> bool {
-    TIME.iter().any(|t| name.eq_ignore_ascii_case(t))
+    TIME.iter().any(|t| name.eq_ignore_ascii_case(t)) || is_about_time(name)
+}
+
+fn is_about_time(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    ["time", "stamp"].iter().any(|word| name.contains(word)) || ["ts", "dt", "t_offset", "offset_t"].contains(&name.as_str())
 }
 
 /// The fields that are used, as indices into the record's fields.
@@ -55,7 +60,10 @@ impl FieldRoles {
         };
         let xyz = [coordinate("x")?, coordinate("y")?, coordinate("z")?];
         let colour = ColourFields::of(fields, find);
-        Ok(Self { xyz, intensity: first(&INTENSITY), ring: first(&RING), time: first(&TIME), colour })
+        // Drivers put words around it: `point_time_offset`, `stamps`, `timestamp_ns`.
+        let named_time = || fields.iter().position(|f| f.count == 1 && is_about_time(&f.name) && f.scalar.size() >= 4);
+        let known_time = first(&TIME[..TIME.len() - 1]).or_else(named_time).or_else(|| find(CURVATURE));
+        Ok(Self { xyz, intensity: first(&INTENSITY), ring: first(&RING), time: known_time, colour })
     }
 
     /// The fields that are used.

@@ -2,7 +2,7 @@
 
 use super::detect::{PoseFormat, TextContent, detect};
 use super::trajectory::Trajectory;
-use super::{kitti, lio_sam, newer_college, tum};
+use super::{lio_sam, rows};
 use crate::{Error, Position, Result, file, g2o, text};
 use std::path::Path;
 
@@ -16,17 +16,20 @@ pub fn read(path: impl AsRef<Path>) -> Result<Trajectory> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pcd")) {
         return lio_sam::parse(&file::read(path)?, path);
     }
-    let text = text::read(path)?;
-    match detect(&text) {
-        Some(TextContent::Poses(format)) => parse(&text, path, format),
-        _ => Err(Error::content(
-            path,
-            Position::line(1),
-            "not a known trajectory format",
-            "use TUM (time x y z qx qy qz qw), KITTI rows of 12 numbers, sec,nsec,x,y,z,qx,qy,qz,qw, or g2o",
-        )),
+    parse_any(&text::read(path)?, path)
+}
+
+/// Decodes a trajectory whose format is recognised.
+pub(super) fn parse_any(text: &str, path: &Path) -> Result<Trajectory> {
+    match detect(text) {
+        Some(TextContent::Poses(format)) => parse(text, path, format),
+        _ => Err(Error::content(path, Position::line(1), "not a known trajectory format", KNOWN_FORMATS)),
     }
 }
+
+/// What can be read, as a remedy.
+pub(crate) const KNOWN_FORMATS: &str = "use TUM (time x y z qx qy qz qw), rows of 12 or 16 numbers (3 x 4 or 4 x 4 matrices), perhaps numbered, sec,nsec,x,y,z,qx,qy,qz,qw, \
+    g2o, or name the columns in a heading: time,x,y,z,qw,qx,qy,qz or time,x,y,z,roll,pitch,yaw (radians, or yaw [deg])";
 
 /// Decodes a trajectory of the given format; `path` is for messages only.
 ///
@@ -34,9 +37,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Trajectory> {
 /// As [`read`], without [`Error::Io`].
 pub fn parse(text: &str, path: &Path, format: PoseFormat) -> Result<Trajectory> {
     let trajectory = match format {
-        PoseFormat::Tum => tum::parse(text, path)?,
-        PoseFormat::Kitti => kitti::parse(text, path)?,
-        PoseFormat::NewerCollege => newer_college::parse(text, path)?,
+        PoseFormat::Rows(layout) => rows::parse(text, path, layout)?,
         PoseFormat::G2o => {
             let graph = g2o::parse(text, path)?;
             let mut nodes = graph.nodes;

@@ -27,6 +27,8 @@ pub struct Figures {
     pub report: PathBuf,
     /// The picture of the elastic map.
     pub picture: PathBuf,
+    /// The picture of both maps from above, that with odometry alone on the left.
+    pub closures: PathBuf,
     /// From start to written page, seconds.
     pub total_s: f64,
     /// Peak resident memory, megabytes (10^6 bytes).
@@ -89,7 +91,8 @@ const COLUMNS: [&str; 7] = ["field and poses", "error, mean", "error, 90 %", "co
 impl Figures {
     /// With the measurements; the caller fills in the rest.
     pub fn new(rows: Vec<Row>, output: PathBuf, report: PathBuf) -> Self {
-        let (integrate_ms, picture) = (SeriesStats::default(), output.join("campus.png"));
+        let integrate_ms = SeriesStats::default();
+        let [picture, closures] = ["campus.png", "closures.png"].map(|name| output.join(name));
         Self {
             scans: 0,
             loop_closures: 0,
@@ -100,6 +103,7 @@ impl Figures {
             output,
             report,
             picture,
+            closures,
             total_s: 0.0,
             peak_rss_mb: None,
         }
@@ -133,7 +137,12 @@ impl Figures {
         }
         let memory = self.peak_rss_mb.map_or_else(String::new, |mb| format!(", {mb:.0} MB"));
         let (page, folder) = (self.report.display(), self.output.display());
-        text.push_str(&format!("\n{:.0} s in all{memory}\n\nOpen   {page}   in a browser; {} is a picture.\n", self.total_s, self.picture.display()));
+        text.push_str(&format!(
+            "\n{:.0} s in all{memory}\n\nOpen   {page}   in a browser; {} and {} are pictures.\n",
+            self.total_s,
+            self.picture.display(),
+            self.closures.display()
+        ));
         text.push_str(&format!("The maps are {folder}/elastic.vox and {folder}/odometry.vox, for voxelastic mesh, render, info, eval.\n"));
         text
     }
