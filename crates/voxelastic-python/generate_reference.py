@@ -25,7 +25,7 @@ ORDER = [
 ]
 FUNCTIONS = ["odometry", "evaluate", "trajectory_errors", "limit_memory"]
 ERRORS = ["Error", "SettingError", "RefusedError", "FileError", "PlanError", "RunWarning"]
-ALIASES = ["Pose", "Event", "Surface", "Progress"]
+ALIASES = ["Points", "Pose", "Event", "Surface", "Progress"]
 
 
 def definitions() -> tuple[dict[str, ast.ClassDef], dict[str, ast.FunctionDef], dict[str, tuple[str, str]]]:

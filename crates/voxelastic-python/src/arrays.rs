@@ -4,8 +4,8 @@ use bytemuck::Pod;
 use nalgebra::{Quaternion, Translation3, UnitQuaternion};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
-use pyo3::{Bound, PyErr, PyResult, Python};
-use voxelastic::Pose;
+use pyo3::{Bound, FromPyObject, PyErr, PyResult, Python};
+use voxelastic::{Cloud, Motion, Pose};
 
 /// The rows of an N x 3 array.
 pub fn rows<'a, T: Element + Pod>(array: &'a PyReadonlyArray2<'_, T>) -> PyResult<&'a [[T; 3]]> {
@@ -50,6 +50,42 @@ pub fn information(numbers: &PyReadonlyArray1<'_, f64>) -> PyResult<[f64; 21]> {
 pub fn matrix_of_pose(pose: &Pose) -> [[f64; 4]; 4] {
     let m = pose.to_matrix();
     std::array::from_fn(|i| std::array::from_fn(|j| m[(i, j)]))
+}
+
+/// What points of a scan have beside coordinates: intensities, colours, rings, times in seconds after the time stamp, and the motion during the sweep.
+#[derive(FromPyObject)]
+pub struct Channels<'py>(
+    Option<PyReadonlyArray1<'py, f32>>,
+    Option<PyReadonlyArray2<'py, u8>>,
+    Option<PyReadonlyArray1<'py, u16>>,
+    Option<PyReadonlyArray1<'py, f32>>,
+    Option<MotionSamples<'py>>,
+);
+
+/// Times of a motion in seconds after the time stamp, and seven numbers for each pose.
+type MotionSamples<'py> = (Vec<f32>, Vec<PyReadonlyArray1<'py, f64>>);
+
+/// A cloud of `rows` rows.
+pub fn cloud(points: &PyReadonlyArray2<'_, f32>, row_count: usize, channels: Channels<'_>) -> PyResult<Cloud> {
+    let points = rows(points)?.to_vec();
+    let Channels(intensity, colours, ring, times, motion) = channels;
+    Ok(Cloud {
+        width: points.len() / row_count.max(1),
+        height: row_count,
+        points,
+        intensity: numbers(intensity)?,
+        colours: colours.map(|colours| Ok::<_, PyErr>(rows(&colours)?.to_vec())).transpose()?,
+        ring: numbers(ring)?,
+        time: numbers(times)?,
+        motion: motion.map(motion_through).transpose()?,
+        sensor: 0,
+    })
+}
+
+fn motion_through((times, poses): MotionSamples<'_>) -> PyResult<Motion> {
+    let poses = poses.iter().map(pose).collect::<PyResult<Vec<_>>>()?;
+    let motion = Motion::through(times.into_iter().zip(poses));
+    motion.ok_or_else(|| PyValueError::new_err("motion: expected two poses or more, with ascending finite times"))
 }
 
 fn wrong(expected: &str) -> PyErr {

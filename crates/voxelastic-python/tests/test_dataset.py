@@ -39,9 +39,7 @@ def test_a_folder_gives_its_scans(drive: Path) -> None:
     assert scan.colours is None and scan.pose is not None
     np.testing.assert_allclose(scan.pose[:3, 3], np.loadtxt(drive / "poses.tum")[3, 1:4], atol=1e-9)
     assert repr(scan).startswith(f"Scan(node 3, 16 x {columns} points, at ")
-    points = scan.points
-    points[:] = 0
-    assert np.isfinite(scan.points).any() and scan.points.any(), "arrays are the caller's own"
+    assert not any(array.flags.writeable for array in (scan.points, scan.intensity, scan.ring, scan.times, scan.pose) if array is not None)
 
 
 def test_events_make_the_map_that_the_command_makes(drive: Path, tmp_path: Path) -> None:
@@ -187,8 +185,7 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
         vx.Dataset.open(tmp_path, cloud_topic=["/a", "/b"], t_base_lidar=[np.eye(4)] * 3)
     with pytest.raises(ValueError, match=r"t_base_lidar\[1\]"):
         vx.Dataset.open(tmp_path, cloud_topic=["/a", "/b"], t_base_lidar=[np.eye(4), np.eye(3)])
-    for made_by_hand in (vx.Dataset, vx.Scan):
-        with pytest.raises(TypeError, match="Dataset"):
-            made_by_hand()
+    with pytest.raises(TypeError, match="Dataset"):
+        vx.Dataset()
     with pytest.raises(TypeError, match="event: expected a Scan"):
         vx.Mapper().handle("scan")  # type: ignore[arg-type]

@@ -18,11 +18,12 @@ where the lidar is in the map.
 
 from importlib.metadata import version as _version
 
-from ._arrays import Pose
-from ._dataset import Dataset, Edge, Event, PoseUpdate, Scan
+from ._arrays import Points, Pose
+from ._dataset import Dataset
 from ._errors import Error, FileError, PlanError, RefusedError, RunWarning, SettingError
 from ._estimation import Localiser, Location, Odometry, OdometryReport, Trajectory, odometry
 from ._evaluation import TrajectoryErrors, evaluate, trajectory_errors
+from ._events import Edge, Event, PoseUpdate, Scan
 from ._map import Blocks, Map, Path, Query, RayHits, Slice, State, Submap, Surface
 from ._mapper import Mapper, ScanReport
 from ._memory import limit_memory
@@ -49,6 +50,7 @@ __all__ = [
     "OdometryReport",
     "Path",
     "PlanError",
+    "Points",
     "Pose",
     "PoseUpdate",
     "Progress",

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
+from ._arrays import Points
 from ._dataset import Dataset
 from ._map import Map
 from ._progress import Progress, reported
@@ -60,7 +61,7 @@ class Odometry:
                 raise ValueError(f"{name}: expected metres, more than 0, not {value!r}")
         self._inner = _native.Odometry(voxel_size, float(min_range), float(max_range), bool(deskew))
 
-    def register(self, points: ArrayLike, *, time: float | None = None, times: ArrayLike | None = None) -> OdometryReport:
+    def register(self, points: Points, *, time: float | None = None, times: ArrayLike | None = None) -> OdometryReport:
         """Registers a scan to those before it.
 
         Args:
@@ -164,7 +165,7 @@ class Localiser:
         self._inner = inner
 
     def locate(
-        self, points: ArrayLike, *, times: ArrayLike | None = None, guess: ArrayLike | None = None, within: float = 10.0
+        self, points: Points, *, times: ArrayLike | None = None, guess: ArrayLike | None = None, within: float = 10.0
     ) -> Location | None:
         """Where a scan was taken; none if it has no returns or fits nowhere.
 

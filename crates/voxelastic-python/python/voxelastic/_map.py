@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native, _picture
-from ._arrays import Pose
+from ._arrays import Points, Pose
 from ._mesh import Mesh
 from ._settings import Settings
 
@@ -281,7 +281,7 @@ class Map:
         arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells))
         return dataclasses.replace(Mesh(*arrays), origin=self.origin)
 
-    def query(self, points: ArrayLike) -> Query:
+    def query(self, points: Points) -> Query:
         """Distances to surfaces with their gradients, and whether space is free. `distance` and `state` are faster where that is all you need.
 
         Where submaps overlap, the distance is the one nearest to zero, and a point is occupied if it is so in any submap.
@@ -294,7 +294,7 @@ class Map:
         """
         return Query(*self._inner.query(self._points(points)))
 
-    def distance(self, points: ArrayLike) -> NDArray[np.float32]:
+    def distance(self, points: Points) -> NDArray[np.float32]:
         """Signed distances to the nearest surface: those of `query`, in a fraction of its time.
 
         Args:
@@ -308,7 +308,7 @@ class Map:
         """
         return self._inner.distances(self._points(points))
 
-    def state(self, points: ArrayLike) -> NDArray[np.uint8]:
+    def state(self, points: Points) -> NDArray[np.uint8]:
         """Whether space is free, occupied or unknown: as `query` tells it, without distances.
 
         Args:
@@ -341,7 +341,7 @@ class Map:
         return arrays
 
     def ray_cast(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = 1000.0, unknown_blocks: bool = False
+        self, origins: Points, directions: Points, *, max_range: float = 1000.0, unknown_blocks: bool = False
     ) -> RayHits:
         """Where rays end: at the first voxel that is occupied. In maps with signed distances, too, at the surface in it.
 
@@ -355,7 +355,7 @@ class Map:
             ValueError: The map has no occupancy, or an array has another shape.
         """
         self._needs_occupancy("ray_cast")
-        starts = self._doubles(np.atleast_2d(np.asarray(origins)), "origins")
+        starts = self._doubles(np.atleast_2d(np.asarray(_arrays.here(origins, "origins"))), "origins")
         rays = _arrays.doubles(directions, "directions")
         if len(starts) not in (1, len(rays)):
             raise ValueError(f"origins: expected one, or as many as directions, which are {len(rays)}, not {len(starts)}")
@@ -410,7 +410,7 @@ class Map:
         depth: NDArray[np.float32] = (hits.distance * rays[:, 2] / np.linalg.norm(rays, axis=1)).astype(np.float32)
         return depth.reshape(rows, columns)
 
-    def clearance(self, points: ArrayLike, *, up_to: float = 2.0, unknown_blocks: bool = True) -> NDArray[np.float64]:
+    def clearance(self, points: Points, *, up_to: float = 2.0, unknown_blocks: bool = True) -> NDArray[np.float64]:
         """Distances to the nearest obstacles: how large a ball fits.
 
         Args:
@@ -427,7 +427,7 @@ class Map:
         self._needs_occupancy("clearance")
         return _native.clearance(self._inner, self._doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
 
-    def esdf(self, points: ArrayLike, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def esdf(self, points: Points, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Distances to the nearest obstacles and their gradients, by the Euclidean distance field of the whole map, which is computed first.
 
         Distances are exact for the voxels of the map, from centre to centre. Where the map has surfaces and only obstacles count, they are corrected by them to a

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, Optional, final
+from typing import Any, Optional, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +91,15 @@ def plan(
 ) -> dict[str, Any]:
     """A path: its waypoints and what is known about it, by the names of `voxelastic.Path`."""
 
+# Intensities, colours, rings and times of points, and the times and poses of a motion, each if there is one.
+_Channels: TypeAlias = tuple[
+    NDArray[np.float32] | None,
+    NDArray[np.uint8] | None,
+    NDArray[np.uint16] | None,
+    NDArray[np.float32] | None,
+    tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
+]
+
 @final
 class Dataset:
     """A folder or a recording."""
@@ -135,7 +144,23 @@ class Events:
 
 @final
 class Scan:
-    """A scan of a data set or a simulation."""
+    """A scan of a data set or a simulation, or one made of arrays."""
+
+    @staticmethod
+    def of(
+        node: int,
+        time: float,
+        pose: NDArray[np.float64] | None,
+        points: NDArray[np.float32],
+        rows: int,
+        channels: _Channels,
+        before: Scan | None,
+        keeps_motion: bool,
+    ) -> Scan:
+        """A scan of arrays. Of `before`, if it is that with changes, stays what arrays do not tell, and, if wanted, its motion."""
+
+    def exact_pose(self) -> NDArray[np.float64] | None:
+        """x, y, z, qx, qy, qz, qw of its pose, if it has one, to the last bit."""
 
     def stamp(self) -> tuple[int, float, list[list[float]] | None]:
         """Its node, time stamp in seconds, and pose as a 4 x 4 matrix, if it has one."""
@@ -175,16 +200,12 @@ class Mapper:
         time: float,
         points: NDArray[np.float32],
         rows: int,
-        intensity: NDArray[np.float32] | None,
-        colours: NDArray[np.uint8] | None,
-        ring: NDArray[np.uint16] | None,
-        times: NDArray[np.float32] | None,
-        motion: tuple[Sequence[float], Sequence[NDArray[np.float64]]] | None,
+        channels: _Channels,
     ) -> tuple[int, int, str, int, list[list[float]]]:
         """Integrates a scan of points in the lidar frame. Returns the node, its submap, how that was chosen, the number of usable returns, and the pose."""
 
-    def integrate_scan(self, scan: Scan) -> tuple[int, int, str, int, list[list[float]]] | None:
-        """Integrates a scan of a data set. None: it has no pose, was registered, and is not to be mapped."""
+    def integrate_scan(self, scan: Scan, node: int, time: float) -> tuple[int, int, str, int, list[list[float]]] | None:
+        """Integrates a scan as that of `node` at `time`. None: it has no pose, was registered, and is not to be mapped."""
 
     def replay(self, dataset: Dataset, events: Events, most: int) -> tuple[int, list[str], bool]:
         """Handles up to `most` events. Returns the number of scans integrated, what is wrong with others, and whether that was all."""
