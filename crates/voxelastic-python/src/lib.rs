@@ -35,7 +35,7 @@ mod _native {
         Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,
     };
     #[pymodule_export]
-    use crate::job::{limit_memory, use_threads};
+    use crate::job::{free_in_every_thread, limit_memory, use_threads};
     #[pymodule_export]
     use crate::map::{Map, write_mesh};
     #[pymodule_export]

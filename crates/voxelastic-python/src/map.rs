@@ -84,10 +84,10 @@ impl Content {
 
 #[pymethods]
 impl Map {
-    /// Closes the map: its memory is free when no call uses it any more.
-    fn close(&self, py: Python<'_>) {
+    /// Closes the map: its memory is free when no call uses it any more. Whether that is now.
+    fn close(&self, py: Python<'_>) -> bool {
         let content = self.content.lock().unwrap_or_else(PoisonError::into_inner).take();
-        py.detach(|| drop(content));
+        py.detach(|| content.and_then(Arc::into_inner).is_some())
     }
 
     /// Another map of the same memory: each is closed by itself.

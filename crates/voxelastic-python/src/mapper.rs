@@ -207,11 +207,9 @@ impl Mapper {
         Ok(Content { atlas, settings: self.settings.clone(), sensor, origin }.into())
     }
 
-    /// Frees the map; nothing if it was handed over.
-    fn close(&self, py: Python<'_>) {
-        if std::process::id() == self.process {
-            py.detach(|| drop(self.run.lock().unwrap_or_else(PoisonError::into_inner).take()));
-        }
+    /// Frees the map. False if it was handed over.
+    fn close(&self, py: Python<'_>) -> bool {
+        std::process::id() == self.process && py.detach(|| self.run.lock().unwrap_or_else(PoisonError::into_inner).take().is_some())
     }
 
     /// Completes the map, saves it if it is kept on disk, and hands it over, with what was said meanwhile: codes and texts.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native, _picture
 from ._arrays import Points, Pose
+from ._memory import give_back
 from ._mesh import Mesh
 from ._settings import Settings
 
@@ -161,8 +162,9 @@ class Map:
         return cls._of(native)
 
     def close(self) -> None:
-        """Frees the memory, as soon as no call uses it any more. Closing a second time does nothing."""
-        self._inner.close()
+        """Frees the memory, and gives it back to the system, as soon as no call and no copy uses it any more. Closing a second time does nothing."""
+        if self._inner.close():
+            give_back()
 
     def __enter__(self) -> Self:
         return self

@@ -17,6 +17,7 @@ from ._dataset import Dataset
 from ._errors import RefusedError, RunWarning
 from ._events import Edge, Event, PoseUpdate, Scan, _EdgeOfData, _PoseUpdateOfData
 from ._map import Map
+from ._memory import give_back
 from ._progress import Progress, reported
 from ._settings import SettingArguments, Settings
 
@@ -292,8 +293,9 @@ class Mapper:
         return Map._of(native)
 
     def close(self) -> None:
-        """Frees the map, unless `finish` handed it over. The mapper takes nothing after that; closing a second time does nothing."""
-        self._inner.close()
+        """Frees the map and gives its memory back to the system, unless `finish` handed it over. The mapper takes nothing after that; closing a second time does nothing."""
+        if self._inner.close():
+            give_back()
 
     def __enter__(self) -> Self:
         return self

@@ -24,6 +24,7 @@ __all__ = [
     "compare_surfaces",
     "complete_settings",
     "finish_tiles",
+    "free_in_every_thread",
     "join_manifests",
     "esdf",
     "limit_memory",
@@ -48,6 +49,9 @@ def run_command(arguments: Sequence[str], program: str | os.PathLike[str] | None
 
 def use_threads(threads: int) -> None:
     """Limits the threads of this process, for one of several on a machine; 0 for one per core."""
+
+def free_in_every_thread() -> None:
+    """Allocates and frees in every thread, so that the C library looks at the memory that it keeps for each of them."""
 
 def limit_memory(size: str, folder: str | os.PathLike[str] | None) -> None:
     """Limits the memory of this process to a size as text; `none` removes the limit."""
@@ -230,8 +234,8 @@ class Mapper:
     def snapshot(self) -> Map:
         """A copy of the present map."""
 
-    def close(self) -> None:
-        """Frees the map; nothing if it was handed over."""
+    def close(self) -> bool:
+        """Frees the map. False if it was handed over."""
 
     def finish(self) -> tuple[Map, list[tuple[str, str]]]:
         """Completes the map, saves it if it is kept on disk, and hands it over, with what was said meanwhile: codes and texts."""
@@ -244,8 +248,8 @@ class Map:
     def open(path: str | os.PathLike[str], keep_vanished: bool) -> tuple[Map, list[str]]:
         """Opens a stored map, with or without what later sessions saw to be gone; also returns what is wrong with its settings."""
 
-    def close(self) -> None:
-        """Closes the map: its memory is free when no call uses it any more."""
+    def close(self) -> bool:
+        """Closes the map: its memory is free when no call uses it any more. Whether that is now."""
 
     def copy(self) -> Map:
         """Another map of the same memory: each is closed by itself."""
