@@ -5,6 +5,7 @@
 
 mod arrays;
 mod command;
+mod crossing;
 mod dataset;
 mod errors;
 mod estimation;
@@ -13,6 +14,7 @@ mod fleet;
 mod job;
 mod map;
 mod mapper;
+mod rays;
 mod settings;
 mod simulation;
 mod space;
@@ -41,9 +43,11 @@ mod _native {
     #[pymodule_export]
     use crate::mapper::Mapper;
     #[pymodule_export]
+    use crate::rays::ray_cast;
+    #[pymodule_export]
     use crate::settings::{complete_settings, settings_table};
     #[pymodule_export]
     use crate::simulation::{Simulation, world_names};
     #[pymodule_export]
-    use crate::space::{beam_directions, clearance, esdf, plan, ray_cast, slice};
+    use crate::space::{beam_directions, clearance, esdf, plan, slice};
 }

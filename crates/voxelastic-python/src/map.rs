@@ -15,6 +15,7 @@ use voxelastic::geometry::{Aabb, Rigid};
 use voxelastic::octree::{BLOCK_EDGE, SCALES, block_coords};
 use voxelastic::query::{AtlasQuery, DistanceQuery};
 use voxelastic::surface::{Mesh, MeshOptions, OccupancySurface, extract_occupancy};
+use voxelastic_esdf::{EsdfError, EsdfSettings, LocalEsdf};
 use voxelastic_io::Origin;
 use voxelastic_io::mesh_io::{self, MeshRef};
 use voxelastic_io::store::{MapDetails, MapStore, MapWriter};
@@ -39,7 +40,15 @@ pub struct Content {
     pub sensor: Option<String>,
     /// Where coordinates are counted from; zero unless the command made the map of poses far from zero.
     pub origin: Origin,
+    /// What was made of distance fields, by their settings: of those asked for last.
+    distance_fields: Mutex<Vec<(EsdfSettings, DistanceField)>>,
 }
+
+/// A distance field around the points that it was asked about.
+type DistanceField = Arc<Mutex<LocalEsdf>>;
+
+/// Distance fields that a map keeps.
+const FIELDS_KEPT: usize = 2;
 
 impl From<Content> for Map {
     fn from(content: Content) -> Self {
@@ -48,6 +57,24 @@ impl From<Content> for Map {
 }
 
 impl Content {
+    /// A map of these submaps.
+    pub fn new(atlas: Atlas, settings: Settings, sensor: Option<String>, origin: Origin) -> Self {
+        Self { atlas, settings, sensor, origin, distance_fields: Mutex::default() }
+    }
+
+    /// The distance field of these settings, which is kept for the next points.
+    pub fn distance_field(&self, settings: EsdfSettings) -> Result<DistanceField, EsdfError> {
+        let mut fields = self.distance_fields.lock().unwrap_or_else(PoisonError::into_inner);
+        let at = fields.iter().position(|(of, _)| *of == settings);
+        let field = match at.map(|at| fields.remove(at)) {
+            Some((_, field)) => field,
+            None => Arc::new(Mutex::new(LocalEsdf::new(settings, self.atlas.voxel_size())?)),
+        };
+        fields.truncate(FIELDS_KEPT - 1);
+        fields.insert(0, (settings, Arc::clone(&field)));
+        Ok(field)
+    }
+
     /// The surface of a kind, in the map frame. `surface` is `measured`, `occupied`, `free` or `frontier`.
     fn mesh(&self, surface: &str, options: &MeshOptions, shells: bool) -> Mesh {
         let kind = match surface {
@@ -121,7 +148,7 @@ impl Map {
         let origin = origin.map_err(damaged)?;
         let remarks: Vec<String> =
             stored.refused.iter().map(|problem| format!("the map has a setting that this version does not know: {problem}")).collect();
-        Ok((Content { atlas, settings: stored.settings, sensor, origin }.into(), remarks))
+        Ok((Content::new(atlas, stored.settings, sensor, origin).into(), remarks))
     }
 
     /// Saves the map to a directory. A save that has begun is completed.
@@ -139,7 +166,7 @@ impl Map {
         let Content { atlas, settings, sensor, .. } = &*content;
         let submaps = (first..).zip(atlas.submaps()).map(|(id, submap)| submap.clone().with_id(id)).collect();
         let atlas = Atlas::from_submaps(atlas.voxel_size(), submaps);
-        Ok(Content { atlas, settings: settings.clone(), sensor: sensor.clone(), origin }.into())
+        Ok(Content::new(atlas, settings.clone(), sensor.clone(), origin).into())
     }
 
     /// The settings that it was made with, as text.

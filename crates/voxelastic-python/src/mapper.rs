@@ -204,7 +204,7 @@ impl Mapper {
             (mapper.atlas().clone(), mapper.sensor().map(str::to_owned), run.origin())
         };
         let (atlas, sensor, origin) = self.with(py, copy)?;
-        Ok(Content { atlas, settings: self.settings.clone(), sensor, origin }.into())
+        Ok(Content::new(atlas, self.settings.clone(), sensor, origin).into())
     }
 
     /// Frees the map. False if it was handed over.
@@ -272,7 +272,7 @@ impl Mapper {
     /// The map of a run that is complete.
     fn content(&self, run: MappingRun) -> Content {
         let (origin, sensor) = (run.origin(), run.mapping().mapper().sensor().map(str::to_owned));
-        Content { atlas: run.into_atlas(), settings: self.settings.clone(), sensor, origin }
+        Content::new(run.into_atlas(), self.settings.clone(), sensor, origin)
     }
 
     /// Does `work` with the run, without the interpreter lock.

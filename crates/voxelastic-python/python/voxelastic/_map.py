@@ -430,7 +430,8 @@ class Map:
         return _native.clearance(self._inner, self._doubles(points, "points"), _positive(up_to, "up_to"), bool(unknown_blocks))
 
     def esdf(self, points: Points, *, max_distance: float = 2.0, unknown_blocks: bool = False) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Distances to the nearest obstacles and their gradients, by the Euclidean distance field of the whole map, which is computed first.
+        """Distances to the nearest obstacles and their gradients, by a Euclidean distance field. It is computed around the points, and the map keeps it for the next ones:
+        asking there again takes a fraction of the time.
 
         Distances are exact for the voxels of the map, from centre to centre. Where the map has surfaces and only obstacles count, they are corrected by them to a
         fraction of a voxel.
@@ -513,7 +514,7 @@ class Map:
             seed: A whole number that the random numbers follow from.
 
         Raises:
-            PlanError: The robot does not fit at an end, or no path was found.
+            PlanError: The robot does not fit at an end, and `nearest` is where it does; or no path was found.
             ValueError: The map has no occupancy.
         """
         self._needs_occupancy("plan")
