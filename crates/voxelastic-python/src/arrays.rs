@@ -28,11 +28,20 @@ const UNIT: f64 = 1e-12;
 
 /// A pose from an array of x, y, z, qx, qy, qz, qw; the quaternion is normalised.
 pub fn pose(numbers: &PyReadonlyArray1<'_, f64>) -> PyResult<Pose> {
-    let &[x, y, z, qx, qy, qz, qw] = numbers.as_slice()? else { return Err(wrong("a pose of seven numbers")) };
+    let numbers = numbers.as_slice()?.try_into().map_err(|_| wrong("a pose of seven numbers"))?;
+    Ok(pose_of_numbers(numbers))
+}
+
+fn pose_of_numbers([x, y, z, qx, qy, qz, qw]: [f64; 7]) -> Pose {
     let rotation = Quaternion::new(qw, qx, qy, qz);
     let is_unit = (rotation.norm_squared() - 1.0).abs() < UNIT;
     let rotation = if is_unit { UnitQuaternion::new_unchecked(rotation) } else { UnitQuaternion::from_quaternion(rotation) };
-    Ok(Pose::from_parts(Translation3::new(x, y, z), rotation))
+    Pose::from_parts(Translation3::new(x, y, z), rotation)
+}
+
+/// The 4 x 4 matrix of a pose of x, y, z, qx, qy, qz, qw.
+pub fn matrix_of_numbers(numbers: [f64; 7]) -> [[f64; 4]; 4] {
+    matrix_of_pose(&pose_of_numbers(numbers))
 }
 
 /// The array of x, y, z, qx, qy, qz, qw of a pose.

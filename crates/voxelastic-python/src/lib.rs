@@ -12,6 +12,7 @@ mod estimation;
 mod evaluation;
 mod fleet;
 mod job;
+mod joining;
 mod map;
 mod mapper;
 mod rays;
@@ -38,6 +39,8 @@ mod _native {
     };
     #[pymodule_export]
     use crate::job::{free_in_every_thread, limit_memory, use_threads};
+    #[pymodule_export]
+    use crate::joining::merge_into;
     #[pymodule_export]
     use crate::map::{Map, write_mesh};
     #[pymodule_export]

@@ -2,7 +2,7 @@
 
 use crate::arrays::Channels;
 use crate::dataset::{Dataset, Events, Scan as DatasetScan};
-use crate::map::{Content, Map};
+use crate::map::{Content, Map, SubmapFields, submaps_of};
 use crate::{arrays, errors, job, settings};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -10,6 +10,7 @@ use pyo3::{Bound, PyErr, PyResult, Python, pyclass, pymethods};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use voxelastic::atlas::Atlas;
 use voxelastic::event::{Edge, Event, NodeId, Scan};
 use voxelastic::mapper::{Assignment, IdleTask, ScanReport};
 use voxelastic::{Cloud, Pose, Settings};
@@ -197,11 +198,21 @@ impl Mapper {
         self.settings.pairs()
     }
 
-    /// A copy of the present map.
-    fn snapshot(&self, py: Python<'_>) -> PyResult<Map> {
+    /// The submaps of the present map.
+    fn submaps(&self, py: Python<'_>) -> PyResult<Vec<SubmapFields>> {
+        self.with(py, |run| submaps_of(run.mapping().mapper().atlas()))
+    }
+
+    /// A copy of the present map, or of some of its submaps.
+    fn snapshot(&self, py: Python<'_>, only: Option<Vec<u32>>) -> PyResult<Map> {
         let copy = |run: &mut MappingRun| {
             let mapper = run.mapping().mapper();
-            (mapper.atlas().clone(), mapper.sensor().map(str::to_owned), run.origin())
+            let atlas = mapper.atlas();
+            let some = |only: &Vec<u32>| {
+                let submaps = atlas.submaps().iter().filter(|submap| only.contains(&submap.id())).cloned().collect();
+                Atlas::from_submaps(atlas.voxel_size(), submaps)
+            };
+            (only.as_ref().map_or_else(|| atlas.clone(), some), mapper.sensor().map(str::to_owned), run.origin())
         };
         let (atlas, sensor, origin) = self.with(py, copy)?;
         Ok(Content::new(atlas, self.settings.clone(), sensor, origin).into())

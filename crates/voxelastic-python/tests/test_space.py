@@ -61,7 +61,7 @@ def test_rays_together_are_rays_one_by_one(solid: vx.Map) -> None:
 
 @pytest.mark.parametrize("direction", [[0, 0, 0], [np.nan, 1, 0], [np.inf, 0, 0]])
 def test_rays_without_a_direction_end_nowhere(solid: vx.Map, direction: list[float]) -> None:
-    hits = solid.ray_cast([0, 0, 0], [direction, [1, 0, 0]])
+    hits = solid.ray_cast([0, 0, 0], np.array([direction, [1.0, 0, 0]]))
     assert np.isnan(hits.distance[0]) and abs(hits.distance[1] - 4) < 0.02
 
 

@@ -6,14 +6,15 @@ import dataclasses
 import os
 import pathlib
 import warnings
-from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native, _picture
+from ._answers import Blocks, Merged, Path, Query, RayHits, Slice, State, Submap, _submaps
 from ._arrays import Points, Pose
+from ._errors import RunWarning
 from ._memory import give_back
 from ._mesh import Mesh
 from ._settings import Settings
@@ -21,7 +22,7 @@ from ._settings import Settings
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-__all__ = ["Blocks", "Map", "Path", "Query", "RayHits", "Slice", "State", "Submap", "Surface"]
+__all__ = ["Map", "Surface"]
 
 Surface: TypeAlias = Literal["measured", "occupied", "free", "frontier"]
 """Kinds of surfaces: `measured` is that of the signed distances (of occupied space in maps without them); `occupied` bounds occupied space, `free`
@@ -35,90 +36,6 @@ def _positive(value: float, name: str) -> float:
     if not (value > 0 and np.isfinite(value)):
         raise ValueError(f"{name}: expected metres, more than 0, not {value!r}")
     return float(value)
-
-
-class State(IntEnum):
-    """What is known about a point of a map with occupancy."""
-
-    UNKNOWN = 0
-    """Never observed, or the observations cancel out."""
-    FREE = 1
-    """Observed to be empty."""
-    OCCUPIED = 2
-    """Observed to be occupied."""
-
-
-class Query(NamedTuple):
-    """What a map knows about N points."""
-
-    distance: NDArray[np.float32]
-    """N signed distances to the nearest surface, metres, positive in front of it. They are known in the truncation band around surfaces; NaN elsewhere."""
-    gradient: NDArray[np.float32]
-    """N x 3 gradients of the distance, metres per metre, map frame, towards free space; zero where the distance is known on one side of the point only, or not at all."""
-    state: NDArray[np.uint8]
-    """N values of `State`; `State.UNKNOWN` everywhere in maps without occupancy."""
-
-    @property
-    def observed(self) -> NDArray[np.bool_]:
-        """N truth values: whether the map knows anything about the point, a distance or whether it is free."""
-        return np.asarray(~np.isnan(self.distance) | (self.state != State.UNKNOWN), dtype=np.bool_)
-
-
-class RayHits(NamedTuple):
-    """Where N rays end."""
-
-    distance: NDArray[np.float64]
-    """N distances from the origin, metres; NaN where a ray meets nothing."""
-    normal: NDArray[np.float64]
-    """N x 3 normals of the voxel faces that the rays enter by, map frame; zero where a ray starts in what blocks it, or meets nothing."""
-    state: NDArray[np.uint8]
-    """N values of `State`: `State.OCCUPIED`, or `State.UNKNOWN` where unknown space blocks, or where a ray meets nothing."""
-
-
-class Slice(NamedTuple):
-    """A cross-section of a map: `plt.imshow(slice.values, origin="lower", extent=slice.extent)`."""
-
-    values: NDArray[Any]
-    """Rows x columns, the row with the smallest coordinate first: values of `State`, or distances in metres with NaN where none is known."""
-    extent: tuple[float, float, float, float]
-    """Left, right, bottom and top edge of the picture, metres."""
-
-
-class Path(NamedTuple):
-    """A path for a robot."""
-
-    points: NDArray[np.float64]
-    """N x 3 waypoints of the robot's centre, map frame, metres, joined by straight lines that are free."""
-    length: float
-    """Its length, metres."""
-    clearance: NDArray[np.float64]
-    """N distances of the waypoints to the nearest obstacle, metres; at most 2 m beyond the radius."""
-    least_clearance: float
-    """The least such distance anywhere along the path, metres."""
-
-
-class Blocks(NamedTuple):
-    """Blocks of voxels of one size, in a submap."""
-
-    coordinates: NDArray[np.int32]
-    """N x 3: of the first voxel of each block, in finest voxels of the submap frame. Blocks are cubes of eight finest voxels along each axis."""
-    distance: NDArray[np.float32]
-    """N x E x E x E signed distances at the centres of the voxels, metres, indexed by z, y, x; NaN where nothing was observed. E is 8, 4, 2 or 1."""
-    weight: NDArray[np.float32]
-    """N x E x E x E sums of the observations' weights; 0 where nothing was observed."""
-    voxel_size: float
-    """Edge of the voxels, metres."""
-
-
-class Submap(NamedTuple):
-    """A rigid part of a map."""
-
-    id: int
-    """Its number."""
-    pose: NDArray[np.float64]
-    """The submap frame in the map frame, 4 x 4. A correction changes this."""
-    nodes: list[int]
-    """The nodes whose scans it was made from, in that order."""
 
 
 class Map:
@@ -192,6 +109,29 @@ class Map:
         """
         self._inner.save(pathlib.Path(path))
 
+    def merge_into(self, path: str | os.PathLike[str], *, pose: Pose | None = None, same_frame: bool = True) -> Merged:
+        """Adds the map as a session to one on disk, as the command `merge` does: where it lies there is found from surfaces that both have, and its poses are corrected
+        to those of the other. The map on disk is replaced when all is written; this one stays as it is. `Map.open(path)` has both then.
+
+        Args:
+            path: The directory of the other map, which has the same size of voxels and the same fields.
+            pose: About where the frame of this map lies in the frame of the other, if that is known.
+            same_frame: Whether both may have the same frame, as maps of one surveyed frame do. Otherwise, as for scans without poses, places alone tell.
+
+        Raises:
+            FileNotFoundError: There is nothing of this name.
+            FileError: It is not known where this map lies in the other one, or the other one cannot be read or written. It is as it was.
+            ValueError: The maps have voxels of different sizes, or different fields.
+        """
+        path = pathlib.Path(path)
+        if not path.exists():
+            raise FileNotFoundError(f"{path}: there is nothing of this name; expected the directory of a map")
+        exact = None if pose is None else _arrays.pose(pose)
+        numbers, by, matrix, edges, bent, said = _native.merge_into(self._inner, path, exact, bool(same_frame))
+        for code, text in said:
+            warnings.warn(RunWarning(text, code), stacklevel=2)
+        return Merged(numbers, by, np.array(matrix), edges, bent)
+
     @property
     def origin(self) -> NDArray[np.float64]:
         """What all coordinates of the map are counted from: those of submaps, meshes and queries, and what `bounds` says; a point (x, y, z) in the frame of the poses that
@@ -231,7 +171,7 @@ class Map:
     @property
     def submaps(self) -> list[Submap]:
         """The rigid parts of the map, by number."""
-        return [Submap(number, np.array(pose), nodes) for number, pose, nodes in self._inner.submaps()]
+        return _submaps(self._inner.submaps())
 
     @property
     def poses(self) -> dict[int, NDArray[np.float64]]:
@@ -260,8 +200,8 @@ class Map:
         """Memory of the voxels, bytes."""
         return self._inner.nbytes()
 
-    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False) -> Mesh:
-        """The surface of the whole map. Overlapping submaps are fused, so that a place has one surface.
+    def mesh(self, *, lod: int = 0, min_weight: float = 1.0, surface: Surface = "measured", shells: bool = False, close_gaps: bool = True, keep_all: bool = False, submap: int | None = None) -> Mesh:
+        """The surface of the whole map, or of a submap. Overlapping submaps are fused, so that a place has one surface.
 
         Args:
             lod: Level of detail: 0 is full resolution, 3 has vertices eight voxels apart.
@@ -269,10 +209,14 @@ class Map:
             surface: Which surface.
             shells: Do not fuse: the measured surfaces of all submaps on top of each other. Surfaces of occupancy are always those of the submaps.
             close_gaps: Close gaps of one voxel.
-            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells always have them.
+            keep_all: Keep crumbs, too: pieces of a few triangles that few rays saw. Shells and the surfaces of submaps always have them.
+            submap: Number of a submap, one of those of `submaps`: its own surface, as it is in `shells`.
 
         Returns:
             The mesh; without triangles if the map has no such surface.
+
+        Raises:
+            ValueError: An argument is out of range, or there is no such submap.
         """
         if lod not in (0, 1, 2, 3):
             raise ValueError(f"lod: expected 0, 1, 2 or 3, not {lod!r}")
@@ -280,7 +224,9 @@ class Map:
             raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
-        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells))
+        if submap is not None:
+            self._check_submap(submap)
+        arrays = self._inner.mesh(surface, int(lod), float(min_weight), bool(close_gaps), bool(keep_all), bool(shells), submap)
         return dataclasses.replace(Mesh(*arrays), origin=self.origin)
 
     def query(self, points: Points) -> Query:
@@ -333,9 +279,8 @@ class Map:
         Raises:
             ValueError: There is no such submap.
         """
-        found = self._inner.blocks(submap)
-        if found is None:
-            raise ValueError(f"submap: there is none with number {submap}; there are {[s.id for s in self.submaps]}")
+        self._check_submap(submap)
+        found = self._inner.blocks(submap) or []
         arrays = []
         for scale, coordinates, distance, weight in found:
             shape = (len(coordinates), *(3 * [8 >> scale]))
@@ -522,6 +467,11 @@ class Map:
         found = _native.plan(self._inner, begin, end, float(radius), bool(wheels), step, bool(unknown_blocks), float(time), samples, int(seed))
         return Path(**found)
 
+    def _check_submap(self, number: int) -> None:
+        known = [submap.id for submap in self.submaps]
+        if number not in known:
+            raise ValueError(f"submap: there is none with number {number}; there are {known}")
+
     def _needs_occupancy(self, what: str) -> None:
         if not self.has_occupancy:
             raise ValueError(f'{what} needs free and occupied space, which the map does not have; make it with field="occupancy" or field="both"')
@@ -538,6 +488,6 @@ class Map:
             return "Map(closed)"
         fields = [name for name, has in (("distances", self.has_distances), ("occupancy", self.has_occupancy)) if has]
         submaps = self._inner.submaps()
-        scans = sum(len(nodes) for _, _, nodes in submaps)
+        scans = sum(len(nodes) for _, _, nodes, _ in submaps)
         parts = [f"{scans:,} scans", f"{len(submaps):,} submaps", f"voxels of {self.voxel_size:g} m", " and ".join(fields) or "empty", f"{self.nbytes / 1e6:.1f} MB"]
         return f"Map({', '.join(parts)})"

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays, _native
+from ._answers import Submap, SubmapChanges, _changes, _submaps
 from ._arrays import Points, Pose
 from ._dataset import Dataset
 from ._errors import RefusedError, RunWarning
@@ -277,9 +278,34 @@ class Mapper:
         None with `dynamic="keep"`, where nothing is set aside."""
         return self._inner.moving_points()
 
-    def snapshot(self) -> Map:
-        """A copy of the map as it is now. Mapping can go on."""
-        return Map._of(self._inner.snapshot())
+    @property
+    def submaps(self) -> list[Submap]:
+        """The rigid parts of the map as it is now, by number."""
+        return _submaps(self._inner.submaps())
+
+    def changed_since(self, before: Sequence[Submap]) -> SubmapChanges:
+        """What has become of the submaps since they were `before`: which are to be meshed again, which were only moved by a correction, and which are no more.
+
+        A viewer keeps a mesh of each submap up to date by `mapper.snapshot(submaps=changes.changed).mesh(submap=number)`.
+
+        Args:
+            before: What `submaps` was at an earlier moment; an empty list for the beginning.
+        """
+        return _changes(before, self.submaps)
+
+    def snapshot(self, *, submaps: Sequence[int] | None = None) -> Map:
+        """A copy of the map as it is now. Mapping can go on.
+
+        Args:
+            submaps: Numbers of the submaps that are wanted, by default all: copies of few take less time and memory.
+
+        Raises:
+            ValueError: There is no such submap.
+        """
+        wanted = None if submaps is None else [_arrays.node(number, "submaps") for number in submaps]
+        if wanted is not None and (unknown := set(wanted) - {submap.id for submap in self.submaps}):
+            raise ValueError(f"submaps: there is none with number {min(unknown)}; there are {[submap.id for submap in self.submaps]}")
+        return Map._of(self._inner.snapshot(wanted))
 
     def finish(self) -> Map:
         """Completes the map, resolves conflicts between its submaps, saves it if the mapper has a `path`, and hands it over without a copy. The mapper takes nothing

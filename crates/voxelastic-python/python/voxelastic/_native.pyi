@@ -28,6 +28,7 @@ __all__ = [
     "join_manifests",
     "esdf",
     "limit_memory",
+    "merge_into",
     "mesh_distances",
     "optimise_graph",
     "plan",
@@ -231,8 +232,11 @@ class Mapper:
     def settings(self) -> list[tuple[str, str]]:
         """The settings as text."""
 
-    def snapshot(self) -> Map:
-        """A copy of the present map."""
+    def submaps(self) -> list[tuple[int, list[list[float]], list[int], int]]:
+        """The submaps of the present map, as `Map.submaps`."""
+
+    def snapshot(self, only: Sequence[int] | None) -> Map:
+        """A copy of the present map, or of some of its submaps."""
 
     def close(self) -> bool:
         """Frees the map. False if it was handed over."""
@@ -278,8 +282,8 @@ class Map:
     def fields(self) -> tuple[bool, bool]:
         """Whether it has signed distances, and whether it has occupancy."""
 
-    def submaps(self) -> list[tuple[int, list[list[float]], list[int]]]:
-        """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes."""
+    def submaps(self) -> list[tuple[int, list[list[float]], list[int], int]]:
+        """Each submap: identifier, the pose in the map frame as a 4 x 4 matrix, its nodes, the number of changes."""
 
     def poses(self) -> list[tuple[int, list[list[float]]]]:
         """The nodes with the present poses of their scans."""
@@ -287,8 +291,8 @@ class Map:
     def bounds(self) -> tuple[list[float], list[float]] | None:
         """Smallest and largest coordinates of what was observed, map frame; none for an empty map."""
 
-    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool) -> tuple[Any, ...]:
-        """Vertices, triangles, normals, scales, intensities and colours of a surface."""
+    def mesh(self, surface: str, lod: int, min_weight: float, close_gaps: bool, keep_all: bool, shells: bool, submap: int | None) -> tuple[Any, ...]:
+        """Vertices, triangles, normals, scales, intensities and colours of a surface, of one submap or of all."""
 
     def blocks(self, submap: int) -> list[tuple[int, NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]] | None:
         """The voxels of a submap, by scale: the scale, coordinates of the blocks, distances and weights of their voxels."""
@@ -394,6 +398,11 @@ def write_mesh(
     origin: Sequence[float],
 ) -> None:
     """Writes a mesh in the format that the ending of its name says."""
+
+def merge_into(
+    map: Map, into: str | os.PathLike[str], pose: NDArray[np.float64] | None, same_frame: bool
+) -> tuple[list[int], str, list[list[float]], int, float, list[tuple[str, str]]]:
+    """Adds a map to one on disk. Returns the fields of `voxelastic.Merged`, and what was said: codes and texts."""
 
 def mesh_distances(
     vertices: NDArray[np.float32], triangles: NDArray[np.int32], points: NDArray[np.float32], cut_off: float
