@@ -11,6 +11,7 @@ use voxelastic::geometry::Rigid;
 use voxelastic::meshing::{OneSurface, SurfaceTiles};
 use voxelastic::surface::{Crumbs, Mesh, MeshOptions, OccupancySurface, extract, extract_occupancy, extract_onto};
 use voxelastic_eval::colour::{Ramp, Rgb, palette};
+pub use voxelastic_run::export::tiles::height_range;
 use voxelastic_run::map_files::{self, LoadedMap};
 use voxelastic_run::{Warnings, precision, threads};
 
@@ -299,15 +300,6 @@ fn shells(atlas: &Atlas, voxel: f32, surface: &SurfaceArgs) -> anyhow::Result<Ma
         return Err(surface.empty_error());
     }
     Ok(all)
-}
-
-/// Range of the height colours, metres: the 1st and 99th percentiles, so that outliers do not matter.
-pub fn height_range(positions: &[[f32; 3]]) -> (f32, f32) {
-    let mut heights: Vec<f32> = positions.iter().map(|p| p[2]).filter(|z| z.is_finite()).collect();
-    heights.sort_unstable_by(f32::total_cmp);
-    let at = |share: f64| heights.get(((heights.len().saturating_sub(1)) as f64 * share).round() as usize).copied().unwrap_or(0.0);
-    let (low, high) = (at(0.01), at(0.99));
-    (low, high.max(low + 0.01))
 }
 
 impl MapMesh {

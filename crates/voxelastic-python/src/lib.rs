@@ -10,6 +10,7 @@ mod dataset;
 mod errors;
 mod estimation;
 mod evaluation;
+mod export;
 mod fleet;
 mod job;
 mod joining;
@@ -33,6 +34,8 @@ mod _native {
     use crate::estimation::{Localiser, Odometry};
     #[pymodule_export]
     use crate::evaluation::{compare_surfaces, mesh_distances, trajectory_errors};
+    #[pymodule_export]
+    use crate::export::export;
     #[pymodule_export]
     use crate::fleet::{
         Splitter, alike_places, cells_of_box, finish_tiles, join_manifests, optimise_graph, unpack_scans, verify_places, write_tiles,

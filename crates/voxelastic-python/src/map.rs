@@ -79,7 +79,7 @@ impl Content {
     }
 
     /// The surface of a kind, in the map frame, of one submap or of all. `surface` is `measured`, `occupied`, `free` or `frontier`.
-    fn mesh(&self, surface: &str, options: &MeshOptions, shells: bool, only: Option<u32>) -> Mesh {
+    pub fn mesh(&self, surface: &str, options: &MeshOptions, shells: bool, only: Option<u32>) -> Mesh {
         let kind = match surface {
             "occupied" => Some(OccupancySurface::Occupied),
             "free" => Some(OccupancySurface::FreeHull),
