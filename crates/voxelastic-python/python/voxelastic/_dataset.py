@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import operator
 import os
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,12 +28,14 @@ class Dataset:
 
     Where the data have no poses, `pose` of the scans is none, and a mapper estimates them.
 
-    `for scan in dataset` gives the scans, as often as you like; `events()` gives the edges of the pose graph and the corrections of poses, too.
+    `for scan in dataset` gives the scans, as often as you like, and `dataset[k]` one of them; `events()` gives the edges of the pose graph and the corrections of poses, too.
     `with Dataset.open(path) as dataset` closes its files at the end of the block. A copy, or one that was pickled, opens the same data anew.
     """
 
-    __slots__ = ("__weakref__", "_inner", "_options", "_path", "_strict")
+    __slots__ = ("__weakref__", "_cursor", "_inner", "_lock", "_options", "_path", "_strict")
     _inner: _native.Dataset | None
+    _cursor: tuple[int, _native.Events] | None
+    _lock: threading.Lock
     _options: dict[str, Any]
     _path: Path
     _strict: bool
@@ -97,6 +101,7 @@ class Dataset:
         interval = None if every is None else str(every)
         this = object.__new__(cls)
         this._path, this._strict, this._options = path, strict, options
+        this._cursor, this._lock = None, threading.Lock()
         this._inner = _native.Dataset.open(
             path, pose_file, odometry, graph_file, lidars, interval, topics, folders, pose_topic, metadata_file, deskew, float(time_tolerance), strict, slam
         )
@@ -109,7 +114,7 @@ class Dataset:
 
     def close(self) -> None:
         """Closes the files. Iterators that are under way can go on; closing a second time does nothing."""
-        self._inner = None
+        self._inner = self._cursor = None
 
     def __enter__(self) -> Self:
         return self
@@ -134,6 +139,46 @@ class Dataset:
 
     def __bool__(self) -> bool:
         return True
+
+    @overload
+    def __getitem__(self, index: int) -> Scan: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Scan]: ...
+    def __getitem__(self, index: int | slice) -> Scan | list[Scan]:
+        """The scan of a number, from 0, or those of a slice; negative numbers count from the end, where that is known. Data are read in their order: going on from the scan
+        that was asked for last takes no longer than iterating, going back begins anew.
+
+        Raises:
+            IndexError: There is no such scan.
+            FileError: It cannot be read.
+        """
+        if isinstance(index, slice):
+            numbers = range(*index.indices(len(self)))
+            found = {number: self[number] for number in sorted(numbers)}
+            return [found[number] for number in numbers]
+        number = operator.index(index)
+        number += len(self) if number < 0 else 0
+        if number < 0:
+            raise IndexError(f"{self._path}: there are {len(self):,} scans, and none with number {index}")
+        with self._lock:
+            return self._read_up_to(number)
+
+    def _read_up_to(self, number: int) -> Scan:
+        """The scan of a number, from 0. One that cannot be read has a number, too."""
+        data = self._native()
+        at, events = self._cursor if self._cursor is not None and self._cursor[0] <= number else (0, data.events())
+        while (item := events.next()) is not None:
+            kind, value = item
+            if kind not in ("scan", "problem"):
+                continue
+            at += 1
+            self._cursor = at, events
+            if at > number:
+                if kind == "problem":
+                    raise value
+                return Scan._of(value)
+        self._cursor = None
+        raise IndexError(f"{self._path}: there are {at:,} scans, and none with number {number}")
 
     @property
     def has_poses(self) -> bool:

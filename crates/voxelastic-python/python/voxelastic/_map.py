@@ -109,6 +109,34 @@ class Map:
         """
         self._inner.save(pathlib.Path(path))
 
+    def export(self, path: str | os.PathLike[str], *, voxel_size: float | None = None, lod: int = 0, min_weight: float = 1.0) -> None:
+        """Writes the map in a format of other programs, as the command `export` does.
+
+        Args:
+            path: The file; its ending says the format. A cloud of the surface is `.ply`, `.pcd`, `.las`, `.laz`, `.copc.laz` or `.e57`, in the frame of the poses, that is with
+                `origin`. Free and occupied space is an OctoMap, `.bt` (states) or `.ot` (log-odds), whose coordinates count from `origin`. A folder, which is there or
+                ends with a slash (`"tiles/"`), gets the surface as 3D Tiles with a page that shows them.
+            voxel_size: Edge of the voxels of an OctoMap, metres; by default that of the finest voxel.
+            lod: Level of detail of the surface, a number from 0 (full resolution) to 3.
+            min_weight: Smallest number of observations of a voxel that contributes to the surface.
+
+        Raises:
+            ValueError: No format has such an ending, or an argument is out of range or does not go with the format.
+            FileError: The map has nothing of the kind, or the file cannot be written.
+        """
+        self._check_surface(lod, min_weight)
+        name = os.fspath(path)
+        is_octomap = name.lower().endswith((".bt", ".ot"))
+        if voxel_size is not None and not is_octomap:
+            raise ValueError("voxel_size: it is for OctoMaps (.bt, .ot); `lod` reduces clouds and tiles")
+        if is_octomap:
+            self._needs_occupancy("an OctoMap")
+            if (lod, min_weight) != (0, 1.0):
+                raise ValueError("lod, min_weight: they are for surfaces; `voxel_size` reduces an OctoMap")
+            if self.origin.any():
+                warnings.warn(f"{name}: an OctoMap cannot reach so far, so it counts from the origin of the map: add {self.origin.tolist()}", stacklevel=2)
+        _native.export(self._inner, name, None if voxel_size is None else _positive(voxel_size, "voxel_size"), int(lod), float(min_weight))
+
     def merge_into(self, path: str | os.PathLike[str], *, pose: Pose | None = None, same_frame: bool = True) -> Merged:
         """Adds the map as a session to one on disk, as the command `merge` does: where it lies there is found from surfaces that both have, and its poses are corrected
         to those of the other. The map on disk is replaced when all is written; this one stays as it is. `Map.open(path)` has both then.
@@ -218,10 +246,7 @@ class Map:
         Raises:
             ValueError: An argument is out of range, or there is no such submap.
         """
-        if lod not in (0, 1, 2, 3):
-            raise ValueError(f"lod: expected 0, 1, 2 or 3, not {lod!r}")
-        if not 0 <= min_weight <= 1000:
-            raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
+        self._check_surface(lod, min_weight)
         if surface not in ("measured", "occupied", "free", "frontier"):
             raise ValueError(f'surface: expected "measured", "occupied", "free" or "frontier", not {surface!r}')
         if submap is not None:
@@ -466,6 +491,13 @@ class Map:
         begin, end = (self._doubles([point], name)[0].tolist() for point, name in ((start, "start"), (goal, "goal")))
         found = _native.plan(self._inner, begin, end, float(radius), bool(wheels), step, bool(unknown_blocks), float(time), samples, int(seed))
         return Path(**found)
+
+    @staticmethod
+    def _check_surface(lod: int, min_weight: float) -> None:
+        if lod not in (0, 1, 2, 3):
+            raise ValueError(f"lod: expected 0, 1, 2 or 3, not {lod!r}")
+        if not 0 <= min_weight <= 1000:
+            raise ValueError(f"min_weight: expected a number from 0 to 1000, not {min_weight!r}")
 
     def _check_submap(self, number: int) -> None:
         known = [submap.id for submap in self.submaps]

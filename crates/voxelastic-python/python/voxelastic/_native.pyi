@@ -27,6 +27,7 @@ __all__ = [
     "free_in_every_thread",
     "join_manifests",
     "esdf",
+    "export",
     "limit_memory",
     "merge_into",
     "mesh_distances",
@@ -330,8 +331,8 @@ class Localiser:
         rows: int,
         times: NDArray[np.float32] | None,
         guess: tuple[Sequence[float], float] | None,
-    ) -> tuple[list[list[float]], bool, float, float] | None:
-        """The fields of `voxelastic.Location`; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
+    ) -> list[tuple[list[list[float]], bool, float, float, float, list[list[float]] | None]]:
+        """The first fields of `voxelastic.Location`, the best first; none if the scan has no returns or fits nowhere. `guess`: a position, and a distance from it in metres."""
 
 @final
 class Simulation:
@@ -398,6 +399,9 @@ def write_mesh(
     origin: Sequence[float],
 ) -> None:
     """Writes a mesh in the format that the ending of its name says."""
+
+def export(map: Map, path: str, voxel: float | None, lod: int, min_weight: float) -> None:
+    """Writes a map in the format that the name of the file or folder says."""
 
 def merge_into(
     map: Map, into: str | os.PathLike[str], pose: NDArray[np.float64] | None, same_frame: bool
